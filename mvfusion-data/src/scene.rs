@@ -1,12 +1,10 @@
 //! What every reader delivers: views, split into training and test, and points to start from.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
 use glam::DVec3;
-use image::{GrayImage, RgbImage};
 
-use crate::{Camera, DataError, PointCloud};
+use crate::{Camera, Picture, PointCloud};
 
 /// How a scene was captured, which decides how its Gaussians are initialised (METHOD §3).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,24 +52,8 @@ pub struct Truth {
     pub background: Option<Picture>,
     /// White where something moves.
     pub dynamic_mask: Option<Picture>,
-    /// Depth along the camera's z axis in world units, row by row; for the built-in scenes.
+    /// Depth along the camera's z axis in world units at the pixel centres, row by row; for the built-in scenes.
     pub depth: Option<Arc<Vec<f32>>>,
-}
-
-/// A picture in memory, or a file that is read on demand.
-#[derive(Clone, Debug)]
-pub enum Picture {
-    /// Decoded already.
-    Memory(Arc<RgbImage>),
-    /// On disk; resized to `width` by `height` when read, if it has another size.
-    File {
-        /// Where it is.
-        path: PathBuf,
-        /// Width in pixels after reading.
-        width: u32,
-        /// Height in pixels after reading.
-        height: u32,
-    },
 }
 
 /// An axis-aligned box in world units.
@@ -81,24 +63,6 @@ pub struct Bounds {
     pub min: DVec3,
     /// Corner with the largest coordinates.
     pub max: DVec3,
-}
-
-impl Picture {
-    /// The picture as RGB, 8 bits a channel.
-    ///
-    /// # Errors
-    /// [`DataError::Image`] if the file cannot be read or decoded.
-    pub fn rgb(&self) -> Result<Arc<RgbImage>, DataError> {
-        todo!()
-    }
-
-    /// The picture as a mask: its first channel, resized without blending.
-    ///
-    /// # Errors
-    /// As [`Picture::rgb`].
-    pub fn mask(&self) -> Result<GrayImage, DataError> {
-        todo!()
-    }
 }
 
 impl Scene {

@@ -1,11 +1,20 @@
 //! How the CPU twins get at the numbers of a tensor: one trait, implemented by each CPU backend of Burn.
+//!
+//! An op is written once for all of them, as `impl<B: HostBackend> SomeOps for B`. That is coherent beside the
+//! op's implementations for `Autodiff<B, C>` and `Dispatch`, because this trait is local and never theirs.
 
 use std::ops::Deref;
 
-use burn::backend::{Backend, tensor::{FloatTensor, IntTensor}};
+use burn::backend::Backend;
+use burn::backend::tensor::{FloatTensor, IntTensor};
 use burn::tensor::Shape;
 
 use crate::Real;
+
+#[cfg(feature = "flex")]
+mod flex;
+#[cfg(feature = "ndarray")]
+pub(crate) mod ndarray;
 
 /// A backend whose tensors live in host memory, so that an op written on slices serves it.
 pub(crate) trait HostBackend: Backend {
@@ -15,10 +24,10 @@ pub(crate) trait HostBackend: Backend {
     /// Read access to the indices of an `i32` tensor.
     type Indices: Deref<Target = [i32]> + Send + Sync;
 
-    /// The numbers of a tensor whose dtype is `T`'s.
+    /// The numbers of a tensor whose dtype is `T`'s; another dtype panics.
     fn values<T: Real>(tensor: FloatTensor<Self>) -> Self::Values<T>;
 
-    /// A tensor of `shape` from row-major numbers.
+    /// A tensor of `shape` from row-major numbers, without a copy.
     fn tensor<T: Real>(values: Vec<T>, shape: impl Into<Shape>) -> FloatTensor<Self>;
 
     /// The numbers of a tensor to change; without a copy where nobody else holds them.
@@ -29,4 +38,53 @@ pub(crate) trait HostBackend: Backend {
 
     /// An `i32` tensor of `shape`.
     fn index_tensor(indices: Vec<i32>, shape: impl Into<Shape>) -> IntTensor<Self>;
+}
+
+#[cfg(test)]
+mod tests {
+    use burn::backend::TensorMetadata;
+
+    use super::*;
+
+    fn numbers_go_in_and_come_out<B: HostBackend>() {
+        let tensor = B::tensor(vec![1.0f64, 2.0, 3.0, 4.0, 5.0, 6.0], [2, 3]);
+        assert_eq!(tensor.shape(), Shape::from([2, 3]));
+        assert_eq!(tensor.dtype(), f64::DTYPE);
+        assert_eq!(&B::values::<f64>(tensor.clone())[..], [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+        let turned = B::float_swap_dims(tensor, 0, 1);
+        assert_eq!(&B::values::<f64>(turned)[..], [1.0, 4.0, 2.0, 5.0, 3.0, 6.0]);
+        let indices = B::index_tensor(vec![3, -1], [2]);
+        assert_eq!(&B::indices(indices)[..], [3, -1]);
+    }
+
+    fn a_change_does_not_reach_another_holder<B: HostBackend>() {
+        let mut tensor = B::tensor(vec![1.0f32, 2.0], [2]);
+        let other = tensor.clone();
+        B::values_mut::<f32>(&mut tensor)[0] = 7.0;
+        assert_eq!(&B::values::<f32>(tensor)[..], [7.0, 2.0]);
+        assert_eq!(&B::values::<f32>(other)[..], [1.0, 2.0]);
+    }
+
+    fn a_tensor_held_alone_is_changed_in_place<B: HostBackend>() {
+        let mut tensor = B::tensor(vec![1.0f32; 64], [8, 8]);
+        let before = B::values_mut::<f32>(&mut tensor).as_ptr();
+        assert_eq!(B::values_mut::<f32>(&mut tensor).as_ptr(), before);
+        assert_eq!(B::values::<f32>(tensor).as_ptr(), before);
+    }
+
+    #[cfg(feature = "flex")]
+    #[test]
+    fn flex_hands_out_its_numbers() {
+        numbers_go_in_and_come_out::<burn::backend::Flex>();
+        a_change_does_not_reach_another_holder::<burn::backend::Flex>();
+        a_tensor_held_alone_is_changed_in_place::<burn::backend::Flex>();
+    }
+
+    #[cfg(feature = "ndarray")]
+    #[test]
+    fn ndarray_hands_out_its_numbers() {
+        numbers_go_in_and_come_out::<burn::backend::NdArray>();
+        a_change_does_not_reach_another_holder::<burn::backend::NdArray>();
+        a_tensor_held_alone_is_changed_in_place::<burn::backend::NdArray>();
+    }
 }

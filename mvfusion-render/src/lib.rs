@@ -3,10 +3,17 @@
 //! Each op has the same three layers: a CPU twin that knows only slices and is generic over `f32` and `f64`
 //! (`*/cpu.rs`), a backend extension that hands tensors to it (`*/op.rs`, the only places that import Burn's
 //! internals), and a function on Burn tensors that checks shapes at the border. GPU launches join as a fourth.
+#![cfg_attr(
+    feature = "ndarray",
+    allow(deprecated, reason = "Burn recommends Flex; the charter names ndarray, and each op's macro mentions it")
+)]
 
 mod host;
 mod real;
+#[cfg(test)]
+mod test_support;
 
+pub mod device;
 pub mod grid;
 pub mod optim;
 pub mod splat;

@@ -1,16 +1,27 @@
 //! The two floating-point types that the CPU twins run in.
 
+use std::iter::Sum;
+use std::ops::{AddAssign, MulAssign, SubAssign};
+
 use burn::tensor::{DType, Element};
 use bytemuck::Pod;
 use num_traits::{Float, FromPrimitive};
 
 /// `f32` for work, `f64` for finite differences.
-pub trait Real: Float + FromPrimitive + Element + Pod + Send + Sync + std::iter::Sum + std::ops::AddAssign + std::ops::MulAssign + std::ops::SubAssign + 'static {
+pub trait Real:
+    Float + FromPrimitive + Element + Pod + Send + Sync + Sum + AddAssign + MulAssign + SubAssign + 'static
+{
     /// The tensor type of this float.
     const DTYPE: DType;
 
     /// The nearest value of this type.
     fn of(value: f64) -> Self;
+
+    /// The value in double precision.
+    fn wide(self) -> f64;
+
+    /// The value as an index, cut towards zero; NaN and negative numbers give 0.
+    fn trunc_index(self) -> usize;
 }
 
 impl Real for f32 {
@@ -19,6 +30,16 @@ impl Real for f32 {
     #[inline(always)]
     fn of(value: f64) -> Self {
         value as f32
+    }
+
+    #[inline(always)]
+    fn wide(self) -> f64 {
+        f64::from(self)
+    }
+
+    #[inline(always)]
+    fn trunc_index(self) -> usize {
+        self as usize
     }
 }
 
@@ -29,4 +50,33 @@ impl Real for f64 {
     fn of(value: f64) -> Self {
         value
     }
+
+    #[inline(always)]
+    fn wide(self) -> f64 {
+        self
+    }
+
+    #[inline(always)]
+    fn trunc_index(self) -> usize {
+        self as usize
+    }
 }
+
+/// Evaluates `$body` with `$T` standing for the float type of `$dtype`; other types panic, the public border of each
+/// op having refused them.
+macro_rules! with_real {
+    ($dtype:expr, $T:ident => $body:expr) => {
+        match $dtype {
+            burn::tensor::DType::F32 => {
+                type $T = f32;
+                $body
+            }
+            burn::tensor::DType::F64 => {
+                type $T = f64;
+                $body
+            }
+            other => panic!("CPU twins run in f32 and f64, not in {other:?}"),
+        }
+    };
+}
+pub(crate) use with_real;

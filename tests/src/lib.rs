@@ -1,1 +1,10 @@
-//! Skeleton.
+//! What the tests that cross crates share: the compiled backends, numbers in and out of tensors, comparisons that tell
+//! where they fail, and the random numbers of test scenes.
+
+mod backends;
+mod checklist;
+mod numbers;
+
+pub use backends::{Backend, backends};
+pub use checklist::{Checklist, Tolerance};
+pub use numbers::{Array, numbers, tensor};

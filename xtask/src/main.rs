@@ -1,2 +1,29 @@
-//! Skeleton.
-fn main() {}
+//! The project's chores; `cargo xtask help` lists them.
+
+mod bench;
+mod ci;
+
+use clap::{Parser, Subcommand};
+
+/// Chores of the MVFusion-GS project.
+#[derive(Debug, Parser)]
+#[command(name = "cargo xtask")]
+struct Arguments {
+    #[command(subcommand)]
+    chore: Chore,
+}
+
+#[derive(Debug, Subcommand)]
+enum Chore {
+    /// Everything that continuous integration runs, cheapest check first.
+    Ci,
+    /// Times the ops on this machine.
+    Bench(bench::BenchArguments),
+}
+
+fn main() -> anyhow::Result<()> {
+    match Arguments::parse().chore {
+        Chore::Ci => ci::run(),
+        Chore::Bench(arguments) => bench::run(&arguments),
+    }
+}

@@ -1,0 +1,136 @@
+//! The command line.
+
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+
+use crate::help;
+use crate::progress::Talk;
+
+/// Gaussian splatting of dynamic scenes: a static and a dynamic branch, told apart without supervision.
+#[derive(Debug, Parser)]
+#[command(name = "mvfusion", version, about, long_about = help::PROGRAM, arg_required_else_help = true)]
+#[command(max_term_width = 100)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+    /// How much is said.
+    #[command(flatten)]
+    pub verbosity: Verbosity,
+}
+
+/// How much is said on stderr.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct Verbosity {
+    /// Say nothing but errors and the final table
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    pub quiet: bool,
+    /// Log more: -v what you may act on, -vv everything (or set RUST_LOG)
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    pub verbose: u8,
+}
+
+impl Verbosity {
+    /// Whether progress and notes are shown.
+    pub fn talk(self) -> Talk {
+        if self.quiet { Talk::Silent } else { Talk::Normal }
+    }
+}
+
+/// A command of the program.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Train on a scene, evaluate, and write a run's folder
+    #[command(long_about = help::TRAIN, after_long_help = help::TRAIN_MORE)]
+    Train(TrainArgs),
+    /// Evaluate a run again from its checkpoint
+    #[command(long_about = help::EVAL)]
+    Eval(EvalArgs),
+    /// Print the configuration that `train` would use, as TOML
+    #[command(long_about = help::CONFIG)]
+    Config(LayerArgs),
+    /// List the presets
+    Presets,
+}
+
+impl Command {
+    /// The number of threads asked for.
+    pub fn threads(&self) -> Option<NonZeroUsize> {
+        match self {
+            Self::Train(args) => args.compute.threads,
+            Self::Eval(args) => args.compute.threads,
+            Self::Config(_) | Self::Presets => None,
+        }
+    }
+}
+
+/// The layers of the configuration.
+#[derive(Clone, Debug, Default, Args)]
+pub struct LayerArgs {
+    /// Folder of the scene; without it the built-in scene
+    #[arg(long, value_name = "DIR")]
+    pub data: Option<PathBuf>,
+    /// Where the configuration starts from (see `mvfusion presets`) [default: quickstart, or neu3d with --data]
+    #[arg(long, value_name = "NAME")]
+    pub preset: Option<String>,
+    /// TOML file laid over the preset
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Set one key, such as train.scale=0.1; may be repeated, the last one wins
+    #[arg(long, value_name = "KEY=VALUE", action = clap::ArgAction::Append)]
+    pub set: Vec<String>,
+    /// Seed of everything random in the run; the same as --set seed=N
+    // TOML has no larger integers.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
+    pub seed: Option<u64>,
+}
+
+/// What computes.
+#[derive(Clone, Debug, Args)]
+pub struct ComputeArgs {
+    /// auto, cpu, flex, ndarray, wgpu[:N] or cuda[:N]
+    #[arg(long, value_name = "D", default_value = "auto")]
+    pub device: String,
+    /// CPU threads; the result does not depend on it [default: all cores]
+    #[arg(long, value_name = "N")]
+    pub threads: Option<NonZeroUsize>,
+}
+
+/// `mvfusion train`.
+#[derive(Clone, Debug, Args)]
+pub struct TrainArgs {
+    /// Scene and configuration.
+    #[command(flatten)]
+    pub layers: LayerArgs,
+    /// Device and threads.
+    #[command(flatten)]
+    pub compute: ComputeArgs,
+    /// Folder of the run [default: runs/NAME-SEED, NAME being the preset or the scene]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Replace the run that lies in the folder
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// `mvfusion eval`.
+#[derive(Clone, Debug, Args)]
+pub struct EvalArgs {
+    /// Folder of the run
+    #[arg(value_name = "RUN")]
+    pub run: PathBuf,
+    /// Folder of the scene, if it has moved since the training
+    #[arg(long, value_name = "DIR")]
+    pub data: Option<PathBuf>,
+    /// Folder of masks (white = dynamic), if they have moved or come later; see eval.dynamic_masks
+    #[arg(long, value_name = "DIR")]
+    pub masks: Option<PathBuf>,
+    /// Device and threads.
+    #[command(flatten)]
+    pub compute: ComputeArgs,
+    /// Write figures and pictures into the run's folder; without it nothing is written
+    #[arg(long)]
+    pub write: bool,
+}

@@ -1,0 +1,85 @@
+//! Files that are either whole or not there: written beside their place, then renamed.
+
+use std::io::Write;
+use std::path::Path;
+
+use anyhow::Context;
+use image::{DynamicImage, ImageFormat};
+use serde::Serialize;
+use tempfile::NamedTempFile;
+
+/// Writes a file and waits until it is on the disk.
+///
+/// # Errors
+/// If the file cannot be written; then whatever stood there before still does.
+pub fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    let attempt = || -> anyhow::Result<()> {
+        let mut file = beside(path)?;
+        file.write_all(bytes)?;
+        file.as_file().sync_all()?;
+        file.persist(path)?;
+        Ok(())
+    };
+    attempt().with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// Writes a value as indented JSON, numbers in full precision.
+///
+/// # Errors
+/// As [`write`].
+pub fn write_json(path: &Path, value: &impl Serialize) -> anyhow::Result<()> {
+    let mut text = serde_json::to_string_pretty(value).with_context(|| format!("cannot write {}", path.display()))?;
+    text.push('\n');
+    write(path, text.as_bytes())
+}
+
+/// Writes a picture as PNG. There are many of them and each can be made again, so nobody waits for the disk.
+///
+/// # Errors
+/// As [`write`].
+pub fn write_png(path: &Path, picture: impl Into<DynamicImage>) -> anyhow::Result<()> {
+    let attempt = || -> anyhow::Result<()> {
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        picture.into().write_to(&mut bytes, ImageFormat::Png)?;
+        let mut file = beside(path)?;
+        file.write_all(bytes.get_ref())?;
+        file.persist(path)?;
+        Ok(())
+    };
+    attempt().with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// A temporary file in the folder of `path`, with the permissions of an ordinary new file.
+fn beside(path: &Path) -> std::io::Result<NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".").suffix(".part");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        // Temporary files are the owner's alone unless told otherwise; the umask still applies.
+        builder.permissions(std::fs::Permissions::from_mode(0o666));
+    }
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    builder.tempfile_in(folder)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_replaced_and_nothing_is_left_beside_it() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("a.json");
+        write(&path, b"old").expect("written");
+        write_json(&path, &[0.1f64]).expect("written");
+        assert_eq!(std::fs::read_to_string(&path).expect("read"), "[\n  0.1\n]\n");
+        assert_eq!(std::fs::read_dir(folder.path()).expect("listed").count(), 1);
+    }
+
+    #[test]
+    fn the_error_names_the_file() {
+        let error = write(Path::new("no/such/folder/a.json"), b"").expect_err("refused");
+        assert!(format!("{error:#}").starts_with("cannot write no/such/folder/a.json: "), "{error:#}");
+    }
+}

@@ -1,0 +1,19 @@
+//! `mvfusion config`.
+
+use std::io::Write;
+
+use crate::args::LayerArgs;
+use crate::config;
+use crate::progress::Talk;
+
+/// Prints the configuration that `train` would use.
+///
+/// # Errors
+/// As [`config::resolve`], or if `out` cannot be written to.
+pub fn config(args: &LayerArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<()> {
+    let resolved = config::resolve(args)?;
+    if let Some(note) = &resolved.note {
+        talk.note(note);
+    }
+    Ok(out.write_all(config::to_toml(&resolved.config)?.as_bytes())?)
+}

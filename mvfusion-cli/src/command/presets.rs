@@ -1,0 +1,16 @@
+//! `mvfusion presets`.
+
+use std::io::Write;
+
+use crate::config::PRESETS;
+
+/// Lists the presets, a line each.
+///
+/// # Errors
+/// If `out` cannot be written to.
+pub fn presets(out: &mut dyn Write) -> anyhow::Result<()> {
+    for preset in PRESETS {
+        writeln!(out, "{:12}{}", preset.name, preset.purpose)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,66 @@
+//! Scoring a model on the held-out views, as both `train` and `eval` do.
+
+use std::time::Instant;
+
+use mvfusion_data::Scene;
+use mvfusion_model::Config;
+use mvfusion_model::evaluation::{Evaluation, PROTOCOL, evaluate};
+use mvfusion_model::model::{Model, Surroundings};
+use mvfusion_model::train::{final_movement, parameter_hash};
+
+use crate::progress::{Progress, Talk};
+use crate::run::{EvalTime, GaussianCounts, PicturesWriter, Results, TrainTime};
+
+/// A trained model with all that is needed to score it.
+pub(super) struct Trained<'a> {
+    /// The model, as trained (with autodiff).
+    pub model: &'a Model,
+    /// The scene.
+    pub scene: &'a Scene,
+    /// The configuration, scaled.
+    pub config: &'a Config,
+    /// How long training took, where that is known.
+    pub time: Option<TrainTime>,
+    /// Name of the device.
+    pub device: &'a str,
+}
+
+/// Figures of a model.
+pub(super) struct Scored {
+    /// For `results.json`.
+    pub results: Results,
+    /// Each view.
+    pub evaluation: Evaluation,
+}
+
+impl Trained<'_> {
+    /// Renders and scores all held-out views; `pictures` gets what it wants of them.
+    pub fn score(self, pictures: Option<&PicturesWriter>, talk: Talk) -> anyhow::Result<Scored> {
+        let started = Instant::now();
+        let surroundings = Surroundings::new(self.config, self.scene);
+        let mut progress = Progress::new("evaluation", self.scene.test.len(), talk);
+        let model = self.model.plain();
+        let movement = final_movement(self.config);
+        let evaluation = evaluate::<anyhow::Error>(&model, self.scene, movement, &surroundings, |index, view, layers| {
+            if let Some(pictures) = pictures {
+                pictures.write(index, view, layers)?;
+            }
+            progress.say(view.name.clone());
+            progress.advance();
+            Ok(())
+        })?;
+        progress.finish();
+        let results = Results {
+            protocol: PROTOCOL.to_owned(),
+            test: evaluation.mean,
+            gaussians: GaussianCounts::of(&model),
+            train: self.time,
+            eval: EvalTime { seconds: started.elapsed().as_secs_f64() },
+            params_sha256: parameter_hash(self.model)?,
+            device: self.device.to_owned(),
+            threads: rayon::current_num_threads(),
+            seed: self.config.seed,
+        };
+        Ok(Scored { results, evaluation })
+    }
+}

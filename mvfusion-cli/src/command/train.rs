@@ -1,0 +1,202 @@
+//! `mvfusion train`.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use mvfusion_data::{BuiltinKind, Scene};
+use mvfusion_model::ModelError;
+use mvfusion_model::train::{Position, StepLoss, Trainer};
+
+use super::score::Trained;
+use crate::args::TrainArgs;
+use crate::config::{self, Resolved};
+use crate::device::{self, OpenDevice};
+use crate::progress::{Pace, Progress, Talk};
+use crate::run::{
+    self, Existing, GaussianCounts, LEGEND, MetricsLine, MetricsLog, PerView, PicturesWriter, RunFolder, RunPlan,
+    RunRecord, TrainTime, write_ply,
+};
+use crate::{atomic, scene, table};
+
+/// Where runs lie unless `--out` says otherwise.
+const RUNS: &str = "runs";
+
+/// Trains on a scene, evaluates, and writes a run's folder.
+///
+/// # Errors
+/// For a command line that cannot be carried out, before anything is written; later if the device fails, the loss is no
+/// longer finite, or a file cannot be written.
+pub fn train(args: &TrainArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<()> {
+    let resolved = config::resolve(&args.layers)?;
+    if let Some(note) = &resolved.note {
+        talk.note(note);
+    }
+    let device = device::open(&args.compute.device)?;
+    let path = args.out.clone().unwrap_or_else(|| default_folder(&resolved));
+    let existing = if args.force { Existing::Replace } else { Existing::Keep };
+    let plan = RunPlan::new(&path, existing)?;
+    let scene = scene::open(&resolved.config)?;
+    let trainer = Trainer::new(resolved.config.scaled(), &scene, &device.device)?;
+    talk.note(&format!("device: {}", device.reason));
+    talk.note(&format!("scene:  {}", scene::describe(&scene)));
+    talk.note(&format!("run:    {}", path.display()));
+
+    let folder = plan.create()?;
+    Session { resolved, device, scene, trainer, folder, talk }.run(out)
+}
+
+/// `runs/NAME-SEED`: the name of the scene's folder, or of the preset and, unless it is the first, of the built-in scene.
+fn default_folder(resolved: &Resolved) -> PathBuf {
+    let options = &resolved.config.scene;
+    let name = match &options.data {
+        Some(folder) => folder.file_name().map_or("scene".into(), |name| name.to_string_lossy().into_owned()),
+        None if options.kind == BuiltinKind::Casual => format!("{}-casual", resolved.preset.name),
+        None => resolved.preset.name.to_owned(),
+    };
+    Path::new(RUNS).join(format!("{name}-{}", resolved.config.seed))
+}
+
+/// A training under way.
+struct Session {
+    resolved: Resolved,
+    device: OpenDevice,
+    scene: Scene,
+    trainer: Trainer,
+    folder: RunFolder,
+    talk: Talk,
+}
+
+impl Session {
+    fn run(mut self, out: &mut dyn Write) -> anyhow::Result<()> {
+        let seed = self.resolved.config.seed;
+        let record = RunRecord::begin(self.resolved.preset.name, &self.scene, seed, self.device.name);
+        atomic::write(&self.folder.place(&[run::CONFIG])?, config::to_toml(&self.resolved.config)?.as_bytes())?;
+        atomic::write_json(&self.folder.place(&[run::RECORD])?, &record)?;
+
+        let time = self.train()?;
+        self.save(run::FINAL)?;
+        self.write_gaussians(time.steps)?;
+        self.evaluate(time, out)?;
+        atomic::write_json(&self.folder.place(&[run::RECORD])?, &record.finished())
+    }
+
+    /// All steps of all stages.
+    fn train(&mut self) -> anyhow::Result<TrainTime> {
+        let total = self.trainer.config().train.stages.total();
+        let every = self.trainer.config().train.checkpoint_interval;
+        let log = MetricsLog::create(&self.folder.place(&[run::METRICS])?)?;
+        let mut watch = Watch { log, progress: Progress::new("training", total, self.talk), pace: Pace::default(), total };
+        while let Some(position) = self.trainer.position() {
+            let Some(loss) = self.trainer.step()? else { break };
+            let done = self.trainer.state().completed;
+            if done.is_multiple_of(self.trainer.config().train.log_interval) || done == total {
+                watch.log_step(&self.trainer, &position, &loss)?;
+            }
+            watch.progress.advance();
+            if every > 0 && done.is_multiple_of(every) && done < total {
+                self.save(&format!("step_{done}.safetensors"))?;
+            }
+        }
+        watch.progress.finish();
+        Ok(TrainTime { seconds: watch.pace.elapsed(), steps: self.trainer.state().completed })
+    }
+
+    /// Writes the state; from the first one on the folder stays, whatever happens.
+    fn save(&mut self, name: &str) -> anyhow::Result<()> {
+        self.trainer.state().save(&self.folder.place(&[run::CHECKPOINTS, name])?)?;
+        self.folder.keep();
+        Ok(())
+    }
+
+    fn write_gaussians(&self, steps: usize) -> anyhow::Result<()> {
+        let iteration = format!("iteration_{steps}");
+        let model = &self.trainer.state().model;
+        for (name, branch) in [("static.ply", &model.static_), ("dynamic.ply", &model.dynamic)] {
+            write_ply(&branch.gaussians, &self.folder.place(&[run::POINT_CLOUD, &iteration, name])?)?;
+        }
+        Ok(())
+    }
+
+    /// Scores the model, writes figures and pictures, and shows the table.
+    fn evaluate(&self, time: TrainTime, out: &mut dyn Write) -> anyhow::Result<()> {
+        let config = self.trainer.config();
+        let pictures = PicturesWriter::new(self.folder.path(), &config.eval, self.scene.test.len());
+        let trained = Trained {
+            model: &self.trainer.state().model,
+            scene: &self.scene,
+            config,
+            time: Some(time),
+            device: self.device.name,
+        };
+        let scored = trained.score(Some(&pictures), self.talk)?;
+        let results = &scored.results;
+        atomic::write_json(
+            &self.folder.place(&[run::PER_VIEW])?,
+            &PerView::of(&results.protocol, &scored.evaluation),
+        )?;
+        atomic::write_json(&self.folder.place(&[run::RESULTS])?, results)?;
+        table::write(results, out)?;
+        writeln!(out, "{:16}{}", "run", self.folder.path().display())?;
+        if let Some(strip) = pictures.strip_to_see() {
+            writeln!(out, "{:16}{}", "look first at", strip.display())?;
+            writeln!(out, "{:16}({LEGEND})", "")?;
+        }
+        Ok(())
+    }
+}
+
+/// What watches a training: log, progress, pace.
+struct Watch {
+    log: MetricsLog,
+    progress: Progress,
+    pace: Pace,
+    total: usize,
+}
+
+impl Watch {
+    /// Reads the losses of a step, which waits for the device, and tells them.
+    fn log_step(&mut self, trainer: &Trainer, position: &Position, loss: &StepLoss) -> anyhow::Result<()> {
+        let (loss, squared_error) = read(loss)?;
+        if !loss.is_finite() {
+            let (step, stage) = (position.stage_step, position.stage.name());
+            return Err(ModelError::NotFinite { what: "loss".to_owned(), step, stage }.into());
+        }
+        let state = trainer.state();
+        let done = state.completed;
+        self.pace.mark(done);
+        let line = MetricsLine {
+            step: done,
+            stage: position.stage.name(),
+            stage_step: position.stage_step,
+            loss,
+            psnr: (squared_error > 0.0).then(|| -10.0 * f64::from(squared_error).log10()),
+            gaussians: GaussianCounts::of(&state.model),
+            steps_per_second: self.pace.steps_per_second(),
+            elapsed: self.pace.elapsed(),
+        };
+        self.log.add(&line)?;
+        self.progress.say(self.sentence(&line));
+        Ok(())
+    }
+
+    fn sentence(&self, line: &MetricsLine) -> String {
+        let psnr = line.psnr.map_or("-".to_owned(), |psnr| format!("{psnr:.2}"));
+        format!(
+            "{}  {:.1} step/s  loss {:.4}  PSNR {psnr} dB  {} static + {} dynamic  {}",
+            line.stage,
+            line.steps_per_second,
+            line.loss,
+            line.gaussians.static_,
+            line.gaussians.dynamic,
+            self.pace.left(self.total - line.step),
+        )
+    }
+}
+
+/// Loss and squared error of a step. Waits for the device.
+fn read(loss: &StepLoss) -> Result<(f32, f32), ModelError> {
+    let total = loss.total.clone().try_into_scalar::<f32>();
+    let squared_error = loss.squared_error.clone().try_into_scalar::<f32>();
+    let failed = |error: &dyn std::fmt::Display| ModelError::Device(error.to_string());
+    Ok((total.map_err(|error| failed(&error))?, squared_error.map_err(|error| failed(&error))?))
+}

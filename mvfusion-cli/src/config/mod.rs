@@ -1,0 +1,251 @@
+//! The configuration of a run, merged from its layers: preset, `--config`, `--set`, `--seed` and `--data`.
+
+mod keys;
+mod layer;
+mod preset;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use mvfusion_model::Config;
+use toml::{Table, Value};
+
+use crate::args::LayerArgs;
+use crate::failure::UsageError;
+use keys::KnownKeys;
+use layer::{Layer, Origin};
+pub use preset::{PRESETS, Preset};
+
+/// The preset for the built-in scene.
+const FOR_BUILTIN: &str = "quickstart";
+
+/// The preset for a scene from a folder.
+const FOR_FOLDER: &str = "neu3d";
+
+/// A configuration and where it started from.
+#[derive(Clone, Debug)]
+pub struct Resolved {
+    /// The configuration, as given: `train.scale` is not applied yet.
+    pub config: Config,
+    /// The preset it started from.
+    pub preset: &'static Preset,
+    /// What the user should know about how it came to be, a line.
+    pub note: Option<String>,
+}
+
+/// Merges the layers of a command line.
+///
+/// # Errors
+/// [`UsageError`] for an unknown preset or key, a value of the wrong kind, a file that cannot be read or is no TOML, and
+/// for values that cannot be trained with.
+pub fn resolve(args: &LayerArgs) -> anyhow::Result<Resolved> {
+    let layers = given_layers(args)?;
+    let from_folder = layers.iter().any(|layer| layer.table.get("scene").is_some_and(|scene| scene.get("data").is_some()));
+    let default = if from_folder { FOR_FOLDER } else { FOR_BUILTIN };
+    let preset = Preset::find(args.preset.as_deref().unwrap_or(default))?;
+    let note = (args.preset.is_none() && args.data.is_some())
+        .then(|| format!("preset: {FOR_FOLDER} (the one for a folder; --preset takes another)"));
+
+    let base = Layer::parse(preset.text, Origin::Preset(preset.name))?;
+    let mut config = merge(&[&[base], layers.as_slice()].concat())?;
+    make_absolute(&mut config)?;
+    config.check()?;
+    Ok(Resolved { config, preset, note })
+}
+
+/// Reads the configuration that a run has written down.
+///
+/// # Errors
+/// [`UsageError`] if the file cannot be read or is no configuration of this version.
+pub fn read(path: &Path) -> anyhow::Result<Config> {
+    merge(&[file_layer(path)?])
+}
+
+/// A configuration as TOML: every key with its value.
+///
+/// # Errors
+/// If a path in it is no text.
+pub fn to_toml(config: &Config) -> anyhow::Result<String> {
+    toml::to_string_pretty(config).context("the configuration cannot be written as TOML")
+}
+
+/// What stands above the preset, lowest first.
+fn given_layers(args: &LayerArgs) -> anyhow::Result<Vec<Layer>> {
+    let mut layers = Vec::new();
+    if let Some(path) = &args.config {
+        layers.push(file_layer(path)?);
+    }
+    for setting in &args.set {
+        layers.push(Layer::from_setting(setting)?);
+    }
+    if let Some(seed) = args.seed {
+        let seed = i64::try_from(seed).map_err(|_| UsageError::new("--seed is too large for TOML."))?;
+        layers.push(Layer::of_one("seed", Value::Integer(seed), Origin::Flag("--seed")));
+    }
+    if let Some(data) = &args.data {
+        let data = data.to_str().ok_or_else(|| UsageError::new("--data is not valid UTF-8; rename the folder."))?;
+        layers.push(Layer::of_one("scene.data", Value::String(data.to_owned()), Origin::Flag("--data")));
+    }
+    Ok(layers)
+}
+
+fn file_layer(path: &Path) -> Result<Layer, UsageError> {
+    let text = std::fs::read_to_string(path).map_err(|error| {
+        UsageError::new(format!("cannot read the configuration {}: {error}.", path.display()))
+    })?;
+    Layer::parse(&text, Origin::File(path.to_owned()))
+}
+
+/// Lays the layers over the defaults, lowest first. Every key of every layer is checked first.
+fn merge(layers: &[Layer]) -> anyhow::Result<Config> {
+    let known = KnownKeys::new()?;
+    let mut merged = known.defaults().clone();
+    for layer in layers {
+        known.check(layer)?;
+        overlay(&mut merged, &layer.table);
+    }
+    Value::Table(merged).try_into().map_err(|error| UsageError::new(format!("the configuration is wrong: {error}")).into())
+}
+
+fn overlay(below: &mut Table, above: &Table) {
+    for (key, value) in above {
+        match (below.get_mut(key), value) {
+            (Some(Value::Table(below)), Value::Table(above)) => overlay(below, above),
+            _ => {
+                below.insert(key.clone(), value.clone());
+            }
+        }
+    }
+}
+
+/// Paths are written down absolute, so that a run finds its data again wherever the program is started.
+fn make_absolute(config: &mut Config) -> anyhow::Result<()> {
+    let paths: [&mut Option<PathBuf>; 2] = [&mut config.scene.data, &mut config.eval.dynamic_masks];
+    for path in paths.into_iter().flatten() {
+        *path = std::path::absolute(&*path).with_context(|| format!("cannot use the path {}", path.display()))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn with_settings(settings: &[&str]) -> LayerArgs {
+        LayerArgs { set: settings.iter().map(|&setting| setting.to_owned()).collect(), ..Default::default() }
+    }
+
+    fn refusal(settings: &[&str]) -> String {
+        let error = resolve(&with_settings(settings)).expect_err("refused");
+        assert_eq!(crate::failure::exit_code(&error), crate::failure::USAGE, "{error}");
+        error.to_string()
+    }
+
+    #[test]
+    fn every_preset_can_be_trained() {
+        for preset in PRESETS {
+            let args = LayerArgs { preset: Some(preset.name.to_owned()), ..Default::default() };
+            resolve(&args).unwrap_or_else(|error| panic!("{}: {error}", preset.name));
+        }
+    }
+
+    #[test]
+    fn the_preset_neu3d_is_the_defaults() {
+        let args = LayerArgs { preset: Some("neu3d".to_owned()), ..Default::default() };
+        assert_eq!(resolve(&args).expect("resolved").config, Config::default());
+    }
+
+    #[test]
+    fn a_later_layer_wins() {
+        let folder = tempfile::tempdir().expect("folder");
+        let file = folder.path().join("a.toml");
+        std::fs::write(&file, "seed = 3\n[train]\nscale = 0.5\nbatch_size = 3\n[train.stages]\ngeometry = 11\n")
+            .expect("written");
+        let args = LayerArgs {
+            config: Some(file),
+            seed: Some(9),
+            ..with_settings(&["train.scale=0.25", "train.scale=1", "seed=5", "scene.kind=casual"])
+        };
+        let config = resolve(&args).expect("resolved").config;
+        assert_eq!((config.seed, config.train.scale, config.train.batch_size), (9, 1.0, 3));
+        assert_eq!(config.train.stages.geometry, 11);
+        assert_eq!(config.scene.kind, mvfusion_data::BuiltinKind::Casual);
+        // A table in a layer adds to the table below it.
+        let preset = resolve(&LayerArgs::default()).expect("resolved").config;
+        assert_eq!(config.train.stages.refinement, preset.train.stages.refinement);
+    }
+
+    #[test]
+    fn a_folder_asks_for_its_own_preset_and_is_written_down_absolute() {
+        let args = LayerArgs { data: Some("scenes/steak".into()), ..Default::default() };
+        let resolved = resolve(&args).expect("resolved");
+        assert_eq!(resolved.preset.name, FOR_FOLDER);
+        assert!(resolved.note.expect("said").contains(FOR_FOLDER));
+        let data = resolved.config.scene.data.expect("set");
+        assert!(data.is_absolute() && data.ends_with("scenes/steak"), "{}", data.display());
+        assert_eq!(resolve(&with_settings(&["scene.data=scenes/steak"])).expect("resolved").preset.name, FOR_FOLDER);
+    }
+
+    #[test]
+    fn what_is_written_down_is_read_again() {
+        let folder = tempfile::tempdir().expect("folder");
+        let file = folder.path().join("config.toml");
+        let args = LayerArgs { data: Some("x".into()), ..with_settings(&["eval.dynamic_masks=m", "optim.epsilon=1e-17"]) };
+        let config = resolve(&args).expect("resolved").config;
+        std::fs::write(&file, to_toml(&config).expect("written as TOML")).expect("written");
+        assert_eq!(read(&file).expect("read"), config);
+    }
+
+    #[test]
+    fn an_unknown_key_is_refused_with_the_nearest_one_and_its_place() {
+        let message = refusal(&["model.widht=3"]);
+        assert!(message.contains("`model.widht`") && message.contains("`model.width`"), "{message}");
+        assert!(message.contains("--set model.widht=3"), "{message}");
+        assert!(refusal(&["stages.geometry=3"]).contains("`train.stages`"));
+        assert!(refusal(&["motion.weights.postion=3"]).contains("`motion.weights.position`"));
+        assert!(!refusal(&["qqqqqqqqqqqqqq=3"]).contains("nearest"));
+    }
+
+    #[test]
+    fn an_unknown_key_in_a_file_is_refused_with_its_line() {
+        let folder = tempfile::tempdir().expect("folder");
+        let file = folder.path().join("a.toml");
+        std::fs::write(&file, "seed = 3\n\n[train]\nscale = 0.5\nbatchsize = 3\n").expect("written");
+        let error = resolve(&LayerArgs { config: Some(file), ..Default::default() }).expect_err("refused").to_string();
+        assert!(error.contains("a.toml, line 5") && error.contains("`train.batch_size`"), "{error}");
+    }
+
+    #[test]
+    fn a_value_of_the_wrong_kind_is_refused_with_what_would_be_right() {
+        for (setting, expected) in [
+            ("model.width=wide", "must be a whole number, 0 or more, not \"wide\""),
+            ("model.width=-3", "must be a whole number, 0 or more, not -3"),
+            ("train.scale=small", "must be a number, not \"small\""),
+            ("model.deformation=1", "must be true or false, not 1"),
+            ("scene.kind=movie", "must be one of `video`, `casual`, not \"movie\""),
+            ("scene.kind=3", "must be one of `video`, `casual`, not 3"),
+            ("scene.data=3", "must be a text, not 3"),
+            ("model.grid.resolution=[1, 2]", "must be a list such as [64, 64, 64, 150], not [1, 2]"),
+            ("train=3", "must be a table"),
+            ("optim.means={start=\"x\"}", "`optim.means.start` must be a number, not \"x\""),
+        ] {
+            let message = refusal(&[setting]);
+            assert!(message.contains(expected), "{setting}: {message}");
+        }
+    }
+
+    #[test]
+    fn a_setting_that_is_no_setting_is_refused() {
+        for setting in ["train.scale", "=3", "train..scale=3", ".=1"] {
+            assert!(refusal(&[setting]).contains("--set"), "{setting}");
+        }
+        assert!(refusal(&["train.scale=0"]).contains("train.scale"));
+    }
+
+    #[test]
+    fn an_unknown_preset_is_refused_with_the_list() {
+        let args = LayerArgs { preset: Some("neu3".to_owned()), ..Default::default() };
+        let message = resolve(&args).expect_err("refused").to_string();
+        assert!(message.contains("`neu3d`") && message.contains("quickstart"), "{message}");
+    }
+}

@@ -1,0 +1,81 @@
+//! How the program ends when something is wrong: one paragraph on stderr and an exit code.
+
+use std::fmt;
+use std::io;
+use std::process::ExitCode;
+
+use mvfusion_model::ModelError;
+
+/// Exit code of a failure.
+pub const FAILED: u8 = 1;
+
+/// Exit code of a command line that cannot be carried out.
+pub const USAGE: u8 = 2;
+
+/// What is wrong with a command line or a configuration.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UsageError(String);
+
+impl UsageError {
+    /// A usage error with its message: what, where, what to do.
+    pub fn new(message: impl Into<String>) -> Self {
+        Self(message.into())
+    }
+}
+
+impl fmt::Display for UsageError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for UsageError {}
+
+/// The exit code that belongs to an error.
+pub fn exit_code(error: &anyhow::Error) -> u8 {
+    let usage = error.chain().any(|cause| {
+        cause.is::<UsageError>() || matches!(cause.downcast_ref(), Some(ModelError::Config { .. }))
+    });
+    if usage { USAGE } else { FAILED }
+}
+
+/// Says on stderr what went wrong. A reader that closed the pipe (`mvfusion config | head`) is no failure.
+pub fn report(error: &anyhow::Error) -> ExitCode {
+    let closed = |cause: &(dyn std::error::Error + 'static)| {
+        cause.downcast_ref::<io::Error>().is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
+    };
+    if error.chain().any(closed) {
+        return ExitCode::SUCCESS;
+    }
+    eprintln!("error: {}", paragraph(error));
+    ExitCode::from(exit_code(error))
+}
+
+/// An error with its causes as one paragraph that ends with a full stop.
+fn paragraph(error: &anyhow::Error) -> String {
+    let text = format!("{error:#}");
+    let text = text.trim_end();
+    if text.ends_with(['.', '!', '?', '`']) { text.to_owned() } else { format!("{text}.") }
+}
+
+#[cfg(test)]
+mod tests {
+    use anyhow::{Context, anyhow};
+
+    use super::*;
+
+    #[test]
+    fn usage_is_told_from_failure_under_any_context() {
+        let usage = Err::<(), _>(UsageError::new("no such key")).context("reading x").unwrap_err();
+        assert_eq!(exit_code(&usage), USAGE);
+        let bad_value = ModelError::Config { key: "train.scale", value: "0".into(), reason: "too small" };
+        assert_eq!(exit_code(&bad_value.into()), USAGE);
+        assert_eq!(exit_code(&anyhow!("disk full")), FAILED);
+    }
+
+    #[test]
+    fn causes_are_joined_into_one_sentence() {
+        let error = anyhow!("disk full").context("cannot write a.json");
+        assert_eq!(paragraph(&error), "cannot write a.json: disk full.");
+    }
+}

@@ -1,0 +1,41 @@
+//! The inside of the `mvfusion` program: everything but `main`, so that it can be tested.
+//!
+//! [`command`] holds a file for each command; [`config`] merges the layers of the configuration; [`run`] knows the files
+//! of a run's folder; [`progress`] and [`table`] are what the user sees. No mathematics here: that is `mvfusion-model`.
+
+pub mod args;
+pub mod atomic;
+pub mod clock;
+pub mod command;
+pub mod config;
+pub mod device;
+pub mod failure;
+mod help;
+mod logs;
+pub mod progress;
+pub mod run;
+pub mod scene;
+pub mod table;
+pub mod threads;
+
+use std::io::Write;
+
+pub use args::Cli;
+use args::Command;
+
+/// Carries out a command line with the given number of CPU threads. What the command was asked for goes to `out`;
+/// progress, notes and logs go to stderr.
+///
+/// # Errors
+/// Whatever the command fails with; [`failure::exit_code`] knows the exit code.
+pub fn run(cli: &Cli, threads: usize, out: &mut dyn Write) -> anyhow::Result<()> {
+    logs::start(cli.verbosity);
+    threads::start(threads)?;
+    let talk = cli.verbosity.talk();
+    match &cli.command {
+        Command::Train(args) => command::train(args, talk, out),
+        Command::Eval(args) => command::eval(args, talk, out),
+        Command::Config(args) => command::config(args, talk, out),
+        Command::Presets => command::presets(out),
+    }
+}

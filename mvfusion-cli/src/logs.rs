@@ -1,0 +1,28 @@
+//! Logs on stderr: warnings by default, more with `-v` or `RUST_LOG`.
+
+use std::io::{self, IsTerminal};
+
+use tracing_subscriber::EnvFilter;
+
+use crate::args::Verbosity;
+
+/// Starts logging. A second call, as in tests, changes nothing.
+pub fn start(verbosity: Verbosity) {
+    let level = match (verbosity.quiet, verbosity.verbose) {
+        (true, _) => "error",
+        (false, 0) => "warn",
+        (false, 1) => "warn,mvfusion_data=info,mvfusion_model=info,mvfusion_render=info,mvfusion_cli=info",
+        (false, _) => "info,mvfusion_data=debug,mvfusion_model=debug,mvfusion_render=debug,mvfusion_cli=debug",
+    };
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
+    let started = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(io::stderr)
+        .with_ansi(io::stderr().is_terminal())
+        .without_time()
+        .with_target(false)
+        .try_init();
+    if let Err(error) = started {
+        tracing::debug!("logging was started before: {error}");
+    }
+}

@@ -1,0 +1,154 @@
+//! What is seen while the program works: one line that changes on a terminal, now and then a line elsewhere.
+
+use std::io::{self, IsTerminal};
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use crate::clock::spoken;
+
+/// Pause between two lines where stderr is no terminal.
+const PAUSE: Duration = Duration::from_secs(5);
+
+/// Whether notes and progress are shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Talk {
+    /// They are.
+    Normal,
+    /// Errors and results alone are.
+    Silent,
+}
+
+impl Talk {
+    /// Says a line on stderr.
+    pub fn note(self, line: &str) {
+        if self == Self::Normal {
+            eprintln!("{line}");
+        }
+    }
+}
+
+/// Progress through a known number of steps.
+#[derive(Debug)]
+pub struct Progress {
+    style: Style,
+    name: &'static str,
+    total: usize,
+    done: usize,
+    /// What was said last.
+    message: String,
+}
+
+#[derive(Debug)]
+enum Style {
+    Bar(ProgressBar),
+    Lines { last: Instant },
+    Silent,
+}
+
+impl Progress {
+    /// Progress of `name` through `total` steps.
+    pub fn new(name: &'static str, total: usize, talk: Talk) -> Self {
+        let style = match talk {
+            Talk::Silent => Style::Silent,
+            Talk::Normal if io::stderr().is_terminal() => Style::Bar(bar(name, total)),
+            Talk::Normal => Style::Lines { last: Instant::now() },
+        };
+        Self { style, name, total, done: 0, message: String::new() }
+    }
+
+    /// One more step is done.
+    pub fn advance(&mut self) {
+        self.done += 1;
+        match &mut self.style {
+            Style::Bar(bar) => bar.inc(1),
+            Style::Lines { last } if last.elapsed() >= PAUSE && !self.message.is_empty() => {
+                *last = Instant::now();
+                eprintln!("{} {}/{}  {}", self.name, self.done, self.total, self.message);
+            }
+            Style::Lines { .. } | Style::Silent => {}
+        }
+    }
+
+    /// Changes what stands behind the numbers.
+    pub fn say(&mut self, message: String) {
+        if let Style::Bar(bar) = &self.style {
+            bar.set_message(message.clone());
+        }
+        self.message = message;
+    }
+
+    /// Says a line that stays.
+    pub fn note(&self, line: &str) {
+        match &self.style {
+            Style::Bar(bar) => bar.println(line),
+            Style::Lines { .. } => eprintln!("{line}"),
+            Style::Silent => {}
+        }
+    }
+
+    /// Ends the display; the last state stays as a line.
+    pub fn finish(&self) {
+        match &self.style {
+            Style::Bar(bar) => bar.abandon(),
+            Style::Lines { .. } => eprintln!("{} {}/{}  {}", self.name, self.done, self.total, self.message),
+            Style::Silent => {}
+        }
+    }
+}
+
+fn bar(name: &'static str, total: usize) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(Some(total as u64), ProgressDrawTarget::stderr());
+    // The template is fixed; if it were wrong, the plain bar would do.
+    if let Ok(style) = ProgressStyle::with_template("{prefix} {bar:20} {pos}/{len}  {msg}") {
+        bar.set_style(style);
+    }
+    bar.set_prefix(name);
+    bar.enable_steady_tick(Duration::from_millis(500));
+    bar
+}
+
+/// How fast steps are done, and how long the rest will take.
+#[derive(Clone, Debug)]
+pub struct Pace {
+    started: Instant,
+    marked: (Instant, usize),
+    steps_per_second: f64,
+}
+
+impl Default for Pace {
+    fn default() -> Self {
+        let now = Instant::now();
+        Self { started: now, marked: (now, 0), steps_per_second: 0.0 }
+    }
+}
+
+impl Pace {
+    /// Measures the pace since the last mark, at `done` steps.
+    pub fn mark(&mut self, done: usize) {
+        let now = Instant::now();
+        let seconds = now.duration_since(self.marked.0).as_secs_f64();
+        if seconds > 0.0 && done > self.marked.1 {
+            self.steps_per_second = (done - self.marked.1) as f64 / seconds;
+        }
+        self.marked = (now, done);
+    }
+
+    /// Steps a second between the last two marks.
+    pub fn steps_per_second(&self) -> f64 {
+        self.steps_per_second
+    }
+
+    /// Seconds since the start.
+    pub fn elapsed(&self) -> f64 {
+        self.started.elapsed().as_secs_f64()
+    }
+
+    /// How long `steps` more will take at this pace, for people.
+    pub fn left(&self, steps: usize) -> String {
+        match self.steps_per_second > 0.0 {
+            true => format!("{} left", spoken(steps as f64 / self.steps_per_second)),
+            false => String::new(),
+        }
+    }
+}

@@ -1,0 +1,209 @@
+//! Making and unmaking a run's folder.
+
+use std::ffi::OsString;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use tracing::warn;
+
+use super::ENTRIES;
+
+/// What becomes of a run that lies in the folder already.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Existing {
+    /// It stays, and the new run is refused.
+    Keep,
+    /// The new run takes its place.
+    Replace,
+}
+
+/// A folder that could be made: nothing was written yet.
+#[derive(Clone, Debug)]
+pub struct RunPlan {
+    path: PathBuf,
+}
+
+/// A run's folder. Unless [`RunFolder::keep`] was called it is removed again when dropped, and what it replaced comes
+/// back.
+#[derive(Debug)]
+pub struct RunFolder {
+    path: PathBuf,
+    /// Where the replaced run waits.
+    replaced: Option<PathBuf>,
+    /// Parent folders that were made for this one, outermost first.
+    parents: Vec<PathBuf>,
+    kept: bool,
+}
+
+impl RunPlan {
+    /// Makes sure that a run can be written to `path`, without leaving a trace.
+    ///
+    /// # Errors
+    /// If there is something already that must not be replaced, or nothing can be written there.
+    pub fn new(path: &Path, existing: Existing) -> anyhow::Result<Self> {
+        let shown = path.display();
+        if path.exists() {
+            check_existing(path, existing)?;
+        }
+        let ground = path.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new("."));
+        if let Some(file) = path.ancestors().find(|folder| folder.is_file()) {
+            bail!("cannot make the run's folder {shown}: {} is a file. Give another --out.", file.display());
+        }
+        tempfile::tempfile_in(ground).with_context(|| {
+            format!("cannot write into {}, where the run's folder {shown} would lie; give another --out", ground.display())
+        })?;
+        Ok(Self { path: path.to_owned() })
+    }
+
+    /// Makes the folder; a run that lies there moves aside.
+    ///
+    /// # Errors
+    /// If the system refuses.
+    pub fn create(self) -> anyhow::Result<RunFolder> {
+        let path = self.path;
+        let missing: Vec<PathBuf> = path.ancestors().skip(1).take_while(|folder| !folder.exists()).map(Path::to_owned).collect();
+        let replaced = if path.exists() { Some(move_aside(&path)?) } else { None };
+        let parents = missing.into_iter().rev().filter(|folder| !folder.as_os_str().is_empty()).collect();
+        let folder = RunFolder { path, replaced, parents, kept: false };
+        fs::create_dir_all(&folder.path).with_context(|| format!("cannot make the folder {}", folder.path.display()))?;
+        Ok(folder)
+    }
+}
+
+impl RunFolder {
+    /// The folder.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// A file or folder within; the folders on the way are made.
+    ///
+    /// # Errors
+    /// If the system refuses.
+    pub fn place(&self, parts: &[&str]) -> anyhow::Result<PathBuf> {
+        place(&self.path, parts)
+    }
+
+    /// From now on the folder stays, whatever happens; a run that it replaced is removed.
+    pub fn keep(&mut self) {
+        self.kept = true;
+        if let Some(replaced) = self.replaced.take()
+            && let Err(error) = fs::remove_dir_all(&replaced)
+        {
+            warn!("cannot remove the replaced run {}: {error}", replaced.display());
+        }
+    }
+}
+
+/// A file or folder within a run's folder; the folders on the way are made.
+///
+/// # Errors
+/// If the system refuses.
+pub(crate) fn place(run: &Path, parts: &[&str]) -> anyhow::Result<PathBuf> {
+    let path = parts.iter().fold(run.to_owned(), |path, part| path.join(part));
+    if let Some(folder) = path.parent() {
+        fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    }
+    Ok(path)
+}
+
+impl Drop for RunFolder {
+    fn drop(&mut self) {
+        if self.kept {
+            return;
+        }
+        let remove = || -> std::io::Result<()> {
+            fs::remove_dir_all(&self.path)?;
+            match &self.replaced {
+                Some(replaced) => fs::rename(replaced, &self.path),
+                None => self.parents.iter().rev().try_for_each(fs::remove_dir),
+            }
+        };
+        if let Err(error) = remove() {
+            warn!("cannot tidy up the failed run {}: {error}", self.path.display());
+        }
+    }
+}
+
+fn check_existing(path: &Path, existing: Existing) -> anyhow::Result<()> {
+    let shown = path.display();
+    if !path.is_dir() {
+        bail!("cannot make the run's folder {shown}: there is a file of that name. Give another --out.");
+    }
+    let entries: Vec<OsString> = fs::read_dir(path)
+        .and_then(|entries| entries.map(|entry| entry.map(|entry| entry.file_name())).collect())
+        .with_context(|| format!("cannot list the folder {shown}"))?;
+    if entries.is_empty() {
+        return Ok(());
+    }
+    if existing == Existing::Keep {
+        bail!("the folder {shown} is not empty. Give --force to replace the run in it, or another folder with --out.");
+    }
+    // Whatever no run wrote was put there by somebody who may want it back.
+    match entries.iter().find(|name| !ENTRIES.iter().any(|&known| *name == known)) {
+        Some(other) => bail!(
+            "the folder {shown} holds `{}`, which is no part of a run, so --force does not replace it. Move it away, or \
+             give another folder with --out.",
+            other.display()
+        ),
+        None => Ok(()),
+    }
+}
+
+/// Renames a folder to a free name beside it.
+fn move_aside(path: &Path) -> anyhow::Result<PathBuf> {
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(format!(".replaced-{}", std::process::id()));
+    let aside = path.with_file_name(name);
+    fs::rename(path, &aside)
+        .with_context(|| format!("cannot move the old run aside, from {} to {}", path.display(), aside.display()))?;
+    Ok(aside)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<OsString> {
+        fs::read_dir(folder).expect("listed").map(|entry| entry.expect("entry").file_name()).collect()
+    }
+
+    #[test]
+    fn a_failed_run_leaves_nothing_not_even_the_parents_it_made() {
+        let ground = tempfile::tempdir().expect("folder");
+        let plan = RunPlan::new(&ground.path().join("runs/deep/a"), Existing::Keep).expect("planned");
+        assert!(names(ground.path()).is_empty());
+        let folder = plan.create().expect("made");
+        fs::write(folder.place(&["checkpoints", "x"]).expect("placed"), "x").expect("written");
+        drop(folder);
+        assert!(names(ground.path()).is_empty());
+    }
+
+    #[test]
+    fn a_failed_replacement_brings_the_old_run_back() {
+        let ground = tempfile::tempdir().expect("folder");
+        let path = ground.path().join("a");
+        fs::create_dir(&path).expect("made");
+        fs::write(path.join(super::super::RESULTS), "old").expect("written");
+        let create = || RunPlan::new(&path, Existing::Replace).expect("planned").create().expect("made");
+        let folder = create();
+        assert!(names(&path).is_empty());
+        drop(folder);
+        assert_eq!(names(&path), ["results.json"]);
+        create().keep();
+        assert!(names(&path).is_empty());
+        assert_eq!(names(ground.path()), ["a"]);
+    }
+
+    #[test]
+    fn what_is_no_run_is_never_replaced() {
+        let ground = tempfile::tempdir().expect("folder");
+        fs::write(ground.path().join("thesis.tex"), "x").expect("written");
+        for existing in [Existing::Keep, Existing::Replace] {
+            RunPlan::new(ground.path(), existing).expect_err("refused");
+        }
+        let error = RunPlan::new(&ground.path().join("thesis.tex/a"), Existing::Keep).expect_err("refused");
+        assert!(error.to_string().contains("thesis.tex is a file"), "{error}");
+    }
+}

@@ -1,0 +1,64 @@
+//! `metrics.jsonl`: a line for every log step.
+
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use serde::Serialize;
+
+use super::GaussianCounts;
+
+/// A log step.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct MetricsLine {
+    /// Steps done in the whole run.
+    pub step: usize,
+    /// Name of the stage.
+    pub stage: &'static str,
+    /// Step within the stage, from 1.
+    pub stage_step: usize,
+    /// Loss of the step.
+    pub loss: f32,
+    /// PSNR of the composed pictures of the step's batch in dB; absent if they are perfect.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub psnr: Option<f64>,
+    /// Numbers of Gaussians.
+    pub gaussians: GaussianCounts,
+    /// Steps a second since the last line.
+    pub steps_per_second: f64,
+    /// Seconds of training so far.
+    pub elapsed: f64,
+}
+
+/// The file, to which lines are added.
+#[derive(Debug)]
+pub struct MetricsLog {
+    file: File,
+    path: PathBuf,
+}
+
+impl MetricsLog {
+    /// A new, empty file.
+    ///
+    /// # Errors
+    /// If it cannot be made.
+    pub fn create(path: &Path) -> anyhow::Result<Self> {
+        let file = File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
+        Ok(Self { file, path: path.to_owned() })
+    }
+
+    /// Adds a line, whole: a reader never meets half of one.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn add(&mut self, line: &MetricsLine) -> anyhow::Result<()> {
+        let mut attempt = || -> anyhow::Result<()> {
+            let mut text = serde_json::to_string(line)?;
+            text.push('\n');
+            self.file.write_all(text.as_bytes())?;
+            Ok(self.file.flush()?)
+        };
+        attempt().with_context(|| format!("cannot write {}", self.path.display()))
+    }
+}

@@ -1,0 +1,40 @@
+//! A run's folder: which files there are, and what stands in them.
+
+mod folder;
+mod metrics;
+mod pictures;
+mod ply;
+mod record;
+mod results;
+
+pub use folder::{Existing, RunFolder, RunPlan};
+pub use metrics::{MetricsLine, MetricsLog};
+pub use pictures::{LEGEND, PicturesWriter};
+pub use ply::write_ply;
+pub use record::{RunRecord, SceneRecord};
+pub use results::{EvalTime, GaussianCounts, PerView, Results, TrainTime};
+
+/// The resolved configuration.
+pub const CONFIG: &str = "config.toml";
+/// What was done: versions, device, times.
+pub const RECORD: &str = "run.json";
+/// A line for every log step.
+pub const METRICS: &str = "metrics.jsonl";
+/// The figures.
+pub const RESULTS: &str = "results.json";
+/// The figures of each view.
+pub const PER_VIEW: &str = "per_view.json";
+/// Folder of the states.
+pub const CHECKPOINTS: &str = "checkpoints";
+/// The state after the last step, within [`CHECKPOINTS`].
+pub const FINAL: &str = "final.safetensors";
+/// Folder of the Gaussians.
+pub const POINT_CLOUD: &str = "point_cloud";
+/// Folder of the pictures.
+pub const RENDERS: &str = "renders";
+/// Folder of the side-by-side pictures.
+pub const STRIPS: &str = "strips";
+
+/// All that a run writes at the top of its folder.
+pub const ENTRIES: [&str; 9] =
+    [CONFIG, RECORD, METRICS, RESULTS, PER_VIEW, CHECKPOINTS, POINT_CLOUD, RENDERS, STRIPS];

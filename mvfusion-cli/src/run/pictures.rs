@@ -1,0 +1,127 @@
+//! The pictures of an evaluation: every layer as a file, and side by side in strips.
+
+use std::path::{Path, PathBuf};
+
+use image::{GenericImage, RgbImage};
+use mvfusion_data::View;
+use mvfusion_model::config::EvalConfig;
+use mvfusion_model::evaluation::ViewPictures;
+use mvfusion_model::timeline;
+
+use super::folder::place;
+use super::{RENDERS, STRIPS};
+use crate::atomic;
+
+/// What stands side by side in a strip, from left to right.
+pub const LEGEND: &str = "ground truth, composed, static, dynamic, mask, motion intensity";
+
+/// White pixels between two pictures of a strip.
+const GAP: u32 = 4;
+
+/// Name of the pictures of the view of this number.
+pub(super) fn file_name(index: usize) -> String {
+    format!("{index:05}.png")
+}
+
+/// Writes the pictures of held-out views into a run's folder.
+#[derive(Clone, Debug)]
+pub struct PicturesWriter {
+    run: PathBuf,
+    /// Whether every layer becomes a file.
+    layers: bool,
+    /// The views of which a strip is made.
+    strips: Vec<usize>,
+}
+
+impl PicturesWriter {
+    /// A writer for `views` held-out views, of which the configuration says what is wanted.
+    pub fn new(run: &Path, config: &EvalConfig, views: usize) -> Self {
+        Self { run: run.to_owned(), layers: config.pictures, strips: timeline::spread(views, config.strips) }
+    }
+
+    /// A strip worth looking at: the one in the middle, if any is made.
+    pub fn strip_to_see(&self) -> Option<PathBuf> {
+        let middle = self.strips.get(self.strips.len() / 2)?;
+        Some(self.run.join(STRIPS).join(file_name(*middle)))
+    }
+
+    /// Writes what is wanted of a view.
+    ///
+    /// # Errors
+    /// If a photo cannot be read or a file cannot be written.
+    pub fn write(&self, index: usize, view: &View, pictures: &ViewPictures) -> anyhow::Result<()> {
+        if self.layers {
+            self.write_layers(index, view, pictures)?;
+        }
+        if self.strips.contains(&index) {
+            let photo = view.image.rgb()?;
+            let mut panels =
+                vec![&*photo, &pictures.composed, &pictures.static_, &pictures.dynamic, &pictures.mask];
+            panels.extend(&pictures.motion);
+            atomic::write_png(&place(&self.run, &[STRIPS, &file_name(index)])?, side_by_side(&panels)?)?;
+        }
+        Ok(())
+    }
+
+    fn write_layers(&self, index: usize, view: &View, pictures: &ViewPictures) -> anyhow::Result<()> {
+        let path = |layer: &str| place(&self.run, &[RENDERS, "test", layer, &file_name(index)]);
+        let layers = [
+            ("composed", &pictures.composed),
+            ("static", &pictures.static_),
+            ("dynamic", &pictures.dynamic),
+            ("mask", &pictures.mask),
+        ];
+        for (layer, picture) in layers {
+            atomic::write_png(&path(layer)?, picture.clone())?;
+        }
+        if let Some(motion) = &pictures.motion {
+            atomic::write_png(&path("motion")?, motion.clone())?;
+        }
+        atomic::write_png(&path("gt")?, (*view.image.rgb()?).clone())?;
+        if let Some(background) = &view.truth.background {
+            atomic::write_png(&path("true_background")?, (*background.rgb()?).clone())?;
+        }
+        if let Some(mask) = &view.truth.dynamic_mask {
+            atomic::write_png(&path("true_mask")?, mask.mask()?)?;
+        }
+        Ok(())
+    }
+}
+
+/// Pictures in a row, tops aligned, with white gaps.
+fn side_by_side(panels: &[&RgbImage]) -> anyhow::Result<RgbImage> {
+    let height = panels.iter().map(|panel| panel.height()).max().unwrap_or(0);
+    let gaps = GAP * panels.len().saturating_sub(1) as u32;
+    let width = panels.iter().map(|panel| panel.width()).sum::<u32>() + gaps;
+    let mut strip = RgbImage::from_pixel(width, height, image::Rgb([255; 3]));
+    let mut left = 0;
+    for panel in panels {
+        strip.copy_from(*panel, left, 0)?;
+        left += panel.width() + GAP;
+    }
+    Ok(strip)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_stand_side_by_side_with_gaps() {
+        let grey = |level, width| RgbImage::from_pixel(width, 2, image::Rgb([level; 3]));
+        let strip = side_by_side(&[&grey(10, 3), &grey(20, 2)]).expect("made");
+        assert_eq!(strip.dimensions(), (3 + GAP + 2, 2));
+        let level = |x| strip.get_pixel(x, 1).0[0];
+        assert_eq!([level(0), level(2), level(3), level(6), level(7), level(8)], [10, 10, 255, 255, 20, 20]);
+    }
+
+    #[test]
+    fn strips_are_spread_over_all_views() {
+        let config = EvalConfig { strips: 3, ..Default::default() };
+        let writer = PicturesWriter::new(Path::new("run"), &config, 25);
+        assert_eq!(writer.strips, [0, 12, 24]);
+        assert_eq!(writer.strip_to_see(), Some("run/strips/00012.png".into()));
+        let none = EvalConfig { strips: 0, ..config };
+        assert_eq!(PicturesWriter::new(Path::new("run"), &none, 25).strip_to_see(), None);
+    }
+}

@@ -1,0 +1,103 @@
+//! `run.json`: what was done, with what, and when.
+
+use mvfusion_data::Scene;
+use serde::{Deserialize, Serialize};
+
+use crate::{clock, device};
+
+/// Version of Burn that the workspace pins; a test compares it with the manifest.
+const BURN: &str = "0.22.1";
+
+/// The circumstances of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunRecord {
+    /// Version of this program.
+    pub version: String,
+    /// Version of Burn.
+    pub burn: String,
+    /// Cargo features of this build that name a device.
+    pub features: Vec<String>,
+    /// Operating system.
+    pub os: String,
+    /// Processor.
+    pub arch: String,
+    /// The command line.
+    pub command: Vec<String>,
+    /// The preset that the configuration started from.
+    pub preset: String,
+    /// The scene.
+    pub scene: SceneRecord,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Device.
+    pub device: String,
+    /// CPU threads.
+    pub threads: usize,
+    /// When the training began.
+    pub started: String,
+    /// When everything was written; absent until then.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub finished: Option<String>,
+}
+
+/// A scene in numbers.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SceneRecord {
+    /// Its name.
+    pub name: String,
+    /// Views that were trained on.
+    pub train_views: usize,
+    /// Views that were held out.
+    pub test_views: usize,
+    /// Points to start from.
+    pub points: usize,
+}
+
+impl SceneRecord {
+    /// The numbers of a scene.
+    pub fn of(scene: &Scene) -> Self {
+        Self {
+            name: scene.name.clone(),
+            train_views: scene.train.len(),
+            test_views: scene.test.len(),
+            points: scene.points.len(),
+        }
+    }
+}
+
+impl RunRecord {
+    /// The record of a run that begins now.
+    pub fn begin(preset: &str, scene: &Scene, seed: u64, device: &str) -> Self {
+        Self {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            burn: BURN.to_owned(),
+            features: device::features().into_iter().map(str::to_owned).collect(),
+            os: std::env::consts::OS.to_owned(),
+            arch: std::env::consts::ARCH.to_owned(),
+            command: std::env::args_os().map(|argument| argument.to_string_lossy().into_owned()).collect(),
+            preset: preset.to_owned(),
+            scene: SceneRecord::of(scene),
+            seed,
+            device: device.to_owned(),
+            threads: rayon::current_num_threads(),
+            started: clock::now(),
+            finished: None,
+        }
+    }
+
+    /// The same at the end of the run.
+    pub fn finished(self) -> Self {
+        Self { finished: Some(clock::now()), ..self }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_version_of_burn_is_the_one_that_the_workspace_pins() {
+        let manifest = include_str!("../../../Cargo.toml");
+        assert!(manifest.contains(&format!("burn = {{ version = \"={BURN}\"")));
+    }
+}

@@ -1,0 +1,189 @@
+//! Built-in scenes: a furnished room, drawn by ray casting, with everything known about it.
+//!
+//! They need no files, are the same for the same options, and come with the truth: the background without moving
+//! things, masks of what moves, depths and trajectories. [`BuiltinKind::Video`] is a small multi-camera video,
+//! [`BuiltinKind::Casual`] a set of photos with passers-by.
+
+mod choreography;
+mod rig;
+mod shot;
+mod solid;
+mod sparse_points;
+mod stage;
+mod texture;
+
+use std::sync::Arc;
+
+use image::{DynamicImage, GrayImage, RgbImage};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+pub use choreography::MovingObject;
+pub use solid::Pose;
+
+use crate::{Camera, Capture, Picture, Scene, Truth, View};
+use shot::{Backdrop, Shot};
+use solid::Solid;
+
+/// Which built-in scene.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum BuiltinKind {
+    /// Eight synchronised cameras; the first, in the middle of the others, is held out. A block flies and tumbles, a
+    /// lamp barely sways, a visitor is there for part of the time.
+    #[default]
+    Video,
+    /// Single photos from a walk, each with people and things that are elsewhere in the next; ten empty photos from
+    /// poses in between are held out.
+    Casual,
+}
+
+/// What the built-in scene is like.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct BuiltinOptions {
+    /// Which scene. Default: video.
+    pub kind: BuiltinKind,
+    /// Seed of everything random: patterns, noise of the points, the photographer's hand, passers-by. Default 0.
+    pub seed: u64,
+    /// Width of the pictures in pixels, at least 16. Default 160.
+    pub width: usize,
+    /// Height of the pictures in pixels, at least 16. Default 120.
+    pub height: usize,
+    /// Frames of each camera of the video, at least 1. Default 24.
+    pub frames: usize,
+    /// Training photos of the casual scene, at least 2. Default 60.
+    pub photos: usize,
+    /// Held-out photos of the casual scene. Default 10.
+    pub test_photos: usize,
+}
+
+impl Default for BuiltinOptions {
+    fn default() -> Self {
+        Self { kind: BuiltinKind::Video, seed: 0, width: 160, height: 120, frames: 24, photos: 60, test_photos: 10 }
+    }
+}
+
+impl BuiltinOptions {
+    /// The default scene of a kind.
+    pub fn of_kind(kind: BuiltinKind) -> Self {
+        Self { kind, ..Self::default() }
+    }
+
+    /// Numbers that are too small are raised to the least that makes a scene.
+    fn at_least(self) -> Self {
+        Self {
+            width: self.width.max(16),
+            height: self.height.max(16),
+            frames: self.frames.max(1),
+            photos: self.photos.max(2),
+            ..self
+        }
+    }
+
+    /// Patterns know 32 bits of the seed.
+    fn pattern_seed(&self) -> u32 {
+        (self.seed ^ (self.seed >> 32)) as u32
+    }
+}
+
+/// Makes a built-in scene. Options below their least value are raised to it.
+pub fn builtin(options: &BuiltinOptions) -> Scene {
+    let options = options.at_least();
+    let still = stage::still_solids(options.pattern_seed());
+    match options.kind {
+        BuiltinKind::Video => video(&options, &still),
+        BuiltinKind::Casual => casual(&options, &still),
+    }
+}
+
+/// What moves at a time in `[0, 1]`, with poses; things that are not there at that time are left out.
+///
+/// In the casual scene this is what stood in the way of the training photo whose time is nearest.
+pub fn moving_objects(options: &BuiltinOptions, time: f64) -> Vec<MovingObject> {
+    let options = options.at_least();
+    match options.kind {
+        BuiltinKind::Video => choreography::in_video(time),
+        BuiltinKind::Casual => {
+            let last = (options.photos - 1) as f64;
+            let index = (time * last).round().clamp(0.0, last) as usize;
+            choreography::in_photo(index, options.photos, options.seed)
+        }
+    }
+}
+
+fn video(options: &BuiltinOptions, still: &[Solid]) -> Scene {
+    let cameras = rig::video_cameras(options.width, options.height);
+    let filmed: Vec<Vec<View>> = cameras
+        .par_iter()
+        .enumerate()
+        .map(|(number, &camera)| {
+            let backdrop = Backdrop::new(camera, still);
+            let background = in_memory(backdrop.image());
+            let frame = |index: usize| {
+                let time = index as f64 / options.frames as f64;
+                let shot = backdrop.shot(&solids_at(options, time));
+                view(format!("cam{number:02}/{index:04}"), camera, time, shot, background.clone())
+            };
+            (0..options.frames).into_par_iter().map(frame).collect()
+        })
+        .collect();
+    let mut filmed = filmed.into_iter();
+    Scene {
+        name: "built-in video".into(),
+        capture: Capture::Video,
+        test: filmed.next().unwrap_or_default(),
+        train: filmed.flatten().collect(),
+        points: sparse_points::sample(&cameras[1..], still, options.seed),
+    }
+}
+
+fn casual(options: &BuiltinOptions, still: &[Solid]) -> Scene {
+    let cameras = rig::photo_cameras(options.width, options.height, options.photos, options.seed);
+    let photo = |(index, &camera): (usize, &Camera)| {
+        let backdrop = Backdrop::new(camera, still);
+        let time = index as f64 / (options.photos - 1) as f64;
+        let shot = backdrop.shot(&solids_at(options, time));
+        view(format!("clutter{index:03}"), camera, time, shot, in_memory(backdrop.image()))
+    };
+    let empty = |index: usize| {
+        let time = (index as f64 + 0.5) / options.test_photos as f64;
+        let camera = rig::held_out_camera(options.width, options.height, time);
+        let shot = Backdrop::new(camera, still).shot(&[]);
+        let background = in_memory(shot.image.clone());
+        let mut view = view(format!("extra{index:03}"), camera, time, shot, background);
+        view.truth.dynamic_mask = None;
+        view
+    };
+    Scene {
+        name: "built-in casual".into(),
+        capture: Capture::Photos,
+        train: cameras.par_iter().enumerate().map(photo).collect(),
+        test: (0..options.test_photos).into_par_iter().map(empty).collect(),
+        points: sparse_points::sample(&cameras, still, options.seed),
+    }
+}
+
+fn solids_at(options: &BuiltinOptions, time: f64) -> Vec<Solid> {
+    moving_objects(options, time).into_iter().flat_map(|object| object.solids).collect()
+}
+
+fn view(name: String, camera: Camera, time: f64, shot: Shot, background: Picture) -> View {
+    let truth = Truth {
+        background: Some(background),
+        dynamic_mask: Some(in_memory(as_rgb(shot.mask))),
+        depth: Some(Arc::new(shot.depth)),
+    };
+    View { name, camera, time, image: in_memory(shot.image), truth }
+}
+
+fn in_memory(image: RgbImage) -> Picture {
+    Picture::Memory(Arc::new(image))
+}
+
+fn as_rgb(mask: GrayImage) -> RgbImage {
+    DynamicImage::from(mask).into_rgb8()
+}
+
+#[cfg(test)]
+mod tests;

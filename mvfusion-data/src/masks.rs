@@ -1,0 +1,49 @@
+//! Masks of what moves, kept in a folder of their own beside a scene.
+
+use std::path::Path;
+
+use tracing::{debug, warn};
+
+use crate::picture::file_size;
+use crate::{DataError, Picture, Scene};
+
+/// Extensions of mask files, in the order in which they are looked for.
+const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
+
+/// Sets [`Truth::dynamic_mask`](crate::Truth) of every view for which `folder` holds a file of the view's name, such as
+/// `cam00/0003.png`, and returns for how many. White means moving. A mask of another size than its view's picture is
+/// resized without blending when it is read.
+///
+/// # Errors
+/// [`DataError::Folder`] if the folder does not exist, [`DataError::Image`] if a mask has no readable header,
+/// [`DataError::Missing`] if no view has a mask.
+pub fn attach_masks(scene: &mut Scene, folder: &Path) -> Result<usize, DataError> {
+    if let Err(error) = std::fs::read_dir(folder) {
+        let advice = "Give the folder that holds the masks, named as the frames (white = moving)";
+        return Err(DataError::Folder { folder: folder.to_owned(), reason: error.to_string(), advice });
+    }
+    let mut attached = 0;
+    for view in scene.train.iter_mut().chain(&mut scene.test) {
+        let candidates = EXTENSIONS.map(|extension| folder.join(format!("{}.{extension}", view.name)));
+        let Some(path) = candidates.into_iter().find(|p| p.is_file()) else { continue };
+        let (width, height) = (view.camera.width, view.camera.height);
+        let (w, h) = file_size(&path)?;
+        // Compared as fractions: sizes that were rounded differ by up to a pixel.
+        if (w as f64 / h as f64 - width as f64 / height as f64).abs() * height as f64 > 2.0 {
+            warn!(mask = %path.display(), "the mask is {w}x{h}, the picture {width}x{height}: their shapes differ");
+        }
+        view.truth.dynamic_mask = Some(Picture::File { path, width: width as u32, height: height as u32 });
+        attached += 1;
+    }
+    let views = scene.train.len() + scene.test.len();
+    if attached == 0 {
+        let example = scene.train.iter().chain(&scene.test).next().map_or("", |v| &v.name);
+        return Err(DataError::Missing {
+            what: "mask of any view".into(),
+            folder: folder.to_owned(),
+            advice: format!("Masks are named as the views, for example {example}.png"),
+        });
+    }
+    debug!(masks = attached, views, "masks attached, white = moving");
+    Ok(attached)
+}

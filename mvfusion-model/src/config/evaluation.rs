@@ -1,0 +1,24 @@
+//! What is rendered and scored after training.
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+/// Evaluation on the test views.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct EvalConfig {
+    /// A folder of masks (white = dynamic), one a view and named as the views: `cam00/0000.png`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dynamic_masks: Option<PathBuf>,
+    /// Side-by-side pictures are written for this many test views, evenly spread; 0 for none.
+    pub strips: usize,
+    /// Whether every layer of every test view is written as a PNG of its own.
+    pub pictures: bool,
+}
+
+impl Default for EvalConfig {
+    fn default() -> Self {
+        Self { dynamic_masks: None, strips: 6, pictures: true }
+    }
+}

@@ -1,0 +1,73 @@
+//! Weights and switches of the losses.
+
+use serde::{Deserialize, Serialize};
+
+/// The losses (METHOD §4.4; numbers of DeGauss' Neu3D config). The main loss drives densification, the light one does not.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LossConfig {
+    /// Weight of the L1 terms of the main loss.
+    pub main: f64,
+    /// Whether the first stage blends both branches half and half instead of by the mask.
+    pub geometry_mean: bool,
+    /// Weight of the structural terms of each branch in the first stage.
+    pub geometry_dssim: f64,
+    /// Weight of the structural term of the composed picture (light loss).
+    pub composed_dssim: f64,
+    /// Weight of the structural term of each branch inside its own mask.
+    pub branch_dssim: f64,
+    /// Weight of the L1 term of each branch inside its own mask.
+    pub branch_l1: f64,
+    /// Weight of the spatial planes' second differences.
+    pub plane_smooth: f64,
+    /// Weight of the time planes' second differences.
+    pub time_smooth: f64,
+    /// Weight of the time planes' distance from one.
+    pub time_l1: f64,
+    /// Weight that keeps the foreground in front of the background; 0 switches it off.
+    pub depth_back: f64,
+    /// Weight that keeps what is not foreground behind the background; 0 switches it off.
+    pub depth_forward: f64,
+    /// Weight of the edge-aware smoothness of the background's depth.
+    pub depth_smooth: f64,
+    /// Weight against a foreground that looks like the background.
+    pub penalize_dynamic: f64,
+    /// Weight that pulls the brightness to one, in all stages.
+    pub brightness: f64,
+    /// Weight of the same at the end of densification, growing linearly from 0.001 (`weight_penal_light_end`).
+    pub brightness_end: f64,
+    /// Weight of the brightened background against the photo, early on.
+    pub brightness_explicit: f64,
+    /// Weight against Gaussians larger than a tenth of the extent.
+    pub large: f64,
+    /// Weight against Gaussians five times longer than wide, every tenth step.
+    pub spiky: f64,
+    /// Weight of the mask's entropy in the second half of training.
+    pub entropy: f64,
+}
+
+impl Default for LossConfig {
+    fn default() -> Self {
+        Self {
+            main: 1.0,
+            geometry_mean: true,
+            geometry_dssim: 0.2,
+            composed_dssim: 0.4,
+            branch_dssim: 0.4,
+            branch_l1: 2.0,
+            plane_smooth: 2e-4,
+            time_smooth: 1e-3,
+            time_l1: 1e-4,
+            depth_back: 0.1,
+            depth_forward: 0.1,
+            depth_smooth: 0.01,
+            penalize_dynamic: 0.01,
+            brightness: 1e-4,
+            brightness_end: 0.5,
+            brightness_explicit: 0.01,
+            large: 0.01,
+            spiky: 0.1,
+            entropy: 0.01,
+        }
+    }
+}

@@ -1,0 +1,52 @@
+//! Everything a run can be told, as one tree of plain structs; TOML on disk, unknown keys refused.
+//!
+//! The defaults are those of the preset `neu3d` at full length (METHOD §11, columns Neu3D, with the MVFusion overrides
+//! of §11.2); a shipped preset names only what it changes. Each default cites its source.
+
+mod check;
+mod densify;
+mod evaluation;
+mod loss;
+mod model;
+mod motion;
+mod optim;
+mod scale;
+mod scene;
+mod train;
+
+use serde::{Deserialize, Serialize};
+
+pub use densify::{BranchDensifyConfig, DensifyConfig, OpacityReset};
+pub use evaluation::EvalConfig;
+pub use loss::LossConfig;
+pub use model::{GridConfig, ModelConfig};
+pub use motion::{FusionWeights, MotionConfig, Refinement, TokenMode};
+pub use optim::{Decay, OptimConfig};
+pub use scene::{InitConfig, SceneConfig, SceneKind};
+pub use train::{StageConfig, TrainConfig};
+
+/// The configuration of a run.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// Seed of every random stream of the run.
+    pub seed: u64,
+    /// Which scene, and how to read it.
+    pub scene: SceneConfig,
+    /// The two clouds of Gaussians before the first step.
+    pub init: InitConfig,
+    /// The deformation network.
+    pub model: ModelConfig,
+    /// Motion statistics, MVG and MFTA.
+    pub motion: MotionConfig,
+    /// Stages, batches, logging.
+    pub train: TrainConfig,
+    /// Learning rates.
+    pub optim: OptimConfig,
+    /// Cloning, splitting, pruning, opacity resets.
+    pub densify: DensifyConfig,
+    /// Weights and switches of the losses.
+    pub loss: LossConfig,
+    /// What is rendered and scored after training.
+    pub eval: EvalConfig,
+}

@@ -1,0 +1,108 @@
+//! Motion statistics and the two modules that read them.
+
+use serde::{Deserialize, Serialize};
+
+/// MVG and MFTA (METHOD §10; the readings A5 to A21 are named at the keys).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MotionConfig {
+    /// Whether the motion-variance feature is added in the last stage.
+    pub mvg: bool,
+    /// Whether the temporal-attention feature is added in the last stage.
+    pub mfta: bool,
+    /// Steps between refreshes of the statistics, `E` (paper: 2000).
+    pub interval: usize,
+    /// Trajectory samples, `K` (paper: 64; A6).
+    pub samples: usize,
+    /// Every so-manieth sample is a knot of the variance dictionary (paper: 16; A6).
+    pub knot_stride: usize,
+    /// Half window of the local variance in samples, and distance of the neighbour tokens in frames, `w` (A7, A8).
+    pub window: usize,
+    /// Weights of the motion intensity (A9c).
+    pub weights: FusionWeights,
+    /// Decay of the moving mean and variance of the descriptors (A10).
+    pub decay: f64,
+    /// Added to the standard deviation of the descriptors (A10).
+    pub epsilon: f64,
+    /// Descriptors are squashed softly to plus or minus this (A10).
+    pub soft_clip: f64,
+    /// Octaves of the sinusoidal encoding (A11).
+    pub octaves: usize,
+    /// Hidden width of both MLPs (paper: 256; A11, A16).
+    pub hidden: usize,
+    /// Width of queries, keys and values over all heads (A15).
+    pub attention_width: usize,
+    /// Attention heads (A15).
+    pub heads: usize,
+    /// Which frames the attention looks at (A7).
+    pub tokens: TokenMode,
+    /// Whether the current frame is a key as well (A14).
+    pub include_self: bool,
+    /// How the refined offsets replace the base offsets (A3).
+    pub refinement: Refinement,
+    /// Gaussians handled at once when statistics and neighbour tokens are computed (A34).
+    pub chunk: usize,
+}
+
+impl Default for MotionConfig {
+    fn default() -> Self {
+        Self {
+            mvg: true,
+            mfta: true,
+            interval: 2000,
+            samples: 64,
+            knot_stride: 16,
+            window: 5,
+            weights: FusionWeights::default(),
+            decay: 0.99,
+            epsilon: 1e-6,
+            soft_clip: 3.0,
+            octaves: 4,
+            hidden: 256,
+            attention_width: 128,
+            heads: 4,
+            tokens: TokenMode::Triple,
+            include_self: false,
+            refinement: Refinement::Replace,
+            chunk: 16_384,
+        }
+    }
+}
+
+/// Weights of the three variances in the motion intensity (paper, eq. for the intensity score).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FusionWeights {
+    /// Weight of the position variance.
+    pub position: f64,
+    /// Weight of the scale variance.
+    pub scale: f64,
+    /// Weight of the rotation variance.
+    pub rotation: f64,
+}
+
+impl Default for FusionWeights {
+    fn default() -> Self {
+        Self { position: 0.7, scale: 0.2, rotation: 0.1 }
+    }
+}
+
+/// Which frames the attention of frame `i` looks at (A7).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TokenMode {
+    /// The two frames `i - w` and `i + w`.
+    Triple,
+    /// All frames from `i - w` to `i + w`.
+    FullWindow,
+}
+
+/// How the fused feature turns into offsets (A3).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Refinement {
+    /// The heads of the fused feature replace those of the base feature; the identity at the start.
+    Replace,
+    /// The paper's literal sum of both; doubles the offsets at the start.
+    Sum,
+}

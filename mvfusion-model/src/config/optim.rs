@@ -1,0 +1,91 @@
+//! Learning rates (METHOD §4.5).
+
+use serde::{Deserialize, Serialize};
+
+/// Learning rates of every parameter group. Those marked "times the extent" are multiplied by the scene's extent.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct OptimConfig {
+    /// Centres of both branches; times the extent.
+    pub means: Decay,
+    /// Trunk and attribute heads; times the extent.
+    pub deformation: Decay,
+    /// Mask heads, as a factor of `deformation`.
+    pub mask_heads_factor: f64,
+    /// HexPlane cells; times the extent.
+    pub grid: Decay,
+    /// MVG and MFTA; times the extent (A22: as `deformation`).
+    pub motion: Decay,
+    /// Steps over which the rates above decay.
+    pub decay_steps: usize,
+    /// Constant colour of both branches.
+    pub sh_dc: f64,
+    /// Higher colour coefficients and mask logits of the dynamic branch.
+    pub dynamic_sh_rest: Decay,
+    /// Higher colour coefficients of the static branch.
+    pub static_sh_rest: f64,
+    /// Opacity logits.
+    pub opacity: f64,
+    /// Log-scales.
+    pub scale: f64,
+    /// Quaternions.
+    pub rotation: f64,
+    /// Adam's first decay.
+    pub beta1: f64,
+    /// Adam's second decay.
+    pub beta2: f64,
+    /// Adam's epsilon (3DGS: 1e-15).
+    pub epsilon: f64,
+}
+
+/// A learning rate that falls log-linearly from `start` to `end` (METHOD §4.5).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Decay {
+    /// Rate at the first step.
+    pub start: f64,
+    /// Rate at the end of the horizon and after it.
+    pub end: f64,
+}
+
+impl Decay {
+    /// The rate at `step` of `horizon` steps: `exp((1 - tau) ln start + tau ln end)`, `tau` clipped to `[0, 1]`.
+    pub fn at(&self, step: usize, horizon: usize) -> f64 {
+        let tau = (step as f64 / horizon.max(1) as f64).clamp(0.0, 1.0);
+        ((1.0 - tau) * self.start.ln() + tau * self.end.ln()).exp()
+    }
+}
+
+impl Default for OptimConfig {
+    fn default() -> Self {
+        Self {
+            means: Decay { start: 1.6e-4, end: 1.6e-6 },
+            deformation: Decay { start: 1.6e-4, end: 1.6e-5 },
+            mask_heads_factor: 0.01,
+            grid: Decay { start: 8e-4, end: 5e-6 },
+            motion: Decay { start: 1.6e-4, end: 1.6e-5 },
+            decay_steps: 20_000,
+            sh_dc: 0.0025,
+            dynamic_sh_rest: Decay { start: 0.0025 / 8.0, end: 0.0025 / 20.0 },
+            static_sh_rest: 0.0025 / 20.0,
+            opacity: 0.05,
+            scale: 0.005,
+            rotation: 0.001,
+            beta1: 0.9,
+            beta2: 0.999,
+            epsilon: 1e-15,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rate_falls_log_linearly_and_then_stays() {
+        let rate = Decay { start: 1e-2, end: 1e-4 };
+        assert!((rate.at(50, 100) - 1e-3).abs() < 1e-15);
+        assert_eq!(rate.at(100, 100), rate.at(1000, 100));
+    }
+}

@@ -1,0 +1,66 @@
+//! Which scene is trained on, and the clouds of Gaussians that training starts from.
+
+use std::path::PathBuf;
+
+use mvfusion_data::builtin::BuiltinKind;
+use mvfusion_data::neu3d::TimeRule;
+use serde::{Deserialize, Serialize};
+
+/// How the scene is read.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SceneConfig {
+    /// Folder of the scene; without one, the built-in scene is made. The program's `--data` sets it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub data: Option<PathBuf>,
+    /// Kind of the built-in scene, where there is no folder.
+    pub kind: SceneKind,
+    /// Seed of the built-in scene, apart from the run's, so that seeds of one sweep train on one scene.
+    pub seed: u64,
+    /// Pictures are reduced by this factor when read; at least 1.
+    pub downscale: f64,
+    /// At most this many frames a camera (DeGauss reads the first 300).
+    pub frames: usize,
+    /// How a frame's number becomes a time in `[0, 1]`.
+    pub time: TimeRule,
+}
+
+/// The kind of the built-in scene.
+pub type SceneKind = BuiltinKind;
+
+impl Default for SceneConfig {
+    fn default() -> Self {
+        Self { data: None, kind: SceneKind::Video, seed: 1, downscale: 1.0, frames: 300, time: TimeRule::default() }
+    }
+}
+
+/// The clouds of Gaussians before the first step (METHOD §3).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct InitConfig {
+    /// Dynamic Gaussians strewn uniformly over the scene's box. DeGauss: 10 000 for video, 30 000 for photos.
+    pub dynamic_points: usize,
+    /// Dynamic Gaussians put on random points of the cloud, at most a tenth of it. DeGauss: 100 for video.
+    pub dynamic_from_cloud: usize,
+    /// Static Gaussians strewn uniformly over the scene's box, beside those on the points; ours, for clouds with gaps.
+    pub static_points: usize,
+    /// Static Gaussians on a far sphere. DeGauss: 100 000 for photos, none for video.
+    pub sky_points: usize,
+    /// The box reaches beyond the cameras by at most this many scene extents (DeGauss: 5).
+    pub box_reach: f64,
+    /// Opacity of every Gaussian (3DGS: 0.1).
+    pub opacity: f64,
+}
+
+impl Default for InitConfig {
+    fn default() -> Self {
+        Self {
+            dynamic_points: 10_000,
+            dynamic_from_cloud: 100,
+            static_points: 0,
+            sky_points: 0,
+            box_reach: 5.0,
+            opacity: 0.1,
+        }
+    }
+}

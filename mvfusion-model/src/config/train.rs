@@ -1,0 +1,55 @@
+//! Stages, batches and logging.
+
+use serde::{Deserialize, Serialize};
+
+/// The course of training (METHOD §4.1, §10.3 A1, §11.2).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrainConfig {
+    /// Multiplies every iteration count of the run: stages, horizons, intervals; see [`Config::scaled`](super::Config::scaled).
+    pub scale: f64,
+    /// Lengths of the three stages.
+    pub stages: StageConfig,
+    /// Views a step (DeGauss: 2 for video, 4 for photos).
+    pub batch_size: usize,
+    /// Steps between one more degree of spherical harmonics, dynamic branch (METHOD §4.6).
+    pub dynamic_sh_interval: usize,
+    /// The same for the static branch.
+    pub static_sh_interval: usize,
+    /// Steps between lines of `metrics.jsonl`; not scaled.
+    pub log_interval: usize,
+    /// Steps between checkpoints; 0 writes one at the end only.
+    pub checkpoint_interval: usize,
+}
+
+/// Lengths of the three stages in optimiser steps (paper, training strategy; METHOD §11.2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct StageConfig {
+    /// Base geometry: both branches, no deformation.
+    pub geometry: usize,
+    /// Base deformation: HexPlane and heads.
+    pub deformation: usize,
+    /// Motion-aware refinement: MVG and MFTA join.
+    pub refinement: usize,
+}
+
+impl Default for StageConfig {
+    fn default() -> Self {
+        Self { geometry: 2000, deformation: 3000, refinement: 20_000 }
+    }
+}
+
+impl Default for TrainConfig {
+    fn default() -> Self {
+        Self {
+            scale: 1.0,
+            stages: StageConfig::default(),
+            batch_size: 2,
+            dynamic_sh_interval: 200,
+            static_sh_interval: 200,
+            log_interval: 10,
+            checkpoint_interval: 0,
+        }
+    }
+}

@@ -1,0 +1,183 @@
+//! A branch in training: its Gaussians, their moments and what was seen of them.
+
+use burn::tensor::{Int, Tensor, TensorData};
+use glam::{DQuat, DVec3};
+use serde::{Deserialize, Serialize};
+
+use super::plan::{SplitParent, split_log_scale};
+use super::{DensifyPlan, DensifyStatistics, ResetPlan};
+use crate::config::OpacityReset;
+use crate::gaussians::{Attribute, Gaussians};
+use crate::optim::GaussianOptimiser;
+use crate::random::Stream;
+use crate::{ModelError, tensors};
+
+/// The Gaussians of a branch with all that training keeps about them.
+#[derive(Clone, Debug)]
+pub struct Branch {
+    /// The Gaussians.
+    pub gaussians: Gaussians,
+    /// Their moments.
+    pub optimiser: GaussianOptimiser,
+    /// What was seen of them.
+    pub statistics: DensifyStatistics,
+    /// Degree of the spherical harmonics in use.
+    pub sh_degree: usize,
+}
+
+/// How often the rows of a branch changed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Census {
+    /// Gaussians cloned or made by splitting.
+    pub added: usize,
+    /// Gaussians removed by pruning.
+    pub pruned: usize,
+    /// Opacity resets.
+    pub resets: usize,
+}
+
+impl Branch {
+    /// A branch before its first step.
+    pub fn new(gaussians: Gaussians) -> Self {
+        let statistics = DensifyStatistics::new(&gaussians.means.val());
+        Self { gaussians, optimiser: GaussianOptimiser::default(), statistics, sh_degree: 0 }
+    }
+
+    /// Forgets moments and statistics, as at the start of a stage.
+    pub fn restart(&mut self) {
+        self.optimiser = GaussianOptimiser::default();
+        self.statistics = DensifyStatistics::new(&self.gaussians.means.val());
+    }
+
+    /// Clones and splits the Gaussians with large gradients. Returns the parent of every row afterwards, for caches that
+    /// follow the rows, or `None` if nothing changed.
+    ///
+    /// # Errors
+    /// If the device cannot hand its numbers back.
+    pub fn densify(
+        &mut self,
+        threshold: f64,
+        clone_size: f64,
+        stream: &mut Stream,
+    ) -> Result<Option<Vec<usize>>, ModelError> {
+        let gradients: Vec<f64> = tensors::read(self.statistics.mean_gradients())?;
+        let axes: Vec<f64> = tensors::read(self.plain(Attribute::LogScales).max_dim(1).exp())?;
+        let plan = DensifyPlan::new(&gradients, &axes, threshold, clone_size);
+        let normals = (0..2 * plan.split.len()).map(|_| DVec3::from_array(std::array::from_fn(|_| stream.normal()))).collect::<Vec<_>>();
+        self.grow(&plan, &normals)
+    }
+
+    /// Carries out a plan; `normals` are one draw for each half of a split Gaussian, first halves first.
+    ///
+    /// # Errors
+    /// If the device cannot hand its numbers back.
+    pub fn grow(&mut self, plan: &DensifyPlan, normals: &[DVec3]) -> Result<Option<Vec<usize>>, ModelError> {
+        if plan.is_empty() {
+            self.statistics = self.statistics.rearranged(&self.rows(&plan.sources()));
+            return Ok(None);
+        }
+        let sources = plan.sources();
+        let children = self.children(plan, normals)?;
+        let whole = plan.kept.len() + plan.cloned.len();
+        let rows = self.rows(&sources);
+        for attribute in Attribute::ALL {
+            let Some(values) = self.gaussians.plain(attribute) else { continue };
+            let values = values.select(0, rows.clone());
+            let (old, halves) = (values.clone().narrow(0, 0, whole), 2 * plan.split.len());
+            let values = match attribute {
+                _ if halves == 0 => values,
+                Attribute::Means => Tensor::cat(vec![old, children.clone()], 0),
+                Attribute::LogScales => Tensor::cat(vec![old, values.narrow(0, whole, halves) + split_log_scale()], 0),
+                _ => values,
+            };
+            self.gaussians.replace(attribute, values);
+        }
+        self.optimiser.rearrange(&self.rows(&plan.kept), plan.added());
+        self.statistics = self.statistics.rearranged(&rows);
+        Ok(Some(sources))
+    }
+
+    /// Centres of both halves of every split Gaussian: `[2 S, 3]`.
+    fn children(&self, plan: &DensifyPlan, normals: &[DVec3]) -> Result<Tensor<2>, ModelError> {
+        let means = self.plain(Attribute::Means);
+        if plan.split.is_empty() {
+            return Ok(means.narrow(0, 0, 1));
+        }
+        let rows = self.rows(&plan.split);
+        let read = |attribute| tensors::read::<2, f64>(self.plain(attribute).select(0, rows.clone()));
+        let (centres, scales) = (read(Attribute::Means)?, read(Attribute::LogScales)?);
+        let rotations = read(Attribute::Quaternions)?;
+        let parent = |i: usize| SplitParent {
+            mean: DVec3::from_slice(&centres[3 * i..]),
+            log_scale: DVec3::from_slice(&scales[3 * i..]),
+            rotation: DQuat::from_xyzw(rotations[4 * i + 1], rotations[4 * i + 2], rotations[4 * i + 3], rotations[4 * i]),
+        };
+        let count = plan.split.len();
+        let positions: Vec<f64> =
+            normals.iter().enumerate().flat_map(|(half, &normal)| parent(half % count).child(normal).to_array()).collect();
+        Ok(tensors::from_data_like(TensorData::new(positions, [2 * count, 3]), &means))
+    }
+
+    /// Removes Gaussians that are too faint, and, if `min_foreground` is given, dynamic ones that were never part of the
+    /// foreground. Returns the rows that stay, or `None` if all do.
+    ///
+    /// # Errors
+    /// If the device cannot hand its numbers back.
+    pub fn prune(&mut self, min_opacity: f64, min_foreground: Option<f64>) -> Result<Option<Vec<usize>>, ModelError> {
+        let opacities: Vec<f64> =
+            tensors::read(burn::tensor::activation::sigmoid(self.plain(Attribute::OpacityLogits)))?;
+        let foreground: Vec<f64> = match min_foreground {
+            Some(_) => tensors::read(self.statistics.foreground.clone())?,
+            None => Vec::new(),
+        };
+        let used = |row: usize| min_foreground.is_none_or(|least| foreground[row] >= least);
+        let kept: Vec<usize> =
+            (0..opacities.len()).filter(|&row| opacities[row] >= min_opacity && used(row)).collect();
+        // A branch never loses its last Gaussian: an empty tensor is of no use to anyone.
+        if kept.len() == opacities.len() || kept.is_empty() {
+            return Ok(None);
+        }
+        self.keep(&kept);
+        Ok(Some(kept))
+    }
+
+    /// Keeps the given rows alone.
+    pub fn keep(&mut self, kept: &[usize]) {
+        let rows = self.rows(kept);
+        for attribute in Attribute::ALL {
+            if let Some(values) = self.gaussians.plain(attribute) {
+                self.gaussians.replace(attribute, values.select(0, rows.clone()));
+            }
+        }
+        self.optimiser.rearrange(&rows, 0);
+        let follow = |values: &Tensor<2>| values.clone().select(0, rows.clone());
+        self.statistics = DensifyStatistics {
+            gradients: follow(&self.statistics.gradients),
+            seen: follow(&self.statistics.seen),
+            foreground: follow(&self.statistics.foreground),
+        };
+    }
+
+    /// Makes a random share of the Gaussians nearly transparent.
+    ///
+    /// # Errors
+    /// If the device cannot hand its numbers back.
+    pub fn reset_opacity(&mut self, plan: &ResetPlan, others: OpacityReset) -> Result<(), ModelError> {
+        let logits = self.plain(Attribute::OpacityLogits);
+        let reset = plan.apply(&tensors::read::<2, f64>(logits.clone())?, others);
+        let count = reset.len();
+        let reset = tensors::from_data_like(TensorData::new(reset, [count, 1]), &logits);
+        self.gaussians.replace(Attribute::OpacityLogits, reset);
+        self.optimiser.reset(Attribute::OpacityLogits);
+        Ok(())
+    }
+
+    /// The numbers of an attribute that every branch has.
+    fn plain(&self, attribute: Attribute) -> Tensor<2> {
+        self.gaussians.plain(attribute).expect("only mask logits may be absent, and they are not asked for here")
+    }
+
+    fn rows(&self, rows: &[usize]) -> Tensor<1, Int> {
+        tensors::rows_like(rows, &self.gaussians.means.val())
+    }
+}

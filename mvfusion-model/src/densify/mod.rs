@@ -1,0 +1,9 @@
+//! Where Gaussians are added, removed and made transparent (METHOD §4.7 to §4.11).
+
+mod branch;
+mod plan;
+mod statistics;
+
+pub use branch::{Branch, Census};
+pub use plan::{DensifyPlan, ResetPlan};
+pub use statistics::DensifyStatistics;

@@ -1,0 +1,47 @@
+//! What training has seen of each Gaussian since the last change of rows.
+
+use burn::tensor::{Int, Tensor};
+
+/// Sums over the views of many steps, `[N, 1]` each, without autodiff; nothing is read back.
+#[derive(Clone, Debug)]
+pub struct DensifyStatistics {
+    /// Sum of the norms of the screen-space gradients.
+    pub gradients: Tensor<2>,
+    /// Number of steps in which the Gaussian was visible.
+    pub seen: Tensor<2>,
+    /// Highest foreground probability of a visible moment (dynamic branch; METHOD §4.7).
+    pub foreground: Tensor<2>,
+}
+
+impl DensifyStatistics {
+    /// Nothing seen yet of the Gaussians with these centres `[N, 3]`.
+    pub fn new(means: &Tensor<2>) -> Self {
+        let zeros = Tensor::zeros([means.dims()[0], 1], (&means.device().inner(), means.dtype()));
+        Self { gradients: zeros.clone(), seen: zeros.clone(), foreground: zeros }
+    }
+
+    /// Takes in one step: the gradient of the main loss with respect to the projected centres, summed over the batch
+    /// (`[N, 2]`, NDC), and 1 for the Gaussians visible in any view, 0 for the others (`[N, 1]`).
+    pub fn record(&mut self, gradient: Tensor<2>, visible: Tensor<2>) {
+        let norm = gradient.powf_scalar(2.0).sum_dim(1).sqrt();
+        self.gradients = self.gradients.clone() + norm * visible.clone();
+        self.seen = self.seen.clone() + visible;
+    }
+
+    /// Takes in the foreground probabilities `[N, 1]` of the visible Gaussians.
+    pub fn record_foreground(&mut self, probability: Tensor<2>, visible: Tensor<2>) {
+        self.foreground = self.foreground.clone().max_pair(probability * visible);
+    }
+
+    /// Mean norm of the gradient per step seen; 0 where never seen.
+    pub fn mean_gradients(&self) -> Tensor<2> {
+        // Never seen means a sum of 0, so any divisor will do there.
+        self.gradients.clone() / self.seen.clone().clamp_min(1.0)
+    }
+
+    /// The statistics after a change of rows: gradients start again, foreground probabilities follow `sources`.
+    pub fn rearranged(&self, sources: &Tensor<1, Int>) -> Self {
+        let foreground = self.foreground.clone().select(0, sources.clone());
+        Self { gradients: foreground.zeros_like(), seen: foreground.zeros_like(), foreground }
+    }
+}

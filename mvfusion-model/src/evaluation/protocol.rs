@@ -1,0 +1,154 @@
+//! The evaluation protocol `mvfusion`: which pictures are compared with which, and how figures are averaged.
+
+use image::{GrayImage, RgbImage};
+use mvfusion_data::{Capture, Scene, View};
+use serde::{Deserialize, Serialize};
+
+use super::metrics::{MaskOverlap, masked_psnr, psnr, ssim};
+use super::render::{ViewPictures, render_view};
+use crate::ModelError;
+use crate::model::{Model, Movement, Surroundings};
+use crate::train::picture_tensor;
+
+/// Name of the protocol, written beside every figure: last iteration, PSNR after an 8-bit round trip and averaged over
+/// views, SSIM with zero padding on unrounded pictures, static branch against the clean background.
+pub const PROTOCOL: &str = "mvfusion-1: last iteration; PSNR of 8-bit pictures, mean over views; SSIM 11x11 sigma 1.5 zero-padded; \
+     dynamic region and mask IoU where masks are known, IoU pooled at 0.5";
+
+/// Figures of a layer. A figure that is not known is absent.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LayerScores {
+    /// Mean PSNR in dB.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub psnr: Option<f64>,
+    /// Mean SSIM.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub ssim: Option<f64>,
+}
+
+/// Figures of a set of views.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Scores {
+    /// The blended picture against the photo.
+    pub composed: LayerScores,
+    /// The static branch against the clean background.
+    #[serde(rename = "static", skip_serializing_if = "Option::is_none", default)]
+    pub static_: Option<LayerScores>,
+    /// The blended picture against the photo, inside the true dynamic mask.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub dynamic_region: Option<LayerScores>,
+    /// Overlap of predicted and true mask.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub mask_iou: Option<f64>,
+}
+
+/// Figures of one view.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ViewScores {
+    /// The view's name.
+    pub view: String,
+    /// Its figures.
+    #[serde(flatten)]
+    pub scores: Scores,
+}
+
+/// The result of an evaluation.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Evaluation {
+    /// Means over the views.
+    pub mean: Scores,
+    /// Each view.
+    pub views: Vec<ViewScores>,
+}
+
+/// Renders and scores the test views of a scene with a model without autodiff. `sink` gets every view's pictures, to show
+/// or to keep.
+///
+/// # Errors
+/// If a picture cannot be read, the device fails, or the sink does.
+pub fn evaluate<E: From<ModelError>>(
+    model: &Model,
+    scene: &Scene,
+    movement: Movement,
+    surroundings: &Surroundings,
+    mut sink: impl FnMut(usize, &View, &ViewPictures) -> Result<(), E>,
+) -> Result<Evaluation, E> {
+    let mut views = Vec::with_capacity(scene.test.len());
+    let mut overlap = MaskOverlap::default();
+    for (index, view) in scene.test.iter().enumerate() {
+        let pictures = render_view(model, view, movement, surroundings)?;
+        let scores = score(&pictures, view, scene.capture, &mut overlap)?;
+        sink(index, view, &pictures)?;
+        views.push(ViewScores { view: view.name.clone(), scores });
+    }
+    let mut mean = average(&views);
+    mean.mask_iou = overlap.ratio();
+    Ok(Evaluation { mean, views })
+}
+
+fn score(
+    pictures: &ViewPictures,
+    view: &View,
+    capture: Capture,
+    overlap: &mut MaskOverlap,
+) -> Result<Scores, ModelError> {
+    let photo = view.image.rgb()?;
+    let mask = view.truth.dynamic_mask.as_ref().map(|mask| mask.mask()).transpose()?;
+    let composed = LayerScores {
+        psnr: psnr(&pictures.composed, &photo),
+        ssim: Some(compare(pictures.composed_tensor.clone(), &photo)?),
+    };
+    let dynamic_region = mask.as_ref().and_then(|mask| region(&pictures.composed, &photo, mask));
+    let mut mask_iou = None;
+    if let Some(mask) = &mask {
+        overlap.add(&pictures.mask, mask);
+        let mut own = MaskOverlap::default();
+        own.add(&pictures.mask, mask);
+        mask_iou = own.ratio();
+    }
+    let static_ = match clean_background(view, capture)? {
+        Some(clean) => Some(LayerScores {
+            psnr: psnr(&pictures.static_, &clean),
+            ssim: Some(compare(pictures.static_tensor.clone(), &clean)?),
+        }),
+        None => None,
+    };
+    Ok(Scores { composed, static_, dynamic_region, mask_iou })
+}
+
+fn region(picture: &RgbImage, photo: &RgbImage, mask: &GrayImage) -> Option<LayerScores> {
+    masked_psnr(picture, photo, mask).map(|psnr| LayerScores { psnr: Some(psnr), ssim: None })
+}
+
+fn compare(picture: burn::tensor::Tensor<4>, reference: &RgbImage) -> Result<f64, ModelError> {
+    let reference = picture_tensor(reference, &picture.device());
+    ssim(picture, reference)
+}
+
+/// What the static branch should show: the known background, or the photo itself where test views are clean.
+fn clean_background(view: &View, capture: Capture) -> Result<Option<std::sync::Arc<RgbImage>>, ModelError> {
+    match (&view.truth.background, capture) {
+        (Some(background), _) => Ok(Some(background.rgb()?)),
+        (None, Capture::Photos) => Ok(Some(view.image.rgb()?)),
+        (None, Capture::Video) => Ok(None),
+    }
+}
+
+/// Means over the views that have the figure; absent if none has.
+fn average(views: &[ViewScores]) -> Scores {
+    let mean = |figure: &dyn Fn(&Scores) -> Option<f64>| -> Option<f64> {
+        let known: Vec<f64> = views.iter().filter_map(|view| figure(&view.scores)).collect();
+        (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
+    };
+    let layer = |layer: &dyn Fn(&Scores) -> Option<LayerScores>| LayerScores {
+        psnr: mean(&|scores| layer(scores)?.psnr),
+        ssim: mean(&|scores| layer(scores)?.ssim),
+    };
+    let known = |scores: LayerScores| (scores != LayerScores::default()).then_some(scores);
+    Scores {
+        composed: layer(&|scores| Some(scores.composed)),
+        static_: known(layer(&|scores| scores.static_)),
+        dynamic_region: known(layer(&|scores| scores.dynamic_region)),
+        mask_iou: None,
+    }
+}

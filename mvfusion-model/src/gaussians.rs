@@ -1,0 +1,261 @@
+//! A set of Gaussians: the raw attributes that are optimised (METHOD §1.1).
+
+use std::fmt;
+
+use burn::module::{Module, Param, ParamId};
+use burn::tensor::{DType, Device, Int, Tensor, TensorData, activation::sigmoid};
+use mvfusion_data::Camera;
+use mvfusion_render::splat::{self, SplatInputs, SplatPicture, SplatSettings};
+use serde::{Deserialize, Serialize};
+
+use crate::network::Offsets;
+
+/// Colour of a Gaussian is `0.5 + SH_C0 * dc` where no direction counts.
+pub const SH_C0: f64 = 0.282_094_791_773_878_14;
+
+/// Background of every picture: "near black" (METHOD §1.3).
+const BACKGROUND: f64 = 1e-7;
+
+/// Gaussians as raw numbers, before any activation; one row each.
+#[derive(Module, Debug)]
+pub struct Gaussians {
+    /// Centres in world units: `[N, 3]`.
+    pub means: Param<Tensor<2>>,
+    /// Constant colour coefficients: `[N, 3]`.
+    pub sh_dc: Param<Tensor<2>>,
+    /// Higher colour coefficients, coefficient by coefficient, colour fastest: `[N, 45]` for degree 3.
+    pub sh_rest: Param<Tensor<2>>,
+    /// Opacity logits: `[N, 1]`.
+    pub opacity_logits: Param<Tensor<2>>,
+    /// Log-scales: `[N, 3]`.
+    pub log_scales: Param<Tensor<2>>,
+    /// Quaternions w, x, y, z, not normalised: `[N, 4]`.
+    pub quaternions: Param<Tensor<2>>,
+    /// Mask logits in the order static, brightness, dynamic: `[N, 3]`; of the dynamic branch alone.
+    pub mask_logits: Option<Param<Tensor<2>>>,
+}
+
+/// The name of an attribute of a Gaussian.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Attribute {
+    /// [`Gaussians::means`].
+    Means,
+    /// [`Gaussians::sh_dc`].
+    ShDc,
+    /// [`Gaussians::sh_rest`].
+    ShRest,
+    /// [`Gaussians::opacity_logits`].
+    OpacityLogits,
+    /// [`Gaussians::log_scales`].
+    LogScales,
+    /// [`Gaussians::quaternions`].
+    Quaternions,
+    /// [`Gaussians::mask_logits`].
+    MaskLogits,
+}
+
+impl Attribute {
+    /// All attributes.
+    pub const ALL: [Self; 7] = [
+        Self::Means,
+        Self::ShDc,
+        Self::ShRest,
+        Self::OpacityLogits,
+        Self::LogScales,
+        Self::Quaternions,
+        Self::MaskLogits,
+    ];
+
+    /// Name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Means => "means",
+            Self::ShDc => "sh_dc",
+            Self::ShRest => "sh_rest",
+            Self::OpacityLogits => "opacity_logits",
+            Self::LogScales => "log_scales",
+            Self::Quaternions => "quaternions",
+            Self::MaskLogits => "mask_logits",
+        }
+    }
+}
+
+impl fmt::Display for Attribute {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// Raw attributes as tensors, ready to be rendered: canonical or deformed.
+#[derive(Clone, Debug)]
+pub struct RawGaussians {
+    /// Centres: `[N, 3]`.
+    pub means: Tensor<2>,
+    /// Colour coefficients: `[N, K, 3]`.
+    pub sh: Tensor<3>,
+    /// Opacity logits: `[N, 1]`.
+    pub opacity_logits: Tensor<2>,
+    /// Log-scales: `[N, 3]`.
+    pub log_scales: Tensor<2>,
+    /// Quaternions: `[N, 4]`.
+    pub quaternions: Tensor<2>,
+    /// Mask logits static, brightness, dynamic: `[N, 3]`.
+    pub mask_logits: Option<Tensor<2>>,
+}
+
+impl Gaussians {
+    /// Gaussians of the given attributes; every tensor becomes a parameter.
+    pub fn from_tensors(raw: impl Fn(Attribute) -> Option<Tensor<2>>) -> Option<Self> {
+        let parameter = |attribute| raw(attribute).map(Param::from_tensor);
+        Some(Self {
+            means: parameter(Attribute::Means)?,
+            sh_dc: parameter(Attribute::ShDc)?,
+            sh_rest: parameter(Attribute::ShRest)?,
+            opacity_logits: parameter(Attribute::OpacityLogits)?,
+            log_scales: parameter(Attribute::LogScales)?,
+            quaternions: parameter(Attribute::Quaternions)?,
+            mask_logits: parameter(Attribute::MaskLogits),
+        })
+    }
+
+    /// Number of Gaussians.
+    pub fn count(&self) -> usize {
+        self.means.dims()[0]
+    }
+
+    /// The parameter of an attribute.
+    pub fn attribute(&self, attribute: Attribute) -> Option<&Param<Tensor<2>>> {
+        match attribute {
+            Attribute::Means => Some(&self.means),
+            Attribute::ShDc => Some(&self.sh_dc),
+            Attribute::ShRest => Some(&self.sh_rest),
+            Attribute::OpacityLogits => Some(&self.opacity_logits),
+            Attribute::LogScales => Some(&self.log_scales),
+            Attribute::Quaternions => Some(&self.quaternions),
+            Attribute::MaskLogits => self.mask_logits.as_ref(),
+        }
+    }
+
+    /// The numbers of an attribute without autodiff.
+    pub fn plain(&self, attribute: Attribute) -> Option<Tensor<2>> {
+        self.attribute(attribute).map(|parameter| parameter.val().inner())
+    }
+
+    /// Takes the numbers of an attribute out, without autodiff, so that they can be changed in place; to be put back by
+    /// [`Gaussians::replace`]. Until then the attribute is empty.
+    pub fn take(&mut self, attribute: Attribute) -> Option<Tensor<2>> {
+        let slot = self.slot(attribute)?;
+        let empty = Param::initialized(ParamId::new(), Tensor::empty([0, 0], &slot.val().device().inner()));
+        Some(std::mem::replace(slot, empty).into_value().inner())
+    }
+
+    /// Puts new numbers (without autodiff) in place of an attribute, as a fresh parameter.
+    pub fn replace(&mut self, attribute: Attribute, values: Tensor<2>) {
+        if let Some(slot) = self.slot(attribute) {
+            *slot = Param::from_tensor(values.autodiff());
+        }
+    }
+
+    fn slot(&mut self, attribute: Attribute) -> Option<&mut Param<Tensor<2>>> {
+        match attribute {
+            Attribute::Means => Some(&mut self.means),
+            Attribute::ShDc => Some(&mut self.sh_dc),
+            Attribute::ShRest => Some(&mut self.sh_rest),
+            Attribute::OpacityLogits => Some(&mut self.opacity_logits),
+            Attribute::LogScales => Some(&mut self.log_scales),
+            Attribute::Quaternions => Some(&mut self.quaternions),
+            Attribute::MaskLogits => self.mask_logits.as_mut(),
+        }
+    }
+
+    /// The canonical Gaussians.
+    pub fn canonical(&self) -> RawGaussians {
+        let sh = Tensor::cat(vec![self.sh_dc.val(), self.sh_rest.val()], 1);
+        let [count, columns] = sh.dims();
+        RawGaussians {
+            means: self.means.val(),
+            sh: sh.reshape([count, columns / 3, 3]),
+            opacity_logits: self.opacity_logits.val(),
+            log_scales: self.log_scales.val(),
+            quaternions: self.quaternions.val(),
+            mask_logits: self.mask_logits.as_ref().map(|logits| logits.val()),
+        }
+    }
+}
+
+impl RawGaussians {
+    /// The Gaussians moved and changed by `offsets`, all in raw units (METHOD §2.3).
+    pub fn deformed(self, offsets: Offsets) -> Self {
+        let [count, coefficients, _] = self.sh.dims();
+        let sh_offsets = offsets.sh.narrow(1, 0, coefficients * 3).reshape([count, coefficients, 3]);
+        Self {
+            means: self.means + offsets.means,
+            sh: self.sh + sh_offsets,
+            opacity_logits: self.opacity_logits + offsets.opacity_logits,
+            log_scales: self.log_scales + offsets.log_scales,
+            quaternions: self.quaternions + offsets.quaternions,
+            mask_logits: match (self.mask_logits, offsets.mask_logits) {
+                (Some(logits), Some(offsets)) => Some(logits + offsets),
+                (logits, _) => logits,
+            },
+        }
+    }
+
+    /// Splat features: mask probabilities in the order brightness, static, dynamic, as METHOD §1.2 renders them: `[N, 3]`.
+    pub fn mask_features(&self) -> Option<Tensor<2>> {
+        let logits = self.mask_logits.clone()?;
+        let column = |index| logits.clone().narrow(1, index, 1);
+        Some(sigmoid(Tensor::cat(vec![column(1), column(0), column(2)], 1)))
+    }
+
+    /// How surely each Gaussian is part of the foreground: `clamp(u_d / (u_d + u_s)) * opacity`, `[N, 1]` (METHOD §1.4).
+    pub fn foreground_probability(&self) -> Option<Tensor<2>> {
+        let probabilities = sigmoid(self.mask_logits.clone()?.inner());
+        let (static_, dynamic) = (probabilities.clone().narrow(1, 0, 1), probabilities.narrow(1, 2, 1));
+        let share = dynamic.clone() / (dynamic + static_ + 1e-6);
+        Some(share.clamp(1e-9, 1.0 - 1e-9) * sigmoid(self.opacity_logits.clone().inner()))
+    }
+
+    /// The picture of these Gaussians and `features` (`[N, F]`, activated), over a near-black background.
+    pub fn splat(
+        self,
+        features: Option<Tensor<2>>,
+        probe: Option<Tensor<2>>,
+        camera: &Camera,
+        settings: &SplatSettings,
+    ) -> Result<SplatPicture, splat::SplatError> {
+        let channels = 3 + features.as_ref().map_or(0, |features| features.dims()[1]);
+        let background = Tensor::full([channels], BACKGROUND, (&self.means.device().inner(), self.means.dtype()));
+        let count = self.means.dims()[0];
+        let inputs = SplatInputs {
+            means: self.means,
+            quaternions: self.quaternions,
+            log_scales: self.log_scales,
+            opacity_logits: self.opacity_logits.reshape([count]),
+            sh: self.sh,
+            features,
+            background,
+        };
+        splat::splat(inputs, probe, camera, settings)
+    }
+
+    /// The rows of the given Gaussians.
+    pub fn select(self, rows: &Tensor<1, Int>) -> Self {
+        Self {
+            means: self.means.select(0, rows.clone()),
+            sh: self.sh.select(0, rows.clone()),
+            opacity_logits: self.opacity_logits.select(0, rows.clone()),
+            log_scales: self.log_scales.select(0, rows.clone()),
+            quaternions: self.quaternions.select(0, rows.clone()),
+            mask_logits: self.mask_logits.map(|logits| logits.select(0, rows.clone())),
+        }
+    }
+}
+
+/// A `[rows, columns]` parameter tensor of `f64` numbers, in the given precision, on the device with autodiff.
+pub(crate) fn attribute_tensor(values: Vec<f64>, columns: usize, device: &Device, dtype: DType) -> Tensor<2> {
+    let rows = values.len() / columns.max(1);
+    let data = TensorData::new(values, [rows, columns]).convert_dtype(dtype);
+    Tensor::from_data(data, (device, dtype))
+}

@@ -1,0 +1,173 @@
+//! The two clouds of Gaussians before the first step (METHOD §3).
+
+use burn::tensor::{DType, Device};
+use glam::{DVec3, Vec3};
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use mvfusion_data::{Bounds, PointCloud, Scene};
+use rayon::prelude::*;
+
+use crate::config::InitConfig;
+use crate::gaussians::{Attribute, Gaussians, SH_C0, attribute_tensor};
+use crate::random::Stream;
+
+/// Mean squared distances below this are taken as this, so that a scale has a logarithm (3DGS).
+const MIN_SQUARED_DISTANCE: f64 = 1e-7;
+
+/// Share of the cloud's points that may be copied into the dynamic branch (DeGauss: a tenth).
+const COPIED_SHARE: usize = 10;
+
+/// The two initial clouds of a scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct InitialClouds {
+    /// Seeds of the static branch.
+    pub static_: PointCloud,
+    /// Seeds of the dynamic branch.
+    pub dynamic: PointCloud,
+}
+
+impl InitialClouds {
+    /// Draws the clouds of a scene.
+    pub fn draw(scene: &Scene, config: &InitConfig, stream: &mut Stream) -> Self {
+        let region = region(scene, config);
+        let mut static_ = scene.points.clone();
+        strew(&mut static_, config.static_points, &region, stream);
+        sky(&mut static_, config.sky_points, scene, stream);
+
+        let mut dynamic = PointCloud::default();
+        let copied = config.dynamic_from_cloud.min(scene.points.len() / COPIED_SHARE);
+        for index in stream.permutation(scene.points.len()).into_iter().take(copied) {
+            dynamic.push(scene.points.positions[index], random_colour(stream));
+        }
+        strew(&mut dynamic, config.dynamic_points, &region, stream);
+        Self { static_, dynamic }
+    }
+}
+
+/// The box that random points are strewn in: the cloud's, but not farther from the cameras than `box_reach` extents.
+/// Without a cloud it is the cameras' own neighbourhood.
+fn region(scene: &Scene, config: &InitConfig) -> Bounds {
+    let cameras = scene.camera_bounds();
+    let reach = DVec3::splat(config.box_reach * scene.extent());
+    match scene.points.bounds() {
+        Some((min, max)) => Bounds {
+            min: min.as_dvec3().max(cameras.min - reach),
+            max: max.as_dvec3().min(cameras.max + reach),
+        },
+        None => {
+            let reach = DVec3::splat(scene.extent());
+            Bounds { min: cameras.min - reach, max: cameras.max + reach }
+        }
+    }
+}
+
+fn strew(cloud: &mut PointCloud, count: usize, region: &Bounds, stream: &mut Stream) {
+    for _ in 0..count {
+        let position = DVec3::from_array(std::array::from_fn(|axis| stream.uniform(region.min[axis], region.max[axis])));
+        cloud.push(position.as_vec3(), random_colour(stream));
+    }
+}
+
+/// Points on a sphere around the cameras, twice as far as the farthest point, in random colours (METHOD §3, "sky").
+fn sky(cloud: &mut PointCloud, count: usize, scene: &Scene, stream: &mut Stream) {
+    let centre = scene.training_centre();
+    let radius = 2.0 * scene.points.reach(centre);
+    for _ in 0..count {
+        let azimuth = stream.uniform(0.0, std::f64::consts::TAU);
+        let height = stream.uniform(-1.0, 1.0);
+        let ring = (1.0 - height * height).sqrt();
+        let direction = DVec3::new(ring * azimuth.cos(), ring * azimuth.sin(), height);
+        let colour = Vec3::new(stream.unit() as f32, stream.unit() as f32, stream.unit() as f32);
+        cloud.push((centre + radius * direction).as_vec3(), colour);
+    }
+}
+
+/// DeGauss' random colour: a constant coefficient drawn from `[0, 1)`, so a colour of 0.5 to 0.78.
+fn random_colour(stream: &mut Stream) -> Vec3 {
+    Vec3::from_array(std::array::from_fn(|_| (0.5 + SH_C0 * stream.unit()) as f32))
+}
+
+/// What distinguishes the two branches when they are made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// With mask logits.
+    Dynamic,
+    /// Without.
+    Static,
+}
+
+/// Gaussians on the points of a cloud (METHOD §1.1, column "init").
+pub fn gaussians_on(
+    cloud: &PointCloud,
+    role: Role,
+    sh_degree: usize,
+    opacity: f64,
+    device: &Device,
+    dtype: DType,
+) -> Gaussians {
+    let count = cloud.len();
+    let rest = 3 * ((sh_degree + 1).pow(2) - 1);
+    let flat = |values: &[Vec3]| -> Vec<f64> { values.iter().flat_map(|v| v.to_array().map(f64::from)).collect() };
+    let logit = (opacity / (1.0 - opacity)).ln();
+    let log_scales = mean_squared_distances(&cloud.positions)
+        .into_iter()
+        .flat_map(|squared| [squared.max(MIN_SQUARED_DISTANCE).sqrt().ln(); 3])
+        .collect();
+
+    let tensor = |values, columns| attribute_tensor(values, columns, device, dtype);
+    Gaussians::from_tensors(|attribute| match attribute {
+        Attribute::Means => Some(tensor(flat(&cloud.positions), 3)),
+        Attribute::ShDc => Some(tensor(flat(&cloud.colours).into_iter().map(|c| (c - 0.5) / SH_C0).collect(), 3)),
+        Attribute::ShRest => Some(tensor(vec![0.0; count * rest], rest)),
+        Attribute::OpacityLogits => Some(tensor(vec![logit; count], 1)),
+        Attribute::LogScales => Some(tensor(Vec::clone(&log_scales), 3)),
+        Attribute::Quaternions => Some(tensor([1.0, 0.0, 0.0, 0.0].repeat(count), 4)),
+        Attribute::MaskLogits => (role == Role::Dynamic).then(|| tensor(vec![0.0; count * 3], 3)),
+    })
+    .expect("every attribute but the mask logits is given above")
+}
+
+/// Mean of the squared distances to the three nearest other points, in double precision. Fewer than four points count the
+/// points there are; a single point has distance 0.
+pub fn mean_squared_distances(positions: &[Vec3]) -> Vec<f64> {
+    /// Neighbours that set the scale of a Gaussian (3DGS).
+    const NEIGHBOURS: usize = 3;
+    let points: Vec<[f64; 3]> = positions.iter().map(|p| p.to_array().map(f64::from)).collect();
+    if points.len() < 2 {
+        return vec![0.0; points.len()];
+    }
+    let tree: ImmutableKdTree<f64, 3> =
+        ImmutableKdTree::new_from_slice(&points).expect("only more than 2^32 points cannot be indexed");
+    let wanted = std::num::NonZeroUsize::new(NEIGHBOURS + 1).expect("four is not zero");
+    points
+        .par_iter()
+        .map(|point| {
+            // The point itself is among its nearest, at distance 0: dropping one zero drops it or an equal twin.
+            let mut squared: Vec<f64> =
+                tree.query(point).nearest_n::<SquaredEuclidean<f64>>(wanted).execute().iter().map(|found| found.distance).collect();
+            squared.sort_by(f64::total_cmp);
+            let others = &squared[1..];
+            others.iter().sum::<f64>() / others.len() as f64
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_scale_of_a_gaussian_comes_from_its_three_nearest_neighbours() {
+        let line: Vec<Vec3> = (0..5).map(|i| Vec3::new(i as f32, 0.0, 0.0)).collect();
+        let squared = mean_squared_distances(&line);
+        assert!((squared[0] - (1.0 + 4.0 + 9.0) / 3.0).abs() < 1e-12);
+        assert!((squared[2] - (1.0 + 1.0 + 4.0) / 3.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn twins_are_neighbours_at_distance_zero() {
+        let squared = mean_squared_distances(&[Vec3::ONE; 6]);
+        assert!(squared.iter().all(|&s| s == 0.0));
+        assert_eq!(mean_squared_distances(&[Vec3::ONE]), [0.0]);
+        assert_eq!(mean_squared_distances(&[]), Vec::<f64>::new());
+    }
+}

@@ -1,0 +1,34 @@
+//! The light loss: it trains, but has no say in where Gaussians are added.
+
+use burn::tensor::Tensor;
+
+use super::terms::{dssim, entropy, l1, large, spiky};
+use super::{LossContext, Pictures};
+
+/// The light loss, a scalar `[1]`; `log_scales` are those of both branches, `[N, 3]` each.
+pub fn light_loss(pictures: &Pictures, log_scales: [Tensor<2>; 2], context: &LossContext<'_>) -> Tensor<1> {
+    let (config, schedule, photos) = (context.config, &context.schedule, context.photos);
+    let blend = &pictures.composition;
+    let mut loss = dssim(blend.composed.clone(), photos.clone(), &context.windows.ssim) * config.composed_dssim;
+
+    let brightness_weight = config.brightness + schedule.brightness_weight();
+    loss = loss + (blend.brightness.clone() - 1.0).abs().mean() * brightness_weight;
+
+    let explicit = schedule.explicit_weight(config.brightness_explicit);
+    if explicit > 0.0 {
+        let lit = (blend.static_.clone().detach() * blend.brightness.clone()).clamp(0.0, 1.0);
+        loss = loss + l1(lit, photos.clone()) * explicit;
+    }
+    if schedule.entropy() && config.entropy > 0.0 {
+        loss = loss + entropy(blend.mask.clone()) * config.entropy;
+    }
+    for log_scales in log_scales {
+        if config.large > 0.0 {
+            loss = loss + large(log_scales.clone(), context.extent) * config.large;
+        }
+        if config.spiky > 0.0 && schedule.spiky() {
+            loss = loss + spiky(log_scales) * config.spiky;
+        }
+    }
+    loss
+}

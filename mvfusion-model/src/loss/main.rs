@@ -1,0 +1,93 @@
+//! The main loss: it trains everything and decides where Gaussians are added.
+
+use burn::tensor::Tensor;
+
+use super::terms::{above, behind, dssim, edge_variation, l1, likeness, masked_dssim};
+use super::{LossContext, Pictures};
+
+/// In the first stage the half-and-half picture is compared with a slightly darkened photo (METHOD §4.4).
+const GEOMETRY_DARKENING: f64 = 0.9;
+
+/// Mask value above which a branch answers for a pixel.
+const ANSWERS: f64 = 0.51;
+
+/// Mask value above which the foreground must lie in front.
+const SURELY_DYNAMIC: f64 = 0.6;
+
+/// Mask value below which it must lie behind.
+const SURELY_STATIC: f64 = 0.4;
+
+/// The main loss without the grid's regularisers, a scalar `[1]`.
+pub fn main_loss(pictures: &Pictures, context: &LossContext<'_>) -> Tensor<1> {
+    let picture_terms = if context.schedule.geometry {
+        geometry_terms(pictures, context)
+    } else {
+        l1(pictures.composition.composed.clone(), context.photos.clone()) * context.config.main
+    };
+    [depth_terms(pictures, context), branch_terms(pictures, context)]
+        .into_iter()
+        .flatten()
+        .fold(picture_terms, |sum, term| sum + term)
+}
+
+/// First stage: each branch explains the photo on its own.
+fn geometry_terms(pictures: &Pictures, context: &LossContext<'_>) -> Tensor<1> {
+    let (config, photos) = (context.config, context.photos);
+    let blend = &pictures.composition;
+    let still_lit = blend.lit.clone().detach();
+    let mixed = if config.geometry_mean {
+        blend.dynamic.clone() * 0.5 + still_lit * 0.5
+    } else {
+        blend.mask.clone() * blend.dynamic.clone() + blend.static_mask.clone() * still_lit
+    };
+    let window = &context.windows.ssim;
+    (l1(mixed, photos.clone() * GEOMETRY_DARKENING) + l1(blend.lit.clone(), photos.clone())) * config.main
+        + (dssim(blend.lit.clone(), photos.clone(), window) + dssim(blend.dynamic.clone(), photos.clone(), window))
+            * config.geometry_dssim
+}
+
+/// Depth order of the branches and smoothness of the background's depth (METHOD §4.4, terms 1 to 3).
+fn depth_terms(pictures: &Pictures, context: &LossContext<'_>) -> Option<Tensor<1>> {
+    let (config, mask) = (context.config, &pictures.composition.mask);
+    let front = pictures.dynamic_depth.clone();
+    let back = pictures.static_depth.clone().detach();
+    let mut terms = Vec::new();
+    if config.depth_back > 0.0 {
+        let indicator = above(mask, SURELY_DYNAMIC);
+        terms.push(behind(front.clone(), back.clone(), indicator, context.extent) * config.depth_back);
+    }
+    if config.depth_forward > 0.0 {
+        let indicator = -above(mask, SURELY_STATIC) + 1.0;
+        terms.push(behind(back, front, indicator, context.extent) * config.depth_forward);
+    }
+    if config.depth_smooth > 0.0 {
+        let depth = pictures.static_depth.clone() / context.extent;
+        terms.push(edge_variation(depth, context.photos) * config.depth_smooth);
+    }
+    terms.into_iter().reduce(|sum, term| sum + term)
+}
+
+/// Each branch against the photo where its mask answers for it (METHOD §4.4, terms 4 and 5).
+fn branch_terms(pictures: &Pictures, context: &LossContext<'_>) -> Option<Tensor<1>> {
+    let (config, photos, blend) = (context.config, context.photos, &pictures.composition);
+    let dynamic_answers = above(&blend.mask, ANSWERS);
+    let mut terms = Vec::new();
+    if config.penalize_dynamic > 0.0 {
+        let alike = likeness(
+            blend.dynamic.clone(),
+            blend.lit.clone().detach(),
+            dynamic_answers.clone(),
+            &context.windows.structure,
+        );
+        terms.push(alike * config.penalize_dynamic);
+    }
+    if config.branch_dssim > 0.0 || config.branch_l1 > 0.0 {
+        let static_answers = above(&blend.static_mask, ANSWERS);
+        for (picture, answers) in [(&blend.dynamic, dynamic_answers), (&blend.lit, static_answers)] {
+            let structure = masked_dssim(picture.clone(), photos.clone(), answers.clone(), &context.windows.ssim);
+            let colour = l1(picture.clone() * answers.clone(), photos.clone() * answers);
+            terms.push(structure * config.branch_dssim + colour * config.branch_l1);
+        }
+    }
+    terms.into_iter().reduce(|sum, term| sum + term)
+}

@@ -1,0 +1,56 @@
+//! The training objective: a main loss that also drives densification, and a light loss that does not (METHOD §4.4).
+
+mod light;
+mod main;
+mod schedule;
+pub mod terms;
+
+pub use light::light_loss;
+pub use main::main_loss;
+pub use schedule::LossSchedule;
+
+use burn::tensor::Tensor;
+use mvfusion_render::window::Window;
+
+use crate::composition::Composition;
+
+/// One copy of a batch's pictures: the op renders each twice, one for each loss.
+#[derive(Clone, Debug)]
+pub struct Pictures {
+    /// The blended pictures.
+    pub composition: Composition,
+    /// Accumulated depth of the dynamic branch, world units: `[B, 1, H, W]`.
+    pub dynamic_depth: Tensor<4>,
+    /// Accumulated depth of the static branch: `[B, 1, H, W]`.
+    pub static_depth: Tensor<4>,
+}
+
+/// What the losses compare with, and where training stands.
+#[derive(Clone, Debug)]
+pub struct LossContext<'a> {
+    /// The photos: `[B, 3, H, W]` in `[0, 1]`.
+    pub photos: &'a Tensor<4>,
+    /// Weights.
+    pub config: &'a crate::config::LossConfig,
+    /// Where training stands.
+    pub schedule: LossSchedule,
+    /// The scene's extent.
+    pub extent: f64,
+    /// The windows of the structural terms.
+    pub windows: &'a Windows,
+}
+
+/// The two Gaussian windows of the structural terms.
+#[derive(Clone, Debug)]
+pub struct Windows {
+    /// 11 pixels, sigma 1.5: SSIM.
+    pub ssim: Window,
+    /// 5 pixels, sigma 1.5: the structure comparison of the two branches.
+    pub structure: Window,
+}
+
+impl Default for Windows {
+    fn default() -> Self {
+        Self { ssim: Window::gaussian(11, 1.5), structure: Window::gaussian(5, 1.5) }
+    }
+}

@@ -1,0 +1,59 @@
+//! When each term of the losses is on, and how much it weighs.
+
+/// Where training stands, as far as the losses ask (METHOD §4.4).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LossSchedule {
+    /// Whether this is the first stage, without deformation.
+    pub geometry: bool,
+    /// Step within the counter of the stage, from 1.
+    pub step: usize,
+    /// Steps of the deformation and refinement stages together.
+    pub total: usize,
+    /// Step at which densification ends.
+    pub densify_until: usize,
+    /// Brightness weight at that step.
+    pub brightness_end: f64,
+}
+
+/// Brightness weight when the ramp starts.
+const BRIGHTNESS_START: f64 = 0.001;
+
+/// The spiky-Gaussians term is computed every so many steps.
+const SPIKY_INTERVAL: usize = 10;
+
+/// While the brightness weight is below this, the difference weighs the explicit brightness term.
+const EXPLICIT_BELOW: f64 = 0.01;
+
+impl LossSchedule {
+    /// Start of the brightness ramp: a tenth of the densification.
+    fn ramp_start(&self) -> usize {
+        self.densify_until / 10
+    }
+
+    /// The ramp `omega(it)`; linear, not clamped.
+    fn ramp(&self) -> f64 {
+        let start = self.ramp_start() as f64;
+        let length = (self.densify_until as f64 - start).max(1.0);
+        BRIGHTNESS_START + (self.brightness_end - BRIGHTNESS_START) * (self.step as f64 - start) / length
+    }
+
+    /// Weight that pulls the brightness to one, beyond the constant weight.
+    pub fn brightness_weight(&self) -> f64 {
+        if !self.geometry && self.step > self.ramp_start() { self.ramp() } else { 0.0 }
+    }
+
+    /// Weight of the brightened background against the photo, `explicit` early on.
+    pub fn explicit_weight(&self, explicit: f64) -> f64 {
+        if self.step <= self.ramp_start() { explicit } else { (EXPLICIT_BELOW - self.ramp()).max(0.0) }
+    }
+
+    /// Whether the mask's entropy counts.
+    pub fn entropy(&self) -> bool {
+        self.step > self.total / 2
+    }
+
+    /// Whether spiky Gaussians are looked at in this step.
+    pub fn spiky(&self) -> bool {
+        self.step.is_multiple_of(SPIKY_INTERVAL)
+    }
+}

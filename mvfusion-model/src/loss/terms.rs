@@ -1,0 +1,77 @@
+//! The terms of the losses, unweighted, each a scalar `[1]` (METHOD §4.4).
+//!
+//! Means go over all entries of a tensor, also where a mask is zero. Indicators carry no gradient.
+
+use burn::tensor::Tensor;
+use mvfusion_render::window::{self, Window};
+
+/// Scale ratio above which a Gaussian counts as spiky.
+const SPIKY_RATIO: f64 = 5.0;
+
+/// Share of the extent above which a Gaussian counts as large.
+const LARGE_SHARE: f64 = 0.1;
+
+/// Keeps the logarithm of the entropy finite.
+const ENTROPY_GUARD: f64 = 1e-6;
+
+/// Mean absolute difference.
+pub fn l1(a: Tensor<4>, b: Tensor<4>) -> Tensor<1> {
+    (a - b).abs().mean()
+}
+
+/// `1 - SSIM` of two batches of pictures.
+pub fn dssim(a: Tensor<4>, b: Tensor<4>, window: &Window) -> Tensor<1> {
+    -window::ssim_map(a, b, window).mean() + 1.0
+}
+
+/// `mean((1 - S(a, b)) m)` with an indicator `m` `[B, 1, H, W]`.
+pub fn masked_dssim(a: Tensor<4>, b: Tensor<4>, indicator: Tensor<4>, window: &Window) -> Tensor<1> {
+    ((-window::ssim_map(a, b, window) + 1.0) * indicator).mean()
+}
+
+/// 1 where `values` exceed `threshold`, 0 elsewhere, without gradient.
+pub fn above(values: &Tensor<4>, threshold: f64) -> Tensor<4> {
+    let plain = values.clone().inner();
+    let dtype = plain.dtype();
+    plain.greater_elem(threshold).float().cast(dtype)
+}
+
+/// How far `front` lies behind `back` in extents, where `indicator` is 1: `mean(max((front - back) / extent, 0) m)`.
+pub fn behind(front: Tensor<4>, back: Tensor<4>, indicator: Tensor<4>, extent: f64) -> Tensor<1> {
+    ((front - back) / extent * indicator).clamp_min(0.0).mean()
+}
+
+/// Edge-aware total variation of a depth `[B, 1, H, W]` under a photo `[B, 3, H, W]`; forward differences.
+pub fn edge_variation(depth: Tensor<4>, photos: &Tensor<4>) -> Tensor<1> {
+    let along = |dim: usize| {
+        let difference = |t: &Tensor<4>| {
+            let length = t.dims()[dim] - 1;
+            (t.clone().narrow(dim, 1, length) - t.clone().narrow(dim, 0, length)).abs()
+        };
+        (difference(&depth) * (-difference(photos).mean_dim(1)).exp()).mean()
+    };
+    along(3) + along(2)
+}
+
+/// Structural likeness of the two branches where the mask calls for the dynamic one.
+pub fn likeness(dynamic: Tensor<4>, static_: Tensor<4>, indicator: Tensor<4>, window: &Window) -> Tensor<1> {
+    (window::structure_map(dynamic, static_, window) * indicator).mean()
+}
+
+/// Entropy of a mask: `-mean(p ln p + (1 - p) ln(1 - p))`.
+pub fn entropy(mask: Tensor<4>) -> Tensor<1> {
+    let other = -mask.clone() + 1.0;
+    let part = |p: Tensor<4>| p.clone() * (p + ENTROPY_GUARD).log();
+    -(part(mask) + part(other)).mean()
+}
+
+/// How much the longest axis of each Gaussian (log-scales `[N, 3]`) exceeds a tenth of the extent.
+pub fn large(log_scales: Tensor<2>, extent: f64) -> Tensor<1> {
+    (log_scales.max_dim(1).exp() - LARGE_SHARE * extent).clamp_min(0.0).mean()
+}
+
+/// How much the ratio of longest to shortest axis exceeds five.
+pub fn spiky(log_scales: Tensor<2>) -> Tensor<1> {
+    let ratio = (log_scales.clone().max_dim(1) - log_scales.min_dim(1)).exp();
+    (ratio - SPIKY_RATIO).clamp_min(0.0).mean()
+}

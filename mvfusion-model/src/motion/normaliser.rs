@@ -1,0 +1,84 @@
+//! A moving normaliser for descriptors whose scale is not known beforehand (METHOD A10).
+
+use serde::{Deserialize, Serialize};
+
+use crate::config::MotionConfig;
+
+/// Moving mean and variance of each column over all Gaussians, refreshed with the statistics.
+///
+/// The first batch is taken over as it is; later ones enter with weight `1 - decay`. A value `v` becomes
+/// `c tanh((v - mean) / (sqrt(variance) + epsilon) / c)` with the soft clip `c`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct MovingNormaliser {
+    /// Moving mean of each column; empty before the first update.
+    pub means: Vec<f64>,
+    /// Moving population variance of each column.
+    pub variances: Vec<f64>,
+}
+
+impl MovingNormaliser {
+    /// Takes in row-major `values` of `columns` columns, then normalises them with the updated state.
+    pub fn update_and_normalise(&mut self, values: &[f64], columns: usize, config: &MotionConfig) -> Vec<f64> {
+        if values.is_empty() {
+            return Vec::new();
+        }
+        let (means, variances) = column_moments(values, columns);
+        if self.means.is_empty() {
+            (self.means, self.variances) = (means, variances);
+        } else {
+            blend(&mut self.means, &means, config.decay);
+            blend(&mut self.variances, &variances, config.decay);
+        }
+        let clip = config.soft_clip;
+        let scales: Vec<f64> = self.variances.iter().map(|v| v.sqrt() + config.epsilon).collect();
+        let normalise = |(i, v): (usize, &f64)| {
+            let column = i % columns;
+            clip * ((v - self.means[column]) / scales[column] / clip).tanh()
+        };
+        values.iter().enumerate().map(normalise).collect()
+    }
+}
+
+fn blend(state: &mut [f64], batch: &[f64], decay: f64) {
+    state.iter_mut().zip(batch).for_each(|(s, b)| *s = decay * *s + (1.0 - decay) * b);
+}
+
+/// Mean and population variance of each column.
+fn column_moments(values: &[f64], columns: usize) -> (Vec<f64>, Vec<f64>) {
+    let rows = (values.len() / columns) as f64;
+    let mut means = vec![0.0; columns];
+    for row in values.chunks_exact(columns) {
+        means.iter_mut().zip(row).for_each(|(m, v)| *m += v / rows);
+    }
+    let mut variances = vec![0.0; columns];
+    for row in values.chunks_exact(columns) {
+        variances.iter_mut().zip(row).zip(&means).for_each(|((s, v), m)| *s += (v - m) * (v - m) / rows);
+    }
+    (means, variances)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_batch_sets_the_state_and_later_ones_blend_in() {
+        let mut normaliser = MovingNormaliser::default();
+        let config = MotionConfig::default();
+        normaliser.update_and_normalise(&[0.0, 2.0], 1, &config);
+        assert_eq!((normaliser.means[0], normaliser.variances[0]), (1.0, 1.0));
+        normaliser.update_and_normalise(&[11.0, 11.0], 1, &config);
+        assert!((normaliser.means[0] - (0.99 + 0.11)).abs() < 1e-12);
+        assert!((normaliser.variances[0] - 0.99).abs() < 1e-12);
+    }
+
+    #[test]
+    fn values_are_clipped_softly_and_a_constant_column_is_zero() {
+        let mut normaliser = MovingNormaliser::default();
+        let mut values: Vec<f64> = (0..1000).flat_map(|i| [f64::from(i % 2), 4.0]).collect();
+        values[0] = 1e6;
+        let normalised = normaliser.update_and_normalise(&values, 2, &MotionConfig::default());
+        assert!(normalised.iter().all(|v| v.abs() <= 3.0));
+        assert!(normalised.iter().skip(1).step_by(2).all(|&v| v == 0.0));
+    }
+}

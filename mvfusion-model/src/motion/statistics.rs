@@ -1,0 +1,218 @@
+//! Statistics of simulated trajectories: the 13-dimensional signature and the local variances (METHOD §10.2, A5 to A9).
+
+use burn::tensor::{Tensor, TensorData};
+use rayon::prelude::*;
+
+use crate::config::{FusionWeights, MotionConfig};
+use crate::network::DeformationNetwork;
+use crate::timeline::{Timeline, knots};
+use crate::{ModelError, tensors};
+
+/// Numbers in a trajectory signature `V`: mean and variance of position (3 + 3), rotation, isotropic and anisotropic scale
+/// (2 each), and the motion intensity.
+pub const SIGNATURE_WIDTH: usize = 13;
+
+/// Recorded of each Gaussian at each sample: position (3), rotation magnitude, isotropic and anisotropic log-scale.
+const RECORD: usize = 6;
+
+/// How trajectories are sampled and summarised.
+#[derive(Clone, Debug)]
+pub struct Trajectories<'a> {
+    /// The network whose base deformation is followed (A21). Without autodiff.
+    pub network: &'a DeformationNetwork,
+    /// The times of the training views.
+    pub timeline: &'a Timeline,
+    /// Samples, window, stride, weights, chunk.
+    pub config: &'a MotionConfig,
+    /// The scene's extent; displacements are divided by it (A9b).
+    pub extent: f64,
+}
+
+/// What the trajectories of `N` Gaussians come to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrajectoryStatistics {
+    /// Signatures `V`, row by row: `N * 13`.
+    pub signatures: Vec<f64>,
+    /// Local variances `e` at the knots, row by row: `N * knots`.
+    pub local: Vec<f64>,
+    /// Times of the knots.
+    pub knot_times: Vec<f64>,
+}
+
+impl Trajectories<'_> {
+    /// Follows the canonical centres `[N, 3]` (without autodiff) through time, a chunk of Gaussians at a time, so that the
+    /// memory needed does not grow with `N`.
+    ///
+    /// # Errors
+    /// If the device cannot hand its numbers back.
+    pub fn measure(&self, means: &Tensor<2>) -> Result<TrajectoryStatistics, ModelError> {
+        let samples = self.timeline.sample_indices(self.config.samples);
+        let times: Vec<f64> = samples.iter().map(|&index| self.timeline.times()[index]).collect();
+        let knots = knots(times.len(), self.config.knot_stride);
+        let summary = Summary { window: self.config.window, weights: self.config.weights, knots: &knots };
+
+        let count = means.dims()[0];
+        let mut signatures = Vec::with_capacity(count * SIGNATURE_WIDTH);
+        let mut local = Vec::with_capacity(count * knots.len());
+        for first in (0..count).step_by(self.config.chunk.max(1)) {
+            let chunk = self.config.chunk.max(1).min(count - first);
+            let records = self.record(means.clone().narrow(0, first, chunk), &times)?;
+            let rows: Vec<_> = (0..chunk).into_par_iter().map(|i| summary.of(&records, i, chunk)).collect();
+            for (signature, variances) in rows {
+                signatures.extend_from_slice(&signature);
+                local.extend_from_slice(&variances);
+            }
+        }
+        Ok(TrajectoryStatistics { signatures, local, knot_times: knots.iter().map(|&k| times[k]).collect() })
+    }
+
+    /// The records of a chunk `[n, 3]` at every time, sample by sample: `[samples * n * 6]`.
+    fn record(&self, means: Tensor<2>, times: &[f64]) -> Result<Vec<f32>, ModelError> {
+        let mut records = Vec::with_capacity(times.len() * means.dims()[0] * RECORD);
+        for &time in times {
+            let feature = self.network.feature(means.clone(), tensors::scalar_like(&means, time));
+            let rectified = burn::tensor::activation::relu(feature);
+            let heads = &self.network.heads;
+            let displacement = heads.means.forward(rectified.clone()) / self.extent;
+            let rotation = heads.quaternions.forward(rectified.clone());
+            let log_scale = heads.log_scales.forward(rectified);
+            let isotropic = log_scale.clone().mean_dim(1);
+            let record = Tensor::cat(
+                vec![displacement, length(rotation), isotropic.clone(), length(log_scale - isotropic)],
+                1,
+            );
+            records.extend(tensors::read::<2, f32>(record)?);
+        }
+        Ok(records)
+    }
+}
+
+/// Euclidean length of each row: `[N, k]` to `[N, 1]`.
+fn length(rows: Tensor<2>) -> Tensor<2> {
+    rows.powf_scalar(2.0).sum_dim(1).sqrt()
+}
+
+/// How one trajectory is summed up. In double precision: variances of small motions drown in `f32`.
+struct Summary<'a> {
+    window: usize,
+    weights: FusionWeights,
+    knots: &'a [usize],
+}
+
+impl Summary<'_> {
+    /// Signature and knot variances of Gaussian `index` of a chunk of `chunk`.
+    fn of(&self, records: &[f32], index: usize, chunk: usize) -> ([f64; SIGNATURE_WIDTH], Vec<f64>) {
+        let samples = records.len() / (chunk * RECORD);
+        let column = |channel: usize| -> Vec<f64> {
+            (0..samples).map(|k| f64::from(records[(k * chunk + index) * RECORD + channel])).collect()
+        };
+        let columns: [Vec<f64>; RECORD] = std::array::from_fn(column);
+        let moments: [Moments; RECORD] = std::array::from_fn(|channel| Moments::of(&columns[channel]));
+
+        let mut signature = [0.0; SIGNATURE_WIDTH];
+        for axis in 0..3 {
+            signature[axis] = moments[axis].mean;
+            signature[3 + axis] = moments[axis].variance;
+        }
+        for (pair, moments) in moments[3..].iter().enumerate() {
+            signature[6 + 2 * pair] = moments.mean;
+            signature[7 + 2 * pair] = moments.variance;
+        }
+        signature[12] = self.intensity(&moments);
+
+        let local = self.knots.iter().map(|&knot| self.local_variance(&columns, knot)).collect();
+        (signature, local)
+    }
+
+    /// The motion intensity: weighted sum of position, scale and rotation variance (paper, eq. of the intensity score).
+    fn intensity(&self, moments: &[Moments; RECORD]) -> f64 {
+        let position = moments[..3].iter().map(|m| m.variance).sum::<f64>() / 3.0;
+        let rotation = moments[3].variance;
+        let scale = 0.5 * (moments[4].variance + moments[5].variance);
+        self.weights.position * position + self.weights.scale * scale + self.weights.rotation * rotation
+    }
+
+    /// Variance of the displacement, averaged over the axes, among the samples around `knot` (A8).
+    fn local_variance(&self, columns: &[Vec<f64>; RECORD], knot: usize) -> f64 {
+        let first = knot.saturating_sub(self.window);
+        let end = (knot + self.window + 1).min(columns[0].len());
+        columns[..3].iter().map(|axis| Moments::of(&axis[first..end]).variance).sum::<f64>() / 3.0
+    }
+}
+
+/// Mean and population variance.
+struct Moments {
+    mean: f64,
+    variance: f64,
+}
+
+impl Moments {
+    fn of(values: &[f64]) -> Self {
+        let count = values.len().max(1) as f64;
+        let mean = values.iter().sum::<f64>() / count;
+        let variance = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / count;
+        Self { mean, variance }
+    }
+}
+
+impl TrajectoryStatistics {
+    /// The motion intensity of every Gaussian.
+    pub fn intensities(&self) -> Vec<f64> {
+        self.signatures.chunks_exact(SIGNATURE_WIDTH).map(|signature| signature[SIGNATURE_WIDTH - 1]).collect()
+    }
+
+    /// Number of Gaussians.
+    pub fn len(&self) -> usize {
+        self.signatures.len() / SIGNATURE_WIDTH
+    }
+
+    /// Whether there is no Gaussian.
+    pub fn is_empty(&self) -> bool {
+        self.signatures.is_empty()
+    }
+
+    /// The given row-major numbers as tensor data of `columns` columns.
+    pub(super) fn table(values: Vec<f64>, columns: usize) -> TensorData {
+        let rows = values.len() / columns.max(1);
+        TensorData::new(values, [rows, columns])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WEIGHTS: FusionWeights = FusionWeights { position: 0.7, scale: 0.2, rotation: 0.1 };
+
+    /// Records of one Gaussian that moves along x by `step` a sample, for `samples` samples.
+    fn moving(samples: usize, step: f32) -> Vec<f32> {
+        (0..samples).flat_map(|k| [k as f32 * step, 0.0, 0.0, 0.25, 0.0, 0.0]).collect()
+    }
+
+    #[test]
+    fn a_moving_gaussian_has_mean_and_variance_of_its_path() {
+        let summary = Summary { window: 5, weights: WEIGHTS, knots: &[0, 2, 4] };
+        let (signature, local) = summary.of(&moving(5, 0.5), 0, 1);
+        // Positions 0, 0.5, .. 2: mean 1, population variance 0.5.
+        assert_eq!((signature[0], signature[3], signature[6], signature[7]), (1.0, 0.5, 0.25, 0.0));
+        assert!((signature[12] - 0.7 * 0.5 / 3.0).abs() < 1e-15);
+        assert!((local[0] - 0.5 / 3.0).abs() < 1e-15, "the window covers all five samples");
+    }
+
+    #[test]
+    fn a_resting_gaussian_has_no_variance() {
+        let summary = Summary { window: 1, weights: WEIGHTS, knots: &[0, 3] };
+        let (signature, local) = summary.of(&moving(4, 0.0), 0, 1);
+        assert_eq!(signature[12], 0.0);
+        assert_eq!(local, [0.0, 0.0]);
+    }
+
+    #[test]
+    fn the_window_is_cut_at_the_ends() {
+        let summary = Summary { window: 1, weights: WEIGHTS, knots: &[0, 2] };
+        let (_, local) = summary.of(&moving(5, 1.0), 0, 1);
+        // Two samples 0, 1 at the start; three samples 1, 2, 3 in the middle.
+        assert!((local[0] - 0.25 / 3.0).abs() < 1e-15);
+        assert!((local[1] - (2.0 / 3.0) / 3.0).abs() < 1e-15);
+    }
+}

@@ -1,0 +1,110 @@
+//! The heads: what a feature says about each attribute of a Gaussian (METHOD §2.3, §2.4).
+
+use burn::module::Module;
+use burn::tensor::{Tensor, activation::relu};
+
+use super::{LayerInit, Mlp};
+
+/// Number of colour coefficients that are deformed: degree 3, three channels.
+const SH_OUTPUTS: usize = 48;
+
+/// What is added to the raw attributes of the dynamic Gaussians.
+#[derive(Clone, Debug)]
+pub struct Offsets {
+    /// Centres, world units: `[N, 3]`.
+    pub means: Tensor<2>,
+    /// Log-scales: `[N, 3]`.
+    pub log_scales: Tensor<2>,
+    /// Quaternions, component-wise: `[N, 4]`.
+    pub quaternions: Tensor<2>,
+    /// Opacity logits: `[N, 1]`.
+    pub opacity_logits: Tensor<2>,
+    /// Colour coefficients, coefficient by coefficient, colour fastest: `[N, 48]`.
+    pub sh: Tensor<2>,
+    /// Mask logits in the order static, brightness, dynamic: `[N, 3]`; absent without mask heads.
+    pub mask_logits: Option<Tensor<2>>,
+}
+
+/// The five attribute heads, each ReLU, linear, ReLU, linear.
+#[derive(Module, Debug)]
+pub struct AttributeHeads {
+    /// Centres.
+    pub means: Mlp,
+    /// Log-scales.
+    pub log_scales: Mlp,
+    /// Quaternions.
+    pub quaternions: Mlp,
+    /// Opacity logits.
+    pub opacity_logits: Mlp,
+    /// Colour coefficients.
+    pub sh: Mlp,
+}
+
+/// The three mask heads, each one layer deeper than an attribute head.
+#[derive(Module, Debug)]
+pub struct MaskHeads {
+    /// Logit of belonging to the static background (`light_deform_dy`).
+    pub static_: Mlp,
+    /// Logit of the brightness control (`light_deform`).
+    pub brightness: Mlp,
+    /// Logit of belonging to the dynamic foreground (`mask_deform`).
+    pub dynamic: Mlp,
+}
+
+impl AttributeHeads {
+    /// Heads on a feature of the given width.
+    pub fn new(width: usize, init: &mut LayerInit<'_>) -> Self {
+        Self {
+            means: init.mlp(&[width, width, 3]),
+            log_scales: init.mlp(&[width, width, 3]),
+            quaternions: init.mlp(&[width, width, 4]),
+            opacity_logits: init.mlp(&[width, width, 1]),
+            sh: init.mlp(&[width, width, SH_OUTPUTS]),
+        }
+    }
+}
+
+impl MaskHeads {
+    /// Heads on a feature of the given width.
+    pub fn new(width: usize, init: &mut LayerInit<'_>) -> Self {
+        Self {
+            static_: init.mlp(&[width, width, width, 1]),
+            brightness: init.mlp(&[width, width, width, 1]),
+            dynamic: init.mlp(&[width, width, width, 1]),
+        }
+    }
+
+    /// Mask logits `[N, 3]` of the rectified feature `[N, width]`.
+    fn forward(&self, rectified: Tensor<2>) -> Tensor<2> {
+        let logits = [&self.static_, &self.brightness, &self.dynamic].map(|head| head.forward(rectified.clone()));
+        Tensor::cat(logits.to_vec(), 1)
+    }
+}
+
+/// All offsets of a feature `[N, width]`, taken before its ReLU.
+pub(super) fn decode(feature: Tensor<2>, heads: &AttributeHeads, masks: Option<&MaskHeads>) -> Offsets {
+    let rectified = relu(feature);
+    Offsets {
+        means: heads.means.forward(rectified.clone()),
+        log_scales: heads.log_scales.forward(rectified.clone()),
+        quaternions: heads.quaternions.forward(rectified.clone()),
+        opacity_logits: heads.opacity_logits.forward(rectified.clone()),
+        sh: heads.sh.forward(rectified.clone()),
+        mask_logits: masks.map(|masks| masks.forward(rectified)),
+    }
+}
+
+impl std::ops::Add for Offsets {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            means: self.means + other.means,
+            log_scales: self.log_scales + other.log_scales,
+            quaternions: self.quaternions + other.quaternions,
+            opacity_logits: self.opacity_logits + other.opacity_logits,
+            sh: self.sh + other.sh,
+            mask_logits: self.mask_logits.zip(other.mask_logits).map(|(a, b)| a + b),
+        }
+    }
+}

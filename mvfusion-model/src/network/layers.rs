@@ -1,0 +1,67 @@
+//! Linear layers as PyTorch would start them, drawn from our own random stream.
+
+use burn::module::{Module, Param};
+use burn::nn::Linear;
+use burn::tensor::{DType, Device, Tensor, TensorData, activation::relu};
+
+use crate::random::Stream;
+
+/// What a layer needs to come into being: a device, a dtype and a source of weights.
+#[derive(Debug)]
+pub struct LayerInit<'a> {
+    /// Where the parameters live.
+    pub device: &'a Device,
+    /// Their precision.
+    pub dtype: DType,
+    /// Where the initial weights come from.
+    pub stream: &'a mut Stream,
+}
+
+impl LayerInit<'_> {
+    /// A parameter of the given numbers.
+    pub fn parameter<const D: usize>(&self, values: Vec<f64>, shape: [usize; D]) -> Param<Tensor<D>> {
+        let data = TensorData::new(values, shape).convert_dtype(self.dtype);
+        Param::from_tensor(Tensor::from_data(data, (self.device, self.dtype)))
+    }
+
+    /// A linear layer: weights Xavier-uniform with gain 1, biases `U(-1/sqrt(inputs), 1/sqrt(inputs))` (METHOD §2.5).
+    pub fn linear(&mut self, inputs: usize, outputs: usize) -> Linear {
+        let weight_bound = (6.0 / (inputs + outputs) as f64).sqrt();
+        let bias_bound = 1.0 / (inputs as f64).sqrt();
+        let weight = (0..inputs * outputs).map(|_| self.stream.uniform(-weight_bound, weight_bound)).collect();
+        let bias = (0..outputs).map(|_| self.stream.uniform(-bias_bound, bias_bound)).collect();
+        Linear { weight: self.parameter(weight, [inputs, outputs]), bias: Some(self.parameter(bias, [outputs])) }
+    }
+
+    /// A chain of linear layers through the given widths.
+    pub fn mlp(&mut self, widths: &[usize]) -> Mlp {
+        Mlp { layers: widths.windows(2).map(|pair| self.linear(pair[0], pair[1])).collect() }
+    }
+}
+
+/// Linear layers with a ReLU between each two.
+#[derive(Module, Debug)]
+pub struct Mlp {
+    /// The layers, first to last.
+    pub layers: Vec<Linear>,
+}
+
+impl Mlp {
+    /// `[N, inputs]` to `[N, outputs]`.
+    pub fn forward(&self, input: Tensor<2>) -> Tensor<2> {
+        let mut layers = self.layers.iter();
+        let Some(first) = layers.next() else { return input };
+        layers.fold(first.forward(input), |x, layer| layer.forward(relu(x)))
+    }
+}
+
+/// Sets weight and bias of the last layer to zero, so that the branch starts without effect.
+pub fn zero_last_layer(mut mlp: Mlp) -> Mlp {
+    if let Some(last) = mlp.layers.pop() {
+        mlp.layers.push(Linear {
+            weight: last.weight.map(|w| w.zeros_like().require_grad()),
+            bias: last.bias.map(|bias| bias.map(|b| b.zeros_like().require_grad())),
+        });
+    }
+    mlp
+}

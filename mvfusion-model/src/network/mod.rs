@@ -1,0 +1,11 @@
+//! The deformation network: HexPlane, trunk, heads.
+
+mod deformation;
+mod heads;
+mod hexplane;
+mod layers;
+
+pub use deformation::{DeformationConfig, DeformationNetwork, Masks};
+pub use heads::{AttributeHeads, MaskHeads, Offsets};
+pub use hexplane::HexPlane;
+pub use layers::{LayerInit, Mlp, zero_last_layer};

@@ -1,0 +1,96 @@
+//! Adam for Gaussians, whose rows are added, removed and reordered during training.
+
+use std::collections::BTreeMap;
+
+use burn::tensor::{Gradients, Int, Tensor};
+use mvfusion_render::optim::{AdamMoments, AdamRule, adam_step};
+
+use super::GaussianRates;
+use crate::config::OptimConfig;
+use crate::gaussians::{Attribute, Gaussians};
+
+/// Moments of every attribute of a branch; those of an attribute appear with its first step.
+#[derive(Clone, Debug, Default)]
+pub struct GaussianOptimiser {
+    /// First and second moments, without autodiff, rows as in the Gaussians.
+    pub moments: BTreeMap<Attribute, AdamMoments<2>>,
+}
+
+/// The gradients of a branch's attributes, without autodiff. An attribute that took no part in the loss is absent.
+#[derive(Debug, Default)]
+pub struct GaussianGradients(BTreeMap<Attribute, Tensor<2>>);
+
+impl GaussianGradients {
+    /// Takes a branch's gradients out of those of a backward pass.
+    pub fn take(gaussians: &Gaussians, gradients: &mut Gradients) -> Self {
+        let of = |attribute: Attribute| {
+            let gradient = gaussians.attribute(attribute)?.val().grad_remove(gradients)?;
+            Some((attribute, gradient))
+        };
+        Self(Attribute::ALL.into_iter().filter_map(of).collect())
+    }
+
+    /// Drops the gradient of an attribute whose numbers were replaced after the backward pass.
+    pub fn forget(&mut self, attribute: Attribute) {
+        self.0.remove(&attribute);
+    }
+
+    /// Drops all gradients, after rows were added or removed.
+    pub fn forget_all(&mut self) {
+        self.0.clear();
+    }
+}
+
+impl GaussianOptimiser {
+    /// One Adam step for every attribute that has a gradient.
+    pub fn step(
+        &mut self,
+        gaussians: &mut Gaussians,
+        gradients: GaussianGradients,
+        rates: &GaussianRates,
+        config: &OptimConfig,
+    ) {
+        for (attribute, gradient) in gradients.0 {
+            let Some(values) = gaussians.take(attribute) else { continue };
+            let moments = self.moments.remove(&attribute).unwrap_or_else(|| fresh(&values));
+            let (values, moments) = adam_step(values, gradient, moments, &rule(rates.of(attribute), config));
+            gaussians.replace(attribute, values);
+            self.moments.insert(attribute, moments);
+        }
+    }
+
+    /// Keeps the moments of the rows `kept` and starts `added` further rows at zero.
+    pub fn rearrange(&mut self, kept: &Tensor<1, Int>, added: usize) {
+        for moments in self.moments.values_mut() {
+            let follow = |rows: &Tensor<2>| {
+                let kept = rows.clone().select(0, kept.clone());
+                if added == 0 {
+                    return kept;
+                }
+                let columns = kept.dims()[1];
+                let zeros = Tensor::zeros([added, columns], (&kept.device(), kept.dtype()));
+                Tensor::cat(vec![kept, zeros], 0)
+            };
+            moments.first = follow(&moments.first);
+            moments.second = follow(&moments.second);
+        }
+    }
+
+    /// Sets the moments of an attribute to zero; its step count stays (METHOD §4.11).
+    pub fn reset(&mut self, attribute: Attribute) {
+        if let Some(moments) = self.moments.get_mut(&attribute) {
+            moments.first = moments.first.zeros_like();
+            moments.second = moments.second.zeros_like();
+        }
+    }
+}
+
+/// Moments of a tensor that was never stepped.
+pub(super) fn fresh<const D: usize>(values: &Tensor<D>) -> AdamMoments<D> {
+    AdamMoments { first: values.zeros_like(), second: values.zeros_like(), steps: 0 }
+}
+
+/// Adam's constants with the learning rate of a group.
+pub(super) fn rule(learning_rate: f64, config: &OptimConfig) -> AdamRule {
+    AdamRule { learning_rate, beta1: config.beta1, beta2: config.beta2, epsilon: config.epsilon }
+}

@@ -1,0 +1,67 @@
+//! Adam for the parameters of a Burn module.
+
+use std::collections::BTreeMap;
+
+use burn::module::{Module, ModuleMapper, Param};
+use burn::tensor::{Gradients, Tensor};
+use mvfusion_render::optim::{AdamMoments, adam_step};
+
+use super::gaussian::{fresh, rule};
+use crate::config::OptimConfig;
+
+/// Moments of every parameter of a module, by the parameter's path; flat, since Adam does not care for shapes.
+#[derive(Clone, Debug, Default)]
+pub struct ModuleOptimiser {
+    /// First and second moments, without autodiff.
+    pub moments: BTreeMap<String, AdamMoments<1>>,
+}
+
+impl ModuleOptimiser {
+    /// One Adam step for every parameter of `module` that has a gradient. `name` is the module's name in the model and
+    /// keeps the paths of several modules apart.
+    pub fn step<M: Module>(
+        &mut self,
+        name: &str,
+        module: M,
+        gradients: &mut Gradients,
+        learning_rate: f64,
+        config: &OptimConfig,
+    ) -> M {
+        let mut stepper = Stepper { optimiser: self, path: vec![name.to_owned()], gradients, learning_rate, config };
+        module.map(&mut stepper)
+    }
+}
+
+struct Stepper<'a> {
+    optimiser: &'a mut ModuleOptimiser,
+    path: Vec<String>,
+    gradients: &'a mut Gradients,
+    learning_rate: f64,
+    config: &'a OptimConfig,
+}
+
+impl ModuleMapper for Stepper<'_> {
+    fn enter_module(&mut self, name: &str, _container_type: &str) {
+        self.path.push(name.to_owned());
+    }
+
+    fn exit_module(&mut self, _name: &str, _container_type: &str) {
+        self.path.pop();
+    }
+
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        let (id, value, mapper) = param.consume();
+        let Some(gradient) = value.grad_remove(self.gradients) else {
+            return Param::from_mapped_value(id, value, mapper);
+        };
+        let shape = value.dims();
+        let count = shape.iter().product::<usize>();
+        let flat = value.inner().reshape([count]);
+        let path = self.path.join(".");
+        let moments = self.optimiser.moments.remove(&path).unwrap_or_else(|| fresh(&flat));
+        let rule = rule(self.learning_rate, self.config);
+        let (flat, moments) = adam_step(flat, gradient.reshape([count]), moments, &rule);
+        self.optimiser.moments.insert(path, moments);
+        Param::from_mapped_value(id, flat.reshape(shape).autodiff().require_grad(), mapper)
+    }
+}

@@ -1,0 +1,71 @@
+//! Learning rates of one step.
+
+use crate::config::OptimConfig;
+use crate::gaussians::Attribute;
+
+/// The learning rate of every group at a step of a stage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rates {
+    /// The dynamic branch.
+    pub dynamic: GaussianRates,
+    /// The static branch.
+    pub static_: GaussianRates,
+    /// Trunk and attribute heads.
+    pub deformation: f64,
+    /// Mask heads.
+    pub mask_heads: f64,
+    /// HexPlane cells.
+    pub grid: f64,
+    /// MVG and MFTA.
+    pub motion: f64,
+}
+
+/// Learning rates of a branch's attributes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GaussianRates {
+    means: f64,
+    sh_dc: f64,
+    sh_rest: f64,
+    opacity: f64,
+    scale: f64,
+    rotation: f64,
+}
+
+impl Rates {
+    /// The rates at `step` (from 1) of a stage's counter, for a scene of the given extent.
+    pub fn at(step: usize, extent: f64, config: &OptimConfig) -> Self {
+        let horizon = config.decay_steps;
+        let branch = |sh_rest| GaussianRates {
+            means: config.means.at(step, horizon) * extent,
+            sh_dc: config.sh_dc,
+            sh_rest,
+            opacity: config.opacity,
+            scale: config.scale,
+            rotation: config.rotation,
+        };
+        let deformation = config.deformation.at(step, horizon) * extent;
+        Self {
+            dynamic: branch(config.dynamic_sh_rest.at(step, horizon)),
+            static_: branch(config.static_sh_rest),
+            deformation,
+            mask_heads: deformation * config.mask_heads_factor,
+            grid: config.grid.at(step, horizon) * extent,
+            motion: config.motion.at(step, horizon) * extent,
+        }
+    }
+}
+
+impl GaussianRates {
+    /// The rate of an attribute. Mask logits share the rate of the higher colour coefficients, among which DeGauss keeps
+    /// them.
+    pub fn of(&self, attribute: Attribute) -> f64 {
+        match attribute {
+            Attribute::Means => self.means,
+            Attribute::ShDc => self.sh_dc,
+            Attribute::ShRest | Attribute::MaskLogits => self.sh_rest,
+            Attribute::OpacityLogits => self.opacity,
+            Attribute::LogScales => self.scale,
+            Attribute::Quaternions => self.rotation,
+        }
+    }
+}

@@ -1,0 +1,370 @@
+//! A run's state as one file: tensors as safetensors, everything else as JSON in its header.
+
+use std::collections::{BTreeMap, HashMap};
+use std::io::Write;
+use std::path::Path;
+
+use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
+use burn::tensor::{DType, Device, Tensor, TensorData};
+use mvfusion_render::grid::GridBounds;
+use mvfusion_render::optim::AdamMoments;
+use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use super::{Sampler, TrainState};
+use crate::ModelError;
+use crate::config::Config;
+use crate::densify::{Branch, Census, DensifyStatistics};
+use crate::gaussians::{Attribute, Gaussians};
+use crate::model::Model;
+use crate::motion::{MotionCache, MotionRefinement, Normalisers};
+use crate::network::{DeformationConfig, LayerInit, Masks};
+use crate::optim::{GaussianOptimiser, ModuleOptimiser};
+use crate::random::{Stream, Streams};
+
+/// Header key under which everything but the tensors is stored.
+const HEADER: &str = "mvfusion";
+
+/// What a checkpoint holds beside tensors.
+#[derive(Debug, Serialize, Deserialize)]
+struct Header {
+    completed: usize,
+    sh_degrees: [usize; 2],
+    grid_max: [f64; 3],
+    grid_min: [f64; 3],
+    knot_times: Option<Vec<f64>>,
+    adam_steps: BTreeMap<String, usize>,
+    normalisers: Normalisers,
+    streams: Streams,
+    sampler: Sampler,
+    census: [Census; 2],
+    refreshes: usize,
+}
+
+/// Tensors by name, on the host.
+type Tensors = BTreeMap<String, TensorData>;
+
+impl TrainState {
+    /// Writes the state to a file: first beside it, then renamed, so that a crash leaves the old file whole.
+    ///
+    /// # Errors
+    /// If the device cannot hand its numbers back or the file cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), ModelError> {
+        let mut tensors = parameters(&self.model)?;
+        let mut adam_steps = BTreeMap::new();
+        for (name, branch) in [("dynamic", &self.model.dynamic), ("static", &self.model.static_)] {
+            for (attribute, moments) in &branch.optimiser.moments {
+                store_moments(&mut tensors, &mut adam_steps, &format!("{name}.{attribute}"), moments)?;
+            }
+            let statistics = &branch.statistics;
+            store(&mut tensors, format!("statistics.{name}.gradients"), statistics.gradients.clone())?;
+            store(&mut tensors, format!("statistics.{name}.seen"), statistics.seen.clone())?;
+            store(&mut tensors, format!("statistics.{name}.foreground"), statistics.foreground.clone())?;
+        }
+        for (path, moments) in &self.optimiser.moments {
+            store_moments(&mut tensors, &mut adam_steps, path, moments)?;
+        }
+        if let Some(cache) = &self.model.motion {
+            store(&mut tensors, "motion.signatures".to_owned(), cache.signatures.clone())?;
+            store(&mut tensors, "motion.local".to_owned(), cache.local.clone())?;
+            store(&mut tensors, "motion.intensity".to_owned(), cache.intensity.clone())?;
+        }
+        let bounds = self.model.network.grid.bounds();
+        let header = Header {
+            completed: self.completed,
+            sh_degrees: [self.model.dynamic.sh_degree, self.model.static_.sh_degree],
+            grid_max: bounds.max,
+            grid_min: bounds.min,
+            knot_times: self.model.motion.as_ref().map(|cache| cache.knot_times.clone()),
+            adam_steps,
+            normalisers: self.normalisers.clone(),
+            streams: self.streams.clone(),
+            sampler: self.sampler.clone(),
+            census: self.census,
+            refreshes: self.refreshes,
+        };
+        write(path, &tensors, &header)
+    }
+
+    /// Reads a state that was written under the same `config`, onto `device` (with autodiff).
+    ///
+    /// # Errors
+    /// If the file cannot be read, is no checkpoint, or does not fit the configuration.
+    pub fn load(path: &Path, config: &Config, device: &Device) -> Result<Self, ModelError> {
+        let (mut reader, header) = Reader::open(path, device)?;
+        let mut optimiser = ModuleOptimiser::default();
+        for (name, &steps) in &header.adam_steps {
+            let in_module = !name.starts_with("dynamic.") && !name.starts_with("static.");
+            if in_module {
+                optimiser.moments.insert(name.clone(), reader.moments(name, steps)?);
+            }
+        }
+        let bounds = GridBounds { max: header.grid_max, min: header.grid_min };
+        let model = reader.model(config, bounds, &header)?;
+        Ok(Self {
+            completed: header.completed,
+            model,
+            optimiser,
+            normalisers: header.normalisers,
+            streams: header.streams,
+            sampler: header.sampler,
+            census: header.census,
+            refreshes: header.refreshes,
+        })
+    }
+}
+
+/// The model of a checkpoint, without autodiff, ready to be evaluated.
+///
+/// # Errors
+/// As [`TrainState::load`].
+pub fn load_model(path: &Path, config: &Config, device: &Device) -> Result<Model, ModelError> {
+    Ok(TrainState::load(path, config, &device.clone().autodiff())?.model.plain())
+}
+
+/// SHA-256 over all learned parameters: names in order, each followed by its numbers, little endian.
+///
+/// # Errors
+/// If the device cannot hand its numbers back.
+pub fn parameter_hash(model: &Model) -> Result<String, ModelError> {
+    let mut hash = Sha256::new();
+    for (name, data) in parameters(model)? {
+        hash.update(name.as_bytes());
+        hash.update(&data.bytes()[..]);
+    }
+    Ok(hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// Every learned parameter by name.
+fn parameters(model: &Model) -> Result<Tensors, ModelError> {
+    let mut tensors = Tensors::new();
+    for (name, branch) in [("dynamic", &model.dynamic), ("static", &model.static_)] {
+        for attribute in Attribute::ALL {
+            if let Some(values) = branch.gaussians.plain(attribute) {
+                store(&mut tensors, format!("{name}.{attribute}"), values)?;
+            }
+        }
+    }
+    let mut collector = Collector { tensors, path: vec!["network".to_owned()], failure: None };
+    model.network.visit(&mut collector);
+    collector.path = vec!["refinement".to_owned()];
+    model.refinement.visit(&mut collector);
+    match collector.failure {
+        Some(error) => Err(error),
+        None => Ok(collector.tensors),
+    }
+}
+
+fn store<const D: usize>(tensors: &mut Tensors, name: String, tensor: Tensor<D>) -> Result<(), ModelError> {
+    let data = tensor.try_into_data().map_err(|error| ModelError::Device(error.to_string()))?;
+    tensors.insert(name, data.convert_dtype(DType::F32));
+    Ok(())
+}
+
+fn store_moments<const D: usize>(
+    tensors: &mut Tensors,
+    steps: &mut BTreeMap<String, usize>,
+    name: &str,
+    moments: &AdamMoments<D>,
+) -> Result<(), ModelError> {
+    steps.insert(name.to_owned(), moments.steps);
+    store(tensors, format!("adam.{name}.first"), moments.first.clone())?;
+    store(tensors, format!("adam.{name}.second"), moments.second.clone())
+}
+
+/// Collects the parameters of a module under their paths.
+struct Collector {
+    tensors: Tensors,
+    path: Vec<String>,
+    failure: Option<ModelError>,
+}
+
+impl ModuleVisitor for Collector {
+    fn enter_module(&mut self, name: &str, _container_type: &str) {
+        self.path.push(name.to_owned());
+    }
+
+    fn exit_module(&mut self, _name: &str, _container_type: &str) {
+        self.path.pop();
+    }
+
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        if let Err(error) = store(&mut self.tensors, self.path.join("."), param.val().inner()) {
+            self.failure.get_or_insert(error);
+        }
+    }
+}
+
+fn write(path: &Path, tensors: &Tensors, header: &Header) -> Result<(), ModelError> {
+    let failed = |reason: String| ModelError::File { action: "write", path: path.to_owned(), reason };
+    let header = serde_json::to_string(header).map_err(|error| failed(error.to_string()))?;
+    let views = tensors
+        .iter()
+        .map(|(name, data)| {
+            TensorView::new(Dtype::F32, data.shape().to_vec(), &data.bytes()[..]).map(|view| (name.clone(), view))
+        })
+        .collect::<Result<Vec<_>, _>>()
+        .map_err(|error| failed(error.to_string()))?;
+    let metadata = HashMap::from([(HEADER.to_owned(), header)]);
+    let bytes = safetensors::serialize(views, Some(metadata)).map_err(|error| failed(error.to_string()))?;
+
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut file = tempfile::NamedTempFile::new_in(folder).map_err(|error| failed(error.to_string()))?;
+    file.write_all(&bytes).and_then(|()| file.as_file().sync_all()).map_err(|error| failed(error.to_string()))?;
+    file.persist(path).map_err(|error| failed(error.to_string()))?;
+    Ok(())
+}
+
+/// A checkpoint being read.
+struct Reader<'a> {
+    path: &'a Path,
+    tensors: BTreeMap<String, TensorData>,
+    device: &'a Device,
+}
+
+impl<'a> Reader<'a> {
+    fn open(path: &'a Path, device: &'a Device) -> Result<(Self, Header), ModelError> {
+        let bytes = std::fs::read(path).map_err(|error| ModelError::File {
+            action: "read",
+            path: path.to_owned(),
+            reason: error.to_string(),
+        })?;
+        let misfit = |reason: String| ModelError::Checkpoint { path: path.to_owned(), reason };
+        let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(|error| misfit(error.to_string()))?;
+        let header = metadata
+            .metadata()
+            .as_ref()
+            .and_then(|entries| entries.get(HEADER))
+            .ok_or_else(|| misfit("it has no header of this program".to_owned()))?;
+        let header: Header = serde_json::from_str(header).map_err(|error| misfit(error.to_string()))?;
+        let file = SafeTensors::deserialize(&bytes).map_err(|error| misfit(error.to_string()))?;
+        let tensors = file
+            .tensors()
+            .into_iter()
+            .map(|(name, view)| {
+                let values: Vec<f32> = view
+                    .data()
+                    .chunks_exact(4)
+                    .map(|bytes| f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]))
+                    .collect();
+                (name, TensorData::new(values, view.shape().to_vec()))
+            })
+            .collect();
+        Ok((Self { path, tensors, device }, header))
+    }
+
+    fn misfit(&self, reason: String) -> ModelError {
+        ModelError::Checkpoint { path: self.path.to_owned(), reason }
+    }
+
+    /// A tensor without autodiff.
+    fn tensor<const D: usize>(&mut self, name: &str) -> Result<Tensor<D>, ModelError> {
+        let data = self.tensors.remove(name).ok_or_else(|| self.misfit(format!("`{name}` is missing")))?;
+        if data.shape().len() != D {
+            return Err(self.misfit(format!("`{name}` has {} dimensions instead of {D}", data.shape().len())));
+        }
+        Ok(Tensor::from_data(data, &self.device.clone().inner()))
+    }
+
+    fn moments<const D: usize>(&mut self, name: &str, steps: usize) -> Result<AdamMoments<D>, ModelError> {
+        let first = self.tensor(&format!("adam.{name}.first"))?;
+        let second = self.tensor(&format!("adam.{name}.second"))?;
+        Ok(AdamMoments { first, second, steps })
+    }
+
+    fn model(&mut self, config: &Config, bounds: GridBounds, header: &Header) -> Result<Model, ModelError> {
+        // The weights are overwritten below, so any will do.
+        let mut stream = Stream::new(0, 0);
+        let mut init = LayerInit { device: self.device, dtype: DType::F32, stream: &mut stream };
+        let network = DeformationConfig {
+            layout: config.model.grid.layout(),
+            bounds,
+            width: config.model.width,
+            depth: config.model.depth,
+            masks: Masks::Predicted,
+        }
+        .init(&mut init);
+        let refinement = MotionRefinement::new(config.model.width, &config.motion, &mut init);
+        Ok(Model {
+            dynamic: self.branch("dynamic", header.sh_degrees[0], header)?,
+            static_: self.branch("static", header.sh_degrees[1], header)?,
+            network: self.fill("network", network)?,
+            refinement: self.fill("refinement", refinement)?,
+            motion: match &header.knot_times {
+                Some(knot_times) => Some(MotionCache {
+                    signatures: self.tensor("motion.signatures")?,
+                    local: self.tensor("motion.local")?,
+                    intensity: self.tensor("motion.intensity")?,
+                    knot_times: knot_times.clone(),
+                }),
+                None => None,
+            },
+        })
+    }
+
+    fn branch(&mut self, name: &str, sh_degree: usize, header: &Header) -> Result<Branch, ModelError> {
+        let mut tensors = BTreeMap::new();
+        let mut optimiser = GaussianOptimiser::default();
+        for attribute in Attribute::ALL {
+            let path = format!("{name}.{attribute}");
+            if self.tensors.contains_key(&path) {
+                tensors.insert(attribute, self.tensor::<2>(&path)?);
+            }
+            if let Some(&steps) = header.adam_steps.get(&path) {
+                optimiser.moments.insert(attribute, self.moments(&path, steps)?);
+            }
+        }
+        let gaussians = Gaussians::from_tensors(|attribute| tensors.get(&attribute).map(|t| t.clone().autodiff()))
+            .ok_or_else(|| self.misfit(format!("an attribute of the {name} branch is missing")))?;
+        let statistics = DensifyStatistics {
+            gradients: self.tensor(&format!("statistics.{name}.gradients"))?,
+            seen: self.tensor(&format!("statistics.{name}.seen"))?,
+            foreground: self.tensor(&format!("statistics.{name}.foreground"))?,
+        };
+        Ok(Branch { gaussians, optimiser, statistics, sh_degree })
+    }
+
+    /// Puts the stored numbers into a module.
+    fn fill<M: Module>(&mut self, name: &str, module: M) -> Result<M, ModelError> {
+        let mut filler = Filler { reader: self, path: vec![name.to_owned()], failure: None };
+        let module = module.map(&mut filler);
+        match filler.failure {
+            Some(error) => Err(error),
+            None => Ok(module),
+        }
+    }
+}
+
+struct Filler<'r, 'a> {
+    reader: &'r mut Reader<'a>,
+    path: Vec<String>,
+    failure: Option<ModelError>,
+}
+
+impl ModuleMapper for Filler<'_, '_> {
+    fn enter_module(&mut self, name: &str, _container_type: &str) {
+        self.path.push(name.to_owned());
+    }
+
+    fn exit_module(&mut self, _name: &str, _container_type: &str) {
+        self.path.pop();
+    }
+
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        let name = self.path.join(".");
+        let (id, value, mapper) = param.consume();
+        let stored = self.reader.tensor::<D>(&name).and_then(|stored| match stored.dims() == value.dims() {
+            true => Ok(stored),
+            false => Err(self.reader.misfit(format!("`{name}` is {:?} instead of {:?}", stored.dims(), value.dims()))),
+        });
+        let value = match stored {
+            Ok(stored) => stored.autodiff().require_grad(),
+            Err(error) => {
+                self.failure.get_or_insert(error);
+                value
+            }
+        };
+        Param::from_mapped_value(id, value, mapper)
+    }
+}

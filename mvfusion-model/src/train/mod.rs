@@ -1,0 +1,16 @@
+//! Training: stages, batches, one step after the other.
+
+mod batch;
+mod checkpoint;
+mod stage;
+mod state;
+mod step;
+mod trainer;
+mod update;
+
+pub use batch::{Photos, Sampler, picture_tensor};
+pub use checkpoint::{load_model, parameter_hash};
+pub use stage::{Position, Stage};
+pub use state::TrainState;
+pub use step::StepLoss;
+pub use trainer::{Trainer, final_movement};

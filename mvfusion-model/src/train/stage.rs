@@ -1,0 +1,128 @@
+//! Where a run stands in its three stages.
+
+use serde::{Deserialize, Serialize};
+
+use crate::config::StageConfig;
+use crate::model::Movement;
+
+/// The three stages (paper, training strategy).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stage {
+    /// Both branches without deformation.
+    Geometry,
+    /// With base deformation.
+    Deformation,
+    /// With motion-aware refinement.
+    Refinement,
+}
+
+impl Stage {
+    /// Name for people and files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Geometry => "geometry",
+            Self::Deformation => "deformation",
+            Self::Refinement => "refinement",
+        }
+    }
+
+    /// How far this stage moves the dynamic Gaussians.
+    pub fn movement(self, deformation: bool) -> Movement {
+        match self {
+            _ if !deformation => Movement::Still,
+            Self::Geometry => Movement::Still,
+            Self::Deformation => Movement::Base,
+            Self::Refinement => Movement::Refined,
+        }
+    }
+}
+
+/// A step of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Position {
+    /// The stage.
+    pub stage: Stage,
+    /// Step within the stage, from 1.
+    pub stage_step: usize,
+    /// Steps of the stage.
+    pub stage_length: usize,
+    /// Step of the counter that schedules go by, from 1: the first stage has its own, the other two share one (A1).
+    pub step: usize,
+}
+
+impl Position {
+    /// The step after `completed` steps, or `None` when the run is over.
+    pub fn after(completed: usize, stages: &StageConfig) -> Option<Self> {
+        let lengths = [
+            (Stage::Geometry, stages.geometry),
+            (Stage::Deformation, stages.deformation),
+            (Stage::Refinement, stages.refinement),
+        ];
+        let mut before = 0;
+        for (stage, length) in lengths {
+            if completed < before + length {
+                let stage_step = completed - before + 1;
+                let step = match stage {
+                    Stage::Refinement => stage_step + stages.deformation,
+                    _ => stage_step,
+                };
+                return Some(Self { stage, stage_step, stage_length: length, step });
+            }
+            before += length;
+        }
+        None
+    }
+
+    /// Whether moments, statistics and schedules start again at this step. The last stage goes on from the one before.
+    pub fn restarts(&self) -> bool {
+        self.step == 1
+    }
+
+    /// Whether this is the stage's last step.
+    pub fn ends_stage(&self) -> bool {
+        self.stage_step == self.stage_length
+    }
+}
+
+impl StageConfig {
+    /// Steps of the whole run.
+    pub fn total(&self) -> usize {
+        self.geometry + self.deformation + self.refinement
+    }
+
+    /// Steps of the counter that the last two stages share.
+    pub fn deforming(&self) -> usize {
+        self.deformation + self.refinement
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STAGES: StageConfig = StageConfig { geometry: 2, deformation: 3, refinement: 4 };
+
+    fn at(completed: usize) -> (Stage, usize, usize) {
+        let position = Position::after(completed, &STAGES).expect("within the run");
+        (position.stage, position.stage_step, position.step)
+    }
+
+    #[test]
+    fn the_last_two_stages_share_a_counter() {
+        assert_eq!(at(0), (Stage::Geometry, 1, 1));
+        assert_eq!(at(1), (Stage::Geometry, 2, 2));
+        assert_eq!(at(2), (Stage::Deformation, 1, 1));
+        assert_eq!(at(5), (Stage::Refinement, 1, 4));
+        assert_eq!(at(8), (Stage::Refinement, 4, 7));
+        assert_eq!(Position::after(9, &STAGES), None);
+    }
+
+    #[test]
+    fn a_stage_of_no_steps_is_skipped() {
+        let stages = StageConfig { deformation: 0, ..STAGES };
+        let position = Position::after(2, &stages).expect("within the run");
+        assert_eq!((position.stage, position.step), (Stage::Refinement, 1));
+        assert!(position.restarts());
+    }
+}

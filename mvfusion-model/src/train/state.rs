@@ -1,0 +1,97 @@
+//! All that a run has to remember between two steps.
+
+use burn::tensor::{DType, Device};
+use glam::DVec3;
+use mvfusion_data::{PointCloud, Scene};
+use mvfusion_render::grid::GridBounds;
+
+use crate::ModelError;
+use crate::config::Config;
+use crate::densify::{Branch, Census};
+use crate::initial::{InitialClouds, Role, gaussians_on};
+use crate::model::Model;
+use crate::motion::{MotionRefinement, Normalisers};
+use crate::network::{DeformationConfig, LayerInit, Masks};
+use crate::optim::ModuleOptimiser;
+use crate::random::Streams;
+
+use super::Sampler;
+
+/// The state of a run: parameters, moments, statistics, motion cache, random streams, counters. What is not in here can
+/// be computed anew from configuration and scene.
+#[derive(Clone, Debug)]
+pub struct TrainState {
+    /// Steps done.
+    pub completed: usize,
+    /// Parameters, and the branches' moments and statistics.
+    pub model: Model,
+    /// Moments of network and refinement.
+    pub optimiser: ModuleOptimiser,
+    /// Normalisers of the motion descriptors.
+    pub normalisers: Normalisers,
+    /// Random streams.
+    pub streams: Streams,
+    /// Views not yet shown in this round.
+    pub sampler: Sampler,
+    /// How often rows changed, dynamic branch first.
+    pub census: [Census; 2],
+    /// Refreshes of the motion statistics.
+    pub refreshes: usize,
+}
+
+impl TrainState {
+    /// The state before the first step. Parameters are made on `device`, which must record gradients.
+    ///
+    /// # Errors
+    /// If the configuration leaves a branch without Gaussians.
+    pub fn new(config: &Config, scene: &Scene, device: &Device) -> Result<Self, ModelError> {
+        let mut streams = Streams::new(config.seed);
+        let mut clouds = InitialClouds::draw(scene, &config.init, &mut streams.clouds);
+        if clouds.static_.is_empty() {
+            // Without points from structure from motion, the static branch starts from random ones as well.
+            tracing::warn!("the scene has no points; the static branch starts from {} random ones", clouds.dynamic.len());
+            clouds.static_ = clouds.dynamic.clone();
+        }
+        let bounds = grid_bounds(&clouds.dynamic).ok_or(ModelError::Config {
+            key: "init.dynamic_points",
+            value: config.init.dynamic_points.to_string(),
+            reason: "the dynamic branch needs at least one Gaussian to start from; give a number above 0",
+        })?;
+        let dtype = DType::F32;
+        let branch = |cloud: &PointCloud, role| {
+            Branch::new(gaussians_on(cloud, role, config.model.sh_degree, config.init.opacity, device, dtype))
+        };
+        let (dynamic, static_) = (branch(&clouds.dynamic, Role::Dynamic), branch(&clouds.static_, Role::Static));
+
+        let mut init = LayerInit { device, dtype, stream: &mut streams.weights };
+        let network = DeformationConfig {
+            layout: config.model.grid.layout(),
+            bounds,
+            width: config.model.width,
+            depth: config.model.depth,
+            masks: Masks::Predicted,
+        }
+        .init(&mut init);
+        let refinement = MotionRefinement::new(config.model.width, &config.motion, &mut init);
+        Ok(Self {
+            completed: 0,
+            model: Model { dynamic, static_, network, refinement, motion: None },
+            optimiser: ModuleOptimiser::default(),
+            normalisers: Normalisers::default(),
+            streams,
+            sampler: Sampler::default(),
+            census: [Census::default(); 2],
+            refreshes: 0,
+        })
+    }
+}
+
+/// The box of the dynamic cloud, without margin (METHOD §2.1); `None` for an empty one.
+fn grid_bounds(cloud: &PointCloud) -> Option<GridBounds> {
+    /// A flat cloud would make the grid's coordinates infinite.
+    const MIN_SIDE: f64 = 1e-6;
+    let (min, max) = cloud.bounds()?;
+    let min = min.as_dvec3();
+    let max = max.as_dvec3().max(min + DVec3::splat(MIN_SIDE));
+    Some(GridBounds { max: max.to_array(), min: min.to_array() })
+}

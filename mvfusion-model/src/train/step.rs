@@ -1,0 +1,143 @@
+//! The forward half of a step: render a batch, blend, compare.
+
+use burn::tensor::{Int, Tensor};
+use mvfusion_render::grid;
+use mvfusion_render::splat::SplatLayers;
+
+use super::{Position, Trainer};
+use crate::ModelError;
+use crate::composition::{Blending, Layers};
+use crate::loss::{LossContext, LossSchedule, Pictures, light_loss, main_loss};
+use crate::model::{BranchPictures, Movement, Probes};
+
+use super::Stage;
+
+/// The losses of a step, still on the device: nothing waits for them unless somebody reads them.
+#[derive(Clone, Debug)]
+pub struct StepLoss {
+    /// Main and light loss together.
+    pub total: Tensor<1>,
+    /// Mean squared error of the composed pictures.
+    pub squared_error: Tensor<1>,
+}
+
+/// What the backward half needs of the forward half.
+pub(super) struct Forward {
+    /// What is minimised.
+    pub total: Tensor<1>,
+    /// For the log.
+    pub loss: StepLoss,
+    /// Where the screen-space gradients arrive.
+    pub probes: Probes,
+    /// What was seen of the dynamic branch.
+    pub dynamic: Sighting,
+    /// What was seen of the static branch.
+    pub static_: Sighting,
+}
+
+/// Which Gaussians of a branch a batch has seen.
+pub(super) struct Sighting {
+    /// 1 for Gaussians visible in any view, else 0: `[N, 1]`.
+    pub visible: Tensor<2>,
+    /// Highest foreground probability over the views: `[N, 1]`.
+    pub foreground: Option<Tensor<2>>,
+}
+
+impl Trainer {
+    /// Renders the given views and computes the losses.
+    pub(super) fn forward(&self, views: &[usize], position: &Position) -> Result<Forward, ModelError> {
+        let model = &self.state.model;
+        let movement = position.stage.movement(self.config.model.deformation);
+        let probes = Probes::new(&model.dynamic.gaussians.means.val());
+        let render = |&view: &usize| {
+            let photo = self.photos.get(view);
+            model.render(&photo.camera, photo.time, movement, Some(&probes), &self.surroundings)
+        };
+        let rendered = views.iter().map(render).collect::<Result<Vec<_>, _>>()?;
+
+        let photos = self.photos.stack(views, &self.device);
+        let context = self.loss_context(&photos, position);
+        let blending = if position.stage == Stage::Geometry { Blending::Geometry } else { Blending::Deformation };
+        let main = pictures(&rendered, Copy::Main, blending);
+        let light = pictures(&rendered, Copy::Light, blending);
+        let log_scales = [&model.dynamic, &model.static_].map(|branch| branch.gaussians.log_scales.val());
+
+        let mut total = main_loss(&main, &context) + light_loss(&light, log_scales, &context);
+        if movement != Movement::Still {
+            total = total + self.grid_penalty()?;
+        }
+        let difference = main.composition.composed.inner() - photos;
+        let loss =
+            StepLoss { total: total.clone().inner(), squared_error: difference.powf_scalar(2.0).mean() };
+        Ok(Forward { total, loss, probes, dynamic: Sighting::of(&rendered, true), static_: Sighting::of(&rendered, false) })
+    }
+
+    fn loss_context<'a>(&'a self, photos: &'a Tensor<4>, position: &Position) -> LossContext<'a> {
+        let config = &self.config;
+        LossContext {
+            photos,
+            config: &config.loss,
+            schedule: LossSchedule {
+                geometry: position.stage == Stage::Geometry,
+                step: position.step,
+                total: config.train.stages.deforming(),
+                densify_until: config.densify.until,
+                brightness_end: config.loss.brightness_end,
+            },
+            extent: self.surroundings.extent,
+            windows: &self.windows,
+        }
+    }
+
+    /// Smoothness of the HexPlane's planes (METHOD §4.4, R_grid).
+    fn grid_penalty(&self) -> Result<Tensor<1>, ModelError> {
+        let grid = &self.state.model.network.grid;
+        let penalties = grid::regulariser::penalties(grid.planes.val(), grid.layout())?;
+        let config = &self.config.loss;
+        Ok(penalties.plane_smooth * config.plane_smooth
+            + penalties.time_smooth * config.time_smooth
+            + penalties.l1_time * config.time_l1)
+    }
+}
+
+/// Which of the two equal copies of a picture is meant.
+#[derive(Clone, Copy, PartialEq)]
+enum Copy {
+    Main,
+    Light,
+}
+
+/// One copy of every rendered view, stacked and blended.
+fn pictures(rendered: &[BranchPictures], copy: Copy, blending: Blending) -> Pictures {
+    let layers = |picture: &mvfusion_render::splat::SplatPicture| match copy {
+        Copy::Main => picture.main(),
+        Copy::Light => picture.light(),
+    };
+    let dynamic: Vec<SplatLayers> = rendered.iter().map(|view| layers(&view.dynamic)).collect();
+    let static_: Vec<SplatLayers> = rendered.iter().map(|view| layers(&view.static_)).collect();
+    let stack = |views: &[SplatLayers], layer: fn(&SplatLayers) -> Tensor<3>| -> Tensor<4> {
+        Tensor::cat(views.iter().map(|view| layer(view).unsqueeze_dim(0)).collect(), 0)
+    };
+    let mask = |view: &SplatLayers| view.features.clone().expect("the dynamic branch is always splatted with its mask");
+    let blend = Layers {
+        dynamic: stack(&dynamic, |view| view.colour.clone()),
+        static_: stack(&static_, |view| view.colour.clone()),
+        mask: stack(&dynamic, mask),
+    };
+    Pictures {
+        composition: blend.compose(blending),
+        dynamic_depth: stack(&dynamic, |view| view.depth.clone()),
+        static_depth: stack(&static_, |view| view.depth.clone()),
+    }
+}
+
+impl Sighting {
+    fn of(rendered: &[BranchPictures], dynamic: bool) -> Self {
+        let radii = |view: &BranchPictures| if dynamic { view.dynamic.radii.clone() } else { view.static_.radii.clone() };
+        let seen = |radii: Tensor<1, Int>| -> Tensor<2> { radii.greater_elem(0).float().unsqueeze_dim(1) };
+        let most = |tensors: Vec<Tensor<2>>| tensors.into_iter().reduce(|a, b| a.max_pair(b));
+        let visible = most(rendered.iter().map(|view| seen(radii(view))).collect()).expect("a batch holds a view");
+        let foreground = dynamic.then(|| most(rendered.iter().filter_map(|view| view.foreground.clone()).collect()));
+        Self { visible, foreground: foreground.flatten() }
+    }
+}

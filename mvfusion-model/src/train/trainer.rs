@@ -1,0 +1,155 @@
+//! The trainer: one wheel for every device.
+
+use burn::tensor::Device;
+use mvfusion_data::Scene;
+
+use super::{Photos, Position, Stage, StepLoss, TrainState};
+use crate::ModelError;
+use crate::config::Config;
+use crate::loss::Windows;
+use crate::model::{Movement, Surroundings};
+use crate::timeline::Timeline;
+
+/// Trains a model on a scene, step by step.
+#[derive(Debug)]
+pub struct Trainer {
+    pub(super) config: Config,
+    pub(super) surroundings: Surroundings,
+    pub(super) photos: Photos,
+    pub(super) windows: Windows,
+    pub(super) device: Device,
+    pub(super) state: TrainState,
+}
+
+impl Trainer {
+    /// A trainer before its first step. `config` counts real steps: `train.scale` was applied already.
+    ///
+    /// # Errors
+    /// If the scene's pictures cannot be read or the configuration cannot be trained.
+    pub fn new(config: Config, scene: &Scene, device: &Device) -> Result<Self, ModelError> {
+        config.check()?;
+        let device = device.clone().autodiff();
+        let state = TrainState::new(&config, scene, &device)?;
+        Self::with_state(config, scene, &device, state)
+    }
+
+    /// A trainer that goes on from a state.
+    ///
+    /// # Errors
+    /// If the scene's pictures cannot be read.
+    pub fn with_state(
+        config: Config,
+        scene: &Scene,
+        device: &Device,
+        state: TrainState,
+    ) -> Result<Self, ModelError> {
+        let surroundings = Surroundings::new(&config, scene);
+        let photos = Photos::load(scene)?;
+        Ok(Self { config, surroundings, photos, windows: Windows::default(), device: device.clone(), state })
+    }
+
+    /// The next step, or `None` when training is over.
+    pub fn position(&self) -> Option<Position> {
+        Position::after(self.state.completed, &self.config.train.stages)
+    }
+
+    /// Does the next step and returns its losses, or `None` when training is over.
+    ///
+    /// # Errors
+    /// If the device fails or an op refuses its input.
+    pub fn step(&mut self) -> Result<Option<StepLoss>, ModelError> {
+        let Some(position) = self.position() else { return Ok(None) };
+        self.enter(&position)?;
+        let views = self.state.sampler.draw(
+            self.config.train.batch_size,
+            self.photos.len(),
+            &mut self.state.streams.sampling,
+        );
+        let forward = self.forward(&views, &position)?;
+        let loss = forward.loss.clone();
+        self.learn(forward, &position)?;
+        if self.refresh_due(&position) {
+            self.refresh_motion()?;
+        }
+        self.state.completed += 1;
+        Ok(Some(loss))
+    }
+
+    /// What happens before a step: a stage may begin, colours may gain a degree.
+    fn enter(&mut self, position: &Position) -> Result<(), ModelError> {
+        if position.restarts() {
+            self.state.model.dynamic.restart();
+            self.state.model.static_.restart();
+            self.state.optimiser = Default::default();
+        }
+        let refined = position.stage.movement(self.config.model.deformation) == Movement::Refined;
+        if refined && self.state.model.motion.is_none() {
+            self.refresh_motion()?;
+        }
+        let highest = self.config.model.sh_degree;
+        let model = &mut self.state.model;
+        let intervals = (self.config.train.dynamic_sh_interval, self.config.train.static_sh_interval);
+        for (branch, interval) in [(&mut model.dynamic, intervals.0), (&mut model.static_, intervals.1)] {
+            if position.step.is_multiple_of(interval) && branch.sh_degree < highest {
+                branch.sh_degree += 1;
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether the motion statistics are measured after this step: at the end of the deformation stage, then every `E`
+    /// steps of the last stage (A2).
+    fn refresh_due(&self, position: &Position) -> bool {
+        self.config.model.deformation
+            && match position.stage {
+                Stage::Geometry => false,
+                Stage::Deformation => position.ends_stage() && self.config.train.stages.refinement > 0,
+                Stage::Refinement => {
+                    position.stage_step.is_multiple_of(self.config.motion.interval) && !position.ends_stage()
+                }
+            }
+    }
+
+    /// How the finished model is to be rendered.
+    pub fn final_movement(&self) -> Movement {
+        final_movement(&self.config)
+    }
+
+    /// The configuration.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// The state.
+    pub fn state(&self) -> &TrainState {
+        &self.state
+    }
+
+    /// What the model needs to know of scene and run.
+    pub fn surroundings(&self) -> &Surroundings {
+        &self.surroundings
+    }
+}
+
+/// How a model trained by `config` is to be rendered: as in the last stage that it went through.
+pub fn final_movement(config: &Config) -> Movement {
+    let stages = &config.train.stages;
+    let last = match (stages.refinement, stages.deformation) {
+        (0, 0) => Stage::Geometry,
+        (0, _) => Stage::Deformation,
+        _ => Stage::Refinement,
+    };
+    last.movement(config.model.deformation)
+}
+
+impl Surroundings {
+    /// What a model trained by `config` needs to know of its scene.
+    pub fn new(config: &Config, scene: &Scene) -> Self {
+        Self {
+            timeline: Timeline::new(scene.training_times()),
+            extent: scene.extent(),
+            motion: config.motion.clone(),
+            mask_gradient: config.densify.mask_gradient,
+        }
+    }
+}

@@ -1,0 +1,79 @@
+//! What can be wrong with the arguments of a look-up.
+
+use burn::tensor::{DType, Tensor};
+
+use super::{GridBounds, GridLayout};
+
+/// An argument of a grid function that does not fit.
+#[derive(Debug, thiserror::Error)]
+pub enum GridError {
+    /// A tensor has another shape than the layout asks for.
+    #[error("`{argument}` has shape {found:?}; expected {expected}")]
+    Shape {
+        /// The argument's name.
+        argument: &'static str,
+        /// Its shape.
+        found: [usize; 2],
+        /// The shape in words.
+        expected: String,
+    },
+    /// A tensor's numbers are of another type than those of the planes, or neither f32 nor f64.
+    #[error("`{argument}` holds {found:?}; expected f32 or f64, the same in all arguments")]
+    Type {
+        /// The argument's name.
+        argument: &'static str,
+        /// Its type.
+        found: DType,
+    },
+    /// A layout without a feature, a cell or a scale.
+    #[error("the grid layout {0:?} is empty: features, resolution and multipliers must be positive")]
+    Layout(GridLayout),
+    /// Bounds that are not finite.
+    #[error("the grid bounds {0:?} are not finite")]
+    Bounds(GridBounds),
+}
+
+/// Checks everything that [`look_up`](super::look_up) takes.
+pub(super) fn check(
+    planes: &Tensor<2>,
+    points: &Tensor<2>,
+    times: &Tensor<2>,
+    bounds: &GridBounds,
+    layout: &GridLayout,
+) -> Result<(), GridError> {
+    check_planes(planes, layout)?;
+    let count = points.dims()[0];
+    let shape = |argument, found, fits: bool, expected: &str| match fits {
+        true => Ok(()),
+        false => Err(GridError::Shape { argument, found, expected: expected.to_owned() }),
+    };
+    shape("points", points.dims(), points.dims()[1] == 3, "[N, 3]")?;
+    let of_points = times.dims() == [count, 1] || times.dims() == [1, 1];
+    shape("times", times.dims(), of_points, &format!("[{count}, 1] or [1, 1]"))?;
+    for (argument, tensor) in [("points", points), ("times", times)] {
+        if tensor.dtype() != planes.dtype() {
+            return Err(GridError::Type { argument, found: tensor.dtype() });
+        }
+    }
+    match bounds.max.iter().chain(&bounds.min).all(|corner| corner.is_finite()) {
+        true => Ok(()),
+        false => Err(GridError::Bounds(*bounds)),
+    }
+}
+
+/// Checks the planes alone.
+pub(super) fn check_planes(planes: &Tensor<2>, layout: &GridLayout) -> Result<(), GridError> {
+    let sizes = layout.resolution.iter().chain(&layout.multipliers);
+    if layout.features == 0 || layout.multipliers.is_empty() || sizes.into_iter().any(|&size| size == 0) {
+        return Err(GridError::Layout(layout.clone()));
+    }
+    let expected = [layout.cells(), layout.features];
+    if planes.dims() != expected {
+        let expected = format!("{expected:?}");
+        return Err(GridError::Shape { argument: "planes", found: planes.dims(), expected });
+    }
+    match planes.dtype() {
+        DType::F32 | DType::F64 => Ok(()),
+        found => Err(GridError::Type { argument: "planes", found }),
+    }
+}

@@ -1,0 +1,31 @@
+//! R_grid of METHOD §4.4: what keeps the planes smooth and the time planes near 1.
+
+mod cpu;
+mod op;
+
+use burn::tensor::Tensor;
+
+use super::{GridError, GridLayout, error};
+
+/// The three terms of R_grid, each `[1]`, unweighted. The "plane TV" term is really a smoothness along one axis.
+#[derive(Clone, Debug)]
+pub struct GridPenalties {
+    /// The sum over scales and the planes xy, xz, yz of the mean squared second difference along the height.
+    pub plane_smooth: Tensor<1>,
+    /// The same over the planes xt, yt, zt, whose height is time.
+    pub time_smooth: Tensor<1>,
+    /// The sum over scales and the planes xt, yt, zt of the mean of `|1 - p|`.
+    pub l1_time: Tensor<1>,
+}
+
+/// The penalties of `planes` `[cells, F]`, laid out as [`GridLayout::planes`] says, f32 or f64. A plane of fewer than
+/// three rows has no second difference and adds nothing; where a number is exactly 1, `|1 - p|` has gradient 0.
+///
+/// # Errors
+/// If the planes do not fit the layout.
+pub fn penalties(planes: Tensor<2>, layout: &GridLayout) -> Result<GridPenalties, GridError> {
+    error::check_planes(&planes, layout)?;
+    let terms = op::penalties(planes, layout);
+    let [plane_smooth, time_smooth, l1_time] = [0, 1, 2].map(|term| terms.clone().narrow(0, term, 1));
+    Ok(GridPenalties { plane_smooth, time_smooth, l1_time })
+}

@@ -1,0 +1,157 @@
+//! Adam for parameters whose rows come and go: its moments are plain tensors in the hands of the trainer.
+
+mod cpu;
+mod op;
+
+use burn::tensor::Tensor;
+
+/// Adam's constants (METHOD §4.5).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AdamRule {
+    /// The step size.
+    pub learning_rate: f64,
+    /// The decay of the first moment.
+    pub beta1: f64,
+    /// The decay of the second moment.
+    pub beta2: f64,
+    /// What is added to the root of the second moment.
+    pub epsilon: f64,
+}
+
+impl AdamRule {
+    /// The rule of METHOD §4.5 with the given learning rate.
+    pub fn new(learning_rate: f64) -> Self {
+        Self { learning_rate, ..Self::default() }
+    }
+}
+
+impl Default for AdamRule {
+    /// The constants of METHOD §4.5, and a learning rate of 1e-3.
+    fn default() -> Self {
+        Self { learning_rate: 1e-3, beta1: 0.9, beta2: 0.999, epsilon: 1e-15 }
+    }
+}
+
+/// Adam's memory of a parameter.
+#[derive(Clone, Debug)]
+pub struct AdamMoments<const D: usize> {
+    /// The running mean of the gradient, of the parameter's shape.
+    pub first: Tensor<D>,
+    /// The running mean of its square, of the parameter's shape.
+    pub second: Tensor<D>,
+    /// How many steps were made.
+    pub steps: usize,
+}
+
+impl<const D: usize> AdamMoments<D> {
+    /// No memory yet of a parameter like `value`.
+    pub fn zeros_like(value: &Tensor<D>) -> Self {
+        Self { first: Tensor::zeros_like(value), second: Tensor::zeros_like(value), steps: 0 }
+    }
+}
+
+/// One step of Adam as PyTorch makes it: both moments are corrected for their start at zero, and epsilon is added after
+/// the correction of the second.
+///
+/// All tensors are of one shape and dtype (f32 or f64) and outside of autodiff. Memory that nobody else holds is
+/// changed in place, so hand the tensors over rather than clones of them.
+///
+/// # Panics
+/// If the shapes differ.
+pub fn adam_step<const D: usize>(
+    value: Tensor<D>,
+    gradient: Tensor<D>,
+    moments: AdamMoments<D>,
+    rule: &AdamRule,
+) -> (Tensor<D>, AdamMoments<D>) {
+    let shape = value.dims();
+    for other in [&gradient, &moments.first, &moments.second] {
+        assert_eq!(other.dims(), shape, "a parameter, its gradient and its moments are of one shape");
+    }
+    op::adam_step(value, gradient, moments, rule)
+}
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::{DType, Device, TensorData};
+
+    use super::*;
+    use crate::test_support::{for_each_device, numbers, random};
+
+    /// A few roundings on numbers of size one.
+    const EXACT: f64 = 1e-14;
+    const SINGLE: f64 = 1e-6;
+
+    fn tensor(values: &[f64], device: &Device, dtype: DType) -> Tensor<2> {
+        Tensor::from_data(TensorData::new(values.to_vec(), [values.len() / 3, 3]), (device, dtype))
+    }
+
+    /// The rule as a textbook writes it, for one number.
+    fn textbook(mut value: f64, gradients: &[f64], rule: &AdamRule) -> f64 {
+        let (mut first, mut second) = (0.0, 0.0);
+        for (i, gradient) in gradients.iter().enumerate() {
+            let step = i as i32 + 1;
+            first = rule.beta1 * first + (1.0 - rule.beta1) * gradient;
+            second = rule.beta2 * second + (1.0 - rule.beta2) * gradient * gradient;
+            let corrected = (second / (1.0 - rule.beta2.powi(step))).sqrt();
+            value -= rule.learning_rate * first / (1.0 - rule.beta1.powi(step)) / (corrected + rule.epsilon);
+        }
+        value
+    }
+
+    #[test]
+    fn steps_follow_the_textbook() {
+        const NUMBERS: usize = 3 * 7001;
+        let rule = AdamRule { learning_rate: 0.05, epsilon: 1e-3, ..AdamRule::default() };
+        let start = random(1, NUMBERS);
+        let gradients: Vec<Vec<f64>> =
+            (2..5).map(|seed| random(seed, NUMBERS).iter().map(|x| x - 0.5).collect()).collect();
+        for_each_device(|device| {
+            for (dtype, tolerance) in [(DType::F64, EXACT), (DType::F32, SINGLE)] {
+                let mut value = tensor(&start, &device, dtype);
+                let mut moments = AdamMoments::zeros_like(&value);
+                for gradient in &gradients {
+                    (value, moments) = adam_step(value, tensor(gradient, &device, dtype), moments, &rule);
+                }
+                assert_eq!(moments.steps, 3);
+                for (i, found) in numbers(value).into_iter().enumerate() {
+                    let own: Vec<f64> = gradients.iter().map(|gradient| gradient[i]).collect();
+                    let wanted = textbook(start[i], &own, &rule);
+                    assert!((found - wanted).abs() < tolerance, "{dtype:?} {i}: {found} for {wanted}");
+                }
+            }
+        });
+    }
+
+    #[test]
+    fn a_number_without_gradient_stays() {
+        for_each_device(|device| {
+            let value = tensor(&[1.0, 2.0, 3.0], &device, DType::F32);
+            let moments = AdamMoments::zeros_like(&value);
+            let (value, _) = adam_step(value.clone(), value.zeros_like(), moments, &AdamRule::default());
+            assert_eq!(numbers(value), [1.0, 2.0, 3.0]);
+        });
+    }
+
+    #[test]
+    fn a_step_leaves_other_holders_of_the_value_alone() {
+        for_each_device(|device| {
+            let value = tensor(&[1.0, 2.0, 3.0], &device, DType::F32);
+            let held = value.clone();
+            let moments = AdamMoments::zeros_like(&value);
+            let (moved, _) = adam_step(value, held.clone(), moments, &AdamRule::default());
+            assert_eq!(numbers(held), [1.0, 2.0, 3.0]);
+            assert_ne!(numbers(moved), [1.0, 2.0, 3.0]);
+        });
+    }
+
+    #[test]
+    fn an_empty_parameter_can_step() {
+        for_each_device(|device| {
+            let value = tensor(&[], &device, DType::F32);
+            let moments = AdamMoments::zeros_like(&value);
+            let (value, moments) = adam_step(value.clone(), value, moments, &AdamRule::default());
+            assert_eq!((value.dims(), moments.steps), ([0, 3], 1));
+        });
+    }
+}

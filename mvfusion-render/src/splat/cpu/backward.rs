@@ -1,0 +1,51 @@
+//! The whole backward pass: blending, then projection.
+
+use super::blend::TileSource;
+use super::blend_backward::{BlendGradientSource, blend_backward};
+use super::cloud::Cloud;
+use super::lanes::{LANES, Lane, SEGMENTS};
+use super::project_backward::{CloudGradients, RecordIndex, project_backward};
+use super::view::View;
+use crate::splat::Statistic;
+
+/// What the forward pass saved, as it lies in tensors.
+#[derive(Clone, Copy)]
+pub(crate) struct Saved<'a, T> {
+    /// See [`super::project::Projections`].
+    pub records: &'a [T],
+    /// See [`super::tiles::Bins`].
+    pub sorted: &'a [i32],
+    pub starts: &'a [i32],
+    pub spans: &'a [i32],
+    pub slots: &'a [i32],
+    /// See [`super::blend::Blended`].
+    pub transmittance: &'a [T],
+    pub last: &'a [i32],
+}
+
+/// Gradients of all inputs.
+pub(crate) struct Gradients<T> {
+    pub cloud: CloudGradients<T>,
+    pub background: Vec<T>,
+}
+
+/// Pulls the cotangent `[2, channels + 1, height, width]` of the packed picture back to the inputs.
+pub(crate) fn backward<T: Lane>(
+    cloud: &Cloud<T>,
+    view: &View<T>,
+    saved: Saved<T>,
+    v_picture: &[T],
+    statistic: Option<Statistic>,
+) -> Gradients<T> {
+    let records = saved.records.as_chunks().0;
+    let source = BlendGradientSource {
+        tiles: TileSource { cloud: *cloud, view, records, sorted: saved.sorted, starts: saved.starts },
+        transmittance: saved.transmittance.as_chunks::<LANES>().0.as_chunks::<SEGMENTS>().0,
+        last: saved.last.as_chunks::<LANES>().0.as_chunks::<SEGMENTS>().0,
+        v_picture,
+        statistic,
+    };
+    let blended = blend_backward(&source);
+    let index = RecordIndex { spans: saved.spans, slots: saved.slots };
+    Gradients { cloud: project_backward(cloud, view, records, index, &blended.records), background: blended.background }
+}

@@ -1,0 +1,281 @@
+//! Blending the Gaussians of each tile, front to back.
+
+use mvfusion_kernels::splat::{COLOUR_CHANNELS, MIN_ALPHA, PROJECTED_LEN, Projected, TILE};
+use pulp::{Simd, WithSimd};
+use rayon::prelude::*;
+
+use super::cloud::Cloud;
+use super::lanes::{HALVES, LANES, Lane, Lanes, Plane, SEGMENTS, fma};
+use super::tiles::touched_segments;
+use super::view::View;
+
+/// Gaussians that are gathered at once; whether a pixel is still open is looked up as often.
+pub(crate) const BATCH: usize = 32;
+
+/// The blended picture, by tiles.
+pub(crate) struct Blended<T> {
+    /// Channels of each tile: colour, features, depth.
+    pub channels: Vec<Plane<T>>,
+    /// Transmittance that is left, a plane a tile.
+    pub transmittance: Vec<Plane<T>>,
+    /// One more than the place, in the tile's list, of the last Gaussian that each pixel added.
+    pub last: Vec<Plane<i32>>,
+}
+
+/// What all tiles of a picture share.
+#[derive(Clone, Copy)]
+pub(crate) struct TileSource<'a, T> {
+    pub cloud: Cloud<'a, T>,
+    pub view: &'a View<T>,
+    /// Rows of projected Gaussians.
+    pub records: &'a [[T; PROJECTED_LEN]],
+    /// Tile lists, see [`super::tiles::Bins`].
+    pub sorted: &'a [i32],
+    pub starts: &'a [i32],
+}
+
+impl<'a, T: Lane> TileSource<'a, T> {
+    /// The Gaussians of a tile, front to back.
+    pub fn list(&self, tile: usize) -> &'a [i32] {
+        &self.sorted[self.starts[tile] as usize..self.starts[tile + 1] as usize]
+    }
+
+    /// First pixel of a tile.
+    pub fn origin(&self, tile: usize) -> [usize; 2] {
+        let columns = self.view.grid()[0];
+        [tile % columns * TILE, tile / columns * TILE]
+    }
+}
+
+/// Counts what blending does; the count of nothing costs nothing.
+pub(crate) trait Tally: Default + Send {
+    /// A segment was evaluated, and its pixels took up the Gaussian with these weights (zero: not at all).
+    fn segment<T: Lane>(&mut self, weights: &Lanes<T>);
+}
+
+impl Tally for () {
+    #[inline(always)]
+    fn segment<T: Lane>(&mut self, _: &Lanes<T>) {}
+}
+
+/// Blends a picture; the tallies are those of the tiles, in order.
+pub(crate) fn blend<T: Lane, K: Tally>(source: &TileSource<T>) -> (Blended<T>, Vec<K>) {
+    let (tiles, channels) = (source.view.tile_count(), source.cloud.channels());
+    let mut blended = Blended {
+        channels: vec![[[T::zero(); LANES]; SEGMENTS]; tiles * channels],
+        transmittance: vec![[[T::zero(); LANES]; SEGMENTS]; tiles],
+        last: vec![[[0; LANES]; SEGMENTS]; tiles],
+    };
+    let outputs = blended.channels.par_chunks_mut(channels).zip(&mut blended.transmittance).zip(&mut blended.last);
+    let tallies = outputs
+        .enumerate()
+        .map(|(tile, ((channels, transmittance), last))| {
+            let output = TileOutput { channels, transmittance, last };
+            blend_tile(source, tile, output)
+        })
+        .collect();
+    (blended, tallies)
+}
+
+struct TileOutput<'a, T> {
+    channels: &'a mut [Plane<T>],
+    transmittance: &'a mut Plane<T>,
+    last: &'a mut Plane<i32>,
+}
+
+/// Chooses the instruction set and, for the common numbers of channels, a version with unrolled loops.
+fn blend_tile<T: Lane, K: Tally>(source: &TileSource<T>, tile: usize, output: TileOutput<T>) -> K {
+    let arch = pulp::Arch::new();
+    match source.cloud.channels() {
+        4 if size_of::<T>() == 4 => arch.dispatch(BlendTile::<T, K, 4> { source, tile, output, tally: K::default() }),
+        7 if size_of::<T>() == 4 => arch.dispatch(BlendTile::<T, K, 7> { source, tile, output, tally: K::default() }),
+        _ => arch.dispatch(BlendTile::<T, K, 0> { source, tile, output, tally: K::default() }),
+    }
+}
+
+/// One tile to blend, with `C` channels, or with any number if `C` is 0.
+struct BlendTile<'a, T, K, const C: usize> {
+    source: &'a TileSource<'a, T>,
+    tile: usize,
+    output: TileOutput<'a, T>,
+    tally: K,
+}
+
+impl<T: Lane, K: Tally, const C: usize> WithSimd for BlendTile<'_, T, K, C> {
+    type Output = K;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, _: S) -> K {
+        let count = if C == 0 { self.source.cloud.channels() } else { C };
+        let channels = &mut self.output.channels[..count];
+        let (list, origin) = (self.source.list(self.tile), self.source.origin(self.tile));
+        *self.output.transmittance = inside_picture(origin, self.source.view);
+        let mut stage = Stage::new(count);
+        for (number, ids) in list.chunks(BATCH).enumerate() {
+            let open = open_segments(self.output.transmittance);
+            if open == 0 {
+                break;
+            }
+            stage.gather(self.source, origin, ids);
+            for (k, splat) in stage.splats[..ids.len()].iter().enumerate() {
+                let mut segments = splat.segments & open;
+                let values = &stage.values[k * count..(k + 1) * count];
+                let dx = splat.offsets_x();
+                while segments != 0 {
+                    let segment = segments.trailing_zeros() as usize % SEGMENTS;
+                    segments &= segments - 1;
+                    let falloff = splat.falloff::<S>(&dx[segment / TILE], splat.offset_y(segment % TILE));
+                    let pixels = Pixels {
+                        transmittance: &mut self.output.transmittance[segment],
+                        last: &mut self.output.last[segment],
+                        place: (number * BATCH + k + 1) as i32,
+                    };
+                    let weights = pixels.take_up::<S>(splat.opacity, &falloff, self.source.view);
+                    for (channel, &value) in channels.iter_mut().zip(values) {
+                        for (sum, &weight) in channel[segment].iter_mut().zip(&weights) {
+                            *sum = fma::<S, T>(weight, value, *sum);
+                        }
+                    }
+                    self.tally.segment(&weights);
+                }
+            }
+        }
+        add_background::<T>(channels, self.output.transmittance, self.source.cloud.background);
+        self.tally
+    }
+}
+
+/// The state of a segment's pixels that a Gaussian changes.
+struct Pixels<'a, T> {
+    /// Positive while the pixel is open, negative once it is finished, zero outside the picture.
+    transmittance: &'a mut Lanes<T>,
+    last: &'a mut Lanes<i32>,
+    place: i32,
+}
+
+impl<T: Lane> Pixels<'_, T> {
+    /// Lets the Gaussian in where it is seen, and returns its weights.
+    #[inline(always)]
+    fn take_up<S: Simd>(self, opacity: T, falloff: &Lanes<T>, view: &View<T>) -> Lanes<T> {
+        let (zero, min_alpha, clamp, stop) = (T::zero(), T::of(MIN_ALPHA), view.alpha_clamp, view.stop);
+        let mut weights = [zero; LANES];
+        for lane in 0..LANES {
+            let raw = opacity * falloff[lane];
+            let alpha = if raw < clamp { raw } else { clamp };
+            let before = self.transmittance[lane];
+            let after = fma::<S, T>(-before, alpha, before);
+            let seen = (alpha >= min_alpha) & (before > zero);
+            let added = seen & (after >= stop);
+            weights[lane] = if added { alpha * before } else { zero };
+            let closed = if seen { -before } else { before };
+            self.transmittance[lane] = if added { after } else { closed };
+            self.last[lane] = if added { self.place } else { self.last[lane] };
+        }
+        weights
+    }
+}
+
+/// Transmittance before the first Gaussian: 1 inside the picture, 0 outside.
+fn inside_picture<T: Lane>(origin: [usize; 2], view: &View<T>) -> Plane<T> {
+    std::array::from_fn(|segment| {
+        let row = origin[1] + segment % TILE;
+        let column = origin[0] + segment / TILE * LANES;
+        std::array::from_fn(|lane| if row < view.height && column + lane < view.width { T::one() } else { T::zero() })
+    })
+}
+
+/// Segments that have an open pixel, one bit a segment.
+#[inline(always)]
+fn open_segments<T: Lane>(transmittance: &Plane<T>) -> u32 {
+    let mut open = 0;
+    for (segment, lanes) in transmittance.iter().enumerate() {
+        open |= u32::from(lanes.iter().any(|&t| t > T::zero())) << segment;
+    }
+    open
+}
+
+/// Drops the sign that marks finished pixels, and lets the background through.
+fn add_background<T: Lane>(channels: &mut [Plane<T>], transmittance: &mut Plane<T>, background: &[T]) {
+    for left in transmittance.as_flattened_mut() {
+        *left = left.abs();
+    }
+    for (channel, &colour) in channels.iter_mut().zip(background) {
+        for (sum, &left) in channel.as_flattened_mut().iter_mut().zip(transmittance.as_flattened()) {
+            *sum += left * colour;
+        }
+    }
+}
+
+/// A projected Gaussian in the coordinates of a tile.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Staged<T> {
+    /// From the Gaussian's centre to the centre of the tile's first pixel.
+    pub first: [T; 2],
+    pub half_curve_x: T,
+    pub slope: T,
+    pub half_curve_y: T,
+    pub opacity: T,
+    /// Segments it may touch.
+    pub segments: u32,
+}
+
+impl<T: Lane> Staged<T> {
+    /// Offsets along x of the tile's columns from the Gaussian's centre.
+    #[inline(always)]
+    pub fn offsets_x(&self) -> [Lanes<T>; HALVES] {
+        std::array::from_fn(|half| std::array::from_fn(|lane| self.first[0] + T::of((half * LANES + lane) as f64)))
+    }
+
+    /// Offset along y of a row of the tile from the Gaussian's centre.
+    #[inline(always)]
+    pub fn offset_y(&self, row: usize) -> T {
+        self.first[1] + T::of(row as f64)
+    }
+
+    /// `exp(-sigma)` at the pixels of a segment.
+    #[inline(always)]
+    pub fn falloff<S: Simd>(&self, dx: &Lanes<T>, dy: T) -> Lanes<T> {
+        let along_y = -self.half_curve_y * dy * dy;
+        let exponents = std::array::from_fn(|lane| {
+            let u = fma::<S, T>(self.slope, dy, dx[lane]);
+            fma::<S, T>(-self.half_curve_x * u, u, along_y)
+        });
+        T::exp_lanes::<S>(exponents)
+    }
+}
+
+/// A batch of Gaussians of a tile, gathered into one place.
+pub(crate) struct Stage<T> {
+    pub splats: [Staged<T>; BATCH],
+    /// Channel values of each: colour, features, depth.
+    pub values: Vec<T>,
+}
+
+impl<T: Lane> Stage<T> {
+    /// Room for a batch.
+    pub fn new(channels: usize) -> Self {
+        Self { splats: [Staged::default(); BATCH], values: vec![T::zero(); BATCH * channels] }
+    }
+
+    /// Gathers the Gaussians `ids` for the tile at `origin`.
+    #[inline(always)]
+    pub fn gather(&mut self, source: &TileSource<T>, origin: [usize; 2], ids: &[i32]) {
+        let channels = self.values.len() / BATCH;
+        let (origin, half) = (origin.map(|x| T::of(x as f64)), T::of(0.5));
+        let rooms = self.splats.iter_mut().zip(self.values.chunks_exact_mut(channels));
+        for (&id, (staged, values)) in ids.iter().zip(rooms) {
+            let splat = Projected::from_row(&source.records[id as usize]);
+            *staged = Staged {
+                first: [origin[0] + half - splat.centre[0], origin[1] + half - splat.centre[1]],
+                half_curve_x: half * splat.curve_x,
+                slope: splat.slope,
+                half_curve_y: half * splat.curve_y,
+                opacity: splat.opacity,
+                segments: touched_segments(&splat, origin),
+            };
+            values[..COLOUR_CHANNELS].copy_from_slice(&splat.colour);
+            values[COLOUR_CHANNELS..channels - 1].copy_from_slice(source.cloud.features_of(id as usize));
+            values[channels - 1] = splat.depth;
+        }
+    }
+}

@@ -1,0 +1,65 @@
+//! The whole forward pass: project, bin, blend, and lay the picture out.
+
+use mvfusion_kernels::splat::TILE;
+use rayon::prelude::*;
+
+use super::blend::{Blended, Tally, TileSource, blend};
+use super::cloud::Cloud;
+use super::lanes::{LANES, Lane, Plane};
+use super::project::{Projections, project};
+use super::tiles::{Bins, bin};
+use super::view::View;
+
+/// A rendered picture and all that the backward pass needs of it.
+pub(crate) struct Forward<T, K> {
+    /// `[2, channels + 1, height, width]`: colour, features, alpha, depth; both copies are equal.
+    pub picture: Vec<T>,
+    /// `[N]`, the larger of the two radii.
+    pub radii: Vec<i32>,
+    pub projections: Projections<T>,
+    pub bins: Bins,
+    pub blended: Blended<T>,
+    /// Tallies of the tiles.
+    pub tallies: Vec<K>,
+}
+
+/// Renders.
+pub(crate) fn forward<T: Lane, K: Tally>(cloud: &Cloud<T>, view: &View<T>) -> Forward<T, K> {
+    let projections = project(cloud, view);
+    let bins = bin(&projections, view);
+    let source = TileSource {
+        cloud: *cloud,
+        view,
+        records: projections.records.as_chunks().0,
+        sorted: &bins.sorted,
+        starts: &bins.starts,
+    };
+    let (blended, tallies) = blend(&source);
+    let radii = projections.radii.as_chunks::<2>().0.iter().map(|r| r[0].max(r[1])).collect();
+    Forward { picture: lay_out(&blended, cloud.channels(), view), radii, projections, bins, blended, tallies }
+}
+
+/// From tiles to the packed picture.
+fn lay_out<T: Lane>(blended: &Blended<T>, channels: usize, view: &View<T>) -> Vec<T> {
+    let (width, height, columns) = (view.width, view.height, view.grid()[0]);
+    let copy_len = (channels + 1) * height * width;
+    let mut picture = vec![T::zero(); 2 * copy_len];
+    picture.par_chunks_mut(width).enumerate().for_each(|(line, row)| {
+        let (plane, y) = (line / height % (channels + 1), line % height);
+        for (column, pixels) in row.chunks_mut(TILE).enumerate() {
+            let tile = y / TILE * columns + column;
+            let (source, is_alpha): (&Plane<T>, bool) = match plane {
+                p if p + 2 <= channels => (&blended.channels[tile * channels + p], false),
+                p if p + 1 == channels => (&blended.transmittance[tile], true),
+                _ => (&blended.channels[tile * channels + channels - 1], false),
+            };
+            for (half, pixels) in pixels.chunks_mut(LANES).enumerate() {
+                pixels.copy_from_slice(&source[half * TILE + y % TILE][..pixels.len()]);
+                if is_alpha {
+                    pixels.iter_mut().for_each(|t| *t = T::one() - *t);
+                }
+            }
+        }
+    });
+    picture
+}

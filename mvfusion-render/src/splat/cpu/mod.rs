@@ -1,0 +1,17 @@
+//! The splat op on slices: the CPU twin, generic over `f32` and `f64`, without Burn.
+//!
+//! Stages, in order: [`project`] each Gaussian (with [`sh`] for its colour), bin them into [`tiles`], [`blend`] each
+//! tile front to back; and back again: [`blend_backward`] each tile, then [`project_backward`] each Gaussian.
+//! Every sum has a fixed order, so results do not depend on the number of threads.
+
+pub(crate) mod backward;
+pub(crate) mod blend;
+pub(crate) mod blend_backward;
+pub(crate) mod cloud;
+pub(crate) mod forward;
+pub(crate) mod lanes;
+pub(crate) mod project;
+pub(crate) mod project_backward;
+pub(crate) mod sh;
+pub(crate) mod tiles;
+pub(crate) mod view;

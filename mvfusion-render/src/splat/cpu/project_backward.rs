@@ -1,0 +1,291 @@
+//! Gradients of projection: from the records of the tiles to the raw parameters.
+
+use mvfusion_kernels::sh::coefficient_count;
+use mvfusion_kernels::splat::{COLOUR_CHANNELS, PROJECTED_GRADIENT_LEN, PROJECTED_LEN, Projected, ProjectedGradient};
+use rayon::prelude::*;
+
+use super::cloud::Cloud;
+use super::lanes::Lane;
+use super::project::{Direction, GAUSSIANS_PER_JOB, Geometry, dot, sigmoid};
+use super::sh;
+use super::view::View;
+use crate::splat::settings::Antialias;
+
+/// Where the records of each Gaussian are, see [`super::tiles::Bins`].
+#[derive(Clone, Copy)]
+pub(crate) struct RecordIndex<'a> {
+    pub spans: &'a [i32],
+    pub slots: &'a [i32],
+}
+
+/// Gradients of the raw parameters, shaped as [`Cloud`], and the statistic `[N, 2]` in normalised device coordinates.
+pub(crate) struct CloudGradients<T> {
+    pub means: Vec<T>,
+    pub quaternions: Vec<T>,
+    pub log_scales: Vec<T>,
+    pub opacity_logits: Vec<T>,
+    pub sh: Vec<T>,
+    pub features: Vec<T>,
+    pub statistic: Vec<T>,
+}
+
+/// Sums the records of each Gaussian, in the order of its tiles, and pulls them back through the projection.
+pub(crate) fn project_backward<T: Lane>(
+    cloud: &Cloud<T>,
+    view: &View<T>,
+    projected: &[[T; PROJECTED_LEN]],
+    index: RecordIndex,
+    records: &[T],
+) -> CloudGradients<T> {
+    let count = cloud.len();
+    let zeros = |columns: usize| vec![T::zero(); count * columns];
+    let mut gradients = CloudGradients {
+        means: zeros(3),
+        quaternions: zeros(4),
+        log_scales: zeros(3),
+        opacity_logits: zeros(1),
+        sh: zeros(3 * cloud.coefficients),
+        features: zeros(cloud.feature_count),
+        statistic: zeros(2),
+    };
+    let source = RecordSource { cloud, view, projected, index, records };
+    gradients.jobs().into_par_iter().for_each(|job| source.run(job));
+    gradients
+}
+
+/// The rows of some neighbouring Gaussians in each gradient.
+struct Job<'a, T> {
+    first: usize,
+    means: &'a mut [T],
+    quaternions: &'a mut [T],
+    log_scales: &'a mut [T],
+    opacity_logits: &'a mut [T],
+    sh: &'a mut [T],
+    features: &'a mut [T],
+    statistic: &'a mut [T],
+}
+
+impl<T> CloudGradients<T> {
+    fn jobs(&mut self) -> Vec<Job<'_, T>> {
+        let count = self.opacity_logits.len();
+        let mut rest = Job {
+            first: 0,
+            means: &mut self.means,
+            quaternions: &mut self.quaternions,
+            log_scales: &mut self.log_scales,
+            opacity_logits: &mut self.opacity_logits,
+            sh: &mut self.sh,
+            features: &mut self.features,
+            statistic: &mut self.statistic,
+        };
+        let mut jobs = Vec::with_capacity(count.div_ceil(GAUSSIANS_PER_JOB));
+        while rest.first < count {
+            let take = GAUSSIANS_PER_JOB.min(count - rest.first);
+            let (job, others) = rest.split(take, count);
+            jobs.push(job);
+            rest = others;
+        }
+        jobs
+    }
+}
+
+impl<'a, T> Job<'a, T> {
+    /// Splits off the first `take` Gaussians of those up to `count`.
+    fn split(self, take: usize, count: usize) -> (Self, Self) {
+        let len = count - self.first;
+        let cut = |slice: &'a mut [T]| {
+            let columns = slice.len() / len;
+            slice.split_at_mut(take * columns)
+        };
+        let (means, quaternions) = (cut(self.means), cut(self.quaternions));
+        let (log_scales, opacity_logits) = (cut(self.log_scales), cut(self.opacity_logits));
+        let (sh, features, statistic) = (cut(self.sh), cut(self.features), cut(self.statistic));
+        let job = Self {
+            first: self.first,
+            means: means.0,
+            quaternions: quaternions.0,
+            log_scales: log_scales.0,
+            opacity_logits: opacity_logits.0,
+            sh: sh.0,
+            features: features.0,
+            statistic: statistic.0,
+        };
+        let others = Self {
+            first: self.first + take,
+            means: means.1,
+            quaternions: quaternions.1,
+            log_scales: log_scales.1,
+            opacity_logits: opacity_logits.1,
+            sh: sh.1,
+            features: features.1,
+            statistic: statistic.1,
+        };
+        (job, others)
+    }
+}
+
+struct RecordSource<'a, T> {
+    cloud: &'a Cloud<'a, T>,
+    view: &'a View<T>,
+    projected: &'a [[T; PROJECTED_LEN]],
+    index: RecordIndex<'a>,
+    records: &'a [T],
+}
+
+impl<T: Lane> RecordSource<'_, T> {
+    fn run(&self, mut job: Job<T>) {
+        let mut record = vec![T::zero(); PROJECTED_GRADIENT_LEN + self.cloud.channels()];
+        for i in 0..job.opacity_logits.len() {
+            if self.sum_records(job.first + i, &mut record) {
+                self.pull_back(&mut job, i, &record);
+            }
+        }
+    }
+
+    /// Sums the records of a Gaussian; false if it has none.
+    fn sum_records(&self, index: usize, record: &mut [T]) -> bool {
+        let [begin, count] = [self.index.spans[2 * index], self.index.spans[2 * index + 1]].map(|x| x as usize);
+        record.fill(T::zero());
+        for &slot in &self.index.slots[begin..begin + count] {
+            let part = &self.records[slot as usize * record.len()..][..record.len()];
+            for (sum, &value) in record.iter_mut().zip(part) {
+                *sum += value;
+            }
+        }
+        count > 0
+    }
+
+    /// Writes the gradients of Gaussian `i` of the job.
+    fn pull_back(&self, job: &mut Job<T>, i: usize, record: &[T]) {
+        let (cloud, view, index) = (self.cloud, self.view, job.first + i);
+        let Some(geometry) = Geometry::of(cloud, view, index) else { return };
+        let (head, channels) = record.split_at(PROJECTED_GRADIENT_LEN);
+        let mut v_head = ProjectedGradient::from_row(&std::array::from_fn(|k| head[k]));
+        let (v_depth, v_features) = (channels[channels.len() - 1], &channels[COLOUR_CHANNELS..channels.len() - 1]);
+
+        let logit_opacity = sigmoid(cloud.opacity_logits[index]);
+        let compensation = geometry.compensation(view.antialias);
+        job.opacity_logits[i] = v_head.opacity * compensation * logit_opacity * (T::one() - logit_opacity);
+        if view.antialias == Antialias::Compensated && !geometry.compensation_is_bounded() {
+            let v_compensation = v_head.opacity * logit_opacity;
+            geometry.add_compensation_gradient(v_compensation, view.dilation, &mut v_head.covariance);
+        }
+        let shape = geometry.shape_gradient(v_head.covariance);
+        job.quaternions[4 * i..4 * i + 4].copy_from_slice(&shape.quaternion);
+        job.log_scales[3 * i..3 * i + 3].copy_from_slice(&shape.log_scales);
+
+        let v_point = geometry.point_gradient(view, v_head.centre, v_depth, &shape);
+        let colour = Projected::from_row(&self.projected[index]).colour;
+        let v_colour: [T; 3] = std::array::from_fn(|c| if colour[c] > T::zero() { channels[c] } else { T::zero() });
+        let v_offset = self.colour_gradient(index, v_colour, &mut job.sh[3 * cloud.coefficients * i..]);
+        for axis in 0..3 {
+            let column = [0, 1, 2].map(|row| view.rotation[row][axis]);
+            job.means[3 * i + axis] = dot(column, v_point) + v_offset[axis];
+        }
+        job.features[cloud.feature_count * i..cloud.feature_count * (i + 1)].copy_from_slice(v_features);
+        let half_size = [view.width, view.height].map(|size| T::of(size as f64 / 2.0));
+        for axis in 0..2 {
+            job.statistic[2 * i + axis] = v_head.statistic[axis] * half_size[axis];
+        }
+    }
+
+    /// Writes the gradient of the coefficients, and returns that of the mean through the direction.
+    fn colour_gradient(&self, index: usize, v_colour: [T; 3], v_sh: &mut [T]) -> [T; 3] {
+        let degree = self.view.sh_degree;
+        let direction = Direction::between(self.cloud, self.view, index);
+        let basis = sh::basis(degree, direction.unit);
+        let rows = v_sh.as_chunks_mut::<3>().0.iter_mut().take(coefficient_count(degree));
+        for (row, value) in rows.zip(basis) {
+            *row = v_colour.map(|v| v * value);
+        }
+        let v_unit = sh::direction_gradient(degree, direction.unit, self.cloud.sh_of(index), v_colour);
+        let along = dot(direction.unit, v_unit);
+        std::array::from_fn(|i| (v_unit[i] - direction.unit[i] * along) / direction.distance)
+    }
+}
+
+/// Gradients that leave through the covariance.
+struct ShapeGradient<T> {
+    quaternion: [T; 4],
+    log_scales: [T; 3],
+    /// With respect to the Jacobian times the camera's rotation.
+    jacobian: [[T; 3]; 2],
+}
+
+impl<T: Lane> Geometry<T> {
+    /// Adds what the compensation of the opacity passes to the covariance: with `k = sqrt(sharp / det)`,
+    /// `dk = k / 2 (d ln sharp - d ln det)`.
+    fn add_compensation_gradient(&self, v_compensation: T, dilation: T, v_covariance: &mut [T; 3]) {
+        let half = T::of(0.5);
+        let scale = half * v_compensation * (self.sharp_determinant / self.determinant).sqrt();
+        let [xx, xy, yy] = self.covariance;
+        let (sharp, full) = (scale / self.sharp_determinant, scale / self.determinant);
+        v_covariance[0] += sharp * (yy - dilation) - full * yy;
+        v_covariance[1] += T::of(-2.0) * xy * (sharp - full);
+        v_covariance[2] += sharp * (xx - dilation) - full * xx;
+    }
+
+    /// Through `covariance = F Fᵀ + dilation`, `F = jacobian * rotation * diag(scales)`.
+    fn shape_gradient(&self, [v_xx, v_xy, v_yy]: [T; 3]) -> ShapeGradient<T> {
+        let two = T::of(2.0);
+        let scaled = self.spread.map(|row| [row[0] * self.scales[0], row[1] * self.scales[1], row[2] * self.scales[2]]);
+        let v_scaled: [[T; 3]; 2] = [
+            std::array::from_fn(|j| two * v_xx * scaled[0][j] + v_xy * scaled[1][j]),
+            std::array::from_fn(|j| v_xy * scaled[0][j] + two * v_yy * scaled[1][j]),
+        ];
+        let v_spread = v_scaled.map(|row| [row[0] * self.scales[0], row[1] * self.scales[1], row[2] * self.scales[2]]);
+        let v_rotation: [[T; 3]; 3] = std::array::from_fn(|i| {
+            std::array::from_fn(|j| self.jacobian[0][i] * v_spread[0][j] + self.jacobian[1][i] * v_spread[1][j])
+        });
+        ShapeGradient {
+            quaternion: self.quaternion_gradient(v_rotation),
+            log_scales: std::array::from_fn(|j| scaled[0][j] * v_scaled[0][j] + scaled[1][j] * v_scaled[1][j]),
+            jacobian: v_spread.map(|row| self.rotation.map(|r| dot(r, row))),
+        }
+    }
+
+    /// Through the rotation matrix and the normalisation of the quaternion.
+    ///
+    /// `R v = v + 2 (w a × v + a × (a × v))` with `a = (x, y, z)`; written with the antisymmetric part and the
+    /// symmetric part of the matrix's gradient.
+    fn quaternion_gradient(&self, v: [[T; 3]; 3]) -> [T; 4] {
+        let two = T::of(2.0);
+        let [w, x, y, z] = self.quaternion;
+        let axis = [x, y, z];
+        let twist = [v[2][1] - v[1][2], v[0][2] - v[2][0], v[1][0] - v[0][1]];
+        let trace = v[0][0] + v[1][1] + v[2][2];
+        let symmetric = |i: usize| {
+            let row: [T; 3] = std::array::from_fn(|j| v[i][j] + v[j][i]);
+            dot(row, axis) - two * trace * axis[i]
+        };
+        let v_unit = [
+            two * dot(axis, twist),
+            two * (w * twist[0] + symmetric(0)),
+            two * (w * twist[1] + symmetric(1)),
+            two * (w * twist[2] + symmetric(2)),
+        ];
+        let along: T = v_unit.iter().zip(self.quaternion).map(|(&v, q)| v * q).sum();
+        std::array::from_fn(|i| (v_unit[i] - self.quaternion[i] * along) / self.quaternion_norm)
+    }
+
+    /// Gradient of the mean in camera coordinates: through the centre, the depth and the Jacobian.
+    fn point_gradient(&self, view: &View<T>, v_centre: [T; 2], v_depth: T, shape: &ShapeGradient<T>) -> [T; 3] {
+        let depth = self.point[2];
+        let guarded = depth + view.depth_guard;
+        let mut v_point = [T::zero(), T::zero(), v_depth];
+        for axis in 0..2 {
+            let zoom = view.focal[axis] / guarded;
+            v_point[axis] += zoom * v_centre[axis];
+            v_point[2] -= zoom * self.point[axis] / guarded * v_centre[axis];
+            // jacobian = focal / z (rotation row - tangent * rotation's last row)
+            let zoom = view.focal[axis] / depth;
+            v_point[2] -= dot(shape.jacobian[axis], self.jacobian[axis]) / depth;
+            let v_tangent = -zoom * dot(shape.jacobian[axis], view.rotation[2]);
+            if self.tangents_free[axis] {
+                v_point[axis] += v_tangent / depth;
+                v_point[2] -= v_tangent * self.tangents[axis] / depth;
+            }
+        }
+        v_point
+    }
+}

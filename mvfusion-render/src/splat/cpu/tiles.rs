@@ -1,0 +1,248 @@
+//! Which Gaussians touch which tile, in the order in which they are blended.
+
+use std::sync::atomic::{AtomicI32, Ordering};
+
+use mvfusion_kernels::splat::{PROJECTED_LEN, Projected, TILE};
+use rayon::prelude::*;
+
+use super::lanes::{HALVES, LANES, Lane};
+use super::project::Projections;
+use super::view::View;
+use crate::Real;
+use crate::splat::settings::Extent;
+
+/// Roundings that the test of an ellipse against a box allows for, in units of the last place of the offsets.
+const TOUCH_ROUNDINGS: f64 = 8.0;
+/// Gaussians of a chunk are at least this many, so that the counters of a chunk are worth their memory.
+const MIN_GAUSSIANS_PER_CHUNK: usize = 1024;
+
+/// The tile lists of a picture.
+pub(crate) struct Bins {
+    /// Gaussians by tile, and inside a tile by depth, ties by index.
+    pub sorted: Vec<i32>,
+    /// Where each tile's list starts in `sorted`; one more entry for the end.
+    pub starts: Vec<i32>,
+    /// `[N, 2]`: where the entries of each Gaussian start in `slots`, and how many they are.
+    pub spans: Vec<i32>,
+    /// Places in `sorted`, by Gaussian and inside a Gaussian by tile.
+    pub slots: Vec<i32>,
+}
+
+/// A rectangle of tiles, ends exclusive.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct TileRectangle {
+    pub low: [usize; 2],
+    pub high: [usize; 2],
+}
+
+impl TileRectangle {
+    /// The tiles that a Gaussian reaches by the rule of the view.
+    pub fn of<T: Real>(centre: [T; 2], radii: [i32; 2], view: &View<T>) -> Self
+    where
+        T: Lane,
+    {
+        let grid = view.grid();
+        let size = [view.width, view.height];
+        let side = TILE as f64;
+        let (mut low, mut high) = ([0; 2], [0; 2]);
+        for axis in 0..2 {
+            let (middle, radius) = (centre[axis].wide(), f64::from(radii[axis]));
+            let range = match view.extent {
+                // The arithmetic of 3DGS: pixel centres at whole numbers, and truncation.
+                Extent::Square { .. } => [(middle - 0.5 - radius) / side, (middle - 0.5 + radius + side - 1.0) / side],
+                Extent::PerAxis { .. } if middle + radius <= 0.0 || middle - radius >= size[axis] as f64 => [0.0, 0.0],
+                Extent::PerAxis { .. } => [((middle - radius) / side).floor(), ((middle + radius) / side).ceil()],
+            };
+            // A float turns into the nearest `usize`, which cuts off below zero.
+            low[axis] = (range[0] as usize).min(grid[axis]);
+            high[axis] = (range[1] as usize).min(grid[axis]);
+        }
+        Self { low, high }
+    }
+
+    /// Whether there is no tile in it.
+    pub fn is_empty(&self) -> bool {
+        self.low[0] >= self.high[0] || self.low[1] >= self.high[1]
+    }
+}
+
+/// Whether the ellipse on which alpha is just visible touches the box of pixel centres `low..=high`.
+///
+/// Never wrong in the direction that would lose a pixel: the offset along the sheared axis is shortened by what
+/// rounding may have done to it, here and at the pixel.
+#[inline(always)]
+pub(crate) fn touches_box<T: Lane>(splat: &Projected<T>, low: [T; 2], high: [T; 2]) -> bool {
+    let zero = T::zero();
+    let low = [low[0] - splat.centre[0], low[1] - splat.centre[1]];
+    let high = [high[0] - splat.centre[0], high[1] - splat.centre[1]];
+    let nearest = [zero.max(low[0]).min(high[0]), zero.max(low[1]).min(high[1])];
+    if nearest == [zero; 2] {
+        return splat.reach > zero;
+    }
+    let rounding = T::of(TOUCH_ROUNDINGS)
+        * T::ROUNDING
+        * (low[0].abs().max(high[0].abs())
+            + splat.slope.abs() * low[1].abs().max(high[1].abs())
+            + splat.centre[0].abs()
+            + splat.centre[1].abs() * splat.slope.abs());
+    let sigma = |dx: T, dy: T| {
+        let u = ((dx + splat.slope * dy).abs() - rounding).max(zero);
+        T::of(0.5) * (splat.curve_x * u * u + splat.curve_y * dy * dy)
+    };
+    // The minimum over the box lies on a side that faces the centre.
+    let shear = splat.curve_x * splat.slope;
+    let dy = (-shear * nearest[0] / (splat.curve_y + shear * splat.slope)).max(low[1]).min(high[1]);
+    let dx = (-splat.slope * nearest[1]).max(low[0]).min(high[0]);
+    sigma(nearest[0], dy).min(sigma(dx, nearest[1])) <= splat.reach
+}
+
+/// Which segments of a tile the Gaussian may touch, one bit a segment, for a tile whose first pixel is `origin`.
+#[inline(always)]
+pub(crate) fn touched_segments<T: Lane>(splat: &Projected<T>, origin: [T; 2]) -> u32 {
+    let (zero, half) = (T::zero(), T::of(0.5));
+    let first = [origin[0] + half - splat.centre[0], origin[1] + half - splat.centre[1]];
+    let span = T::of((TILE - 1) as f64);
+    let farthest = [0, 1].map(|axis| first[axis].abs().max((first[axis] + span).abs()));
+    let rounding = T::of(TOUCH_ROUNDINGS)
+        * T::ROUNDING
+        * (farthest[0]
+            + splat.slope.abs() * farthest[1]
+            + splat.centre[0].abs()
+            + splat.centre[1].abs() * splat.slope.abs());
+    let limit = splat.reach + splat.reach;
+    let mut mask = 0u32;
+    for side in 0..HALVES {
+        let low = first[0] + T::of((side * LANES) as f64) - rounding;
+        let high = low + T::of((LANES - 1) as f64) + rounding + rounding;
+        let mut touched = [false; TILE];
+        for (row, touched) in touched.iter_mut().enumerate() {
+            let dy = first[1] + T::of(row as f64);
+            let shift = splat.slope * dy;
+            let (left, right) = (low + shift, -(high + shift));
+            let u = if left > right { left } else { right };
+            let u = if u > zero { u } else { zero };
+            *touched = splat.curve_x * u * u + splat.curve_y * dy * dy <= limit;
+        }
+        for (row, touched) in touched.iter().enumerate() {
+            mask |= u32::from(*touched) << (side * TILE + row);
+        }
+    }
+    mask
+}
+
+/// What one chunk of the Gaussians, in order of depth, adds to the tiles.
+struct Chunk {
+    /// Tiles of its Gaussians, one Gaussian after the other.
+    tiles: Vec<u32>,
+    /// How many of them belong to each Gaussian.
+    counts: Vec<u32>,
+    /// How many fall on each tile; later, where the chunk's first entry of the tile goes.
+    per_tile: Vec<u32>,
+}
+
+/// Bins projected Gaussians.
+///
+/// # Panics
+/// If there are 2³¹ or more pairs of a Gaussian and a tile.
+pub(crate) fn bin<T: Lane>(projections: &Projections<T>, view: &View<T>) -> Bins {
+    let order = depth_order(projections);
+    let chunk_len = order.len().div_ceil(4 * rayon::current_num_threads()).max(MIN_GAUSSIANS_PER_CHUNK);
+    let mut chunks: Vec<Chunk> = order.par_chunks(chunk_len).map(|ids| chunk_tiles(projections, view, ids)).collect();
+    let starts = place(&mut chunks, view.tile_count());
+    let total = starts[view.tile_count()] as usize;
+
+    let sorted: Vec<AtomicI32> = std::iter::repeat_with(|| AtomicI32::new(0)).take(total).collect();
+    let mut slots = vec![0i32; total];
+    let mut jobs = Vec::with_capacity(chunks.len());
+    let mut rest = slots.as_mut_slice();
+    let mut spans = vec![0i32; projections.radii.len()];
+    let mut begin = 0;
+    for (chunk, ids) in chunks.into_iter().zip(order.chunks(chunk_len)) {
+        for (&id, &count) in ids.iter().zip(&chunk.counts) {
+            spans[2 * id as usize..2 * id as usize + 2].copy_from_slice(&[begin, count as i32]);
+            begin += count as i32;
+        }
+        let (mine, others) = rest.split_at_mut(chunk.tiles.len());
+        rest = others;
+        jobs.push((chunk, ids, mine));
+    }
+    jobs.into_par_iter().for_each(|(chunk, ids, slots)| fill(chunk, ids, slots, &sorted));
+    Bins { sorted: sorted.into_iter().map(AtomicI32::into_inner).collect(), starts, spans, slots }
+}
+
+/// Gaussians that may be seen, by depth, ties by index.
+fn depth_order<T: Lane>(projections: &Projections<T>) -> Vec<u32> {
+    let (records, radii) = (projections.records.as_chunks::<PROJECTED_LEN>().0, projections.radii.as_chunks::<2>().0);
+    let mut keyed: Vec<(u64, u32)> = records
+        .iter()
+        .zip(radii)
+        .enumerate()
+        .filter_map(|(id, (row, radii))| {
+            let splat = Projected::from_row(row);
+            (radii[0] > 0 && splat.reach > T::zero()).then(|| (splat.depth.order_key(), id as u32))
+        })
+        .collect();
+    keyed.par_sort_unstable();
+    keyed.into_iter().map(|(_, id)| id).collect()
+}
+
+fn chunk_tiles<T: Lane>(projections: &Projections<T>, view: &View<T>, ids: &[u32]) -> Chunk {
+    let columns = view.grid()[0];
+    let mut chunk = Chunk {
+        tiles: Vec::with_capacity(4 * ids.len()),
+        counts: Vec::with_capacity(ids.len()),
+        per_tile: vec![0; view.tile_count()],
+    };
+    let records = projections.records.as_chunks::<PROJECTED_LEN>().0;
+    let (half, last) = (T::of(0.5), T::of(TILE as f64 - 0.5));
+    for &id in ids {
+        let splat = Projected::from_row(&records[id as usize]);
+        let radii = [projections.radii[2 * id as usize], projections.radii[2 * id as usize + 1]];
+        let rectangle = TileRectangle::of(splat.centre, radii, view);
+        let before = chunk.tiles.len();
+        for row in rectangle.low[1]..rectangle.high[1] {
+            for column in rectangle.low[0]..rectangle.high[0] {
+                let origin = [column, row].map(|i| T::of((i * TILE) as f64));
+                if touches_box(&splat, origin.map(|x| x + half), origin.map(|x| x + last)) {
+                    let tile = row * columns + column;
+                    chunk.tiles.push(tile as u32);
+                    chunk.per_tile[tile] += 1;
+                }
+            }
+        }
+        chunk.counts.push((chunk.tiles.len() - before) as u32);
+    }
+    chunk
+}
+
+/// Turns the counts of the chunks into places, and returns where each tile starts.
+fn place(chunks: &mut [Chunk], tile_count: usize) -> Vec<i32> {
+    let total: usize = chunks.iter().map(|chunk| chunk.tiles.len()).sum();
+    assert!(i32::try_from(total).is_ok(), "{total} pairs of a Gaussian and a tile are more than an index can count");
+    let mut starts = Vec::with_capacity(tile_count + 1);
+    let mut next = 0u32;
+    for tile in 0..tile_count {
+        starts.push(next as i32);
+        for chunk in chunks.iter_mut() {
+            let count = chunk.per_tile[tile];
+            chunk.per_tile[tile] = next;
+            next += count;
+        }
+    }
+    starts.push(next as i32);
+    starts
+}
+
+/// Writes a chunk's Gaussians to their places. The places of all chunks are disjoint; atomics only say so to the
+/// compiler.
+fn fill(mut chunk: Chunk, ids: &[u32], slots: &mut [i32], sorted: &[AtomicI32]) {
+    let mut entries = chunk.tiles.iter().zip(slots);
+    for (&id, &count) in ids.iter().zip(&chunk.counts) {
+        for (&tile, slot) in entries.by_ref().take(count as usize) {
+            let place = &mut chunk.per_tile[tile as usize];
+            sorted[*place as usize].store(id as i32, Ordering::Relaxed);
+            *slot = *place as i32;
+            *place += 1;
+        }
+    }
+}

@@ -1,0 +1,97 @@
+//! A look inside the CPU twin, for benchmarks and for comparison with other rasterisers.
+
+use burn::tensor::Tensor;
+use mvfusion_data::Camera;
+use mvfusion_kernels::splat::{PROJECTED_LEN, Projected};
+
+use super::cpu::blend::Tally;
+use super::cpu::cloud::Cloud;
+use super::cpu::forward::forward;
+use super::cpu::lanes::{LANES, Lane, Lanes};
+use super::cpu::view::View;
+use super::{SplatError, SplatInputs, SplatSettings, check};
+use crate::real::with_real;
+
+/// What projection made of each Gaussian, and how much work blending was. Rows of culled Gaussians are zero.
+#[derive(Clone, Debug, Default)]
+pub struct SplatDiagnosis {
+    /// Projected centres in pixels.
+    pub means2d: Vec<[f64; 2]>,
+    /// z in camera coordinates.
+    pub depths: Vec<f64>,
+    /// Inverse covariances on the picture plane: xx, xy, yy.
+    pub conics: Vec<[f64; 3]>,
+    /// Radii along x and y, in pixels; 0 where culled.
+    pub radii: Vec<[i32; 2]>,
+    /// Colours, not negative.
+    pub colours: Vec<[f64; 3]>,
+    /// Opacities, compensated if the rules ask for it.
+    pub opacities: Vec<f64>,
+    /// Pairs of a Gaussian and a tile.
+    pub intersections: usize,
+    /// Pairs of a Gaussian and a pixel that were looked at.
+    pub evaluated_pairs: usize,
+    /// Pairs of a Gaussian and a pixel in which the Gaussian was added to the pixel.
+    pub contributing_pairs: usize,
+}
+
+/// Renders on the CPU, whatever the device of the inputs, and tells what happened.
+///
+/// # Errors
+/// As [`super::splat`].
+pub fn diagnose(inputs: &SplatInputs, camera: &Camera, settings: &SplatSettings) -> Result<SplatDiagnosis, SplatError> {
+    let feature_count = check(inputs, None, camera, settings)?;
+    Ok(with_real!(inputs.means.dtype(), T => {
+        let features = inputs.features.clone().map(numbers::<T, 2>);
+        let [means, quaternions, log_scales] =
+            [&inputs.means, &inputs.quaternions, &inputs.log_scales].map(|tensor| numbers::<T, 2>(tensor.clone()));
+        let cloud = Cloud {
+            means: &means,
+            quaternions: &quaternions,
+            log_scales: &log_scales,
+            opacity_logits: &numbers::<T, 1>(inputs.opacity_logits.clone()),
+            sh: &numbers::<T, 3>(inputs.sh.clone()),
+            features: features.as_deref().unwrap_or_default(),
+            background: &numbers::<T, 1>(inputs.background.clone()),
+            coefficients: inputs.sh.dims()[1],
+            feature_count,
+        };
+        look_inside(&cloud, &View::new(camera, settings))
+    }))
+}
+
+fn numbers<T: Lane, const D: usize>(tensor: Tensor<D>) -> Vec<T> {
+    tensor.into_data().iter::<T>().collect()
+}
+
+fn look_inside<T: Lane>(cloud: &Cloud<T>, view: &View<T>) -> SplatDiagnosis {
+    let result = forward::<T, PairCount>(cloud, view);
+    let rows = result.projections.records.as_chunks::<PROJECTED_LEN>().0;
+    let splats: Vec<Projected<f64>> = rows.iter().map(|row| Projected::from_row(&row.map(|x| x.wide()))).collect();
+    let (a, slope) = (|s: &Projected<f64>| s.curve_x, |s: &Projected<f64>| s.slope);
+    SplatDiagnosis {
+        means2d: splats.iter().map(|s| s.centre).collect(),
+        depths: splats.iter().map(|s| s.depth).collect(),
+        conics: splats.iter().map(|s| [a(s), a(s) * slope(s), s.curve_y + a(s) * slope(s) * slope(s)]).collect(),
+        radii: result.projections.radii.as_chunks::<2>().0.to_vec(),
+        colours: splats.iter().map(|s| s.colour).collect(),
+        opacities: splats.iter().map(|s| s.opacity).collect(),
+        intersections: result.bins.sorted.len(),
+        evaluated_pairs: result.tallies.iter().map(|t| t.evaluated).sum(),
+        contributing_pairs: result.tallies.iter().map(|t| t.contributing).sum(),
+    }
+}
+
+/// Counts pairs of a Gaussian and a pixel.
+#[derive(Default)]
+struct PairCount {
+    evaluated: usize,
+    contributing: usize,
+}
+
+impl Tally for PairCount {
+    fn segment<T: Lane>(&mut self, weights: &Lanes<T>) {
+        self.evaluated += LANES;
+        self.contributing += weights.iter().filter(|w| **w > T::zero()).count();
+    }
+}

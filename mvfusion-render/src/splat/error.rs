@@ -1,0 +1,40 @@
+//! What the splat op refuses.
+
+use burn::tensor::DType;
+use thiserror::Error;
+
+/// Why a call of the splat op cannot be carried out.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum SplatError {
+    /// An argument has not the shape that the others ask for.
+    #[error("`{argument}` has shape {found:?}, expected {expected}")]
+    Shape {
+        /// The argument.
+        argument: &'static str,
+        /// Its shape.
+        found: Vec<usize>,
+        /// The shape it should have.
+        expected: String,
+    },
+    /// Arguments of different precision, or of one that the op does not know.
+    #[error("`{argument}` has dtype {found:?}, expected {expected:?} (that of `means`, F32 or F64)")]
+    Dtype {
+        /// The argument.
+        argument: &'static str,
+        /// Its dtype.
+        found: DType,
+        /// The dtype it should have.
+        expected: DType,
+    },
+    /// A degree of spherical harmonics that is not known.
+    #[error("`sh_degree` is {0}, but colours are evaluated up to degree 3")]
+    Degree(usize),
+    /// A camera without pixels, or with more than an index can count.
+    #[error("the camera's picture has {width} x {height} pixels")]
+    Size {
+        /// Width in pixels.
+        width: usize,
+        /// Height in pixels.
+        height: usize,
+    },
+}

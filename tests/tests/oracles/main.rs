@@ -1,0 +1,119 @@
+//! Comparison with reference numbers that were computed elsewhere.
+//!
+//! Every `.npz` file in `$MVFUSION_ORACLES/{oracle_gsplat,oracle_method,oracle_metrics}` is one trial a backend, named
+//! `oracle::<backend>::<kind>::<file>`; without the folder each kind is one ignored trial. The project's own small
+//! oracle (`tests/oracles/own.npz`, made by `make.py` beside it) always runs.
+#![recursion_limit = "256"]
+
+mod archive;
+mod cameras;
+mod clouds;
+mod composition;
+mod densify;
+mod hexplane;
+mod images;
+mod kinds;
+mod losses;
+mod network;
+mod own;
+mod refinement;
+mod schedule;
+mod splat;
+mod statistics;
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, bail};
+use libtest_mimic::{Arguments, Completion, Failed, Trial};
+use mvfusion_tests::{Backend, backends};
+
+use archive::Archive;
+use kinds::{Kind, Scope, kind_of};
+
+/// The variable that names the folder of the oracles.
+const FOLDER: &str = "MVFUSION_ORACLES";
+
+fn main() -> ExitCode {
+    let arguments = Arguments::from_args();
+    let mut trials = Vec::new();
+    for backend in backends() {
+        trials.extend(own::trials(backend));
+        trials.extend(shared(backend));
+    }
+    libtest_mimic::run(&arguments, trials).exit_code()
+}
+
+/// The trials of the folder of oracles.
+fn shared(backend: Backend) -> Vec<Trial> {
+    let root = std::env::var_os(FOLDER).map(PathBuf::from).filter(|root| root.is_dir());
+    let files: Vec<(&str, PathBuf)> = match &root {
+        Some(root) => kinds::FOLDERS.iter().flat_map(|folder| npz_files(&root.join(folder), folder)).collect(),
+        None => Vec::new(),
+    };
+    let mut trials: Vec<Trial> = files.iter().map(|(folder, path)| trial(backend, folder, path)).collect();
+    for kind in kinds::KINDS {
+        let present = files.iter().any(|(folder, path)| kind_of(folder, &stem(path)).is_some_and(|k| k.name == kind.name));
+        if !present {
+            let reason = match &root {
+                None => format!("{FOLDER} names no folder"),
+                Some(_) => "the folder has no file of this kind".to_owned(),
+            };
+            trials.push(ignored(format!("oracle::{}::{}", backend.name, kind.name), reason));
+        }
+    }
+    trials
+}
+
+/// The trial of a file.
+fn trial(backend: Backend, folder: &'static str, path: &Path) -> Trial {
+    let stem = stem(path);
+    let kind = kind_of(folder, &stem);
+    let name = format!("oracle::{}::{}::{stem}", backend.name, kind.map_or("unknown", |kind| kind.name));
+    match kind.map(|kind| (kind, kind.scope)) {
+        Some((_, Scope::Later(reason))) => ignored(name, reason.to_owned()),
+        Some((kind, Scope::Checked(_))) => {
+            let path = path.to_owned();
+            Trial::test(name, move || check(kind, &path, backend).map_err(failed))
+        }
+        None => {
+            let message = format!("no check knows the files named like {folder}/{stem}.npz");
+            Trial::test(name, move || Err(message.into()))
+        }
+    }
+}
+
+/// Checks a file, and that the check has looked at all its outputs but those that are left out for a reason.
+fn check(kind: &Kind, path: &Path, backend: Backend) -> Result<()> {
+    let Scope::Checked(body) = kind.scope else { bail!("{} is not checked yet", kind.name) };
+    let archive = Archive::open(path)?;
+    body(&archive, &(backend.device)()).with_context(|| path.display().to_string())?;
+    let left_out = |name: &str| kind.left_out.iter().any(|(part, _reason)| name.contains(part));
+    let unseen = archive.unseen(|name| !name.starts_with("in.") && !left_out(name));
+    if !unseen.is_empty() {
+        bail!("{}: {} outputs were not compared: {unseen:?}", path.display(), unseen.len());
+    }
+    Ok(())
+}
+
+fn failed(error: anyhow::Error) -> Failed {
+    format!("{error:#}").into()
+}
+
+/// A trial that shows as ignored, however it is asked for.
+fn ignored(name: String, reason: String) -> Trial {
+    Trial::ignorable_test(name, || Ok(Completion::ignored_with(reason)))
+}
+
+/// The `.npz` files of a folder, sorted; none if it cannot be listed.
+fn npz_files(folder: &Path, name: &'static str) -> Vec<(&'static str, PathBuf)> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut paths: Vec<PathBuf> =
+        entries.map(|entry| entry.path()).filter(|path| path.extension().is_some_and(|e| e == "npz")).collect();
+    paths.sort();
+    paths.into_iter().map(|path| (name, path)).collect()
+}
+
+fn stem(path: &Path) -> String {
+    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
