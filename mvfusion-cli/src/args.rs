@@ -10,7 +10,7 @@ use crate::progress::Talk;
 
 /// Gaussian splatting of dynamic scenes: a static and a dynamic branch, told apart without supervision.
 #[derive(Debug, Parser)]
-#[command(name = "mvfusion", version, about, long_about = help::PROGRAM, arg_required_else_help = true)]
+#[command(name = "mvfusion", version, long_about = help::PROGRAM, arg_required_else_help = true)]
 #[command(max_term_width = 100)]
 pub struct Cli {
     /// What to do.
@@ -25,10 +25,10 @@ pub struct Cli {
 #[derive(Clone, Copy, Debug, Args)]
 pub struct Verbosity {
     /// Say nothing but errors and the final table
-    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    #[arg(short, long, global = true, conflicts_with = "verbose", display_order = 900)]
     pub quiet: bool,
     /// Log more: -v what you may act on, -vv everything (or set RUST_LOG)
-    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    #[arg(short, long, global = true, action = clap::ArgAction::Count, display_order = 901)]
     pub verbose: u8,
 }
 
@@ -111,6 +111,8 @@ pub struct TrainArgs {
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Replace the run that lies in the folder
+    ///
+    /// Until the first checkpoint the old run waits in the subfolder .replaced: a failure brings it back.
     #[arg(long)]
     pub force: bool,
 }

@@ -33,9 +33,9 @@ impl std::error::Error for UsageError {}
 
 /// The exit code that belongs to an error.
 pub fn exit_code(error: &anyhow::Error) -> u8 {
-    let usage = error.chain().any(|cause| {
-        cause.is::<UsageError>() || matches!(cause.downcast_ref(), Some(ModelError::Config { .. }))
-    });
+    let usage = error
+        .chain()
+        .any(|cause| cause.is::<UsageError>() || matches!(cause.downcast_ref(), Some(ModelError::Config { .. })));
     if usage { USAGE } else { FAILED }
 }
 
@@ -66,7 +66,7 @@ mod tests {
 
     #[test]
     fn usage_is_told_from_failure_under_any_context() {
-        let usage = Err::<(), _>(UsageError::new("no such key")).context("reading x").unwrap_err();
+        let usage = Err::<(), _>(UsageError::new("no such key")).context("reading x").expect_err("refused");
         assert_eq!(exit_code(&usage), USAGE);
         let bad_value = ModelError::Config { key: "train.scale", value: "0".into(), reason: "too small" };
         assert_eq!(exit_code(&bad_value.into()), USAGE);

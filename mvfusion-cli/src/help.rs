@@ -21,7 +21,7 @@ static and dynamic Gaussians and the time left. At the end there is a table.
 
 Everything is checked before the folder is made; a run that fails before its first checkpoint takes its folder with it.";
 
-/// `mvfusion train --help`, below the options.
+/// `mvfusion train --help`, below the options; lines of at most 80 characters, which no terminal breaks.
 pub const TRAIN_MORE: &str = "\
 Examples:
   mvfusion train
@@ -39,24 +39,32 @@ Examples:
 
 Configuration:
   preset  <-  --config FILE  <-  --set KEY=VALUE  <-  --seed, --data
-  Each layer overrides what stands to the left of it. A value given with --set is TOML (0.1, true, [1, 2], \"text\");
-  what is no TOML is taken as text. `mvfusion config` prints all keys with the values they would have. A key that does
-  not exist is an error that names the nearest one. train.scale multiplies every number of steps at once.
-  Paths are relative to the folder the program is started in.
+  Each layer overrides what stands to the left of it. A value given with --set
+  is TOML (0.1, true, [1, 2], \"text\"); what is no TOML is taken as text.
+  `mvfusion config` prints all keys with the values they would have. A key that
+  does not exist is an error that names the nearest one. train.scale multiplies
+  every number of steps at once. Paths are relative to the folder in which the
+  program is started.
 
 The run's folder:
-  strips/NNNNN.png                 look here first: ground truth, composed, static, dynamic, mask, motion intensity
-  results.json, per_view.json      the figures, in full precision; one that is not known is absent
-  metrics.jsonl                    one line for every log step, while training runs
-  config.toml, run.json            what was done: `--config DIR/config.toml` does it again
-  checkpoints/final.safetensors    the whole state; `mvfusion eval DIR` prints the same figures from it
-  point_cloud/iteration_N/         static.ply and dynamic.ply, for other viewers
-  renders/test/LAYER/NNNNN.png     every layer of every held-out view
+  strips/NNNNN.png               look here first: ground truth, composed, static,
+                                 dynamic, mask, motion intensity
+  results.json, per_view.json    the figures, in full precision; a figure that is
+                                 not known is absent
+  metrics.jsonl                  a line for every log step, while training runs
+  config.toml, run.json          what was done; --config DIR/config.toml does it
+                                 again
+  checkpoints/final.safetensors  the whole state; `mvfusion eval DIR` prints the
+                                 same figures from it
+  point_cloud/iteration_N/       static.ply and dynamic.ply, for other viewers
+  renders/test/LAYER/NNNNN.png   every layer of every held-out view
 
 Exit codes:
   0  all went well
-  1  a failure: data that cannot be read, a folder that cannot be written, a training that diverged
-  2  a wrong command line: unknown option, preset, key or device, a value of the wrong kind";
+  1  a failure: data that cannot be read, a folder that cannot be written, a
+     training that diverged
+  2  a wrong command line: unknown option, preset, key or device, a value of the
+     wrong kind";
 
 /// `mvfusion eval --help`.
 pub const EVAL: &str = "\

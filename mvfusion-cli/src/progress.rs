@@ -42,7 +42,11 @@ pub struct Progress {
 #[derive(Debug)]
 enum Style {
     Bar(ProgressBar),
-    Lines { last: Instant },
+    Lines {
+        last: Instant,
+        /// Step at which the last line was said.
+        said: usize,
+    },
     Silent,
 }
 
@@ -52,7 +56,7 @@ impl Progress {
         let style = match talk {
             Talk::Silent => Style::Silent,
             Talk::Normal if io::stderr().is_terminal() => Style::Bar(bar(name, total)),
-            Talk::Normal => Style::Lines { last: Instant::now() },
+            Talk::Normal => Style::Lines { last: Instant::now(), said: 0 },
         };
         Self { style, name, total, done: 0, message: String::new() }
     }
@@ -60,11 +64,12 @@ impl Progress {
     /// One more step is done.
     pub fn advance(&mut self) {
         self.done += 1;
+        let line = self.line();
         match &mut self.style {
             Style::Bar(bar) => bar.inc(1),
-            Style::Lines { last } if last.elapsed() >= PAUSE && !self.message.is_empty() => {
-                *last = Instant::now();
-                eprintln!("{} {}/{}  {}", self.name, self.done, self.total, self.message);
+            Style::Lines { last, said } if last.elapsed() >= PAUSE && !self.message.is_empty() => {
+                (*last, *said) = (Instant::now(), self.done);
+                eprintln!("{line}");
             }
             Style::Lines { .. } | Style::Silent => {}
         }
@@ -78,29 +83,28 @@ impl Progress {
         self.message = message;
     }
 
-    /// Says a line that stays.
-    pub fn note(&self, line: &str) {
-        match &self.style {
-            Style::Bar(bar) => bar.println(line),
-            Style::Lines { .. } => eprintln!("{line}"),
-            Style::Silent => {}
-        }
-    }
-
     /// Ends the display; the last state stays as a line.
     pub fn finish(&self) {
         match &self.style {
-            Style::Bar(bar) => bar.abandon(),
-            Style::Lines { .. } => eprintln!("{} {}/{}  {}", self.name, self.done, self.total, self.message),
-            Style::Silent => {}
+            Style::Bar(bar) => {
+                // The bar itself would leave the cursor at its end, and the next output behind it.
+                bar.finish_and_clear();
+                eprintln!("{}", self.line());
+            }
+            Style::Lines { said, .. } if *said < self.done => eprintln!("{}", self.line()),
+            Style::Lines { .. } | Style::Silent => {}
         }
+    }
+
+    fn line(&self) -> String {
+        format!("{} {}/{}  {}", self.name, self.done, self.total, self.message)
     }
 }
 
 fn bar(name: &'static str, total: usize) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(total as u64), ProgressDrawTarget::stderr());
     // The template is fixed; if it were wrong, the plain bar would do.
-    if let Ok(style) = ProgressStyle::with_template("{prefix} {bar:20} {pos}/{len}  {msg}") {
+    if let Ok(style) = ProgressStyle::with_template("{prefix} {bar:10} {pos}/{len}  {wide_msg}") {
         bar.set_style(style);
     }
     bar.set_prefix(name);

@@ -12,8 +12,7 @@ pub fn open(config: &Config) -> anyhow::Result<Scene> {
     let options = &config.scene;
     let mut scene = match &options.data {
         Some(folder) => {
-            let neu3d =
-                Neu3dOptions { downscale: options.downscale, frames: Some(options.frames), time: options.time };
+            let neu3d = Neu3dOptions { downscale: options.downscale, frames: Some(options.frames), time: options.time };
             mvfusion_data::open(folder, &ReadOptions { neu3d })?
         }
         None => {

@@ -10,6 +10,7 @@
 
 mod host;
 mod real;
+mod simd;
 #[cfg(test)]
 mod test_support;
 

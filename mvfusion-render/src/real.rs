@@ -20,8 +20,11 @@ pub trait Real:
     /// The value in double precision.
     fn wide(self) -> f64;
 
-    /// The value as an index, cut towards zero; NaN and negative numbers give 0.
+    /// The value as an index, cut towards zero; NaN and negative numbers give 0, and no index passes `i32::MAX`.
     fn trunc_index(self) -> usize;
+
+    /// An index below `i32::MAX` as a value.
+    fn of_index(index: usize) -> Self;
 }
 
 impl Real for f32 {
@@ -39,7 +42,12 @@ impl Real for f32 {
 
     #[inline(always)]
     fn trunc_index(self) -> usize {
-        self as usize
+        (self as i32).max(0) as usize
+    }
+
+    #[inline(always)]
+    fn of_index(index: usize) -> Self {
+        index as i32 as Self
     }
 }
 
@@ -58,7 +66,12 @@ impl Real for f64 {
 
     #[inline(always)]
     fn trunc_index(self) -> usize {
-        self as usize
+        (self as i32).max(0) as usize
+    }
+
+    #[inline(always)]
+    fn of_index(index: usize) -> Self {
+        index as i32 as Self
     }
 }
 

@@ -8,9 +8,9 @@ use rand_chacha::rand_core::SeedableRng;
 /// Runs a test body on every CPU device that was compiled in.
 pub(crate) fn for_each_device(body: impl Fn(Device)) {
     #[cfg(feature = "flex")]
-    body(Device::flex());
+    body(crate::device::flex());
     #[cfg(feature = "ndarray")]
-    body(crate::host::ndarray::device());
+    body(crate::device::ndarray());
 }
 
 /// `count` numbers in `0..1`.

@@ -7,4 +7,4 @@ mod numbers;
 
 pub use backends::{Backend, backends};
 pub use checklist::{Checklist, Tolerance};
-pub use numbers::{Array, numbers, tensor};
+pub use numbers::{Array, gradient, numbers, tensor};

@@ -1,6 +1,6 @@
 //! Numbers on the host: arrays in double precision, and the way into and out of tensors.
 
-use burn::tensor::{DType, Device, Tensor, TensorData};
+use burn::tensor::{DType, Device, Gradients, Tensor, TensorData};
 
 /// Row-major numbers with their shape.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -103,4 +103,12 @@ pub fn tensor<const D: usize>(values: &[f64], shape: [usize; D], device: &Device
 /// If the device does not hand them back.
 pub fn numbers<const D: usize>(tensor: Tensor<D>) -> Vec<f64> {
     tensor.inner().try_into_vec_as::<f64>().expect("CPU devices hand their numbers back")
+}
+
+/// The gradient of a leaf; zeros where the loss does not depend on it.
+pub fn gradient<const D: usize>(leaf: &Tensor<D>, gradients: &Gradients) -> Array {
+    match leaf.grad(gradients) {
+        Some(gradient) => Array::of(gradient),
+        None => Array::new(leaf.dims(), vec![0.0; leaf.dims().iter().product()]),
+    }
 }

@@ -75,10 +75,9 @@ fn compare(what: &str, found: &[f64], wanted: &[f64], relative: f64, absolute: f
 fn devices() -> Vec<(&'static str, Device)> {
     let mut devices = Vec::new();
     #[cfg(feature = "flex")]
-    devices.push(("flex", Device::flex().autodiff()));
+    devices.push(("flex", mvfusion_render::device::flex().autodiff()));
     #[cfg(feature = "ndarray")]
-    #[allow(deprecated, reason = "the charter names ndarray")]
-    devices.push(("ndarray", Device::ndarray().autodiff()));
+    devices.push(("ndarray", mvfusion_render::device::ndarray().autodiff()));
     devices
 }
 

@@ -55,7 +55,12 @@ fn find_checkpoint(run: &Path) -> anyhow::Result<PathBuf> {
         bail!("there is no folder {}. Give the folder of a run, such as runs/quickstart-0.", run.display());
     }
     if !checkpoint.is_file() {
-        bail!("{} holds no {}/{}: it is no run, or its training did not end.", run.display(), run::CHECKPOINTS, run::FINAL);
+        bail!(
+            "{} holds no {}/{}: it is no run, or its training did not end.",
+            run.display(),
+            run::CHECKPOINTS,
+            run::FINAL
+        );
     }
     Ok(checkpoint)
 }
@@ -78,7 +83,9 @@ fn earlier_results(run: &Path) -> anyhow::Result<Option<Results>> {
         return Ok(None);
     }
     let read = || -> anyhow::Result<Results> { Ok(serde_json::from_str(&std::fs::read_to_string(&path)?)?) };
-    read().map(Some).with_context(|| format!("cannot read {}; remove it to evaluate without comparison", path.display()))
+    read()
+        .map(Some)
+        .with_context(|| format!("cannot read {}; remove it to evaluate without comparison", path.display()))
 }
 
 fn write(run: &Path, scored: &Scored) -> anyhow::Result<()> {

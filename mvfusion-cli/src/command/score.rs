@@ -41,14 +41,15 @@ impl Trained<'_> {
         let mut progress = Progress::new("evaluation", self.scene.test.len(), talk);
         let model = self.model.plain();
         let movement = final_movement(self.config);
-        let evaluation = evaluate::<anyhow::Error>(&model, self.scene, movement, &surroundings, |index, view, layers| {
-            if let Some(pictures) = pictures {
-                pictures.write(index, view, layers)?;
-            }
-            progress.say(view.name.clone());
-            progress.advance();
-            Ok(())
-        })?;
+        let evaluation =
+            evaluate::<anyhow::Error>(&model, self.scene, movement, &surroundings, |index, view, layers| {
+                if let Some(pictures) = pictures {
+                    pictures.write(index, view, layers)?;
+                }
+                progress.say(view.name.clone());
+                progress.advance();
+                Ok(())
+            })?;
         progress.finish();
         let results = Results {
             protocol: PROTOCOL.to_owned(),

@@ -85,7 +85,8 @@ impl Session {
         let total = self.trainer.config().train.stages.total();
         let every = self.trainer.config().train.checkpoint_interval;
         let log = MetricsLog::create(&self.folder.place(&[run::METRICS])?)?;
-        let mut watch = Watch { log, progress: Progress::new("training", total, self.talk), pace: Pace::default(), total };
+        let mut watch =
+            Watch { log, progress: Progress::new("training", total, self.talk), pace: Pace::default(), total };
         while let Some(position) = self.trainer.position() {
             let Some(loss) = self.trainer.step()? else { break };
             let done = self.trainer.state().completed;
@@ -130,10 +131,7 @@ impl Session {
         };
         let scored = trained.score(Some(&pictures), self.talk)?;
         let results = &scored.results;
-        atomic::write_json(
-            &self.folder.place(&[run::PER_VIEW])?,
-            &PerView::of(&results.protocol, &scored.evaluation),
-        )?;
+        atomic::write_json(&self.folder.place(&[run::PER_VIEW])?, &PerView::of(&results.protocol, &scored.evaluation))?;
         atomic::write_json(&self.folder.place(&[run::RESULTS])?, results)?;
         table::write(results, out)?;
         writeln!(out, "{:16}{}", "run", self.folder.path().display())?;
@@ -179,16 +177,17 @@ impl Watch {
         Ok(())
     }
 
+    /// The line of progress; what a narrow terminal may cut off stands last.
     fn sentence(&self, line: &MetricsLine) -> String {
         let psnr = line.psnr.map_or("-".to_owned(), |psnr| format!("{psnr:.2}"));
         format!(
-            "{}  {:.1} step/s  loss {:.4}  PSNR {psnr} dB  {} static + {} dynamic  {}",
+            "{}  {:.1} step/s  {}  loss {:.4}  PSNR {psnr} dB  {} static + {} dynamic",
             line.stage,
             line.steps_per_second,
+            self.pace.left(self.total - line.step),
             line.loss,
             line.gaussians.static_,
             line.gaussians.dynamic,
-            self.pace.left(self.total - line.step),
         )
     }
 }

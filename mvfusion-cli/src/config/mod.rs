@@ -40,7 +40,8 @@ pub struct Resolved {
 /// for values that cannot be trained with.
 pub fn resolve(args: &LayerArgs) -> anyhow::Result<Resolved> {
     let layers = given_layers(args)?;
-    let from_folder = layers.iter().any(|layer| layer.table.get("scene").is_some_and(|scene| scene.get("data").is_some()));
+    let from_folder =
+        layers.iter().any(|layer| layer.table.get("scene").is_some_and(|scene| scene.get("data").is_some()));
     let default = if from_folder { FOR_FOLDER } else { FOR_BUILTIN };
     let preset = Preset::find(args.preset.as_deref().unwrap_or(default))?;
     let note = (args.preset.is_none() && args.data.is_some())
@@ -66,7 +67,7 @@ pub fn read(path: &Path) -> anyhow::Result<Config> {
 /// # Errors
 /// If a path in it is no text.
 pub fn to_toml(config: &Config) -> anyhow::Result<String> {
-    toml::to_string_pretty(config).context("the configuration cannot be written as TOML")
+    toml::to_string(config).context("the configuration cannot be written as TOML")
 }
 
 /// What stands above the preset, lowest first.
@@ -90,9 +91,8 @@ fn given_layers(args: &LayerArgs) -> anyhow::Result<Vec<Layer>> {
 }
 
 fn file_layer(path: &Path) -> Result<Layer, UsageError> {
-    let text = std::fs::read_to_string(path).map_err(|error| {
-        UsageError::new(format!("cannot read the configuration {}: {error}.", path.display()))
-    })?;
+    let text = std::fs::read_to_string(path)
+        .map_err(|error| UsageError::new(format!("cannot read the configuration {}: {error}.", path.display())))?;
     Layer::parse(&text, Origin::File(path.to_owned()))
 }
 
@@ -104,7 +104,9 @@ fn merge(layers: &[Layer]) -> anyhow::Result<Config> {
         known.check(layer)?;
         overlay(&mut merged, &layer.table);
     }
-    Value::Table(merged).try_into().map_err(|error| UsageError::new(format!("the configuration is wrong: {error}")).into())
+    Value::Table(merged)
+        .try_into()
+        .map_err(|error| UsageError::new(format!("the configuration is wrong: {error}")).into())
 }
 
 fn overlay(below: &mut Table, above: &Table) {
@@ -190,7 +192,8 @@ mod tests {
     fn what_is_written_down_is_read_again() {
         let folder = tempfile::tempdir().expect("folder");
         let file = folder.path().join("config.toml");
-        let args = LayerArgs { data: Some("x".into()), ..with_settings(&["eval.dynamic_masks=m", "optim.epsilon=1e-17"]) };
+        let args =
+            LayerArgs { data: Some("x".into()), ..with_settings(&["eval.dynamic_masks=m", "optim.epsilon=1e-17"]) };
         let config = resolve(&args).expect("resolved").config;
         std::fs::write(&file, to_toml(&config).expect("written as TOML")).expect("written");
         assert_eq!(read(&file).expect("read"), config);

@@ -2,6 +2,7 @@
 
 use std::ffi::OsString;
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
@@ -29,12 +30,16 @@ pub struct RunPlan {
 #[derive(Debug)]
 pub struct RunFolder {
     path: PathBuf,
-    /// Where the replaced run waits.
-    replaced: Option<PathBuf>,
+    /// Whether the folder was there before.
+    existed: bool,
     /// Parent folders that were made for this one, outermost first.
     parents: Vec<PathBuf>,
     kept: bool,
 }
+
+/// Where the files of a replaced run wait, within the folder, until the new run has its first checkpoint. Within, because
+/// the folder itself may be a link or a mount point that cannot be renamed.
+const ASIDE: &str = ".replaced";
 
 impl RunPlan {
     /// Makes sure that a run can be written to `path`, without leaving a trace.
@@ -51,7 +56,10 @@ impl RunPlan {
             bail!("cannot make the run's folder {shown}: {} is a file. Give another --out.", file.display());
         }
         tempfile::tempfile_in(ground).with_context(|| {
-            format!("cannot write into {}, where the run's folder {shown} would lie; give another --out", ground.display())
+            format!(
+                "cannot write into {}, where the run's folder {shown} would lie; give another --out",
+                ground.display()
+            )
         })?;
         Ok(Self { path: path.to_owned() })
     }
@@ -62,11 +70,17 @@ impl RunPlan {
     /// If the system refuses.
     pub fn create(self) -> anyhow::Result<RunFolder> {
         let path = self.path;
-        let missing: Vec<PathBuf> = path.ancestors().skip(1).take_while(|folder| !folder.exists()).map(Path::to_owned).collect();
-        let replaced = if path.exists() { Some(move_aside(&path)?) } else { None };
-        let parents = missing.into_iter().rev().filter(|folder| !folder.as_os_str().is_empty()).collect();
-        let folder = RunFolder { path, replaced, parents, kept: false };
-        fs::create_dir_all(&folder.path).with_context(|| format!("cannot make the folder {}", folder.path.display()))?;
+        let existed = path.exists();
+        let missing = |folder: &&Path| !folder.as_os_str().is_empty() && !folder.exists();
+        let mut parents: Vec<PathBuf> = path.ancestors().skip(1).take_while(missing).map(Path::to_owned).collect();
+        parents.reverse();
+        let folder = RunFolder { path, existed, parents, kept: false };
+        fs::create_dir_all(&folder.path)
+            .with_context(|| format!("cannot make the folder {}", folder.path.display()))?;
+        if existed {
+            let moved = move_aside(&folder.path);
+            moved.with_context(|| format!("cannot move the old run in {} aside", folder.path.display()))?;
+        }
         Ok(folder)
     }
 }
@@ -88,11 +102,22 @@ impl RunFolder {
     /// From now on the folder stays, whatever happens; a run that it replaced is removed.
     pub fn keep(&mut self) {
         self.kept = true;
-        if let Some(replaced) = self.replaced.take()
-            && let Err(error) = fs::remove_dir_all(&replaced)
+        let aside = self.path.join(ASIDE);
+        if aside.exists()
+            && let Err(error) = fs::remove_dir_all(&aside)
         {
-            warn!("cannot remove the replaced run {}: {error}", replaced.display());
+            warn!("cannot remove the replaced run {}: {error}", aside.display());
         }
+    }
+
+    /// Leaves the place as it was found.
+    fn undo(&self) -> io::Result<()> {
+        if self.existed {
+            remove_entries(&self.path)?;
+            return move_back(&self.path);
+        }
+        fs::remove_dir_all(&self.path)?;
+        self.parents.iter().rev().try_for_each(fs::remove_dir)
     }
 }
 
@@ -110,17 +135,9 @@ pub(crate) fn place(run: &Path, parts: &[&str]) -> anyhow::Result<PathBuf> {
 
 impl Drop for RunFolder {
     fn drop(&mut self) {
-        if self.kept {
-            return;
-        }
-        let remove = || -> std::io::Result<()> {
-            fs::remove_dir_all(&self.path)?;
-            match &self.replaced {
-                Some(replaced) => fs::rename(replaced, &self.path),
-                None => self.parents.iter().rev().try_for_each(fs::remove_dir),
-            }
-        };
-        if let Err(error) = remove() {
+        if !self.kept
+            && let Err(error) = self.undo()
+        {
             warn!("cannot tidy up the failed run {}: {error}", self.path.display());
         }
     }
@@ -141,7 +158,7 @@ fn check_existing(path: &Path, existing: Existing) -> anyhow::Result<()> {
         bail!("the folder {shown} is not empty. Give --force to replace the run in it, or another folder with --out.");
     }
     // Whatever no run wrote was put there by somebody who may want it back.
-    match entries.iter().find(|name| !ENTRIES.iter().any(|&known| *name == known)) {
+    match entries.iter().find(|name| *name != ASIDE && !ENTRIES.iter().any(|&known| *name == known)) {
         Some(other) => bail!(
             "the folder {shown} holds `{}`, which is no part of a run, so --force does not replace it. Move it away, or \
              give another folder with --out.",
@@ -151,14 +168,41 @@ fn check_existing(path: &Path, existing: Existing) -> anyhow::Result<()> {
     }
 }
 
-/// Renames a folder to a free name beside it.
-fn move_aside(path: &Path) -> anyhow::Result<PathBuf> {
-    let mut name = path.file_name().unwrap_or_default().to_owned();
-    name.push(format!(".replaced-{}", std::process::id()));
-    let aside = path.with_file_name(name);
-    fs::rename(path, &aside)
-        .with_context(|| format!("cannot move the old run aside, from {} to {}", path.display(), aside.display()))?;
-    Ok(aside)
+/// Moves the files of a run aside. If a run waits there already, an earlier replacement was cut short: that run is the one
+/// to come back, and what lies in the folder is the remains of its successor.
+fn move_aside(run: &Path) -> io::Result<()> {
+    let aside = run.join(ASIDE);
+    if aside.exists() {
+        return remove_entries(run);
+    }
+    let entries: Vec<&str> = ENTRIES.into_iter().filter(|name| run.join(name).exists()).collect();
+    if !entries.is_empty() {
+        fs::create_dir(&aside)?;
+    }
+    entries.into_iter().try_for_each(|name| fs::rename(run.join(name), aside.join(name)))
+}
+
+fn move_back(run: &Path) -> io::Result<()> {
+    let aside = run.join(ASIDE);
+    if !aside.exists() {
+        return Ok(());
+    }
+    for name in ENTRIES.into_iter().filter(|name| aside.join(name).exists()) {
+        fs::rename(aside.join(name), run.join(name))?;
+    }
+    fs::remove_dir(aside)
+}
+
+/// Removes what a run has written.
+fn remove_entries(run: &Path) -> io::Result<()> {
+    for path in ENTRIES.map(|name| run.join(name)) {
+        if path.is_dir() {
+            fs::remove_dir_all(path)?;
+        } else if path.exists() {
+            fs::remove_file(path)?;
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -187,13 +231,39 @@ mod tests {
         fs::create_dir(&path).expect("made");
         fs::write(path.join(super::super::RESULTS), "old").expect("written");
         let create = || RunPlan::new(&path, Existing::Replace).expect("planned").create().expect("made");
+        let write = |folder: &RunFolder| fs::write(folder.place(&["results.json"]).expect("placed"), "new");
         let folder = create();
-        assert!(names(&path).is_empty());
+        write(&folder).expect("written");
         drop(folder);
         assert_eq!(names(&path), ["results.json"]);
-        create().keep();
-        assert!(names(&path).is_empty());
-        assert_eq!(names(ground.path()), ["a"]);
+        assert_eq!(fs::read(path.join("results.json")).expect("read"), b"old");
+
+        let mut folder = create();
+        write(&folder).expect("written");
+        folder.keep();
+        drop(folder);
+        assert_eq!(names(&path), ["results.json"]);
+        assert_eq!(fs::read(path.join("results.json")).expect("read"), b"new");
+    }
+
+    #[test]
+    fn a_replacement_that_was_cut_short_does_not_cost_the_old_run() {
+        let ground = tempfile::tempdir().expect("folder");
+        let path = ground.path().join("a");
+        fs::create_dir_all(path.join(ASIDE)).expect("made");
+        fs::write(path.join(ASIDE).join("results.json"), "old").expect("written");
+        fs::write(path.join("metrics.jsonl"), "half a run").expect("written");
+        drop(RunPlan::new(&path, Existing::Replace).expect("planned").create().expect("made"));
+        assert_eq!(names(&path), ["results.json"]);
+    }
+
+    #[test]
+    fn an_empty_folder_stays_after_a_failure() {
+        let ground = tempfile::tempdir().expect("folder");
+        let folder = RunPlan::new(ground.path(), Existing::Keep).expect("planned").create().expect("made");
+        fs::write(folder.place(&["config.toml"]).expect("placed"), "x").expect("written");
+        drop(folder);
+        assert!(ground.path().exists() && names(ground.path()).is_empty());
     }
 
     #[test]

@@ -36,5 +36,4 @@ pub const RENDERS: &str = "renders";
 pub const STRIPS: &str = "strips";
 
 /// All that a run writes at the top of its folder.
-pub const ENTRIES: [&str; 9] =
-    [CONFIG, RECORD, METRICS, RESULTS, PER_VIEW, CHECKPOINTS, POINT_CLOUD, RENDERS, STRIPS];
+pub const ENTRIES: [&str; 9] = [CONFIG, RECORD, METRICS, RESULTS, PER_VIEW, CHECKPOINTS, POINT_CLOUD, RENDERS, STRIPS];

@@ -55,8 +55,7 @@ impl PicturesWriter {
         }
         if self.strips.contains(&index) {
             let photo = view.image.rgb()?;
-            let mut panels =
-                vec![&*photo, &pictures.composed, &pictures.static_, &pictures.dynamic, &pictures.mask];
+            let mut panels = vec![&*photo, &pictures.composed, &pictures.static_, &pictures.dynamic, &pictures.mask];
             panels.extend(&pictures.motion);
             atomic::write_png(&place(&self.run, &[STRIPS, &file_name(index)])?, side_by_side(&panels)?)?;
         }

@@ -34,10 +34,7 @@ pub fn write_ply(gaussians: &Gaussians, path: &Path) -> anyhow::Result<()> {
 }
 
 /// The columns of `count` Gaussians in the file's order; `read` hands over an attribute, row-major.
-fn columns(
-    count: usize,
-    read: impl Fn(Attribute) -> anyhow::Result<Option<Vec<f32>>>,
-) -> anyhow::Result<Vec<Columns>> {
+fn columns(count: usize, read: impl Fn(Attribute) -> anyhow::Result<Option<Vec<f32>>>) -> anyhow::Result<Vec<Columns>> {
     let mut columns = vec![group(&["x", "y", "z"], read(Attribute::Means)?)];
     columns.push(group(&["nx", "ny", "nz"], Some(vec![0.0; 3 * count])));
     columns.push(group(&["f_dc_0", "f_dc_1", "f_dc_2"], read(Attribute::ShDc)?));
@@ -145,7 +142,10 @@ mod tests {
         let columns = columns(2, without_masks).expect("columns");
         let names: Vec<&str> = columns.iter().flat_map(|group| &group.names).map(String::as_str).collect();
         assert_eq!(names[..10], ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "f_rest_0"]);
-        assert_eq!(names[53..], ["f_rest_44", "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]);
+        assert_eq!(
+            names[53..],
+            ["f_rest_44", "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
+        );
     }
 
     #[test]

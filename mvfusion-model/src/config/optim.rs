@@ -20,8 +20,10 @@ pub struct OptimConfig {
     pub decay_steps: usize,
     /// Constant colour of both branches.
     pub sh_dc: f64,
-    /// Higher colour coefficients and mask logits of the dynamic branch.
+    /// Higher colour coefficients of the dynamic branch.
     pub dynamic_sh_rest: Decay,
+    /// Mask logits; DeGauss keeps them among the higher colour coefficients, at the same rate.
+    pub mask_logits: Decay,
     /// Higher colour coefficients of the static branch.
     pub static_sh_rest: f64,
     /// Opacity logits.
@@ -67,6 +69,7 @@ impl Default for OptimConfig {
             decay_steps: 20_000,
             sh_dc: 0.0025,
             dynamic_sh_rest: Decay { start: 0.0025 / 8.0, end: 0.0025 / 20.0 },
+            mask_logits: Decay { start: 0.0025 / 8.0, end: 0.0025 / 20.0 },
             static_sh_rest: 0.0025 / 20.0,
             opacity: 0.05,
             scale: 0.005,

@@ -29,6 +29,7 @@ pub struct GaussianRates {
     opacity: f64,
     scale: f64,
     rotation: f64,
+    mask_logits: f64,
 }
 
 impl Rates {
@@ -42,6 +43,7 @@ impl Rates {
             opacity: config.opacity,
             scale: config.scale,
             rotation: config.rotation,
+            mask_logits: config.mask_logits.at(step, horizon),
         };
         let deformation = config.deformation.at(step, horizon) * extent;
         Self {
@@ -56,13 +58,13 @@ impl Rates {
 }
 
 impl GaussianRates {
-    /// The rate of an attribute. Mask logits share the rate of the higher colour coefficients, among which DeGauss keeps
-    /// them.
+    /// The rate of an attribute.
     pub fn of(&self, attribute: Attribute) -> f64 {
         match attribute {
             Attribute::Means => self.means,
             Attribute::ShDc => self.sh_dc,
-            Attribute::ShRest | Attribute::MaskLogits => self.sh_rest,
+            Attribute::ShRest => self.sh_rest,
+            Attribute::MaskLogits => self.mask_logits,
             Attribute::OpacityLogits => self.opacity,
             Attribute::LogScales => self.scale,
             Attribute::Quaternions => self.rotation,

@@ -1,14 +1,15 @@
-//! CPU twin of the HexPlane look-up. Features are worked on in blocks that fill vector registers; points are shared out
-//! to threads in the forward pass and for their own adjoints, planes for theirs, so that every sum has one order.
+//! CPU twin of the HexPlane look-up. Points are shared out to threads in the forward pass and for their own adjoints,
+//! planes for theirs, so that every sum has one order. Features are worked on in blocks that fill a vector register;
+//! each step on a block ends in memory, because it is stores that the compiler builds vector instructions from.
 
 use std::array;
 
-use pulp::Arch;
 use rayon::prelude::*;
 
 use super::layout::{PAIRS, TIME};
 use super::{GridBounds, GridLayout, PlaneLayout};
 use crate::Real;
+use crate::simd::vectorised;
 
 /// Points that a thread takes at a time.
 const POINTS_PER_TASK: usize = 256;
@@ -16,15 +17,17 @@ const POINTS_PER_TASK: usize = 256;
 /// Points whose sample adjoints are held at once: few enough to stay in cache between the two halves of the backward.
 const POINTS_PER_CHUNK: usize = 4096;
 
-/// Runs `$body` for blocks of 16, then 4, then single features from `$at` on; `$L` is the block's size.
+/// Features in a block.
+const LANES: usize = 8;
+
+/// Runs `$body` for blocks of [`LANES`], then for single features, from `$at` on; `$L` is the block's size.
 macro_rules! in_blocks {
     ($features:expr, $at:ident, $L:ident => $body:expr) => {{
         let mut $at = 0;
-        in_blocks!(@ 16, $features, $at, $L => $body);
-        in_blocks!(@ 4, $features, $at, $L => $body);
+        in_blocks!(@ LANES, $features, $at, $L => $body);
         in_blocks!(@ 1, $features, $at, $L => $body);
     }};
-    (@ $size:literal, $features:expr, $at:ident, $L:ident => $body:expr) => {
+    (@ $size:expr, $features:expr, $at:ident, $L:ident => $body:expr) => {
         while $at + $size <= $features {
             const $L: usize = $size;
             $body;
@@ -60,13 +63,16 @@ impl<'a, T: Real> Query<'a, T> {
     fn grid_coordinates(&self, point: usize) -> [T; 4] {
         let time = if self.times.len() == 1 { self.times[0] } else { self.times[point] };
         let world = &self.points[3 * point..3 * point + 3];
-        let space = |axis: usize| (world[axis] - self.max[axis]) * self.slope[axis] - T::one();
-        [space(0), space(1), space(2), time]
+        let mut coordinates = [T::zero(), T::zero(), T::zero(), time];
+        for axis in 0..3 {
+            coordinates[axis] = (world[axis] - self.max[axis]) * self.slope[axis] - T::one();
+        }
+        coordinates
     }
 }
 
 /// A coordinate among the cells of an axis.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Place<T> {
     low: usize,
     /// How far on the upper cell is: 1, or 0 on an axis of one cell.
@@ -79,19 +85,19 @@ struct Place<T> {
 impl<T: Real> Place<T> {
     #[inline(always)]
     fn new(grid_coordinate: T, cells: usize) -> Self {
-        let last = T::of((cells - 1) as f64);
+        let last = T::of_index(cells - 1);
         let half = T::of(0.5);
         // A NaN becomes 0 in `max`.
         let cell = ((grid_coordinate + T::one()) * half * last).max(T::zero()).min(last);
         let low = cell.trunc_index().min(cells.saturating_sub(2));
         let inside = cell > T::zero() && cell < last;
         let slope = if inside { half * last } else { T::zero() };
-        Self { low, step: usize::from(cells > 1), fraction: cell - T::of(low as f64), slope }
+        Self { low, step: usize::from(cells > 1), fraction: cell - T::of_index(low), slope }
     }
 }
 
 /// The four cells around a point in one plane.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Corners<T> {
     /// The first number of the cells (low, low), (low, high), (high, low), (high, high) of (row, column).
     at: [usize; 4],
@@ -103,7 +109,7 @@ impl<T: Real> Corners<T> {
     /// `first` is the first number of the plane's first cell.
     #[inline(always)]
     fn new(places: &[Place<T>; 4], plane: &PlaneLayout, first: usize, features: usize) -> Self {
-        let [column, row] = PAIRS[plane.pair].map(|axis| places[axis]);
+        let (column, row) = (&places[PAIRS[plane.pair][0]], &places[PAIRS[plane.pair][1]]);
         let low = first + (row.low * plane.width + column.low) * features;
         let (right, down) = (column.step * features, row.step * plane.width * features);
         Self { at: [low, low + right, low + down, low + down + right], column: column.fraction, row: row.fraction }
@@ -117,7 +123,8 @@ impl<T: Real> Corners<T> {
 
     #[inline(always)]
     fn cells<'a, const L: usize>(&self, planes: &'a [T], feature: usize) -> [&'a [T; L]; 4] {
-        self.at.map(|at| block(planes, at + feature))
+        let [a, b, c, d] = self.at;
+        [block(planes, a + feature), block(planes, b + feature), block(planes, c + feature), block(planes, d + feature)]
     }
 }
 
@@ -128,15 +135,21 @@ fn block<T, const L: usize>(numbers: &[T], at: usize) -> &[T; L] {
     numbers[at..at + L].try_into().expect("a slice of that length")
 }
 
+/// The same to change.
+#[inline(always)]
+fn block_mut<T, const L: usize>(numbers: &mut [T], at: usize) -> &mut [T; L] {
+    // Proof: as in `block`.
+    (&mut numbers[at..at + L]).try_into().expect("a slice of that length")
+}
+
 /// The places of a point along the four axes of every scale, then its corners in the scale's six planes.
 #[inline(always)]
 fn locate<T: Real>(coordinates: [T; 4], axes: [usize; 4]) -> [Place<T>; 4] {
-    array::from_fn(|axis| Place::new(coordinates[axis], axes[axis]))
-}
-
-#[inline(always)]
-fn corners_of<T: Real>(places: &[Place<T>; 4], planes: &[PlaneLayout], features: usize) -> [Corners<T>; 6] {
-    array::from_fn(|pair| Corners::new(places, &planes[pair], planes[pair].first_cell * features, features))
+    let mut places = [Place::default(); 4];
+    for axis in 0..4 {
+        places[axis] = Place::new(coordinates[axis], axes[axis]);
+    }
+    places
 }
 
 /// The scales' axes, beside their planes.
@@ -161,10 +174,9 @@ impl Scales {
 pub(super) fn look_up<T: Real>(planes: &[T], query: &Query<T>, layout: &GridLayout) -> Vec<T> {
     let scales = Scales::new(layout);
     let row = layout.feature_count();
-    let mut features = vec![T::zero(); query.len() * row];
-    let arch = Arch::new();
+    let mut features = vec![T::one(); query.len() * row];
     features.par_chunks_mut(row * POINTS_PER_TASK).enumerate().for_each(|(task, features)| {
-        arch.dispatch(
+        vectorised(
             #[inline(always)]
             || {
                 for (i, features) in features.chunks_mut(row).enumerate() {
@@ -176,20 +188,21 @@ pub(super) fn look_up<T: Real>(planes: &[T], query: &Query<T>, layout: &GridLayo
     features
 }
 
+/// Multiplies `features`, all ones, by the samples of their planes.
 #[inline(always)]
 fn look_up_point<T: Real>(planes: &[T], coordinates: [T; 4], scales: &Scales, features: &mut [T]) {
     for ((axes, layouts), features) in scales.iter().zip(features.chunks_mut(scales.features)) {
-        let corners = corners_of(&locate(coordinates, axes), layouts, scales.features);
-        in_blocks!(scales.features, at, L => {
-            let mut product = [T::one(); L];
-            for corners in &corners {
-                let ([a, b, c, d], weights) = (corners.cells::<L>(planes, at), corners.weights());
+        let places = locate(coordinates, axes);
+        for layout in layouts {
+            let corners = Corners::new(&places, layout, layout.first_cell * scales.features, scales.features);
+            let weights = corners.weights();
+            in_blocks!(scales.features, at, L => {
+                let ([a, b, c, d], product) = (corners.cells::<L>(planes, at), block_mut::<T, L>(features, at));
                 for l in 0..L {
                     product[l] *= a[l] * weights[0] + b[l] * weights[1] + c[l] * weights[2] + d[l] * weights[3];
                 }
-            }
-            features[at..at + L].copy_from_slice(&product);
-        });
+            });
+        }
     }
 }
 
@@ -262,24 +275,25 @@ fn point_adjoints<T: Real>(
     out: PointAdjoints<T>,
 ) {
     let (row, samples) = (scales.features * scales.axes.len(), scales.features * scales.planes.len());
-    let arch = Arch::new();
     let v_features = v_features.par_chunks(row * POINTS_PER_TASK);
     let v_samples = out.v_samples.par_chunks_mut(samples * POINTS_PER_TASK);
     let v_points = out.v_points.par_chunks_mut(3 * POINTS_PER_TASK);
     let v_times = out.v_times.par_chunks_mut(POINTS_PER_TASK);
-    v_features.zip(v_samples).zip(v_points.zip(v_times)).enumerate().for_each(
-        |(task, ((v_features, v_samples), (v_points, v_times)))| {
-            arch.dispatch(
+    v_features.zip(v_samples).zip(v_points.zip(v_times)).enumerate().for_each_init(
+        || Samples::new(scales.features),
+        |buffer, (task, ((v_features, v_samples), (v_points, v_times)))| {
+            vectorised(
                 #[inline(always)]
                 || {
                     let rows = v_features.chunks(row).zip(v_samples.chunks_mut(samples));
-                    let rows = rows.zip(v_points.chunks_mut(3).zip(v_times));
+                    let rows = rows.zip(v_points.chunks_mut(3).zip(v_times.iter_mut()));
                     for (i, ((v_features, v_samples), (v_point, v_time))) in rows.enumerate() {
                         if is_zero(v_features) {
                             continue;
                         }
                         let coordinates = query.grid_coordinates(first + task * POINTS_PER_TASK + i);
-                        let v_coordinates = point_adjoint(planes, coordinates, v_features, scales, v_samples);
+                        let v_coordinates =
+                            point_adjoint(planes, coordinates, v_features, scales, buffer, v_samples);
                         for axis in 0..3 {
                             v_point[axis] = v_coordinates[axis] * query.slope[axis];
                         }
@@ -294,7 +308,79 @@ fn point_adjoints<T: Real>(
 /// Points without a cotangent (those that no picture shows) leave no trace and cost nothing.
 #[inline(always)]
 fn is_zero<T: Real>(v_features: &[T]) -> bool {
-    v_features.iter().all(|v_feature| v_feature.is_zero())
+    // No early exit, so that it is a vector loop.
+    let mut all = true;
+    for v_feature in v_features {
+        all &= v_feature.is_zero();
+    }
+    all
+}
+
+/// The samples of one point in the six planes of a scale, `[6, F]` each.
+struct Samples<T> {
+    value: Vec<T>,
+    /// The slopes with respect to the cell coordinates.
+    by_column: Vec<T>,
+    by_row: Vec<T>,
+    /// A running product, `[F]`.
+    product: Vec<T>,
+}
+
+impl<T: Real> Samples<T> {
+    fn new(features: usize) -> Self {
+        let zeros = || vec![T::zero(); 6 * features];
+        Self { value: zeros(), by_column: zeros(), by_row: zeros(), product: vec![T::zero(); features] }
+    }
+
+    #[inline(always)]
+    fn take(&mut self, planes: &[T], places: &[Place<T>; 4], layouts: &[PlaneLayout], features: usize) {
+        for layout in layouts {
+            let corners = Corners::new(places, layout, layout.first_cell * features, features);
+            let (column, row) = (corners.column, corners.row);
+            in_blocks!(features, at, L => {
+                let [a, b, c, d] = corners.cells::<L>(planes, at);
+                let at = layout.pair * features + at;
+                let value = block_mut::<T, L>(&mut self.value, at);
+                let by_column = block_mut::<T, L>(&mut self.by_column, at);
+                let by_row = block_mut::<T, L>(&mut self.by_row, at);
+                for l in 0..L {
+                    let (above, below) = (b[l] - a[l], d[l] - c[l]);
+                    let (top, bottom) = (a[l] + above * column, c[l] + below * column);
+                    by_column[l] = above + (below - above) * row;
+                    by_row[l] = bottom - top;
+                    value[l] = top + (bottom - top) * row;
+                }
+            });
+        }
+    }
+
+    /// The adjoints of the six factors of a product, `[6, F]`: the cotangent times the other five.
+    #[inline(always)]
+    fn v_factors(&mut self, v_product: &[T], v_values: &mut [T]) {
+        let features = v_product.len();
+        self.product.copy_from_slice(v_product);
+        for (value, v_value) in self.value.chunks(features).zip(v_values.chunks_mut(features)) {
+            in_blocks!(features, at, L => {
+                let (value, before) = (block::<T, L>(value, at), block_mut::<T, L>(&mut self.product, at));
+                let v_value = block_mut::<T, L>(v_value, at);
+                for l in 0..L {
+                    v_value[l] = before[l];
+                    before[l] *= value[l];
+                }
+            });
+        }
+        self.product.fill(T::one());
+        for (value, v_value) in self.value.chunks(features).zip(v_values.chunks_mut(features)).rev() {
+            in_blocks!(features, at, L => {
+                let (value, after) = (block::<T, L>(value, at), block_mut::<T, L>(&mut self.product, at));
+                let v_value = block_mut::<T, L>(v_value, at);
+                for l in 0..L {
+                    v_value[l] *= after[l];
+                    after[l] *= value[l];
+                }
+            });
+        }
+    }
 }
 
 /// The adjoint of a point's grid coordinates; writes those of its samples `[planes, F]`.
@@ -304,81 +390,37 @@ fn point_adjoint<T: Real>(
     coordinates: [T; 4],
     v_features: &[T],
     scales: &Scales,
+    samples: &mut Samples<T>,
     v_samples: &mut [T],
 ) -> [T; 4] {
     let features = scales.features;
-    let mut v_coordinates = [T::zero(); 4];
+    // Lane by lane, for sums along a block would have to be made in order.
+    let mut v_coordinates = [[T::zero(); LANES]; 4];
     let outputs = v_features.chunks(features).zip(v_samples.chunks_mut(6 * features));
     for ((axes, layouts), (v_features, v_samples)) in scales.iter().zip(outputs) {
         let places = locate(coordinates, axes);
-        let corners = corners_of(&places, layouts, features);
-        let mut v_cells = [T::zero(); 4];
-        in_blocks!(features, at, L => {
-            let samples = corners.map(|corners| Sample::<T, L>::new(&corners, planes, at));
-            let v_values = v_factors(block(v_features, at), &samples);
-            let mut v_axes = [[T::zero(); L]; 4];
-            for (pair, [column, row]) in PAIRS.into_iter().enumerate() {
-                v_samples[pair * features + at..][..L].copy_from_slice(&v_values[pair]);
-                for l in 0..L {
-                    v_axes[column][l] += v_values[pair][l] * samples[pair].by_column[l];
-                    v_axes[row][l] += v_values[pair][l] * samples[pair].by_row[l];
-                }
+        samples.take(planes, &places, layouts, features);
+        samples.v_factors(v_features, v_samples);
+        for (pair, v_sample) in v_samples.chunks(features).enumerate() {
+            for (axis, slopes) in PAIRS[pair].into_iter().zip([&samples.by_column, &samples.by_row]) {
+                let (sums, slope) = (&mut v_coordinates[axis], places[axis].slope);
+                let slopes = &slopes[pair * features..][..features];
+                in_blocks!(features, at, L => {
+                    let (v_sample, slopes) = (block::<T, L>(v_sample, at), block::<T, L>(slopes, at));
+                    for l in 0..L {
+                        sums[l] += v_sample[l] * slopes[l] * slope;
+                    }
+                });
             }
-            for (v_cell, v_axis) in v_cells.iter_mut().zip(v_axes) {
-                *v_cell += v_axis.into_iter().sum();
-            }
-        });
-        for axis in 0..4 {
-            v_coordinates[axis] += v_cells[axis] * places[axis].slope;
         }
     }
-    v_coordinates
-}
-
-/// `L` features of a bilinear sample, and their slopes with respect to the cell coordinates.
-#[derive(Clone, Copy)]
-struct Sample<T, const L: usize> {
-    value: [T; L],
-    by_column: [T; L],
-    by_row: [T; L],
-}
-
-impl<T: Real, const L: usize> Sample<T, L> {
-    #[inline(always)]
-    fn new(corners: &Corners<T>, planes: &[T], feature: usize) -> Self {
-        let [a, b, c, d] = corners.cells::<L>(planes, feature);
-        let (column, row) = (corners.column, corners.row);
-        let mut sample = Self { value: [T::zero(); L], by_column: [T::zero(); L], by_row: [T::zero(); L] };
-        for l in 0..L {
-            let (above, below) = (b[l] - a[l], d[l] - c[l]);
-            let (top, bottom) = (a[l] + above * column, c[l] + below * column);
-            sample.by_column[l] = above + (below - above) * row;
-            sample.by_row[l] = bottom - top;
-            sample.value[l] = top + (bottom - top) * row;
-        }
-        sample
-    }
-}
-
-/// The adjoints of the six factors of a product: the cotangent times the other five.
-#[inline(always)]
-fn v_factors<T: Real, const L: usize>(v_product: &[T; L], samples: &[Sample<T, L>; 6]) -> [[T; L]; 6] {
-    let mut v_values = [[T::zero(); L]; 6];
-    let mut before = *v_product;
-    for (v_value, sample) in v_values.iter_mut().zip(samples) {
-        *v_value = before;
-        for l in 0..L {
-            before[l] *= sample.value[l];
+    let mut sums = [T::zero(); 4];
+    for axis in 0..4 {
+        for lane in v_coordinates[axis] {
+            sums[axis] += lane;
         }
     }
-    let mut after = [T::one(); L];
-    for (v_value, sample) in v_values.iter_mut().zip(samples).rev() {
-        for l in 0..L {
-            v_value[l] *= after[l];
-            after[l] *= sample.value[l];
-        }
-    }
-    v_values
+    sums
 }
 
 /// Adds the sample adjoints of the points from `first` on to the cells of plane `index`, point by point.
@@ -394,7 +436,7 @@ fn add_plane_adjoint<T: Real>(
     let (features, plane) = (scales.features, &scales.planes[index]);
     let (row, samples) = (features * scales.axes.len(), features * scales.planes.len());
     let axes = scales.axes[plane.scale];
-    Arch::new().dispatch(
+    vectorised(
         #[inline(always)]
         || {
             for (i, (v_features, v_samples)) in v_features.chunks(row).zip(v_samples.chunks(samples)).enumerate() {
@@ -403,12 +445,13 @@ fn add_plane_adjoint<T: Real>(
                 }
                 let places = locate(query.grid_coordinates(first + i), axes);
                 let corners = Corners::new(&places, plane, 0, features);
-                let v_sample = &v_samples[index * features..][..features];
+                let (weights, v_sample) = (corners.weights(), &v_samples[index * features..][..features]);
                 in_blocks!(features, at, L => {
-                    let v_sample: &[T; L] = block(v_sample, at);
-                    for (corner, weight) in corners.at.into_iter().zip(corners.weights()) {
-                        for (v_cell, &v_sample) in v_plane[corner + at..][..L].iter_mut().zip(v_sample) {
-                            *v_cell += weight * v_sample;
+                    let v_sample = block::<T, L>(v_sample, at);
+                    for (corner, weight) in corners.at.into_iter().zip(weights) {
+                        let v_cell = block_mut::<T, L>(v_plane, corner + at);
+                        for l in 0..L {
+                            v_cell[l] += weight * v_sample[l];
                         }
                     }
                 });

@@ -90,8 +90,7 @@ fn same_type_mut<E: Pod, T: Pod>(values: Option<&mut [E]>) -> &mut [T] {
     bytemuck::cast_slice_mut(values.expect("the layout is standard"))
 }
 
-/// The device whose tensors live here; for tests, so that only this file names what Burn calls deprecated.
-#[cfg(test)]
+/// The device whose tensors live here.
 pub(crate) fn device() -> burn::tensor::Device {
     burn::tensor::Device::ndarray()
 }

@@ -1,10 +1,10 @@
 //! CPU twin of Adam: one pass over value, gradient and moments.
 
-use pulp::Arch;
 use rayon::prelude::*;
 
 use super::AdamRule;
 use crate::Real;
+use crate::simd::vectorised;
 
 /// Numbers that a thread takes at a time.
 const NUMBERS_PER_TASK: usize = 1 << 14;
@@ -47,16 +47,16 @@ impl<T: Real> Step<T> {
 
 /// Makes step number `step`, counted from 1.
 pub(super) fn step<T: Real>(state: State<T>, gradient: &[T], rule: &AdamRule, step: usize) {
-    let (arch, step) = (Arch::new(), Step::<T>::new(rule, step));
+    let step = Step::<T>::new(rule, step);
     let values = state.value.par_chunks_mut(NUMBERS_PER_TASK);
     let firsts = state.first.par_chunks_mut(NUMBERS_PER_TASK);
     let seconds = state.second.par_chunks_mut(NUMBERS_PER_TASK);
     let gradients = gradient.par_chunks(NUMBERS_PER_TASK);
     values.zip(firsts).zip(seconds.zip(gradients)).for_each(|((value, first), (second, gradient))| {
-        arch.dispatch(
+        vectorised(
             #[inline(always)]
             || {
-                let moments = first.iter_mut().zip(second);
+                let moments = first.iter_mut().zip(second.iter_mut());
                 for ((value, &gradient), (first, second)) in value.iter_mut().zip(gradient).zip(moments) {
                     *first = step.beta1 * *first + step.rest1 * gradient;
                     *second = step.beta2 * *second + step.rest2 * (gradient * gradient);

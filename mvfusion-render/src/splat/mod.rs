@@ -83,8 +83,8 @@ impl SplatPicture {
 
     fn layers(&self, copy: usize) -> SplatLayers {
         let [_, channels, height, width] = self.packed.dims();
-        let copy: Tensor<3> = self.packed.clone().slice([copy..copy + 1]).reshape([channels, height, width]);
-        let planes = |begin: usize, end: usize| copy.clone().slice([begin..end]);
+        let copy: Tensor<3> = self.packed.clone().narrow(0, copy, 1).reshape([channels, height, width]);
+        let planes = |begin: usize, end: usize| copy.clone().narrow(0, begin, end - begin);
         let features_end = channels - 2;
         SplatLayers {
             colour: planes(0, COLOUR_CHANNELS),

@@ -3,11 +3,11 @@
 
 use std::array;
 
-use pulp::Arch;
 use rayon::prelude::*;
 
 use super::Window;
 use crate::Real;
+use crate::simd::vectorised;
 
 /// Neighbouring pixels that are worked on at once, in registers.
 const LANES: usize = 16;
@@ -40,15 +40,37 @@ type Point<T> = [T; 5];
 
 /// Blurs planes of `[height, width]` pixels, stored one after another.
 pub(super) fn blur<T: Real>(images: &[T], size: [usize; 2], window: &Window) -> Vec<T> {
-    let [out] = windowed([images], size, window, |pixel| pixel, |_, sums| sums);
+    let none: [&[T]; 0] = [];
+    let [out] = windowed(
+        [images],
+        none,
+        size,
+        window,
+        #[inline(always)]
+        |pixel| pixel,
+        #[inline(always)]
+        |sums, []| sums,
+    );
     out
 }
 
 /// The similarity of `a` and `b` alone.
-pub(super) fn similarity<T: Real>(kind: Similarity, [a, b]: [&[T]; 2], size: [usize; 2], window: &Window) -> Vec<T> {
+pub(super) fn similarity<T: Real>(kind: Similarity, pair: [&[T]; 2], size: [usize; 2], window: &Window) -> Vec<T> {
     let [map] = match kind {
-        Similarity::Ssim => windowed([a, b], size, window, products, |_, moments| [ssim(moments)[0]]),
-        Similarity::Structure => windowed([a, b], size, window, products, |_, moments| [structure(moments)[0]]),
+        Similarity::Ssim => pointwise(
+            pair,
+            size,
+            window,
+            #[inline(always)]
+            |moments| [ssim(moments)[0]],
+        ),
+        Similarity::Structure => pointwise(
+            pair,
+            size,
+            window,
+            #[inline(always)]
+            |moments| [structure(moments)[0]],
+        ),
     };
     map
 }
@@ -56,19 +78,31 @@ pub(super) fn similarity<T: Real>(kind: Similarity, [a, b]: [&[T]; 2], size: [us
 /// The similarity of `a` and `b`, and the four slopes that its adjoint needs.
 pub(super) fn similarity_with_slopes<T: Real>(
     kind: Similarity,
-    [a, b]: [&[T]; 2],
+    pair: [&[T]; 2],
     size: [usize; 2],
     window: &Window,
 ) -> [Vec<T>; 5] {
     match kind {
-        Similarity::Ssim => windowed([a, b], size, window, products, |_, moments| ssim(moments)),
-        Similarity::Structure => windowed([a, b], size, window, products, |_, moments| structure(moments)),
+        Similarity::Ssim => pointwise(
+            pair,
+            size,
+            window,
+            #[inline(always)]
+            |moments| ssim(moments),
+        ),
+        Similarity::Structure => pointwise(
+            pair,
+            size,
+            window,
+            #[inline(always)]
+            |moments| structure(moments),
+        ),
     }
 }
 
 /// The adjoints of `a` and `b`: the window is its own adjoint, so the slopes times the cotangent are blurred back.
 pub(super) fn similarity_backward<T: Real>(
-    [a, b]: [&[T]; 2],
+    pair: [&[T]; 2],
     slopes: [&[T]; 4],
     v_map: &[T],
     size: [usize; 2],
@@ -78,13 +112,35 @@ pub(super) fn similarity_backward<T: Real>(
     let two = T::of(2.0);
     windowed(
         [v_map, mean_a, mean_b, square, cross],
+        pair,
         size,
         window,
+        #[inline(always)]
         |[v, mean_a, mean_b, square, cross]| [v * mean_a, v * mean_b, v * square, v * cross],
-        |pixel, [mean_a, mean_b, square, cross]| {
-            let (a, b) = (a[pixel], b[pixel]);
+        #[inline(always)]
+        |[mean_a, mean_b, square, cross], [a, b]| {
             [mean_a + two * a * square + b * cross, mean_b + two * b * square + a * cross]
         },
+    )
+}
+
+/// Functions of the windowed moments of two pictures.
+fn pointwise<T: Real, const O: usize>(
+    pair: [&[T]; 2],
+    size: [usize; 2],
+    window: &Window,
+    function: impl Fn(Moments<T>) -> [T; O] + Sync,
+) -> [Vec<T>; O] {
+    let none: [&[T]; 0] = [];
+    windowed(
+        pair,
+        none,
+        size,
+        window,
+        #[inline(always)]
+        |pair| products(pair),
+        #[inline(always)]
+        |moments, []| function(moments),
     )
 }
 
@@ -126,31 +182,33 @@ fn structure<T: Real>([mean_a, mean_b, square_a, square_b, cross]: Moments<T>) -
     [clipped, slope(mean_a, mean_b), slope(mean_b, mean_a), -by_variances * T::of(0.5), open]
 }
 
-/// The work of all ops here: `finish(pixel, window sums of product(maps))` for every pixel of every plane.
-fn windowed<T: Real, const M: usize, const K: usize, const O: usize>(
+/// The work of all ops here: `finish(window sums of product(maps), own)` for every pixel of every plane; `own` are maps
+/// that are read at the pixel itself alone.
+fn windowed<T: Real, const M: usize, const P: usize, const K: usize, const O: usize>(
     maps: [&[T]; M],
+    own: [&[T]; P],
     [height, width]: [usize; 2],
     window: &Window,
     product: impl Fn([T; M]) -> [T; K] + Sync,
-    finish: impl Fn(usize, [T; K]) -> [T; O] + Sync,
+    finish: impl Fn([T; K], [T; P]) -> [T; O] + Sync,
 ) -> [Vec<T>; O] {
     let mut out: [Vec<T>; O] = array::from_fn(|_| vec![T::zero(); maps[0].len()]);
     if maps[0].is_empty() {
         return out;
     }
     let weights: Vec<T> = window.weights().iter().map(|&weight| T::of(f64::from(weight))).collect();
-    let arch = Arch::new();
     let padded = width.next_multiple_of(LANES) + weights.len() - 1;
     rows_of(&mut out, width).into_par_iter().with_min_len(MIN_ROWS).enumerate().for_each_init(
         || array::from_fn(|_| vec![T::zero(); padded]),
         |sums: &mut [Vec<T>; K], (row, mut out)| {
             let first = row / height * height * width;
             let planes = maps.map(|map| &map[first..first + height * width]);
-            arch.dispatch(
+            let own = own.map(|map| &map[row * width..(row + 1) * width]);
+            vectorised(
                 #[inline(always)]
                 || {
                     sum_columns(planes, row % height, &weights, &product, sums, width);
-                    sum_along(sums, &weights, |column, sums| finish(row * width + column, sums), &mut out);
+                    sum_along(sums, &weights, own, &finish, &mut out);
                 },
             );
         },
@@ -177,46 +235,39 @@ fn sum_columns<T: Real, const M: usize, const K: usize>(
     width: usize,
 ) {
     let (radius, height) = (weights.len() / 2, planes[0].len() / width);
-    let rows = row.saturating_sub(radius)..(row + radius + 1).min(height);
+    let (top, bottom) = (row.saturating_sub(radius), (row + radius + 1).min(height));
     for start in (0..width).step_by(LANES) {
         let lanes = LANES.min(width - start);
         let mut totals = [[T::zero(); LANES]; K];
-        for source in rows.clone() {
+        for source in top..bottom {
             let weight = weights[source + radius - row];
-            let at = source * width + start;
-            if lanes == LANES {
-                let pixels: [&[T; LANES]; M] = planes.map(|plane| lanes_at(plane, at));
-                for lane in 0..LANES {
-                    let values = product(pixels.map(|pixels| pixels[lane]));
-                    for k in 0..K {
-                        totals[k][lane] += weight * values[k];
-                    }
-                }
-            } else {
-                for lane in 0..lanes {
-                    let values = product(planes.map(|plane| plane[at + lane]));
-                    for k in 0..K {
-                        totals[k][lane] += weight * values[k];
-                    }
+            let pixels = lanes_of(planes, source * width + start, lanes);
+            for lane in 0..LANES {
+                let values = product(nth(&pixels, lane));
+                for k in 0..K {
+                    totals[k][lane] += weight * values[k];
                 }
             }
         }
-        for (sums, totals) in sums.iter_mut().zip(&totals) {
-            sums[radius + start..][..lanes].copy_from_slice(&totals[..lanes]);
+        for k in 0..K {
+            // The sums reach to a multiple of LANES; what lies beyond the row is zero like the margin.
+            sums[k][radius + start..][..LANES].copy_from_slice(&totals[k]);
         }
     }
 }
 
-/// Sums the column sums along the row, and hands each pixel's sums to `finish`.
+/// Sums the column sums along the row, and writes what `finish` makes of each pixel's sums.
 #[inline(always)]
-fn sum_along<T: Real, const K: usize, const O: usize>(
+fn sum_along<T: Real, const P: usize, const K: usize, const O: usize>(
     sums: &[Vec<T>; K],
     weights: &[T],
-    finish: impl Fn(usize, [T; K]) -> [T; O],
+    own: [&[T]; P],
+    finish: impl Fn([T; K], [T; P]) -> [T; O],
     out: &mut [&mut [T]; O],
 ) {
     let width = out[0].len();
     for start in (0..width).step_by(LANES) {
+        let lanes = LANES.min(width - start);
         let mut totals = [[T::zero(); LANES]; K];
         for (tap, &weight) in weights.iter().enumerate() {
             for k in 0..K {
@@ -226,18 +277,37 @@ fn sum_along<T: Real, const K: usize, const O: usize>(
                 }
             }
         }
-        let lanes = LANES.min(width - start);
+        let own = lanes_of(own, start, lanes);
         let mut finished = [[T::zero(); LANES]; O];
-        for lane in 0..lanes {
-            let values = finish(start + lane, array::from_fn(|k| totals[k][lane]));
+        for lane in 0..LANES {
+            let values = finish(nth(&totals, lane), nth(&own, lane));
             for o in 0..O {
                 finished[o][lane] = values[o];
             }
         }
-        for (out, finished) in out.iter_mut().zip(&finished) {
-            out[start..start + lanes].copy_from_slice(&finished[..lanes]);
+        for o in 0..O {
+            let out = &mut out[o][start..];
+            if lanes == LANES {
+                out[..LANES].copy_from_slice(&finished[o]);
+            } else {
+                out.copy_from_slice(&finished[o][..lanes]);
+            }
         }
     }
+}
+
+/// The next `lanes` numbers of each map from `at` on, with zeros behind them.
+#[inline(always)]
+fn lanes_of<T: Real, const M: usize>(maps: [&[T]; M], at: usize, lanes: usize) -> [[T; LANES]; M] {
+    let mut out = [[T::zero(); LANES]; M];
+    for m in 0..M {
+        if lanes == LANES {
+            out[m] = *lanes_at(maps[m], at);
+        } else {
+            out[m][..lanes].copy_from_slice(&maps[m][at..at + lanes]);
+        }
+    }
+    out
 }
 
 /// A slice's next [`LANES`] numbers from `at` on.
@@ -245,4 +315,14 @@ fn sum_along<T: Real, const K: usize, const O: usize>(
 fn lanes_at<T>(numbers: &[T], at: usize) -> &[T; LANES] {
     // Proof: the slice taken has exactly that length.
     numbers[at..at + LANES].try_into().expect("a slice of that length")
+}
+
+/// One lane of each map; a loop, because `array::map` is not inlined where vector instructions are chosen.
+#[inline(always)]
+fn nth<T: Real, const M: usize>(maps: &[[T; LANES]; M], lane: usize) -> [T; M] {
+    let mut out = [T::zero(); M];
+    for m in 0..M {
+        out[m] = maps[m][lane];
+    }
+    out
 }

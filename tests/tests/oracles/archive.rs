@@ -2,7 +2,8 @@
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::Read;
+use std::fs::File;
+use std::io::{BufReader, Cursor, Read, Seek};
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
@@ -13,6 +14,7 @@ use npyz::{NpyFile, Order};
 /// The arrays of an `.npz` file, all widened to double precision, which every type in the oracles fits into exactly.
 #[derive(Debug, Default)]
 pub struct Archive {
+    name: String,
     arrays: BTreeMap<String, Array>,
     seen: RefCell<BTreeSet<String>>,
 }
@@ -20,15 +22,43 @@ pub struct Archive {
 impl Archive {
     /// Reads a whole file.
     pub fn open(path: &Path) -> Result<Self> {
-        let mut npz = npyz::npz::NpzArchive::open(path).with_context(|| format!("cannot open {}", path.display()))?;
+        let file = File::open(path).with_context(|| format!("cannot open {}", path.display()))?;
+        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        Self::read(name, BufReader::new(file)).with_context(|| path.display().to_string())
+    }
+
+    /// Reads a file that is part of this program.
+    pub fn embedded(name: &str, bytes: &'static [u8]) -> Result<Self> {
+        Self::read(name.to_owned(), Cursor::new(bytes))
+    }
+
+    fn read(name: String, reader: impl Read + Seek) -> Result<Self> {
+        let mut npz = npyz::npz::NpzArchive::new(reader)?;
         let names: Vec<String> = npz.array_names().map(str::to_owned).collect();
         let mut arrays = BTreeMap::new();
         for name in names {
             let file = npz.by_name(&name)?.with_context(|| format!("`{name}` is listed but missing"))?;
-            let array = read(file).with_context(|| format!("`{name}` of {}", path.display()))?;
+            let array = numbers_of(file).with_context(|| format!("`{name}`"))?;
             arrays.insert(name, array);
         }
-        Ok(Self { arrays, seen: RefCell::default() })
+        Ok(Self { name, arrays, seen: RefCell::default() })
+    }
+
+    /// The arrays `in.<part>.*` and `out.<part>.*` as a file of its own, under names without the part.
+    pub fn part(&self, part: &str) -> Self {
+        let shorter = |name: &str| {
+            ["in.", "out."].iter().find_map(|side| {
+                let rest = name.strip_prefix(side)?.strip_prefix(part)?.strip_prefix('.')?;
+                Some(format!("{side}{rest}"))
+            })
+        };
+        let arrays = self.arrays.iter().filter_map(|(name, array)| Some((shorter(name)?, array.clone())));
+        Self { name: part.to_owned(), arrays: arrays.collect(), seen: RefCell::default() }
+    }
+
+    /// The file's name without its extension.
+    pub fn name(&self) -> &str {
+        &self.name
     }
 
     /// Whether there is such an array.
@@ -98,7 +128,7 @@ impl Archive {
 }
 
 /// The numbers of an array of any type that the oracles use.
-fn read(file: NpyFile<impl Read>) -> Result<Array> {
+fn numbers_of(file: NpyFile<impl Read>) -> Result<Array> {
     let shape: Vec<usize> = file.shape().iter().map(|&length| length as usize).collect();
     let order = file.order();
     let values = values(file)?;

@@ -1,10 +1,10 @@
 //! CPU twin of the grid penalties, row by row: a row's sums are its own, and rows are added up in order.
 
-use pulp::Arch;
 use rayon::prelude::*;
 
 use crate::Real;
 use crate::grid::{GridLayout, PlaneLayout};
+use crate::simd::vectorised;
 
 /// Numbers that are summed side by side, in registers; sums are in double precision.
 const LANES: usize = 16;
@@ -41,13 +41,12 @@ fn counts(plane: &PlaneLayout, features: usize) -> [f64; 2] {
 
 /// The terms in the order plane smoothness, time smoothness, distance of the time planes from 1.
 pub(super) fn penalties<T: Real>(planes: &[T], layout: &GridLayout) -> [f64; 3] {
-    let arch = Arch::new();
     let layouts = layout.planes();
     let rows = Row::all(&layouts);
     let sums: Vec<[f64; 2]> = rows
         .par_iter()
         .with_min_len(MIN_ROWS)
-        .map(|row| arch.dispatch(#[inline(always)] || row_sums(planes, row, layout.features)))
+        .map(|row| vectorised(#[inline(always)] || row_sums(planes, row, layout.features)))
         .collect();
     let mut terms = [0.0; 3];
     let mut rest = sums.as_slice();
@@ -95,7 +94,6 @@ fn lane_sum<T: Real>(count: usize, term: impl Fn(usize) -> T) -> f64 {
 
 /// The adjoint of the planes.
 pub(super) fn penalties_backward<T: Real>(planes: &[T], v_terms: [T; 3], layout: &GridLayout) -> Vec<T> {
-    let arch = Arch::new();
     let layouts = layout.planes();
     let rows = Row::all(&layouts);
     let mut v_planes = vec![T::zero(); planes.len()];
@@ -107,7 +105,7 @@ pub(super) fn penalties_backward<T: Real>(planes: &[T], v_terms: [T; 3], layout:
         rest = others;
     }
     targets.into_par_iter().with_min_len(MIN_ROWS).for_each(|(row, v_row)| {
-        arch.dispatch(
+        vectorised(
             #[inline(always)]
             || row_adjoint(planes, &row, v_terms, layout.features, v_row),
         );

@@ -1,11 +1,10 @@
 //! Blending the Gaussians of each tile, front to back.
 
 use mvfusion_kernels::splat::{COLOUR_CHANNELS, MIN_ALPHA, PROJECTED_LEN, Projected, TILE};
-use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
 use super::cloud::Cloud;
-use super::lanes::{HALVES, LANES, Lane, Lanes, Plane, SEGMENTS, fma};
+use super::lanes::{HALVES, LANES, Lane, Lanes, Plane, SEGMENTS, VectorJob, Vectors, columns};
 use super::tiles::touched_segments;
 use super::view::View;
 
@@ -83,13 +82,12 @@ struct TileOutput<'a, T> {
     last: &'a mut Plane<i32>,
 }
 
-/// Chooses the instruction set and, for the common numbers of channels, a version with unrolled loops.
+/// For the common numbers of channels, chooses a version with unrolled loops.
 fn blend_tile<T: Lane, K: Tally>(source: &TileSource<T>, tile: usize, output: TileOutput<T>) -> K {
-    let arch = pulp::Arch::new();
     match source.cloud.channels() {
-        4 if size_of::<T>() == 4 => arch.dispatch(BlendTile::<T, K, 4> { source, tile, output, tally: K::default() }),
-        7 if size_of::<T>() == 4 => arch.dispatch(BlendTile::<T, K, 7> { source, tile, output, tally: K::default() }),
-        _ => arch.dispatch(BlendTile::<T, K, 0> { source, tile, output, tally: K::default() }),
+        4 if size_of::<T>() == 4 => T::run(BlendTile::<T, K, 4> { source, tile, output, tally: K::default() }),
+        7 if size_of::<T>() == 4 => T::run(BlendTile::<T, K, 7> { source, tile, output, tally: K::default() }),
+        _ => T::run(BlendTile::<T, K, 0> { source, tile, output, tally: K::default() }),
     }
 }
 
@@ -101,42 +99,41 @@ struct BlendTile<'a, T, K, const C: usize> {
     tally: K,
 }
 
-impl<T: Lane, K: Tally, const C: usize> WithSimd for BlendTile<'_, T, K, C> {
+impl<T: Lane, K: Tally, const C: usize> VectorJob<T> for BlendTile<'_, T, K, C> {
     type Output = K;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(mut self, _: S) -> K {
+    fn run<X: Vectors<T>>(mut self, x: X) -> K {
         let count = if C == 0 { self.source.cloud.channels() } else { C };
         let channels = &mut self.output.channels[..count];
         let (list, origin) = (self.source.list(self.tile), self.source.origin(self.tile));
         *self.output.transmittance = inside_picture(origin, self.source.view);
         let mut stage = Stage::new(count);
         for (number, ids) in list.chunks(BATCH).enumerate() {
-            let open = open_segments(self.output.transmittance);
+            let open = open_segments(x, self.output.transmittance);
             if open == 0 {
                 break;
             }
-            stage.gather(self.source, origin, ids);
+            stage.gather(x, self.source, origin, ids);
             for (k, splat) in stage.splats[..ids.len()].iter().enumerate() {
                 let mut segments = splat.segments & open;
-                let values = &stage.values[k * count..(k + 1) * count];
-                let dx = splat.offsets_x();
+                let values = &stage.values[k * count..][..count];
+                let dx = splat.offsets_x(x);
                 while segments != 0 {
                     let segment = segments.trailing_zeros() as usize % SEGMENTS;
                     segments &= segments - 1;
-                    let falloff = splat.falloff::<S>(&dx[segment / TILE], splat.offset_y(segment % TILE));
+                    let falloff = splat.falloff(x, dx[segment / TILE], splat.offset_y(segment % TILE));
                     let pixels = Pixels {
                         transmittance: &mut self.output.transmittance[segment],
                         last: &mut self.output.last[segment],
                         place: (number * BATCH + k + 1) as i32,
                     };
-                    let weights = pixels.take_up::<S>(splat.opacity, &falloff, self.source.view);
+                    let weights = pixels.take_up(x, splat.opacity, falloff, self.source.view);
                     for (channel, &value) in channels.iter_mut().zip(values) {
-                        for (sum, &weight) in channel[segment].iter_mut().zip(&weights) {
-                            *sum = fma::<S, T>(weight, value, *sum);
-                        }
+                        let sum = x.fma(weights, x.splat(value), x.load(&channel[segment]));
+                        channel[segment] = x.store(sum);
                     }
-                    self.tally.segment(&weights);
+                    self.tally.segment(&x.store(weights));
                 }
             }
         }
@@ -156,22 +153,17 @@ struct Pixels<'a, T> {
 impl<T: Lane> Pixels<'_, T> {
     /// Lets the Gaussian in where it is seen, and returns its weights.
     #[inline(always)]
-    fn take_up<S: Simd>(self, opacity: T, falloff: &Lanes<T>, view: &View<T>) -> Lanes<T> {
-        let (zero, min_alpha, clamp, stop) = (T::zero(), T::of(MIN_ALPHA), view.alpha_clamp, view.stop);
-        let mut weights = [zero; LANES];
-        for lane in 0..LANES {
-            let raw = opacity * falloff[lane];
-            let alpha = if raw < clamp { raw } else { clamp };
-            let before = self.transmittance[lane];
-            let after = fma::<S, T>(-before, alpha, before);
-            let seen = (alpha >= min_alpha) & (before > zero);
-            let added = seen & (after >= stop);
-            weights[lane] = if added { alpha * before } else { zero };
-            let closed = if seen { -before } else { before };
-            self.transmittance[lane] = if added { after } else { closed };
-            self.last[lane] = if added { self.place } else { self.last[lane] };
-        }
-        weights
+    fn take_up<X: Vectors<T>>(self, x: X, opacity: T, falloff: X::V, view: &View<T>) -> X::V {
+        let zero = x.splat(T::zero());
+        let alpha = x.min(x.mul(x.splat(opacity), falloff), x.splat(view.alpha_clamp));
+        let before = x.load(self.transmittance);
+        let after = x.sub_product(before, before, alpha);
+        let seen = x.both(x.at_most(x.splat(T::of(MIN_ALPHA)), alpha), x.less(zero, before));
+        let added = x.both(seen, x.at_most(x.splat(view.stop), after));
+        let closed = x.select(seen, x.sub(zero, before), before);
+        *self.transmittance = x.store(x.select(added, after, closed));
+        *self.last = x.store_index(x.select_index(added, x.splat_index(self.place), x.load_index(self.last)));
+        x.select(added, x.mul(alpha, before), zero)
     }
 }
 
@@ -186,10 +178,11 @@ fn inside_picture<T: Lane>(origin: [usize; 2], view: &View<T>) -> Plane<T> {
 
 /// Segments that have an open pixel, one bit a segment.
 #[inline(always)]
-fn open_segments<T: Lane>(transmittance: &Plane<T>) -> u32 {
+fn open_segments<T: Lane, X: Vectors<T>>(x: X, transmittance: &Plane<T>) -> u32 {
     let mut open = 0;
     for (segment, lanes) in transmittance.iter().enumerate() {
-        open |= u32::from(lanes.iter().any(|&t| t > T::zero())) << segment;
+        let any = x.bits(x.less(x.splat(T::zero()), x.load(lanes))) != 0;
+        open |= u32::from(any) << segment;
     }
     open
 }
@@ -222,25 +215,24 @@ pub(crate) struct Staged<T> {
 impl<T: Lane> Staged<T> {
     /// Offsets along x of the tile's columns from the Gaussian's centre.
     #[inline(always)]
-    pub fn offsets_x(&self) -> [Lanes<T>; HALVES] {
-        std::array::from_fn(|half| std::array::from_fn(|lane| self.first[0] + T::of((half * LANES + lane) as f64)))
+    pub fn offsets_x<X: Vectors<T>>(&self, x: X) -> [X::V; HALVES] {
+        // No closure: it would be compiled without the instruction set of its surroundings.
+        let first = x.splat(self.first[0]);
+        [x.add(first, x.load(&columns(0))), x.add(first, x.load(&columns(1)))]
     }
 
     /// Offset along y of a row of the tile from the Gaussian's centre.
     #[inline(always)]
     pub fn offset_y(&self, row: usize) -> T {
-        self.first[1] + T::of(row as f64)
+        self.first[1] + T::COUNT[row]
     }
 
     /// `exp(-sigma)` at the pixels of a segment.
     #[inline(always)]
-    pub fn falloff<S: Simd>(&self, dx: &Lanes<T>, dy: T) -> Lanes<T> {
-        let along_y = -self.half_curve_y * dy * dy;
-        let exponents = std::array::from_fn(|lane| {
-            let u = fma::<S, T>(self.slope, dy, dx[lane]);
-            fma::<S, T>(-self.half_curve_x * u, u, along_y)
-        });
-        T::exp_lanes::<S>(exponents)
+    pub fn falloff<X: Vectors<T>>(&self, x: X, dx: X::V, dy: T) -> X::V {
+        let u = x.fma(x.splat(self.slope), x.splat(dy), dx);
+        let along_y = x.splat(-self.half_curve_y * dy * dy);
+        x.exp(x.sub_product(along_y, x.mul(x.splat(self.half_curve_x), u), u))
     }
 }
 
@@ -259,7 +251,7 @@ impl<T: Lane> Stage<T> {
 
     /// Gathers the Gaussians `ids` for the tile at `origin`.
     #[inline(always)]
-    pub fn gather(&mut self, source: &TileSource<T>, origin: [usize; 2], ids: &[i32]) {
+    pub fn gather<X: Vectors<T>>(&mut self, x: X, source: &TileSource<T>, origin: [usize; 2], ids: &[i32]) {
         let channels = self.values.len() / BATCH;
         let (origin, half) = (origin.map(|x| T::of(x as f64)), T::of(0.5));
         let rooms = self.splats.iter_mut().zip(self.values.chunks_exact_mut(channels));
@@ -271,7 +263,7 @@ impl<T: Lane> Stage<T> {
                 slope: splat.slope,
                 half_curve_y: half * splat.curve_y,
                 opacity: splat.opacity,
-                segments: touched_segments(&splat, origin),
+                segments: touched_segments(x, &splat, origin),
             };
             values[..COLOUR_CHANNELS].copy_from_slice(&splat.colour);
             values[COLOUR_CHANNELS..channels - 1].copy_from_slice(source.cloud.features_of(id as usize));

@@ -5,11 +5,13 @@
 //! the middle of the tile, and turned into gradients of centre and covariance once a record.
 
 use mvfusion_kernels::splat::{MIN_ALPHA, PROJECTED_GRADIENT_LEN, ProjectedGradient, TILE};
-use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
 use super::blend::{BATCH, Stage, Staged, TileSource};
-use super::lanes::{HALVES, LANES, Lane, Lanes, Plane, SEGMENTS, fma, sum_lanes};
+use super::lanes::{
+    HALVES, LANES, Lane, Lanes, Plane, SEGMENTS, VectorJob, Vectors, columns, from_middle, sum_lanes, sum_vector,
+};
+use super::view::View;
 use crate::splat::Statistic;
 
 /// What blending saved, and what arrives at the picture.
@@ -122,7 +124,7 @@ impl<T: Lane> TileCotangent<T> {
         tile: usize,
         records: &mut [T],
     ) {
-        pulp::Arch::new().dispatch(BlendTileBackward::<T, C, COUNTED> { source, cotangent: self, tile, records });
+        T::run(BlendTileBackward::<T, C, COUNTED> { source, cotangent: self, tile, records });
     }
 }
 
@@ -157,11 +159,11 @@ struct BlendTileBackward<'a, T, const C: usize, const COUNTED: bool> {
     records: &'a mut [T],
 }
 
-impl<T: Lane, const C: usize, const COUNTED: bool> WithSimd for BlendTileBackward<'_, T, C, COUNTED> {
+impl<T: Lane, const C: usize, const COUNTED: bool> VectorJob<T> for BlendTileBackward<'_, T, C, COUNTED> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn run<X: Vectors<T>>(self, x: X) {
         let tiles = &self.source.tiles;
         let count = if C == 0 { tiles.cloud.channels() } else { C };
         let list = tiles.list(self.tile);
@@ -172,12 +174,13 @@ impl<T: Lane, const C: usize, const COUNTED: bool> WithSimd for BlendTileBackwar
         let origin = tiles.origin(self.tile);
         let mut pixels = PixelState::new(self.source, self.cotangent, self.tile);
         let mut stage = Stage::new(count);
-        let mut room = vec![[T::zero(); LANES]; if C == 0 { count } else { 0 }];
+        let zero = x.splat(T::zero());
+        let mut room = vec![zero; if C == 0 { count } else { 0 }];
         let record_len = PROJECTED_GRADIENT_LEN + count;
         for number in (0..used.div_ceil(BATCH)).rev() {
             let begin = number * BATCH;
             let ids = &list[begin..(begin + BATCH).min(used)];
-            stage.gather(tiles, origin, ids);
+            stage.gather(x, tiles, origin, ids);
             let mut open = 0u32;
             for (segment, &last) in last_of_segment.iter().enumerate() {
                 open |= u32::from(last > begin as i32) << segment;
@@ -187,22 +190,22 @@ impl<T: Lane, const C: usize, const COUNTED: bool> WithSimd for BlendTileBackwar
                 if segments == 0 {
                     continue;
                 }
-                let mut unrolled = [[T::zero(); LANES]; C];
-                let v_channels: &mut [Lanes<T>] = if C == 0 { room.as_mut_slice() } else { &mut unrolled };
-                v_channels.fill([T::zero(); LANES]);
+                let mut unrolled = [zero; C];
+                let v_channels: &mut [X::V] = if C == 0 { room.as_mut_slice() } else { &mut unrolled };
+                v_channels.fill(zero);
                 let job = SplatBackward {
                     splat,
-                    values: &stage.values[k * count..(k + 1) * count],
+                    values: &stage.values[k * count..][..count],
                     place: (begin + k) as i32,
                     segments,
                     last,
                 };
-                let moments = job.pull_back::<S, C, COUNTED>(self.source, self.cotangent, &mut pixels, v_channels);
+                let moments = job.pull_back::<X, C, COUNTED>(x, self.source, self.cotangent, &mut pixels, v_channels);
                 let record = &mut self.records[(begin + k) * record_len..(begin + k + 1) * record_len];
                 let (head, channels) = record.split_at_mut(PROJECTED_GRADIENT_LEN);
-                head.copy_from_slice(&moments.gradient(splat, COUNTED).to_row());
+                head.copy_from_slice(&moments.gradient(x, splat, COUNTED).to_row());
                 for (value, &sums) in channels.iter_mut().zip(v_channels.iter()) {
-                    *value = sum_lanes(sums);
+                    *value = sum_vector(x, sums);
                 }
             }
         }
@@ -256,191 +259,175 @@ struct SplatBackward<'a, T> {
 impl<T: Lane> SplatBackward<'_, T> {
     /// Sums over the Gaussian's segments, and takes it out of the pixels' state.
     #[inline(always)]
-    fn pull_back<S: Simd, const C: usize, const COUNTED: bool>(
+    fn pull_back<X: Vectors<T>, const C: usize, const COUNTED: bool>(
         &self,
+        x: X,
         source: &BlendGradientSource<T>,
         cotangent: &TileCotangent<T>,
         pixels: &mut PixelState<T>,
-        v_channels: &mut [Lanes<T>],
-    ) -> Moments<T> {
+        v_channels: &mut [X::V],
+    ) -> Moments<X::V> {
         let count = if C == 0 { source.tiles.cloud.channels() } else { C };
         let (all, values) = (&cotangent.all[..count], &self.values[..count]);
         let counted = cotangent.counted.as_ref().map_or(all, |planes| &planes[..count]);
-        let clamps = Clamps { alpha: source.tiles.view.alpha_clamp, gradient: source.tiles.view.gradient_clamp };
-        let dx = self.splat.offsets_x();
-        let mut moments = Moments::default();
-        for half in 0..HALVES {
+        let dx = self.splat.offsets_x(x);
+        let mut moments = Moments::new(x);
+        for (half, dx) in dx.into_iter().enumerate() {
             let mut rows = (self.segments >> (half * TILE)) & ((1 << TILE) - 1);
-            let mut columns = Columns::default();
+            let mut columns = Columns::new(x);
             while rows != 0 {
                 let row = rows.trailing_zeros() as usize % TILE;
                 rows &= rows - 1;
                 let segment = half * TILE + row;
-                let falloff = self.splat.falloff::<S>(&dx[half], self.splat.offset_y(row));
-                let cover = Cover::new(self.splat.opacity, &falloff, &self.last[segment], self.place, clamps);
-                let inverse: Lanes<T> = std::array::from_fn(|lane| T::one() / (T::one() - cover.alpha[lane]));
-                let before: Lanes<T> = std::array::from_fn(|lane| pixels.transmittance[segment][lane] * inverse[lane]);
-                let weights: Lanes<T> = std::array::from_fn(|lane| cover.alpha[lane] * before[lane]);
-                pixels.transmittance[segment] = before;
+                let falloff = self.splat.falloff(x, dx, self.splat.offset_y(row));
+                let light = self.light(x, falloff, segment, source.tiles.view, &mut pixels.transmittance[segment]);
                 for (plane, v_channel) in all.iter().zip(v_channels.iter_mut()) {
-                    for (sum, (&w, &v)) in v_channel.iter_mut().zip(weights.iter().zip(&plane[segment])) {
-                        *sum = fma::<S, T>(w, v, *sum);
-                    }
+                    *v_channel = x.fma(light.weights, x.load(&plane[segment]), *v_channel);
                 }
-                let light = Light { before: &before, inverse: &inverse, weights: &weights, gate: &cover.gate };
-                let v = light.alpha_gradient::<S>(values, all, segment, &mut pixels.behind[segment]);
-                columns.add::<S>(&v, row);
+                let v = light.alpha_gradient(x, values, all, segment, &mut pixels.behind[segment]);
+                columns.add(x, v, row);
                 if COUNTED {
-                    let v = light.alpha_gradient::<S>(values, counted, segment, &mut pixels.behind_counted[segment]);
-                    columns.add_counted::<S>(&v, row);
+                    let v = light.alpha_gradient(x, values, counted, segment, &mut pixels.behind_counted[segment]);
+                    columns.add_counted(x, v, row);
                 }
             }
-            moments.add_half::<S>(&columns, half);
+            moments.add_half(x, &columns, half);
         }
         moments
     }
-}
 
-/// Bounds on alpha.
-#[derive(Clone, Copy)]
-struct Clamps<T> {
-    alpha: T,
-    gradient: T,
-}
-
-/// How a Gaussian covers the pixels of a segment.
-struct Cover<T> {
-    /// Alpha, zero where the forward pass did not add the Gaussian.
-    alpha: Lanes<T>,
-    /// `d alpha / d opacity`: the falloff, or zero where no gradient passes.
-    gate: Lanes<T>,
-}
-
-impl<T: Lane> Cover<T> {
+    /// What light does at a segment; sets the transmittance back to what it was before the Gaussian.
     #[inline(always)]
-    fn new(opacity: T, falloff: &Lanes<T>, last: &Lanes<i32>, place: i32, clamps: Clamps<T>) -> Self {
-        let (zero, min_alpha) = (T::zero(), T::of(MIN_ALPHA));
-        let mut cover = Self { alpha: [zero; LANES], gate: [zero; LANES] };
-        for lane in 0..LANES {
-            let raw = opacity * falloff[lane];
-            let alpha = if raw < clamps.alpha { raw } else { clamps.alpha };
-            let added = (alpha >= min_alpha) & (place < last[lane]);
-            cover.alpha[lane] = if added { alpha } else { zero };
-            cover.gate[lane] = if added & (raw <= clamps.gradient) { falloff[lane] } else { zero };
-        }
-        cover
+    fn light<X: Vectors<T>>(
+        &self,
+        x: X,
+        falloff: X::V,
+        segment: usize,
+        view: &View<T>,
+        transmittance: &mut Lanes<T>,
+    ) -> Light<X::V> {
+        let (zero, one) = (x.splat(T::zero()), x.splat(T::one()));
+        let raw = x.mul(x.splat(self.splat.opacity), falloff);
+        let alpha = x.min(raw, x.splat(view.alpha_clamp));
+        let before_last = x.index_less(x.splat_index(self.place), x.load_index(&self.last[segment]));
+        let added = x.both(x.at_most(x.splat(T::of(MIN_ALPHA)), alpha), before_last);
+        let free = x.both(added, x.at_most(raw, x.splat(view.gradient_clamp)));
+        let alpha = x.select(added, alpha, zero);
+        let inverse = x.div(one, x.sub(one, alpha));
+        let before = x.mul(x.load(transmittance), inverse);
+        *transmittance = x.store(before);
+        Light { before, inverse, weights: x.mul(alpha, before), gate: x.select(free, falloff, zero) }
     }
 }
 
 /// What light does at the pixels of a segment.
-struct Light<'a, T> {
+struct Light<V> {
     /// Transmittance before the Gaussian.
-    before: &'a Lanes<T>,
-    /// `1 / (1 - alpha)`.
-    inverse: &'a Lanes<T>,
-    weights: &'a Lanes<T>,
-    gate: &'a Lanes<T>,
+    before: V,
+    /// `1 / (1 - alpha)`, with alpha zero where the forward pass did not add the Gaussian.
+    inverse: V,
+    /// `alpha * before`.
+    weights: V,
+    /// `d alpha / d opacity`: the falloff, or zero where no gradient passes.
+    gate: V,
 }
 
-impl<T: Lane> Light<'_, T> {
+impl<V: Copy> Light<V> {
     /// Gradient of alpha times `d alpha / d opacity`; adds the Gaussian to what comes from behind.
     #[inline(always)]
-    fn alpha_gradient<S: Simd>(
+    fn alpha_gradient<T: Lane, X: Vectors<T, V = V>>(
         &self,
+        x: X,
         values: &[T],
         cotangents: &[Plane<T>],
         segment: usize,
         behind: &mut Lanes<T>,
-    ) -> Lanes<T> {
-        let mut shade = [T::zero(); LANES];
+    ) -> V {
+        let mut shade = x.splat(T::zero());
         for (&value, plane) in values.iter().zip(cotangents) {
-            for (sum, &v) in shade.iter_mut().zip(&plane[segment]) {
-                *sum = fma::<S, T>(v, value, *sum);
-            }
+            shade = x.fma(x.load(&plane[segment]), x.splat(value), shade);
         }
-        let mut result = [T::zero(); LANES];
-        for lane in 0..LANES {
-            let v_alpha = self.before[lane] * shade[lane] - behind[lane] * self.inverse[lane];
-            result[lane] = v_alpha * self.gate[lane];
-            behind[lane] = fma::<S, T>(self.weights[lane], shade[lane], behind[lane]);
-        }
-        result
+        let from_behind = x.load(behind);
+        let v_alpha = x.sub_product(x.mul(self.before, shade), from_behind, self.inverse);
+        *behind = x.store(x.fma(self.weights, shade, from_behind));
+        x.mul(v_alpha, self.gate)
     }
-}
-
-/// Distance of a row or column of a tile from the tile's middle.
-#[inline(always)]
-fn from_middle<T: Lane>(index: usize) -> T {
-    T::of(index as f64 - (TILE as f64 - 1.0) / 2.0)
 }
 
 /// Sums over the rows of one half of a tile, a lane a column: of 1, y, y².
-#[derive(Default)]
-struct Columns<T> {
-    sums: [Lanes<T>; 3],
-    counted: [Lanes<T>; 2],
+struct Columns<V> {
+    sums: [V; 3],
+    counted: [V; 2],
 }
 
-impl<T: Lane> Columns<T> {
+impl<V: Copy> Columns<V> {
     #[inline(always)]
-    fn add<S: Simd>(&mut self, v: &Lanes<T>, row: usize) {
-        let y = from_middle::<T>(row);
-        for lane in 0..LANES {
-            self.sums[0][lane] += v[lane];
-            self.sums[1][lane] = fma::<S, T>(v[lane], y, self.sums[1][lane]);
-            self.sums[2][lane] = fma::<S, T>(v[lane], y * y, self.sums[2][lane]);
-        }
+    fn new<T: Lane, X: Vectors<T, V = V>>(x: X) -> Self {
+        let zero = x.splat(T::zero());
+        Self { sums: [zero; 3], counted: [zero; 2] }
     }
 
     #[inline(always)]
-    fn add_counted<S: Simd>(&mut self, v: &Lanes<T>, row: usize) {
+    fn add<T: Lane, X: Vectors<T, V = V>>(&mut self, x: X, v: V, row: usize) {
         let y = from_middle::<T>(row);
-        for lane in 0..LANES {
-            self.counted[0][lane] += v[lane];
-            self.counted[1][lane] = fma::<S, T>(v[lane], y, self.counted[1][lane]);
-        }
+        let [one, first, second] = self.sums;
+        self.sums = [x.add(one, v), x.fma(v, x.splat(y), first), x.fma(v, x.splat(y * y), second)];
+    }
+
+    #[inline(always)]
+    fn add_counted<T: Lane, X: Vectors<T, V = V>>(&mut self, x: X, v: V, row: usize) {
+        let [one, first] = self.counted;
+        self.counted = [x.add(one, v), x.fma(v, x.splat(from_middle::<T>(row)), first)];
     }
 }
 
 /// Moments of the gradient of `sigma` (up to the factor `-opacity`) about the middle of the tile, still by lanes.
-#[derive(Default)]
-struct Moments<T> {
-    one: Lanes<T>,
-    x: Lanes<T>,
-    y: Lanes<T>,
-    xx: Lanes<T>,
-    xy: Lanes<T>,
-    yy: Lanes<T>,
+struct Moments<V> {
+    one: V,
+    x: V,
+    y: V,
+    xx: V,
+    xy: V,
+    yy: V,
     /// One, x, y of the statistic.
-    counted: [Lanes<T>; 3],
+    counted: [V; 3],
 }
 
-impl<T: Lane> Moments<T> {
+impl<V: Copy> Moments<V> {
     #[inline(always)]
-    fn add_half<S: Simd>(&mut self, columns: &Columns<T>, half: usize) {
-        let [one, y, yy] = &columns.sums;
-        for lane in 0..LANES {
-            let x = from_middle::<T>(half * LANES + lane);
-            self.one[lane] += one[lane];
-            self.x[lane] = fma::<S, T>(one[lane], x, self.x[lane]);
-            self.xx[lane] = fma::<S, T>(one[lane], x * x, self.xx[lane]);
-            self.y[lane] += y[lane];
-            self.xy[lane] = fma::<S, T>(y[lane], x, self.xy[lane]);
-            self.yy[lane] += yy[lane];
-            let [one, y] = &columns.counted;
-            self.counted[0][lane] += one[lane];
-            self.counted[1][lane] = fma::<S, T>(one[lane], x, self.counted[1][lane]);
-            self.counted[2][lane] += y[lane];
-        }
+    fn new<T: Lane, X: Vectors<T, V = V>>(x: X) -> Self {
+        let zero = x.splat(T::zero());
+        Self { one: zero, x: zero, y: zero, xx: zero, xy: zero, yy: zero, counted: [zero; 3] }
+    }
+
+    #[inline(always)]
+    fn add_half<T: Lane, X: Vectors<T, V = V>>(&mut self, x: X, sums: &Columns<V>, half: usize) {
+        let [one, y, yy] = sums.sums;
+        let place = x.sub(x.load(&columns(half)), x.splat(T::of((TILE as f64 - 1.0) / 2.0)));
+        self.one = x.add(self.one, one);
+        self.x = x.fma(one, place, self.x);
+        self.xx = x.fma(one, x.mul(place, place), self.xx);
+        self.y = x.add(self.y, y);
+        self.xy = x.fma(y, place, self.xy);
+        self.yy = x.add(self.yy, yy);
+        let [one, y] = sums.counted;
+        let [sum, sum_x, sum_y] = self.counted;
+        self.counted = [x.add(sum, one), x.fma(one, place, sum_x), x.add(sum_y, y)];
     }
 
     /// Gradients of centre, covariance and opacity. With `d = pixel - centre`, `u = dx + slope dy` and
     /// `g = d sigma / d d = (curve_x u, slope curve_x u + curve_y dy)`, sigma has the gradient `-g` with respect to the
     /// centre and `-g gᵀ / 2` with respect to the covariance.
     #[inline(always)]
-    fn gradient(&self, splat: &Staged<T>, counted: bool) -> ProjectedGradient<T> {
-        let [one, x, y] = [&self.one, &self.x, &self.y].map(|lanes| sum_lanes(*lanes));
-        let [xx, xy, yy] = [&self.xx, &self.xy, &self.yy].map(|lanes| sum_lanes(*lanes));
+    fn gradient<T: Lane, X: Vectors<T, V = V>>(
+        &self,
+        vectors: X,
+        splat: &Staged<T>,
+        counted: bool,
+    ) -> ProjectedGradient<T> {
+        // No closures over vectors: they would be compiled without the instruction set of their surroundings.
+        let (one, x, y) = (sum_vector(vectors, self.one), sum_vector(vectors, self.x), sum_vector(vectors, self.y));
+        let (xx, xy, yy) = (sum_vector(vectors, self.xx), sum_vector(vectors, self.xy), sum_vector(vectors, self.yy));
         let middle = T::of((TILE as f64 - 1.0) / 2.0);
         let (two, half, slope) = (T::of(2.0), T::of(0.5), splat.slope);
         let (curve_x, curve_y) = (two * splat.half_curve_x, two * splat.half_curve_y);
@@ -458,8 +445,8 @@ impl<T: Lane> Moments<T> {
         let dy_dy = yy + middle_y * (two * y + middle_y * one);
         let (g_xx, g_xu) = (curve_x * curve_x * uu, curve_x * curve_y * u_dy);
         let statistic = if counted {
-            let [one, x, y] = [0, 1, 2].map(|i| sum_lanes(self.counted[i]));
-            centre(one, x, y)
+            let [one, x, y] = self.counted;
+            centre(sum_vector(vectors, one), sum_vector(vectors, x), sum_vector(vectors, y))
         } else {
             centre(one, x, y)
         };

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::blend::{Blended, Tally, TileSource, blend};
 use super::cloud::Cloud;
-use super::lanes::{LANES, Lane, Plane};
+use super::lanes::{HALVES, LANES, Lane};
 use super::project::{Projections, project};
 use super::tiles::{Bins, bin};
 use super::view::View;
@@ -42,23 +42,24 @@ pub(crate) fn forward<T: Lane, K: Tally>(cloud: &Cloud<T>, view: &View<T>) -> Fo
 /// From tiles to the packed picture.
 fn lay_out<T: Lane>(blended: &Blended<T>, channels: usize, view: &View<T>) -> Vec<T> {
     let (width, height, columns) = (view.width, view.height, view.grid()[0]);
-    let copy_len = (channels + 1) * height * width;
-    let mut picture = vec![T::zero(); 2 * copy_len];
+    let mut picture = vec![T::zero(); 2 * (channels + 1) * height * width];
     picture.par_chunks_mut(width).enumerate().for_each(|(line, row)| {
         let (plane, y) = (line / height % (channels + 1), line % height);
-        for (column, pixels) in row.chunks_mut(TILE).enumerate() {
-            let tile = y / TILE * columns + column;
-            let (source, is_alpha): (&Plane<T>, bool) = match plane {
-                p if p + 2 <= channels => (&blended.channels[tile * channels + p], false),
-                p if p + 1 == channels => (&blended.transmittance[tile], true),
-                _ => (&blended.channels[tile * channels + channels - 1], false),
-            };
-            for (half, pixels) in pixels.chunks_mut(LANES).enumerate() {
-                pixels.copy_from_slice(&source[half * TILE + y % TILE][..pixels.len()]);
-                if is_alpha {
-                    pixels.iter_mut().for_each(|t| *t = T::one() - *t);
-                }
-            }
+        let is_alpha = plane + 1 == channels;
+        // Alpha stands before depth, which is the last of the blended channels.
+        let channel = if plane == channels { channels - 1 } else { plane };
+        let segment = |index: usize| {
+            let (tile, half) = (y / TILE * columns + index / HALVES, index % HALVES);
+            let source =
+                if is_alpha { &blended.transmittance[tile] } else { &blended.channels[tile * channels + channel] };
+            let lanes = source[half * TILE + y % TILE];
+            if is_alpha { lanes.map(|t| T::one() - t) } else { lanes }
+        };
+        let (whole, rest) = row.as_chunks_mut::<LANES>();
+        let count = whole.len();
+        whole.iter_mut().enumerate().for_each(|(index, pixels)| *pixels = segment(index));
+        if !rest.is_empty() {
+            rest.copy_from_slice(&segment(count)[..rest.len()]);
         }
     });
     picture

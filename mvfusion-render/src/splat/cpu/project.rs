@@ -241,3 +241,39 @@ pub(crate) fn dot<T: Real>(a: [T; 3], b: [T; 3]) -> T {
 fn cross<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_rotation_of_a_quaternion_is_a_rotation() {
+        let q = [0.5f64, -0.1, 0.7, 0.2];
+        let norm = q.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let r = rotation_matrix(q.map(|x| x / norm));
+        for i in 0..3 {
+            for j in 0..3 {
+                assert!((dot(r[i], r[j]) - f64::from(u8::from(i == j))).abs() < 1e-12);
+            }
+        }
+        assert!((dot(r[0], cross(r[1], r[2])) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_determinant_of_a_needle_does_not_cancel() {
+        // Single precision has no digits left in xx yy - xy² here.
+        let spread = [[1e4f32, 1e-2, 0.0], [1e4, 0.0, 1e-2]];
+        let (_, determinant, sharp) = covariance(spread, [1.0; 3], 0.3);
+        let exact_sharp = 2e4 + 1e-8;
+        assert!((f64::from(sharp) / exact_sharp - 1.0).abs() < 1e-5, "{sharp}");
+        let exact = exact_sharp + 0.3 * (2e8 + 2e-4) + 0.09;
+        assert!((f64::from(determinant) / exact - 1.0).abs() < 1e-5, "{determinant}");
+    }
+
+    #[test]
+    fn lengths_that_no_pixel_count_holds_become_the_largest_or_none() {
+        assert_eq!(pixels(2.1f32), 3);
+        assert_eq!(pixels(f32::INFINITY), i32::MAX);
+        assert_eq!(pixels(f32::NAN), 0);
+    }
+}

@@ -178,15 +178,14 @@ impl<T: Lane> RecordSource<'_, T> {
         let colour = Projected::from_row(&self.projected[index]).colour;
         let v_colour: [T; 3] = std::array::from_fn(|c| if colour[c] > T::zero() { channels[c] } else { T::zero() });
         let v_offset = self.colour_gradient(index, v_colour, &mut job.sh[3 * cloud.coefficients * i..]);
-        for axis in 0..3 {
+        for (axis, v_mean) in job.means[3 * i..3 * i + 3].iter_mut().enumerate() {
             let column = [0, 1, 2].map(|row| view.rotation[row][axis]);
-            job.means[3 * i + axis] = dot(column, v_point) + v_offset[axis];
+            *v_mean = dot(column, v_point) + v_offset[axis];
         }
         job.features[cloud.feature_count * i..cloud.feature_count * (i + 1)].copy_from_slice(v_features);
         let half_size = [view.width, view.height].map(|size| T::of(size as f64 / 2.0));
-        for axis in 0..2 {
-            job.statistic[2 * i + axis] = v_head.statistic[axis] * half_size[axis];
-        }
+        let [x, y] = v_head.statistic;
+        job.statistic[2 * i..2 * i + 2].copy_from_slice(&[x * half_size[0], y * half_size[1]]);
     }
 
     /// Writes the gradient of the coefficients, and returns that of the mean through the direction.

@@ -5,10 +5,9 @@ use std::sync::atomic::{AtomicI32, Ordering};
 use mvfusion_kernels::splat::{PROJECTED_LEN, Projected, TILE};
 use rayon::prelude::*;
 
-use super::lanes::{HALVES, LANES, Lane};
+use super::lanes::{HALVES, LANES, Lane, Vectors, columns};
 use super::project::Projections;
 use super::view::View;
-use crate::Real;
 use crate::splat::settings::Extent;
 
 /// Roundings that the test of an ellipse against a box allows for, in units of the last place of the offsets.
@@ -37,10 +36,7 @@ pub(crate) struct TileRectangle {
 
 impl TileRectangle {
     /// The tiles that a Gaussian reaches by the rule of the view.
-    pub fn of<T: Real>(centre: [T; 2], radii: [i32; 2], view: &View<T>) -> Self
-    where
-        T: Lane,
-    {
+    pub fn of<T: Lane>(centre: [T; 2], radii: [i32; 2], view: &View<T>) -> Self {
         let grid = view.grid();
         let size = [view.width, view.height];
         let side = TILE as f64;
@@ -98,8 +94,8 @@ pub(crate) fn touches_box<T: Lane>(splat: &Projected<T>, low: [T; 2], high: [T; 
 
 /// Which segments of a tile the Gaussian may touch, one bit a segment, for a tile whose first pixel is `origin`.
 #[inline(always)]
-pub(crate) fn touched_segments<T: Lane>(splat: &Projected<T>, origin: [T; 2]) -> u32 {
-    let (zero, half) = (T::zero(), T::of(0.5));
+pub(crate) fn touched_segments<T: Lane, X: Vectors<T>>(x: X, splat: &Projected<T>, origin: [T; 2]) -> u32 {
+    let half = T::of(0.5);
     let first = [origin[0] + half - splat.centre[0], origin[1] + half - splat.centre[1]];
     let span = T::of((TILE - 1) as f64);
     let farthest = [0, 1].map(|axis| first[axis].abs().max((first[axis] + span).abs()));
@@ -109,22 +105,20 @@ pub(crate) fn touched_segments<T: Lane>(splat: &Projected<T>, origin: [T; 2]) ->
             + splat.slope.abs() * farthest[1]
             + splat.centre[0].abs()
             + splat.centre[1].abs() * splat.slope.abs());
-    let limit = splat.reach + splat.reach;
-    let mut mask = 0u32;
-    for side in 0..HALVES {
-        let low = first[0] + T::of((side * LANES) as f64) - rounding;
-        let high = low + T::of((LANES - 1) as f64) + rounding + rounding;
-        let mut touched = [false; TILE];
-        for (row, touched) in touched.iter_mut().enumerate() {
-            let dy = first[1] + T::of(row as f64);
-            let shift = splat.slope * dy;
-            let (left, right) = (low + shift, -(high + shift));
-            let u = if left > right { left } else { right };
-            let u = if u > zero { u } else { zero };
-            *touched = splat.curve_x * u * u + splat.curve_y * dy * dy <= limit;
-        }
-        for (row, touched) in touched.iter().enumerate() {
-            mask |= u32::from(*touched) << (side * TILE + row);
+    let (limit, slope) = (x.splat(splat.reach + splat.reach), x.splat(splat.slope));
+    let (curve_x, curve_y) = (x.splat(splat.curve_x), x.splat(splat.curve_y));
+    let mut mask = 0;
+    for rows in 0..TILE / LANES {
+        let dy = x.add(x.splat(first[1] + T::of((rows * LANES) as f64)), x.load(&columns(0)));
+        let (shift, beside) = (x.mul(slope, dy), x.mul(curve_y, x.mul(dy, dy)));
+        for side in 0..HALVES {
+            let low = first[0] + T::of((side * LANES) as f64) - rounding;
+            let high = low + T::of((LANES - 1) as f64) + rounding + rounding;
+            // How far the segment is from the sheared axis, on whichever side.
+            let (left, right) = (x.add(x.splat(low), shift), x.sub(x.splat(-high), shift));
+            let u = x.max(x.max(left, right), x.splat(T::zero()));
+            let touched = x.at_most(x.fma(curve_x, x.mul(u, u), beside), limit);
+            mask |= x.bits(touched) << (side * TILE + rows * LANES);
         }
     }
     mask
@@ -244,5 +238,92 @@ fn fill(mut chunk: Chunk, ids: &[u32], slots: &mut [i32], sorted: &[AtomicI32]) 
             *slot = *place as i32;
             *place += 1;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DMat3, DVec3};
+    use mvfusion_data::Camera;
+
+    use super::*;
+    use crate::splat::{SplatRules, SplatSettings};
+
+    fn view(rules: SplatRules) -> View<f64> {
+        let camera = Camera::centred(64, 48, 50.0, DMat3::IDENTITY, DVec3::ZERO);
+        View::new(&camera, &SplatSettings { rules, ..Default::default() })
+    }
+
+    /// A long, thin Gaussian along the diagonal, wide along u = (1, 1) and narrow across.
+    fn needle(centre: [f64; 2]) -> Projected<f64> {
+        let [xx, xy, yy] = [100.5, 99.5, 100.5];
+        let determinant = xx * yy - xy * xy;
+        Projected {
+            centre,
+            curve_x: yy / determinant,
+            slope: -xy / yy,
+            curve_y: 1.0 / yy,
+            opacity: 1.0,
+            reach: 255f64.ln(),
+            depth: 1.0,
+            colour: [1.0; 3],
+        }
+    }
+
+    #[test]
+    fn the_square_rectangle_follows_the_integer_arithmetic_of_3dgs() {
+        let of = |x: f64| TileRectangle::of([x, 8.0], [3, 3], &view(SplatRules::inria()));
+        // (12.5 - 0.5 + 3 + 15) / 16 = 1.875 is cut off to 1: the tile beside is not entered by three pixels.
+        assert_eq!((of(12.5).low[0], of(12.5).high[0]), (0, 1));
+        assert_eq!((of(14.5).low[0], of(14.5).high[0]), (0, 2));
+        assert!(of(-20.0).is_empty() && of(1e12).is_empty());
+    }
+
+    #[test]
+    fn a_tile_is_touched_exactly_if_one_of_its_segments_is() {
+        struct Touched(Projected<f64>, [f64; 2]);
+        impl crate::splat::cpu::lanes::VectorJob<f64> for Touched {
+            type Output = u32;
+            fn run<X: Vectors<f64>>(self, x: X) -> u32 {
+                touched_segments(x, &self.0, self.1)
+            }
+        }
+        for centre in [[20.0, 20.0], [3.3, 40.7], [-10.0, -12.0]] {
+            let splat = needle(centre);
+            for (x, y) in (0..4).flat_map(|x| (0..3).map(move |y| (f64::from(16 * x), f64::from(16 * y)))) {
+                let tile = touches_box(&splat, [x + 0.5, y + 0.5], [x + 15.5, y + 15.5]);
+                let segments = f64::run(Touched(splat, [x, y]));
+                assert!(tile || segments == 0, "tile at {x}, {y}");
+                let visible = (0..256).filter(|pixel| {
+                    let d = [x + 0.5 + f64::from(pixel % 16) - centre[0], y + 0.5 + f64::from(pixel / 16) - centre[1]];
+                    let u = d[0] + splat.slope * d[1];
+                    0.5 * (splat.curve_x * u * u + splat.curve_y * d[1] * d[1]) <= splat.reach
+                });
+                for pixel in visible {
+                    let segment = pixel % 16 / 8 * 16 + pixel / 16;
+                    assert!(segments >> segment & 1 == 1, "pixel {pixel} of the tile at {x}, {y}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn lists_are_sorted_by_depth_and_slots_lead_back() {
+        let centres = [[8.0, 8.0], [20.0, 20.0], [24.0, 8.0], [9.0, 9.0]];
+        let depths = [3.0, 1.0, 2.0, 3.0];
+        let records = centres.into_iter().zip(depths).flat_map(|(c, depth)| Projected { depth, ..needle(c) }.to_row());
+        let projections = Projections { records: records.collect(), radii: vec![31; 8] };
+        let view = view(SplatRules::inria());
+        let bins = bin(&projections, &view);
+        for tile in 0..view.tile_count() {
+            let list = &bins.sorted[bins.starts[tile] as usize..bins.starts[tile + 1] as usize];
+            let keys: Vec<(f64, i32)> = list.iter().map(|&id| (depths[id as usize], id)).collect();
+            assert!(keys.windows(2).all(|pair| pair[0] < pair[1]), "{keys:?}");
+        }
+        for (id, span) in bins.spans.as_chunks::<2>().0.iter().enumerate() {
+            let slots = &bins.slots[span[0] as usize..(span[0] + span[1]) as usize];
+            assert!(slots.iter().all(|&slot| bins.sorted[slot as usize] == id as i32) && slots.is_sorted());
+        }
+        assert_eq!(bins.slots.len(), bins.sorted.len());
     }
 }

@@ -1,0 +1,16 @@
+//! The whole chain, from parameters to pictures and back: gradients against finite differences, the start of the last
+//! stage, sameness of runs, checkpoints, memory.
+#![recursion_limit = "256"]
+
+mod allocations;
+mod child;
+mod differences;
+mod margins;
+mod memory;
+mod network_gradients;
+mod splat_gradients;
+mod start;
+mod training;
+
+#[global_allocator]
+static ALLOCATOR: allocations::Counting = allocations::Counting;

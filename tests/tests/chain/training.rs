@@ -1,0 +1,184 @@
+//! A short run of all three stages on a small built-in scene: the same whatever the threads, and whether or not it was
+//! interrupted.
+
+use std::fmt::Write;
+
+use burn::tensor::Device;
+use mvfusion_data::builtin::builtin;
+use mvfusion_data::{BuiltinOptions, Scene};
+use mvfusion_model::config::{
+    Config, DensifyConfig, GridConfig, InitConfig, ModelConfig, MotionConfig, StageConfig, TrainConfig,
+};
+use mvfusion_model::evaluation::{Evaluation, evaluate};
+use mvfusion_model::train::{TrainState, Trainer, parameter_hash};
+use mvfusion_model::ModelError;
+use mvfusion_tests::{backends, numbers};
+
+use crate::child;
+
+/// A scene of few, small pictures.
+pub fn scene() -> Scene {
+    builtin(&BuiltinOptions { width: 48, height: 36, frames: 6, ..BuiltinOptions::default() })
+}
+
+/// A run of 32 steps with everything in it that changes rows.
+pub fn config() -> Config {
+    let defaults = DensifyConfig::default();
+    let thresholds = |branch: &mvfusion_model::config::BranchDensifyConfig| {
+        let mut branch = branch.clone();
+        (branch.geometry_threshold, branch.threshold, branch.prune_above) = (1e-4, 1e-4, 20);
+        branch
+    };
+    Config {
+        seed: 5,
+        init: InitConfig { dynamic_points: 400, dynamic_from_cloud: 20, ..InitConfig::default() },
+        model: ModelConfig {
+            width: 16,
+            grid: GridConfig { features: 4, resolution: [8, 8, 8, 10], multipliers: vec![1, 2] },
+            sh_degree: 2,
+            ..ModelConfig::default()
+        },
+        motion: MotionConfig {
+            interval: 5,
+            samples: 6,
+            knot_stride: 2,
+            window: 1,
+            hidden: 16,
+            attention_width: 16,
+            heads: 2,
+            chunk: 150,
+            ..MotionConfig::default()
+        },
+        train: TrainConfig {
+            stages: StageConfig { geometry: 10, deformation: 10, refinement: 12 },
+            dynamic_sh_interval: 6,
+            static_sh_interval: 9,
+            ..TrainConfig::default()
+        },
+        densify: DensifyConfig {
+            from: 2,
+            until: 100,
+            interval: 5,
+            prune_from: 2,
+            prune_interval: 6,
+            // Above what a reset leaves, so that the next pruning finds something.
+            min_opacity: 0.012,
+            reset_interval: 8,
+            dynamic: thresholds(&defaults.dynamic),
+            static_: thresholds(&defaults.static_),
+            ..defaults
+        },
+        ..Config::default()
+    }
+}
+
+/// Trains to the end and returns the squared error of the first step.
+fn train(trainer: &mut Trainer) -> f64 {
+    let mut first = None;
+    while let Some(loss) = trainer.step().expect("a step succeeds") {
+        first.get_or_insert_with(|| numbers(loss.squared_error)[0]);
+    }
+    first.unwrap_or(f64::NAN)
+}
+
+fn figures(trainer: &Trainer, scene: &Scene) -> Evaluation {
+    let model = trainer.state().model.plain();
+    let nothing = |_, _: &_, _: &_| Ok::<(), ModelError>(());
+    evaluate(&model, scene, trainer.final_movement(), trainer.surroundings(), nothing).expect("the views can be scored")
+}
+
+fn hash(trainer: &Trainer) -> String {
+    parameter_hash(&trainer.state().model).expect("the device hands its numbers back")
+}
+
+/// Fails unless the run had in it what the tests are about.
+fn assert_eventful(state: &TrainState) {
+    let [dynamic, static_] = state.census;
+    for census in [dynamic, static_] {
+        assert!(census.added > 0 && census.resets > 0, "{:?}", state.census);
+    }
+    assert!(dynamic.pruned + static_.pruned > 0, "{:?}", state.census);
+    assert!(state.refreshes >= 2, "{} refreshes", state.refreshes);
+}
+
+/// Runs once on every backend and tells all that must not depend on the number of threads.
+fn account() -> String {
+    let scene = scene();
+    let mut account = String::new();
+    for backend in backends() {
+        let mut trainer = Trainer::new(config(), &scene, &(backend.device)()).expect("the run can start");
+        train(&mut trainer);
+        assert_eventful(trainer.state());
+        let figures = serde_json::to_string(&figures(&trainer, &scene)).expect("figures serialise");
+        let census = trainer.state().census;
+        writeln!(account, "{}: {} {census:?} {figures}", backend.name, hash(&trainer)).expect("a string takes it");
+    }
+    account
+}
+
+#[test]
+fn a_run_is_the_same_with_one_thread_and_with_two() {
+    if let Some(report) = child::report_path() {
+        std::fs::write(report, account()).expect("the report can be written");
+        return;
+    }
+    let with = |threads: &str| {
+        let environment = [("RAYON_NUM_THREADS", threads), ("MATMUL_NUM_THREADS", threads)];
+        child::run_alone("training::a_run_is_the_same_with_one_thread_and_with_two", &environment)
+    };
+    let alone = with("1");
+    assert_eq!(alone, with("2"));
+    assert_eq!(alone, with("3"));
+}
+
+/// A run that is saved, loaded and continued after each of `pauses` steps.
+fn interrupted(pauses: &[usize], scene: &Scene, device: &Device) -> Trainer {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join("state.safetensors");
+    let mut trainer = Trainer::new(config(), scene, device).expect("the run can start");
+    for &pause in pauses {
+        while trainer.state().completed < pause {
+            trainer.step().expect("a step succeeds").expect("the run is not over");
+        }
+        trainer.state().save(&path).expect("the state can be saved");
+        let device = device.clone().autodiff();
+        let state = TrainState::load(&path, &config(), &device).expect("the state can be loaded");
+        trainer = Trainer::with_state(config(), scene, &device, state).expect("the run goes on");
+    }
+    train(&mut trainer);
+    trainer
+}
+
+#[test]
+fn a_run_that_was_saved_and_loaded_goes_on_as_if_it_had_not_been() {
+    let scene = scene();
+    for backend in backends() {
+        let device = (backend.device)();
+        let mut whole = Trainer::new(config(), &scene, &device).expect("the run can start");
+        train(&mut whole);
+        // Within each stage, on its borders, and right after a densification, a pruning, a reset and a refresh.
+        let resumed = interrupted(&[3, 5, 8, 10, 16, 20, 25, 29], &scene, &device);
+        assert_eq!(hash(&resumed), hash(&whole), "{}", backend.name);
+        assert_eq!(resumed.state().census, whole.state().census);
+        assert_eq!(resumed.state().streams, whole.state().streams);
+        assert_eq!(resumed.state().normalisers, whole.state().normalisers);
+    }
+}
+
+#[test]
+fn training_lowers_the_error() {
+    let scene = scene();
+    for backend in backends() {
+        // Without resets, which throw a run of this length back.
+        let mut config = config();
+        config.densify.reset_interval = 1000;
+        let mut trainer = Trainer::new(config, &scene, &(backend.device)()).expect("the run can start");
+        let mut errors = Vec::new();
+        while let Some(loss) = trainer.step().expect("a step succeeds") {
+            errors.push(numbers(loss.squared_error)[0]);
+        }
+        let mean = |errors: &[f64]| errors.iter().sum::<f64>() / errors.len() as f64;
+        let (first, last) = (mean(&errors[..5]), mean(&errors[errors.len() - 5..]));
+        assert!(last < 0.7 * first, "{}: from {first} to {last}", backend.name);
+    }
+}

@@ -1,0 +1,245 @@
+//! `loss_coarse` and `loss_fine`: composition, every term of the losses, and both losses as wholes.
+
+use anyhow::{Result, bail, ensure};
+use burn::tensor::{Device, Tensor};
+use mvfusion_model::composition::{Blending, Composition, Layers};
+use mvfusion_model::config::LossConfig;
+use mvfusion_model::loss::terms::{
+    above, behind, dssim, edge_variation, entropy, l1, large, likeness, masked_dssim, spiky,
+};
+use mvfusion_model::loss::{LossContext, LossSchedule, Pictures, Windows, light_loss, main_loss};
+use mvfusion_render::window::{ssim_map, structure_map};
+use mvfusion_tests::{Array, Checklist, Tolerance, gradient, numbers};
+
+use crate::archive::Archive;
+
+/// Of maps; from the README of the oracle.
+const MAPS: Tolerance = Tolerance::absolute(1e-5);
+
+/// Of the SSIM map, where variances cancel.
+const SSIM_MAP: Tolerance = Tolerance::absolute(1e-4);
+
+/// Of terms and totals.
+const VALUES: Tolerance = Tolerance::of_entry(2e-5);
+
+/// Of gradients.
+const GRADIENTS: Tolerance = Tolerance::of_largest(5e-5);
+
+/// The photo is darkened in the first stage.
+const DARKENING: f64 = 0.9;
+
+/// The inputs that gradients are given of.
+const INPUTS: [&str; 7] = ["I_f", "I_b", "M", "D_f", "D_b", "scaling_f", "scaling_b"];
+
+/// Outputs that are not compared.
+pub const LEFT_OUT: &[(&str, &str)] = &[("depth_back_nodetach", "used for recordings from glasses alone")];
+
+/// The first stage.
+pub fn check_geometry(archive: &Archive, device: &Device) -> Result<()> {
+    check(archive, device, Stage::Geometry)
+}
+
+/// The later stages.
+pub fn check_deformation(archive: &Archive, device: &Device) -> Result<()> {
+    check(archive, device, Stage::Deformation)
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Stage {
+    Geometry,
+    Deformation,
+}
+
+/// The leaves of one graph, and what they are composed to.
+struct Inputs {
+    layers: Layers,
+    dynamic_depth: Tensor<4>,
+    static_depth: Tensor<4>,
+    log_scales: [Tensor<2>; 2],
+    blend: Composition,
+}
+
+impl Inputs {
+    /// Fresh leaves.
+    fn read(archive: &Archive, device: &Device, stage: Stage) -> Result<Self> {
+        let leaf = |name: &str| archive.tensor::<4>(&format!("in.{name}"), device).map(|t| t.require_grad());
+        let rows = |name: &str| archive.tensor::<2>(&format!("in.{name}"), device).map(|t| t.require_grad());
+        let layers = Layers { dynamic: leaf("I_f")?, static_: leaf("I_b")?, mask: leaf("M")? };
+        // Ours clamps the mask of the first stage; the oracle, as the original, does not.
+        let blending = match stage {
+            Stage::Geometry => Blending::GeometryUnclamped,
+            Stage::Deformation => Blending::Deformation,
+        };
+        Ok(Self {
+            blend: layers.clone().compose(blending),
+            layers,
+            dynamic_depth: leaf("D_f")?,
+            static_depth: leaf("D_b")?,
+            log_scales: [rows("scaling_f")?, rows("scaling_b")?],
+        })
+    }
+
+    fn pictures(&self) -> Pictures {
+        Pictures {
+            composition: self.blend.clone(),
+            dynamic_depth: self.dynamic_depth.clone(),
+            static_depth: self.static_depth.clone(),
+        }
+    }
+
+    /// Compares the value of a loss and its gradients; one that is not stored is zero.
+    fn compare(&self, checks: &mut Checklist, archive: &Archive, loss: Tensor<1>, names: &Names) -> Result<()> {
+        let gradients = loss.backward();
+        checks.close_number(&names.value, archive.number(&names.value)?, numbers(loss)[0], VALUES);
+        let found = [
+            gradient(&self.layers.dynamic, &gradients),
+            gradient(&self.layers.static_, &gradients),
+            gradient(&self.layers.mask, &gradients),
+            gradient(&self.dynamic_depth, &gradients),
+            gradient(&self.static_depth, &gradients),
+            gradient(&self.log_scales[0], &gradients),
+            gradient(&self.log_scales[1], &gradients),
+        ];
+        for (input, found) in INPUTS.into_iter().zip(found) {
+            let name = format!("{}.{input}", names.gradient);
+            let zeros = found.zeros_like();
+            checks.close(&name, archive.find(&name).unwrap_or(&zeros), &found, GRADIENTS);
+        }
+        Ok(())
+    }
+}
+
+/// Where a loss and its gradients are stored.
+struct Names {
+    value: String,
+    gradient: String,
+}
+
+fn check(archive: &Archive, device: &Device, stage: Stage) -> Result<()> {
+    ensure!(archive.array("in.V")?.values.iter().all(|&v| v == 1.0), "masks of invalid pixels are not ours yet");
+    let device = &device.clone().autodiff();
+    let photos = archive.tensor::<4>("in.GT", device)?;
+    let extent = archive.number("in.ext")?;
+    let windows = Windows::default();
+    let scene = Scene { photos, extent, windows };
+    let mut checks = Checklist::default();
+    check_maps(&mut checks, archive, &scene, &Inputs::read(archive, device, stage)?)?;
+    for name in archive.names().filter_map(|name| name.strip_prefix("out.term.")) {
+        let inputs = Inputs::read(archive, device, stage)?;
+        let Some(loss) = term(name, &inputs, &scene)? else { continue };
+        let names = Names { value: format!("out.term.{name}"), gradient: format!("out.grad.{name}") };
+        inputs.compare(&mut checks, archive, loss, &names)?;
+    }
+    for name in archive.names().filter_map(|name| name.strip_prefix("out.total.")) {
+        let inputs = Inputs::read(archive, device, stage)?;
+        let loss = total(name, &inputs, &scene, stage)?;
+        let names = Names { value: format!("out.total.{name}"), gradient: format!("out.grad.total.{name}") };
+        inputs.compare(&mut checks, archive, loss, &names)?;
+    }
+    checks.finish()
+}
+
+/// What the losses compare with.
+struct Scene {
+    photos: Tensor<4>,
+    extent: f64,
+    windows: Windows,
+}
+
+fn check_maps(checks: &mut Checklist, archive: &Archive, scene: &Scene, inputs: &Inputs) -> Result<()> {
+    let blend = inputs.blend.clone();
+    let windows = &scene.windows;
+    let ssim = ssim_map(blend.composed.clone(), scene.photos.clone(), &windows.ssim);
+    let structure = structure_map(blend.dynamic.clone(), blend.lit.clone(), &windows.structure);
+    for (name, found, tolerance) in [
+        ("I_f_clamped", blend.dynamic, MAPS),
+        ("I_b_light", blend.lit, MAPS),
+        ("brightness", blend.brightness, MAPS),
+        ("structure_map", structure, MAPS),
+        ("ssim_map", ssim, SSIM_MAP),
+        ("I", blend.composed, MAPS),
+        ("M_f", blend.mask, MAPS),
+        ("M_b", blend.static_mask, MAPS),
+    ] {
+        let expected = archive.array(&format!("out.map.{name}"))?;
+        checks.close(format!("map.{name}"), expected, &Array::of(found), tolerance);
+    }
+    Ok(())
+}
+
+/// A term of the losses, unweighted; `None` for one that we have not.
+fn term(name: &str, inputs: &Inputs, scene: &Scene) -> Result<Option<Tensor<1>>> {
+    let blend = inputs.blend.clone();
+    let (photos, windows) = (scene.photos.clone(), &scene.windows);
+    let still_lit = blend.lit.clone().detach();
+    let dark = photos.clone() * DARKENING;
+    let (front, back) = (inputs.dynamic_depth.clone(), inputs.static_depth.clone().detach());
+    let dynamic_answers = above(&blend.mask, 0.51);
+    let static_answers = above(&blend.static_mask, 0.51);
+    Ok(Some(match name {
+        "main.l1" => l1(blend.composed, photos),
+        "main.coarse_mean" => l1(blend.dynamic * 0.5 + still_lit * 0.5, dark),
+        "main.coarse_mask" => l1(blend.mask * blend.dynamic + blend.static_mask * still_lit, dark),
+        "main.bg_l1" => l1(blend.lit, photos),
+        "main.bg_dssim" => dssim(blend.lit, photos, &windows.ssim),
+        "main.fg_dssim" => dssim(blend.dynamic, photos, &windows.ssim),
+        "main.depth_back" => behind(front, back, above(&blend.mask, 0.6), scene.extent),
+        "main.depth_forward" => behind(back, front, -above(&blend.mask, 0.4) + 1.0, scene.extent),
+        "main.depth_edge_tv" => edge_variation(inputs.static_depth.clone() / scene.extent, &photos),
+        "main.penalize_dynamic" => likeness(blend.dynamic, still_lit, dynamic_answers, &windows.structure),
+        "main.fg_comp_dssim" => masked_dssim(blend.dynamic, photos, dynamic_answers, &windows.ssim),
+        "main.bg_comp_dssim" => masked_dssim(blend.lit, photos, static_answers, &windows.ssim),
+        "main.fg_comp_l1" => l1(blend.dynamic * dynamic_answers.clone(), photos * dynamic_answers),
+        "main.bg_comp_l1" => l1(blend.lit * static_answers.clone(), photos * static_answers),
+        "light.l_to_one" => (blend.brightness - 1.0).abs().mean(),
+        "light.explicit" => l1((blend.static_.detach() * blend.brightness).clamp(0.0, 1.0), photos),
+        "light.dssim" => dssim(blend.composed, photos, &windows.ssim),
+        "light.large_fg" => large(inputs.log_scales[0].clone(), scene.extent),
+        "light.large_bg" => large(inputs.log_scales[1].clone(), scene.extent),
+        "light.spiky_fg" => spiky(inputs.log_scales[0].clone()),
+        "light.spiky_bg" => spiky(inputs.log_scales[1].clone()),
+        "light.entropy" => entropy(blend.mask),
+        "main.depth_back_nodetach" => return Ok(None),
+        _ => bail!("no term of ours is called `{name}`"),
+    }))
+}
+
+/// A whole loss: `main.neu3d.it900` and its like.
+fn total(name: &str, inputs: &Inputs, scene: &Scene, stage: Stage) -> Result<Tensor<1>> {
+    let [part, config_name, step] = name.split('.').collect::<Vec<_>>()[..] else { bail!("`{name}` is no total") };
+    let (config, densify_until, length) = match config_name {
+        "neu3d" => (LossConfig::default(), 16_000, 20_000),
+        "onthego_indoor" => (onthego_indoor(), 26_000, 30_000),
+        _ => bail!("the configuration `{config_name}` is not known"),
+    };
+    let schedule = LossSchedule {
+        geometry: stage == Stage::Geometry,
+        step: step.trim_start_matches("it").parse()?,
+        total: length,
+        densify_until,
+        brightness_end: config.brightness_end,
+    };
+    let context =
+        LossContext { photos: &scene.photos, config: &config, schedule, extent: scene.extent, windows: &scene.windows };
+    match part {
+        "main" => Ok(main_loss(&inputs.pictures(), &context)),
+        "light" => Ok(light_loss(&inputs.pictures(), inputs.log_scales.clone(), &context)),
+        _ => bail!("there is no {part} loss"),
+    }
+}
+
+/// DeGauss' weights for indoor photos (METHOD §11.1).
+fn onthego_indoor() -> LossConfig {
+    LossConfig {
+        main: 4.0,
+        depth_back: 0.0,
+        depth_forward: 0.0,
+        depth_smooth: 0.1,
+        penalize_dynamic: 0.0,
+        brightness_end: 0.2,
+        large: 0.0,
+        spiky: 0.0,
+        entropy: 0.001,
+        ..LossConfig::default()
+    }
+}

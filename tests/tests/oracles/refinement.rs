@@ -1,0 +1,277 @@
+//! `motion_forward`: the refined forward pass, its ablations, and its gradients.
+
+use anyhow::{Context, Result};
+use burn::module::Param;
+use burn::nn::Linear;
+use burn::tensor::{DType, Device, Gradients, Tensor};
+use mvfusion_model::config::{MotionConfig, Refinement, TokenMode};
+use mvfusion_model::motion::{
+    MotionCache, MotionEncoder, MotionRefinement, RefinementConfig, TemporalAttention,
+};
+use mvfusion_model::network::{DeformationNetwork, Mlp, zero_last_layer};
+use mvfusion_model::timeline::Timeline;
+use mvfusion_tests::{Array, Checklist, Tolerance, gradient, numbers, tensor};
+
+use crate::archive::Archive;
+use crate::hexplane::compare_planes;
+use crate::network::{chain_layers, compare_layers, deformation, in_file_order, layer_gradients, layers, linear, mlp};
+
+/// From the README of the oracle.
+const TOLERANCE: Tolerance = Tolerance::of_largest(1e-4).plus(1e-6);
+
+/// The loss is a sum with cancellation: times the sum of its terms' magnitudes.
+const LOSS: f64 = 1e-6;
+
+/// The gradient of the key's bias is zero but for rounding: times the largest gradient of the key's weight.
+const KEY_BIAS: f64 = 1e-5;
+
+/// Outputs that are not compared.
+pub const LEFT_OUT: &[(&str, &str)] = &[
+    ("out.self.", "the ablation with self-attention comes with the other switches of the paper's tables"),
+    ("out.average.", "the ablation with averaging comes with the other switches of the paper's tables"),
+    ("out.conv.", "the ablation with convolution comes with the other switches of the paper's tables"),
+    ("out.direct.", "the ablation without statistics comes with the other switches of the paper's tables"),
+    (".attn", "the weights inside the attention; its output is compared"),
+];
+
+/// The variants that are switches of the configuration.
+const VARIANTS: [(&str, fn(&mut MotionConfig)); 6] = [
+    ("cross", |_| ()),
+    ("cross_include_self", |config| config.include_self = true),
+    ("sum", |config| config.refinement = Refinement::Sum),
+    ("no_mvg", |config| config.mvg = false),
+    ("no_mfta", |config| config.mfta = false),
+    ("full_window", |config| config.tokens = TokenMode::FullWindow),
+];
+
+/// A file's modules and settings.
+struct Setting {
+    network: DeformationNetwork,
+    refinement: MotionRefinement,
+    cache: MotionCache,
+    timeline: Timeline,
+    motion: MotionConfig,
+    extent: f64,
+    means: Param<Tensor<2>>,
+    cotangent: Tensor<2>,
+}
+
+impl Setting {
+    fn read(archive: &Archive, device: &Device) -> Result<Self> {
+        let plain = device;
+        let device = device.clone().autodiff();
+        let motion = MotionConfig {
+            window: archive.count("in.w")?,
+            heads: archive.count("in.heads")?,
+            // A chunk that does not divide the number of Gaussians.
+            chunk: 5,
+            ..MotionConfig::default()
+        };
+        let layer = |name: &str| linear(archive, name, &device);
+        let attention = TemporalAttention::from_layers(
+            layer("mfta.q")?,
+            layer("mfta.k")?,
+            layer("mfta.v")?,
+            mlp(archive, &["mfta.l1", "mfta.l2"], &device)?,
+            motion.heads,
+        );
+        let encoder = MotionEncoder::from_layers(mlp(archive, &["mvg.l1", "mvg.l2"], &device)?, motion.octaves);
+        let signatures = archive.tensor::<2>("in.V_norm", plain)?;
+        let intensity = Tensor::zeros([signatures.dims()[0], 1], plain);
+        Ok(Self {
+            network: deformation(archive, &device)?,
+            refinement: MotionRefinement { encoder, attention },
+            cache: MotionCache {
+                signatures,
+                local: archive.tensor("in.e_norm", plain)?,
+                intensity,
+                knot_times: archive.array("in.knot_times")?.values.clone(),
+            },
+            timeline: Timeline::new(archive.array("in.train_times")?.values.clone()),
+            motion,
+            extent: archive.number("in.ext")?,
+            means: Param::from_tensor(archive.tensor("in.xyz", &device)?),
+            cotangent: archive.tensor("in.cot", plain)?,
+        })
+    }
+
+    /// The refined offsets `[N, 62]` at a time.
+    fn delta(&self, time: f64, motion: &MotionConfig) -> Tensor<2> {
+        let config =
+            RefinementConfig { motion, timeline: &self.timeline, cache: &self.cache, extent: self.extent };
+        in_file_order(self.refinement.offsets(&self.network, self.means.val(), time, &config))
+    }
+
+    /// The hidden feature at a time.
+    fn feature(&self, time: f64) -> Tensor<2> {
+        let means = self.means.val();
+        let time = tensor(&[time], [1, 1], &means.device().inner(), DType::F32);
+        self.network.feature(means, time)
+    }
+
+    /// The token of a time, put together by the definition.
+    fn token(&self, time: f64) -> Tensor<2> {
+        let feature = self.feature(time);
+        let offsets = self.network.decode(feature.clone());
+        let local = self.cache.local_at(time);
+        Tensor::cat(
+            vec![feature, offsets.means / self.extent, offsets.log_scales, offsets.quaternions, local],
+            1,
+        )
+        .inner()
+    }
+
+    /// Every layer under its name in the files.
+    fn layers(&self) -> Vec<(String, &Linear)> {
+        let attention = &self.refinement.attention;
+        let mut all = layers(&self.network);
+        all.extend(chain_layers("mvg", &self.refinement.encoder.mlp));
+        all.extend(chain_layers("mfta", &attention.mlp));
+        all.extend([
+            ("mfta.q".to_owned(), &attention.query),
+            ("mfta.k".to_owned(), &attention.key),
+            ("mfta.v".to_owned(), &attention.value),
+        ]);
+        all
+    }
+}
+
+/// All variants at all times of a file.
+pub fn check(archive: &Archive, device: &Device) -> Result<()> {
+    let setting = Setting::read(archive, device)?;
+    let times = &archive.array("in.query_times")?.values;
+    let mut checks = Checklist::default();
+    for (variant, switch) in VARIANTS {
+        let mut motion = setting.motion.clone();
+        switch(&mut motion);
+        for (query, &time) in times.iter().enumerate() {
+            let prefix = format!("out.{variant}.q{query}.");
+            let Some(expected) = archive.find(&format!("{prefix}delta")) else { continue };
+            let delta = setting.delta(time, &motion);
+            checks.close(format!("{prefix}delta"), expected, &Array::of(delta.clone()), TOLERANCE);
+            if archive.has(&format!("{prefix}loss")) {
+                check_gradients(&mut checks, archive, &setting, delta, &prefix)?;
+            }
+            if variant == "cross" {
+                check_parts(&mut checks, archive, &setting, time, &prefix)?;
+            }
+        }
+    }
+    let differentiated = (0..times.len()).find(|query| archive.has(&format!("out.cross.q{query}.loss")));
+    let query = differentiated.context("the file has no gradients")?;
+    check_zero_start(&mut checks, archive, setting, times[query])?;
+    checks.finish()
+}
+
+/// The loss and all gradients that are stored.
+fn check_gradients(
+    checks: &mut Checklist,
+    archive: &Archive,
+    setting: &Setting,
+    delta: Tensor<2>,
+    prefix: &str,
+) -> Result<()> {
+    let terms = delta * setting.cotangent.clone();
+    let magnitude = numbers(terms.clone().abs().sum())[0];
+    let loss = terms.sum();
+    let gradients = loss.backward();
+    let key = format!("{prefix}loss");
+    checks.close_number(&key, archive.number(&key)?, numbers(loss)[0], Tolerance::absolute(LOSS * magnitude));
+
+    let prefix = format!("{prefix}grad.");
+    let key = format!("{prefix}xyz");
+    checks.close(&key, archive.array(&key)?, &gradient(&setting.means.val(), &gradients), TOLERANCE);
+    let (key_layers, others): (Vec<_>, Vec<_>) =
+        setting.layers().into_iter().partition(|(name, _)| name == "mfta.k");
+    compare_layers(checks, archive, &prefix, &others, &gradients, TOLERANCE);
+    compare_key(checks, archive, &prefix, key_layers[0].1, &gradients)?;
+    let planes = gradient(&setting.network.grid.planes.val(), &gradients);
+    compare_planes(checks, archive, &prefix, &planes, setting.network.grid.layout(), TOLERANCE);
+    Ok(())
+}
+
+/// The key layer's gradients, whose bias has a tolerance of its own.
+fn compare_key(
+    checks: &mut Checklist,
+    archive: &Archive,
+    prefix: &str,
+    layer: &Linear,
+    gradients: &Gradients,
+) -> Result<()> {
+    let [weight, bias] = layer_gradients(layer, gradients);
+    let expected = archive.array(&format!("{prefix}mfta.k.weight"))?;
+    checks.close(format!("{prefix}mfta.k.weight"), expected, &weight, TOLERANCE);
+    let tolerance = Tolerance::absolute(KEY_BIAS * expected.largest());
+    let key = format!("{prefix}mfta.k.bias");
+    let zeros = bias.zeros_like();
+    checks.close(&key, archive.find(&key).unwrap_or(&zeros), &bias, tolerance);
+    Ok(())
+}
+
+/// What the refined feature is made of.
+fn check_parts(checks: &mut Checklist, archive: &Archive, setting: &Setting, time: f64, prefix: &str) -> Result<()> {
+    let index = setting.timeline.nearest(time);
+    checks.same(format!("{prefix}index"), &[archive.count(&format!("{prefix}index"))?], &[index]);
+    let window = setting.motion.window as isize;
+    let neighbours = [-window, window].map(|offset| setting.timeline.neighbour(index, offset));
+    let expected: Vec<f64> = archive
+        .counts(&format!("{prefix}neighbour_index"))?
+        .into_iter()
+        .map(|neighbour| setting.timeline.times()[neighbour])
+        .collect();
+    checks.same(format!("{prefix}neighbour_index"), &expected, &neighbours);
+
+    let mut compare = |name: &str, found: Tensor<2>| {
+        let key = format!("{prefix}{name}");
+        if let Some(expected) = archive.find(&key) {
+            checks.close(&key, expected, &Array::of(found), TOLERANCE);
+        }
+    };
+    let (signatures, local) = (setting.cache.signatures.clone(), setting.cache.local_at(time));
+    compare("e", local.clone());
+    // An encoder without layers shows the encoding itself.
+    let encoding = MotionEncoder::from_layers(Mlp { layers: Vec::new() }, setting.motion.octaves);
+    compare("posenc", encoding.forward(signatures.clone(), local.clone()));
+    compare("h_mvg", setting.refinement.encoder.forward(signatures, local));
+
+    let feature = setting.feature(time);
+    compare("h", feature.clone());
+    compare("base", in_file_order(setting.network.decode(feature)));
+    let centre = setting.token(time);
+    let around = neighbours.map(|time| setting.token(time));
+    compare("z_center", centre.clone());
+    compare("z_prev", around[0].clone());
+    compare("z_next", around[1].clone());
+    let attention = &setting.refinement.attention;
+    compare("attn_out", attention.attend(centre.clone(), &around));
+    compare("h_mfta", attention.forward(centre, &around));
+    Ok(())
+}
+
+/// With zeros in the last layers the refined offsets are the base offsets, bit for bit, and only those layers learn.
+fn check_zero_start(checks: &mut Checklist, archive: &Archive, mut setting: Setting, time: f64) -> Result<()> {
+    let MotionRefinement { mut encoder, mut attention } = setting.refinement;
+    encoder.mlp = zero_last_layer(encoder.mlp);
+    attention.mlp = zero_last_layer(attention.mlp);
+    setting.refinement = MotionRefinement { encoder, attention };
+    let delta = setting.delta(time, &setting.motion);
+    let base = in_file_order(setting.network.decode(setting.feature(time)));
+    let found = Array::of(delta.clone());
+    checks.same("zeroinit, against the base", &Array::of(base).values, &found.values);
+    checks.close("zeroinit.delta", archive.array("out.zeroinit.delta")?, &found, TOLERANCE);
+
+    let gradients = (delta * setting.cotangent.clone()).sum().backward();
+    let prefix = "out.zeroinit.grad.";
+    let key = format!("{prefix}xyz");
+    checks.close(&key, archive.array(&key)?, &gradient(&setting.means.val(), &gradients), TOLERANCE);
+    let layers = setting.layers();
+    compare_layers(checks, archive, prefix, &layers, &gradients, TOLERANCE);
+    let is_last = |name: &str| ["mvg.l2", "mfta.l2"].contains(&name);
+    let is_new = |name: &str| name.starts_with("mvg.") || name.starts_with("mfta.");
+    for (name, layer) in layers.iter().filter(|(name, _)| is_new(name) && !is_last(name)) {
+        for found in layer_gradients(layer, &gradients) {
+            checks.close(format!("zeroinit, {name}"), &found.zeros_like(), &found, Tolerance::absolute(0.0));
+        }
+    }
+    Ok(())
+}
