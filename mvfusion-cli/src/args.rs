@@ -90,7 +90,7 @@ pub struct LayerArgs {
 /// What computes.
 #[derive(Clone, Debug, Args)]
 pub struct ComputeArgs {
-    /// auto, cpu, flex, ndarray, wgpu[:N] or cuda[:N]
+    /// auto, cpu, flex or ndarray; wgpu and cuda, with :N for the N-th, are not in this build yet
     #[arg(long, value_name = "D", default_value = "auto")]
     pub device: String,
     /// CPU threads; the result does not depend on it [default: all cores]

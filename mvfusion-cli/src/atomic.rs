@@ -26,7 +26,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
 /// Writes a value as indented JSON, numbers in full precision.
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write()`].
 pub fn write_json(path: &Path, value: &impl Serialize) -> anyhow::Result<()> {
     let mut text = serde_json::to_string_pretty(value).with_context(|| format!("cannot write {}", path.display()))?;
     text.push('\n');
@@ -36,7 +36,7 @@ pub fn write_json(path: &Path, value: &impl Serialize) -> anyhow::Result<()> {
 /// Writes a picture as PNG. There are many of them and each can be made again, so nobody waits for the disk.
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write()`].
 pub fn write_png(path: &Path, picture: impl Into<DynamicImage>) -> anyhow::Result<()> {
     let attempt = || -> anyhow::Result<()> {
         let mut bytes = std::io::Cursor::new(Vec::new());

@@ -1,6 +1,6 @@
 //! The inside of the `mvfusion` program: everything but `main`, so that it can be tested.
 //!
-//! [`command`] holds a file for each command; [`config`] merges the layers of the configuration; [`run`] knows the files
+//! [`command`] holds a file for each command; [`config`] merges the layers of the configuration; [`mod@run`] knows the files
 //! of a run's folder; [`progress`] and [`table`] are what the user sees. No mathematics here: that is `mvfusion-model`.
 
 pub mod args;

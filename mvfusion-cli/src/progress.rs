@@ -67,7 +67,7 @@ impl Progress {
         let line = self.line();
         match &mut self.style {
             Style::Bar(bar) => bar.inc(1),
-            Style::Lines { last, said } if last.elapsed() >= PAUSE && !self.message.is_empty() => {
+            Style::Lines { last, said } if last.elapsed() >= PAUSE => {
                 (*last, *said) = (Instant::now(), self.done);
                 eprintln!("{line}");
             }
@@ -97,7 +97,7 @@ impl Progress {
     }
 
     fn line(&self) -> String {
-        format!("{} {}/{}  {}", self.name, self.done, self.total, self.message)
+        format!("{} {}/{}  {}", self.name, self.done, self.total, self.message).trim_end().to_owned()
     }
 }
 

@@ -56,7 +56,9 @@ pub enum ModelError {
         reason: String,
     },
     /// A checkpoint that does not hold what it should.
-    #[error("the checkpoint {path} does not fit: {reason}. It was written by another version, or for another configuration.")]
+    #[error(
+        "the checkpoint {path} does not fit: {reason}. It was written by another version, or for another configuration."
+    )]
     Checkpoint {
         /// The file.
         path: PathBuf,

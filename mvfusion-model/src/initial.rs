@@ -49,10 +49,9 @@ fn region(scene: &Scene, config: &InitConfig) -> Bounds {
     let cameras = scene.camera_bounds();
     let reach = DVec3::splat(config.box_reach * scene.extent());
     match scene.points.bounds() {
-        Some((min, max)) => Bounds {
-            min: min.as_dvec3().max(cameras.min - reach),
-            max: max.as_dvec3().min(cameras.max + reach),
-        },
+        Some((min, max)) => {
+            Bounds { min: min.as_dvec3().max(cameras.min - reach), max: max.as_dvec3().min(cameras.max + reach) }
+        }
         None => {
             let reach = DVec3::splat(scene.extent());
             Bounds { min: cameras.min - reach, max: cameras.max + reach }
@@ -62,7 +61,8 @@ fn region(scene: &Scene, config: &InitConfig) -> Bounds {
 
 fn strew(cloud: &mut PointCloud, count: usize, region: &Bounds, stream: &mut Stream) {
     for _ in 0..count {
-        let position = DVec3::from_array(std::array::from_fn(|axis| stream.uniform(region.min[axis], region.max[axis])));
+        let position =
+            DVec3::from_array(std::array::from_fn(|axis| stream.uniform(region.min[axis], region.max[axis])));
         cloud.push(position.as_vec3(), random_colour(stream));
     }
 }
@@ -87,10 +87,13 @@ fn random_colour(stream: &mut Stream) -> Vec3 {
 }
 
 /// What distinguishes the two branches when they are made.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Role {
     /// With mask logits.
-    Dynamic,
+    Dynamic {
+        /// Logit of belonging to the foreground; the other two start at 0.
+        dynamic_logit: f64,
+    },
     /// Without.
     Static,
 }
@@ -121,7 +124,10 @@ pub fn gaussians_on(
         Attribute::OpacityLogits => Some(tensor(vec![logit; count], 1)),
         Attribute::LogScales => Some(tensor(Vec::clone(&log_scales), 3)),
         Attribute::Quaternions => Some(tensor([1.0, 0.0, 0.0, 0.0].repeat(count), 4)),
-        Attribute::MaskLogits => (role == Role::Dynamic).then(|| tensor(vec![0.0; count * 3], 3)),
+        Attribute::MaskLogits => match role {
+            Role::Dynamic { dynamic_logit } => Some(tensor([0.0, 0.0, dynamic_logit].repeat(count), 3)),
+            Role::Static => None,
+        },
     })
     .expect("every attribute but the mask logits is given above")
 }
@@ -142,8 +148,13 @@ pub fn mean_squared_distances(positions: &[Vec3]) -> Vec<f64> {
         .par_iter()
         .map(|point| {
             // The point itself is among its nearest, at distance 0: dropping one zero drops it or an equal twin.
-            let mut squared: Vec<f64> =
-                tree.query(point).nearest_n::<SquaredEuclidean<f64>>(wanted).execute().iter().map(|found| found.distance).collect();
+            let mut squared: Vec<f64> = tree
+                .query(point)
+                .nearest_n::<SquaredEuclidean<f64>>(wanted)
+                .execute()
+                .iter()
+                .map(|found| found.distance)
+                .collect();
             squared.sort_by(f64::total_cmp);
             let others = &squared[1..];
             others.iter().sum::<f64>() / others.len() as f64

@@ -1,8 +1,13 @@
-//! Vector instructions chosen at run time, for loops that the compiler vectorises by itself.
+//! Vector instructions chosen at run time: for loops that the compiler vectorises by itself, and as a type.
 //!
 //! No instruction set changes a result: sums keep their written order and nothing is contracted.
 
+use std::ops::{Add, Div, Mul, Sub};
+
+use bytemuck::Pod;
 use pulp::{Arch, Simd, WithSimd};
+
+use crate::Real;
 
 /// A closure that is called by reference: a call by value goes through a shim that is compiled for the baseline.
 struct Work<F>(F);
@@ -22,3 +27,133 @@ impl<R, F: FnMut() -> R> WithSimd for Work<F> {
 pub(crate) fn vectorised<R>(work: impl FnMut() -> R) -> R {
     Arch::new().dispatch(Work(work))
 }
+
+/// A float that has vectors. The methods are the operators of [`Wide`].
+pub(crate) trait Lanes: Real {
+    /// As many of them as a register holds.
+    type Vector<S: Simd>: Copy + Pod;
+
+    fn splat<S: Simd>(simd: S, value: Self) -> Self::Vector<S>;
+    fn add<S: Simd>(simd: S, a: Self::Vector<S>, b: Self::Vector<S>) -> Self::Vector<S>;
+    fn sub<S: Simd>(simd: S, a: Self::Vector<S>, b: Self::Vector<S>) -> Self::Vector<S>;
+    fn mul<S: Simd>(simd: S, a: Self::Vector<S>, b: Self::Vector<S>) -> Self::Vector<S>;
+    fn div<S: Simd>(simd: S, a: Self::Vector<S>, b: Self::Vector<S>) -> Self::Vector<S>;
+    fn max<S: Simd>(simd: S, a: Self::Vector<S>, b: Self::Vector<S>) -> Self::Vector<S>;
+    fn min<S: Simd>(simd: S, a: Self::Vector<S>, b: Self::Vector<S>) -> Self::Vector<S>;
+    fn sqrt<S: Simd>(simd: S, a: Self::Vector<S>) -> Self::Vector<S>;
+    fn where_equal<S: Simd>(
+        simd: S,
+        pair: [Self::Vector<S>; 2],
+        a: Self::Vector<S>,
+        b: Self::Vector<S>,
+    ) -> Self::Vector<S>;
+}
+
+macro_rules! lanes {
+    ($float:ty, $vector:ident, $splat:ident, $sqrt:ident, $equal:ident, $select:ident,
+     $($own:ident: $theirs:ident),*) => {
+        impl Lanes for $float {
+            type Vector<S: Simd> = S::$vector;
+
+            #[inline(always)]
+            fn splat<S: Simd>(simd: S, value: Self) -> S::$vector {
+                simd.$splat(value)
+            }
+
+            $(#[inline(always)]
+            fn $own<S: Simd>(simd: S, a: S::$vector, b: S::$vector) -> S::$vector {
+                simd.$theirs(a, b)
+            })*
+
+            #[inline(always)]
+            fn sqrt<S: Simd>(simd: S, a: S::$vector) -> S::$vector {
+                simd.$sqrt(a)
+            }
+
+            #[inline(always)]
+            fn where_equal<S: Simd>(simd: S, pair: [S::$vector; 2], a: S::$vector, b: S::$vector) -> S::$vector {
+                simd.$select(simd.$equal(pair[0], pair[1]), a, b)
+            }
+        }
+    };
+}
+lanes!(f32, f32s, splat_f32s, sqrt_f32s, equal_f32s, select_f32s,
+    add: add_f32s, sub: sub_f32s, mul: mul_f32s, div: div_f32s, max: max_f32s, min: min_f32s);
+lanes!(f64, f64s, splat_f64s, sqrt_f64s, equal_f64s, select_f64s,
+    add: add_f64s, sub: sub_f64s, mul: mul_f64s, div: div_f64s, max: max_f64s, min: min_f64s);
+
+/// A vector that knows its instruction set, so that arithmetic is written as usual.
+#[derive(Clone, Copy)]
+pub(crate) struct Wide<S: Simd, T: Lanes> {
+    simd: S,
+    vector: T::Vector<S>,
+}
+
+/// The most lanes that a vector has.
+pub(crate) const MAX_LANES: usize = 16;
+
+impl<S: Simd, T: Lanes> Wide<S, T> {
+    /// How many numbers a vector holds, at most [`MAX_LANES`].
+    pub(crate) const LANES: usize = size_of::<T::Vector<S>>() / size_of::<T>();
+
+    #[inline(always)]
+    pub(crate) fn splat(simd: S, value: T) -> Self {
+        Self { simd, vector: T::splat(simd, value) }
+    }
+
+    /// The numbers from `at` on.
+    #[inline(always)]
+    pub(crate) fn load(simd: S, numbers: &[T], at: usize) -> Self {
+        let block = &numbers[at..at + Self::LANES];
+        Self { simd, vector: bytemuck::pod_read_unaligned(bytemuck::cast_slice(block)) }
+    }
+
+    /// Writes the numbers from `at` on.
+    #[inline(always)]
+    pub(crate) fn store(self, numbers: &mut [T], at: usize) {
+        numbers[at..at + Self::LANES].copy_from_slice(bytemuck::cast_slice(std::slice::from_ref(&self.vector)));
+    }
+
+    /// A vector of one value beside this one.
+    #[inline(always)]
+    pub(crate) fn value(self, value: f64) -> Self {
+        Self::splat(self.simd, T::of(value))
+    }
+
+    #[inline(always)]
+    pub(crate) fn max(self, other: Self) -> Self {
+        Self { simd: self.simd, vector: <T as Lanes>::max(self.simd, self.vector, other.vector) }
+    }
+
+    #[inline(always)]
+    pub(crate) fn min(self, other: Self) -> Self {
+        Self { simd: self.simd, vector: <T as Lanes>::min(self.simd, self.vector, other.vector) }
+    }
+
+    #[inline(always)]
+    pub(crate) fn sqrt(self) -> Self {
+        Self { simd: self.simd, vector: <T as Lanes>::sqrt(self.simd, self.vector) }
+    }
+
+    /// This vector where `a` equals `b`, zero elsewhere.
+    #[inline(always)]
+    pub(crate) fn where_equal(self, a: Self, b: Self) -> Self {
+        let zero = T::splat(self.simd, T::zero());
+        let vector = T::where_equal(self.simd, [a.vector, b.vector], self.vector, zero);
+        Self { simd: self.simd, vector }
+    }
+}
+
+macro_rules! operator {
+    ($($name:ident $method:ident),*) => {
+        $(impl<S: Simd, T: Lanes> $name for Wide<S, T> {
+            type Output = Self;
+
+            #[inline(always)]
+            fn $method(self, other: Self) -> Self {
+                Self { simd: self.simd, vector: <T as Lanes>::$method(self.simd, self.vector, other.vector) }
+            }
+        })*
+    };
+}
+operator!(Add add, Sub sub, Mul mul, Div div);

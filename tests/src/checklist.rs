@@ -168,7 +168,10 @@ mod tests {
         let found = Array::new([2, 2], vec![1.0, 2.1, 3.5, 4.0]);
         checks.close("x", &expected, &found, Tolerance::absolute(0.01));
         let message = checks.finish().expect_err("two entries differ").to_string();
-        assert!(message.contains("`x` differs at 2 of 4 entries, worst at [1, 0]: expected 3e0, got 3.5e0"), "{message}");
+        assert!(
+            message.contains("`x` differs at 2 of 4 entries, worst at [1, 0]: expected 3e0, got 3.5e0"),
+            "{message}"
+        );
     }
 
     #[test]

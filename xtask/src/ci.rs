@@ -11,11 +11,7 @@ const TESTED: &str = "flex,ndarray";
 /// Runs every check and stops at the first that fails.
 pub fn run() -> Result<()> {
     step("format", &["fmt", "--all", "--check"], &[])?;
-    step(
-        "lint",
-        &["clippy", "--workspace", "--all-targets", "--features", TESTED, "--", "--deny", "warnings"],
-        &[],
-    )?;
+    step("lint", &["clippy", "--workspace", "--all-targets", "--features", TESTED, "--", "--deny", "warnings"], &[])?;
     step("test", &["test", "--workspace", "--features", TESTED], &[])?;
     step("document", &["doc", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "--deny warnings")])?;
     step("check the default features", &["check", "--workspace"], &[])?;

@@ -14,11 +14,26 @@ impl Config {
             false => Ok(()),
         };
         let (train, model, motion) = (&self.train, &self.model, &self.motion);
-        refuse(!(train.scale > 0.0), "train.scale", train.scale.to_string(), "give a number above 0; 1 is the full length")?;
+        refuse(
+            !(train.scale > 0.0),
+            "train.scale",
+            train.scale.to_string(),
+            "give a number above 0; 1 is the full length",
+        )?;
         refuse(train.batch_size == 0, "train.batch_size", "0".into(), "a step needs at least one view")?;
-        refuse(train.log_interval == 0, "train.log_interval", "0".into(), "give the steps between log lines, at least 1")?;
+        refuse(
+            train.log_interval == 0,
+            "train.log_interval",
+            "0".into(),
+            "give the steps between log lines, at least 1",
+        )?;
         refuse(model.width == 0, "model.width", "0".into(), "a network needs at least one unit")?;
-        refuse(model.sh_degree > 3, "model.sh_degree", model.sh_degree.to_string(), "spherical harmonics go up to degree 3")?;
+        refuse(
+            model.sh_degree > 3,
+            "model.sh_degree",
+            model.sh_degree.to_string(),
+            "spherical harmonics go up to degree 3",
+        )?;
         refuse(model.grid.features == 0, "model.grid.features", "0".into(), "a plane needs at least one feature")?;
         let resolution = format!("{:?}", model.grid.resolution);
         let coarse = model.grid.resolution.iter().any(|&cells| cells < 2);
@@ -31,7 +46,17 @@ impl Config {
         refuse(uneven, "motion.heads", heads, "it must divide motion.attention_width")?;
         refuse(motion.samples == 0, "motion.samples", "0".into(), "statistics need at least one sample")?;
         let downscale = self.scene.downscale;
-        refuse(!(downscale >= 1.0), "scene.downscale", downscale.to_string(), "pictures can be reduced, not enlarged; give 1 or more")?;
-        refuse(!(self.init.opacity > 0.0 && self.init.opacity < 1.0), "init.opacity", self.init.opacity.to_string(), "give a number between 0 and 1")
+        refuse(
+            !(downscale >= 1.0),
+            "scene.downscale",
+            downscale.to_string(),
+            "pictures can be reduced, not enlarged; give 1 or more",
+        )?;
+        refuse(
+            !(self.init.opacity > 0.0 && self.init.opacity < 1.0),
+            "init.opacity",
+            self.init.opacity.to_string(),
+            "give a number between 0 and 1",
+        )
     }
 }

@@ -46,10 +46,6 @@ impl Default for GridConfig {
 impl GridConfig {
     /// The layout of the planes in memory.
     pub fn layout(&self) -> GridLayout {
-        GridLayout {
-            features: self.features,
-            resolution: self.resolution,
-            multipliers: self.multipliers.clone(),
-        }
+        GridLayout { features: self.features, resolution: self.resolution, multipliers: self.multipliers.clone() }
     }
 }

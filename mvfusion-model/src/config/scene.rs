@@ -50,6 +50,10 @@ pub struct InitConfig {
     pub box_reach: f64,
     /// Opacity of every Gaussian (3DGS: 0.1).
     pub opacity: f64,
+    /// Logit of belonging to the foreground. DeGauss: 0, a draw between the branches. Ours may start above it in short
+    /// runs: where the mask favours the dynamic branch it is compared with the photo directly, so that it learns to move
+    /// before the static branch, which starts from known points, has won everywhere.
+    pub dynamic_logit: f64,
 }
 
 impl Default for InitConfig {
@@ -61,6 +65,7 @@ impl Default for InitConfig {
             sky_points: 0,
             box_reach: 5.0,
             opacity: 0.1,
+            dynamic_logit: 0.0,
         }
     }
 }

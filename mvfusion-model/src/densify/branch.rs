@@ -63,7 +63,9 @@ impl Branch {
         let gradients: Vec<f64> = tensors::read(self.statistics.mean_gradients())?;
         let axes: Vec<f64> = tensors::read(self.plain(Attribute::LogScales).max_dim(1).exp())?;
         let plan = DensifyPlan::new(&gradients, &axes, threshold, clone_size);
-        let normals = (0..2 * plan.split.len()).map(|_| DVec3::from_array(std::array::from_fn(|_| stream.normal()))).collect::<Vec<_>>();
+        let normals = (0..2 * plan.split.len())
+            .map(|_| DVec3::from_array(std::array::from_fn(|_| stream.normal())))
+            .collect::<Vec<_>>();
         self.grow(&plan, &normals)
     }
 
@@ -110,11 +112,19 @@ impl Branch {
         let parent = |i: usize| SplitParent {
             mean: DVec3::from_slice(&centres[3 * i..]),
             log_scale: DVec3::from_slice(&scales[3 * i..]),
-            rotation: DQuat::from_xyzw(rotations[4 * i + 1], rotations[4 * i + 2], rotations[4 * i + 3], rotations[4 * i]),
+            rotation: DQuat::from_xyzw(
+                rotations[4 * i + 1],
+                rotations[4 * i + 2],
+                rotations[4 * i + 3],
+                rotations[4 * i],
+            ),
         };
         let count = plan.split.len();
-        let positions: Vec<f64> =
-            normals.iter().enumerate().flat_map(|(half, &normal)| parent(half % count).child(normal).to_array()).collect();
+        let positions: Vec<f64> = normals
+            .iter()
+            .enumerate()
+            .flat_map(|(half, &normal)| parent(half % count).child(normal).to_array())
+            .collect();
         Ok(tensors::from_data_like(TensorData::new(positions, [2 * count, 3]), &means))
     }
 
@@ -131,8 +141,7 @@ impl Branch {
             None => Vec::new(),
         };
         let used = |row: usize| min_foreground.is_none_or(|least| foreground[row] >= least);
-        let kept: Vec<usize> =
-            (0..opacities.len()).filter(|&row| opacities[row] >= min_opacity && used(row)).collect();
+        let kept: Vec<usize> = (0..opacities.len()).filter(|&row| opacities[row] >= min_opacity && used(row)).collect();
         // A branch never loses its last Gaussian: an empty tensor is of no use to anyone.
         if kept.len() == opacities.len() || kept.is_empty() {
             return Ok(None);

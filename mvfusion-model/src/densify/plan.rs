@@ -126,7 +126,10 @@ mod tests {
     #[test]
     fn small_gaussians_are_cloned_and_large_ones_split() {
         let plan = DensifyPlan::new(&[1.0, 1.0, 0.1, 1.0], &[0.1, 0.9, 0.9, 0.2], 0.5, 0.5);
-        assert_eq!((plan.kept.as_slice(), plan.cloned.as_slice(), plan.split.as_slice()), ([0, 2, 3].as_slice(), [0, 3].as_slice(), [1].as_slice()));
+        assert_eq!(
+            (plan.kept.as_slice(), plan.cloned.as_slice(), plan.split.as_slice()),
+            ([0, 2, 3].as_slice(), [0, 3].as_slice(), [1].as_slice())
+        );
         assert_eq!(plan.sources(), [0, 2, 3, 0, 3, 1, 1]);
         assert_eq!(plan.added(), 4);
     }

@@ -64,9 +64,10 @@ impl TemporalAttention {
             .map(|token| (query.clone() * self.split(self.key.forward(token.clone()))).sum_dim(2) * scale)
             .collect();
         let weights = softmax(Tensor::cat(scores, 2), 2);
-        let mixed = neighbours.iter().enumerate().map(|(index, token)| {
-            self.split(self.value.forward(token.clone())) * weights.clone().narrow(2, index, 1)
-        });
+        let mixed = neighbours
+            .iter()
+            .enumerate()
+            .map(|(index, token)| self.split(self.value.forward(token.clone())) * weights.clone().narrow(2, index, 1));
         let mixed = mixed.reduce(|sum, part| sum + part);
         mixed.map_or_else(|| query.zeros_like(), |mixed| mixed).reshape([count, heads * width])
     }

@@ -39,8 +39,7 @@ impl MotionCache {
         config: &MotionConfig,
         like: &Tensor<2>,
     ) -> Self {
-        let signatures =
-            normalisers.signatures.update_and_normalise(&statistics.signatures, SIGNATURE_WIDTH, config);
+        let signatures = normalisers.signatures.update_and_normalise(&statistics.signatures, SIGNATURE_WIDTH, config);
         let local = normalisers.local.update_and_normalise(&statistics.local, 1, config);
         let knots = statistics.knot_times.len();
         let table = |values, columns| tensors::from_data_like(TrajectoryStatistics::table(values, columns), like);

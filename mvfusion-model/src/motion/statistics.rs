@@ -77,10 +77,8 @@ impl Trajectories<'_> {
             let rotation = heads.quaternions.forward(rectified.clone());
             let log_scale = heads.log_scales.forward(rectified);
             let isotropic = log_scale.clone().mean_dim(1);
-            let record = Tensor::cat(
-                vec![displacement, length(rotation), isotropic.clone(), length(log_scale - isotropic)],
-                1,
-            );
+            let record =
+                Tensor::cat(vec![displacement, length(rotation), isotropic.clone(), length(log_scale - isotropic)], 1);
             records.extend(tensors::read::<2, f32>(record)?);
         }
         Ok(records)

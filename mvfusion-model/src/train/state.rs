@@ -49,7 +49,10 @@ impl TrainState {
         let mut clouds = InitialClouds::draw(scene, &config.init, &mut streams.clouds);
         if clouds.static_.is_empty() {
             // Without points from structure from motion, the static branch starts from random ones as well.
-            tracing::warn!("the scene has no points; the static branch starts from {} random ones", clouds.dynamic.len());
+            tracing::warn!(
+                "the scene has no points; the static branch starts from {} random ones",
+                clouds.dynamic.len()
+            );
             clouds.static_ = clouds.dynamic.clone();
         }
         let bounds = grid_bounds(&clouds.dynamic).ok_or(ModelError::Config {
@@ -61,7 +64,8 @@ impl TrainState {
         let branch = |cloud: &PointCloud, role| {
             Branch::new(gaussians_on(cloud, role, config.model.sh_degree, config.init.opacity, device, dtype))
         };
-        let (dynamic, static_) = (branch(&clouds.dynamic, Role::Dynamic), branch(&clouds.static_, Role::Static));
+        let role = Role::Dynamic { dynamic_logit: config.init.dynamic_logit };
+        let (dynamic, static_) = (branch(&clouds.dynamic, role), branch(&clouds.static_, Role::Static));
 
         let mut init = LayerInit { device, dtype, stream: &mut streams.weights };
         let network = DeformationConfig {

@@ -67,9 +67,14 @@ impl Trainer {
             total = total + self.grid_penalty()?;
         }
         let difference = main.composition.composed.inner() - photos;
-        let loss =
-            StepLoss { total: total.clone().inner(), squared_error: difference.powf_scalar(2.0).mean() };
-        Ok(Forward { total, loss, probes, dynamic: Sighting::of(&rendered, true), static_: Sighting::of(&rendered, false) })
+        let loss = StepLoss { total: total.clone().inner(), squared_error: difference.powf_scalar(2.0).mean() };
+        Ok(Forward {
+            total,
+            loss,
+            probes,
+            dynamic: Sighting::of(&rendered, true),
+            static_: Sighting::of(&rendered, false),
+        })
     }
 
     fn loss_context<'a>(&'a self, photos: &'a Tensor<4>, position: &Position) -> LossContext<'a> {
@@ -133,7 +138,8 @@ fn pictures(rendered: &[BranchPictures], copy: Copy, blending: Blending) -> Pict
 
 impl Sighting {
     fn of(rendered: &[BranchPictures], dynamic: bool) -> Self {
-        let radii = |view: &BranchPictures| if dynamic { view.dynamic.radii.clone() } else { view.static_.radii.clone() };
+        let radii =
+            |view: &BranchPictures| if dynamic { view.dynamic.radii.clone() } else { view.static_.radii.clone() };
         let seen = |radii: Tensor<1, Int>| -> Tensor<2> { radii.greater_elem(0).float().unsqueeze_dim(1) };
         let most = |tensors: Vec<Tensor<2>>| tensors.into_iter().reduce(|a, b| a.max_pair(b));
         let visible = most(rendered.iter().map(|view| seen(radii(view))).collect()).expect("a batch holds a view");

@@ -37,12 +37,7 @@ impl Trainer {
     ///
     /// # Errors
     /// If the scene's pictures cannot be read.
-    pub fn with_state(
-        config: Config,
-        scene: &Scene,
-        device: &Device,
-        state: TrainState,
-    ) -> Result<Self, ModelError> {
+    pub fn with_state(config: Config, scene: &Scene, device: &Device, state: TrainState) -> Result<Self, ModelError> {
         let surroundings = Surroundings::new(&config, scene);
         let photos = Photos::load(scene)?;
         Ok(Self { config, surroundings, photos, windows: Windows::default(), device: device.clone(), state })
@@ -60,11 +55,8 @@ impl Trainer {
     pub fn step(&mut self) -> Result<Option<StepLoss>, ModelError> {
         let Some(position) = self.position() else { return Ok(None) };
         self.enter(&position)?;
-        let views = self.state.sampler.draw(
-            self.config.train.batch_size,
-            self.photos.len(),
-            &mut self.state.streams.sampling,
-        );
+        let views =
+            self.state.sampler.draw(self.config.train.batch_size, self.photos.len(), &mut self.state.streams.sampling);
         let forward = self.forward(&views, &position)?;
         let loss = forward.loss.clone();
         self.learn(forward, &position)?;

@@ -154,8 +154,7 @@ impl Trainer {
         network.grid = optimiser.step("grid", network.grid, gradients, rates.grid, config);
         network.trunk = optimiser.step("trunk", network.trunk, gradients, rates.deformation, config);
         network.heads = optimiser.step("heads", network.heads, gradients, rates.deformation, config);
-        network.masks =
-            network.masks.map(|masks| optimiser.step("masks", masks, gradients, rates.mask_heads, config));
+        network.masks = network.masks.map(|masks| optimiser.step("masks", masks, gradients, rates.mask_heads, config));
         model.network = network;
         let refinement = model.refinement.clone();
         model.refinement = optimiser.step("refinement", refinement, gradients, rates.motion, config);

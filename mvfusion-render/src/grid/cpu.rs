@@ -1,6 +1,6 @@
 //! CPU twin of the HexPlane look-up. Points are shared out to threads in the forward pass and for their own adjoints,
 //! planes for theirs, so that every sum has one order. Features are worked on in blocks that fill a vector register;
-//! each step on a block ends in memory, because it is stores that the compiler builds vector instructions from.
+//! each step reads its blocks, then stores its results whole: from such stores the compiler builds vector instructions.
 
 use std::array;
 
@@ -16,6 +16,9 @@ const POINTS_PER_TASK: usize = 256;
 
 /// Points whose sample adjoints are held at once: few enough to stay in cache between the two halves of the backward.
 const POINTS_PER_CHUNK: usize = 4096;
+
+/// Cells of the space-filling curve along each axis: about those of the finest planes.
+const CURVE_CELLS: usize = 256;
 
 /// Features in a block.
 const LANES: usize = 8;
@@ -69,6 +72,25 @@ impl<'a, T: Real> Query<'a, T> {
         }
         coordinates
     }
+
+    /// The wanted points along a space-filling curve: neighbours in order are neighbours in the planes, so that most
+    /// cells are still in cache. Points of one place keep their order.
+    fn along_curve(&self, wanted: impl Fn(usize) -> bool + Sync) -> Vec<usize> {
+        let key = |point: usize| {
+            let [x, y, z, _] = self.grid_coordinates(point);
+            let bits = |coordinate: T| spread_bits(Place::new(coordinate, CURVE_CELLS).low as u64);
+            (bits(x) | bits(y) << 1 | bits(z) << 2, point)
+        };
+        let points = (0..self.len()).into_par_iter().filter(|&point| wanted(point));
+        let mut keys: Vec<(u64, usize)> = points.map(key).collect();
+        keys.par_sort_unstable();
+        keys.into_iter().map(|(_, point)| point).collect()
+    }
+}
+
+/// The low 10 bits of a number, with two zeros before each.
+fn spread_bits(number: u64) -> u64 {
+    (0..10).map(|bit| (number >> bit & 1) << (3 * bit)).sum()
 }
 
 /// A coordinate among the cells of an axis.
@@ -175,12 +197,15 @@ pub(super) fn look_up<T: Real>(planes: &[T], query: &Query<T>, layout: &GridLayo
     let scales = Scales::new(layout);
     let row = layout.feature_count();
     let mut features = vec![T::one(); query.len() * row];
-    features.par_chunks_mut(row * POINTS_PER_TASK).enumerate().for_each(|(task, features)| {
+    let mut rows: Vec<_> = features.chunks_mut(row).map(Some).collect();
+    let ordered = query.along_curve(|_| true).into_iter();
+    let mut ordered: Vec<_> = ordered.filter_map(|point| Some((point, rows[point].take()?))).collect();
+    ordered.par_chunks_mut(POINTS_PER_TASK).for_each(|points| {
         vectorised(
             #[inline(always)]
             || {
-                for (i, features) in features.chunks_mut(row).enumerate() {
-                    look_up_point(planes, query.grid_coordinates(task * POINTS_PER_TASK + i), &scales, features);
+                for (point, features) in points.iter_mut() {
+                    look_up_point(planes, query.grid_coordinates(*point), &scales, features);
                 }
             },
         );
@@ -198,9 +223,11 @@ fn look_up_point<T: Real>(planes: &[T], coordinates: [T; 4], scales: &Scales, fe
             let weights = corners.weights();
             in_blocks!(scales.features, at, L => {
                 let ([a, b, c, d], product) = (corners.cells::<L>(planes, at), block_mut::<T, L>(features, at));
+                let mut next = *product;
                 for l in 0..L {
-                    product[l] *= a[l] * weights[0] + b[l] * weights[1] + c[l] * weights[2] + d[l] * weights[3];
+                    next[l] *= a[l] * weights[0] + b[l] * weights[1] + c[l] * weights[2] + d[l] * weights[3];
                 }
+                *product = next;
             });
         }
     }
@@ -213,7 +240,8 @@ pub(super) struct Adjoint<T> {
     pub(super) times: Vec<T>,
 }
 
-/// The adjoints for the cotangent `v_features` `[N, scales * F]`.
+/// The adjoints for the cotangent `v_features` `[N, scales * F]`. Points without a cotangent (those that no picture
+/// shows) cost nothing.
 pub(super) fn look_up_backward<T: Real>(
     planes: &[T],
     query: &Query<T>,
@@ -221,22 +249,24 @@ pub(super) fn look_up_backward<T: Real>(
     layout: &GridLayout,
 ) -> Adjoint<T> {
     let scales = Scales::new(layout);
-    let count = query.len();
-    let (row, samples) = (layout.feature_count(), 6 * layout.feature_count());
+    let (count, row) = (query.len(), layout.feature_count());
     let mut v_planes = vec![T::zero(); planes.len()];
     let mut v_points = vec![T::zero(); 3 * count];
     let mut v_times = vec![T::zero(); count];
-    let mut v_samples = vec![T::zero(); samples * count.min(POINTS_PER_CHUNK)];
+    let points = query.along_curve(|point| v_features[point * row..][..row].iter().any(|v| !v.is_zero()));
+    let mut v_samples = vec![T::zero(); 6 * row * points.len().min(POINTS_PER_CHUNK)];
     let mut targets = split_planes(&mut v_planes, &scales);
-    for first in (0..count).step_by(POINTS_PER_CHUNK) {
-        let chunk = first..count.min(first + POINTS_PER_CHUNK);
-        let v_features = &v_features[chunk.start * row..chunk.end * row];
-        let v_samples = &mut v_samples[..chunk.len() * samples];
-        let v_times = &mut v_times[chunk.clone()];
-        let v_points = &mut v_points[3 * chunk.start..3 * chunk.end];
-        point_adjoints(planes, query, first, v_features, &scales, PointAdjoints { v_samples, v_points, v_times });
+    for points in points.chunks(POINTS_PER_CHUNK) {
+        let v_samples = &mut v_samples[..6 * row * points.len()];
+        let v_coordinates = point_adjoints(planes, query, points, v_features, &scales, v_samples);
+        for (&point, v_coordinates) in points.iter().zip(v_coordinates) {
+            for axis in 0..3 {
+                v_points[3 * point + axis] = v_coordinates[axis] * query.slope[axis];
+            }
+            v_times[point] = v_coordinates[TIME];
+        }
         targets.par_iter_mut().with_max_len(1).enumerate().for_each(|(index, v_plane)| {
-            add_plane_adjoint(query, first, v_features, v_samples, &scales, index, v_plane);
+            add_plane_adjoint(query, points, v_samples, &scales, index, v_plane);
         });
     }
     if query.times.len() == 1 && count != 1 {
@@ -255,65 +285,35 @@ fn split_planes<'a, T>(mut v_planes: &'a mut [T], scales: &Scales) -> Vec<&'a mu
     scales.planes.iter().map(part).collect()
 }
 
-/// What the first half of the backward pass writes for a run of points.
-struct PointAdjoints<'a, T> {
-    /// `[points, planes, F]`.
-    v_samples: &'a mut [T],
-    /// `[points, 3]`.
-    v_points: &'a mut [T],
-    /// `[points]`.
-    v_times: &'a mut [T],
-}
-
-/// The adjoints of the points from `first` on, and of their samples.
+/// The adjoints of the grid coordinates of `points`; writes those of their samples, `[points, planes, F]`.
 fn point_adjoints<T: Real>(
     planes: &[T],
     query: &Query<T>,
-    first: usize,
+    points: &[usize],
     v_features: &[T],
     scales: &Scales,
-    out: PointAdjoints<T>,
-) {
+    v_samples: &mut [T],
+) -> Vec<[T; 4]> {
     let (row, samples) = (scales.features * scales.axes.len(), scales.features * scales.planes.len());
-    let v_features = v_features.par_chunks(row * POINTS_PER_TASK);
-    let v_samples = out.v_samples.par_chunks_mut(samples * POINTS_PER_TASK);
-    let v_points = out.v_points.par_chunks_mut(3 * POINTS_PER_TASK);
-    let v_times = out.v_times.par_chunks_mut(POINTS_PER_TASK);
-    v_features.zip(v_samples).zip(v_points.zip(v_times)).enumerate().for_each_init(
+    let mut v_coordinates = vec![[T::zero(); 4]; points.len()];
+    let tasks = points.par_chunks(POINTS_PER_TASK).zip(v_samples.par_chunks_mut(samples * POINTS_PER_TASK));
+    tasks.zip(v_coordinates.par_chunks_mut(POINTS_PER_TASK)).for_each_init(
         || Samples::new(scales.features),
-        |buffer, (task, ((v_features, v_samples), (v_points, v_times)))| {
+        |buffer, ((points, v_samples), v_coordinates)| {
             vectorised(
                 #[inline(always)]
                 || {
-                    let rows = v_features.chunks(row).zip(v_samples.chunks_mut(samples));
-                    let rows = rows.zip(v_points.chunks_mut(3).zip(v_times.iter_mut()));
-                    for (i, ((v_features, v_samples), (v_point, v_time))) in rows.enumerate() {
-                        if is_zero(v_features) {
-                            continue;
-                        }
-                        let coordinates = query.grid_coordinates(first + task * POINTS_PER_TASK + i);
-                        let v_coordinates =
-                            point_adjoint(planes, coordinates, v_features, scales, buffer, v_samples);
-                        for axis in 0..3 {
-                            v_point[axis] = v_coordinates[axis] * query.slope[axis];
-                        }
-                        *v_time = v_coordinates[TIME];
+                    let outputs = v_samples.chunks_mut(samples).zip(v_coordinates.iter_mut());
+                    for (&point, (v_samples, v_coordinates)) in points.iter().zip(outputs) {
+                        let v_features = &v_features[point * row..][..row];
+                        let coordinates = query.grid_coordinates(point);
+                        *v_coordinates = point_adjoint(planes, coordinates, v_features, scales, buffer, v_samples);
                     }
                 },
             );
         },
     );
-}
-
-/// Points without a cotangent (those that no picture shows) leave no trace and cost nothing.
-#[inline(always)]
-fn is_zero<T: Real>(v_features: &[T]) -> bool {
-    // No early exit, so that it is a vector loop.
-    let mut all = true;
-    for v_feature in v_features {
-        all &= v_feature.is_zero();
-    }
-    all
+    v_coordinates
 }
 
 /// The samples of one point in the six planes of a scale, `[6, F]` each.
@@ -340,9 +340,7 @@ impl<T: Real> Samples<T> {
             in_blocks!(features, at, L => {
                 let [a, b, c, d] = corners.cells::<L>(planes, at);
                 let at = layout.pair * features + at;
-                let value = block_mut::<T, L>(&mut self.value, at);
-                let by_column = block_mut::<T, L>(&mut self.by_column, at);
-                let by_row = block_mut::<T, L>(&mut self.by_row, at);
+                let [mut value, mut by_column, mut by_row] = [[T::zero(); L]; 3];
                 for l in 0..L {
                     let (above, below) = (b[l] - a[l], d[l] - c[l]);
                     let (top, bottom) = (a[l] + above * column, c[l] + below * column);
@@ -350,6 +348,9 @@ impl<T: Real> Samples<T> {
                     by_row[l] = bottom - top;
                     value[l] = top + (bottom - top) * row;
                 }
+                *block_mut(&mut self.value, at) = value;
+                *block_mut(&mut self.by_column, at) = by_column;
+                *block_mut(&mut self.by_row, at) = by_row;
             });
         }
     }
@@ -362,11 +363,12 @@ impl<T: Real> Samples<T> {
         for (value, v_value) in self.value.chunks(features).zip(v_values.chunks_mut(features)) {
             in_blocks!(features, at, L => {
                 let (value, before) = (block::<T, L>(value, at), block_mut::<T, L>(&mut self.product, at));
-                let v_value = block_mut::<T, L>(v_value, at);
+                *block_mut(v_value, at) = *before;
+                let mut next = *before;
                 for l in 0..L {
-                    v_value[l] = before[l];
-                    before[l] *= value[l];
+                    next[l] *= value[l];
                 }
+                *before = next;
             });
         }
         self.product.fill(T::one());
@@ -374,10 +376,12 @@ impl<T: Real> Samples<T> {
             in_blocks!(features, at, L => {
                 let (value, after) = (block::<T, L>(value, at), block_mut::<T, L>(&mut self.product, at));
                 let v_value = block_mut::<T, L>(v_value, at);
+                let (mut v_next, mut next) = (*v_value, *after);
                 for l in 0..L {
-                    v_value[l] *= after[l];
-                    after[l] *= value[l];
+                    v_next[l] *= next[l];
+                    next[l] *= value[l];
                 }
+                (*v_value, *after) = (v_next, next);
             });
         }
     }
@@ -407,9 +411,12 @@ fn point_adjoint<T: Real>(
                 let slopes = &slopes[pair * features..][..features];
                 in_blocks!(features, at, L => {
                     let (v_sample, slopes) = (block::<T, L>(v_sample, at), block::<T, L>(slopes, at));
+                    let sums = block_mut::<T, L>(sums, 0);
+                    let mut next = *sums;
                     for l in 0..L {
-                        sums[l] += v_sample[l] * slopes[l] * slope;
+                        next[l] += v_sample[l] * slopes[l] * slope;
                     }
+                    *sums = next;
                 });
             }
         }
@@ -423,36 +430,33 @@ fn point_adjoint<T: Real>(
     sums
 }
 
-/// Adds the sample adjoints of the points from `first` on to the cells of plane `index`, point by point.
+/// Adds the sample adjoints of `points` to the cells of plane `index`, point by point.
 fn add_plane_adjoint<T: Real>(
     query: &Query<T>,
-    first: usize,
-    v_features: &[T],
+    points: &[usize],
     v_samples: &[T],
     scales: &Scales,
     index: usize,
     v_plane: &mut [T],
 ) {
     let (features, plane) = (scales.features, &scales.planes[index]);
-    let (row, samples) = (features * scales.axes.len(), features * scales.planes.len());
     let axes = scales.axes[plane.scale];
     vectorised(
         #[inline(always)]
         || {
-            for (i, (v_features, v_samples)) in v_features.chunks(row).zip(v_samples.chunks(samples)).enumerate() {
-                if is_zero(v_features) {
-                    continue;
-                }
-                let places = locate(query.grid_coordinates(first + i), axes);
+            for (&point, v_samples) in points.iter().zip(v_samples.chunks(features * scales.planes.len())) {
+                let places = locate(query.grid_coordinates(point), axes);
                 let corners = Corners::new(&places, plane, 0, features);
                 let (weights, v_sample) = (corners.weights(), &v_samples[index * features..][..features]);
                 in_blocks!(features, at, L => {
                     let v_sample = block::<T, L>(v_sample, at);
                     for (corner, weight) in corners.at.into_iter().zip(weights) {
                         let v_cell = block_mut::<T, L>(v_plane, corner + at);
+                        let mut next = *v_cell;
                         for l in 0..L {
-                            v_cell[l] += weight * v_sample[l];
+                            next[l] += weight * v_sample[l];
                         }
+                        *v_cell = next;
                     }
                 });
             }

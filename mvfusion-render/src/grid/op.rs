@@ -112,11 +112,8 @@ impl<B: GridAdjoint, C: CheckpointStrategy> GridOps for Autodiff<B, C> {
     ) -> FloatTensor<Self> {
         let nodes = [planes.node(), points.node(), times.node()];
         let prepared = LookUpBackward.prepare::<C>(nodes).compute_bound().stateful();
-        let inputs: LookUp<B> = LookUp {
-            planes: planes.into_primitive(),
-            points: points.into_primitive(),
-            times: times.into_primitive(),
-        };
+        let inputs: LookUp<B> =
+            LookUp { planes: planes.into_primitive(), points: points.into_primitive(), times: times.into_primitive() };
         let LookUp { planes, points, times } = inputs.clone();
         let features = B::grid_look_up(planes, points, times, bounds, layout.clone());
         match prepared {

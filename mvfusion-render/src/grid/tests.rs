@@ -95,8 +95,7 @@ fn look_up_is_its_reference_for_any_number_of_features() {
 #[test]
 fn on_nodes_the_right_hand_slope_counts_and_on_borders_none() {
     for_each_device(|device| {
-        let mut case =
-            Case::random(GridLayout { features: 2, resolution: [5, 5, 5, 5], multipliers: vec![1] }, 5, 5);
+        let mut case = Case::random(GridLayout { features: 2, resolution: [5, 5, 5, 5], multipliers: vec![1] }, 5, 5);
         case.bounds = GridBounds { max: [1.0; 3], min: [-1.0; 3] };
         let nodes = [-1.0, -0.5, 0.0, 0.5, 1.0];
         case.points = nodes.into_iter().flat_map(|node| [node, -node, 0.25]).collect();

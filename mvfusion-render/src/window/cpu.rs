@@ -3,105 +3,46 @@
 
 use std::array;
 
+use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use super::Window;
-use crate::Real;
-use crate::simd::vectorised;
-
-/// Neighbouring pixels that are worked on at once, in registers.
-const LANES: usize = 16;
+use super::similarity::{Blur, Similarity, SimilarityAdjoint, Traced, Windowed};
+use crate::simd::{Lanes, MAX_LANES, Wide};
 
 /// Rows that are worth a thread's while.
 const MIN_ROWS: usize = 4;
 
-/// The constants of SSIM for pictures in `0..=1` (METHOD §4.4), and that of its structure term.
-const C1: f64 = 1e-4;
-const C2: f64 = 9e-4;
-const C3: f64 = C2 / 2.0;
+/// Vectors that are summed side by side.
+const VECTORS: usize = 2;
 
-/// Where the structure map is cut off (METHOD §4.4 item 4).
-const STRUCTURE_MAX: f64 = 0.98;
-
-/// Which similarity of two pictures.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Similarity {
-    /// SSIM.
-    Ssim,
-    /// The structure term K, within `0..=0.98`.
-    Structure,
-}
-
-/// The windowed moments of two pictures at one pixel: mean a, mean b, mean a², mean b², mean ab.
-type Moments<T> = [T; 5];
-
-/// A similarity and its slopes with respect to mean a, mean b, mean a² or b² (they are equal) and mean ab.
-type Point<T> = [T; 5];
+/// The narrowest row that is worked on: one block of vectors.
+const MIN_WIDTH: usize = VECTORS * MAX_LANES;
 
 /// Blurs planes of `[height, width]` pixels, stored one after another.
-pub(super) fn blur<T: Real>(images: &[T], size: [usize; 2], window: &Window) -> Vec<T> {
-    let none: [&[T]; 0] = [];
-    let [out] = windowed(
-        [images],
-        none,
-        size,
-        window,
-        #[inline(always)]
-        |pixel| pixel,
-        #[inline(always)]
-        |sums, []| sums,
-    );
+pub(super) fn blur<T: Lanes>(images: &[T], size: [usize; 2], window: &Window) -> Vec<T> {
+    let [out] = windowed(Blur, [images], [], size, window);
     out
 }
 
-/// The similarity of `a` and `b` alone.
-pub(super) fn similarity<T: Real>(kind: Similarity, pair: [&[T]; 2], size: [usize; 2], window: &Window) -> Vec<T> {
-    let [map] = match kind {
-        Similarity::Ssim => pointwise(
-            pair,
-            size,
-            window,
-            #[inline(always)]
-            |moments| [ssim(moments)[0]],
-        ),
-        Similarity::Structure => pointwise(
-            pair,
-            size,
-            window,
-            #[inline(always)]
-            |moments| [structure(moments)[0]],
-        ),
-    };
+/// The similarity of two pictures alone.
+pub(super) fn similarity<T: Lanes>(kind: Similarity, pair: [&[T]; 2], size: [usize; 2], window: &Window) -> Vec<T> {
+    let [map] = windowed(kind, pair, [], size, window);
     map
 }
 
-/// The similarity of `a` and `b`, and the four slopes that its adjoint needs.
-pub(super) fn similarity_with_slopes<T: Real>(
+/// The similarity of two pictures, and the four slopes that its adjoint needs.
+pub(super) fn similarity_with_slopes<T: Lanes>(
     kind: Similarity,
     pair: [&[T]; 2],
     size: [usize; 2],
     window: &Window,
 ) -> [Vec<T>; 5] {
-    match kind {
-        Similarity::Ssim => pointwise(
-            pair,
-            size,
-            window,
-            #[inline(always)]
-            |moments| ssim(moments),
-        ),
-        Similarity::Structure => pointwise(
-            pair,
-            size,
-            window,
-            #[inline(always)]
-            |moments| structure(moments),
-        ),
-    }
+    windowed(Traced(kind), pair, [], size, window)
 }
 
-/// The adjoints of `a` and `b`: the window is its own adjoint, so the slopes times the cotangent are blurred back.
-pub(super) fn similarity_backward<T: Real>(
+/// The adjoints of the two pictures.
+pub(super) fn similarity_backward<T: Lanes>(
     pair: [&[T]; 2],
     slopes: [&[T]; 4],
     v_map: &[T],
@@ -109,111 +50,48 @@ pub(super) fn similarity_backward<T: Real>(
     window: &Window,
 ) -> [Vec<T>; 2] {
     let [mean_a, mean_b, square, cross] = slopes;
-    let two = T::of(2.0);
-    windowed(
-        [v_map, mean_a, mean_b, square, cross],
-        pair,
-        size,
-        window,
-        #[inline(always)]
-        |[v, mean_a, mean_b, square, cross]| [v * mean_a, v * mean_b, v * square, v * cross],
-        #[inline(always)]
-        |[mean_a, mean_b, square, cross], [a, b]| {
-            [mean_a + two * a * square + b * cross, mean_b + two * b * square + a * cross]
-        },
-    )
+    windowed(SimilarityAdjoint, [v_map, mean_a, mean_b, square, cross], pair, size, window)
 }
 
-/// Functions of the windowed moments of two pictures.
-fn pointwise<T: Real, const O: usize>(
-    pair: [&[T]; 2],
-    size: [usize; 2],
-    window: &Window,
-    function: impl Fn(Moments<T>) -> [T; O] + Sync,
-) -> [Vec<T>; O] {
-    let none: [&[T]; 0] = [];
-    windowed(
-        pair,
-        none,
-        size,
-        window,
-        #[inline(always)]
-        |pair| products(pair),
-        #[inline(always)]
-        |moments, []| function(moments),
-    )
-}
-
-#[inline(always)]
-fn products<T: Real>([a, b]: [T; 2]) -> Moments<T> {
-    [a, b, a * a, b * b, a * b]
-}
-
-/// Variances that rounding made negative count as zero, so that no denominator can vanish.
-#[inline(always)]
-fn variance<T: Real>(square: T, mean: T) -> T {
-    (square - mean * mean).max(T::zero())
-}
-
-#[inline(always)]
-fn ssim<T: Real>([mean_a, mean_b, square_a, square_b, cross]: Moments<T>) -> Point<T> {
-    let two = T::of(2.0);
-    let luminance = two * mean_a * mean_b + T::of(C1);
-    let contrast = two * (cross - mean_a * mean_b) + T::of(C2);
-    let means = mean_a * mean_a + mean_b * mean_b + T::of(C1);
-    let variances = variance(square_a, mean_a) + variance(square_b, mean_b) + T::of(C2);
-    let inverse = T::one() / (means * variances);
-    let value = luminance * contrast * inverse;
-    let (by_means, by_variances) = (value * variances * inverse, value * means * inverse);
-    let slope = |mean: T, other: T| two * (other * (contrast - luminance) * inverse + mean * (by_variances - by_means));
-    [value, slope(mean_a, mean_b), slope(mean_b, mean_a), -by_variances, two * luminance * inverse]
-}
-
-#[inline(always)]
-fn structure<T: Real>([mean_a, mean_b, square_a, square_b, cross]: Moments<T>) -> Point<T> {
-    let covariance = cross - mean_a * mean_b + T::of(C3);
-    let variances = variance(square_a, mean_a) + variance(square_b, mean_b) + T::of(C3);
-    let inverse = T::one() / variances.sqrt();
-    let value = covariance * inverse;
-    let clipped = value.max(T::zero()).min(T::of(STRUCTURE_MAX));
-    let open = if clipped == value { inverse } else { T::zero() };
-    let by_variances = value * inverse * open;
-    let slope = |mean: T, other: T| mean * by_variances - other * open;
-    [clipped, slope(mean_a, mean_b), slope(mean_b, mean_a), -by_variances * T::of(0.5), open]
-}
-
-/// The work of all ops here: `finish(window sums of product(maps), own)` for every pixel of every plane; `own` are maps
-/// that are read at the pixel itself alone.
-fn windowed<T: Real, const M: usize, const P: usize, const K: usize, const O: usize>(
+/// `work.finish(window sums of work.product(maps), own)` for every pixel of every plane; `own` are maps that are read at
+/// the pixel itself alone.
+fn windowed<T: Lanes, W: Windowed<M, P, K, O>, const M: usize, const P: usize, const K: usize, const O: usize>(
+    work: W,
     maps: [&[T]; M],
     own: [&[T]; P],
     [height, width]: [usize; 2],
     window: &Window,
-    product: impl Fn([T; M]) -> [T; K] + Sync,
-    finish: impl Fn([T; K], [T; P]) -> [T; O] + Sync,
 ) -> [Vec<T>; O] {
-    let mut out: [Vec<T>; O] = array::from_fn(|_| vec![T::zero(); maps[0].len()]);
     if maps[0].is_empty() {
-        return out;
+        return array::from_fn(|_| Vec::new());
     }
+    if width < MIN_WIDTH {
+        // Zeros on the right are what lies there anyway; their own results are cut off again.
+        let (maps, own) =
+            (maps.map(|map| with_width(map, width, MIN_WIDTH)), own.map(|map| with_width(map, width, MIN_WIDTH)));
+        let (maps, own) = (maps.each_ref().map(Vec::as_slice), own.each_ref().map(Vec::as_slice));
+        let wide = windowed(work, maps, own, [height, MIN_WIDTH], window);
+        return wide.map(|map| with_width(&map, MIN_WIDTH, width));
+    }
+    let mut out: [Vec<T>; O] = array::from_fn(|_| vec![T::zero(); maps[0].len()]);
     let weights: Vec<T> = window.weights().iter().map(|&weight| T::of(f64::from(weight))).collect();
-    let padded = width.next_multiple_of(LANES) + weights.len() - 1;
+    let arch = Arch::new();
     rows_of(&mut out, width).into_par_iter().with_min_len(MIN_ROWS).enumerate().for_each_init(
-        || array::from_fn(|_| vec![T::zero(); padded]),
+        || array::from_fn(|_| vec![T::zero(); width + weights.len() - 1]),
         |sums: &mut [Vec<T>; K], (row, mut out)| {
             let first = row / height * height * width;
             let planes = maps.map(|map| &map[first..first + height * width]);
             let own = own.map(|map| &map[row * width..(row + 1) * width]);
-            vectorised(
-                #[inline(always)]
-                || {
-                    sum_columns(planes, row % height, &weights, &product, sums, width);
-                    sum_along(sums, &weights, own, &finish, &mut out);
-                },
-            );
+            arch.dispatch(Row { work, planes, own, row: row % height, weights: &weights, sums, out: &mut out });
         },
     );
     out
+}
+
+/// Rows of `from` numbers as rows of `to`, cut off or with zeros behind them.
+fn with_width<T: Lanes>(map: &[T], from: usize, to: usize) -> Vec<T> {
+    let rows = map.chunks(from);
+    rows.flat_map(|row| (0..to).map(|column| row.get(column).copied().unwrap_or(T::zero()))).collect()
 }
 
 /// The rows of several maps of one size: one array a row.
@@ -224,105 +102,111 @@ fn rows_of<T, const O: usize>(maps: &mut [Vec<T>; O], width: usize) -> Vec<[&mut
     (0..rows).map(|_| chunks.each_mut().map(|chunk| chunk.next().expect("maps are of one size"))).collect()
 }
 
-/// The weighted column sums around `row`, written behind a margin of one window radius that stays zero.
-#[inline(always)]
-fn sum_columns<T: Real, const M: usize, const K: usize>(
-    planes: [&[T]; M],
+/// The work for one row of one plane.
+struct Row<'a, T, W, const M: usize, const P: usize, const K: usize, const O: usize> {
+    work: W,
+    planes: [&'a [T]; M],
+    own: [&'a [T]; P],
     row: usize,
-    weights: &[T],
-    product: impl Fn([T; M]) -> [T; K],
-    sums: &mut [Vec<T>; K],
-    width: usize,
-) {
-    let (radius, height) = (weights.len() / 2, planes[0].len() / width);
-    let (top, bottom) = (row.saturating_sub(radius), (row + radius + 1).min(height));
-    for start in (0..width).step_by(LANES) {
-        let lanes = LANES.min(width - start);
-        let mut totals = [[T::zero(); LANES]; K];
-        for source in top..bottom {
-            let weight = weights[source + radius - row];
-            let pixels = lanes_of(planes, source * width + start, lanes);
-            for lane in 0..LANES {
-                let values = product(nth(&pixels, lane));
-                for k in 0..K {
-                    totals[k][lane] += weight * values[k];
-                }
-            }
-        }
-        for k in 0..K {
-            // The sums reach to a multiple of LANES; what lies beyond the row is zero like the margin.
-            sums[k][radius + start..][..LANES].copy_from_slice(&totals[k]);
-        }
+    weights: &'a [T],
+    sums: &'a mut [Vec<T>; K],
+    out: &'a mut [&'a mut [T]; O],
+}
+
+impl<T: Lanes, W: Windowed<M, P, K, O>, const M: usize, const P: usize, const K: usize, const O: usize> WithSimd
+    for Row<'_, T, W, M, P, K, O>
+{
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, simd: S) {
+        self.sum_columns(simd);
+        self.sum_along(simd);
     }
 }
 
-/// Sums the column sums along the row, and writes what `finish` makes of each pixel's sums.
-#[inline(always)]
-fn sum_along<T: Real, const P: usize, const K: usize, const O: usize>(
-    sums: &[Vec<T>; K],
-    weights: &[T],
-    own: [&[T]; P],
-    finish: impl Fn([T; K], [T; P]) -> [T; O],
-    out: &mut [&mut [T]; O],
-) {
-    let width = out[0].len();
-    for start in (0..width).step_by(LANES) {
-        let lanes = LANES.min(width - start);
-        let mut totals = [[T::zero(); LANES]; K];
-        for (tap, &weight) in weights.iter().enumerate() {
+impl<T: Lanes, W: Windowed<M, P, K, O>, const M: usize, const P: usize, const K: usize, const O: usize>
+    Row<'_, T, W, M, P, K, O>
+{
+    /// Where blocks of [`VECTORS`] vectors begin; the last one overlaps its neighbour, whose numbers it repeats.
+    #[inline(always)]
+    fn blocks(width: usize, block: usize) -> impl Iterator<Item = usize> {
+        (0..width).step_by(block).map(move |start| start.min(width - block))
+    }
+
+    /// The weighted column sums around the row, written behind a margin of one window radius that stays zero.
+    #[inline(always)]
+    fn sum_columns<S: Simd>(&mut self, simd: S) {
+        let (radius, width) = (self.weights.len() / 2, self.out[0].len());
+        let (lanes, block) = (Wide::<S, T>::LANES, VECTORS * Wide::<S, T>::LANES);
+        let (top, bottom) =
+            (self.row.saturating_sub(radius), (self.row + radius + 1).min(self.planes[0].len() / width));
+        let weights = &self.weights[top + radius - self.row..][..bottom - top];
+        let zero = Wide::<S, T>::splat(simd, T::zero());
+        for start in Self::blocks(width, block) {
+            let mut totals = [[zero; VECTORS]; K];
+            for (source, &weight) in (top..bottom).zip(weights) {
+                let weight = Wide::splat(simd, weight);
+                let mut pixels = [[zero; M]; VECTORS];
+                for m in 0..M {
+                    let row = &self.planes[m][source * width + start..][..block];
+                    for vector in 0..VECTORS {
+                        pixels[vector][m] = Wide::load(simd, row, vector * lanes);
+                    }
+                }
+                for vector in 0..VECTORS {
+                    let values = self.work.product(pixels[vector]);
+                    for k in 0..K {
+                        totals[k][vector] = totals[k][vector] + weight * values[k];
+                    }
+                }
+            }
             for k in 0..K {
-                let sums = lanes_at(&sums[k], start + tap);
-                for lane in 0..LANES {
-                    totals[k][lane] += weight * sums[lane];
+                let sums = &mut self.sums[k][radius + start..][..block];
+                for vector in 0..VECTORS {
+                    totals[k][vector].store(sums, vector * lanes);
                 }
             }
         }
-        let own = lanes_of(own, start, lanes);
-        let mut finished = [[T::zero(); LANES]; O];
-        for lane in 0..LANES {
-            let values = finish(nth(&totals, lane), nth(&own, lane));
-            for o in 0..O {
-                finished[o][lane] = values[o];
+    }
+
+    /// Sums the column sums along the row, and writes what the work makes of each pixel's sums.
+    #[inline(always)]
+    fn sum_along<S: Simd>(&mut self, simd: S) {
+        let (radius, width) = (self.weights.len() / 2, self.out[0].len());
+        let (lanes, block) = (Wide::<S, T>::LANES, VECTORS * Wide::<S, T>::LANES);
+        let zero = Wide::<S, T>::splat(simd, T::zero());
+        for start in Self::blocks(width, block) {
+            let mut totals = [[zero; K]; VECTORS];
+            for k in 0..K {
+                let sums = &self.sums[k][start..][..block + 2 * radius];
+                // The window is symmetric: two taps of one weight are multiplied together.
+                for tap in 0..radius {
+                    let (left, right) = (&sums[tap..][..block], &sums[2 * radius - tap..][..block]);
+                    let weight = self.weights[tap];
+                    for vector in 0..VECTORS {
+                        let at = vector * lanes;
+                        let pair = Wide::load(simd, left, at) + Wide::load(simd, right, at);
+                        totals[vector][k] = totals[vector][k] + Wide::splat(simd, weight) * pair;
+                    }
+                }
+                let (middle, weight) = (&sums[radius..][..block], self.weights[radius]);
+                for vector in 0..VECTORS {
+                    let middle = Wide::load(simd, middle, vector * lanes);
+                    totals[vector][k] = totals[vector][k] + Wide::splat(simd, weight) * middle;
+                }
+            }
+            for vector in 0..VECTORS {
+                let at = start + vector * lanes;
+                let mut own = [zero; P];
+                for p in 0..P {
+                    own[p] = Wide::load(simd, self.own[p], at);
+                }
+                let finished = self.work.finish(totals[vector], own);
+                for o in 0..O {
+                    finished[o].store(self.out[o], at);
+                }
             }
         }
-        for o in 0..O {
-            let out = &mut out[o][start..];
-            if lanes == LANES {
-                out[..LANES].copy_from_slice(&finished[o]);
-            } else {
-                out.copy_from_slice(&finished[o][..lanes]);
-            }
-        }
     }
-}
-
-/// The next `lanes` numbers of each map from `at` on, with zeros behind them.
-#[inline(always)]
-fn lanes_of<T: Real, const M: usize>(maps: [&[T]; M], at: usize, lanes: usize) -> [[T; LANES]; M] {
-    let mut out = [[T::zero(); LANES]; M];
-    for m in 0..M {
-        if lanes == LANES {
-            out[m] = *lanes_at(maps[m], at);
-        } else {
-            out[m][..lanes].copy_from_slice(&maps[m][at..at + lanes]);
-        }
-    }
-    out
-}
-
-/// A slice's next [`LANES`] numbers from `at` on.
-#[inline(always)]
-fn lanes_at<T>(numbers: &[T], at: usize) -> &[T; LANES] {
-    // Proof: the slice taken has exactly that length.
-    numbers[at..at + LANES].try_into().expect("a slice of that length")
-}
-
-/// One lane of each map; a loop, because `array::map` is not inlined where vector instructions are chosen.
-#[inline(always)]
-fn nth<T: Real, const M: usize>(maps: &[[T; LANES]; M], lane: usize) -> [T; M] {
-    let mut out = [T::zero(); M];
-    for m in 0..M {
-        out[m] = maps[m][lane];
-    }
-    out
 }

@@ -2,6 +2,7 @@
 
 mod cpu;
 mod op;
+mod similarity;
 mod ssim;
 
 use burn::tensor::Tensor;

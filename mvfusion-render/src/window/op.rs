@@ -7,8 +7,8 @@ use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Backend, Dispatch, TensorMetadata, backend_extension};
 use burn::tensor::{Shape, Tensor};
 
-use super::cpu::{self, Similarity};
-use super::Window;
+use super::similarity::Similarity;
+use super::{Window, cpu};
 use crate::host::HostBackend;
 use crate::real::with_real;
 
@@ -52,7 +52,7 @@ pub(crate) struct Pair<B: Backend> {
     b: FloatTensor<B>,
 }
 
-/// The slopes of a similarity with respect to the windowed moments: mean a, mean b, mean a² (or b²), mean ab.
+/// The slopes of a similarity with respect to the windowed moments: mean a, mean b, mean a² + b², mean ab.
 #[derive(Clone, Debug)]
 pub(crate) struct Slopes<B: Backend>([FloatTensor<B>; 4]);
 

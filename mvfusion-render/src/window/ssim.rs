@@ -2,7 +2,7 @@
 
 use burn::tensor::Tensor;
 
-use super::{Window, cpu::Similarity, op};
+use super::{Window, op, similarity::Similarity};
 
 /// SSIM of `a` and `b`, both `[B, C, H, W]` of one dtype, at each pixel, `[B, C, H, W]`: windowed means, variances and
 /// covariance with zeros outside the pictures, C1 = 0.01², C2 = 0.03² (METHOD §4.4; the window there is

@@ -65,7 +65,7 @@ fn scene(camera: &Camera, settings: &SplatSettings) -> Values {
         // Opaque enough for the clamp; only these rules have a gradient there that is the derivative.
         logits[..4].iter_mut().for_each(|logit| *logit = 5.5);
     }
-    let device = mvfusion_model::device::flex();
+    let device = (backends()[0].device)();
     keep_off_thresholds(&mut logits, camera, settings, |logits| {
         let mut moved = values.clone();
         moved.insert("opacity_logits".into(), Array::list(logits.to_vec()));
@@ -105,7 +105,8 @@ fn gradients_are_derivatives(rules: SplatRules) {
         let plain = (backend.device)();
         let device = plain.clone().autodiff();
         let inputs_with_leaves = inputs(&values, &device);
-        let picture = splat(inputs_with_leaves.clone(), None, &camera, &settings).expect("the scene can be rendered").packed;
+        let picture =
+            splat(inputs_with_leaves.clone(), None, &camera, &settings).expect("the scene can be rendered").packed;
         let loss = (picture.clone() * tensor(&weights, picture.dims(), &device, DType::F64)).sum();
         let found = loss.backward();
         let leaves = inputs_with_leaves;

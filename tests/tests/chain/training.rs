@@ -6,12 +6,13 @@ use std::fmt::Write;
 use burn::tensor::Device;
 use mvfusion_data::builtin::builtin;
 use mvfusion_data::{BuiltinOptions, Scene};
+use mvfusion_model::ModelError;
 use mvfusion_model::config::{
-    Config, DensifyConfig, GridConfig, InitConfig, ModelConfig, MotionConfig, StageConfig, TrainConfig,
+    BranchDensifyConfig, Config, DensifyConfig, GridConfig, InitConfig, ModelConfig, MotionConfig, StageConfig,
+    TrainConfig,
 };
 use mvfusion_model::evaluation::{Evaluation, evaluate};
 use mvfusion_model::train::{TrainState, Trainer, parameter_hash};
-use mvfusion_model::ModelError;
 use mvfusion_tests::{backends, numbers};
 
 use crate::child;
@@ -24,9 +25,9 @@ pub fn scene() -> Scene {
 /// A run of 32 steps with everything in it that changes rows.
 pub fn config() -> Config {
     let defaults = DensifyConfig::default();
-    let thresholds = |branch: &mvfusion_model::config::BranchDensifyConfig| {
+    let thresholds = |branch: &BranchDensifyConfig| {
         let mut branch = branch.clone();
-        (branch.geometry_threshold, branch.threshold, branch.prune_above) = (1e-4, 1e-4, 20);
+        (branch.geometry_threshold, branch.threshold, branch.prune_above) = (3e-4, 3e-4, 20);
         branch
     };
     Config {
@@ -72,13 +73,9 @@ pub fn config() -> Config {
     }
 }
 
-/// Trains to the end and returns the squared error of the first step.
-fn train(trainer: &mut Trainer) -> f64 {
-    let mut first = None;
-    while let Some(loss) = trainer.step().expect("a step succeeds") {
-        first.get_or_insert_with(|| numbers(loss.squared_error)[0]);
-    }
-    first.unwrap_or(f64::NAN)
+/// Trains to the end.
+fn train(trainer: &mut Trainer) {
+    while trainer.step().expect("a step succeeds").is_some() {}
 }
 
 fn figures(trainer: &Trainer, scene: &Scene) -> Evaluation {
@@ -167,18 +164,15 @@ fn a_run_that_was_saved_and_loaded_goes_on_as_if_it_had_not_been() {
 
 #[test]
 fn training_lowers_the_error() {
-    let scene = scene();
-    for backend in backends() {
-        // Without resets, which throw a run of this length back.
-        let mut config = config();
-        config.densify.reset_interval = 1000;
-        let mut trainer = Trainer::new(config, &scene, &(backend.device)()).expect("the run can start");
-        let mut errors = Vec::new();
-        while let Some(loss) = trainer.step().expect("a step succeeds") {
-            errors.push(numbers(loss.squared_error)[0]);
-        }
-        let mean = |errors: &[f64]| errors.iter().sum::<f64>() / errors.len() as f64;
-        let (first, last) = (mean(&errors[..5]), mean(&errors[errors.len() - 5..]));
-        assert!(last < 0.7 * first, "{}: from {first} to {last}", backend.name);
+    // Without resets, which throw a run of this length back.
+    let mut config = config();
+    config.densify.reset_interval = 1000;
+    let mut trainer = Trainer::new(config, &scene(), &(backends()[0].device)()).expect("the run can start");
+    let mut errors = Vec::new();
+    while let Some(loss) = trainer.step().expect("a step succeeds") {
+        errors.push(numbers(loss.squared_error)[0]);
     }
+    let mean = |errors: &[f64]| errors.iter().sum::<f64>() / errors.len() as f64;
+    let (first, last) = (mean(&errors[..5]), mean(&errors[errors.len() - 5..]));
+    assert!(last < 0.7 * first, "from {first} to {last}");
 }

@@ -20,10 +20,8 @@ const OPACITY: f64 = 0.1;
 
 /// The Gaussians of a cloud.
 pub fn check(archive: &Archive, device: &Device) -> Result<()> {
-    let cloud = PointCloud {
-        positions: vectors(archive.array("in.points")?),
-        colours: vectors(archive.array("in.colors")?),
-    };
+    let cloud =
+        PointCloud { positions: vectors(archive.array("in.points")?), colours: vectors(archive.array("in.colors")?) };
     let mut checks = Checklist::default();
     let squared = Array::list(mean_squared_distances(&cloud.positions));
     checks.close("mean_sq_3nn", archive.array("out.mean_sq_3nn")?, &squared, DISTANCES);

@@ -56,11 +56,8 @@ fn branch(archive: &Archive, device: &Device) -> Result<Branch> {
     });
     let mut branch = Branch::new(gaussians.context("an attribute is missing")?);
     let plain = |name: &str| archive.array(name).map(|array| on(device, &array.values));
-    branch.statistics = DensifyStatistics {
-        gradients: plain("in.accum")?,
-        seen: plain("in.denom")?,
-        foreground: plain("in.buf")?,
-    };
+    branch.statistics =
+        DensifyStatistics { gradients: plain("in.accum")?, seen: plain("in.denom")?, foreground: plain("in.buf")? };
     let mut moments = BTreeMap::new();
     for (attribute, name) in
         [(Attribute::Means, "xyz"), (Attribute::OpacityLogits, "opacity"), (Attribute::LogScales, "scaling")]
@@ -147,8 +144,13 @@ fn check_densify(checks: &mut Checklist, archive: &Archive, device: &Device, nam
     let origin = format!("{out}.densified.origin");
     checks.same(&origin, &archive.counts(&origin)?, &plan.sources());
 
-    let normals: Vec<DVec3> =
-        archive.array("in.split_eps")?.values.chunks_exact(3).take(2 * plan.split.len()).map(DVec3::from_slice).collect();
+    let normals: Vec<DVec3> = archive
+        .array("in.split_eps")?
+        .values
+        .chunks_exact(3)
+        .take(2 * plan.split.len())
+        .map(DVec3::from_slice)
+        .collect();
     let sources = branch.grow(&plan, &normals)?;
     checks.same("sources", &[Some(plan.sources())], &[sources]);
     let mut compare = Comparison { checks, archive, prefix: format!("{out}.densified") };

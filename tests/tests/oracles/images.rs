@@ -55,7 +55,12 @@ pub fn check(archive: &Archive, device: &Device) -> Result<()> {
     let value = entropy(mask.clone());
     let gradients = value.backward();
     checks.close_number("entropy", archive.number("out.entropy")?, Array::of(value).values[0], VALUES);
-    checks.close("grad.entropy.p", archive.array("out.grad.entropy.p")?, &gradient(&mask, &gradients), ENTROPY_GRADIENT);
+    checks.close(
+        "grad.entropy.p",
+        archive.array("out.grad.entropy.p")?,
+        &gradient(&mask, &gradients),
+        ENTROPY_GRADIENT,
+    );
     checks.finish()
 }
 

@@ -4,7 +4,9 @@ use anyhow::Result;
 use burn::tensor::Device;
 
 use crate::archive::Archive;
-use crate::{cameras, clouds, composition, densify, hexplane, images, losses, network, refinement, schedule, splat, statistics};
+use crate::{
+    cameras, clouds, composition, densify, hexplane, images, losses, network, refinement, schedule, splat, statistics,
+};
 
 /// A check of one file on one device (without autodiff).
 pub type Check = fn(&Archive, &Device) -> Result<()>;

@@ -87,10 +87,14 @@ impl Inputs {
         }
     }
 
-    /// Compares the value of a loss and its gradients; one that is not stored is zero.
+    /// Compares the value of a loss and its gradients. One that is not stored is zero, unless none is stored: the file
+    /// leaves out those that equal the gradients of an earlier step.
     fn compare(&self, checks: &mut Checklist, archive: &Archive, loss: Tensor<1>, names: &Names) -> Result<()> {
         let gradients = loss.backward();
         checks.close_number(&names.value, archive.number(&names.value)?, numbers(loss)[0], VALUES);
+        if !INPUTS.iter().any(|input| archive.has(&format!("{}.{input}", names.gradient))) {
+            return Ok(());
+        }
         let found = [
             gradient(&self.layers.dynamic, &gradients),
             gradient(&self.layers.static_, &gradients),

@@ -53,7 +53,8 @@ fn shared(backend: Backend) -> Vec<Trial> {
     };
     let mut trials: Vec<Trial> = files.iter().map(|(folder, path)| trial(backend, folder, path)).collect();
     for kind in kinds::KINDS {
-        let present = files.iter().any(|(folder, path)| kind_of(folder, &stem(path)).is_some_and(|k| k.name == kind.name));
+        let present =
+            files.iter().any(|(folder, path)| kind_of(folder, &stem(path)).is_some_and(|k| k.name == kind.name));
         if !present {
             let reason = match &root {
                 None => format!("{FOLDER} names no folder"),

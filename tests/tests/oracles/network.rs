@@ -46,9 +46,8 @@ pub fn mlp(archive: &Archive, names: &[&str], device: &Device) -> Result<Mlp> {
 /// A file's network; with mask heads if the file has them.
 pub fn deformation(archive: &Archive, device: &Device) -> Result<DeformationNetwork> {
     let head = |name: &str| mlp(archive, &[&format!("{name}.l1"), &format!("{name}.l2")], device);
-    let mask = |name: &str| {
-        mlp(archive, &[&format!("{name}.l1"), &format!("{name}.l2"), &format!("{name}.l3")], device)
-    };
+    let mask =
+        |name: &str| mlp(archive, &[&format!("{name}.l1"), &format!("{name}.l2"), &format!("{name}.l3")], device);
     let trunk: &[&str] = if archive.has("in.w.trunk2.weight") { &["trunk", "trunk2"] } else { &["trunk"] };
     let masks = match archive.has("in.w.mask_dynamic.l1.weight") {
         false => None,
@@ -126,8 +125,7 @@ pub fn compare_layers(
 /// All offsets in the order of the files: centre, log-scale, quaternion, opacity, colour, then mask logits dynamic,
 /// bright, static. `[N, 62]`, or `[N, 59]` without masks.
 pub fn in_file_order(offsets: Offsets) -> Tensor<2> {
-    let mut columns =
-        vec![offsets.means, offsets.log_scales, offsets.quaternions, offsets.opacity_logits, offsets.sh];
+    let mut columns = vec![offsets.means, offsets.log_scales, offsets.quaternions, offsets.opacity_logits, offsets.sh];
     if let Some(masks) = offsets.mask_logits {
         columns.extend([2, 1, 0].map(|column| masks.clone().narrow(1, column, 1)));
     }

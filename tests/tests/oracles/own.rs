@@ -30,8 +30,7 @@ const SSIM: Tolerance = Tolerance::of_largest(1e-4);
 const SPLAT: Tolerance = Tolerance::of_largest(5e-5);
 
 /// The cases of the file.
-const CASES: [(&str, Check); 3] =
-    [("hexplane", check_hexplane), ("ssim", check_ssim), ("splat", check_splat)];
+const CASES: [(&str, Check); 3] = [("hexplane", check_hexplane), ("ssim", check_ssim), ("splat", check_splat)];
 
 /// One trial a case.
 pub fn trials(backend: Backend) -> Vec<Trial> {

@@ -5,9 +5,7 @@ use burn::module::Param;
 use burn::nn::Linear;
 use burn::tensor::{DType, Device, Gradients, Tensor};
 use mvfusion_model::config::{MotionConfig, Refinement, TokenMode};
-use mvfusion_model::motion::{
-    MotionCache, MotionEncoder, MotionRefinement, RefinementConfig, TemporalAttention,
-};
+use mvfusion_model::motion::{MotionCache, MotionEncoder, MotionRefinement, RefinementConfig, TemporalAttention};
 use mvfusion_model::network::{DeformationNetwork, Mlp, zero_last_layer};
 use mvfusion_model::timeline::Timeline;
 use mvfusion_tests::{Array, Checklist, Tolerance, gradient, numbers, tensor};
@@ -34,8 +32,11 @@ pub const LEFT_OUT: &[(&str, &str)] = &[
     (".attn", "the weights inside the attention; its output is compared"),
 ];
 
+/// Turns the switches of a variant.
+type Switch = fn(&mut MotionConfig);
+
 /// The variants that are switches of the configuration.
-const VARIANTS: [(&str, fn(&mut MotionConfig)); 6] = [
+const VARIANTS: [(&str, Switch); 6] = [
     ("cross", |_| ()),
     ("cross_include_self", |config| config.include_self = true),
     ("sum", |config| config.refinement = Refinement::Sum),
@@ -97,8 +98,7 @@ impl Setting {
 
     /// The refined offsets `[N, 62]` at a time.
     fn delta(&self, time: f64, motion: &MotionConfig) -> Tensor<2> {
-        let config =
-            RefinementConfig { motion, timeline: &self.timeline, cache: &self.cache, extent: self.extent };
+        let config = RefinementConfig { motion, timeline: &self.timeline, cache: &self.cache, extent: self.extent };
         in_file_order(self.refinement.offsets(&self.network, self.means.val(), time, &config))
     }
 
@@ -114,11 +114,8 @@ impl Setting {
         let feature = self.feature(time);
         let offsets = self.network.decode(feature.clone());
         let local = self.cache.local_at(time);
-        Tensor::cat(
-            vec![feature, offsets.means / self.extent, offsets.log_scales, offsets.quaternions, local],
-            1,
-        )
-        .inner()
+        Tensor::cat(vec![feature, offsets.means / self.extent, offsets.log_scales, offsets.quaternions, local], 1)
+            .inner()
     }
 
     /// Every layer under its name in the files.
@@ -181,8 +178,7 @@ fn check_gradients(
     let prefix = format!("{prefix}grad.");
     let key = format!("{prefix}xyz");
     checks.close(&key, archive.array(&key)?, &gradient(&setting.means.val(), &gradients), TOLERANCE);
-    let (key_layers, others): (Vec<_>, Vec<_>) =
-        setting.layers().into_iter().partition(|(name, _)| name == "mfta.k");
+    let (key_layers, others): (Vec<_>, Vec<_>) = setting.layers().into_iter().partition(|(name, _)| name == "mfta.k");
     compare_layers(checks, archive, &prefix, &others, &gradients, TOLERANCE);
     compare_key(checks, archive, &prefix, key_layers[0].1, &gradients)?;
     let planes = gradient(&setting.network.grid.planes.val(), &gradients);

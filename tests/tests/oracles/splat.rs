@@ -179,7 +179,12 @@ fn compare_gradients(
     let gradients = loss.backward();
     // A sum that may cancel, each of whose parts is as good as the pictures.
     let tolerance = Tolerance::absolute(allowances.pictures.absolute * magnitude.max(1.0));
-    checks.close_number(format!("{prefix}_loss"), archive.number(&format!("{prefix}_loss"))?, numbers(loss)[0], tolerance);
+    checks.close_number(
+        format!("{prefix}_loss"),
+        archive.number(&format!("{prefix}_loss"))?,
+        numbers(loss)[0],
+        tolerance,
+    );
 
     let inputs = &leaves.inputs;
     for (name, found) in [

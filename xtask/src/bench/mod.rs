@@ -61,7 +61,10 @@ struct Pairs {
 /// Runs a benchmark.
 pub fn run(arguments: &BenchArguments) -> Result<()> {
     if let Some(threads) = arguments.threads {
-        rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("cannot set the number of threads")?;
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build_global()
+            .context("cannot set the number of threads")?;
     }
     let rows = match arguments.subject {
         Subject::Splat => splat::measure(arguments.repeat)?,

@@ -46,7 +46,12 @@ pub(super) fn penalties<T: Real>(planes: &[T], layout: &GridLayout) -> [f64; 3] 
     let sums: Vec<[f64; 2]> = rows
         .par_iter()
         .with_min_len(MIN_ROWS)
-        .map(|row| vectorised(#[inline(always)] || row_sums(planes, row, layout.features)))
+        .map(|row| {
+            vectorised(
+                #[inline(always)]
+                || row_sums(planes, row, layout.features),
+            )
+        })
         .collect();
     let mut terms = [0.0; 3];
     let mut rest = sums.as_slice();
@@ -126,7 +131,9 @@ fn row_adjoint<T: Real>(planes: &[T], row: &Row, v_terms: [T; 3], features: usiz
             }
         }
     }
-    if row.plane.is_time() && let Some(values) = row.values(planes, features, 0) {
+    if row.plane.is_time()
+        && let Some(values) = row.values(planes, features, 0)
+    {
         let distance = v_terms[2] * T::of(1.0 / numbers);
         for (v, &value) in v_row.iter_mut().zip(values) {
             let sign = if value > T::one() { T::one() } else { -T::one() };

@@ -11,6 +11,10 @@ use super::sh;
 use super::view::View;
 use crate::splat::settings::Antialias;
 
+/// Gaussians whose records are summed before the first of them is pulled back: their records lie anywhere, and are
+/// fetched faster together.
+const SUMMED: usize = 16;
+
 /// Where the records of each Gaussian are, see [`super::tiles::Bins`].
 #[derive(Clone, Copy)]
 pub(crate) struct RecordIndex<'a> {
@@ -134,10 +138,18 @@ struct RecordSource<'a, T> {
 
 impl<T: Lane> RecordSource<'_, T> {
     fn run(&self, mut job: Job<T>) {
-        let mut record = vec![T::zero(); PROJECTED_GRADIENT_LEN + self.cloud.channels()];
-        for i in 0..job.opacity_logits.len() {
-            if self.sum_records(job.first + i, &mut record) {
-                self.pull_back(&mut job, i, &record);
+        let record_len = PROJECTED_GRADIENT_LEN + self.cloud.channels();
+        let (count, mut sums) = (job.opacity_logits.len(), vec![T::zero(); SUMMED * record_len]);
+        for begin in (0..count).step_by(SUMMED) {
+            let mut seen = [false; SUMMED];
+            let group = begin..count.min(begin + SUMMED);
+            for ((i, seen), record) in group.clone().zip(&mut seen).zip(sums.chunks_exact_mut(record_len)) {
+                *seen = self.sum_records(job.first + i, record);
+            }
+            for ((i, seen), record) in group.zip(seen).zip(sums.chunks_exact(record_len)) {
+                if seen {
+                    self.pull_back(&mut job, i, record);
+                }
             }
         }
     }

@@ -14,6 +14,9 @@ use crate::splat::settings::Extent;
 const TOUCH_ROUNDINGS: f64 = 8.0;
 /// Gaussians of a chunk are at least this many, so that the counters of a chunk are worth their memory.
 const MIN_GAUSSIANS_PER_CHUNK: usize = 1024;
+/// Gaussians that are fetched together: in order of depth they lie anywhere, and waiting for them one by one took
+/// half of the time of binning.
+const GATHERED: usize = 16;
 
 /// The tile lists of a picture.
 pub(crate) struct Bins {
@@ -187,26 +190,36 @@ fn chunk_tiles<T: Lane>(projections: &Projections<T>, view: &View<T>, ids: &[u32
         counts: Vec::with_capacity(ids.len()),
         per_tile: vec![0; view.tile_count()],
     };
-    let records = projections.records.as_chunks::<PROJECTED_LEN>().0;
-    let (half, last) = (T::of(0.5), T::of(TILE as f64 - 0.5));
-    for &id in ids {
-        let splat = Projected::from_row(&records[id as usize]);
-        let radii = [projections.radii[2 * id as usize], projections.radii[2 * id as usize + 1]];
-        let rectangle = TileRectangle::of(splat.centre, radii, view);
-        let before = chunk.tiles.len();
+    let (records, radii) = (projections.records.as_chunks::<PROJECTED_LEN>().0, projections.radii.as_chunks::<2>().0);
+    let mut gathered = [(Projected::default(), [0; 2]); GATHERED];
+    for ids in ids.chunks(GATHERED) {
+        for (splat, &id) in gathered.iter_mut().zip(ids) {
+            *splat = (Projected::from_row(&records[id as usize]), radii[id as usize]);
+        }
+        for (splat, radii) in &gathered[..ids.len()] {
+            chunk.add(splat, TileRectangle::of(splat.centre, *radii, view), columns);
+        }
+    }
+    chunk
+}
+
+impl Chunk {
+    /// Adds a Gaussian to the tiles of a rectangle that it touches.
+    fn add<T: Lane>(&mut self, splat: &Projected<T>, rectangle: TileRectangle, columns: usize) {
+        let (half, last) = (T::of(0.5), T::of(TILE as f64 - 0.5));
+        let before = self.tiles.len();
         for row in rectangle.low[1]..rectangle.high[1] {
             for column in rectangle.low[0]..rectangle.high[0] {
                 let origin = [column, row].map(|i| T::of((i * TILE) as f64));
-                if touches_box(&splat, origin.map(|x| x + half), origin.map(|x| x + last)) {
+                if touches_box(splat, origin.map(|x| x + half), origin.map(|x| x + last)) {
                     let tile = row * columns + column;
-                    chunk.tiles.push(tile as u32);
-                    chunk.per_tile[tile] += 1;
+                    self.tiles.push(tile as u32);
+                    self.per_tile[tile] += 1;
                 }
             }
         }
-        chunk.counts.push((chunk.tiles.len() - before) as u32);
+        self.counts.push((self.tiles.len() - before) as u32);
     }
-    chunk
 }
 
 /// Turns the counts of the chunks into places, and returns where each tile starts.
@@ -280,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tile_is_touched_exactly_if_one_of_its_segments_is() {
+    fn a_tile_is_touched_if_a_segment_is_and_a_segment_if_a_pixel_is_visible() {
         struct Touched(Projected<f64>, [f64; 2]);
         impl crate::splat::cpu::lanes::VectorJob<f64> for Touched {
             type Output = u32;
