@@ -1,6 +1,7 @@
 //! CPU twin of the HexPlane look-up. Points are shared out to threads in the forward pass and for their own adjoints,
 //! planes for theirs, so that every sum has one order. Features are worked on in blocks that fill a vector register;
 //! each step reads its blocks, then stores its results whole: from such stores the compiler builds vector instructions.
+#![allow(clippy::needless_range_loop, reason = "lane loops over several arrays become vector instructions as they are")]
 
 use std::array;
 
@@ -31,7 +32,7 @@ macro_rules! in_blocks {
         in_blocks!(@ 1, $features, $at, $L => $body);
     }};
     (@ $size:expr, $features:expr, $at:ident, $L:ident => $body:expr) => {
-        while $at + $size <= $features {
+        while $features - $at >= $size {
             const $L: usize = $size;
             $body;
             $at += $size;
@@ -141,6 +142,23 @@ impl<T: Real> Corners<T> {
     fn weights(&self) -> [T; 4] {
         let (left, top) = (T::one() - self.column, T::one() - self.row);
         [left * top, self.column * top, left * self.row, self.column * self.row]
+    }
+
+    /// Adds the sample's adjoint to the cells.
+    #[inline(always)]
+    fn add(&self, v_sample: &[T], v_plane: &mut [T]) {
+        let weights = self.weights();
+        in_blocks!(v_sample.len(), at, L => {
+            let v_sample = block::<T, L>(v_sample, at);
+            for corner in 0..4 {
+                let v_cell = block_mut::<T, L>(v_plane, self.at[corner] + at);
+                let mut next = *v_cell;
+                for l in 0..L {
+                    next[l] += weights[corner] * v_sample[l];
+                }
+                *v_cell = next;
+            }
+        });
     }
 
     #[inline(always)]
@@ -285,7 +303,7 @@ fn split_planes<'a, T>(mut v_planes: &'a mut [T], scales: &Scales) -> Vec<&'a mu
     scales.planes.iter().map(part).collect()
 }
 
-/// The adjoints of the grid coordinates of `points`; writes those of their samples, `[points, planes, F]`.
+/// The adjoints of the grid coordinates of `points`; writes those of their samples, task by task.
 fn point_adjoints<T: Real>(
     planes: &[T],
     query: &Query<T>,
@@ -303,11 +321,12 @@ fn point_adjoints<T: Real>(
             vectorised(
                 #[inline(always)]
                 || {
-                    let outputs = v_samples.chunks_mut(samples).zip(v_coordinates.iter_mut());
-                    for (&point, (v_samples, v_coordinates)) in points.iter().zip(outputs) {
+                    let mut v_samples = TaskSamples { values: &mut *v_samples, points: points.len() };
+                    for (index, (&point, v_coordinates)) in points.iter().zip(v_coordinates.iter_mut()).enumerate() {
                         let v_features = &v_features[point * row..][..row];
                         let coordinates = query.grid_coordinates(point);
-                        *v_coordinates = point_adjoint(planes, coordinates, v_features, scales, buffer, v_samples);
+                        let target = (&mut v_samples, index);
+                        *v_coordinates = point_adjoint(planes, coordinates, v_features, scales, buffer, target);
                     }
                 },
             );
@@ -322,6 +341,8 @@ struct Samples<T> {
     /// The slopes with respect to the cell coordinates.
     by_column: Vec<T>,
     by_row: Vec<T>,
+    /// The adjoints of the values.
+    v_value: Vec<T>,
     /// A running product, `[F]`.
     product: Vec<T>,
 }
@@ -329,7 +350,8 @@ struct Samples<T> {
 impl<T: Real> Samples<T> {
     fn new(features: usize) -> Self {
         let zeros = || vec![T::zero(); 6 * features];
-        Self { value: zeros(), by_column: zeros(), by_row: zeros(), product: vec![T::zero(); features] }
+        let product = vec![T::zero(); features];
+        Self { value: zeros(), by_column: zeros(), by_row: zeros(), v_value: zeros(), product }
     }
 
     #[inline(always)]
@@ -355,12 +377,12 @@ impl<T: Real> Samples<T> {
         }
     }
 
-    /// The adjoints of the six factors of a product, `[6, F]`: the cotangent times the other five.
+    /// The adjoints of the values, of which the features are the product: the cotangent times the other five.
     #[inline(always)]
-    fn v_factors(&mut self, v_product: &[T], v_values: &mut [T]) {
+    fn backward(&mut self, v_product: &[T]) {
         let features = v_product.len();
         self.product.copy_from_slice(v_product);
-        for (value, v_value) in self.value.chunks(features).zip(v_values.chunks_mut(features)) {
+        for (value, v_value) in self.value.chunks(features).zip(self.v_value.chunks_mut(features)) {
             in_blocks!(features, at, L => {
                 let (value, before) = (block::<T, L>(value, at), block_mut::<T, L>(&mut self.product, at));
                 *block_mut(v_value, at) = *before;
@@ -372,7 +394,7 @@ impl<T: Real> Samples<T> {
             });
         }
         self.product.fill(T::one());
-        for (value, v_value) in self.value.chunks(features).zip(v_values.chunks_mut(features)).rev() {
+        for (value, v_value) in self.value.chunks(features).zip(self.v_value.chunks_mut(features)).rev() {
             in_blocks!(features, at, L => {
                 let (value, after) = (block::<T, L>(value, at), block_mut::<T, L>(&mut self.product, at));
                 let v_value = block_mut::<T, L>(v_value, at);
@@ -387,7 +409,13 @@ impl<T: Real> Samples<T> {
     }
 }
 
-/// The adjoint of a point's grid coordinates; writes those of its samples `[planes, F]`.
+/// The sample adjoints of a task's points, `[planes, points, F]`: each plane reads its own in one run.
+struct TaskSamples<'a, T> {
+    values: &'a mut [T],
+    points: usize,
+}
+
+/// The adjoint of a point's grid coordinates; writes those of its samples at `index` among the task's points.
 #[inline(always)]
 fn point_adjoint<T: Real>(
     planes: &[T],
@@ -395,26 +423,29 @@ fn point_adjoint<T: Real>(
     v_features: &[T],
     scales: &Scales,
     samples: &mut Samples<T>,
-    v_samples: &mut [T],
+    (v_samples, index): (&mut TaskSamples<T>, usize),
 ) -> [T; 4] {
     let features = scales.features;
     // Lane by lane, for sums along a block would have to be made in order.
     let mut v_coordinates = [[T::zero(); LANES]; 4];
-    let outputs = v_features.chunks(features).zip(v_samples.chunks_mut(6 * features));
-    for ((axes, layouts), (v_features, v_samples)) in scales.iter().zip(outputs) {
+    for (scale, ((axes, layouts), v_features)) in scales.iter().zip(v_features.chunks(features)).enumerate() {
         let places = locate(coordinates, axes);
         samples.take(planes, &places, layouts, features);
-        samples.v_factors(v_features, v_samples);
-        for (pair, v_sample) in v_samples.chunks(features).enumerate() {
+        samples.backward(v_features);
+        for pair in 0..6 {
+            let out = ((6 * scale + pair) * v_samples.points + index) * features;
+            in_blocks!(features, at, L => {
+                *block_mut::<T, L>(v_samples.values, out + at) = *block(&samples.v_value, pair * features + at);
+            });
             for (axis, slopes) in PAIRS[pair].into_iter().zip([&samples.by_column, &samples.by_row]) {
                 let (sums, slope) = (&mut v_coordinates[axis], places[axis].slope);
-                let slopes = &slopes[pair * features..][..features];
                 in_blocks!(features, at, L => {
-                    let (v_sample, slopes) = (block::<T, L>(v_sample, at), block::<T, L>(slopes, at));
+                    let at = pair * features + at;
+                    let (v_value, slopes) = (block::<T, L>(&samples.v_value, at), block::<T, L>(slopes, at));
                     let sums = block_mut::<T, L>(sums, 0);
                     let mut next = *sums;
                     for l in 0..L {
-                        next[l] += v_sample[l] * slopes[l] * slope;
+                        next[l] += v_value[l] * slopes[l] * slope;
                     }
                     *sums = next;
                 });
@@ -440,25 +471,19 @@ fn add_plane_adjoint<T: Real>(
     v_plane: &mut [T],
 ) {
     let (features, plane) = (scales.features, &scales.planes[index]);
+    let samples = features * scales.planes.len();
     let axes = scales.axes[plane.scale];
     vectorised(
         #[inline(always)]
         || {
-            for (&point, v_samples) in points.iter().zip(v_samples.chunks(features * scales.planes.len())) {
-                let places = locate(query.grid_coordinates(point), axes);
-                let corners = Corners::new(&places, plane, 0, features);
-                let (weights, v_sample) = (corners.weights(), &v_samples[index * features..][..features]);
-                in_blocks!(features, at, L => {
-                    let v_sample = block::<T, L>(v_sample, at);
-                    for (corner, weight) in corners.at.into_iter().zip(weights) {
-                        let v_cell = block_mut::<T, L>(v_plane, corner + at);
-                        let mut next = *v_cell;
-                        for l in 0..L {
-                            next[l] += weight * v_sample[l];
-                        }
-                        *v_cell = next;
-                    }
-                });
+            let tasks = points.chunks(POINTS_PER_TASK).zip(v_samples.chunks(samples * POINTS_PER_TASK));
+            for (points, v_samples) in tasks {
+                let run = points.len() * features;
+                let v_samples = v_samples[index * run..][..run].chunks_exact(features);
+                for (&point, v_sample) in points.iter().zip(v_samples) {
+                    let places = locate(query.grid_coordinates(point), axes);
+                    Corners::new(&places, plane, 0, features).add(v_sample, v_plane);
+                }
             }
         },
     );

@@ -1,5 +1,6 @@
 //! CPU twin of the window ops: each output row sums the columns of the rows around it, then sums along itself. Rows are
 //! independent, so threads share nothing and the result does not depend on their number.
+#![allow(clippy::needless_range_loop, reason = "lane loops over several arrays become vector instructions as they are")]
 
 use std::array;
 

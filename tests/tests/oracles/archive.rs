@@ -33,13 +33,13 @@ impl Archive {
     }
 
     fn read(name: String, reader: impl Read + Seek) -> Result<Self> {
-        let mut npz = npyz::npz::NpzArchive::new(reader)?;
-        let names: Vec<String> = npz.array_names().map(str::to_owned).collect();
+        let mut zip = zip::ZipArchive::new(reader)?;
         let mut arrays = BTreeMap::new();
-        for name in names {
-            let file = npz.by_name(&name)?.with_context(|| format!("`{name}` is listed but missing"))?;
-            let array = numbers_of(file).with_context(|| format!("`{name}`"))?;
-            arrays.insert(name, array);
+        for index in 0..zip.len() {
+            let entry = zip.by_index(index)?;
+            let name = entry.name().trim_end_matches(".npy").to_owned();
+            let array = NpyFile::new(entry).map_err(Into::into).and_then(numbers_of);
+            arrays.insert(name.clone(), array.with_context(|| format!("`{name}`"))?);
         }
         Ok(Self { name, arrays, seen: RefCell::default() })
     }
