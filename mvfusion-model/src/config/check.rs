@@ -15,7 +15,7 @@ impl Config {
         };
         let (train, model, motion) = (&self.train, &self.model, &self.motion);
         refuse(
-            !(train.scale > 0.0),
+            train.scale.is_nan() || train.scale <= 0.0,
             "train.scale",
             train.scale.to_string(),
             "give a number above 0; 1 is the full length",
@@ -47,7 +47,7 @@ impl Config {
         refuse(motion.samples == 0, "motion.samples", "0".into(), "statistics need at least one sample")?;
         let downscale = self.scene.downscale;
         refuse(
-            !(downscale >= 1.0),
+            downscale.is_nan() || downscale < 1.0,
             "scene.downscale",
             downscale.to_string(),
             "pictures can be reduced, not enlarged; give 1 or more",

@@ -69,7 +69,7 @@ impl TemporalAttention {
             .enumerate()
             .map(|(index, token)| self.split(self.value.forward(token.clone())) * weights.clone().narrow(2, index, 1));
         let mixed = mixed.reduce(|sum, part| sum + part);
-        mixed.map_or_else(|| query.zeros_like(), |mixed| mixed).reshape([count, heads * width])
+        mixed.unwrap_or_else(|| query.zeros_like()).reshape([count, heads * width])
     }
 
     /// `[N, attention width]` to `[N, heads, d]`.
