@@ -5,8 +5,8 @@ use std::path::Path;
 
 use anyhow::Context;
 use image::{DynamicImage, ImageFormat};
+use mvfusion_model::files::beside;
 use serde::Serialize;
-use tempfile::NamedTempFile;
 
 /// Writes a file and waits until it is on the disk.
 ///
@@ -47,20 +47,6 @@ pub fn write_png(path: &Path, picture: impl Into<DynamicImage>) -> anyhow::Resul
         Ok(())
     };
     attempt().with_context(|| format!("cannot write {}", path.display()))
-}
-
-/// A temporary file in the folder of `path`, with the permissions of an ordinary new file.
-fn beside(path: &Path) -> std::io::Result<NamedTempFile> {
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".").suffix(".part");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // Temporary files are the owner's alone unless told otherwise; the umask still applies.
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    builder.tempfile_in(folder)
 }
 
 #[cfg(test)]

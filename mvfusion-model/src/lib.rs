@@ -9,6 +9,7 @@ pub mod config;
 pub mod densify;
 mod error;
 pub mod evaluation;
+pub mod files;
 pub mod gaussians;
 pub mod initial;
 pub mod loss;

@@ -46,14 +46,16 @@ fn blend(state: &mut [f64], batch: &[f64], decay: f64) {
 /// Mean and population variance of each column.
 fn column_moments(values: &[f64], columns: usize) -> (Vec<f64>, Vec<f64>) {
     let rows = (values.len() / columns) as f64;
-    let mut means = vec![0.0; columns];
-    for row in values.chunks_exact(columns) {
-        means.iter_mut().zip(row).for_each(|(m, v)| *m += v / rows);
-    }
-    let mut variances = vec![0.0; columns];
-    for row in values.chunks_exact(columns) {
-        variances.iter_mut().zip(row).zip(&means).for_each(|((s, v), m)| *s += (v - m) * (v - m) / rows);
-    }
+    // Summed first, divided once: a constant column has exactly its constant as mean, and no variance.
+    let mean_over_rows = |value: &dyn Fn(usize, f64) -> f64| -> Vec<f64> {
+        let mut sums = vec![0.0; columns];
+        for row in values.chunks_exact(columns) {
+            sums.iter_mut().zip(row).enumerate().for_each(|(column, (sum, &v))| *sum += value(column, v));
+        }
+        sums.into_iter().map(|sum| sum / rows).collect()
+    };
+    let means = mean_over_rows(&|_, v| v);
+    let variances = mean_over_rows(&|column, v| (v - means[column]).powi(2));
     (means, variances)
 }
 

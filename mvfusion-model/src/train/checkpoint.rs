@@ -209,8 +209,7 @@ fn write(path: &Path, tensors: &Tensors, header: &Header) -> Result<(), ModelErr
     let metadata = HashMap::from([(HEADER.to_owned(), header)]);
     let bytes = safetensors::serialize(views, Some(metadata)).map_err(|error| failed(error.to_string()))?;
 
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut file = tempfile::NamedTempFile::new_in(folder).map_err(|error| failed(error.to_string()))?;
+    let mut file = crate::files::beside(path).map_err(|error| failed(error.to_string()))?;
     file.write_all(&bytes).and_then(|()| file.as_file().sync_all()).map_err(|error| failed(error.to_string()))?;
     file.persist(path).map_err(|error| failed(error.to_string()))?;
     Ok(())
