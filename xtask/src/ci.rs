@@ -13,7 +13,11 @@ pub fn run() -> Result<()> {
     step("format", &["fmt", "--all", "--check"], &[])?;
     step("lint", &["clippy", "--workspace", "--all-targets", "--features", TESTED, "--", "--deny", "warnings"], &[])?;
     step("test", &["test", "--workspace", "--features", TESTED], &[])?;
-    step("document", &["doc", "--workspace", "--no-deps"], &[("RUSTDOCFLAGS", "--deny warnings")])?;
+    step(
+        "document",
+        &["doc", "--workspace", "--no-deps", "--features", TESTED],
+        &[("RUSTDOCFLAGS", "--deny warnings")],
+    )?;
     step("check the default features", &["check", "--workspace"], &[])?;
     step("check ndarray alone", &["check", "--workspace", "--no-default-features", "--features", "ndarray"], &[])
 }
