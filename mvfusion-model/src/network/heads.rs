@@ -1,8 +1,9 @@
 //! The heads: what a feature says about each attribute of a Gaussian (METHOD §2.3, §2.4).
 
 use burn::module::Module;
-use burn::tensor::{Tensor, activation::relu};
+use burn::tensor::Tensor;
 
+use super::layers::{Rectified, run};
 use super::{LayerInit, Mlp};
 
 /// Number of colour coefficients that are deformed: degree 3, three channels.
@@ -62,6 +63,11 @@ impl AttributeHeads {
             sh: init.mlp(&[width, width, SH_OUTPUTS]),
         }
     }
+
+    /// In the order of [`Offsets`].
+    fn chains(&self) -> [&Mlp; 5] {
+        [&self.means, &self.log_scales, &self.quaternions, &self.opacity_logits, &self.sh]
+    }
 }
 
 impl MaskHeads {
@@ -74,23 +80,29 @@ impl MaskHeads {
         }
     }
 
-    /// Mask logits `[N, 3]` of the rectified feature `[N, width]`.
-    fn forward(&self, rectified: Tensor<2>) -> Tensor<2> {
-        let logits = [&self.static_, &self.brightness, &self.dynamic].map(|head| head.forward(rectified.clone()));
-        Tensor::cat(logits.to_vec(), 1)
+    fn chains(&self) -> [&Mlp; 3] {
+        [&self.static_, &self.brightness, &self.dynamic]
     }
 }
 
 /// All offsets of a feature `[N, width]`, taken before its ReLU.
 pub(super) fn decode(feature: Tensor<2>, heads: &AttributeHeads, masks: Option<&MaskHeads>) -> Offsets {
-    let rectified = relu(feature);
+    let mut chains = heads.chains().to_vec();
+    chains.extend(masks.iter().flat_map(|masks| masks.chains()));
+    let columns = run(&chains, feature, Rectified::Yes);
+    let mut first = 0;
+    let mut next = |width: usize| {
+        let columns = columns.clone().narrow(1, first, width);
+        first += width;
+        columns
+    };
     Offsets {
-        means: heads.means.forward(rectified.clone()),
-        log_scales: heads.log_scales.forward(rectified.clone()),
-        quaternions: heads.quaternions.forward(rectified.clone()),
-        opacity_logits: heads.opacity_logits.forward(rectified.clone()),
-        sh: heads.sh.forward(rectified.clone()),
-        mask_logits: masks.map(|masks| masks.forward(rectified)),
+        means: next(3),
+        log_scales: next(3),
+        quaternions: next(4),
+        opacity_logits: next(1),
+        sh: next(SH_OUTPUTS),
+        mask_logits: masks.map(|_| next(3)),
     }
 }
 

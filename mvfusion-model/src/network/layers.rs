@@ -2,7 +2,8 @@
 
 use burn::module::{Module, Param};
 use burn::nn::Linear;
-use burn::tensor::{DType, Device, Tensor, TensorData, activation::relu};
+use burn::tensor::{DType, Device, Tensor, TensorData};
+use mvfusion_render::mlp::{self, MlpLayout};
 
 use crate::random::Stream;
 
@@ -49,10 +50,39 @@ pub struct Mlp {
 impl Mlp {
     /// `[N, inputs]` to `[N, outputs]`.
     pub fn forward(&self, input: Tensor<2>) -> Tensor<2> {
-        let mut layers = self.layers.iter();
-        let Some(first) = layers.next() else { return input };
-        layers.fold(first.forward(input), |x, layer| layer.forward(relu(x)))
+        run(&[self], input, Rectified::No)
     }
+
+    fn widths(&self) -> Vec<usize> {
+        self.layers.iter().map(|layer| layer.weight.dims()[1]).collect()
+    }
+}
+
+/// Whether rows pass a ReLU before the first layer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Rectified {
+    Yes,
+    No,
+}
+
+/// What chains that read the same rows `[N, inputs]` make of them, side by side: `[N, sum of outputs]`. A chain without a
+/// layer hands on nothing, and without any chain that has one the rows come back as they are.
+pub(super) fn run(chains: &[&Mlp], input: Tensor<2>, rectified: Rectified) -> Tensor<2> {
+    let chains: Vec<&Mlp> = chains.iter().copied().filter(|chain| !chain.layers.is_empty()).collect();
+    if chains.is_empty() {
+        return input;
+    }
+    let layout = MlpLayout {
+        inputs: input.dims()[1],
+        rectified: rectified == Rectified::Yes,
+        chains: chains.iter().map(|chain| chain.widths()).collect(),
+    };
+    let parameters = chains.iter().flat_map(|chain| &chain.layers).flat_map(|layer| {
+        let bias = layer.bias.as_ref().expect("every layer of ours has a bias");
+        [layer.weight.val().flatten(0, 1), bias.val()]
+    });
+    // The widths are ours: a mismatch is a mistake in this crate, not in its input.
+    mlp::forward(input, Tensor::cat(parameters.collect(), 0), &layout).unwrap_or_else(|error| panic!("MLP: {error}"))
 }
 
 /// Sets weight and bias of the last layer to zero, so that the branch starts without effect.

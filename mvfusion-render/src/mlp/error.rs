@@ -1,0 +1,51 @@
+//! What can be wrong with the arguments of the op.
+
+use burn::tensor::{DType, Tensor};
+
+use super::MlpLayout;
+
+/// An argument of [`forward`](super::forward) that does not fit.
+#[derive(Debug, thiserror::Error)]
+pub enum MlpError {
+    /// A tensor has another shape than the layout asks for.
+    #[error("`{argument}` has shape {found:?}; expected {expected}")]
+    Shape {
+        /// The argument's name.
+        argument: &'static str,
+        /// Its shape.
+        found: Vec<usize>,
+        /// The shape in words.
+        expected: String,
+    },
+    /// A tensor's numbers are neither f32 nor f64, or the two tensors differ.
+    #[error("`input` holds {input:?} and `parameters` holds {parameters:?}; expected f32 or f64 in both")]
+    Type {
+        /// Type of the input.
+        input: DType,
+        /// Type of the parameters.
+        parameters: DType,
+    },
+    /// A layout without a chain, or with a chain without layers, or with a width of zero.
+    #[error("the layout {0:?} is empty: there must be a chain, and every width must be positive")]
+    Layout(MlpLayout),
+}
+
+/// Checks everything that [`forward`](super::forward) takes.
+pub(super) fn check(input: &Tensor<2>, parameters: &Tensor<1>, layout: &MlpLayout) -> Result<(), MlpError> {
+    let empty = |widths: &Vec<usize>| widths.is_empty() || widths.contains(&0);
+    if layout.inputs == 0 || layout.chains.is_empty() || layout.chains.iter().any(empty) {
+        return Err(MlpError::Layout(layout.clone()));
+    }
+    if input.dims()[1] != layout.inputs {
+        let expected = format!("[N, {}]", layout.inputs);
+        return Err(MlpError::Shape { argument: "input", found: input.dims().to_vec(), expected });
+    }
+    if parameters.dims() != [layout.parameters()] {
+        let expected = format!("[{}]", layout.parameters());
+        return Err(MlpError::Shape { argument: "parameters", found: parameters.dims().to_vec(), expected });
+    }
+    match (input.dtype(), parameters.dtype()) {
+        (DType::F32, DType::F32) | (DType::F64, DType::F64) => Ok(()),
+        (input, parameters) => Err(MlpError::Type { input, parameters }),
+    }
+}
