@@ -9,7 +9,7 @@ pub use crate::poses::{ROW, camera_from_row};
 
 use crate::frames::{CameraFrames, camera_names, common_size, list_frames};
 use crate::ply::read_points;
-use crate::poses::read_rows;
+use crate::poses::{near_bound, read_rows};
 use crate::{Camera, Capture, DataError, Picture, PointCloud, Scene, Truth, View};
 
 /// Name of the format, for messages.
@@ -101,7 +101,9 @@ pub fn read(folder: &Path, options: &Neu3dOptions) -> Result<Scene, DataError> {
         points.len(),
         names[0]
     );
-    Ok(Scene { name, capture: Capture::Video, train, test, points })
+    let bounds: Option<Vec<f64>> = rows[1..].iter().map(near_bound).collect();
+    let near = bounds.map(|bounds| bounds.into_iter().fold(f64::INFINITY, f64::min));
+    Ok(Scene { name, capture: Capture::Video, train, test, points, near })
 }
 
 fn check_options(options: &Neu3dOptions) -> Result<(), DataError> {

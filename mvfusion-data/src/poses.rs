@@ -17,7 +17,7 @@ const ROTATION_TOLERANCE: f64 = 1e-3;
 
 /// The camera of a row of `poses_bounds.npy`, for pictures of `width` by `height` pixels (METHOD §5.1).
 ///
-/// A row is a 3x5 matrix, row by row, and two bounds that are not used. The columns of the matrix are the camera's
+/// A row is a 3x5 matrix, row by row, and two bounds, of which [`near_bound`] tells. The columns of the matrix are the camera's
 /// down, right and backward axes in the world, its centre, and (height, width, focal length in pixels of that width).
 /// The focal length is scaled to `width`, pixels are square, and the principal point is in the middle.
 ///
@@ -27,6 +27,11 @@ pub fn camera_from_row(row: &[f64; ROW], width: usize, height: usize) -> Camera 
     let (down, right, backward, centre) = (column(0), column(1), column(2), column(3));
     let focal = row[14] * width as f64 / row[9];
     Camera::centred(width, height, focal, DMat3::from_cols(right, down, -backward), centre)
+}
+
+/// The depth of the nearest thing that the camera of a row sees, world units; `None` where the row does not say.
+pub(crate) fn near_bound(row: &[f64; ROW]) -> Option<f64> {
+    Some(row[15]).filter(|&near| near > 0.0)
 }
 
 /// Reads `poses_bounds.npy`: `[cameras, 17]`, double or single precision.

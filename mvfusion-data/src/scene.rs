@@ -28,6 +28,8 @@ pub struct Scene {
     pub test: Vec<View>,
     /// Points from structure from motion; may be empty.
     pub points: PointCloud,
+    /// No surface is nearer to a training camera than this, along its axis and in world units, as the capture says.
+    pub near: Option<f64>,
 }
 
 /// One picture: what a camera saw at a time.

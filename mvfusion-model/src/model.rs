@@ -39,6 +39,8 @@ pub struct Surroundings {
     pub motion: MotionConfig,
     /// Whether the gradient of the mask channels counts for densification.
     pub mask_gradient: bool,
+    /// Depth before which nothing is drawn, world units.
+    pub near: f64,
 }
 
 /// How far the dynamic Gaussians are moved.
@@ -131,18 +133,21 @@ impl Model {
         let moved = self.dynamic_at(time, movement, surroundings);
         let foreground = moved.foreground_probability();
         let features = moved.mask_features();
-        let settings = splat_settings(self.dynamic.sh_degree, surroundings.mask_gradient);
+        let settings = surroundings.splat_settings(self.dynamic.sh_degree, surroundings.mask_gradient);
         let dynamic = moved.splat(features, probes.map(|p| p.dynamic.clone()), camera, &settings)?;
 
-        let settings = splat_settings(self.static_.sh_degree, false);
+        let settings = surroundings.splat_settings(self.static_.sh_degree, false);
         let still = self.static_.gaussians.canonical();
         let static_ = still.splat(None, probes.map(|p| p.static_.clone()), camera, &settings)?;
         Ok(BranchPictures { dynamic, static_, foreground })
     }
 }
 
-/// Settings of a branch's splat.
-pub(crate) fn splat_settings(sh_degree: usize, mask_gradient: bool) -> SplatSettings {
-    let statistic = if mask_gradient { Statistic::AllChannels } else { Statistic::ColourAndDepth };
-    SplatSettings { rules: SplatRules::inria(), sh_degree, statistic }
+impl Surroundings {
+    /// Settings of a branch's splat.
+    pub(crate) fn splat_settings(&self, sh_degree: usize, mask_gradient: bool) -> SplatSettings {
+        let statistic = if mask_gradient { Statistic::AllChannels } else { Statistic::ColourAndDepth };
+        let rules = SplatRules { near: self.near, ..SplatRules::inria() };
+        SplatSettings { rules, sh_degree, statistic }
+    }
 }

@@ -129,11 +129,14 @@ fn video(options: &BuiltinOptions, still: &[Solid]) -> Scene {
         })
         .collect();
     let mut filmed = filmed.into_iter();
+    let test = filmed.next().unwrap_or_default();
+    let train: Vec<View> = filmed.flatten().collect();
     Scene {
         name: "built-in video".into(),
         capture: Capture::Video,
-        test: filmed.next().unwrap_or_default(),
-        train: filmed.flatten().collect(),
+        near: nearest_depth(&train),
+        test,
+        train,
         points: sparse_points::sample(&cameras[1..], still, options.seed),
     }
 }
@@ -155,13 +158,21 @@ fn casual(options: &BuiltinOptions, still: &[Solid]) -> Scene {
         view.truth.dynamic_mask = None;
         view
     };
+    let train: Vec<View> = cameras.par_iter().enumerate().map(photo).collect();
     Scene {
         name: "built-in casual".into(),
         capture: Capture::Photos,
-        train: cameras.par_iter().enumerate().map(photo).collect(),
+        near: nearest_depth(&train),
+        train,
         test: (0..options.test_photos).into_par_iter().map(empty).collect(),
         points: sparse_points::sample(&cameras, still, options.seed),
     }
+}
+
+/// The depth of the nearest thing that a view shows, which a capture knows from its sparse reconstruction.
+fn nearest_depth(views: &[View]) -> Option<f64> {
+    let depths = views.iter().filter_map(|view| view.truth.depth.as_deref()).flatten();
+    depths.copied().reduce(f32::min).map(f64::from)
 }
 
 fn solids_at(options: &BuiltinOptions, time: f64) -> Vec<Solid> {

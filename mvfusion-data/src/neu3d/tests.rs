@@ -205,6 +205,20 @@ fn a_camera_without_frames_is_named_and_a_video_must_be_extracted() {
 }
 
 #[test]
+fn the_near_bound_is_the_least_of_the_training_cameras_if_all_have_one() {
+    let fixture = Fixture::new();
+    let mut rows = rows();
+    for (row, near) in rows.iter_mut().zip([0.5, 2.0, 1.5]) {
+        row[15] = near;
+    }
+    fixture.write_poses(&rows);
+    assert_eq!(fixture.read().expect("read").near, Some(1.5));
+    rows[1][15] = 0.0;
+    fixture.write_poses(&rows);
+    assert_eq!(fixture.read().expect("read").near, None);
+}
+
+#[test]
 fn a_single_camera_is_refused() {
     let fixture = Fixture::new();
     CAMERAS[1..].iter().for_each(|c| fs::remove_dir_all(fixture.at(c)).expect("removed"));

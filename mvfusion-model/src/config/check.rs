@@ -20,12 +20,24 @@ impl Config {
             train.scale.to_string(),
             "give a number above 0; 1 is the full length",
         )?;
+        refuse(
+            !(0.0..=1.0).contains(&train.scale_rates),
+            "train.scale_rates",
+            train.scale_rates.to_string(),
+            "give a power from 0 (rates stay) to 1 (rates grow as the run shrinks)",
+        )?;
         refuse(train.batch_size == 0, "train.batch_size", "0".into(), "a step needs at least one view")?;
         refuse(
             train.log_interval == 0,
             "train.log_interval",
             "0".into(),
             "give the steps between log lines, at least 1",
+        )?;
+        refuse(
+            !(0.0..=1.0).contains(&model.near_share),
+            "model.near_share",
+            model.near_share.to_string(),
+            "give a share from 0 to 1",
         )?;
         refuse(model.width == 0, "model.width", "0".into(), "a network needs at least one unit")?;
         refuse(

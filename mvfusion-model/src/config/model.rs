@@ -17,11 +17,14 @@ pub struct ModelConfig {
     pub grid: GridConfig,
     /// Highest degree of the spherical harmonics (3DGS: 3).
     pub sh_degree: usize,
+    /// Gaussians nearer to a camera than this share of the capture's near bound are not drawn; where there is no bound, or
+    /// 3DGS' 0.2 units are more, those hold. 0 leaves 3DGS' rule alone.
+    pub near_share: f64,
 }
 
 impl Default for ModelConfig {
     fn default() -> Self {
-        Self { deformation: true, width: 128, depth: 1, grid: GridConfig::default(), sh_degree: 3 }
+        Self { deformation: true, width: 128, depth: 1, grid: GridConfig::default(), sh_degree: 3, near_share: 0.9 }
     }
 }
 

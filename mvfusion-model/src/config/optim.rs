@@ -58,6 +58,23 @@ impl Decay {
     }
 }
 
+impl OptimConfig {
+    /// Multiplies every learning rate but that of the opacities, which cross their range in a hundred steps as it is.
+    pub(super) fn faster(&mut self, factor: f64) {
+        let decays = [
+            &mut self.means,
+            &mut self.deformation,
+            &mut self.grid,
+            &mut self.motion,
+            &mut self.dynamic_sh_rest,
+            &mut self.mask_logits,
+        ];
+        let ends = decays.into_iter().flat_map(|decay| [&mut decay.start, &mut decay.end]);
+        let constant = [&mut self.sh_dc, &mut self.static_sh_rest, &mut self.scale, &mut self.rotation];
+        ends.chain(constant).for_each(|rate| *rate *= factor);
+    }
+}
+
 impl Default for OptimConfig {
     fn default() -> Self {
         Self {

@@ -2,6 +2,10 @@
 
 use super::Config;
 
+/// Opacities are never reset more often than this, however short the run: at 3DGS' rate it takes a hundred steps before a
+/// Gaussian that is needed is opaque again.
+const MIN_RESET_INTERVAL: usize = 500;
+
 /// Densification never happens more often than this, however short the run: the statistics need some views.
 const MIN_DENSIFY_INTERVAL: usize = 20;
 
@@ -9,8 +13,9 @@ impl Config {
     /// The configuration with every iteration count multiplied by `train.scale`, which becomes 1.
     ///
     /// Stage lengths, learning-rate horizons, spherical-harmonics steps, the refresh interval `E`, and the intervals and
-    /// ends of densification, pruning and resets all shrink alike; an interval is at least 1, and Gaussians are added
-    /// at most every 20 steps.
+    /// ends of densification, pruning and resets all shrink alike; an interval is at least 1, Gaussians are added at most
+    /// every 20 steps, and opacities are reset at most every 500. A run that is shortened learns faster, as
+    /// `train.scale_rates` says.
     pub fn scaled(&self) -> Self {
         let mut scaled = self.clone();
         let factor = self.train.scale;
@@ -26,6 +31,7 @@ impl Config {
         train.static_sh_interval = interval(train.static_sh_interval);
         train.checkpoint_interval = count(train.checkpoint_interval);
 
+        scaled.optim.faster(factor.min(1.0).powf(-self.train.scale_rates));
         scaled.optim.decay_steps = interval(scaled.optim.decay_steps);
         scaled.motion.interval = interval(scaled.motion.interval);
 
@@ -36,7 +42,7 @@ impl Config {
         // A run at full length keeps its own interval, even a shorter one: the floor is for shortened runs.
         densify.interval = interval(densify.interval).max(MIN_DENSIFY_INTERVAL.min(densify.interval));
         densify.prune_interval = interval(densify.prune_interval).max(MIN_DENSIFY_INTERVAL.min(densify.prune_interval));
-        densify.reset_interval = interval(densify.reset_interval);
+        densify.reset_interval = interval(densify.reset_interval).max(MIN_RESET_INTERVAL.min(densify.reset_interval));
         scaled
     }
 }
@@ -60,7 +66,34 @@ mod tests {
         assert_eq!(scaled.train.checkpoint_interval, 500);
         assert_eq!((scaled.optim.decay_steps, scaled.motion.interval), (2000, 200));
         assert_eq!((scaled.densify.from, scaled.densify.until, scaled.densify.prune_from), (50, 1600, 50));
-        assert_eq!((scaled.densify.prune_interval, scaled.densify.reset_interval), (60, 200));
+        assert_eq!((scaled.densify.prune_interval, scaled.motion.interval), (60, 200));
+    }
+
+    #[test]
+    fn opacities_are_reset_at_most_every_five_hundred_steps() {
+        let mut config = Config::default();
+        for (scale, interval) in [(0.02, 500), (0.5, 1000), (2.0, 4000)] {
+            config.train.scale = scale;
+            assert_eq!(config.scaled().densify.reset_interval, interval);
+        }
+        config.densify.reset_interval = 80;
+        assert_eq!(config.scaled().densify.reset_interval, 160);
+        config.train.scale = 0.5;
+        assert_eq!(config.scaled().densify.reset_interval, 80);
+    }
+
+    #[test]
+    fn a_shorter_run_learns_faster_and_a_longer_one_no_slower() {
+        let mut config = Config::default();
+        config.train.scale = 0.04;
+        let scaled = config.scaled().optim;
+        assert_eq!((scaled.scale, scaled.grid.start, scaled.grid.end), (0.025, 0.004, 2.5e-5));
+        assert_eq!((scaled.opacity, scaled.mask_heads_factor), (config.optim.opacity, config.optim.mask_heads_factor));
+        config.train.scale_rates = 0.0;
+        assert_eq!(config.scaled().optim.grid, config.optim.grid);
+        config = Config::default();
+        config.train.scale = 2.0;
+        assert_eq!(config.scaled().optim.grid, config.optim.grid);
     }
 
     #[test]

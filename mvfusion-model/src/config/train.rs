@@ -8,6 +8,9 @@ use serde::{Deserialize, Serialize};
 pub struct TrainConfig {
     /// Multiplies every iteration count of the run: stages, horizons, intervals; see [`Config::scaled`](super::Config::scaled).
     pub scale: f64,
+    /// A run that `scale` shortens learns faster: every learning rate but that of the opacities is multiplied by `scale` to the
+    /// power of minus this. 0 leaves the rates alone.
+    pub scale_rates: f64,
     /// Lengths of the three stages.
     pub stages: StageConfig,
     /// Views a step (DeGauss: 2 for video, 4 for photos).
@@ -44,6 +47,7 @@ impl Default for TrainConfig {
     fn default() -> Self {
         Self {
             scale: 1.0,
+            scale_rates: 0.5,
             stages: StageConfig::default(),
             batch_size: 2,
             dynamic_sh_interval: 200,

@@ -7,7 +7,7 @@ use mvfusion_data::View;
 use super::metrics::quantise;
 use crate::ModelError;
 use crate::composition::{Blending, Composition, Layers};
-use crate::model::{Model, Movement, Surroundings, splat_settings};
+use crate::model::{Model, Movement, Surroundings};
 use crate::tensors;
 
 /// The layers of a view as 8-bit pictures.
@@ -84,7 +84,7 @@ fn motion_picture(
     let scaled = (cache.intensity.clone() / brightest).clamp(0.0, 1.0).sqrt();
 
     let moved = model.dynamic_at(view.time, movement, surroundings);
-    let settings = splat_settings(model.dynamic.sh_degree, false);
+    let settings = surroundings.splat_settings(model.dynamic.sh_degree, false);
     let picture = moved.splat(Some(scaled), None, &view.camera, &settings)?;
     let intensity = picture.main().features.expect("one feature was splatted");
     let [_, height, width] = intensity.dims();

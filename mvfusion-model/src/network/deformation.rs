@@ -6,6 +6,7 @@ use mvfusion_render::grid::{GridBounds, GridLayout};
 
 use super::heads::decode;
 use super::{AttributeHeads, HexPlane, LayerInit, MaskHeads, Mlp, Offsets};
+use crate::config::ModelConfig;
 
 /// Size of a [`DeformationNetwork`].
 #[derive(Clone, Debug, PartialEq)]
@@ -45,6 +46,11 @@ pub struct DeformationNetwork {
 }
 
 impl DeformationConfig {
+    /// The network of a run's model, in a field over `bounds`.
+    pub fn of(model: &ModelConfig, bounds: GridBounds) -> Self {
+        Self { layout: model.grid.layout(), bounds, width: model.width, depth: model.depth, masks: Masks::Predicted }
+    }
+
     /// A network with fresh weights.
     pub fn init(&self, init: &mut LayerInit<'_>) -> DeformationNetwork {
         let grid = HexPlane::new(self.layout.clone(), self.bounds, init);

@@ -19,7 +19,7 @@ use crate::densify::{Branch, Census, DensifyStatistics};
 use crate::gaussians::{Attribute, Gaussians};
 use crate::model::Model;
 use crate::motion::{MotionCache, MotionRefinement, Normalisers};
-use crate::network::{DeformationConfig, LayerInit, Masks};
+use crate::network::{DeformationConfig, LayerInit};
 use crate::optim::{GaussianOptimiser, ModuleOptimiser};
 use crate::random::{Stream, Streams};
 
@@ -276,14 +276,7 @@ impl<'a> Reader<'a> {
         // The weights are overwritten below, so any will do.
         let mut stream = Stream::new(0, 0);
         let mut init = LayerInit { device: self.device, dtype: DType::F32, stream: &mut stream };
-        let network = DeformationConfig {
-            layout: config.model.grid.layout(),
-            bounds,
-            width: config.model.width,
-            depth: config.model.depth,
-            masks: Masks::Predicted,
-        }
-        .init(&mut init);
+        let network = DeformationConfig::of(&config.model, bounds).init(&mut init);
         let refinement = MotionRefinement::new(config.model.width, &config.motion, &mut init);
         Ok(Model {
             dynamic: self.branch("dynamic", header.sh_degrees[0], header)?,

@@ -11,7 +11,7 @@ use crate::densify::{Branch, Census};
 use crate::initial::{InitialClouds, Role, gaussians_on};
 use crate::model::Model;
 use crate::motion::{MotionRefinement, Normalisers};
-use crate::network::{DeformationConfig, LayerInit, Masks};
+use crate::network::{DeformationConfig, LayerInit};
 use crate::optim::ModuleOptimiser;
 use crate::random::Streams;
 
@@ -68,14 +68,7 @@ impl TrainState {
         let (dynamic, static_) = (branch(&clouds.dynamic, role), branch(&clouds.static_, Role::Static));
 
         let mut init = LayerInit { device, dtype, stream: &mut streams.weights };
-        let network = DeformationConfig {
-            layout: config.model.grid.layout(),
-            bounds,
-            width: config.model.width,
-            depth: config.model.depth,
-            masks: Masks::Predicted,
-        }
-        .init(&mut init);
+        let network = DeformationConfig::of(&config.model, bounds).init(&mut init);
         let refinement = MotionRefinement::new(config.model.width, &config.motion, &mut init);
         Ok(Self {
             completed: 0,

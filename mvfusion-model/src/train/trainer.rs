@@ -2,6 +2,7 @@
 
 use burn::tensor::Device;
 use mvfusion_data::Scene;
+use mvfusion_render::splat::SplatRules;
 
 use super::{Photos, Position, Stage, StepLoss, TrainState};
 use crate::ModelError;
@@ -142,6 +143,7 @@ impl Surroundings {
             extent: scene.extent(),
             motion: config.motion.clone(),
             mask_gradient: config.densify.mask_gradient,
+            near: SplatRules::inria().near.max(config.model.near_share * scene.near.unwrap_or(0.0)),
         }
     }
 }
