@@ -17,8 +17,9 @@ const ROTATION_TOLERANCE: f64 = 1e-3;
 
 /// The camera of a row of `poses_bounds.npy`, for pictures of `width` by `height` pixels (METHOD §5.1).
 ///
-/// A row is a 3x5 matrix, row by row, and the depths of the nearest and farthest things seen. The columns of the matrix are the camera's
-/// down, right and backward axes in the world, its centre, and (height, width, focal length in pixels of that width).
+/// A row is a 3x5 matrix, row by row, and the depths of the nearest and farthest things seen. The columns of the matrix
+/// are the camera's down, right and backward axes in the world, its centre, and (height, width, focal length in pixels of
+/// that width).
 /// The focal length is scaled to `width`, pixels are square, and the principal point is in the middle.
 ///
 /// Departure: the original gives all cameras the focal length of the first; here each row has its own.
