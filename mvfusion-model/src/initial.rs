@@ -143,7 +143,7 @@ pub fn mean_squared_distances(positions: &[Vec3]) -> Vec<f64> {
     }
     let tree: ImmutableKdTree<f64, 3> =
         ImmutableKdTree::new_from_slice(&points).expect("only more than 2^32 points cannot be indexed");
-    let wanted = std::num::NonZeroUsize::new(NEIGHBOURS + 1).expect("four is not zero");
+    let wanted = std::num::NonZeroUsize::MIN.saturating_add(NEIGHBOURS);
     points
         .par_iter()
         .map(|point| {

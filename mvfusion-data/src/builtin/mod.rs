@@ -129,15 +129,13 @@ fn video(options: &BuiltinOptions, still: &[Solid]) -> Scene {
         })
         .collect();
     let mut filmed = filmed.into_iter();
-    let test = filmed.next().unwrap_or_default();
-    let train: Vec<View> = filmed.flatten().collect();
     Scene {
         name: "built-in video".into(),
         capture: Capture::Video,
-        near: nearest_depth(&train),
-        test,
-        train,
+        test: filmed.next().unwrap_or_default(),
+        train: filmed.flatten().collect(),
         points: sparse_points::sample(&cameras[1..], still, options.seed),
+        near: None,
     }
 }
 
@@ -158,21 +156,14 @@ fn casual(options: &BuiltinOptions, still: &[Solid]) -> Scene {
         view.truth.dynamic_mask = None;
         view
     };
-    let train: Vec<View> = cameras.par_iter().enumerate().map(photo).collect();
     Scene {
         name: "built-in casual".into(),
         capture: Capture::Photos,
-        near: nearest_depth(&train),
-        train,
+        near: None,
+        train: cameras.par_iter().enumerate().map(photo).collect(),
         test: (0..options.test_photos).into_par_iter().map(empty).collect(),
         points: sparse_points::sample(&cameras, still, options.seed),
     }
-}
-
-/// The depth of the nearest thing that a view shows, which a capture knows from its sparse reconstruction.
-fn nearest_depth(views: &[View]) -> Option<f64> {
-    let depths = views.iter().filter_map(|view| view.truth.depth.as_deref()).flatten();
-    depths.copied().reduce(f32::min).map(f64::from)
 }
 
 fn solids_at(options: &BuiltinOptions, time: f64) -> Vec<Solid> {

@@ -142,18 +142,6 @@ fn a_moving_object_is_seen_where_its_trajectory_says() {
 }
 
 #[test]
-fn nothing_is_nearer_than_the_near_bound() {
-    for kind in KINDS {
-        let scene = scene(kind);
-        let near = scene.near.expect("known");
-        assert!(near > 0.2, "{near}");
-        let depths = scene.train.iter().filter_map(|view| view.truth.depth.as_deref()).flatten();
-        assert!(depths.clone().all(|&depth| f64::from(depth) >= near));
-        assert!(depths.into_iter().any(|&depth| f64::from(depth) == near));
-    }
-}
-
-#[test]
 fn the_visitor_is_there_for_part_of_the_video() {
     let options = BuiltinOptions::of_kind(BuiltinKind::Video);
     let there = |i: usize| moving_objects(&options, i as f64 / 24.0).iter().any(|o| o.name == "visitor");

@@ -66,7 +66,7 @@ mod tests {
         assert_eq!(scaled.train.checkpoint_interval, 500);
         assert_eq!((scaled.optim.decay_steps, scaled.motion.interval), (2000, 200));
         assert_eq!((scaled.densify.from, scaled.densify.until, scaled.densify.prune_from), (50, 1600, 50));
-        assert_eq!((scaled.densify.prune_interval, scaled.motion.interval), (60, 200));
+        assert_eq!((scaled.densify.prune_interval, scaled.densify.reset_interval), (60, 500));
     }
 
     #[test]

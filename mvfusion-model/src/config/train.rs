@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 pub struct TrainConfig {
     /// Multiplies every iteration count of the run: stages, horizons, intervals; see [`Config::scaled`](super::Config::scaled).
     pub scale: f64,
-    /// A run that `scale` shortens learns faster: every learning rate but that of the opacities is multiplied by `scale` to the
-    /// power of minus this. 0 leaves the rates alone.
+    /// A run that `scale` shortens learns faster: every learning rate but that of the opacities is multiplied by
+    /// `scale` to the power of minus this. 0 leaves the rates alone.
     pub scale_rates: f64,
     /// Lengths of the three stages.
     pub stages: StageConfig,

@@ -78,6 +78,7 @@ pub(super) fn run(chains: &[&Mlp], input: Tensor<2>, rectified: Rectified) -> Te
         chains: chains.iter().map(|chain| chain.widths()).collect(),
     };
     let parameters = chains.iter().flat_map(|chain| &chain.layers).flat_map(|layer| {
+        // Proof: `LayerInit::linear` makes every layer with a bias, and checkpoints fill those layers.
         let bias = layer.bias.as_ref().expect("every layer of ours has a bias");
         [layer.weight.val().flatten(0, 1), bias.val()]
     });

@@ -142,6 +142,7 @@ impl Sighting {
             |view: &BranchPictures| if dynamic { view.dynamic.radii.clone() } else { view.static_.radii.clone() };
         let seen = |radii: Tensor<1, Int>| -> Tensor<2> { radii.greater_elem(0).float().unsqueeze_dim(1) };
         let most = |tensors: Vec<Tensor<2>>| tensors.into_iter().reduce(|a, b| a.max_pair(b));
+        // Proof: `Config::check` refuses a batch without a view.
         let visible = most(rendered.iter().map(|view| seen(radii(view))).collect()).expect("a batch holds a view");
         let foreground = dynamic.then(|| most(rendered.iter().filter_map(|view| view.foreground.clone()).collect()));
         Self { visible, foreground: foreground.flatten() }
