@@ -18,6 +18,9 @@ pub struct LossConfig {
     pub branch_dssim: f64,
     /// Weight of the L1 term of each branch inside its own mask.
     pub branch_l1: f64,
+    /// Share of a pixel above which a branch answers for it, in the two terms before this one. DeGauss: 0.51, either branch
+    /// or none. Ours may be less than a half in short runs: where the mask is undecided, both branches learn.
+    pub branch_above: f64,
     /// Weight of the spatial planes' second differences.
     pub plane_smooth: f64,
     /// Weight of the time planes' second differences.
@@ -55,6 +58,7 @@ impl Default for LossConfig {
             composed_dssim: 0.4,
             branch_dssim: 0.4,
             branch_l1: 2.0,
+            branch_above: 0.51,
             plane_smooth: 2e-4,
             time_smooth: 1e-3,
             time_l1: 1e-4,

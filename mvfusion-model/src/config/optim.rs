@@ -10,8 +10,8 @@ pub struct OptimConfig {
     pub means: Decay,
     /// Trunk and attribute heads; times the extent.
     pub deformation: Decay,
-    /// Mask heads, as a factor of `deformation`.
-    pub mask_heads_factor: f64,
+    /// Mask heads; times the extent. DeGauss: a hundredth of `deformation` for video, a tenth for photos.
+    pub mask_heads: Decay,
     /// HexPlane cells; times the extent.
     pub grid: Decay,
     /// MVG and MFTA; times the extent (A22: as `deformation`).
@@ -64,6 +64,7 @@ impl OptimConfig {
         let decays = [
             &mut self.means,
             &mut self.deformation,
+            &mut self.mask_heads,
             &mut self.grid,
             &mut self.motion,
             &mut self.dynamic_sh_rest,
@@ -80,7 +81,7 @@ impl Default for OptimConfig {
         Self {
             means: Decay { start: 1.6e-4, end: 1.6e-6 },
             deformation: Decay { start: 1.6e-4, end: 1.6e-5 },
-            mask_heads_factor: 0.01,
+            mask_heads: Decay { start: 1.6e-6, end: 1.6e-7 },
             grid: Decay { start: 8e-4, end: 5e-6 },
             motion: Decay { start: 1.6e-4, end: 1.6e-5 },
             decay_steps: 20_000,

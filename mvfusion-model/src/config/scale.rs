@@ -88,7 +88,7 @@ mod tests {
         config.train.scale = 0.04;
         let scaled = config.scaled().optim;
         assert_eq!((scaled.scale, scaled.grid.start, scaled.grid.end), (0.025, 0.004, 2.5e-5));
-        assert_eq!((scaled.opacity, scaled.mask_heads_factor), (config.optim.opacity, config.optim.mask_heads_factor));
+        assert_eq!(scaled.opacity, config.optim.opacity);
         config.train.scale_rates = 0.0;
         assert_eq!(config.scaled().optim.grid, config.optim.grid);
         config = Config::default();

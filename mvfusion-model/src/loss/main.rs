@@ -8,8 +8,8 @@ use super::{LossContext, Pictures};
 /// In the first stage the half-and-half picture is compared with a slightly darkened photo (METHOD §4.4).
 const GEOMETRY_DARKENING: f64 = 0.9;
 
-/// Mask value above which a branch answers for a pixel.
-const ANSWERS: f64 = 0.51;
+/// Mask value above which the foreground must not look like the background.
+const DYNAMIC: f64 = 0.51;
 
 /// Mask value above which the foreground must lie in front.
 const SURELY_DYNAMIC: f64 = 0.6;
@@ -70,20 +70,19 @@ fn depth_terms(pictures: &Pictures, context: &LossContext<'_>) -> Option<Tensor<
 /// Each branch against the photo where its mask answers for it (METHOD §4.4, terms 4 and 5).
 fn branch_terms(pictures: &Pictures, context: &LossContext<'_>) -> Option<Tensor<1>> {
     let (config, photos, blend) = (context.config, context.photos, &pictures.composition);
-    let dynamic_answers = above(&blend.mask, ANSWERS);
     let mut terms = Vec::new();
     if config.penalize_dynamic > 0.0 {
         let alike = likeness(
             blend.dynamic.clone(),
             blend.lit.clone().detach(),
-            dynamic_answers.clone(),
+            above(&blend.mask, DYNAMIC),
             &context.windows.structure,
         );
         terms.push(alike * config.penalize_dynamic);
     }
     if config.branch_dssim > 0.0 || config.branch_l1 > 0.0 {
-        let static_answers = above(&blend.static_mask, ANSWERS);
-        for (picture, answers) in [(&blend.dynamic, dynamic_answers), (&blend.lit, static_answers)] {
+        for (picture, share) in [(&blend.dynamic, &blend.mask), (&blend.lit, &blend.static_mask)] {
+            let answers = above(share, config.branch_above);
             let structure = masked_dssim(picture.clone(), photos.clone(), answers.clone(), &context.windows.ssim);
             let colour = l1(picture.clone() * answers.clone(), photos.clone() * answers);
             terms.push(structure * config.branch_dssim + colour * config.branch_l1);

@@ -45,12 +45,11 @@ impl Rates {
             rotation: config.rotation,
             mask_logits: config.mask_logits.at(step, horizon),
         };
-        let deformation = config.deformation.at(step, horizon) * extent;
         Self {
             dynamic: branch(config.dynamic_sh_rest.at(step, horizon)),
             static_: branch(config.static_sh_rest),
-            deformation,
-            mask_heads: deformation * config.mask_heads_factor,
+            deformation: config.deformation.at(step, horizon) * extent,
+            mask_heads: config.mask_heads.at(step, horizon) * extent,
             grid: config.grid.at(step, horizon) * extent,
             motion: config.motion.at(step, horizon) * extent,
         }

@@ -12,11 +12,11 @@ use crate::archive::Archive;
 /// From the README of the oracle.
 const TOLERANCE: Tolerance = Tolerance::of_entry(1e-6);
 
-/// The rates of the configurations (METHOD §11.1): grid, factor of the mask heads, higher colour coefficients.
+/// The rates of the configurations (METHOD §11.1): grid, mask heads, higher colour coefficients.
 fn configs() -> [(&'static str, OptimConfig); 4] {
     let photos = |grid: f64| OptimConfig {
         grid: Decay { start: grid, end: 2e-5 },
-        mask_heads_factor: 0.1,
+        mask_heads: Decay { start: 1.6e-5, end: 1.6e-6 },
         dynamic_sh_rest: Decay { start: 0.0025 / 2.0, end: 0.0025 / 2.0 },
         ..OptimConfig::default()
     };
