@@ -22,8 +22,7 @@ pub fn write(results: &Results, out: &mut dyn Write) -> io::Result<()> {
     if let Some(overlap) = results.test.mask_iou {
         writeln!(out, "{:LABEL$}{overlap:>10.3}", "mask IoU")?;
     }
-    let counts = &results.gaussians;
-    writeln!(out, "{:LABEL$}{} static, {} dynamic", "Gaussians", counts.static_, counts.dynamic)?;
+    writeln!(out, "{:LABEL$}{}", "Gaussians", results.gaussians.sentence(", "))?;
     let training = results
         .train
         .as_ref()
@@ -58,7 +57,7 @@ mod tests {
                 dynamic_region: Some(LayerScores { psnr: Some(21.0), ssim: None }),
                 ..Default::default()
             },
-            gaussians: GaussianCounts { static_: 12, dynamic: 3 },
+            gaussians: GaussianCounts { static_: Some(12), dynamic: 3 },
             train: Some(TrainTime { seconds: 171.2, steps: 1400 }),
             eval: EvalTime { seconds: 9.0 },
             params_sha256: String::new(),

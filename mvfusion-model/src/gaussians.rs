@@ -13,8 +13,8 @@ use crate::network::Offsets;
 /// Colour of a Gaussian is `0.5 + SH_C0 * dc` where no direction counts.
 pub const SH_C0: f64 = 0.282_094_791_773_878_14;
 
-/// Background of every picture: "near black" (METHOD §1.3).
-const BACKGROUND: f64 = 1e-7;
+/// Background of the features: "near black" (METHOD §1.2).
+const FEATURE_BACKGROUND: f64 = 1e-7;
 
 /// Gaussians as raw numbers, before any activation; one row each.
 #[derive(Module, Debug)]
@@ -188,17 +188,15 @@ impl RawGaussians {
     /// The Gaussians moved and changed by `offsets`, all in raw units (METHOD §2.3).
     pub fn deformed(self, offsets: Offsets) -> Self {
         let [count, coefficients, _] = self.sh.dims();
-        let sh_offsets = offsets.sh.narrow(1, 0, coefficients * 3).reshape([count, coefficients, 3]);
+        let sh_offsets =
+            offsets.sh.map(|offsets| offsets.narrow(1, 0, coefficients * 3).reshape([count, coefficients, 3]));
         Self {
             means: self.means + offsets.means,
-            sh: self.sh + sh_offsets,
-            opacity_logits: self.opacity_logits + offsets.opacity_logits,
+            sh: plus(self.sh, sh_offsets),
+            opacity_logits: plus(self.opacity_logits, offsets.opacity_logits),
             log_scales: self.log_scales + offsets.log_scales,
             quaternions: self.quaternions + offsets.quaternions,
-            mask_logits: match (self.mask_logits, offsets.mask_logits) {
-                (Some(logits), Some(offsets)) => Some(logits + offsets),
-                (logits, _) => logits,
-            },
+            mask_logits: self.mask_logits.map(|logits| plus(logits, offsets.mask_logits)),
         }
     }
 
@@ -217,16 +215,24 @@ impl RawGaussians {
         Some(share.clamp(1e-9, 1.0 - 1e-9) * sigmoid(self.opacity_logits.clone().inner()))
     }
 
-    /// The picture of these Gaussians and `features` (`[N, F]`, activated), over a near-black background.
+    /// The picture of these Gaussians and `features` (`[N, F]`, activated), over a grey of the given level.
+    ///
+    /// # Errors
+    /// If the splat op refuses its input.
     pub fn splat(
         self,
         features: Option<Tensor<2>>,
         probe: Option<Tensor<2>>,
         camera: &Camera,
         settings: &SplatSettings,
+        background: f64,
     ) -> Result<SplatPicture, splat::SplatError> {
-        let channels = 3 + features.as_ref().map_or(0, |features| features.dims()[1]);
-        let background = Tensor::full([channels], BACKGROUND, (&self.means.device().inner(), self.means.dtype()));
+        let full =
+            |channels, level| Tensor::full([channels], level, (&self.means.device().inner(), self.means.dtype()));
+        let mut background = full(3, background);
+        if let Some(features) = &features {
+            background = Tensor::cat(vec![background, full(features.dims()[1], FEATURE_BACKGROUND)], 0);
+        }
         let count = self.means.dims()[0];
         let inputs = SplatInputs {
             means: self.means,
@@ -250,6 +256,14 @@ impl RawGaussians {
             quaternions: self.quaternions.select(0, rows.clone()),
             mask_logits: self.mask_logits.map(|logits| logits.select(0, rows.clone())),
         }
+    }
+}
+
+/// Values with offsets, where there are any.
+fn plus<const D: usize>(values: Tensor<D>, offsets: Option<Tensor<D>>) -> Tensor<D> {
+    match offsets {
+        Some(offsets) => values + offsets,
+        None => values,
     }
 }
 

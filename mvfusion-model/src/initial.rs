@@ -6,7 +6,7 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use mvfusion_data::{Bounds, PointCloud, Scene};
 use rayon::prelude::*;
 
-use crate::config::InitConfig;
+use crate::config::{Branches, InitConfig};
 use crate::gaussians::{Attribute, Gaussians, SH_C0, attribute_tensor};
 use crate::random::Stream;
 
@@ -16,22 +16,27 @@ const MIN_SQUARED_DISTANCE: f64 = 1e-7;
 /// Share of the cloud's points that may be copied into the dynamic branch (DeGauss: a tenth).
 const COPIED_SHARE: usize = 10;
 
-/// The two initial clouds of a scene.
+/// The initial clouds of a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InitialClouds {
-    /// Seeds of the static branch.
-    pub static_: PointCloud,
+    /// Seeds of the static branch, if there is one.
+    pub static_: Option<PointCloud>,
     /// Seeds of the dynamic branch.
     pub dynamic: PointCloud,
 }
 
 impl InitialClouds {
-    /// Draws the clouds of a scene.
-    pub fn draw(scene: &Scene, config: &InitConfig, stream: &mut Stream) -> Self {
+    /// Draws the clouds of a scene. Where the dynamic branch is the only one, it starts from the points that would
+    /// otherwise be the static one's as well.
+    pub fn draw(scene: &Scene, branches: Branches, config: &InitConfig, stream: &mut Stream) -> Self {
         let region = region(scene, config);
-        let mut static_ = scene.points.clone();
-        strew(&mut static_, config.static_points, &region, stream);
-        sky(&mut static_, config.sky_points, scene, stream);
+        let mut known = scene.points.clone();
+        strew(&mut known, config.static_points, &region, stream);
+        sky(&mut known, config.sky_points, scene, stream);
+        if branches == Branches::Dynamic {
+            strew(&mut known, config.dynamic_points, &region, stream);
+            return Self { static_: None, dynamic: known };
+        }
 
         let mut dynamic = PointCloud::default();
         let copied = config.dynamic_from_cloud.min(scene.points.len() / COPIED_SHARE);
@@ -39,19 +44,27 @@ impl InitialClouds {
             dynamic.push(scene.points.positions[index], random_colour(stream));
         }
         strew(&mut dynamic, config.dynamic_points, &region, stream);
-        Self { static_, dynamic }
+        if known.is_empty() {
+            // Without points from structure from motion, the static branch starts from random ones as well.
+            tracing::warn!("the scene has no points; the static branch starts from {} random ones", dynamic.len());
+            known = dynamic.clone();
+        }
+        Self { static_: Some(known), dynamic }
     }
 }
 
-/// The box that random points are strewn in: the cloud's, but not farther from the cameras than `box_reach` extents.
+/// The box that random points are strewn in: the cloud's with its margin, but not farther from the cameras than
+/// `box_reach` extents.
 /// Without a cloud it is the cameras' own neighbourhood.
 fn region(scene: &Scene, config: &InitConfig) -> Bounds {
     let cameras = scene.camera_bounds();
     let reach = DVec3::splat(config.box_reach * scene.extent());
+    let margin = DVec3::splat(config.box_margin * scene.extent());
     match scene.points.bounds() {
-        Some((min, max)) => {
-            Bounds { min: min.as_dvec3().max(cameras.min - reach), max: max.as_dvec3().min(cameras.max + reach) }
-        }
+        Some((min, max)) => Bounds {
+            min: (min.as_dvec3() - margin).max(cameras.min - reach),
+            max: (max.as_dvec3() + margin).min(cameras.max + reach),
+        },
         None => {
             let reach = DVec3::splat(scene.extent());
             Bounds { min: cameras.min - reach, max: cameras.max + reach }
@@ -86,22 +99,22 @@ fn random_colour(stream: &mut Stream) -> Vec3 {
     Vec3::from_array(std::array::from_fn(|_| (0.5 + SH_C0 * stream.unit()) as f32))
 }
 
-/// What distinguishes the two branches when they are made.
+/// Whether Gaussians carry mask logits.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Role {
-    /// With mask logits.
-    Dynamic {
+pub enum Masking {
+    /// They do: those of a dynamic branch that is blended with a static one.
+    Blended {
         /// Logit of belonging to the foreground; the other two start at 0.
         dynamic_logit: f64,
     },
-    /// Without.
-    Static,
+    /// They do not.
+    Absent,
 }
 
 /// Gaussians on the points of a cloud (METHOD §1.1, column "init").
 pub fn gaussians_on(
     cloud: &PointCloud,
-    role: Role,
+    masking: Masking,
     sh_degree: usize,
     opacity: f64,
     device: &Device,
@@ -124,9 +137,9 @@ pub fn gaussians_on(
         Attribute::OpacityLogits => Some(tensor(vec![logit; count], 1)),
         Attribute::LogScales => Some(tensor(Vec::clone(&log_scales), 3)),
         Attribute::Quaternions => Some(tensor([1.0, 0.0, 0.0, 0.0].repeat(count), 4)),
-        Attribute::MaskLogits => match role {
-            Role::Dynamic { dynamic_logit } => Some(tensor([0.0, 0.0, dynamic_logit].repeat(count), 3)),
-            Role::Static => None,
+        Attribute::MaskLogits => match masking {
+            Masking::Blended { dynamic_logit } => Some(tensor([0.0, 0.0, dynamic_logit].repeat(count), 3)),
+            Masking::Absent => None,
         },
     })
     .expect("every attribute but the mask logits is given above")

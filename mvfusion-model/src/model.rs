@@ -18,8 +18,8 @@ use crate::timeline::Timeline;
 pub struct Model {
     /// Gaussians that move.
     pub dynamic: Branch,
-    /// Gaussians that do not.
-    pub static_: Branch,
+    /// Gaussians that do not; none in a model of one branch.
+    pub static_: Option<Branch>,
     /// How the dynamic Gaussians move.
     pub network: DeformationNetwork,
     /// How motion statistics and neighbouring frames correct that.
@@ -41,6 +41,8 @@ pub struct Surroundings {
     pub mask_gradient: bool,
     /// Depth before which nothing is drawn, world units.
     pub near: f64,
+    /// Level of the colour channels behind all Gaussians.
+    pub background: f64,
 }
 
 /// How far the dynamic Gaussians are moved.
@@ -54,14 +56,14 @@ pub enum Movement {
     Refined,
 }
 
-/// Both branches as seen from one camera at one time.
+/// The branches as seen from one camera at one time.
 #[derive(Clone, Debug)]
 pub struct BranchPictures {
-    /// Dynamic branch: colour, mask features, alpha, depth.
+    /// Dynamic branch: colour, alpha, depth, and mask features where there is a static branch to be blended with.
     pub dynamic: SplatPicture,
     /// Static branch: colour, alpha, depth.
-    pub static_: SplatPicture,
-    /// Foreground probability of the dynamic Gaussians at this time, without autodiff: `[N, 1]`.
+    pub static_: Option<SplatPicture>,
+    /// Foreground probability of the dynamic Gaussians at this time, without autodiff: `[N, 1]`; where there is a mask.
     pub foreground: Option<Tensor<2>>,
 }
 
@@ -88,11 +90,16 @@ impl Model {
         let branch = |branch: &Branch| Branch { gaussians: branch.gaussians.valid(), ..branch.clone() };
         Self {
             dynamic: branch(&self.dynamic),
-            static_: branch(&self.static_),
+            static_: self.static_.as_ref().map(branch),
             network: self.network.valid(),
             refinement: self.refinement.valid(),
             motion: self.motion.clone(),
         }
+    }
+
+    /// The branches by name, the dynamic one first.
+    pub fn branches(&self) -> impl Iterator<Item = (&'static str, &Branch)> {
+        std::iter::once(("dynamic", &self.dynamic)).chain(self.static_.iter().map(|branch| ("static", branch)))
     }
 
     /// The dynamic Gaussians at a time. Refinement falls back to the base deformation until motion was measured.
@@ -118,7 +125,7 @@ impl Model {
         canonical.deformed(offsets)
     }
 
-    /// Renders both branches.
+    /// Renders the branches.
     ///
     /// # Errors
     /// If the splat op refuses its input.
@@ -130,15 +137,19 @@ impl Model {
         probes: Option<&Probes>,
         surroundings: &Surroundings,
     ) -> Result<BranchPictures, ModelError> {
+        let background = surroundings.background;
         let moved = self.dynamic_at(time, movement, surroundings);
         let foreground = moved.foreground_probability();
         let features = moved.mask_features();
         let settings = surroundings.splat_settings(self.dynamic.sh_degree, surroundings.mask_gradient);
-        let dynamic = moved.splat(features, probes.map(|p| p.dynamic.clone()), camera, &settings)?;
+        let dynamic = moved.splat(features, probes.map(|p| p.dynamic.clone()), camera, &settings, background)?;
 
-        let settings = surroundings.splat_settings(self.static_.sh_degree, false);
-        let still = self.static_.gaussians.canonical();
-        let static_ = still.splat(None, probes.map(|p| p.static_.clone()), camera, &settings)?;
+        let render_static = |branch: &Branch| {
+            let settings = surroundings.splat_settings(branch.sh_degree, false);
+            let still = branch.gaussians.canonical();
+            still.splat(None, probes.map(|p| p.static_.clone()), camera, &settings, background)
+        };
+        let static_ = self.static_.as_ref().map(render_static).transpose()?;
         Ok(BranchPictures { dynamic, static_, foreground })
     }
 }

@@ -10,7 +10,7 @@ use mvfusion_model::train::TrainState;
 use super::score::{Scored, Trained};
 use crate::args::EvalArgs;
 use crate::progress::Talk;
-use crate::run::{self, LEGEND, PerView, PicturesWriter, Results};
+use crate::run::{self, PerView, PicturesWriter, Results};
 use crate::{atomic, config, device, scene, table};
 
 /// Scores a run again from its checkpoint and compares with what it had found.
@@ -44,7 +44,7 @@ pub fn eval(args: &EvalArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<
     }
     table::write(&scored.results, out)?;
     if let Some(strip) = pictures.and_then(|pictures| pictures.strip_to_see()) {
-        writeln!(out, "{:16}{} ({LEGEND})", "look first at", strip.display())?;
+        writeln!(out, "{:16}{} ({})", "look first at", strip.display(), run::legend(&state.model))?;
     }
     compare(&scored.results, before.as_ref(), out)
 }

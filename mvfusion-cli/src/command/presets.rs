@@ -10,7 +10,7 @@ use crate::config::PRESETS;
 /// If `out` cannot be written to.
 pub fn presets(out: &mut dyn Write) -> anyhow::Result<()> {
     for preset in PRESETS {
-        writeln!(out, "{:12}{}", preset.name, preset.purpose)?;
+        writeln!(out, "{:26}{}", preset.name, preset.purpose)?;
     }
     Ok(())
 }

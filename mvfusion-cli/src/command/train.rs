@@ -13,8 +13,8 @@ use crate::config::{self, Resolved};
 use crate::device::{self, OpenDevice};
 use crate::progress::{Pace, Progress, Talk};
 use crate::run::{
-    self, Existing, GaussianCounts, LEGEND, MetricsLine, MetricsLog, PerView, PicturesWriter, RunFolder, RunPlan,
-    RunRecord, TrainTime, write_ply,
+    self, Existing, GaussianCounts, MetricsLine, MetricsLog, PerView, PicturesWriter, RunFolder, RunPlan, RunRecord,
+    TrainTime, write_ply,
 };
 use crate::{atomic, scene, table};
 
@@ -90,7 +90,7 @@ impl Session {
         while let Some(position) = self.trainer.position() {
             let Some(loss) = self.trainer.step()? else { break };
             let done = self.trainer.state().completed;
-            if done.is_multiple_of(self.trainer.config().train.log_interval) || done == total {
+            if self.trainer.log_due(&position) {
                 watch.log_step(&self.trainer, &position, &loss)?;
             }
             watch.progress.advance();
@@ -112,8 +112,9 @@ impl Session {
     fn write_gaussians(&self, steps: usize) -> anyhow::Result<()> {
         let iteration = format!("iteration_{steps}");
         let model = &self.trainer.state().model;
-        for (name, branch) in [("static.ply", &model.static_), ("dynamic.ply", &model.dynamic)] {
-            write_ply(&branch.gaussians, &self.folder.place(&[run::POINT_CLOUD, &iteration, name])?)?;
+        for (name, branch) in model.branches() {
+            let file = format!("{name}.ply");
+            write_ply(&branch.gaussians, &self.folder.place(&[run::POINT_CLOUD, &iteration, &file])?)?;
         }
         Ok(())
     }
@@ -137,7 +138,7 @@ impl Session {
         writeln!(out, "{:16}{}", "run", self.folder.path().display())?;
         if let Some(strip) = pictures.strip_to_see() {
             writeln!(out, "{:16}{}", "look first at", strip.display())?;
-            writeln!(out, "{:16}({LEGEND})", "")?;
+            writeln!(out, "{:16}({})", "", run::legend(&self.trainer.state().model))?;
         }
         Ok(())
     }
@@ -155,10 +156,6 @@ impl Watch {
     /// Reads the losses of a step, which waits for the device, and tells them.
     fn log_step(&mut self, trainer: &Trainer, position: &Position, loss: &StepLoss) -> anyhow::Result<()> {
         let (loss, squared_error) = read(loss)?;
-        if !loss.is_finite() {
-            let (step, stage) = (position.stage_step, position.stage.name());
-            return Err(ModelError::NotFinite { what: "loss".to_owned(), step, stage }.into());
-        }
         let state = trainer.state();
         let done = state.completed;
         self.pace.mark(done);
@@ -181,13 +178,12 @@ impl Watch {
     fn sentence(&self, line: &MetricsLine) -> String {
         let psnr = line.psnr.map_or("-".to_owned(), |psnr| format!("{psnr:.2}"));
         format!(
-            "{}  {:.1} step/s  {}  loss {:.4}  PSNR {psnr} dB  {} static + {} dynamic",
+            "{}  {:.1} step/s  {}  loss {:.4}  PSNR {psnr} dB  {}",
             line.stage,
             line.steps_per_second,
             self.pace.left(self.total - line.step),
             line.loss,
-            line.gaussians.static_,
-            line.gaussians.dynamic,
+            line.gaussians.sentence(" + "),
         )
     }
 }

@@ -47,8 +47,7 @@ pub fn resolve(args: &LayerArgs) -> anyhow::Result<Resolved> {
     let note = (args.preset.is_none() && args.data.is_some())
         .then(|| format!("preset: {FOR_FOLDER} (the one for a folder; --preset takes another)"));
 
-    let base = Layer::parse(preset.text, Origin::Preset(preset.name))?;
-    let mut config = merge(&[&[base], layers.as_slice()].concat())?;
+    let mut config = merge(&[preset_layers(preset)?, layers].concat())?;
     make_absolute(&mut config)?;
     config.check()?;
     Ok(Resolved { config, preset, note })
@@ -68,6 +67,11 @@ pub fn read(path: &Path) -> anyhow::Result<Config> {
 /// If a path in it is no text.
 pub fn to_toml(config: &Config) -> anyhow::Result<String> {
     toml::to_string(config).context("the configuration cannot be written as TOML")
+}
+
+/// A preset and what it builds on, lowest first.
+fn preset_layers(preset: &'static Preset) -> Result<Vec<Layer>, UsageError> {
+    preset.lineage().into_iter().map(|preset| Layer::parse(preset.text, Origin::Preset(preset.name))).collect()
 }
 
 /// What stands above the preset, lowest first.

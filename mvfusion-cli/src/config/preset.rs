@@ -11,25 +11,57 @@ pub struct Preset {
     pub name: &'static str,
     /// What it is for, a line.
     pub purpose: &'static str,
-    /// The TOML: what differs from the defaults.
+    /// The preset that it builds on; the defaults of all keys if there is none.
+    pub base: Option<&'static str>,
+    /// The TOML: what differs from the base.
     pub text: &'static str,
 }
 
-/// All presets.
+/// A preset with the TOML of its name.
+macro_rules! preset {
+    ($name:literal, $purpose:literal, $base:expr) => {
+        Preset {
+            name: $name,
+            purpose: $purpose,
+            base: $base,
+            text: include_str!(concat!("../../presets/", $name, ".toml")),
+        }
+    };
+}
+
+/// All presets; a base stands before those that build on it.
 pub const PRESETS: &[Preset] = &[
-    Preset {
-        name: "quickstart",
-        purpose: "the built-in scenes in a few minutes on a CPU",
-        text: include_str!("../../presets/quickstart.toml"),
-    },
-    Preset {
-        name: "neu3d",
-        purpose: "multi-camera video in the layout of Neu3D, at the paper's full length",
-        text: include_str!("../../presets/neu3d.toml"),
-    },
+    preset!("quickstart", "the built-in scenes in a few minutes on a CPU", None),
+    preset!("quickstart-degauss", "the same without motion-aware refinement: DeGauss", Some("quickstart")),
+    preset!("quickstart-4dgs", "the same with the dynamic branch alone: 4DGS", Some("quickstart")),
+    preset!("quickstart-4dgs-motion", "4DGS with motion-aware refinement plugged in", Some("quickstart-4dgs")),
+    preset!("neu3d", "multi-camera video in the layout of Neu3D, at the paper's full length", None),
+    preset!("neu3d-degauss", "the same by DeGauss", Some("neu3d")),
+    preset!("neu3d-4dgs", "the same by 4DGS", Some("neu3d")),
+    preset!("neu3d-4dgs-motion", "4DGS with motion-aware refinement plugged in", Some("neu3d-4dgs")),
+    preset!("onthego-indoor", "photos of a static scene with passers-by: NeRF On-the-go, indoors", None),
+    preset!("onthego-indoor-degauss", "the same by DeGauss", Some("onthego-indoor")),
+    preset!("onthego-outdoor", "NeRF On-the-go, outdoors", Some("onthego-indoor")),
+    preset!("onthego-outdoor-degauss", "the same by DeGauss", Some("onthego-outdoor")),
+    preset!("robustnerf", "photos with objects that somebody moves: RobustNeRF", Some("onthego-indoor")),
+    preset!("robustnerf-degauss", "the same by DeGauss", Some("robustnerf")),
+    preset!("hypernerf", "video of one or two moving cameras: HyperNeRF", Some("neu3d")),
+    preset!("hypernerf-degauss", "the same by DeGauss", Some("hypernerf")),
+    preset!("hypernerf-4dgs", "the same by 4DGS", Some("hypernerf")),
+    preset!("hypernerf-4dgs-motion", "4DGS with motion-aware refinement plugged in", Some("hypernerf-4dgs")),
+    preset!("dnerf", "synthetic objects of D-NeRF, by 4DGS", Some("neu3d-4dgs")),
+    preset!("dnerf-motion", "4DGS with motion-aware refinement plugged in", Some("dnerf")),
 ];
 
 impl Preset {
+    /// This preset and all that it builds on, the lowest first.
+    pub fn lineage(&'static self) -> Vec<&'static Self> {
+        let base = |preset: &&'static Self| PRESETS.iter().find(|other| Some(other.name) == preset.base);
+        let mut lineage: Vec<_> = std::iter::successors(Some(self), base).collect();
+        lineage.reverse();
+        lineage
+    }
+
     /// The preset of a name.
     ///
     /// # Errors
@@ -41,5 +73,18 @@ impl Preset {
             let all = names.collect::<Vec<_>>().join(", ");
             UsageError::new(format!("there is no preset `{name}`{meant}. The presets are: {all}."))
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_base_stands_before_what_builds_on_it() {
+        for (index, preset) in PRESETS.iter().enumerate() {
+            let earlier = |base| PRESETS[..index].iter().any(|other| other.name == base);
+            assert!(preset.base.is_none_or(earlier), "{}", preset.name);
+        }
     }
 }

@@ -9,7 +9,7 @@ mod results;
 
 pub use folder::{Existing, RunFolder, RunPlan};
 pub use metrics::{MetricsLine, MetricsLog};
-pub use pictures::{LEGEND, PicturesWriter};
+pub use pictures::{PicturesWriter, legend};
 pub use ply::write_ply;
 pub use record::{RunRecord, SceneRecord};
 pub use results::{EvalTime, GaussianCounts, PerView, Results, TrainTime};

@@ -6,14 +6,19 @@ use image::{GenericImage, RgbImage};
 use mvfusion_data::View;
 use mvfusion_model::config::EvalConfig;
 use mvfusion_model::evaluation::ViewPictures;
+use mvfusion_model::model::Model;
 use mvfusion_model::timeline;
 
 use super::folder::place;
 use super::{RENDERS, STRIPS};
 use crate::atomic;
 
-/// What stands side by side in a strip, from left to right.
-pub const LEGEND: &str = "ground truth, composed, static, dynamic, mask, motion intensity";
+/// What stands side by side in a strip of a model, from left to right.
+pub fn legend(model: &Model) -> String {
+    let branches = model.static_.as_ref().map(|_| "static, dynamic, mask");
+    let motion = model.motion.as_ref().map(|_| "motion intensity");
+    ["ground truth, composed"].into_iter().chain(branches).chain(motion).collect::<Vec<_>>().join(", ")
+}
 
 /// White pixels between two pictures of a strip.
 const GAP: u32 = 4;
@@ -55,7 +60,10 @@ impl PicturesWriter {
         }
         if self.strips.contains(&index) {
             let photo = view.image.rgb()?;
-            let mut panels = vec![&*photo, &pictures.composed, &pictures.static_, &pictures.dynamic, &pictures.mask];
+            let mut panels = vec![&*photo, &pictures.composed];
+            if let Some(layers) = &pictures.branches {
+                panels.extend([&layers.static_, &layers.dynamic, &layers.mask]);
+            }
             panels.extend(&pictures.motion);
             atomic::write_png(&place(&self.run, &[STRIPS, &file_name(index)])?, side_by_side(&panels)?)?;
         }
@@ -64,17 +72,13 @@ impl PicturesWriter {
 
     fn write_layers(&self, index: usize, view: &View, pictures: &ViewPictures) -> anyhow::Result<()> {
         let path = |layer: &str| place(&self.run, &[RENDERS, "test", layer, &file_name(index)]);
-        let layers = [
-            ("composed", &pictures.composed),
-            ("static", &pictures.static_),
-            ("dynamic", &pictures.dynamic),
-            ("mask", &pictures.mask),
-        ];
+        let mut layers = vec![("composed", &pictures.composed)];
+        if let Some(branches) = &pictures.branches {
+            layers.extend([("static", &branches.static_), ("dynamic", &branches.dynamic), ("mask", &branches.mask)]);
+        }
+        layers.extend(pictures.motion.iter().map(|motion| ("motion", motion)));
         for (layer, picture) in layers {
             atomic::write_png(&path(layer)?, picture.clone())?;
-        }
-        if let Some(motion) = &pictures.motion {
-            atomic::write_png(&path("motion")?, motion.clone())?;
         }
         atomic::write_png(&path("gt")?, (*view.image.rgb()?).clone())?;
         if let Some(background) = &view.truth.background {

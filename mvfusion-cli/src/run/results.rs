@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use mvfusion_model::densify::Branch;
 use mvfusion_model::evaluation::{Evaluation, Scores, ViewScores};
 use mvfusion_model::model::Model;
 use serde::{Deserialize, Serialize};
@@ -38,9 +39,9 @@ pub struct Results {
 /// Numbers of Gaussians.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct GaussianCounts {
-    /// Of the static branch.
-    #[serde(rename = "static")]
-    pub static_: usize,
+    /// Of the static branch; absent where there is none.
+    #[serde(rename = "static", skip_serializing_if = "Option::is_none", default)]
+    pub static_: Option<usize>,
     /// Of the dynamic branch.
     pub dynamic: usize,
 }
@@ -64,7 +65,14 @@ pub struct EvalTime {
 impl GaussianCounts {
     /// The numbers of a model.
     pub fn of(model: &Model) -> Self {
-        Self { static_: model.static_.gaussians.count(), dynamic: model.dynamic.gaussians.count() }
+        let count = |branch: &Branch| branch.gaussians.count();
+        Self { static_: model.static_.as_ref().map(count), dynamic: count(&model.dynamic) }
+    }
+
+    /// The numbers in words: `12 static, 3 dynamic`.
+    pub fn sentence(&self, joint: &str) -> String {
+        let static_ = self.static_.map_or(String::new(), |count| format!("{count} static{joint}"));
+        format!("{static_}{} dynamic", self.dynamic)
     }
 }
 
@@ -97,7 +105,7 @@ impl Results {
             ("test.static.ssim", static_.ssim),
             ("test.dynamic_region.psnr", region.psnr),
             ("test.mask_iou", self.test.mask_iou),
-            ("gaussians.static", Some(self.gaussians.static_ as f64)),
+            ("gaussians.static", self.gaussians.static_.map(|count| count as f64)),
             ("gaussians.dynamic", Some(self.gaussians.dynamic as f64)),
         ];
         all.into_iter().filter_map(|(name, figure)| Some((name, figure?))).collect()
@@ -134,7 +142,7 @@ mod tests {
                 composed: LayerScores { psnr: Some(1.0 / 0.3), ssim: Some(0.1 + 0.2) },
                 ..Default::default()
             },
-            gaussians: GaussianCounts { static_: 2, dynamic: 1 },
+            gaussians: GaussianCounts { static_: Some(2), dynamic: 1 },
             train: None,
             eval: EvalTime { seconds: 1.0 },
             params_sha256: "0".into(),

@@ -28,6 +28,12 @@ impl Config {
         )?;
         refuse(train.batch_size == 0, "train.batch_size", "0".into(), "a step needs at least one view")?;
         refuse(
+            train.accumulation == 0,
+            "train.accumulation",
+            "0".into(),
+            "give the steps to learn from at once; 1 or more",
+        )?;
+        refuse(
             train.log_interval == 0,
             "train.log_interval",
             "0".into(),

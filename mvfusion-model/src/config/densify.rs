@@ -18,6 +18,11 @@ pub struct DensifyConfig {
     pub prune_interval: usize,
     /// Gaussians below this opacity are pruned.
     pub min_opacity: f64,
+    /// Gaussians whose radius on the screen was above this many pixels are pruned as well, after the first
+    /// `reset_interval` steps; 0 keeps them (DeGauss; 4DGS: 20).
+    pub max_radius: f64,
+    /// The same for Gaussians longer than this share of the extent; 0 keeps them (DeGauss; 4DGS: 0.1).
+    pub max_scale: f64,
     /// Steps between opacity resets.
     pub reset_interval: usize,
     /// What a reset does to the Gaussians that it does not select (METHOD §4.11).
@@ -72,6 +77,8 @@ impl Default for DensifyConfig {
             prune_from: 500,
             prune_interval: 600,
             min_opacity: 0.005,
+            max_radius: 0.0,
+            max_scale: 0.0,
             reset_interval: 2000,
             reset: OpacityReset::Quirk,
             reset_at_stage_end: true,

@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 pub use densify::{BranchDensifyConfig, DensifyConfig, OpacityReset};
 pub use evaluation::EvalConfig;
 pub use loss::LossConfig;
-pub use model::{GridConfig, ModelConfig};
+pub use model::{Background, Branches, GridConfig, ModelConfig};
 pub use motion::{FusionWeights, MotionConfig, Refinement, TokenMode};
 pub use optim::{Decay, OptimConfig};
 pub use scene::{InitConfig, SceneConfig, SceneKind};

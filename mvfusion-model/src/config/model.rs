@@ -3,12 +3,20 @@
 use mvfusion_render::grid::GridLayout;
 use serde::{Deserialize, Serialize};
 
-/// The deformation network (METHOD §2).
+/// The branches and the deformation network (METHOD §2, §9).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ModelConfig {
+    /// Which branches there are.
+    pub branches: Branches,
+    /// What is seen where no Gaussian is.
+    pub background: Background,
     /// Whether the dynamic Gaussians move at all; switched off for comparison only.
     pub deformation: bool,
+    /// Whether opacities change over time (4DGS' `no_do`, inverted).
+    pub deform_opacity: bool,
+    /// Whether colours change over time (4DGS' `no_dshs`, inverted).
+    pub deform_sh: bool,
     /// Width `H` of trunk and heads (DeGauss: 128).
     pub width: usize,
     /// Linear layers of the trunk; 0 and 1 both mean one (METHOD §2.2).
@@ -22,9 +30,50 @@ pub struct ModelConfig {
     pub near_share: f64,
 }
 
+/// Which branches a model has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Branches {
+    /// A static and a dynamic one, blended by a learned mask (DeGauss, MVFusion-GS).
+    Both,
+    /// A dynamic one alone, which shows the whole scene (4DGS, METHOD §9).
+    Dynamic,
+}
+
+/// The colour behind all Gaussians.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Background {
+    /// Near black (DeGauss: 1e-7; METHOD §1.3).
+    Black,
+    /// White (4DGS).
+    White,
+}
+
+impl Background {
+    /// Level of every colour channel.
+    pub fn level(self) -> f64 {
+        match self {
+            Self::Black => 1e-7,
+            Self::White => 1.0,
+        }
+    }
+}
+
 impl Default for ModelConfig {
     fn default() -> Self {
-        Self { deformation: true, width: 128, depth: 1, grid: GridConfig::default(), sh_degree: 3, near_share: 0.9 }
+        Self {
+            branches: Branches::Both,
+            background: Background::Black,
+            deformation: true,
+            deform_opacity: true,
+            deform_sh: true,
+            width: 128,
+            depth: 1,
+            grid: GridConfig::default(),
+            sh_degree: 3,
+            near_share: 0.9,
+        }
     }
 }
 

@@ -46,7 +46,10 @@ pub struct InitConfig {
     pub static_points: usize,
     /// Static Gaussians on a far sphere. DeGauss: 100 000 for photos, none for video.
     pub sky_points: usize,
-    /// The box reaches beyond the cameras by at most this many scene extents (DeGauss: 5).
+    /// The box is the cloud's, larger by this share of the scene extent on every side (DeGauss: 0 for video, 0.1 for
+    /// photos).
+    pub box_margin: f64,
+    /// The box reaches beyond the cameras by at most this many scene extents (DeGauss: 5 for video, without limit for photos).
     pub box_reach: f64,
     /// Opacity of every Gaussian (3DGS: 0.1).
     pub opacity: f64,
@@ -63,6 +66,7 @@ impl Default for InitConfig {
             dynamic_from_cloud: 100,
             static_points: 0,
             sky_points: 0,
+            box_margin: 0.0,
             box_reach: 5.0,
             opacity: 0.1,
             dynamic_logit: 0.0,

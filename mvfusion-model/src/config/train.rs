@@ -15,6 +15,9 @@ pub struct TrainConfig {
     pub stages: StageConfig,
     /// Views a step (DeGauss: 2 for video, 4 for photos).
     pub batch_size: usize,
+    /// Steps after the first stage from whose gradients the static branch learns at once; the loss is divided by as many
+    /// (DeGauss: 1 for video, 4 for photos; METHOD §4.3). The dynamic branch learns at every step.
+    pub accumulation: usize,
     /// Steps between one more degree of spherical harmonics, dynamic branch (METHOD §4.6).
     pub dynamic_sh_interval: usize,
     /// The same for the static branch.
@@ -50,6 +53,7 @@ impl Default for TrainConfig {
             scale_rates: 0.5,
             stages: StageConfig::default(),
             batch_size: 2,
+            accumulation: 1,
             dynamic_sh_interval: 200,
             static_sh_interval: 200,
             log_interval: 10,

@@ -36,6 +36,24 @@ pub struct Census {
     pub resets: usize,
 }
 
+/// Which Gaussians a branch has no place for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PruneRule {
+    /// Fainter ones.
+    pub min_opacity: f64,
+    /// Dynamic ones that were never part of the foreground to this probability (METHOD §4.10).
+    pub min_foreground: Option<f64>,
+    /// Those that covered more pixels than this around their centre (4DGS, METHOD §9).
+    pub max_radius: Option<f64>,
+    /// Those longer than this, world units (4DGS).
+    pub max_scale: Option<f64>,
+}
+
+/// For every row of `[N, 1]` whether it is at least `least`.
+fn at_least(least: f64, values: Tensor<2>) -> Result<Vec<bool>, ModelError> {
+    Ok(tensors::read::<2, f64>(values)?.into_iter().map(|value| value >= least).collect())
+}
+
 impl Branch {
     /// A branch before its first step.
     pub fn new(gaussians: Gaussians) -> Self {
@@ -128,22 +146,27 @@ impl Branch {
         Ok(tensors::from_data_like(TensorData::new(positions, [2 * count, 3]), &means))
     }
 
-    /// Removes Gaussians that are too faint, and, if `min_foreground` is given, dynamic ones that were never part of the
-    /// foreground. Returns the rows that stay, or `None` if all do.
+    /// Removes what a rule has no place for. Returns the rows that stay, or `None` if all do.
     ///
     /// # Errors
     /// If the device cannot hand its numbers back.
-    pub fn prune(&mut self, min_opacity: f64, min_foreground: Option<f64>) -> Result<Option<Vec<usize>>, ModelError> {
-        let opacities: Vec<f64> =
-            tensors::read(burn::tensor::activation::sigmoid(self.plain(Attribute::OpacityLogits)))?;
-        let foreground: Vec<f64> = match min_foreground {
-            Some(_) => tensors::read(self.statistics.foreground.clone())?,
-            None => Vec::new(),
-        };
-        let used = |row: usize| min_foreground.is_none_or(|least| foreground[row] >= least);
-        let kept: Vec<usize> = (0..opacities.len()).filter(|&row| opacities[row] >= min_opacity && used(row)).collect();
+    pub fn prune(&mut self, rule: &PruneRule) -> Result<Option<Vec<usize>>, ModelError> {
+        let opacities = burn::tensor::activation::sigmoid(self.plain(Attribute::OpacityLogits));
+        let mut kept = at_least(rule.min_opacity, opacities)?;
+        let mut narrow = |others: Vec<bool>| kept.iter_mut().zip(others).for_each(|(kept, other)| *kept &= other);
+        if let Some(least) = rule.min_foreground {
+            narrow(at_least(least, self.statistics.foreground.clone())?);
+        }
+        if let Some(most) = rule.max_radius {
+            narrow(at_least(-most, -self.statistics.radii.clone())?);
+        }
+        if let Some(most) = rule.max_scale {
+            narrow(at_least(-most.ln(), -self.plain(Attribute::LogScales).max_dim(1))?);
+        }
+        let count = kept.len();
+        let kept: Vec<usize> = (0..count).filter(|&row| kept[row]).collect();
         // A branch never loses its last Gaussian: an empty tensor is of no use to anyone.
-        if kept.len() == opacities.len() || kept.is_empty() {
+        if kept.len() == count || kept.is_empty() {
             return Ok(None);
         }
         self.keep(&kept);
@@ -164,6 +187,7 @@ impl Branch {
             gradients: follow(&self.statistics.gradients),
             seen: follow(&self.statistics.seen),
             foreground: follow(&self.statistics.foreground),
+            radii: follow(&self.statistics.radii),
         };
     }
 

@@ -11,13 +11,15 @@ pub struct DensifyStatistics {
     pub seen: Tensor<2>,
     /// Highest foreground probability of a visible moment (dynamic branch; METHOD §4.7).
     pub foreground: Tensor<2>,
+    /// Largest radius on the screen since rows were last added, pixels.
+    pub radii: Tensor<2>,
 }
 
 impl DensifyStatistics {
     /// Nothing seen yet of the Gaussians with these centres `[N, 3]`.
     pub fn new(means: &Tensor<2>) -> Self {
         let zeros = Tensor::zeros([means.dims()[0], 1], (&means.device().inner(), means.dtype()));
-        Self { gradients: zeros.clone(), seen: zeros.clone(), foreground: zeros }
+        Self { gradients: zeros.clone(), seen: zeros.clone(), foreground: zeros.clone(), radii: zeros }
     }
 
     /// Takes in one step: the gradient of the main loss with respect to the projected centres, summed over the batch
@@ -33,15 +35,21 @@ impl DensifyStatistics {
         self.foreground = self.foreground.clone().max_pair(probability * visible);
     }
 
+    /// Takes in the largest radii `[N, 1]` of a batch.
+    pub fn record_radii(&mut self, radii: Tensor<2>) {
+        self.radii = self.radii.clone().max_pair(radii);
+    }
+
     /// Mean norm of the gradient per step seen; 0 where never seen.
     pub fn mean_gradients(&self) -> Tensor<2> {
         // Never seen means a sum of 0, so any divisor will do there.
         self.gradients.clone() / self.seen.clone().clamp_min(1.0)
     }
 
-    /// The statistics after a change of rows: gradients start again, foreground probabilities follow `sources`.
+    /// The statistics after rows were added: gradients and radii start again, foreground probabilities follow `sources`.
     pub fn rearranged(&self, sources: &Tensor<1, Int>) -> Self {
         let foreground = self.foreground.clone().select(0, sources.clone());
-        Self { gradients: foreground.zeros_like(), seen: foreground.zeros_like(), foreground }
+        let zeros = foreground.zeros_like();
+        Self { gradients: zeros.clone(), seen: zeros.clone(), foreground, radii: zeros }
     }
 }

@@ -6,4 +6,4 @@ mod render;
 
 pub use metrics::{MaskOverlap, Psnr, masked_psnr, psnr, quantise, ssim};
 pub use protocol::{Evaluation, LayerScores, PROTOCOL, Scores, ViewScores, evaluate};
-pub use render::{ViewPictures, render_view};
+pub use render::{BranchLayers, ViewPictures, render_view};

@@ -100,18 +100,18 @@ fn score(
     };
     let dynamic_region = mask.as_ref().and_then(|mask| region(&pictures.composed, &photo, mask));
     let mut mask_iou = None;
-    if let Some(mask) = &mask {
-        overlap.add(&pictures.mask, mask);
+    if let (Some(mask), Some(layers)) = (&mask, &pictures.branches) {
+        overlap.add(&layers.mask, mask);
         let mut own = MaskOverlap::default();
-        own.add(&pictures.mask, mask);
+        own.add(&layers.mask, mask);
         mask_iou = own.ratio();
     }
-    let static_ = match clean_background(view, capture)? {
-        Some(clean) => Some(LayerScores {
-            psnr: psnr(&pictures.static_, &clean),
-            ssim: Some(compare(pictures.static_tensor.clone(), &clean)?),
+    let static_ = match (&pictures.branches, clean_background(view, capture)?) {
+        (Some(layers), Some(clean)) => Some(LayerScores {
+            psnr: psnr(&layers.static_, &clean),
+            ssim: Some(compare(layers.static_tensor.clone(), &clean)?),
         }),
-        None => None,
+        _ => None,
     };
     Ok(Scores { composed, static_, dynamic_region, mask_iou })
 }

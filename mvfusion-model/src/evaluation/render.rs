@@ -7,25 +7,32 @@ use mvfusion_data::View;
 use super::metrics::quantise;
 use crate::ModelError;
 use crate::composition::{Blending, Composition, Layers};
-use crate::model::{Model, Movement, Surroundings};
+use crate::model::{BranchPictures, Model, Movement, Surroundings};
 use crate::tensors;
 
 /// The layers of a view as 8-bit pictures.
 #[derive(Clone, Debug)]
 pub struct ViewPictures {
-    /// Both branches blended.
+    /// What the whole model shows: the branches blended, or the only one.
     pub composed: RgbImage,
+    /// What it is blended from, in a model of two branches.
+    pub branches: Option<BranchLayers>,
+    /// Motion intensity of the dynamic branch, on a scale of its own; absent until motion was measured.
+    pub motion: Option<RgbImage>,
+    /// The composed picture in full precision: `[1, 3, H, W]`.
+    pub composed_tensor: Tensor<4>,
+}
+
+/// What a view is blended from.
+#[derive(Clone, Debug)]
+pub struct BranchLayers {
     /// The static branch alone, without brightness control.
     pub static_: RgbImage,
     /// The dynamic branch alone.
     pub dynamic: RgbImage,
     /// The share of the dynamic branch.
     pub mask: RgbImage,
-    /// Motion intensity of the dynamic branch, on a scale of its own; absent until motion was measured.
-    pub motion: Option<RgbImage>,
-    /// The blended picture in full precision: `[1, 3, H, W]`.
-    pub composed_tensor: Tensor<4>,
-    /// The static branch in full precision.
+    /// The static branch in full precision: `[1, 3, H, W]`.
     pub static_tensor: Tensor<4>,
 }
 
@@ -42,31 +49,37 @@ pub fn render_view(
     movement: Movement,
     surroundings: &Surroundings,
 ) -> Result<ViewPictures, ModelError> {
-    let blend = compose(model, view, movement, surroundings)?;
-    let eight_bit = |picture: &Tensor<4>| quantise(picture.clone());
+    let pictures = model.render(&view.camera, view.time, movement, None, surroundings)?;
+    let (composed, branches) = match compose(&pictures) {
+        Some(blend) => (blend.composed.clone(), Some(BranchLayers::of(blend)?)),
+        None => (pictures.dynamic.main().colour.unsqueeze_dim(0).clamp(0.0, 1.0), None),
+    };
     Ok(ViewPictures {
-        composed: eight_bit(&blend.composed)?,
-        static_: eight_bit(&blend.static_)?,
-        dynamic: eight_bit(&blend.dynamic)?,
-        mask: eight_bit(&blend.mask)?,
+        composed: quantise(composed.clone())?,
+        branches,
         motion: motion_picture(model, view, movement, surroundings)?,
-        static_tensor: blend.static_.clamp(0.0, 1.0),
-        composed_tensor: blend.composed,
+        composed_tensor: composed,
     })
 }
 
-fn compose(
-    model: &Model,
-    view: &View,
-    movement: Movement,
-    surroundings: &Surroundings,
-) -> Result<Composition, ModelError> {
-    let pictures = model.render(&view.camera, view.time, movement, None, surroundings)?;
-    let (dynamic, static_) = (pictures.dynamic.main(), pictures.static_.main());
+/// Blends the branches, if there are two.
+fn compose(pictures: &BranchPictures) -> Option<Composition> {
+    let (dynamic, static_) = (pictures.dynamic.main(), pictures.static_.as_ref()?.main());
     let batch = |layer: Tensor<3>| -> Tensor<4> { layer.unsqueeze_dim(0) };
-    let mask = dynamic.features.expect("the dynamic branch is always splatted with its mask");
-    let layers = Layers { dynamic: batch(dynamic.colour), static_: batch(static_.colour), mask: batch(mask) };
-    Ok(layers.compose(Blending::Evaluation))
+    let layers =
+        Layers { dynamic: batch(dynamic.colour), static_: batch(static_.colour), mask: batch(dynamic.features?) };
+    Some(layers.compose(Blending::Evaluation))
+}
+
+impl BranchLayers {
+    fn of(blend: Composition) -> Result<Self, ModelError> {
+        Ok(Self {
+            static_: quantise(blend.static_.clone())?,
+            dynamic: quantise(blend.dynamic)?,
+            mask: quantise(blend.mask)?,
+            static_tensor: blend.static_.clamp(0.0, 1.0),
+        })
+    }
 }
 
 /// The motion intensity of the dynamic Gaussians, splatted, as a heat map.
@@ -85,7 +98,7 @@ fn motion_picture(
 
     let moved = model.dynamic_at(view.time, movement, surroundings);
     let settings = surroundings.splat_settings(model.dynamic.sh_degree, false);
-    let picture = moved.splat(Some(scaled), None, &view.camera, &settings)?;
+    let picture = moved.splat(Some(scaled), None, &view.camera, &settings, surroundings.background)?;
     let intensity = picture.main().features.expect("one feature was splatted");
     let [_, height, width] = intensity.dims();
     let values: Vec<f32> = tensors::read(intensity)?;

@@ -1,13 +1,16 @@
-//! The training objective: a main loss that also drives densification, and a light loss that does not (METHOD §4.4).
+//! The training objective: a main loss that also drives densification, and a light loss that does not (METHOD §4.4);
+//! or the single loss of a model of one branch (§9).
 
 mod light;
 mod main;
 mod schedule;
+mod single;
 pub mod terms;
 
 pub use light::light_loss;
 pub use main::main_loss;
 pub use schedule::LossSchedule;
+pub use single::single_loss;
 
 use burn::tensor::Tensor;
 use mvfusion_render::window::Window;

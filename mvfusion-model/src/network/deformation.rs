@@ -6,7 +6,7 @@ use mvfusion_render::grid::{GridBounds, GridLayout};
 
 use super::heads::decode;
 use super::{AttributeHeads, HexPlane, LayerInit, MaskHeads, Mlp, Offsets};
-use crate::config::ModelConfig;
+use crate::config::{Branches, ModelConfig};
 
 /// Size of a [`DeformationNetwork`].
 #[derive(Clone, Debug, PartialEq)]
@@ -19,17 +19,24 @@ pub struct DeformationConfig {
     pub width: usize,
     /// Linear layers of the trunk; 0 and 1 both mean one.
     pub depth: usize,
-    /// Whether there are mask heads (DeGauss) or not (4DGS).
-    pub masks: Masks,
+    /// Which heads there are.
+    pub heads: HeadChoice,
 }
 
-/// Whether a network predicts masks.
+/// Which heads a network has beside those of centres, log-scales and quaternions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Masks {
-    /// Three mask heads beside the attribute heads: two branches that are blended.
-    Predicted,
-    /// Attribute heads alone: one branch.
-    Absent,
+pub struct HeadChoice {
+    /// That of the opacity logits.
+    pub opacity: bool,
+    /// That of the colour coefficients.
+    pub sh: bool,
+    /// The three mask heads, where two branches are blended (DeGauss).
+    pub masks: bool,
+}
+
+impl HeadChoice {
+    /// Every head, as in DeGauss.
+    pub const ALL: Self = Self { opacity: true, sh: true, masks: true };
 }
 
 /// HexPlane field, trunk and heads: `offsets = heads(trunk(field(x, t)))` (METHOD §2).
@@ -48,7 +55,9 @@ pub struct DeformationNetwork {
 impl DeformationConfig {
     /// The network of a run's model, in a field over `bounds`.
     pub fn of(model: &ModelConfig, bounds: GridBounds) -> Self {
-        Self { layout: model.grid.layout(), bounds, width: model.width, depth: model.depth, masks: Masks::Predicted }
+        let heads =
+            HeadChoice { opacity: model.deform_opacity, sh: model.deform_sh, masks: model.branches == Branches::Both };
+        Self { layout: model.grid.layout(), bounds, width: model.width, depth: model.depth, heads }
     }
 
     /// A network with fresh weights.
@@ -59,8 +68,8 @@ impl DeformationConfig {
         DeformationNetwork {
             grid,
             trunk: init.mlp(&widths),
-            heads: AttributeHeads::new(self.width, init),
-            masks: (self.masks == Masks::Predicted).then(|| MaskHeads::new(self.width, init)),
+            heads: AttributeHeads::new(self.width, self.heads, init),
+            masks: self.heads.masks.then(|| MaskHeads::new(self.width, init)),
         }
     }
 }

@@ -4,7 +4,7 @@ use burn::module::Module;
 use burn::tensor::Tensor;
 
 use super::layers::{Rectified, run};
-use super::{LayerInit, Mlp};
+use super::{HeadChoice, LayerInit, Mlp};
 
 /// Number of colour coefficients that are deformed: degree 3, three channels.
 const SH_OUTPUTS: usize = 48;
@@ -18,15 +18,15 @@ pub struct Offsets {
     pub log_scales: Tensor<2>,
     /// Quaternions, component-wise: `[N, 4]`.
     pub quaternions: Tensor<2>,
-    /// Opacity logits: `[N, 1]`.
-    pub opacity_logits: Tensor<2>,
-    /// Colour coefficients, coefficient by coefficient, colour fastest: `[N, 48]`.
-    pub sh: Tensor<2>,
+    /// Opacity logits: `[N, 1]`; absent where they do not change.
+    pub opacity_logits: Option<Tensor<2>>,
+    /// Colour coefficients, coefficient by coefficient, colour fastest: `[N, 48]`; absent where they do not change.
+    pub sh: Option<Tensor<2>>,
     /// Mask logits in the order static, brightness, dynamic: `[N, 3]`; absent without mask heads.
     pub mask_logits: Option<Tensor<2>>,
 }
 
-/// The five attribute heads, each ReLU, linear, ReLU, linear.
+/// The attribute heads, each ReLU, linear, ReLU, linear.
 #[derive(Module, Debug)]
 pub struct AttributeHeads {
     /// Centres.
@@ -36,9 +36,9 @@ pub struct AttributeHeads {
     /// Quaternions.
     pub quaternions: Mlp,
     /// Opacity logits.
-    pub opacity_logits: Mlp,
+    pub opacity_logits: Option<Mlp>,
     /// Colour coefficients.
-    pub sh: Mlp,
+    pub sh: Option<Mlp>,
 }
 
 /// The three mask heads, each one layer deeper than an attribute head.
@@ -54,19 +54,19 @@ pub struct MaskHeads {
 
 impl AttributeHeads {
     /// Heads on a feature of the given width.
-    pub fn new(width: usize, init: &mut LayerInit<'_>) -> Self {
+    pub fn new(width: usize, choice: HeadChoice, init: &mut LayerInit<'_>) -> Self {
         Self {
             means: init.mlp(&[width, width, 3]),
             log_scales: init.mlp(&[width, width, 3]),
             quaternions: init.mlp(&[width, width, 4]),
-            opacity_logits: init.mlp(&[width, width, 1]),
-            sh: init.mlp(&[width, width, SH_OUTPUTS]),
+            opacity_logits: choice.opacity.then(|| init.mlp(&[width, width, 1])),
+            sh: choice.sh.then(|| init.mlp(&[width, width, SH_OUTPUTS])),
         }
     }
 
     /// In the order of [`Offsets`].
-    fn chains(&self) -> [&Mlp; 5] {
-        [&self.means, &self.log_scales, &self.quaternions, &self.opacity_logits, &self.sh]
+    fn chains(&self) -> impl Iterator<Item = &Mlp> {
+        [&self.means, &self.log_scales, &self.quaternions].into_iter().chain(&self.opacity_logits).chain(&self.sh)
     }
 }
 
@@ -87,7 +87,7 @@ impl MaskHeads {
 
 /// All offsets of a feature `[N, width]`, taken before its ReLU.
 pub(super) fn decode(feature: Tensor<2>, heads: &AttributeHeads, masks: Option<&MaskHeads>) -> Offsets {
-    let mut chains = heads.chains().to_vec();
+    let mut chains: Vec<&Mlp> = heads.chains().collect();
     chains.extend(masks.iter().flat_map(|masks| masks.chains()));
     let columns = run(&chains, feature, Rectified::Yes);
     let mut first = 0;
@@ -100,8 +100,8 @@ pub(super) fn decode(feature: Tensor<2>, heads: &AttributeHeads, masks: Option<&
         means: next(3),
         log_scales: next(3),
         quaternions: next(4),
-        opacity_logits: next(1),
-        sh: next(SH_OUTPUTS),
+        opacity_logits: heads.opacity_logits.as_ref().map(|_| next(1)),
+        sh: heads.sh.as_ref().map(|_| next(SH_OUTPUTS)),
         mask_logits: masks.map(|_| next(3)),
     }
 }
@@ -110,13 +110,14 @@ impl std::ops::Add for Offsets {
     type Output = Self;
 
     fn add(self, other: Self) -> Self {
+        let both = |a: Option<Tensor<2>>, b: Option<Tensor<2>>| a.zip(b).map(|(a, b)| a + b);
         Self {
             means: self.means + other.means,
             log_scales: self.log_scales + other.log_scales,
             quaternions: self.quaternions + other.quaternions,
-            opacity_logits: self.opacity_logits + other.opacity_logits,
-            sh: self.sh + other.sh,
-            mask_logits: self.mask_logits.zip(other.mask_logits).map(|(a, b)| a + b),
+            opacity_logits: both(self.opacity_logits, other.opacity_logits),
+            sh: both(self.sh, other.sh),
+            mask_logits: both(self.mask_logits, other.mask_logits),
         }
     }
 }

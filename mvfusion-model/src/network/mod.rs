@@ -5,7 +5,7 @@ mod heads;
 mod hexplane;
 mod layers;
 
-pub use deformation::{DeformationConfig, DeformationNetwork, Masks};
+pub use deformation::{DeformationConfig, DeformationNetwork, HeadChoice};
 pub use heads::{AttributeHeads, MaskHeads, Offsets};
 pub use hexplane::HexPlane;
 pub use layers::{LayerInit, Mlp, zero_last_layer};

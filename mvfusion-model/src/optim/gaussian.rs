@@ -17,8 +17,14 @@ pub struct GaussianOptimiser {
 }
 
 /// The gradients of a branch's attributes, without autodiff. An attribute that took no part in the loss is absent.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct GaussianGradients(BTreeMap<Attribute, Tensor<2>>);
+
+impl FromIterator<(Attribute, Tensor<2>)> for GaussianGradients {
+    fn from_iter<I: IntoIterator<Item = (Attribute, Tensor<2>)>>(gradients: I) -> Self {
+        Self(gradients.into_iter().collect())
+    }
+}
 
 impl GaussianGradients {
     /// Takes a branch's gradients out of those of a backward pass.
@@ -28,6 +34,23 @@ impl GaussianGradients {
             Some((attribute, gradient))
         };
         Self(Attribute::ALL.into_iter().filter_map(of).collect())
+    }
+
+    /// The gradient of an attribute.
+    pub fn of(&self, attribute: Attribute) -> Option<&Tensor<2>> {
+        self.0.get(&attribute)
+    }
+
+    /// The sum of two gradients.
+    pub fn plus(mut self, other: Self) -> Self {
+        for (attribute, gradient) in other.0 {
+            let sum = match self.0.remove(&attribute) {
+                Some(own) => own + gradient,
+                None => gradient,
+            };
+            self.0.insert(attribute, sum);
+        }
+        self
     }
 
     /// Drops the gradient of an attribute whose numbers were replaced after the backward pass.

@@ -12,9 +12,10 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use super::{Sampler, TrainState};
+use super::step::Sighting;
+use super::{Contribution, Sampler, TrainState};
 use crate::ModelError;
-use crate::config::Config;
+use crate::config::{Branches, Config};
 use crate::densify::{Branch, Census, DensifyStatistics};
 use crate::gaussians::{Attribute, Gaussians};
 use crate::model::Model;
@@ -26,11 +27,17 @@ use crate::random::{Stream, Streams};
 /// Header key under which everything but the tensors is stored.
 const HEADER: &str = "mvfusion";
 
+/// Names of what the static branch has yet to learn from, beside its gradients.
+const PENDING_SCREEN: &str = "pending.screen";
+const PENDING_RADII: &str = "pending.radii";
+const PENDING_VISIBLE: &str = "pending.visible";
+
 /// What a checkpoint holds beside tensors.
 #[derive(Debug, Serialize, Deserialize)]
 struct Header {
     completed: usize,
-    sh_degrees: [usize; 2],
+    /// Of the dynamic branch, then of the static one, if there is one.
+    sh_degrees: Vec<usize>,
     grid_max: [f64; 3],
     grid_min: [f64; 3],
     knot_times: Option<Vec<f64>>,
@@ -53,7 +60,7 @@ impl TrainState {
     pub fn save(&self, path: &Path) -> Result<(), ModelError> {
         let mut tensors = parameters(&self.model)?;
         let mut adam_steps = BTreeMap::new();
-        for (name, branch) in [("dynamic", &self.model.dynamic), ("static", &self.model.static_)] {
+        for (name, branch) in self.model.branches() {
             for (attribute, moments) in &branch.optimiser.moments {
                 store_moments(&mut tensors, &mut adam_steps, &format!("{name}.{attribute}"), moments)?;
             }
@@ -61,6 +68,7 @@ impl TrainState {
             store(&mut tensors, format!("statistics.{name}.gradients"), statistics.gradients.clone())?;
             store(&mut tensors, format!("statistics.{name}.seen"), statistics.seen.clone())?;
             store(&mut tensors, format!("statistics.{name}.foreground"), statistics.foreground.clone())?;
+            store(&mut tensors, format!("statistics.{name}.radii"), statistics.radii.clone())?;
         }
         for (path, moments) in &self.optimiser.moments {
             store_moments(&mut tensors, &mut adam_steps, path, moments)?;
@@ -70,10 +78,13 @@ impl TrainState {
             store(&mut tensors, "motion.local".to_owned(), cache.local.clone())?;
             store(&mut tensors, "motion.intensity".to_owned(), cache.intensity.clone())?;
         }
+        if let Some(pending) = &self.pending {
+            store_pending(&mut tensors, pending)?;
+        }
         let bounds = self.model.network.grid.bounds();
         let header = Header {
             completed: self.completed,
-            sh_degrees: [self.model.dynamic.sh_degree, self.model.static_.sh_degree],
+            sh_degrees: self.model.branches().map(|(_, branch)| branch.sh_degree).collect(),
             grid_max: bounds.max,
             grid_min: bounds.min,
             knot_times: self.model.motion.as_ref().map(|cache| cache.knot_times.clone()),
@@ -102,6 +113,7 @@ impl TrainState {
         }
         let bounds = GridBounds { max: header.grid_max, min: header.grid_min };
         let model = reader.model(config, bounds, &header)?;
+        let pending = reader.pending()?;
         Ok(Self {
             completed: header.completed,
             model,
@@ -109,6 +121,7 @@ impl TrainState {
             normalisers: header.normalisers,
             streams: header.streams,
             sampler: header.sampler,
+            pending,
             census: header.census,
             refreshes: header.refreshes,
         })
@@ -139,7 +152,7 @@ pub fn parameter_hash(model: &Model) -> Result<String, ModelError> {
 /// Every learned parameter by name.
 fn parameters(model: &Model) -> Result<Tensors, ModelError> {
     let mut tensors = Tensors::new();
-    for (name, branch) in [("dynamic", &model.dynamic), ("static", &model.static_)] {
+    for (name, branch) in model.branches() {
         for attribute in Attribute::ALL {
             if let Some(values) = branch.gaussians.plain(attribute) {
                 store(&mut tensors, format!("{name}.{attribute}"), values)?;
@@ -160,6 +173,19 @@ fn store<const D: usize>(tensors: &mut Tensors, name: String, tensor: Tensor<D>)
     let data = tensor.try_into_data().map_err(|error| ModelError::Device(error.to_string()))?;
     tensors.insert(name, data.convert_dtype(DType::F32));
     Ok(())
+}
+
+fn store_pending(tensors: &mut Tensors, pending: &Contribution) -> Result<(), ModelError> {
+    for attribute in Attribute::ALL {
+        if let Some(gradient) = pending.gradients.of(attribute) {
+            store(tensors, format!("pending.{attribute}"), gradient.clone())?;
+        }
+    }
+    if let Some(screen) = &pending.screen {
+        store(tensors, PENDING_SCREEN.to_owned(), screen.clone())?;
+    }
+    store(tensors, PENDING_RADII.to_owned(), pending.sighting.radii.clone())?;
+    store(tensors, PENDING_VISIBLE.to_owned(), pending.sighting.visible.clone())
 }
 
 fn store_moments<const D: usize>(
@@ -278,9 +304,14 @@ impl<'a> Reader<'a> {
         let mut init = LayerInit { device: self.device, dtype: DType::F32, stream: &mut stream };
         let network = DeformationConfig::of(&config.model, bounds).init(&mut init);
         let refinement = MotionRefinement::new(config.model.width, &config.motion, &mut init);
+        let (degrees, both) = (&header.sh_degrees, config.model.branches == Branches::Both);
+        let static_degree = degrees.get(1).filter(|_| both);
+        let (Some(&dynamic_degree), true) = (degrees.first(), both == static_degree.is_some()) else {
+            return Err(self.misfit(format!("it holds {} branches", degrees.len())));
+        };
         Ok(Model {
-            dynamic: self.branch("dynamic", header.sh_degrees[0], header)?,
-            static_: self.branch("static", header.sh_degrees[1], header)?,
+            dynamic: self.branch("dynamic", dynamic_degree, header)?,
+            static_: static_degree.map(|&degree| self.branch("static", degree, header)).transpose()?,
             network: self.fill("network", network)?,
             refinement: self.fill("refinement", refinement)?,
             motion: match &header.knot_times {
@@ -300,8 +331,8 @@ impl<'a> Reader<'a> {
         let mut optimiser = GaussianOptimiser::default();
         for attribute in Attribute::ALL {
             let path = format!("{name}.{attribute}");
-            if self.tensors.contains_key(&path) {
-                tensors.insert(attribute, self.tensor::<2>(&path)?);
+            if let Some(values) = self.optional::<2>(&path)? {
+                tensors.insert(attribute, values);
             }
             if let Some(&steps) = header.adam_steps.get(&path) {
                 optimiser.moments.insert(attribute, self.moments(&path, steps)?);
@@ -313,8 +344,30 @@ impl<'a> Reader<'a> {
             gradients: self.tensor(&format!("statistics.{name}.gradients"))?,
             seen: self.tensor(&format!("statistics.{name}.seen"))?,
             foreground: self.tensor(&format!("statistics.{name}.foreground"))?,
+            radii: self.tensor(&format!("statistics.{name}.radii"))?,
         };
         Ok(Branch { gaussians, optimiser, statistics, sh_degree })
+    }
+
+    /// A tensor, if it is there.
+    fn optional<const D: usize>(&mut self, name: &str) -> Result<Option<Tensor<D>>, ModelError> {
+        self.tensors.contains_key(name).then(|| self.tensor(name)).transpose()
+    }
+
+    /// What the static branch had yet to learn from.
+    fn pending(&mut self) -> Result<Option<Contribution>, ModelError> {
+        let Some(visible) = self.optional(PENDING_VISIBLE)? else { return Ok(None) };
+        let mut gradients = Vec::new();
+        for attribute in Attribute::ALL {
+            if let Some(gradient) = self.optional(&format!("pending.{attribute}"))? {
+                gradients.push((attribute, gradient));
+            }
+        }
+        Ok(Some(Contribution {
+            sighting: Sighting { visible, foreground: None, radii: self.tensor(PENDING_RADII)? },
+            screen: self.optional(PENDING_SCREEN)?,
+            gradients: gradients.into_iter().collect(),
+        }))
     }
 
     /// Puts the stored numbers into a module.

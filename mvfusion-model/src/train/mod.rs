@@ -2,14 +2,18 @@
 
 mod batch;
 mod checkpoint;
+mod contribution;
+mod finite;
 mod stage;
 mod state;
 mod step;
 mod trainer;
+mod turn;
 mod update;
 
 pub use batch::{Photos, Sampler, picture_tensor};
 pub use checkpoint::{load_model, parameter_hash};
+pub use contribution::Contribution;
 pub use stage::{Position, Stage};
 pub use state::TrainState;
 pub use step::StepLoss;

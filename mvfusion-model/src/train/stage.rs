@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::ModelError;
 use crate::config::StageConfig;
 use crate::model::Movement;
 
@@ -41,6 +42,8 @@ impl Stage {
 /// A step of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Position {
+    /// Step within the run, from 1.
+    pub run_step: usize,
     /// The stage.
     pub stage: Stage,
     /// Step within the stage, from 1.
@@ -67,7 +70,7 @@ impl Position {
                     Stage::Refinement => stage_step + stages.deformation,
                     _ => stage_step,
                 };
-                return Some(Self { stage, stage_step, stage_length: length, step });
+                return Some(Self { run_step: completed + 1, stage, stage_step, stage_length: length, step });
             }
             before += length;
         }
@@ -77,6 +80,11 @@ impl Position {
     /// Whether moments, statistics and schedules start again at this step. The last stage goes on from the one before.
     pub fn restarts(&self) -> bool {
         self.step == 1
+    }
+
+    /// The error of a run in which something is not finite at this step.
+    pub(super) fn not_finite(&self, what: String) -> ModelError {
+        ModelError::NotFinite { what, step: self.stage_step, stage: self.stage.name() }
     }
 
     /// Whether this is the stage's last step.

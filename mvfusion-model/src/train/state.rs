@@ -6,16 +6,16 @@ use mvfusion_data::{PointCloud, Scene};
 use mvfusion_render::grid::GridBounds;
 
 use crate::ModelError;
-use crate::config::Config;
+use crate::config::{Branches, Config};
 use crate::densify::{Branch, Census};
-use crate::initial::{InitialClouds, Role, gaussians_on};
+use crate::initial::{InitialClouds, Masking, gaussians_on};
 use crate::model::Model;
 use crate::motion::{MotionRefinement, Normalisers};
 use crate::network::{DeformationConfig, LayerInit};
 use crate::optim::ModuleOptimiser;
 use crate::random::Streams;
 
-use super::Sampler;
+use super::{Contribution, Sampler};
 
 /// The state of a run: parameters, moments, statistics, motion cache, random streams, counters. What is not in here can
 /// be computed anew from configuration and scene.
@@ -33,6 +33,8 @@ pub struct TrainState {
     pub streams: Streams,
     /// Views not yet shown in this round.
     pub sampler: Sampler,
+    /// What the static branch has yet to learn from, under gradient accumulation.
+    pub pending: Option<Contribution>,
     /// How often rows changed, dynamic branch first.
     pub census: [Census; 2],
     /// Refreshes of the motion statistics.
@@ -46,26 +48,22 @@ impl TrainState {
     /// If the configuration leaves a branch without Gaussians.
     pub fn new(config: &Config, scene: &Scene, device: &Device) -> Result<Self, ModelError> {
         let mut streams = Streams::new(config.seed);
-        let mut clouds = InitialClouds::draw(scene, &config.init, &mut streams.clouds);
-        if clouds.static_.is_empty() {
-            // Without points from structure from motion, the static branch starts from random ones as well.
-            tracing::warn!(
-                "the scene has no points; the static branch starts from {} random ones",
-                clouds.dynamic.len()
-            );
-            clouds.static_ = clouds.dynamic.clone();
-        }
+        let clouds = InitialClouds::draw(scene, config.model.branches, &config.init, &mut streams.clouds);
         let bounds = grid_bounds(&clouds.dynamic).ok_or(ModelError::Config {
             key: "init.dynamic_points",
             value: config.init.dynamic_points.to_string(),
             reason: "the dynamic branch needs at least one Gaussian to start from; give a number above 0",
         })?;
         let dtype = DType::F32;
-        let branch = |cloud: &PointCloud, role| {
-            Branch::new(gaussians_on(cloud, role, config.model.sh_degree, config.init.opacity, device, dtype))
+        let branch = |cloud: &PointCloud, masking| {
+            Branch::new(gaussians_on(cloud, masking, config.model.sh_degree, config.init.opacity, device, dtype))
         };
-        let role = Role::Dynamic { dynamic_logit: config.init.dynamic_logit };
-        let (dynamic, static_) = (branch(&clouds.dynamic, role), branch(&clouds.static_, Role::Static));
+        let masking = match config.model.branches {
+            Branches::Both => Masking::Blended { dynamic_logit: config.init.dynamic_logit },
+            Branches::Dynamic => Masking::Absent,
+        };
+        let dynamic = branch(&clouds.dynamic, masking);
+        let static_ = clouds.static_.as_ref().map(|cloud| branch(cloud, Masking::Absent));
 
         let mut init = LayerInit { device, dtype, stream: &mut streams.weights };
         let network = DeformationConfig::of(&config.model, bounds).init(&mut init);
@@ -77,6 +75,7 @@ impl TrainState {
             normalisers: Normalisers::default(),
             streams,
             sampler: Sampler::default(),
+            pending: None,
             census: [Census::default(); 2],
             refreshes: 0,
         })

@@ -1,13 +1,14 @@
 //! The forward half of a step: render a batch, blend, compare.
 
-use burn::tensor::{Int, Tensor};
+use burn::tensor::Tensor;
 use mvfusion_render::grid;
-use mvfusion_render::splat::SplatLayers;
+use mvfusion_render::splat::{SplatLayers, SplatPicture};
 
+use super::finite::Findings;
 use super::{Position, Trainer};
 use crate::ModelError;
 use crate::composition::{Blending, Layers};
-use crate::loss::{LossContext, LossSchedule, Pictures, light_loss, main_loss};
+use crate::loss::{LossContext, LossSchedule, Pictures, light_loss, main_loss, single_loss};
 use crate::model::{BranchPictures, Movement, Probes};
 
 use super::Stage;
@@ -25,20 +26,36 @@ pub struct StepLoss {
 pub(super) struct Forward {
     /// What is minimised.
     pub total: Tensor<1>,
+    /// The pictures that it was computed from, without autodiff, by branch.
+    pub rendered: Vec<(&'static str, Tensor<4>)>,
     /// For the log.
     pub loss: StepLoss,
     /// Where the screen-space gradients arrive.
     pub probes: Probes,
     /// What was seen of the dynamic branch.
     pub dynamic: Sighting,
-    /// What was seen of the static branch.
-    pub static_: Sighting,
+    /// What was seen of the static branch, if there is one.
+    pub static_: Option<Sighting>,
+}
+
+impl Forward {
+    /// What can be found in the pictures.
+    pub fn pictures(&self) -> Findings {
+        let mut findings = Findings::default();
+        for (branch, picture) in &self.rendered {
+            findings.add(format!("the picture of the {branch} branch"), picture.clone());
+        }
+        findings
+    }
 }
 
 /// Which Gaussians of a branch a batch has seen.
+#[derive(Clone, Debug)]
 pub(super) struct Sighting {
     /// 1 for Gaussians visible in any view, else 0: `[N, 1]`.
     pub visible: Tensor<2>,
+    /// Largest radius in any view, pixels: `[N, 1]`.
+    pub radii: Tensor<2>,
     /// Highest foreground probability over the views: `[N, 1]`.
     pub foreground: Option<Tensor<2>>,
 }
@@ -57,23 +74,36 @@ impl Trainer {
 
         let photos = self.photos.stack(views, &self.device);
         let context = self.loss_context(&photos, position);
-        let blending = if position.stage == Stage::Geometry { Blending::Geometry } else { Blending::Deformation };
-        let main = pictures(&rendered, Copy::Main, blending);
-        let light = pictures(&rendered, Copy::Light, blending);
-        let log_scales = [&model.dynamic, &model.static_].map(|branch| branch.gaussians.log_scales.val());
-
-        let mut total = main_loss(&main, &context) + light_loss(&light, log_scales, &context);
+        let (mut total, composed) = match &model.static_ {
+            Some(static_) => {
+                let blending =
+                    if position.stage == Stage::Geometry { Blending::Geometry } else { Blending::Deformation };
+                let main = pictures(&rendered, Copy::Main, blending);
+                let light = pictures(&rendered, Copy::Light, blending);
+                let log_scales = [&model.dynamic, static_].map(|branch| branch.gaussians.log_scales.val());
+                let loss = main_loss(&main, &context) + light_loss(&light, log_scales, &context);
+                (loss, main.composition.composed)
+            }
+            None => {
+                let composed = stack(&rendered, |view| view.dynamic.main().colour);
+                (single_loss(composed.clone(), &context), composed)
+            }
+        };
         if movement != Movement::Still {
             total = total + self.grid_penalty()?;
         }
-        let difference = main.composition.composed.inner() - photos;
+        let difference = composed.inner() - photos;
         let loss = StepLoss { total: total.clone().inner(), squared_error: difference.powf_scalar(2.0).mean() };
         Ok(Forward {
             total,
             loss,
+            rendered: packed(&rendered),
             probes,
-            dynamic: Sighting::of(&rendered, true),
-            static_: Sighting::of(&rendered, false),
+            dynamic: Sighting::of(rendered.iter().map(|view| &view.dynamic), foreground(&rendered)),
+            static_: model
+                .static_
+                .is_some()
+                .then(|| Sighting::of(rendered.iter().filter_map(|view| view.static_.as_ref()), None)),
         })
     }
 
@@ -112,17 +142,31 @@ enum Copy {
     Light,
 }
 
-/// One copy of every rendered view, stacked and blended.
+/// A layer of every view as one batch.
+fn stack<V>(views: &[V], layer: impl Fn(&V) -> Tensor<3>) -> Tensor<4> {
+    Tensor::cat(views.iter().map(|view| layer(view).unsqueeze_dim(0)).collect(), 0)
+}
+
+/// The rendered pictures with all their layers, without autodiff.
+fn packed(rendered: &[BranchPictures]) -> Vec<(&'static str, Tensor<4>)> {
+    let of = |branch, picture: &SplatPicture| (branch, picture.packed.clone().inner());
+    let static_ = |view: &BranchPictures| view.static_.as_ref().map(|picture| of("static", picture));
+    rendered.iter().flat_map(|view| std::iter::once(of("dynamic", &view.dynamic)).chain(static_(view))).collect()
+}
+
+/// Highest foreground probability of the dynamic Gaussians over the views.
+fn foreground(rendered: &[BranchPictures]) -> Option<Tensor<2>> {
+    rendered.iter().filter_map(|view| view.foreground.clone()).reduce(Tensor::max_pair)
+}
+
+/// One copy of every rendered view of two branches, stacked and blended.
 fn pictures(rendered: &[BranchPictures], copy: Copy, blending: Blending) -> Pictures {
-    let layers = |picture: &mvfusion_render::splat::SplatPicture| match copy {
+    let layers = |picture: &SplatPicture| match copy {
         Copy::Main => picture.main(),
         Copy::Light => picture.light(),
     };
     let dynamic: Vec<SplatLayers> = rendered.iter().map(|view| layers(&view.dynamic)).collect();
-    let static_: Vec<SplatLayers> = rendered.iter().map(|view| layers(&view.static_)).collect();
-    let stack = |views: &[SplatLayers], layer: fn(&SplatLayers) -> Tensor<3>| -> Tensor<4> {
-        Tensor::cat(views.iter().map(|view| layer(view).unsqueeze_dim(0)).collect(), 0)
-    };
+    let static_: Vec<SplatLayers> = rendered.iter().filter_map(|view| view.static_.as_ref().map(layers)).collect();
     let mask = |view: &SplatLayers| view.features.clone().expect("the dynamic branch is always splatted with its mask");
     let blend = Layers {
         dynamic: stack(&dynamic, |view| view.colour.clone()),
@@ -137,14 +181,10 @@ fn pictures(rendered: &[BranchPictures], copy: Copy, blending: Blending) -> Pict
 }
 
 impl Sighting {
-    fn of(rendered: &[BranchPictures], dynamic: bool) -> Self {
-        let radii =
-            |view: &BranchPictures| if dynamic { view.dynamic.radii.clone() } else { view.static_.radii.clone() };
-        let seen = |radii: Tensor<1, Int>| -> Tensor<2> { radii.greater_elem(0).float().unsqueeze_dim(1) };
-        let most = |tensors: Vec<Tensor<2>>| tensors.into_iter().reduce(|a, b| a.max_pair(b));
+    fn of<'a>(pictures: impl Iterator<Item = &'a SplatPicture>, foreground: Option<Tensor<2>>) -> Self {
+        let radii = pictures.map(|picture| picture.radii.clone()).reduce(Tensor::max_pair);
         // Proof: `Config::check` refuses a batch without a view.
-        let visible = most(rendered.iter().map(|view| seen(radii(view))).collect()).expect("a batch holds a view");
-        let foreground = dynamic.then(|| most(rendered.iter().filter_map(|view| view.foreground.clone()).collect()));
-        Self { visible, foreground: foreground.flatten() }
+        let radii: Tensor<2> = radii.expect("a batch holds a view").float().unsqueeze_dim(1);
+        Self { visible: radii.clone().greater_elem(0).float(), radii, foreground }
     }
 }

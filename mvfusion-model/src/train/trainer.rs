@@ -4,12 +4,15 @@ use burn::tensor::Device;
 use mvfusion_data::Scene;
 use mvfusion_render::splat::SplatRules;
 
+use super::finite::Findings;
+use super::step::Forward;
 use super::{Photos, Position, Stage, StepLoss, TrainState};
-use crate::ModelError;
 use crate::config::Config;
+use crate::densify::Branch;
 use crate::loss::Windows;
 use crate::model::{Movement, Surroundings};
 use crate::timeline::Timeline;
+use crate::{ModelError, tensors};
 
 /// Trains a model on a scene, step by step.
 #[derive(Debug)]
@@ -60,7 +63,11 @@ impl Trainer {
             self.state.sampler.draw(self.config.train.batch_size, self.photos.len(), &mut self.state.streams.sampling);
         let forward = self.forward(&views, &position)?;
         let loss = forward.loss.clone();
+        self.check_loss(&forward, &position)?;
         self.learn(forward, &position)?;
+        if self.log_due(&position) {
+            self.check_parameters(&position)?;
+        }
         if self.refresh_due(&position) {
             self.refresh_motion()?;
         }
@@ -72,8 +79,9 @@ impl Trainer {
     fn enter(&mut self, position: &Position) -> Result<(), ModelError> {
         if position.restarts() {
             self.state.model.dynamic.restart();
-            self.state.model.static_.restart();
+            self.state.model.static_.iter_mut().for_each(Branch::restart);
             self.state.optimiser = Default::default();
+            self.state.pending = None;
         }
         let refined = position.stage.movement(self.config.model.deformation) == Movement::Refined;
         if refined && self.state.model.motion.is_none() {
@@ -82,12 +90,40 @@ impl Trainer {
         let highest = self.config.model.sh_degree;
         let model = &mut self.state.model;
         let intervals = (self.config.train.dynamic_sh_interval, self.config.train.static_sh_interval);
-        for (branch, interval) in [(&mut model.dynamic, intervals.0), (&mut model.static_, intervals.1)] {
+        let dynamic = std::iter::once((&mut model.dynamic, intervals.0));
+        for (branch, interval) in dynamic.chain(model.static_.iter_mut().map(|branch| (branch, intervals.1))) {
             if position.step.is_multiple_of(interval) && branch.sh_degree < highest {
                 branch.sh_degree += 1;
             }
         }
         Ok(())
+    }
+
+    /// Whether the step is one of those that are logged.
+    pub fn log_due(&self, position: &Position) -> bool {
+        position.run_step.is_multiple_of(self.config.train.log_interval)
+            || position.run_step == self.config.train.stages.total()
+    }
+
+    /// Stops the run at a loss that is not finite, before it spoils the parameters.
+    fn check_loss(&self, forward: &Forward, position: &Position) -> Result<(), ModelError> {
+        let total: Vec<f32> = tensors::read(forward.loss.total.clone())?;
+        if total.iter().all(|loss| loss.is_finite()) {
+            return Ok(());
+        }
+        let bad = match Findings::of_parameters(&self.state.model).first_bad()? {
+            Some(parameter) => parameter,
+            None => forward.pictures().first_bad()?.unwrap_or_else(|| "the loss".to_owned()),
+        };
+        Err(position.not_finite(bad))
+    }
+
+    /// Stops the run at a parameter that is not finite. A Gaussian without a place is culled, so the loss need not tell.
+    fn check_parameters(&self, position: &Position) -> Result<(), ModelError> {
+        match Findings::of_parameters(&self.state.model).first_bad()? {
+            Some(parameter) => Err(position.not_finite(parameter)),
+            None => Ok(()),
+        }
     }
 
     /// Whether the motion statistics are measured after this step: at the end of the deformation stage, then every `E`
@@ -143,6 +179,7 @@ impl Surroundings {
             extent: scene.extent(),
             motion: config.motion.clone(),
             mask_gradient: config.densify.mask_gradient,
+            background: config.model.background.level(),
             near: SplatRules::inria().near.max(config.model.near_share * scene.near.unwrap_or(0.0)),
         }
     }

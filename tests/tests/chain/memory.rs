@@ -3,7 +3,7 @@
 use burn::tensor::{DType, Device, Tensor};
 use mvfusion_model::config::{GridConfig, MotionConfig};
 use mvfusion_model::motion::{MotionCache, Normalisers, Trajectories};
-use mvfusion_model::network::{DeformationConfig, DeformationNetwork, LayerInit, Masks};
+use mvfusion_model::network::{DeformationConfig, DeformationNetwork, HeadChoice, LayerInit};
 use mvfusion_model::random::Stream;
 use mvfusion_model::timeline::Timeline;
 use mvfusion_render::grid::GridBounds;
@@ -40,7 +40,7 @@ fn need(device: &Device) -> usize {
         bounds: GridBounds { max: [1.0; 3], min: [-1.0; 3] },
         width: 128,
         depth: 1,
-        masks: Masks::Predicted,
+        heads: HeadChoice::ALL,
     };
     let network = config.init(&mut LayerInit { device, dtype: DType::F32, stream });
     let values: Vec<f64> = (0..GAUSSIANS * 3).map(|_| stream.uniform(-1.0, 1.0)).collect();

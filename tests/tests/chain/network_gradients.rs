@@ -6,7 +6,7 @@ use burn::tensor::{DType, Device, Tensor};
 use mvfusion_data::Camera;
 use mvfusion_model::gaussians::{Attribute, Gaussians, RawGaussians};
 use mvfusion_model::network::{
-    AttributeHeads, DeformationConfig, DeformationNetwork, HexPlane, LayerInit, MaskHeads, Masks, Mlp,
+    AttributeHeads, DeformationConfig, DeformationNetwork, HeadChoice, HexPlane, LayerInit, MaskHeads, Mlp,
 };
 use mvfusion_model::random::Stream;
 use mvfusion_render::grid::{GridBounds, GridLayout};
@@ -65,8 +65,8 @@ impl Parts {
                 means: chain("head means", 2),
                 log_scales: chain("head log_scales", 2),
                 quaternions: chain("head quaternions", 2),
-                opacity_logits: chain("head opacity", 2),
-                sh: chain("head sh", 2),
+                opacity_logits: Some(chain("head opacity", 2)),
+                sh: Some(chain("head sh", 2)),
             },
             masks: Some(MaskHeads {
                 static_: chain("mask static", 3),
@@ -83,13 +83,15 @@ impl Parts {
     fn chains(network: &DeformationNetwork) -> Vec<(&'static str, &Mlp)> {
         let heads = &network.heads;
         let masks = network.masks.as_ref().expect("this network has mask heads");
+        let opacity = heads.opacity_logits.as_ref().expect("this network has every head");
+        let sh = heads.sh.as_ref().expect("this network has every head");
         vec![
             ("trunk", &network.trunk),
             ("head means", &heads.means),
             ("head log_scales", &heads.log_scales),
             ("head quaternions", &heads.quaternions),
-            ("head opacity", &heads.opacity_logits),
-            ("head sh", &heads.sh),
+            ("head opacity", opacity),
+            ("head sh", sh),
             ("mask static", &masks.static_),
             ("mask brightness", &masks.brightness),
             ("mask dynamic", &masks.dynamic),
@@ -126,7 +128,7 @@ impl Parts {
     fn render(&self, camera: &Camera, settings: &SplatSettings) -> Tensor<4> {
         let deformed = self.deformed();
         let masks = deformed.mask_features();
-        deformed.splat(masks, None, camera, settings).expect("the scene can be rendered").packed
+        deformed.splat(masks, None, camera, settings, 1e-7).expect("the scene can be rendered").packed
     }
 }
 
@@ -141,7 +143,7 @@ fn scene(camera: &Camera, settings: &SplatSettings) -> Values {
     let device = (backends()[0].device)();
     let stream = &mut Stream::new(21, 0);
     let config =
-        DeformationConfig { layout: layout(), bounds: bounds(), width: WIDTH, depth: 1, masks: Masks::Predicted };
+        DeformationConfig { layout: layout(), bounds: bounds(), width: WIDTH, depth: 1, heads: HeadChoice::ALL };
     let network = config.init(&mut LayerInit { device: &device, dtype: DType::F64, stream });
     let mut values = Parts::of_network(&network, Array::of, Array::of);
     // Fresh time planes are one everywhere, and time would not matter.

@@ -4,7 +4,7 @@ use anyhow::Result;
 use burn::tensor::{DType, Device};
 use glam::Vec3;
 use mvfusion_data::PointCloud;
-use mvfusion_model::initial::{Role, gaussians_on, mean_squared_distances};
+use mvfusion_model::initial::{Masking, gaussians_on, mean_squared_distances};
 use mvfusion_tests::{Array, Checklist, Tolerance};
 
 use crate::archive::Archive;
@@ -26,7 +26,7 @@ pub fn check(archive: &Archive, device: &Device) -> Result<()> {
     let squared = Array::list(mean_squared_distances(&cloud.positions));
     checks.close("mean_sq_3nn", archive.array("out.mean_sq_3nn")?, &squared, DISTANCES);
 
-    let gaussians = gaussians_on(&cloud, Role::Static, 3, OPACITY, device, DType::F32);
+    let gaussians = gaussians_on(&cloud, Masking::Absent, 3, OPACITY, device, DType::F32);
     for (name, parameter) in [
         ("out.scaling", &gaussians.log_scales),
         ("out.rotation", &gaussians.quaternions),

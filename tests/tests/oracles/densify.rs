@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use burn::tensor::{DType, Device, Tensor};
 use glam::DVec3;
 use mvfusion_model::config::OpacityReset;
-use mvfusion_model::densify::{Branch, DensifyPlan, DensifyStatistics, ResetPlan};
+use mvfusion_model::densify::{Branch, DensifyPlan, DensifyStatistics, PruneRule, ResetPlan};
 use mvfusion_model::gaussians::{Attribute, Gaussians};
 use mvfusion_render::optim::AdamMoments;
 use mvfusion_tests::{Array, Checklist, Tolerance, numbers, tensor};
@@ -56,8 +56,12 @@ fn branch(archive: &Archive, device: &Device) -> Result<Branch> {
     });
     let mut branch = Branch::new(gaussians.context("an attribute is missing")?);
     let plain = |name: &str| archive.array(name).map(|array| on(device, &array.values));
-    branch.statistics =
-        DensifyStatistics { gradients: plain("in.accum")?, seen: plain("in.denom")?, foreground: plain("in.buf")? };
+    branch.statistics = DensifyStatistics {
+        gradients: plain("in.accum")?,
+        seen: plain("in.denom")?,
+        foreground: plain("in.buf")?,
+        radii: plain("in.buf")?.zeros_like(),
+    };
     let mut moments = BTreeMap::new();
     for (attribute, name) in
         [(Attribute::Means, "xyz"), (Attribute::OpacityLogits, "opacity"), (Attribute::LogScales, "scaling")]
@@ -171,7 +175,8 @@ fn check_prune(checks: &mut Checklist, archive: &Archive, device: &Device, name:
         }
         let mut branch = branch(archive, device)?;
         let count = branch.gaussians.count();
-        let kept = branch.prune(MIN_OPACITY, min_foreground)?.unwrap_or_else(|| (0..count).collect());
+        let rule = PruneRule { min_opacity: MIN_OPACITY, min_foreground, max_radius: None, max_scale: None };
+        let kept = branch.prune(&rule)?.unwrap_or_else(|| (0..count).collect());
         let found: Vec<bool> = (0..count).map(|row| !kept.contains(&row)).collect();
         checks.same(&removed, &archive.flags(&removed)?, &found);
         let mut compare = Comparison { checks, archive, prefix };

@@ -1,6 +1,6 @@
 //! `deform` and `deform_4dgs`: the deformation network with given weights, and what it makes of the Gaussians.
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use burn::module::Param;
 use burn::nn::Linear;
 use burn::tensor::{DType, Device, Gradients, Tensor};
@@ -64,8 +64,8 @@ pub fn deformation(archive: &Archive, device: &Device) -> Result<DeformationNetw
             means: head("pos")?,
             log_scales: head("scale")?,
             quaternions: head("rot")?,
-            opacity_logits: head("opacity")?,
-            sh: head("sh")?,
+            opacity_logits: Some(head("opacity")?),
+            sh: Some(head("sh")?),
         },
         masks,
     })
@@ -74,13 +74,9 @@ pub fn deformation(archive: &Archive, device: &Device) -> Result<DeformationNetw
 /// Every layer of a network under its name in the files.
 pub fn layers(network: &DeformationNetwork) -> Vec<(String, &Linear)> {
     let heads = &network.heads;
-    let mut chains = vec![
-        ("pos", &heads.means),
-        ("scale", &heads.log_scales),
-        ("rot", &heads.quaternions),
-        ("opacity", &heads.opacity_logits),
-        ("sh", &heads.sh),
-    ];
+    let mut chains = vec![("pos", &heads.means), ("scale", &heads.log_scales), ("rot", &heads.quaternions)];
+    chains.extend(heads.opacity_logits.as_ref().map(|head| ("opacity", head)));
+    chains.extend(heads.sh.as_ref().map(|head| ("sh", head)));
     if let Some(masks) = &network.masks {
         chains.extend([
             ("mask_static", &masks.static_),
@@ -125,7 +121,8 @@ pub fn compare_layers(
 /// All offsets in the order of the files: centre, log-scale, quaternion, opacity, colour, then mask logits dynamic,
 /// bright, static. `[N, 62]`, or `[N, 59]` without masks.
 pub fn in_file_order(offsets: Offsets) -> Tensor<2> {
-    let mut columns = vec![offsets.means, offsets.log_scales, offsets.quaternions, offsets.opacity_logits, offsets.sh];
+    let mut columns = vec![offsets.means, offsets.log_scales, offsets.quaternions];
+    columns.extend(offsets.opacity_logits.into_iter().chain(offsets.sh));
     if let Some(masks) = offsets.mask_logits {
         columns.extend([2, 1, 0].map(|column| masks.clone().narrow(1, column, 1)));
     }
@@ -175,8 +172,10 @@ pub fn check(archive: &Archive, device: &Device) -> Result<()> {
     compare("out.head.pos", Array::of(offsets.means.clone()));
     compare("out.head.scale", Array::of(offsets.log_scales.clone()));
     compare("out.head.rot", Array::of(offsets.quaternions.clone()));
-    compare("out.head.opacity", Array::of(offsets.opacity_logits.clone()));
-    compare("out.head.sh", Array::of(offsets.sh.clone()));
+    for (name, offsets) in [("out.head.opacity", &offsets.opacity_logits), ("out.head.sh", &offsets.sh)] {
+        let offsets = offsets.clone().with_context(|| format!("the network has no head for {name}"))?;
+        compare(name, Array::of(offsets));
+    }
     if let Some(masks) = &offsets.mask_logits {
         for (column, name) in ["static", "bright", "dynamic"].into_iter().enumerate() {
             compare(&format!("out.head.mask_{name}"), Array::of(masks.clone().narrow(1, column, 1)));

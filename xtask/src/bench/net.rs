@@ -4,7 +4,7 @@ use anyhow::Result;
 use burn::tensor::{DType, Tensor, TensorData};
 use mvfusion_model::Device;
 use mvfusion_model::config::GridConfig;
-use mvfusion_model::network::{DeformationConfig, DeformationNetwork, LayerInit, Masks};
+use mvfusion_model::network::{DeformationConfig, DeformationNetwork, HeadChoice, LayerInit};
 use mvfusion_model::random::Stream;
 use mvfusion_render::grid::GridBounds;
 
@@ -45,7 +45,7 @@ fn network(device: &Device) -> DeformationNetwork {
         bounds: GridBounds { max: [1.0; 3], min: [-1.0; 3] },
         width: WIDTH,
         depth: 1,
-        masks: Masks::Predicted,
+        heads: HeadChoice::ALL,
     };
     config.init(&mut init)
 }
@@ -62,8 +62,8 @@ fn step(network: &DeformationNetwork, count: usize, device: &Device) -> (f64, f6
             Some(offsets.means),
             Some(offsets.log_scales),
             Some(offsets.quaternions),
-            Some(offsets.opacity_logits),
-            Some(offsets.sh),
+            offsets.opacity_logits,
+            offsets.sh,
             offsets.mask_logits,
         ]
         .into_iter()
