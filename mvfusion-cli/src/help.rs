@@ -12,8 +12,9 @@ pub const TRAIN: &str = "\
 Trains MVFusion-GS on a scene, scores it on the held-out views and writes everything into one folder.
 
 Without --data a small scene that ships inside the program is made: a room in which things move, with the truth known \
-about everything. With --data a folder is read; the layout of Neu3D is understood (cam00/images/*, cam01/images/*, \u{2026}, \
-poses_bounds.npy, points3D.ply; the first camera is held out).
+about everything. With --data a folder is read. Two layouts are understood: Neu3D (cam00/images/*, cam01/images/*, \u{2026}, \
+poses_bounds.npy, points3D.ply; the first camera is held out), and photos with a COLMAP model (images/*, sparse/0/*; \
+names with clutter train, names with extra are held out, or else every 8th).
 
 Training has three stages: base geometry (nothing moves), base deformation (the network learns to move the dynamic \
 Gaussians), motion-aware refinement. A line of progress tells stage, step, steps a second, loss, PSNR, the numbers of \

@@ -1,5 +1,6 @@
 //! The scene that a configuration asks for.
 
+use mvfusion_data::colmap::ColmapOptions;
 use mvfusion_data::neu3d::Neu3dOptions;
 use mvfusion_data::{BuiltinOptions, ReadOptions, Scene};
 use mvfusion_model::Config;
@@ -13,7 +14,8 @@ pub fn open(config: &Config) -> anyhow::Result<Scene> {
     let mut scene = match &options.data {
         Some(folder) => {
             let neu3d = Neu3dOptions { downscale: options.downscale, frames: Some(options.frames), time: options.time };
-            mvfusion_data::open(folder, &ReadOptions { neu3d })?
+            let colmap = ColmapOptions { downscale: options.downscale, ..Default::default() };
+            mvfusion_data::open(folder, &ReadOptions { colmap, neu3d })?
         }
         None => {
             let builtin = BuiltinOptions { seed: options.seed, ..BuiltinOptions::of_kind(options.kind) };

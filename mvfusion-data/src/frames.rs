@@ -4,10 +4,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use rayon::prelude::*;
-
 use crate::DataError;
-use crate::picture::file_size;
 
 /// Extensions of frame files, in lower case.
 const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
@@ -62,34 +59,6 @@ pub(crate) fn list_frames(folder: &Path, names: &[String], limit: usize) -> Resu
         });
     }
     Ok(cameras)
-}
-
-/// Width and height of the frames, which must all have one size. Reads the header of every file.
-///
-/// # Errors
-/// [`DataError::Image`] if a header cannot be read, [`DataError::Disagreement`] if the sizes differ.
-pub(crate) fn common_size(folder: &Path, cameras: &[CameraFrames]) -> Result<(u32, u32), DataError> {
-    let files: Vec<&PathBuf> = cameras.iter().flat_map(|c| &c.frames).collect();
-    let sizes: Vec<(u32, u32)> = files
-        .par_iter()
-        .map(|path| file_size(path))
-        .collect::<Vec<_>>()
-        .into_iter() // The first error in the order of the files, whichever thread met one first.
-        .collect::<Result<_, _>>()?;
-    let Some(&size) = sizes.first() else { return Ok((0, 0)) };
-    if let Some(other) = sizes.iter().position(|&s| s != size) {
-        let shown = |i: usize| {
-            let path = files[i].strip_prefix(folder).unwrap_or(files[i]);
-            format!("{} has {} x {} pixels", path.display(), sizes[i].0, sizes[i].1)
-        };
-        return Err(DataError::Disagreement {
-            folder: folder.to_owned(),
-            first: shown(0),
-            second: shown(other),
-            advice: "All frames of a scene must have one size: extract them again".into(),
-        });
-    }
-    Ok(size)
 }
 
 fn frames_of(folder: &Path, name: &str) -> Result<Vec<PathBuf>, DataError> {

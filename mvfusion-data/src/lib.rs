@@ -8,6 +8,7 @@
 
 pub mod builtin;
 mod camera;
+pub mod colmap;
 mod error;
 mod frames;
 mod masks;

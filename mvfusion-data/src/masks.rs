@@ -1,17 +1,17 @@
 //! Masks of what moves, kept in a folder of their own beside a scene.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use tracing::{debug, warn};
 
 use crate::picture::file_size;
-use crate::{DataError, Picture, Scene};
+use crate::{DataError, Picture, Scene, View};
 
-/// Extensions of mask files, in the order in which they are looked for.
-const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
+/// Extensions of picture files, in the order in which they are looked for; cameras write capitals.
+const EXTENSIONS: [&str; 6] = ["png", "PNG", "jpg", "JPG", "jpeg", "JPEG"];
 
 /// Sets [`Truth::dynamic_mask`](crate::Truth) of every view for which `folder` holds a file of the view's name, such as
-/// `cam00/0003.png`, and returns for how many. White means moving. A mask of another size than its view's picture is
+/// `cam00/0003.png` or `2clutter008.png`, and returns for how many. White means moving. A mask of another size than its view's picture is
 /// resized without blending when it is read.
 ///
 /// # Errors
@@ -24,8 +24,7 @@ pub fn attach_masks(scene: &mut Scene, folder: &Path) -> Result<usize, DataError
     }
     let mut attached = 0;
     for view in scene.train.iter_mut().chain(&mut scene.test) {
-        let candidates = EXTENSIONS.map(|extension| folder.join(format!("{}.{extension}", view.name)));
-        let Some(path) = candidates.into_iter().find(|p| p.is_file()) else { continue };
+        let Some(path) = picture_of(view, folder) else { continue };
         let (width, height) = (view.camera.width, view.camera.height);
         let (w, h) = file_size(&path)?;
         // Compared as fractions: sizes that were rounded differ by up to a pixel.
@@ -46,4 +45,10 @@ pub fn attach_masks(scene: &mut Scene, folder: &Path) -> Result<usize, DataError
     }
     debug!(masks = attached, views, "masks attached, white = moving");
     Ok(attached)
+}
+
+/// The picture in `folder` that has the view's name.
+fn picture_of(view: &View, folder: &Path) -> Option<PathBuf> {
+    let candidates = EXTENSIONS.map(|extension| folder.join(format!("{}.{extension}", view.name)));
+    candidates.into_iter().find(|path| path.is_file())
 }

@@ -1,13 +1,14 @@
 //! Scenes in the layout of Neu3D (DyNeRF): `camNN/images/*`, `poses_bounds.npy` and a point cloud.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use tracing::{info, warn};
 
 pub use crate::poses::{ROW, camera_from_row};
 
-use crate::frames::{CameraFrames, camera_names, common_size, list_frames};
+use crate::frames::{CameraFrames, camera_names, list_frames};
+use crate::picture::{common_size, reduced_size};
 use crate::ply::read_points;
 use crate::poses::{near_bound, read_rows};
 use crate::{Camera, Capture, DataError, Picture, PointCloud, Scene, Truth, View};
@@ -22,9 +23,6 @@ const POINTS: [&str; 3] = ["fused.ply", "points3D_downsample2.ply", "points3D.pl
 
 /// Number of frames by which the original divides a frame's index (METHOD §5.1).
 const ORIGINAL_FRAMES: usize = 300;
-
-/// Fewest pixels along each side that are of any use.
-const LEAST_SIDE: u32 = 16;
 
 /// How the shape of the pictures may differ from that in `poses_bounds.npy` before the user is told.
 const SHAPE_TOLERANCE: f64 = 0.01;
@@ -83,7 +81,8 @@ pub fn read(folder: &Path, options: &Neu3dOptions) -> Result<Scene, DataError> {
     let names = camera_names(folder)?;
     let rows = rows_for(folder, &names)?;
     let rig = list_frames(folder, &names, options.frames.unwrap_or(usize::MAX))?;
-    let size = common_size(folder, &rig)?;
+    let files: Vec<&PathBuf> = rig.iter().flat_map(|camera| &camera.frames).collect();
+    let size = common_size(folder, &files, "All frames of a scene must have one size: extract them again")?;
     let count = rig[0].frames.len();
     let divisor = times_divisor(options, count)?;
     let cameras = cameras(folder, &rows, size, options)?;
@@ -107,10 +106,6 @@ pub fn read(folder: &Path, options: &Neu3dOptions) -> Result<Scene, DataError> {
 }
 
 fn check_options(options: &Neu3dOptions) -> Result<(), DataError> {
-    if !options.downscale.is_finite() || options.downscale < 1.0 {
-        let reason = "it must be 1 or more: pictures are made smaller, never larger".into();
-        return Err(DataError::Setting { option: "downscale", value: options.downscale.to_string(), reason });
-    }
     if options.frames == Some(0) {
         let reason = "at least one frame is needed; leave it out for all".into();
         return Err(DataError::Setting { option: "frames", value: "0".into(), reason });
@@ -164,18 +159,7 @@ fn cameras(
     (width, height): (u32, u32),
     options: &Neu3dOptions,
 ) -> Result<Vec<Camera>, DataError> {
-    let smaller = |side: u32| (f64::from(side) / options.downscale).round() as u32;
-    let (small_width, small_height) = (smaller(width), smaller(height));
-    if small_width.min(small_height) < LEAST_SIDE {
-        return Err(DataError::Setting {
-            option: "downscale",
-            value: options.downscale.to_string(),
-            reason: format!(
-                "pictures of {width}x{height} would become {small_width}x{small_height}, \
-                 and each side needs at least {LEAST_SIDE} pixels"
-            ),
-        });
-    }
+    let (small_width, small_height) = reduced_size((width, height), options.downscale)?;
     let shape = f64::from(width) / f64::from(height);
     if let Some(row) = rows.iter().find(|r| (r[9] / r[4] / shape - 1.0).abs() > SHAPE_TOLERANCE) {
         let (w, h) = (row[9], row[4]);
@@ -186,7 +170,7 @@ fn cameras(
 }
 
 fn views_of(rig: &CameraFrames, camera: &Camera, divisor: f64) -> Vec<View> {
-    let view = |(index, path): (usize, &std::path::PathBuf)| View {
+    let view = |(index, path): (usize, &PathBuf)| View {
         name: format!("{}/{}", rig.name, path.file_stem().unwrap_or_default().to_string_lossy()),
         camera: *camera,
         time: index as f64 / divisor,

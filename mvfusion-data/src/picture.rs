@@ -5,8 +5,12 @@ use std::sync::Arc;
 
 use image::imageops::{self, FilterType};
 use image::{DynamicImage, GrayImage, ImageReader, RgbImage};
+use rayon::prelude::*;
 
 use crate::DataError;
+
+/// Fewest pixels along each side that are of any use.
+const LEAST_SIDE: u32 = 16;
 
 /// A picture in memory, or a file that is read on demand.
 #[derive(Clone, Debug)]
@@ -75,6 +79,60 @@ impl Picture {
 /// [`DataError::Image`] if the header cannot be read.
 pub(crate) fn file_size(path: &Path) -> Result<(u32, u32), DataError> {
     opened(path)?.into_dimensions().map_err(|e| unreadable(path, &e))
+}
+
+/// Width and height of picture files, which must all have one size, because batches are stacked. Reads the header of every
+/// file. `folder` is the scene's and `advice` says how to get pictures of one size, for the message.
+///
+/// # Errors
+/// [`DataError::Image`] if a header cannot be read, [`DataError::Disagreement`] if the sizes differ.
+pub(crate) fn common_size(
+    folder: &Path,
+    files: &[impl AsRef<Path> + Sync],
+    advice: &str,
+) -> Result<(u32, u32), DataError> {
+    let sizes: Vec<(u32, u32)> = files
+        .par_iter()
+        .map(|path| file_size(path.as_ref()))
+        .collect::<Vec<_>>()
+        .into_iter() // The first error in the order of the files, whichever thread met one first.
+        .collect::<Result<_, _>>()?;
+    let Some(&size) = sizes.first() else { return Ok((0, 0)) };
+    if let Some(other) = sizes.iter().position(|&s| s != size) {
+        let shown = |i: usize| {
+            let path = files[i].as_ref();
+            let path = path.strip_prefix(folder).unwrap_or(path);
+            format!("{} has {} x {} pixels", path.display(), sizes[i].0, sizes[i].1)
+        };
+        return Err(DataError::Disagreement {
+            folder: folder.to_owned(),
+            first: shown(0),
+            second: shown(other),
+            advice: advice.to_owned(),
+        });
+    }
+    Ok(size)
+}
+
+/// The size of pictures of `width` by `height` pixels that are made smaller by the factor `downscale`, the option of that
+/// name.
+///
+/// # Errors
+/// [`DataError::Setting`] if the factor is below 1, or so large that nothing of use is left.
+pub(crate) fn reduced_size((width, height): (u32, u32), downscale: f64) -> Result<(u32, u32), DataError> {
+    let refuse = |reason| DataError::Setting { option: "downscale", value: downscale.to_string(), reason };
+    if !downscale.is_finite() || downscale < 1.0 {
+        return Err(refuse("it must be 1 or more: pictures are made smaller, never larger".into()));
+    }
+    let smaller = |side: u32| (f64::from(side) / downscale).round() as u32;
+    let (small_width, small_height) = (smaller(width), smaller(height));
+    if small_width.min(small_height) < LEAST_SIDE {
+        return Err(refuse(format!(
+            "pictures of {width}x{height} would become {small_width}x{small_height}, \
+             and each side needs at least {LEAST_SIDE} pixels"
+        )));
+    }
+    Ok((small_width, small_height))
 }
 
 fn decode(path: &Path) -> Result<DynamicImage, DataError> {

@@ -104,7 +104,8 @@ fn read_back(folder: &Path, rows: &Array, frames: usize) -> Result<Scene> {
         .begin_nd()?;
     writer.extend(rows.values.iter())?;
     writer.finish()?;
-    let options = ReadOptions { neu3d: Neu3dOptions { time: TimeRule::FrameOver300, ..Neu3dOptions::default() } };
+    let neu3d = Neu3dOptions { time: TimeRule::FrameOver300, ..Neu3dOptions::default() };
+    let options = ReadOptions { neu3d, ..ReadOptions::default() };
     Ok(mvfusion_data::open(folder, &options)?)
 }
 

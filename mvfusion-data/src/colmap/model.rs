@@ -1,0 +1,120 @@
+//! A COLMAP model as far as it is of use here: photos with cameras, and points.
+
+use std::collections::BTreeMap;
+use std::path::{Component, Path};
+
+use glam::{DMat3, DQuat, DVec3, DVec4, Vec3};
+
+use super::files::{Complaint, ModelFiles, Part};
+use super::lens::CameraRecord;
+use crate::{Camera, DataError, PointCloud};
+
+/// Quaternions shorter than this have no direction. COLMAP writes unit quaternions.
+const LEAST_QUATERNION: f64 = 1e-6;
+
+/// A model whose references are resolved.
+#[derive(Debug)]
+pub(super) struct Model {
+    /// Sorted by name, no two of one name.
+    pub(super) photos: Vec<Photo>,
+    pub(super) points: PointCloud,
+}
+
+/// A photo whose pose is known.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Photo {
+    /// Path below the folder of the photos, `2clutter008.JPG`; it leads nowhere else.
+    pub(super) name: String,
+    /// The camera, for the size that the model says.
+    pub(super) camera: Camera,
+}
+
+impl Photo {
+    /// The name without the extension, as masks are named.
+    pub(super) fn view_name(&self) -> String {
+        Path::new(&self.name).with_extension("").to_string_lossy().into_owned()
+    }
+}
+
+/// An image as it stands in the file.
+#[derive(Clone, Debug)]
+pub(super) struct ImageRecord {
+    pub(super) name: String,
+    /// Number of its camera.
+    pub(super) camera: u32,
+    /// w, x, y, z; rotates from the world to the camera.
+    pub(super) quaternion: [f64; 4],
+    /// From the world to the camera, world units.
+    pub(super) translation: [f64; 3],
+}
+
+/// Reads the model of a scene.
+///
+/// # Errors
+/// [`DataError::Missing`] if a file is not there, [`DataError::Content`] if one cannot be used.
+pub(super) fn read(scene: &Path) -> Result<Model, DataError> {
+    let files = ModelFiles::locate(scene)?;
+    let cameras = by_number(&files.cameras()?).map_err(|complaint| files.blame(Part::Cameras, complaint))?;
+    let photos = photos(files.images()?, &cameras).map_err(|complaint| files.blame(Part::Images, complaint))?;
+    Ok(Model { photos, points: files.points()? })
+}
+
+fn by_number(records: &[CameraRecord]) -> Result<BTreeMap<u32, Camera>, Complaint> {
+    let mut cameras = BTreeMap::new();
+    for record in records {
+        if cameras.insert(record.id, record.camera()?).is_some() {
+            return Err(format!("it lists the camera {} twice", record.id).into());
+        }
+    }
+    Ok(cameras)
+}
+
+fn photos(records: Vec<ImageRecord>, cameras: &BTreeMap<u32, Camera>) -> Result<Vec<Photo>, Complaint> {
+    let mut photos = records.into_iter().map(|record| photo(record, cameras)).collect::<Result<Vec<_>, _>>()?;
+    photos.sort_by(|a, b| a.name.cmp(&b.name));
+    let mut names = BTreeMap::new();
+    for photo in &photos {
+        match names.insert(photo.view_name(), &photo.name) {
+            None => {}
+            Some(twin) if *twin == photo.name => return Err(format!("it lists the image {twin} twice").into()),
+            Some(twin) => {
+                let reason = format!("the images {twin} and {} differ in nothing but their extensions", photo.name);
+                return Err(Complaint { reason, advice: "Views are named without extension: keep one of the two" });
+            }
+        }
+    }
+    Ok(photos)
+}
+
+fn photo(record: ImageRecord, cameras: &BTreeMap<u32, Camera>) -> Result<Photo, Complaint> {
+    let name = record.name;
+    let mut parts = Path::new(&name).components().peekable();
+    // An empty name has no parts; `..`, a root or a drive would lead out of the folder of the photos.
+    if parts.peek().is_none() || !parts.all(|part| matches!(part, Component::Normal(_))) {
+        let reason = format!("the image name `{name}` is no path below the folder of the photos");
+        return Err(Complaint { reason, advice: "Image names must be relative and free of `..`" });
+    }
+    let camera = cameras
+        .get(&record.camera)
+        .ok_or_else(|| format!("the image {name} refers to the camera {}, which is not in the model", record.camera))?;
+    let [w, x, y, z] = record.quaternion;
+    let translation = DVec3::from_array(record.translation);
+    let length = DVec4::new(w, x, y, z).length();
+    // An infinite length is that of a number that is not finite, or too large to be a rotation's.
+    if !length.is_finite() || length < LEAST_QUATERNION || !translation.is_finite() {
+        let numbers = format!("quaternion {w}, {x}, {y}, {z} and translation {translation}");
+        return Err(format!("the image {name} has no pose: {numbers}").into());
+    }
+    let rotation = DMat3::from_quat(DQuat::from_vec4(DVec4::new(x, y, z, w) / length));
+    Ok(Photo { name, camera: Camera { rotation, translation, ..*camera } })
+}
+
+/// Adds a point whose colour has 8 bits a channel.
+pub(super) fn push_point(points: &mut PointCloud, position: [f64; 3], colour: [u8; 3]) -> Result<(), String> {
+    let narrow = Vec3::from_array(position.map(|v| v as f32));
+    if !narrow.is_finite() {
+        return Err(format!("the point at {position:?} is at no finite place"));
+    }
+    points.push(narrow, Vec3::from_array(colour.map(|v| f32::from(v) / 255.0)));
+    Ok(())
+}

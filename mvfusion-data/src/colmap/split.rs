@@ -1,0 +1,183 @@
+//! Which photos train, which are held out, and when each was taken (METHOD §5.2).
+
+use std::path::Path;
+
+use super::model::Photo;
+use crate::DataError;
+
+/// The photos, parted. Each part keeps the order of the names.
+#[derive(Debug)]
+pub(super) struct Split {
+    /// Never empty.
+    pub(super) train: Vec<Moment>,
+    pub(super) test: Vec<Moment>,
+    /// Number of photos that are neither.
+    pub(super) unused: usize,
+    /// By which rule, in words.
+    pub(super) rule: String,
+}
+
+/// A photo and its time in `[0, 1]`.
+#[derive(Debug)]
+pub(super) struct Moment {
+    pub(super) photo: Photo,
+    pub(super) time: f64,
+}
+
+/// What a photo is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Purpose {
+    Test,
+    Train,
+    Neither,
+}
+
+/// The words that tell what a photo is for; the first that a file's name contains decides.
+const KEYWORDS: [(&str, Purpose); 3] =
+    [("extra", Purpose::Test), ("clutter", Purpose::Train), ("clean", Purpose::Neither)];
+
+/// Parts photos that are sorted by name. `images` is their folder, for messages.
+///
+/// # Errors
+/// [`DataError::Setting`] if `test_every` is 1, [`DataError::Content`] if a name has a word but no number,
+/// [`DataError::Missing`] if there is nothing to train on.
+pub(super) fn split(photos: Vec<Photo>, test_every: usize, images: &Path) -> Result<Split, DataError> {
+    let count = photos.len();
+    let named = photos.iter().any(|photo| purpose(&photo.name).is_some_and(|(_, purpose)| purpose != Purpose::Neither));
+    let split = if named { by_name(photos, images)? } else { by_position(photos, test_every)? };
+    if split.train.is_empty() {
+        let advice = format!(
+            "The model lists {count} photos. Those with `clutter` in their names train and those with `extra` are held \
+             out; where there are no such names, every photo trains that is not held out"
+        );
+        return Err(DataError::Missing { what: "photo to train on".into(), folder: images.to_owned(), advice });
+    }
+    Ok(split)
+}
+
+/// By the words in the names. A photo's time is the number after the word, divided by the largest such number.
+fn by_name(photos: Vec<Photo>, images: &Path) -> Result<Split, DataError> {
+    let largest = photos.iter().filter_map(|photo| number(&photo.name)).max().unwrap_or(0).max(1);
+    let rule = "by name: clutter trains, extra is held out".to_owned();
+    let mut split = Split { train: Vec::new(), test: Vec::new(), unused: 0, rule };
+    for photo in photos {
+        let part = match purpose(&photo.name) {
+            Some((_, Purpose::Train)) => &mut split.train,
+            Some((_, Purpose::Test)) => &mut split.test,
+            Some((_, Purpose::Neither)) | None => {
+                split.unused += 1;
+                continue;
+            }
+        };
+        let number = number(&photo.name).ok_or_else(|| DataError::Content {
+            path: images.join(&photo.name),
+            reason: "its name has no number of use right after `clutter` or `extra`, so its time is not known".into(),
+            advice: "Name photos like 2clutter008.jpg and 1extra000.jpg, in the model and on disk",
+        })?;
+        part.push(Moment { photo, time: f64::from(number) / f64::from(largest) });
+    }
+    Ok(split)
+}
+
+/// LLFF's rule: every so many are held out. A photo's time is its position, divided by the number of photos.
+fn by_position(photos: Vec<Photo>, test_every: usize) -> Result<Split, DataError> {
+    if test_every == 1 {
+        let reason = "it would hold out every photo; 8 is usual, 0 holds none out".into();
+        return Err(DataError::Setting { option: "test_every", value: test_every.to_string(), reason });
+    }
+    let count = photos.len() as f64;
+    let moments = photos.into_iter().enumerate().map(|(index, photo)| Moment { photo, time: index as f64 / count });
+    let (test, train): (Vec<_>, Vec<_>) =
+        moments.enumerate().partition(|(index, _)| test_every > 0 && index.is_multiple_of(test_every));
+    let moments = |part: Vec<(usize, Moment)>| part.into_iter().map(|(_, moment)| moment).collect();
+    let rule = match test_every {
+        0 => "test_every = 0".to_owned(),
+        _ => format!("one in {test_every}, as no name contains clutter or extra"),
+    };
+    Ok(Split { train: moments(train), test: moments(test), unused: 0, rule })
+}
+
+/// What a file's name says that it is for, with the text after the word that says so.
+fn purpose(name: &str) -> Option<(&str, Purpose)> {
+    let file = name.rsplit('/').next().unwrap_or(name);
+    KEYWORDS.into_iter().find_map(|(word, purpose)| file.split_once(word).map(|(_, tail)| (tail, purpose)))
+}
+
+/// The number right after the word, if it has 32 bits at most.
+fn number(name: &str) -> Option<u32> {
+    let (tail, _) = purpose(name)?;
+    let end = tail.find(|c: char| !c.is_ascii_digit()).unwrap_or(tail.len());
+    tail[..end].parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DMat3, DVec3};
+
+    use super::*;
+    use crate::Camera;
+
+    fn photos(names: &[&str]) -> Vec<Photo> {
+        let camera = Camera::centred(48, 32, 40.0, DMat3::IDENTITY, DVec3::ZERO);
+        names.iter().map(|name| Photo { name: (*name).to_owned(), camera }).collect()
+    }
+
+    fn parted(names: &[&str], test_every: usize) -> Result<Split, DataError> {
+        split(photos(names), test_every, Path::new("images"))
+    }
+
+    fn shown(part: &[Moment]) -> Vec<(&str, f64)> {
+        part.iter().map(|moment| (moment.photo.name.as_str(), moment.time)).collect()
+    }
+
+    #[test]
+    fn names_part_the_photos_and_the_largest_number_of_all_is_time_one() {
+        let names = ["0clean010.JPG", "1extra004.JPG", "2clutter000.JPG", "2clutter5_b.JPG", "notes7.JPG"];
+        let split = parted(&names, 8).expect("parted");
+        assert_eq!(shown(&split.train), [("2clutter000.JPG", 0.0), ("2clutter5_b.JPG", 0.5)]);
+        assert_eq!(shown(&split.test), [("1extra004.JPG", 0.4)]);
+        assert_eq!(split.unused, 2);
+    }
+
+    #[test]
+    fn extra_wins_over_clutter_and_folders_do_not_count() {
+        let split = parted(&["clutter1.png", "cluttered_extra2.png", "extra/clutter3.png"], 8).expect("parted");
+        assert_eq!(split.test.len(), 1);
+        assert_eq!(shown(&split.train), [("clutter1.png", 1.0 / 3.0), ("extra/clutter3.png", 1.0)]);
+    }
+
+    #[test]
+    fn a_single_number_zero_is_time_zero() {
+        assert_eq!(shown(&parted(&["clutter0.png"], 8).expect("parted").train), [("clutter0.png", 0.0)]);
+    }
+
+    #[test]
+    fn without_such_names_every_eighth_is_held_out() {
+        let names: Vec<String> = (0..17).map(|i| format!("IMG_{i:02}_clean.png")).collect();
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        let split = parted(&names, 8).expect("parted");
+        assert_eq!(shown(&split.test).iter().map(|m| m.1).collect::<Vec<_>>(), [0.0, 8.0 / 17.0, 16.0 / 17.0]);
+        assert_eq!((split.train.len(), split.train[0].time), (14, 1.0 / 17.0));
+        let split = parted(&names, 0).expect("parted");
+        assert_eq!((split.train.len(), split.test.len()), (17, 0));
+    }
+
+    #[test]
+    fn a_split_without_training_photos_is_refused() {
+        for (names, part) in
+            [(&["1extra000.JPG", "0clean001.JPG"][..], "2 photos"), (&["a.png"], "1 photos"), (&[], "0")]
+        {
+            let error = parted(names, 8).expect_err("nothing to train on").to_string();
+            assert!(error.contains("no photo to train on") && error.contains(part), "{error}");
+        }
+        assert!(matches!(parted(&["a.png", "b.png"], 1), Err(DataError::Setting { option: "test_every", .. })));
+    }
+
+    #[test]
+    fn a_photo_without_a_number_is_named() {
+        for name in ["clutter.png", "clutter_3.png", "extra99999999999.png"] {
+            let error = parted(&["clutter1.png", name], 8).expect_err("no number").to_string();
+            assert!(error.contains(name) && error.contains("number"), "{error}");
+        }
+    }
+}
