@@ -16,11 +16,13 @@ const LABEL: usize = 16;
 /// If `out` cannot be written to.
 pub fn write(results: &Results, out: &mut dyn Write) -> io::Result<()> {
     writeln!(out, "{:LABEL$}{:>10}{:>10}", "held-out views", "PSNR (dB)", "SSIM")?;
-    for (label, scores) in layers(&results.test) {
-        writeln!(out, "{label:LABEL$}{:>10}{:>10}", figure(scores.psnr, 2), figure(scores.ssim, 4))?;
-    }
+    write_layers(&results.test, out)?;
     if let Some(overlap) = results.test.mask_iou {
         writeln!(out, "{:LABEL$}{overlap:>10.3}", "mask IoU")?;
+    }
+    if let Some(scores) = &results.training_views {
+        writeln!(out, "training views")?;
+        write_layers(scores, out)?;
     }
     writeln!(out, "{:LABEL$}{}", "Gaussians", results.gaussians.sentence(", "))?;
     let training = results
@@ -30,6 +32,12 @@ pub fn write(results: &Results, out: &mut dyn Write) -> io::Result<()> {
     writeln!(out, "{:LABEL$}{training}evaluation {}", "time", spoken(results.eval.seconds))?;
     let threads = if results.threads == 1 { "thread" } else { "threads" };
     writeln!(out, "{:LABEL$}{}, {} {threads}", "device", results.device, results.threads)
+}
+
+fn write_layers(scores: &Scores, out: &mut dyn Write) -> io::Result<()> {
+    layers(scores).into_iter().try_for_each(|(label, scores)| {
+        writeln!(out, "{label:LABEL$}{:>10}{:>10}", figure(scores.psnr, 2), figure(scores.ssim, 4))
+    })
 }
 
 fn layers(scores: &Scores) -> Vec<(&'static str, LayerScores)> {
@@ -57,6 +65,7 @@ mod tests {
                 dynamic_region: Some(LayerScores { psnr: Some(21.0), ssim: None }),
                 ..Default::default()
             },
+            training_views: None,
             gaussians: GaussianCounts { static_: Some(12), dynamic: 3 },
             train: Some(TrainTime { seconds: 171.2, steps: 1400 }),
             eval: EvalTime { seconds: 9.0 },

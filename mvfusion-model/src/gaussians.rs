@@ -5,6 +5,7 @@ use std::fmt;
 use burn::module::{Module, Param, ParamId};
 use burn::tensor::{DType, Device, Int, Tensor, TensorData, activation::sigmoid};
 use mvfusion_data::Camera;
+use mvfusion_render::profile::{Part, measure};
 use mvfusion_render::splat::{self, SplatInputs, SplatPicture, SplatSettings};
 use serde::{Deserialize, Serialize};
 
@@ -243,7 +244,7 @@ impl RawGaussians {
             features,
             background,
         };
-        splat::splat(inputs, probe, camera, settings)
+        measure(Part::SplatForward, || splat::splat(inputs, probe, camera, settings))
     }
 
     /// The rows of the given Gaussians.

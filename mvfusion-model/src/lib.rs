@@ -25,4 +25,4 @@ pub mod train;
 pub use burn::tensor::Device;
 pub use config::Config;
 pub use error::ModelError;
-pub use mvfusion_render::device;
+pub use mvfusion_render::{device, profile};

@@ -18,6 +18,7 @@ pub mod device;
 pub mod grid;
 pub mod mlp;
 pub mod optim;
+pub mod profile;
 pub mod splat;
 pub mod window;
 

@@ -2,6 +2,7 @@
 
 mod bench;
 mod ci;
+mod results;
 
 use clap::{Parser, Subcommand};
 
@@ -19,11 +20,14 @@ enum Chore {
     Ci,
     /// Times the ops on this machine.
     Bench(bench::BenchArguments),
+    /// Trains every method on every scene and writes the tables of docs/results.md.
+    Results(results::ResultsArguments),
 }
 
 fn main() -> anyhow::Result<()> {
     match Arguments::parse().chore {
         Chore::Ci => ci::run(),
         Chore::Bench(arguments) => bench::run(&arguments),
+        Chore::Results(arguments) => results::run(&arguments),
     }
 }

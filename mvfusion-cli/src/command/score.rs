@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use mvfusion_data::Scene;
 use mvfusion_model::Config;
-use mvfusion_model::evaluation::{Evaluation, PROTOCOL, evaluate};
+use mvfusion_model::evaluation::{Evaluation, PROTOCOL, Split, evaluate};
 use mvfusion_model::model::{Model, Surroundings};
 use mvfusion_model::train::{final_movement, parameter_hash};
 
@@ -37,23 +37,16 @@ impl Trained<'_> {
     /// Renders and scores all held-out views; `pictures` gets what it wants of them.
     pub fn score(self, pictures: Option<&PicturesWriter>, talk: Talk) -> anyhow::Result<Scored> {
         let started = Instant::now();
-        let surroundings = Surroundings::new(self.config, self.scene);
-        let mut progress = Progress::new("evaluation", self.scene.test.len(), talk);
         let model = self.model.plain();
-        let movement = final_movement(self.config);
-        let evaluation =
-            evaluate::<anyhow::Error>(&model, self.scene, movement, &surroundings, |index, view, layers| {
-                if let Some(pictures) = pictures {
-                    pictures.write(index, view, layers)?;
-                }
-                progress.say(view.name.clone());
-                progress.advance();
-                Ok(())
-            })?;
-        progress.finish();
+        let evaluation = self.score_split(&model, Split::Test, pictures, talk)?;
+        let training_views = match self.config.eval.training_views {
+            true => Some(self.score_split(&model, Split::Training, None, talk)?.mean),
+            false => None,
+        };
         let results = Results {
             protocol: PROTOCOL.to_owned(),
             test: evaluation.mean,
+            training_views,
             gaussians: GaussianCounts::of(&model),
             train: self.time,
             eval: EvalTime { seconds: started.elapsed().as_secs_f64() },
@@ -63,5 +56,28 @@ impl Trained<'_> {
             seed: self.config.seed,
         };
         Ok(Scored { results, evaluation })
+    }
+
+    fn score_split(
+        &self,
+        model: &Model,
+        split: Split,
+        pictures: Option<&PicturesWriter>,
+        talk: Talk,
+    ) -> anyhow::Result<Evaluation> {
+        let surroundings = Surroundings::new(self.config, self.scene);
+        let movement = final_movement(self.config);
+        let mut progress = Progress::new("evaluation", split.views(self.scene).len(), talk);
+        let evaluation =
+            evaluate::<anyhow::Error>(model, self.scene, split, movement, &surroundings, |index, view, layers| {
+                if let Some(pictures) = pictures {
+                    pictures.write(index, view, layers)?;
+                }
+                progress.say(view.name.clone());
+                progress.advance();
+                Ok(())
+            })?;
+        progress.finish();
+        Ok(evaluation)
     }
 }

@@ -14,7 +14,7 @@ use crate::device::{self, OpenDevice};
 use crate::progress::{Pace, Progress, Talk};
 use crate::run::{
     self, Existing, GaussianCounts, MetricsLine, MetricsLog, PerView, PicturesWriter, RunFolder, RunPlan, RunRecord,
-    TrainTime, write_ply,
+    TrainTime, milliseconds, write_ply,
 };
 use crate::{atomic, scene, table};
 
@@ -85,8 +85,13 @@ impl Session {
         let total = self.trainer.config().train.stages.total();
         let every = self.trainer.config().train.checkpoint_interval;
         let log = MetricsLog::create(&self.folder.place(&[run::METRICS])?)?;
-        let mut watch =
-            Watch { log, progress: Progress::new("training", total, self.talk), pace: Pace::default(), total };
+        let mut watch = Watch {
+            log,
+            progress: Progress::new("training", total, self.talk),
+            pace: Pace::default(),
+            logged: 0,
+            total,
+        };
         while let Some(position) = self.trainer.position() {
             let Some(loss) = self.trainer.step()? else { break };
             let done = self.trainer.state().completed;
@@ -149,6 +154,8 @@ struct Watch {
     log: MetricsLog,
     progress: Progress,
     pace: Pace,
+    /// Steps done at the last line.
+    logged: usize,
     total: usize,
 }
 
@@ -168,7 +175,9 @@ impl Watch {
             gaussians: GaussianCounts::of(&state.model),
             steps_per_second: self.pace.steps_per_second(),
             elapsed: self.pace.elapsed(),
+            ms: milliseconds(done - self.logged),
         };
+        self.logged = done;
         self.log.add(&line)?;
         self.progress.say(self.sentence(&line));
         Ok(())

@@ -1,10 +1,13 @@
 //! `metrics.jsonl`: a line for every log step.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use anyhow::Context;
+use mvfusion_model::profile::{self, Part};
 use serde::Serialize;
 
 use super::GaussianCounts;
@@ -29,6 +32,15 @@ pub struct MetricsLine {
     pub steps_per_second: f64,
     /// Seconds of training so far.
     pub elapsed: f64,
+    /// Milliseconds a step by part, since the last line; on a GPU those of the calls alone.
+    pub ms: BTreeMap<&'static str, f64>,
+}
+
+/// The times since the last call as milliseconds a step; parts that took none are left out.
+pub fn milliseconds(steps: usize) -> BTreeMap<&'static str, f64> {
+    let a_step = |time: Duration| 1000.0 * time.as_secs_f64() / steps.max(1) as f64;
+    let times = Part::ALL.iter().zip(profile::take());
+    times.filter(|(_, time)| !time.is_zero()).map(|(part, time)| (part.name(), a_step(time))).collect()
 }
 
 /// The file, to which lines are added.

@@ -8,7 +8,7 @@ mod record;
 mod results;
 
 pub use folder::{Existing, RunFolder, RunPlan};
-pub use metrics::{MetricsLine, MetricsLog};
+pub use metrics::{MetricsLine, MetricsLog, milliseconds};
 pub use pictures::{PicturesWriter, legend};
 pub use ply::write_ply;
 pub use record::{RunRecord, SceneRecord};

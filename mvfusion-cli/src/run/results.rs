@@ -19,6 +19,9 @@ pub struct Results {
     pub protocol: String,
     /// Means over the held-out views.
     pub test: Scores,
+    /// Means over the views that were trained on, where `eval.training_views` asks for them.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub training_views: Option<Scores>,
     /// Numbers of Gaussians.
     pub gaussians: GaussianCounts,
     /// The training; absent where only an evaluation is known.
@@ -98,7 +101,10 @@ impl Results {
     /// The figures that are known, by the names they have in the file.
     fn figures(&self) -> BTreeMap<&'static str, f64> {
         let (static_, region) = (self.test.static_.unwrap_or_default(), self.test.dynamic_region.unwrap_or_default());
+        let training = self.training_views.unwrap_or_default();
         let all = [
+            ("training_views.composed.psnr", training.composed.psnr),
+            ("training_views.dynamic_region.psnr", training.dynamic_region.and_then(|scores| scores.psnr)),
             ("test.composed.psnr", self.test.composed.psnr),
             ("test.composed.ssim", self.test.composed.ssim),
             ("test.static.psnr", static_.psnr),
@@ -142,6 +148,7 @@ mod tests {
                 composed: LayerScores { psnr: Some(1.0 / 0.3), ssim: Some(0.1 + 0.2) },
                 ..Default::default()
             },
+            training_views: None,
             gaussians: GaussianCounts { static_: Some(2), dynamic: 1 },
             train: None,
             eval: EvalTime { seconds: 1.0 },

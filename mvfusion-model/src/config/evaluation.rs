@@ -15,10 +15,13 @@ pub struct EvalConfig {
     pub strips: usize,
     /// Whether every layer of every test view is written as a PNG of its own.
     pub pictures: bool,
+    /// Whether the views that were trained on are scored as well (DeGauss: for photos, whose test views show nothing that
+    /// moves). They say how well the moving things were understood, not how well the model generalises.
+    pub training_views: bool,
 }
 
 impl Default for EvalConfig {
     fn default() -> Self {
-        Self { dynamic_masks: None, strips: 6, pictures: true }
+        Self { dynamic_masks: None, strips: 6, pictures: true, training_views: false }
     }
 }

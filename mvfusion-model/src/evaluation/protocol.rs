@@ -1,5 +1,7 @@
 //! The evaluation protocol `mvfusion`: which pictures are compared with which, and how figures are averaged.
 
+use std::sync::Arc;
+
 use image::{GrayImage, RgbImage};
 use mvfusion_data::{Capture, Scene, View};
 use serde::{Deserialize, Serialize};
@@ -61,23 +63,53 @@ pub struct Evaluation {
     pub views: Vec<ViewScores>,
 }
 
-/// Renders and scores the test views of a scene with a model without autodiff. `sink` gets every view's pictures, to show
-/// or to keep.
+/// Which views of a scene are scored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Split {
+    /// Those held out.
+    Test,
+    /// Those trained on: how well what moves there was understood, not how well the model generalises.
+    Training,
+}
+
+impl Split {
+    /// The views.
+    pub fn views(self, scene: &Scene) -> &[View] {
+        match self {
+            Self::Test => &scene.test,
+            Self::Training => &scene.train,
+        }
+    }
+
+    /// What the static branch should show: the known background, or the photo itself where test views are clean.
+    fn clean_background(self, view: &View, capture: Capture) -> Result<Option<Arc<RgbImage>>, ModelError> {
+        Ok(match (&view.truth.background, self, capture) {
+            (Some(background), ..) => Some(background.rgb()?),
+            (None, Self::Test, Capture::Photos) => Some(view.image.rgb()?),
+            (None, ..) => None,
+        })
+    }
+}
+
+/// Renders and scores views of a scene with a model without autodiff. `sink` gets every view's pictures, to show or to
+/// keep.
 ///
 /// # Errors
 /// If a picture cannot be read, the device fails, or the sink does.
 pub fn evaluate<E: From<ModelError>>(
     model: &Model,
     scene: &Scene,
+    split: Split,
     movement: Movement,
     surroundings: &Surroundings,
     mut sink: impl FnMut(usize, &View, &ViewPictures) -> Result<(), E>,
 ) -> Result<Evaluation, E> {
-    let mut views = Vec::with_capacity(scene.test.len());
+    let mut views = Vec::with_capacity(split.views(scene).len());
     let mut overlap = MaskOverlap::default();
-    for (index, view) in scene.test.iter().enumerate() {
+    for (index, view) in split.views(scene).iter().enumerate() {
         let pictures = render_view(model, view, movement, surroundings)?;
-        let scores = score(&pictures, view, scene.capture, &mut overlap)?;
+        let clean = split.clean_background(view, scene.capture)?;
+        let scores = score(&pictures, view, clean.as_deref(), &mut overlap)?;
         sink(index, view, &pictures)?;
         views.push(ViewScores { view: view.name.clone(), scores });
     }
@@ -89,7 +121,7 @@ pub fn evaluate<E: From<ModelError>>(
 fn score(
     pictures: &ViewPictures,
     view: &View,
-    capture: Capture,
+    clean: Option<&RgbImage>,
     overlap: &mut MaskOverlap,
 ) -> Result<Scores, ModelError> {
     let photo = view.image.rgb()?;
@@ -106,10 +138,10 @@ fn score(
         own.add(&layers.mask, mask);
         mask_iou = own.ratio();
     }
-    let static_ = match (&pictures.branches, clean_background(view, capture)?) {
+    let static_ = match (&pictures.branches, clean) {
         (Some(layers), Some(clean)) => Some(LayerScores {
-            psnr: psnr(&layers.static_, &clean),
-            ssim: Some(compare(layers.static_tensor.clone(), &clean)?),
+            psnr: psnr(&layers.static_, clean),
+            ssim: Some(compare(layers.static_tensor.clone(), clean)?),
         }),
         _ => None,
     };
@@ -123,15 +155,6 @@ fn region(picture: &RgbImage, photo: &RgbImage, mask: &GrayImage) -> Option<Laye
 fn compare(picture: burn::tensor::Tensor<4>, reference: &RgbImage) -> Result<f64, ModelError> {
     let reference = picture_tensor(reference, &picture.device());
     ssim(picture, reference)
-}
-
-/// What the static branch should show: the known background, or the photo itself where test views are clean.
-fn clean_background(view: &View, capture: Capture) -> Result<Option<std::sync::Arc<RgbImage>>, ModelError> {
-    match (&view.truth.background, capture) {
-        (Some(background), _) => Ok(Some(background.rgb()?)),
-        (None, Capture::Photos) => Ok(Some(view.image.rgb()?)),
-        (None, Capture::Video) => Ok(None),
-    }
 }
 
 /// Means over the views that have the figure; absent if none has.

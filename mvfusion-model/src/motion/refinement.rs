@@ -3,6 +3,7 @@
 
 use burn::module::Module;
 use burn::tensor::Tensor;
+use mvfusion_render::profile::{Part, measure};
 
 use super::token::Tokens;
 use super::{MotionCache, MotionEncoder, TemporalAttention};
@@ -55,10 +56,13 @@ impl MotionRefinement {
         let feature = network.feature(means.clone(), crate::tensors::scalar_like(&means, time));
         let mut fused = feature.clone();
         if config.motion.mvg {
-            fused = fused + self.encoder.forward(config.cache.signatures.clone(), config.cache.local_at(time));
+            fused = fused
+                + measure(Part::Mvg, || {
+                    self.encoder.forward(config.cache.signatures.clone(), config.cache.local_at(time))
+                });
         }
         if config.motion.mfta {
-            fused = fused + self.temporal(network, means, time, feature.clone(), config);
+            fused = fused + measure(Part::Mfta, || self.temporal(network, means, time, feature.clone(), config));
         }
         match config.motion.refinement {
             Refinement::Replace => network.decode(fused),

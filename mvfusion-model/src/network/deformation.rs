@@ -3,6 +3,7 @@
 use burn::module::Module;
 use burn::tensor::Tensor;
 use mvfusion_render::grid::{GridBounds, GridLayout};
+use mvfusion_render::profile::{Part, measure};
 
 use super::heads::decode;
 use super::{AttributeHeads, HexPlane, LayerInit, MaskHeads, Mlp, Offsets};
@@ -77,11 +78,12 @@ impl DeformationConfig {
 impl DeformationNetwork {
     /// The hidden feature `h` `[N, width]` of canonical centres `[N, 3]` at times `[N, 1]` or `[1, 1]`.
     pub fn feature(&self, means: Tensor<2>, times: Tensor<2>) -> Tensor<2> {
-        self.trunk.forward(self.grid.forward(means, times))
+        let features = measure(Part::LookUp, || self.grid.forward(means, times));
+        measure(Part::Network, || self.trunk.forward(features))
     }
 
     /// What a hidden feature `[N, width]` says about every attribute.
     pub fn decode(&self, feature: Tensor<2>) -> Offsets {
-        decode(feature, &self.heads, self.masks.as_ref())
+        measure(Part::Network, || decode(feature, &self.heads, self.masks.as_ref()))
     }
 }

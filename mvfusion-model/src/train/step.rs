@@ -2,6 +2,7 @@
 
 use burn::tensor::Tensor;
 use mvfusion_render::grid;
+use mvfusion_render::profile::{Part, measure};
 use mvfusion_render::splat::{SplatLayers, SplatPicture};
 
 use super::finite::Findings;
@@ -72,28 +73,7 @@ impl Trainer {
         };
         let rendered = views.iter().map(render).collect::<Result<Vec<_>, _>>()?;
 
-        let photos = self.photos.stack(views, &self.device);
-        let context = self.loss_context(&photos, position);
-        let (mut total, composed) = match &model.static_ {
-            Some(static_) => {
-                let blending =
-                    if position.stage == Stage::Geometry { Blending::Geometry } else { Blending::Deformation };
-                let main = pictures(&rendered, Copy::Main, blending);
-                let light = pictures(&rendered, Copy::Light, blending);
-                let log_scales = [&model.dynamic, static_].map(|branch| branch.gaussians.log_scales.val());
-                let loss = main_loss(&main, &context) + light_loss(&light, log_scales, &context);
-                (loss, main.composition.composed)
-            }
-            None => {
-                let composed = stack(&rendered, |view| view.dynamic.main().colour);
-                (single_loss(composed.clone(), &context), composed)
-            }
-        };
-        if movement != Movement::Still {
-            total = total + self.grid_penalty()?;
-        }
-        let difference = composed.inner() - photos;
-        let loss = StepLoss { total: total.clone().inner(), squared_error: difference.powf_scalar(2.0).mean() };
+        let (total, loss) = measure(Part::Loss, || self.losses(&rendered, views, movement, position))?;
         Ok(Forward {
             total,
             loss,
@@ -105,6 +85,40 @@ impl Trainer {
                 .is_some()
                 .then(|| Sighting::of(rendered.iter().filter_map(|view| view.static_.as_ref()), None)),
         })
+    }
+
+    /// What the rendered views cost, with its graph and for the log.
+    fn losses(
+        &self,
+        rendered: &[BranchPictures],
+        views: &[usize],
+        movement: Movement,
+        position: &Position,
+    ) -> Result<(Tensor<1>, StepLoss), ModelError> {
+        let model = &self.state.model;
+        let photos = self.photos.stack(views, &self.device);
+        let context = self.loss_context(&photos, position);
+        let (mut total, composed) = match &model.static_ {
+            Some(static_) => {
+                let blending =
+                    if position.stage == Stage::Geometry { Blending::Geometry } else { Blending::Deformation };
+                let main = pictures(rendered, Copy::Main, blending);
+                let light = pictures(rendered, Copy::Light, blending);
+                let log_scales = [&model.dynamic, static_].map(|branch| branch.gaussians.log_scales.val());
+                let loss = main_loss(&main, &context) + light_loss(&light, log_scales, &context);
+                (loss, main.composition.composed)
+            }
+            None => {
+                let composed = stack(rendered, |view| view.dynamic.main().colour);
+                (single_loss(composed.clone(), &context), composed)
+            }
+        };
+        if movement != Movement::Still {
+            total = total + self.grid_penalty()?;
+        }
+        let difference = composed.inner() - photos;
+        let loss = StepLoss { total: total.clone().inner(), squared_error: difference.powf_scalar(2.0).mean() };
+        Ok((total, loss))
     }
 
     fn loss_context<'a>(&'a self, photos: &'a Tensor<4>, position: &Position) -> LossContext<'a> {

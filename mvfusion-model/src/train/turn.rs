@@ -2,6 +2,7 @@
 //! §4.11).
 
 use burn::tensor::Tensor;
+use mvfusion_render::profile::{Part, measure};
 
 use super::step::Sighting;
 use super::{Contribution, Position, Sampler, Stage};
@@ -43,11 +44,14 @@ impl BranchTurn<'_> {
     pub fn learn(mut self, contribution: Contribution) -> Result<(), ModelError> {
         let Contribution { sighting, screen, mut gradients } = contribution;
         if self.position.step < self.config.densify.until {
-            self.observe(sighting, screen);
-            self.change_rows(&mut gradients)?;
+            measure(Part::Densify, || {
+                self.observe(sighting, screen);
+                self.change_rows(&mut gradients)
+            })?;
         }
         let branch = self.branch;
-        branch.optimiser.step(&mut branch.gaussians, gradients, self.rates, &self.config.optim);
+        let step = || branch.optimiser.step(&mut branch.gaussians, gradients, self.rates, &self.config.optim);
+        measure(Part::Optimiser, step);
         Ok(())
     }
 

@@ -1,6 +1,7 @@
 //! The backward half of a step: statistics, changes of rows, optimiser steps (METHOD §4.1, order inside an iteration).
 
 use burn::tensor::Gradients;
+use mvfusion_render::profile::{Part, measure};
 
 use super::step::Forward;
 use super::turn::{BranchTurn, Moving};
@@ -17,7 +18,7 @@ impl Trainer {
             _ => self.config.train.accumulation,
         };
         let Forward { probes, dynamic, static_, total, loss: _, rendered: _ } = forward;
-        let mut gradients = (total / accumulation as f64).backward();
+        let mut gradients = measure(Part::BackwardRest, || (total / accumulation as f64).backward());
         let rates = Rates::at(position.step, self.surroundings.extent, &self.config.optim);
 
         let model = &self.state.model;
@@ -38,7 +39,7 @@ impl Trainer {
                 turn.learn(sum)?;
             }
         }
-        self.step_networks(&mut gradients, &rates);
+        measure(Part::Optimiser, || self.step_networks(&mut gradients, &rates));
         Ok(())
     }
 
@@ -88,6 +89,10 @@ impl Trainer {
 
     /// Measures the trajectories of all dynamic Gaussians and fills the motion cache.
     pub(super) fn refresh_motion(&mut self) -> Result<(), ModelError> {
+        measure(Part::Refresh, || self.measure_motion())
+    }
+
+    fn measure_motion(&mut self) -> Result<(), ModelError> {
         let model = self.state.model.plain();
         let trajectories = Trajectories {
             network: &model.network,

@@ -9,6 +9,7 @@ use burn::tensor::Tensor;
 
 use super::{GridBounds, GridLayout, cpu};
 use crate::host::HostBackend;
+use crate::profile::{self, Part};
 use crate::real::with_real;
 
 /// The look-up.
@@ -87,12 +88,12 @@ impl<B: HostBackend> GridAdjoint for B {
 struct LookUpBackward;
 
 impl<B: GridAdjoint> Backward<B, 3> for LookUpBackward {
-    type State = (LookUp<B>, GridBounds, GridLayout);
+    type State = (LookUp<B>, GridBounds, GridLayout, Option<Part>);
 
     fn backward(self, ops: Ops<Self::State, 3>, gradients: &mut Gradients, _: &mut Checkpointer) {
-        let (inputs, bounds, layout) = ops.state;
+        let (inputs, bounds, layout, part) = ops.state;
         let v_features = gradients.consume::<B>(&ops.node);
-        let adjoint = B::grid_look_up_backward(inputs, v_features, bounds, layout);
+        let adjoint = profile::measure_backward(part, || B::grid_look_up_backward(inputs, v_features, bounds, layout));
         let [planes, points, times] = ops.parents;
         for (node, adjoint) in [(planes, adjoint.planes), (points, adjoint.points), (times, adjoint.times)] {
             if let Some(node) = node {
@@ -117,7 +118,7 @@ impl<B: GridAdjoint, C: CheckpointStrategy> GridOps for Autodiff<B, C> {
         let LookUp { planes, points, times } = inputs.clone();
         let features = B::grid_look_up(planes, points, times, bounds, layout.clone());
         match prepared {
-            OpsKind::Tracked(prepared) => prepared.finish((inputs, bounds, layout), features),
+            OpsKind::Tracked(prepared) => prepared.finish((inputs, bounds, layout, profile::current()), features),
             OpsKind::UnTracked(prepared) => prepared.finish(features),
         }
     }

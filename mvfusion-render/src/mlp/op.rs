@@ -10,6 +10,7 @@ use burn::tensor::Tensor;
 use super::cpu::Wanted;
 use super::{MlpLayout, cpu};
 use crate::host::HostBackend;
+use crate::profile::{self, Part};
 use crate::real::with_real;
 
 /// The forward pass.
@@ -70,13 +71,13 @@ impl<B: HostBackend> MlpAdjoint for B {
 struct MlpBackward;
 
 impl<B: MlpAdjoint> Backward<B, 2> for MlpBackward {
-    type State = (Arguments<B>, MlpLayout);
+    type State = (Arguments<B>, MlpLayout, Option<Part>);
 
     fn backward(self, ops: Ops<Self::State, 2>, gradients: &mut Gradients, _: &mut Checkpointer) {
-        let (arguments, layout) = ops.state;
+        let (arguments, layout, part) = ops.state;
         let v_outputs = gradients.consume::<B>(&ops.node);
         let wanted = Wanted { input: ops.parents[0].is_some(), parameters: ops.parents[1].is_some() };
-        let adjoints = B::mlp_backward(arguments, v_outputs, layout, wanted);
+        let adjoints = profile::measure_backward(part, || B::mlp_backward(arguments, v_outputs, layout, wanted));
         for (node, adjoint) in ops.parents.into_iter().zip(adjoints) {
             if let (Some(node), Some(adjoint)) = (node, adjoint) {
                 gradients.register::<B>(node.id, adjoint);
@@ -93,7 +94,7 @@ impl<B: MlpAdjoint, C: CheckpointStrategy> MlpOps for Autodiff<B, C> {
         let Arguments { input, parameters } = arguments.clone();
         let outputs = B::mlp_forward(input, parameters, layout.clone());
         match prepared {
-            OpsKind::Tracked(prepared) => prepared.finish((arguments, layout), outputs),
+            OpsKind::Tracked(prepared) => prepared.finish((arguments, layout, profile::current()), outputs),
             OpsKind::UnTracked(prepared) => prepared.finish(outputs),
         }
     }

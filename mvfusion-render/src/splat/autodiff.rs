@@ -5,6 +5,8 @@ use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
 use burn::backend::{Autodiff, Backend};
 
+use crate::profile::{self, Part};
+
 use super::op::{SplatKernels, SplatOps, SplatOutput, SplatPlan, SplatPrimitives, SplatSaved};
 
 /// The op's step back.
@@ -17,16 +19,18 @@ struct SplatState<B: Backend> {
     inputs: SplatPrimitives<B>,
     saved: SplatSaved<B>,
     plan: SplatPlan,
+    part: Option<Part>,
 }
 
 impl<B: SplatKernels> Backward<B, 8> for SplatBackward {
     type State = SplatState<B>;
 
     fn backward(self, ops: Ops<Self::State, 8>, grads: &mut Gradients, _: &mut Checkpointer) {
-        let SplatState { inputs, saved, plan } = ops.state;
+        let SplatState { inputs, saved, plan, part } = ops.state;
         let v_picture = grads.consume::<B>(&ops.node);
         let statistic = ops.parents[7].as_ref().map(|_| plan.settings.statistic);
-        let gradients = B::splat_backward(inputs, saved, v_picture, plan, statistic);
+        let gradients =
+            profile::measure_backward(part, || B::splat_backward(inputs, saved, v_picture, plan, statistic));
         let in_order = [
             gradients.means,
             gradients.quaternions,
@@ -71,7 +75,7 @@ impl<B: SplatKernels, C: CheckpointStrategy> SplatOps for Autodiff<B, C> {
         match preparation {
             OpsKind::Tracked(preparation) => {
                 let forward = B::splat_forward(inputs.clone(), plan);
-                let state = SplatState { inputs, saved: forward.saved, plan };
+                let state = SplatState { inputs, saved: forward.saved, plan, part: profile::current() };
                 SplatOutput { picture: preparation.finish(state, forward.output.picture), radii: forward.output.radii }
             }
             OpsKind::UnTracked(preparation) => {
