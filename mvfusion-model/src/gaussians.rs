@@ -247,6 +247,23 @@ impl RawGaussians {
         measure(Part::SplatForward, || splat::splat(inputs, probe, camera, settings))
     }
 
+    /// The numbers of an attribute as [`Gaussians`] keeps it.
+    pub fn attribute(&self, attribute: Attribute) -> Option<Tensor<2>> {
+        let sh = |first: usize, end: usize| {
+            let count = self.sh.dims()[0];
+            self.sh.clone().narrow(1, first, end - first).reshape([count, 3 * (end - first)])
+        };
+        Some(match attribute {
+            Attribute::Means => self.means.clone(),
+            Attribute::ShDc => sh(0, 1),
+            Attribute::ShRest => sh(1, self.sh.dims()[1]),
+            Attribute::OpacityLogits => self.opacity_logits.clone(),
+            Attribute::LogScales => self.log_scales.clone(),
+            Attribute::Quaternions => self.quaternions.clone(),
+            Attribute::MaskLogits => return self.mask_logits.clone(),
+        })
+    }
+
     /// The rows of the given Gaussians.
     pub fn select(self, rows: &Tensor<1, Int>) -> Self {
         Self {

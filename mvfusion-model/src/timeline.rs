@@ -65,15 +65,15 @@ pub fn spread(count: usize, samples: usize) -> Vec<usize> {
     }
 }
 
-/// Indices of the dictionary's knots among `samples` samples: every `stride`-th and the last (A6).
-pub fn knots(samples: usize, stride: usize) -> Vec<usize> {
-    let mut knots: Vec<usize> = (0..samples).step_by(stride.max(1)).collect();
-    if let (Some(&last), Some(end)) = (knots.last(), samples.checked_sub(1))
+/// Every `stride`-th of the numbers `0..count`, and the last (A6).
+pub fn strided(count: usize, stride: usize) -> Vec<usize> {
+    let mut chosen: Vec<usize> = (0..count).step_by(stride.max(1)).collect();
+    if let (Some(&last), Some(end)) = (chosen.last(), count.checked_sub(1))
         && last != end
     {
-        knots.push(end);
+        chosen.push(end);
     }
-    knots
+    chosen
 }
 
 /// Where `time` lies among ascending `knots`; held at the ends.
@@ -109,9 +109,9 @@ mod tests {
 
     #[test]
     fn knots_hold_every_sixteenth_sample_and_the_last() {
-        assert_eq!(knots(64, 16), [0, 16, 32, 48, 63]);
-        assert_eq!(knots(33, 16), [0, 16, 32]);
-        assert_eq!(knots(1, 16), [0]);
+        assert_eq!(strided(64, 16), [0, 16, 32, 48, 63]);
+        assert_eq!(strided(33, 16), [0, 16, 32]);
+        assert_eq!(strided(1, 16), [0]);
     }
 
     #[test]

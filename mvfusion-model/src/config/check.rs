@@ -1,6 +1,6 @@
 //! Which configurations can be trained at all.
 
-use super::Config;
+use super::{Branches, Config, StillRule};
 use crate::ModelError;
 
 impl Config {
@@ -63,6 +63,27 @@ impl Config {
         let uneven = motion.heads == 0 || !motion.attention_width.is_multiple_of(motion.heads);
         refuse(uneven, "motion.heads", heads, "it must divide motion.attention_width")?;
         refuse(motion.samples == 0, "motion.samples", "0".into(), "statistics need at least one sample")?;
+        let alone = model.branches == Branches::Dynamic && motion.still != StillRule::Keep;
+        refuse(
+            alone,
+            "motion.still",
+            format!("{:?}", motion.still),
+            "what does not move needs a static branch to be in; keep it",
+        )?;
+        let still_below = motion.still_below.to_string();
+        refuse(
+            !(0.0..=1.0).contains(&motion.still_below),
+            "motion.still_below",
+            still_below,
+            "give a share from 0 to 1",
+        )?;
+        refuse(motion.sample_stride == 0, "motion.sample_stride", "0".into(), "give 1 to evaluate every sample")?;
+        refuse(
+            !(0.0..=1.0).contains(&self.loss.branch_above),
+            "loss.branch_above",
+            self.loss.branch_above.to_string(),
+            "give a share from 0 to 1",
+        )?;
         let downscale = self.scene.downscale;
         refuse(
             downscale.is_nan() || downscale < 1.0,

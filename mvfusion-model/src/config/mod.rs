@@ -20,7 +20,7 @@ pub use densify::{BranchDensifyConfig, DensifyConfig, OpacityReset};
 pub use evaluation::EvalConfig;
 pub use loss::LossConfig;
 pub use model::{Background, Branches, GridConfig, ModelConfig};
-pub use motion::{FusionWeights, MotionConfig, Refinement, TokenMode};
+pub use motion::{FusionWeights, MotionConfig, Refinement, Spread, StillRule, TokenMode};
 pub use optim::{Decay, OptimConfig};
 pub use scene::{InitConfig, SceneConfig, SceneKind};
 pub use train::{StageConfig, TrainConfig};

@@ -14,14 +14,26 @@ pub struct MotionConfig {
     pub interval: usize,
     /// Trajectory samples, `K` (paper: 64; A6).
     pub samples: usize,
+    /// Only every so-manieth of them is evaluated, and the last (A6).
+    pub sample_stride: usize,
     /// Every so-manieth sample is a knot of the variance dictionary (paper: 16; A6).
     pub knot_stride: usize,
+    /// Number of evenly spread knots instead; 0 goes by `knot_stride` (A6).
+    pub knots: usize,
+    /// What stands for the spread of a motion (A9).
+    pub spread: Spread,
+    /// Whether displacements are measured in scene extents instead of world units (A9b).
+    pub in_extents: bool,
     /// Half window of the local variance in samples, and distance of the neighbour tokens in frames, `w` (A7, A8).
     pub window: usize,
     /// Weights of the motion intensity (A9c).
     pub weights: FusionWeights,
     /// Decay of the moving mean and variance of the descriptors (A10).
     pub decay: f64,
+    /// Whether these start from zero instead of the first measurement (A10).
+    pub zero_start: bool,
+    /// Whether local variances are normalised like the signatures (A10b).
+    pub normalise_local: bool,
     /// Added to the standard deviation of the descriptors (A10).
     pub epsilon: f64,
     /// Descriptors are squashed softly to plus or minus this (A10).
@@ -38,8 +50,18 @@ pub struct MotionConfig {
     pub tokens: TokenMode,
     /// Whether the current frame is a key as well (A14).
     pub include_self: bool,
+    /// Whether gradients reach the network through the neighbours' tokens (A17); about three times the work.
+    pub neighbour_gradient: bool,
     /// How the refined offsets replace the base offsets (A3).
     pub refinement: Refinement,
+    /// Whether the mask heads see the refined feature as well (A23).
+    pub refine_masks: bool,
+    /// Whether a new Gaussian has its parent's descriptors until the next measurement; else it has none (A25).
+    pub inherit: bool,
+    /// What becomes of dynamic Gaussians that do not move.
+    pub still: StillRule,
+    /// A Gaussian does not move if its motion intensity is below this share of what only 2 % of the dynamic ones exceed.
+    pub still_below: f64,
     /// Gaussians handled at once when statistics and neighbour tokens are computed (A34).
     pub chunk: usize,
 }
@@ -51,10 +73,16 @@ impl Default for MotionConfig {
             mfta: true,
             interval: 2000,
             samples: 64,
+            sample_stride: 1,
             knot_stride: 16,
+            knots: 0,
+            spread: Spread::Variance,
+            in_extents: true,
             window: 5,
             weights: FusionWeights::default(),
             decay: 0.99,
+            zero_start: false,
+            normalise_local: true,
             epsilon: 1e-6,
             soft_clip: 3.0,
             octaves: 4,
@@ -63,7 +91,12 @@ impl Default for MotionConfig {
             heads: 4,
             tokens: TokenMode::Triple,
             include_self: false,
+            neighbour_gradient: false,
             refinement: Refinement::Replace,
+            refine_masks: true,
+            inherit: true,
+            still: StillRule::Keep,
+            still_below: 1e-4,
             chunk: 16_384,
         }
     }
@@ -85,6 +118,39 @@ impl Default for FusionWeights {
     fn default() -> Self {
         Self { position: 0.7, scale: 0.2, rotation: 0.1 }
     }
+}
+
+/// What stands for the spread of a motion (A9).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Spread {
+    /// The population variance, as the paper defines it.
+    Variance,
+    /// Its root, as the paper once calls it.
+    Deviation,
+}
+
+impl Spread {
+    /// The spread of a population variance.
+    pub fn of(self, variance: f64) -> f64 {
+        match self {
+            Self::Variance => variance,
+            Self::Deviation => variance.sqrt(),
+        }
+    }
+}
+
+/// What becomes, at every measurement of the last stage, of dynamic Gaussians that do not move. Ours: the paper names
+/// pruning by motion as future work.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StillRule {
+    /// They stay.
+    Keep,
+    /// They are removed.
+    Prune,
+    /// They move to the static branch, as they are at the middle of the video.
+    Reassign,
 }
 
 /// Which frames the attention of frame `i` looks at (A7).

@@ -38,11 +38,14 @@ pub struct StageConfig {
     pub deformation: usize,
     /// Motion-aware refinement: MVG and MFTA join.
     pub refinement: usize,
+    /// Whether that stage has counter, moments and schedules of its own, instead of going on with those of the stage before
+    /// (A1).
+    pub refinement_restarts: bool,
 }
 
 impl Default for StageConfig {
     fn default() -> Self {
-        Self { geometry: 2000, deformation: 3000, refinement: 20_000 }
+        Self { geometry: 2000, deformation: 3000, refinement: 20_000, refinement_restarts: false }
     }
 }
 

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::plan::{SplitParent, split_log_scale};
 use super::{DensifyPlan, DensifyStatistics, ResetPlan};
 use crate::config::OpacityReset;
-use crate::gaussians::{Attribute, Gaussians};
+use crate::gaussians::{Attribute, Gaussians, RawGaussians};
 use crate::optim::GaussianOptimiser;
 use crate::random::Stream;
 use crate::{ModelError, tensors};
@@ -34,6 +34,15 @@ pub struct Census {
     pub pruned: usize,
     /// Opacity resets.
     pub resets: usize,
+}
+
+/// Where the rows of a branch come from after Gaussians were added.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Growth {
+    /// The parent of every row.
+    pub sources: Vec<usize>,
+    /// So many rows at the beginning are their own parents; the others are new.
+    pub kept: usize,
 }
 
 /// Which Gaussians a branch has no place for.
@@ -67,8 +76,7 @@ impl Branch {
         self.statistics = DensifyStatistics::new(&self.gaussians.means.val());
     }
 
-    /// Clones and splits the Gaussians with large gradients. Returns the parent of every row afterwards, for caches that
-    /// follow the rows, or `None` if nothing changed.
+    /// Clones and splits the Gaussians with large gradients. Returns where the rows come from, or `None` if nothing changed.
     ///
     /// # Errors
     /// If the device cannot hand its numbers back.
@@ -77,7 +85,7 @@ impl Branch {
         threshold: f64,
         clone_size: f64,
         stream: &mut Stream,
-    ) -> Result<Option<Vec<usize>>, ModelError> {
+    ) -> Result<Option<Growth>, ModelError> {
         let gradients: Vec<f64> = tensors::read(self.statistics.mean_gradients())?;
         let axes: Vec<f64> = tensors::read(self.plain(Attribute::LogScales).max_dim(1).exp())?;
         let plan = DensifyPlan::new(&gradients, &axes, threshold, clone_size);
@@ -91,7 +99,7 @@ impl Branch {
     ///
     /// # Errors
     /// If the device cannot hand its numbers back.
-    pub fn grow(&mut self, plan: &DensifyPlan, normals: &[DVec3]) -> Result<Option<Vec<usize>>, ModelError> {
+    pub fn grow(&mut self, plan: &DensifyPlan, normals: &[DVec3]) -> Result<Option<Growth>, ModelError> {
         if plan.is_empty() {
             self.statistics = self.statistics.rearranged(&self.rows(&plan.sources()));
             return Ok(None);
@@ -114,7 +122,21 @@ impl Branch {
         }
         self.optimiser.rearrange(&self.rows(&plan.kept), plan.added());
         self.statistics = self.statistics.rearranged(&rows);
-        Ok(Some(sources))
+        Ok(Some(Growth { sources, kept: plan.kept.len() }))
+    }
+
+    /// Puts further Gaussians after the others: the rows of `raw`, without autodiff, which need no masks. They start without
+    /// moments and statistics.
+    pub fn append(&mut self, raw: &RawGaussians) {
+        let added = raw.means.dims()[0];
+        let whole = self.rows(&(0..self.gaussians.count()).collect::<Vec<_>>());
+        for attribute in Attribute::ALL {
+            if let (Some(values), Some(further)) = (self.gaussians.plain(attribute), raw.attribute(attribute)) {
+                self.gaussians.replace(attribute, Tensor::cat(vec![values, further], 0));
+            }
+        }
+        self.optimiser.rearrange(&whole, added);
+        self.statistics = self.statistics.extended(added);
     }
 
     /// Centres of both halves of every split Gaussian: `[2 S, 3]`.

@@ -4,6 +4,6 @@ mod branch;
 mod plan;
 mod statistics;
 
-pub use branch::{Branch, Census, PruneRule};
+pub use branch::{Branch, Census, Growth, PruneRule};
 pub use plan::{DensifyPlan, ResetPlan};
 pub use statistics::DensifyStatistics;

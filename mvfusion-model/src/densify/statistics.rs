@@ -46,6 +46,20 @@ impl DensifyStatistics {
         self.gradients.clone() / self.seen.clone().clamp_min(1.0)
     }
 
+    /// The statistics with `added` further rows of which nothing was seen yet.
+    pub fn extended(&self, added: usize) -> Self {
+        let longer = |values: &Tensor<2>| {
+            let zeros = Tensor::zeros([added, 1], (&values.device(), values.dtype()));
+            Tensor::cat(vec![values.clone(), zeros], 0)
+        };
+        Self {
+            gradients: longer(&self.gradients),
+            seen: longer(&self.seen),
+            foreground: longer(&self.foreground),
+            radii: longer(&self.radii),
+        }
+    }
+
     /// The statistics after rows were added: gradients and radii start again, foreground probabilities follow `sources`.
     pub fn rearranged(&self, sources: &Tensor<1, Int>) -> Self {
         let foreground = self.foreground.clone().select(0, sources.clone());

@@ -40,7 +40,10 @@ impl MotionCache {
         like: &Tensor<2>,
     ) -> Self {
         let signatures = normalisers.signatures.update_and_normalise(&statistics.signatures, SIGNATURE_WIDTH, config);
-        let local = normalisers.local.update_and_normalise(&statistics.local, 1, config);
+        let local = match config.normalise_local {
+            true => normalisers.local.update_and_normalise(&statistics.local, 1, config),
+            false => statistics.local.clone(),
+        };
         let knots = statistics.knot_times.len();
         let table = |values, columns| tensors::from_data_like(TrajectoryStatistics::table(values, columns), like);
         Self {
@@ -59,6 +62,24 @@ impl MotionCache {
             return knot(place.lower);
         }
         knot(place.lower) * (1.0 - place.weight) + knot(place.upper) * place.weight
+    }
+
+    /// Without descriptors from row `kept` on.
+    pub fn forget_from(self, kept: usize) -> Self {
+        let forget = |values: Tensor<2>| {
+            let new = values.dims()[0] - kept;
+            if new == 0 {
+                return values;
+            }
+            let fresh = values.clone().narrow(0, kept, new).zeros_like();
+            Tensor::cat(vec![values.narrow(0, 0, kept), fresh], 0)
+        };
+        Self {
+            signatures: forget(self.signatures),
+            local: forget(self.local),
+            intensity: forget(self.intensity),
+            knot_times: self.knot_times,
+        }
     }
 
     /// The rows of the given Gaussians, in that order.

@@ -6,7 +6,8 @@ use crate::config::MotionConfig;
 
 /// Moving mean and variance of each column over all Gaussians, refreshed with the statistics.
 ///
-/// The first batch is taken over as it is; later ones enter with weight `1 - decay`. A value `v` becomes
+/// The first batch is taken over as it is, unless the state is to start from zero; later ones enter with weight
+/// `1 - decay`. A value `v` becomes
 /// `c tanh((v - mean) / (sqrt(variance) + epsilon) / c)` with the soft clip `c`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MovingNormaliser {
@@ -23,6 +24,9 @@ impl MovingNormaliser {
             return Vec::new();
         }
         let (means, variances) = column_moments(values, columns);
+        if self.means.is_empty() && config.zero_start {
+            (self.means, self.variances) = (vec![0.0; columns], vec![0.0; columns]);
+        }
         if self.means.is_empty() {
             (self.means, self.variances) = (means, variances);
         } else {
@@ -72,6 +76,14 @@ mod tests {
         normaliser.update_and_normalise(&[11.0, 11.0], 1, &config);
         assert!((normaliser.means[0] - (0.99 + 0.11)).abs() < 1e-12);
         assert!((normaliser.variances[0] - 0.99).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_state_that_starts_from_zero_is_slow_to_learn() {
+        let mut normaliser = MovingNormaliser::default();
+        let config = MotionConfig { zero_start: true, ..MotionConfig::default() };
+        normaliser.update_and_normalise(&[0.0, 2.0], 1, &config);
+        assert!((normaliser.means[0] - 0.01).abs() < 1e-15 && (normaliser.variances[0] - 0.01).abs() < 1e-15);
     }
 
     #[test]

@@ -64,9 +64,15 @@ impl MotionRefinement {
         if config.motion.mfta {
             fused = fused + measure(Part::Mfta, || self.temporal(network, means, time, feature.clone(), config));
         }
-        match config.motion.refinement {
-            Refinement::Replace => network.decode(fused),
-            Refinement::Sum => network.decode(feature) + network.decode(fused),
+        let refined = network.decode(fused);
+        match (config.motion.refinement, config.motion.refine_masks) {
+            (Refinement::Replace, true) => refined,
+            (Refinement::Replace, false) => Offsets { mask_logits: network.decode(feature).mask_logits, ..refined },
+            (Refinement::Sum, true) => network.decode(feature) + refined,
+            (Refinement::Sum, false) => {
+                let base = network.decode(feature);
+                Offsets { mask_logits: base.mask_logits.clone(), ..base + refined }
+            }
         }
     }
 
@@ -81,7 +87,10 @@ impl MotionRefinement {
     ) -> Tensor<2> {
         let plain = network.valid();
         let tokens = Tokens { network: &plain, extent: config.extent, chunk: config.motion.chunk };
-        let means = means.inner();
+        let (around, means) = match config.motion.neighbour_gradient {
+            true => (Tokens { network, ..tokens.clone() }, means),
+            false => (tokens.clone(), means.inner()),
+        };
         // Without MVG there are no motion statistics, so the tokens carry none either (A26).
         let local = |time: f64| match config.motion.mvg {
             true => config.cache.local_at(time),
@@ -97,7 +106,7 @@ impl MotionRefinement {
                 0 => centre.clone(),
                 _ => {
                     let time = config.timeline.neighbour(index, offset);
-                    tokens.at(&means, time, local(time))
+                    around.at(&means, time, local(time))
                 }
             })
             .collect();

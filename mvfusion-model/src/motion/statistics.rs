@@ -3,9 +3,9 @@
 use burn::tensor::{Tensor, TensorData};
 use rayon::prelude::*;
 
-use crate::config::{FusionWeights, MotionConfig};
+use crate::config::{MotionConfig, Spread};
 use crate::network::DeformationNetwork;
-use crate::timeline::{Timeline, knots};
+use crate::timeline::{Timeline, spread, strided};
 use crate::{ModelError, tensors};
 
 /// Numbers in a trajectory signature `V`: mean and variance of position (3 + 3), rotation, isotropic and anisotropic scale
@@ -24,7 +24,7 @@ pub struct Trajectories<'a> {
     pub timeline: &'a Timeline,
     /// Samples, window, stride, weights, chunk.
     pub config: &'a MotionConfig,
-    /// The scene's extent; displacements are divided by it (A9b).
+    /// The scene's extent; displacements are divided by it, unless configured otherwise (A9b).
     pub extent: f64,
 }
 
@@ -46,10 +46,12 @@ impl Trajectories<'_> {
     /// # Errors
     /// If the device cannot hand its numbers back.
     pub fn measure(&self, means: &Tensor<2>) -> Result<TrajectoryStatistics, ModelError> {
-        let samples = self.timeline.sample_indices(self.config.samples);
-        let times: Vec<f64> = samples.iter().map(|&index| self.timeline.times()[index]).collect();
-        let knots = knots(times.len(), self.config.knot_stride);
-        let summary = Summary { window: self.config.window, weights: self.config.weights, knots: &knots };
+        let times = self.sample_times();
+        let knots = match self.config.knots {
+            0 => strided(times.len(), self.config.knot_stride),
+            count => spread(times.len(), count),
+        };
+        let summary = Summary { config: self.config, knots: &knots };
 
         let count = means.dims()[0];
         let mut signatures = Vec::with_capacity(count * SIGNATURE_WIDTH);
@@ -66,14 +68,21 @@ impl Trajectories<'_> {
         Ok(TrajectoryStatistics { signatures, local, knot_times: knots.iter().map(|&k| times[k]).collect() })
     }
 
+    fn sample_times(&self) -> Vec<f64> {
+        let samples = self.timeline.sample_indices(self.config.samples);
+        let chosen = strided(samples.len(), self.config.sample_stride);
+        chosen.into_iter().map(|k| self.timeline.times()[samples[k]]).collect()
+    }
+
     /// The records of a chunk `[n, 3]` at every time, sample by sample: `[samples * n * 6]`.
     fn record(&self, means: Tensor<2>, times: &[f64]) -> Result<Vec<f32>, ModelError> {
+        let unit = if self.config.in_extents { self.extent } else { 1.0 };
         let mut records = Vec::with_capacity(times.len() * means.dims()[0] * RECORD);
         for &time in times {
             let feature = self.network.feature(means.clone(), tensors::scalar_like(&means, time));
             let rectified = burn::tensor::activation::relu(feature);
             let heads = &self.network.heads;
-            let displacement = heads.means.forward(rectified.clone()) / self.extent;
+            let displacement = heads.means.forward(rectified.clone()) / unit;
             let rotation = heads.quaternions.forward(rectified.clone());
             let log_scale = heads.log_scales.forward(rectified);
             let isotropic = log_scale.clone().mean_dim(1);
@@ -92,8 +101,7 @@ fn length(rows: Tensor<2>) -> Tensor<2> {
 
 /// How one trajectory is summed up. In double precision: variances of small motions drown in `f32`.
 struct Summary<'a> {
-    window: usize,
-    weights: FusionWeights,
+    config: &'a MotionConfig,
     knots: &'a [usize],
 }
 
@@ -105,16 +113,16 @@ impl Summary<'_> {
             (0..samples).map(|k| f64::from(records[(k * chunk + index) * RECORD + channel])).collect()
         };
         let columns: [Vec<f64>; RECORD] = std::array::from_fn(column);
-        let moments: [Moments; RECORD] = std::array::from_fn(|channel| Moments::of(&columns[channel]));
+        let moments: [Moments; RECORD] = std::array::from_fn(|channel| self.moments(&columns[channel]));
 
         let mut signature = [0.0; SIGNATURE_WIDTH];
         for axis in 0..3 {
             signature[axis] = moments[axis].mean;
-            signature[3 + axis] = moments[axis].variance;
+            signature[3 + axis] = moments[axis].spread;
         }
         for (pair, moments) in moments[3..].iter().enumerate() {
             signature[6 + 2 * pair] = moments.mean;
-            signature[7 + 2 * pair] = moments.variance;
+            signature[7 + 2 * pair] = moments.spread;
         }
         signature[12] = self.intensity(&moments);
 
@@ -124,32 +132,37 @@ impl Summary<'_> {
 
     /// The motion intensity: weighted sum of position, scale and rotation variance (paper, eq. of the intensity score).
     fn intensity(&self, moments: &[Moments; RECORD]) -> f64 {
-        let position = moments[..3].iter().map(|m| m.variance).sum::<f64>() / 3.0;
-        let rotation = moments[3].variance;
-        let scale = 0.5 * (moments[4].variance + moments[5].variance);
-        self.weights.position * position + self.weights.scale * scale + self.weights.rotation * rotation
+        let weights = self.config.weights;
+        let position = moments[..3].iter().map(|m| m.spread).sum::<f64>() / 3.0;
+        let rotation = moments[3].spread;
+        let scale = 0.5 * (moments[4].spread + moments[5].spread);
+        weights.position * position + weights.scale * scale + weights.rotation * rotation
     }
 
     /// Variance of the displacement, averaged over the axes, among the samples around `knot` (A8).
     fn local_variance(&self, columns: &[Vec<f64>; RECORD], knot: usize) -> f64 {
-        let first = knot.saturating_sub(self.window);
-        let end = (knot + self.window + 1).min(columns[0].len());
-        columns[..3].iter().map(|axis| Moments::of(&axis[first..end]).variance).sum::<f64>() / 3.0
+        let first = knot.saturating_sub(self.config.window);
+        let end = (knot + self.config.window + 1).min(columns[0].len());
+        columns[..3].iter().map(|axis| self.moments(&axis[first..end]).spread).sum::<f64>() / 3.0
+    }
+
+    fn moments(&self, values: &[f64]) -> Moments {
+        Moments::of(values, self.config.spread)
     }
 }
 
-/// Mean and population variance.
+/// Mean and spread.
 struct Moments {
     mean: f64,
-    variance: f64,
+    spread: f64,
 }
 
 impl Moments {
-    fn of(values: &[f64]) -> Self {
+    fn of(values: &[f64], spread: Spread) -> Self {
         let count = values.len().max(1) as f64;
         let mean = values.iter().sum::<f64>() / count;
         let variance = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / count;
-        Self { mean, variance }
+        Self { mean, spread: spread.of(variance) }
     }
 }
 
@@ -180,7 +193,9 @@ impl TrajectoryStatistics {
 mod tests {
     use super::*;
 
-    const WEIGHTS: FusionWeights = FusionWeights { position: 0.7, scale: 0.2, rotation: 0.1 };
+    fn windowed(window: usize) -> MotionConfig {
+        MotionConfig { window, ..MotionConfig::default() }
+    }
 
     /// Records of one Gaussian that moves along x by `step` a sample, for `samples` samples.
     fn moving(samples: usize, step: f32) -> Vec<f32> {
@@ -189,7 +204,7 @@ mod tests {
 
     #[test]
     fn a_moving_gaussian_has_mean_and_variance_of_its_path() {
-        let summary = Summary { window: 5, weights: WEIGHTS, knots: &[0, 2, 4] };
+        let summary = Summary { config: &windowed(5), knots: &[0, 2, 4] };
         let (signature, local) = summary.of(&moving(5, 0.5), 0, 1);
         // Positions 0, 0.5, .. 2: mean 1, population variance 0.5.
         assert_eq!((signature[0], signature[3], signature[6], signature[7]), (1.0, 0.5, 0.25, 0.0));
@@ -198,8 +213,16 @@ mod tests {
     }
 
     #[test]
+    fn a_deviation_is_the_root_of_a_variance() {
+        let config = MotionConfig { spread: Spread::Deviation, ..windowed(5) };
+        let (signature, local) = Summary { config: &config, knots: &[0] }.of(&moving(5, 0.5), 0, 1);
+        assert_eq!(signature[3], 0.5f64.sqrt());
+        assert!((local[0] - 0.5f64.sqrt() / 3.0).abs() < 1e-15);
+    }
+
+    #[test]
     fn a_resting_gaussian_has_no_variance() {
-        let summary = Summary { window: 1, weights: WEIGHTS, knots: &[0, 3] };
+        let summary = Summary { config: &windowed(1), knots: &[0, 3] };
         let (signature, local) = summary.of(&moving(4, 0.0), 0, 1);
         assert_eq!(signature[12], 0.0);
         assert_eq!(local, [0.0, 0.0]);
@@ -207,7 +230,7 @@ mod tests {
 
     #[test]
     fn the_window_is_cut_at_the_ends() {
-        let summary = Summary { window: 1, weights: WEIGHTS, knots: &[0, 2] };
+        let summary = Summary { config: &windowed(1), knots: &[0, 2] };
         let (_, local) = summary.of(&moving(5, 1.0), 0, 1);
         // Two samples 0, 1 at the start; three samples 1, 2, 3 in the middle.
         assert!((local[0] - 0.25 / 3.0).abs() < 1e-15);

@@ -8,10 +8,10 @@ use crate::tensors;
 /// Numbers of a token beside feature and intensity: displacement, log-scale and quaternion offsets (A13).
 pub const GEOMETRY_WIDTH: usize = 10;
 
-/// Makes tokens `z = [h, geometry(h), e]`, each `[N, H + 11]`, without gradient.
+/// Makes tokens `z = [h, geometry(h), e]`, each `[N, H + 11]`; with gradient if network and centres have it.
 #[derive(Clone, Debug)]
 pub(super) struct Tokens<'a> {
-    /// The network, without autodiff.
+    /// The network, without autodiff unless gradients are wanted.
     pub network: &'a DeformationNetwork,
     /// The scene's extent; displacements are divided by it.
     pub extent: f64,

@@ -32,7 +32,7 @@ impl Photos {
     /// Decodes every training view of a scene.
     ///
     /// # Errors
-    /// If a picture cannot be read, or if the pictures differ in size: batches are stacked.
+    /// If a picture cannot be read. That all have one size, as batches need, the readers see to.
     pub fn load(scene: &Scene) -> Result<Self, ModelError> {
         let load = |view: &View| -> Result<Photo, ModelError> {
             Ok(Photo { camera: view.camera, time: view.time, pixels: view.image.rgb()? })

@@ -7,6 +7,7 @@ mod finite;
 mod stage;
 mod state;
 mod step;
+mod still;
 mod trainer;
 mod turn;
 mod update;

@@ -50,7 +50,8 @@ pub struct Position {
     pub stage_step: usize,
     /// Steps of the stage.
     pub stage_length: usize,
-    /// Step of the counter that schedules go by, from 1: the first stage has its own, the other two share one (A1).
+    /// Step of the counter that schedules go by, from 1: the first stage has its own, the other two share one, unless
+    /// configured otherwise (A1).
     pub step: usize,
 }
 
@@ -67,7 +68,7 @@ impl Position {
             if completed < before + length {
                 let stage_step = completed - before + 1;
                 let step = match stage {
-                    Stage::Refinement => stage_step + stages.deformation,
+                    Stage::Refinement if !stages.refinement_restarts => stage_step + stages.deformation,
                     _ => stage_step,
                 };
                 return Some(Self { run_step: completed + 1, stage, stage_step, stage_length: length, step });
@@ -77,7 +78,7 @@ impl Position {
         None
     }
 
-    /// Whether moments, statistics and schedules start again at this step. The last stage goes on from the one before.
+    /// Whether moments, statistics and schedules start again at this step.
     pub fn restarts(&self) -> bool {
         self.step == 1
     }
@@ -109,7 +110,7 @@ impl StageConfig {
 mod tests {
     use super::*;
 
-    const STAGES: StageConfig = StageConfig { geometry: 2, deformation: 3, refinement: 4 };
+    const STAGES: StageConfig = StageConfig { geometry: 2, deformation: 3, refinement: 4, refinement_restarts: false };
 
     fn at(completed: usize) -> (Stage, usize, usize) {
         let position = Position::after(completed, &STAGES).expect("within the run");
@@ -124,6 +125,14 @@ mod tests {
         assert_eq!(at(5), (Stage::Refinement, 1, 4));
         assert_eq!(at(8), (Stage::Refinement, 4, 7));
         assert_eq!(Position::after(9, &STAGES), None);
+    }
+
+    #[test]
+    fn the_last_stage_may_start_again() {
+        let stages = StageConfig { refinement_restarts: true, ..STAGES };
+        let position = Position::after(5, &stages).expect("within the run");
+        assert_eq!((position.stage, position.step), (Stage::Refinement, 1));
+        assert!(position.restarts());
     }
 
     #[test]

@@ -70,6 +70,9 @@ impl Trainer {
         }
         if self.refresh_due(&position) {
             self.refresh_motion()?;
+            if position.step < self.config.densify.until {
+                self.sort_out_still_ones()?;
+            }
         }
         self.state.completed += 1;
         Ok(Some(loss))

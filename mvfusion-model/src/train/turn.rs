@@ -91,9 +91,12 @@ impl BranchTurn<'_> {
     fn densify(&mut self, gradients: &mut GaussianGradients) -> Result<(), ModelError> {
         let before = self.branch.gaussians.count();
         let clone_size = self.config.densify.clone_below * self.extent;
-        if let Some(sources) = self.branch.densify(self.threshold(), clone_size, self.stream)? {
-            self.census.added += sources.len() - before;
-            self.rows_moved(&sources);
+        if let Some(growth) = self.branch.densify(self.threshold(), clone_size, self.stream)? {
+            self.census.added += growth.sources.len() - before;
+            self.rows_moved(&growth.sources);
+            if let Some(moving) = self.moving.as_mut().filter(|_| !self.config.motion.inherit) {
+                *moving.cache = moving.cache.take().map(|cache| cache.forget_from(growth.kept));
+            }
             gradients.forget_all();
         }
         Ok(())

@@ -11,6 +11,7 @@ mod network_gradients;
 mod splat_gradients;
 mod start;
 mod training;
+mod variants;
 
 #[global_allocator]
 static ALLOCATOR: allocations::Counting = allocations::Counting;

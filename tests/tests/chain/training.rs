@@ -51,7 +51,7 @@ pub fn config() -> Config {
             ..MotionConfig::default()
         },
         train: TrainConfig {
-            stages: StageConfig { geometry: 10, deformation: 10, refinement: 12 },
+            stages: StageConfig { geometry: 10, deformation: 10, refinement: 12, ..StageConfig::default() },
             dynamic_sh_interval: 6,
             static_sh_interval: 9,
             ..TrainConfig::default()
@@ -74,7 +74,7 @@ pub fn config() -> Config {
 }
 
 /// Trains to the end.
-fn train(trainer: &mut Trainer) {
+pub fn train(trainer: &mut Trainer) {
     while trainer.step().expect("a step succeeds").is_some() {}
 }
 
@@ -85,7 +85,8 @@ fn figures(trainer: &Trainer, scene: &Scene) -> Evaluation {
         .expect("the views can be scored")
 }
 
-fn hash(trainer: &Trainer) -> String {
+/// SHA-256 of all parameters.
+pub fn hash(trainer: &Trainer) -> String {
     parameter_hash(&trainer.state().model).expect("the device hands its numbers back")
 }
 
@@ -130,18 +131,18 @@ fn a_run_is_the_same_with_one_thread_and_with_two() {
 }
 
 /// A run that is saved, loaded and continued after each of `pauses` steps.
-fn interrupted(pauses: &[usize], scene: &Scene, device: &Device) -> Trainer {
+pub fn interrupted(config: &Config, pauses: &[usize], scene: &Scene, device: &Device) -> Trainer {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let path = folder.path().join("state.safetensors");
-    let mut trainer = Trainer::new(config(), scene, device).expect("the run can start");
+    let mut trainer = Trainer::new(config.clone(), scene, device).expect("the run can start");
     for &pause in pauses {
         while trainer.state().completed < pause {
             trainer.step().expect("a step succeeds").expect("the run is not over");
         }
         trainer.state().save(&path).expect("the state can be saved");
         let device = device.clone().autodiff();
-        let state = TrainState::load(&path, &config(), &device).expect("the state can be loaded");
-        trainer = Trainer::with_state(config(), scene, &device, state).expect("the run goes on");
+        let state = TrainState::load(&path, config, &device).expect("the state can be loaded");
+        trainer = Trainer::with_state(config.clone(), scene, &device, state).expect("the run goes on");
     }
     train(&mut trainer);
     trainer
@@ -155,7 +156,7 @@ fn a_run_that_was_saved_and_loaded_goes_on_as_if_it_had_not_been() {
         let mut whole = Trainer::new(config(), &scene, &device).expect("the run can start");
         train(&mut whole);
         // Within each stage, on its borders, and right after a densification, a pruning, a reset and a refresh.
-        let resumed = interrupted(&[3, 5, 8, 10, 16, 20, 25, 29], &scene, &device);
+        let resumed = interrupted(&config(), &[3, 5, 8, 10, 16, 20, 25, 29], &scene, &device);
         assert_eq!(hash(&resumed), hash(&whole), "{}", backend.name);
         assert_eq!(resumed.state().census, whole.state().census);
         assert_eq!(resumed.state().streams, whole.state().streams);

@@ -156,7 +156,7 @@ fn check_densify(checks: &mut Checklist, archive: &Archive, device: &Device, nam
         .map(DVec3::from_slice)
         .collect();
     let sources = branch.grow(&plan, &normals)?;
-    checks.same("sources", &[Some(plan.sources())], &[sources]);
+    checks.same("sources", &[Some(plan.sources())], &[sources.map(|growth| growth.sources)]);
     let mut compare = Comparison { checks, archive, prefix: format!("{out}.densified") };
     compare.branch(&branch);
     if name == "fg" {

@@ -7,7 +7,7 @@ use mvfusion_model::motion::{
     MotionCache, MovingNormaliser, Normalisers, SIGNATURE_WIDTH, Trajectories, TrajectoryStatistics,
 };
 use mvfusion_model::network::DeformationNetwork;
-use mvfusion_model::timeline::{Timeline, knots, spread};
+use mvfusion_model::timeline::{Timeline, spread, strided};
 use mvfusion_tests::{Array, Checklist, Tolerance, tensor};
 
 use crate::archive::Archive;
@@ -92,7 +92,7 @@ fn check_times(checks: &mut Checklist, archive: &Archive, setting: &Setting) -> 
     checks.same("sample_index", &archive.counts("out.sample_index")?, &samples);
     let times: Vec<f64> = samples.iter().map(|&index| timeline.times()[index]).collect();
     checks.close("sample_times", archive.array("out.sample_times")?, &list(times.clone()), TIMES);
-    let chosen = knots(samples.len(), config.knot_stride);
+    let chosen = strided(samples.len(), config.knot_stride);
     checks.same("knot_sample_index", &archive.counts("out.knot_sample_index")?, &chosen);
     let knot_times = chosen.iter().map(|&knot| times[knot]).collect();
     checks.close("knot_times", archive.array("out.knot_times")?, &list(knot_times), TIMES);

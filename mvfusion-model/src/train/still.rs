@@ -1,0 +1,74 @@
+//! What becomes of dynamic Gaussians that turn out not to move. Ours; the paper names it as future work.
+
+use burn::tensor::Tensor;
+
+use super::Trainer;
+use crate::config::StillRule;
+use crate::model::Movement;
+use crate::{ModelError, tensors};
+
+/// Quantile of the motion intensity that others are compared with: the largest values may be strays.
+const BRIGHTEST: f64 = 0.98;
+
+impl Trainer {
+    /// Applies `motion.still` to the intensities that were just measured.
+    pub(super) fn sort_out_still_ones(&mut self) -> Result<(), ModelError> {
+        let config = &self.config.motion;
+        let (rule, share) = (config.still, config.still_below);
+        let Some(cache) = self.state.model.motion.as_ref().filter(|_| rule != StillRule::Keep) else { return Ok(()) };
+        let (moving, still) = parted(&tensors::read(cache.intensity.clone())?, share);
+        // A branch never loses its last Gaussian.
+        if still.is_empty() || moving.is_empty() {
+            return Ok(());
+        }
+        if rule == StillRule::Reassign {
+            self.reassign(&still);
+        }
+        let model = &mut self.state.model;
+        model.dynamic.keep(&moving);
+        let rows = tensors::rows_like(&moving, &model.dynamic.gaussians.means.val());
+        model.motion = model.motion.take().map(|cache| cache.select(&rows));
+        self.state.census[0].pruned += still.len();
+        Ok(())
+    }
+
+    /// Puts dynamic Gaussians, as they are at the middle of the video, into the static branch, if there is one.
+    fn reassign(&mut self, rows: &[usize]) {
+        let plain = self.state.model.plain();
+        let times = self.surroundings.timeline.times();
+        let middle = times[times.len() / 2];
+        let raw = plain.dynamic_at(middle, Movement::Base, &self.surroundings);
+        let rows: Tensor<1, burn::tensor::Int> = tensors::rows_like(rows, &raw.means);
+        if let Some(static_) = &mut self.state.model.static_ {
+            let moved = raw.select(&rows);
+            self.state.census[1].added += moved.means.dims()[0];
+            static_.append(&moved);
+        }
+        // Gradients that wait for their step have the rows of before.
+        self.state.pending = None;
+    }
+}
+
+/// Rows that move and rows that do not: those below `share` of what only the most moving 2 % exceed.
+fn parted(intensities: &[f64], share: f64) -> (Vec<usize>, Vec<usize>) {
+    let mut sorted = intensities.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let brightest = sorted.get((sorted.len().saturating_sub(1) as f64 * BRIGHTEST) as usize).copied().unwrap_or(0.0);
+    (0..intensities.len()).partition(|&row| intensities[row] >= share * brightest)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_gaussian_is_still_by_comparison_with_those_that_move() {
+        let (moving, still) = parted(&[1.0, 1e-9, 0.5, 0.0, 1.0], 1e-4);
+        assert_eq!((moving, still), (vec![0, 2, 4], vec![1, 3]));
+    }
+
+    #[test]
+    fn where_nothing_moves_nothing_is_sorted_out() {
+        assert_eq!(parted(&[0.0; 3], 1e-4), (vec![0, 1, 2], vec![]));
+    }
+}

@@ -1,0 +1,152 @@
+//! Runs of other shapes than the default: one branch, accumulated gradients, still Gaussians sorted out; and runs that break.
+
+use burn::tensor::Tensor;
+use mvfusion_model::ModelError;
+use mvfusion_model::config::{Branches, Config, StillRule};
+use mvfusion_model::evaluation::{Split, evaluate};
+use mvfusion_model::gaussians::Attribute;
+use mvfusion_model::model::Movement;
+use mvfusion_model::train::{TrainState, Trainer};
+use mvfusion_tests::{backends, numbers};
+
+use crate::training::{config, hash, interrupted, scene, train};
+
+/// 4DGS with motion-aware refinement plugged in.
+fn one_branch() -> Config {
+    let mut config = config();
+    config.model.branches = Branches::Dynamic;
+    config.loss.composed_dssim = 0.0;
+    (config.densify.max_radius, config.densify.max_scale) = (20.0, 0.1);
+    config
+}
+
+fn started(config: &Config) -> Trainer {
+    Trainer::new(config.clone(), &scene(), &(backends()[0].device)()).expect("the run can start")
+}
+
+#[test]
+fn one_branch_trains_refines_and_is_scored_without_a_static_picture() {
+    let mut config = one_branch();
+    // Without resets, which throw a run of this length back.
+    config.densify.reset_interval = 1000;
+    let mut trainer = started(&config);
+    let mut errors = Vec::new();
+    while let Some(loss) = trainer.step().expect("a step succeeds") {
+        errors.push(numbers(loss.squared_error)[0]);
+    }
+    let mean = |errors: &[f64]| errors.iter().sum::<f64>() / errors.len() as f64;
+    assert!(mean(&errors[27..]) < mean(&errors[..5]), "{errors:?}");
+    let state = trainer.state();
+    assert!(state.model.static_.is_none() && state.model.network.masks.is_none());
+    assert!(state.census[0].added > 0 && state.refreshes >= 2, "{:?}", state.census);
+
+    let nothing = |_, _: &_, _: &_| Ok::<(), ModelError>(());
+    let model = state.model.plain();
+    let figures = evaluate(&model, &scene(), Split::Test, trainer.final_movement(), trainer.surroundings(), nothing)
+        .expect("the views can be scored");
+    assert!(figures.mean.composed.psnr.is_some() && figures.mean.dynamic_region.is_some());
+    assert!(figures.mean.static_.is_none() && figures.mean.mask_iou.is_none());
+}
+
+#[test]
+fn plugged_in_refinement_starts_as_the_identity() {
+    let mut trainer = started(&one_branch());
+    while trainer.state().completed < 20 {
+        trainer.step().expect("a step succeeds").expect("the run is not over");
+    }
+    let model = trainer.state().model.plain();
+    let at = |movement| numbers(model.dynamic_at(0.4, movement, trainer.surroundings()).means);
+    assert!(model.motion.is_some());
+    assert_eq!(at(Movement::Base), at(Movement::Refined));
+    assert_ne!(at(Movement::Base), at(Movement::Still));
+}
+
+#[test]
+fn runs_of_other_shapes_survive_saving_and_loading() {
+    let mut accumulating = config();
+    accumulating.train.accumulation = 4;
+    for config in [one_branch(), accumulating] {
+        let mut whole = started(&config);
+        train(&mut whole);
+        // 11 and 22 lie between two steps of an accumulating static branch.
+        let device = (backends()[0].device)();
+        let resumed = interrupted(&config, &[3, 11, 20, 22, 29], &scene(), &device);
+        assert_eq!(hash(&resumed), hash(&whole), "{:?}", config.model.branches);
+    }
+}
+
+#[test]
+fn under_accumulation_the_static_branch_moves_at_every_fourth_step_and_the_dynamic_one_at_each() {
+    let mut config = config();
+    config.train.accumulation = 4;
+    config.densify.until = 0;
+    let mut trainer = started(&config);
+    let positions = |trainer: &Trainer| {
+        let model = &trainer.state().model;
+        let of = |gaussians: &mvfusion_model::gaussians::Gaussians| gaussians.plain(Attribute::Means).map(numbers);
+        (of(&model.dynamic.gaussians), model.static_.as_ref().and_then(|branch| of(&branch.gaussians)))
+    };
+    // The first stage does not accumulate.
+    for _ in 0..10 {
+        let before = positions(&trainer);
+        trainer.step().expect("a step succeeds");
+        assert_ne!(before.1, positions(&trainer).1);
+    }
+    for step in 1..=8 {
+        let before = positions(&trainer);
+        trainer.step().expect("a step succeeds");
+        let after = positions(&trainer);
+        assert_ne!(before.0, after.0, "step {step}");
+        assert_eq!(before.1 != after.1, step % 4 == 0, "step {step}");
+        assert_eq!(trainer.state().pending.is_some(), step % 4 != 0, "step {step}");
+    }
+}
+
+#[test]
+fn still_gaussians_move_to_the_static_branch_or_go() {
+    for rule in [StillRule::Prune, StillRule::Reassign] {
+        let mut config = config();
+        (config.motion.still, config.motion.still_below) = (rule, 0.5);
+        // Nothing else changes rows.
+        (config.densify.interval, config.densify.prune_interval) = (1000, 1000);
+        let mut trainer = started(&config);
+        let counts = |trainer: &Trainer| {
+            let model = &trainer.state().model;
+            let static_ = model.static_.as_ref().map_or(0, |branch| branch.gaussians.count());
+            (model.dynamic.gaussians.count(), static_)
+        };
+        let before = counts(&trainer);
+        train(&mut trainer);
+        let after = counts(&trainer);
+        let gone = before.0 - after.0;
+        assert!(gone > 0 && after.0 > 0, "{rule:?}: {before:?} to {after:?}");
+        assert_eq!(after.1 - before.1, if rule == StillRule::Reassign { gone } else { 0 }, "{rule:?}");
+        let cache = trainer.state().model.motion.as_ref().expect("motion was measured");
+        assert_eq!(cache.intensity.dims()[0], after.0);
+    }
+}
+
+/// What a run says that is started with one number of the given attribute spoilt.
+fn complaint(attribute: Attribute, value: f64) -> String {
+    let device = (backends()[0].device)();
+    let mut state: TrainState = started(&config()).state().clone();
+    let values: Tensor<2> = state.model.dynamic.gaussians.plain(attribute).expect("the dynamic branch has it");
+    let spoilt = values.clone().narrow(0, 0, 1) * value;
+    let rest = values.clone().narrow(0, 1, values.dims()[0] - 1);
+    state.model.dynamic.gaussians.replace(attribute, Tensor::cat(vec![spoilt, rest], 0));
+    let mut config = config();
+    config.train.log_interval = 1;
+    let mut trainer = Trainer::with_state(config, &scene(), &device.autodiff(), state).expect("the run can start");
+    trainer.step().expect_err("a spoilt run stops").to_string()
+}
+
+#[test]
+fn a_run_stops_at_the_first_number_that_is_not_finite_and_names_it() {
+    for (attribute, value) in
+        [(Attribute::ShDc, f64::NAN), (Attribute::Means, f64::NAN), (Attribute::LogScales, f64::INFINITY)]
+    {
+        let said = complaint(attribute, value);
+        assert!(said.contains(&format!("parameter dynamic.{attribute}")), "{said}");
+        assert!(said.contains("step 1 of stage geometry"), "{said}");
+    }
+}
