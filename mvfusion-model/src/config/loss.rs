@@ -29,6 +29,8 @@ pub struct LossConfig {
     pub time_l1: f64,
     /// Weight that keeps the foreground in front of the background; 0 switches it off.
     pub depth_back: f64,
+    /// Whether that term leaves the background's depth alone (DeGauss: yes, but for recordings from glasses).
+    pub depth_back_detached: bool,
     /// Weight that keeps what is not foreground behind the background; 0 switches it off.
     pub depth_forward: f64,
     /// Weight of the edge-aware smoothness of the background's depth.
@@ -63,6 +65,7 @@ impl Default for LossConfig {
             time_smooth: 1e-3,
             time_l1: 1e-4,
             depth_back: 0.1,
+            depth_back_detached: true,
             depth_forward: 0.1,
             depth_smooth: 0.01,
             penalize_dynamic: 0.01,

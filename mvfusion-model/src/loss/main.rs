@@ -54,7 +54,8 @@ fn depth_terms(pictures: &Pictures, context: &LossContext<'_>) -> Option<Tensor<
     let mut terms = Vec::new();
     if config.depth_back > 0.0 {
         let indicator = above(mask, SURELY_DYNAMIC);
-        terms.push(behind(front.clone(), back.clone(), indicator, context.extent) * config.depth_back);
+        let back = if config.depth_back_detached { back.clone() } else { pictures.static_depth.clone() };
+        terms.push(behind(front.clone(), back, indicator, context.extent) * config.depth_back);
     }
     if config.depth_forward > 0.0 {
         let indicator = -above(mask, SURELY_STATIC) + 1.0;

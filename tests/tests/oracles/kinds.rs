@@ -59,8 +59,8 @@ pub const KINDS: &[Kind] = &[
     checked("motion_stats", statistics::check, statistics::LEFT_OUT),
     checked("normaliser", statistics::check_normaliser, &[]),
     checked("motion_forward", refinement::check, refinement::LEFT_OUT),
-    checked("loss_coarse", losses::check_geometry, losses::LEFT_OUT),
-    checked("loss_fine", losses::check_deformation, losses::LEFT_OUT),
+    checked("loss_coarse", losses::check_geometry, &[]),
+    checked("loss_fine", losses::check_deformation, &[]),
     later("undistort", "lens distortion comes with the reader of photo collections"),
     later("grads", "LPIPS comes with the evaluation protocols"),
 ];

@@ -31,9 +31,6 @@ const DARKENING: f64 = 0.9;
 /// The inputs that gradients are given of.
 const INPUTS: [&str; 7] = ["I_f", "I_b", "M", "D_f", "D_b", "scaling_f", "scaling_b"];
 
-/// Outputs that are not compared.
-pub const LEFT_OUT: &[(&str, &str)] = &[("depth_back_nodetach", "used for recordings from glasses alone")];
-
 /// The first stage.
 pub fn check_geometry(archive: &Archive, device: &Device) -> Result<()> {
     check(archive, device, Stage::Geometry)
@@ -130,7 +127,7 @@ fn check(archive: &Archive, device: &Device, stage: Stage) -> Result<()> {
     check_maps(&mut checks, archive, &scene, &Inputs::read(archive, device, stage)?)?;
     for name in archive.names().filter_map(|name| name.strip_prefix("out.term.")) {
         let inputs = Inputs::read(archive, device, stage)?;
-        let Some(loss) = term(name, &inputs, &scene)? else { continue };
+        let loss = term(name, &inputs, &scene)?;
         let names = Names { value: format!("out.term.{name}"), gradient: format!("out.grad.{name}") };
         inputs.compare(&mut checks, archive, loss, &names)?;
     }
@@ -171,8 +168,8 @@ fn check_maps(checks: &mut Checklist, archive: &Archive, scene: &Scene, inputs: 
     Ok(())
 }
 
-/// A term of the losses, unweighted; `None` for one that we have not.
-fn term(name: &str, inputs: &Inputs, scene: &Scene) -> Result<Option<Tensor<1>>> {
+/// A term of the losses, unweighted.
+fn term(name: &str, inputs: &Inputs, scene: &Scene) -> Result<Tensor<1>> {
     let blend = inputs.blend.clone();
     let (photos, windows) = (scene.photos.clone(), &scene.windows);
     let still_lit = blend.lit.clone().detach();
@@ -180,7 +177,7 @@ fn term(name: &str, inputs: &Inputs, scene: &Scene) -> Result<Option<Tensor<1>>>
     let (front, back) = (inputs.dynamic_depth.clone(), inputs.static_depth.clone().detach());
     let dynamic_answers = above(&blend.mask, 0.51);
     let static_answers = above(&blend.static_mask, 0.51);
-    Ok(Some(match name {
+    Ok(match name {
         "main.l1" => l1(blend.composed, photos),
         "main.coarse_mean" => l1(blend.dynamic * 0.5 + still_lit * 0.5, dark),
         "main.coarse_mask" => l1(blend.mask * blend.dynamic + blend.static_mask * still_lit, dark),
@@ -188,6 +185,7 @@ fn term(name: &str, inputs: &Inputs, scene: &Scene) -> Result<Option<Tensor<1>>>
         "main.bg_dssim" => dssim(blend.lit, photos, &windows.ssim),
         "main.fg_dssim" => dssim(blend.dynamic, photos, &windows.ssim),
         "main.depth_back" => behind(front, back, above(&blend.mask, 0.6), scene.extent),
+        "main.depth_back_nodetach" => behind(front, inputs.static_depth.clone(), above(&blend.mask, 0.6), scene.extent),
         "main.depth_forward" => behind(back, front, -above(&blend.mask, 0.4) + 1.0, scene.extent),
         "main.depth_edge_tv" => edge_variation(inputs.static_depth.clone() / scene.extent, &photos),
         "main.penalize_dynamic" => likeness(blend.dynamic, still_lit, dynamic_answers, &windows.structure),
@@ -203,9 +201,8 @@ fn term(name: &str, inputs: &Inputs, scene: &Scene) -> Result<Option<Tensor<1>>>
         "light.spiky_fg" => spiky(inputs.log_scales[0].clone()),
         "light.spiky_bg" => spiky(inputs.log_scales[1].clone()),
         "light.entropy" => entropy(blend.mask),
-        "main.depth_back_nodetach" => return Ok(None),
         _ => bail!("no term of ours is called `{name}`"),
-    }))
+    })
 }
 
 /// A whole loss: `main.neu3d.it900` and its like.
