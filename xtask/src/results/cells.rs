@@ -36,10 +36,10 @@ pub const SCENES: &[SceneEntry] = &[
     },
     SceneEntry {
         name: "fox_clutter",
-        source: "instant-ngp's fox, 270x480, with people of CMU Panoptic pasted into the training photos",
+        source: "instant-ngp's fox, 270x480 (trained at half of that), with people of CMU Panoptic pasted into the training photos",
         real: true,
         masks: Some("masks_truth"),
-        settings: &["train.scale=0.3", "eval.training_views=true"],
+        settings: &["train.scale=0.5", "scene.downscale=2", "eval.training_views=true"],
     },
 ];
 
