@@ -13,9 +13,6 @@ use crate::random::Stream;
 /// Mean squared distances below this are taken as this, so that a scale has a logarithm (3DGS).
 const MIN_SQUARED_DISTANCE: f64 = 1e-7;
 
-/// Share of the cloud's points that may be copied into the dynamic branch (DeGauss: a tenth).
-const COPIED_SHARE: usize = 10;
-
 /// The initial clouds of a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InitialClouds {
@@ -39,9 +36,10 @@ impl InitialClouds {
         }
 
         let mut dynamic = PointCloud::default();
-        let copied = config.dynamic_from_cloud.min(scene.points.len() / COPIED_SHARE);
-        for index in stream.permutation(scene.points.len()).into_iter().take(copied) {
-            dynamic.push(scene.points.positions[index], random_colour(stream));
+        let most = (scene.points.len() as f64 * config.dynamic_cloud_share) as usize;
+        for index in stream.permutation(scene.points.len()).into_iter().take(config.dynamic_from_cloud.min(most)) {
+            let colour = if config.dynamic_cloud_colours { scene.points.colours[index] } else { random_colour(stream) };
+            dynamic.push(scene.points.positions[index], colour);
         }
         strew(&mut dynamic, config.dynamic_points, &region, stream);
         if known.is_empty() {

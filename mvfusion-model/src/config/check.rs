@@ -84,6 +84,13 @@ impl Config {
             self.loss.branch_above.to_string(),
             "give a share from 0 to 1",
         )?;
+        let share = self.init.dynamic_cloud_share;
+        refuse(
+            !(0.0..=1.0).contains(&share),
+            "init.dynamic_cloud_share",
+            share.to_string(),
+            "give a share from 0 to 1",
+        )?;
         let downscale = self.scene.downscale;
         refuse(
             downscale.is_nan() || downscale < 1.0,

@@ -40,8 +40,12 @@ impl Default for SceneConfig {
 pub struct InitConfig {
     /// Dynamic Gaussians strewn uniformly over the scene's box. DeGauss: 10 000 for video, 30 000 for photos.
     pub dynamic_points: usize,
-    /// Dynamic Gaussians put on random points of the cloud, at most a tenth of it. DeGauss: 100 for video.
+    /// Dynamic Gaussians put on random points of the cloud. DeGauss: 100 for video, none for photos.
     pub dynamic_from_cloud: usize,
+    /// At most this share of the cloud is used for them (DeGauss: 0.1).
+    pub dynamic_cloud_share: f64,
+    /// Whether they have the colours of their points (DeGauss: random ones, like those that are strewn).
+    pub dynamic_cloud_colours: bool,
     /// Static Gaussians strewn uniformly over the scene's box, beside those on the points; ours, for clouds with gaps.
     pub static_points: usize,
     /// Static Gaussians on a far sphere. DeGauss: 100 000 for photos, none for video.
@@ -64,6 +68,8 @@ impl Default for InitConfig {
         Self {
             dynamic_points: 10_000,
             dynamic_from_cloud: 100,
+            dynamic_cloud_share: 0.1,
+            dynamic_cloud_colours: false,
             static_points: 0,
             sky_points: 0,
             box_margin: 0.0,
