@@ -41,7 +41,9 @@ impl InitialClouds {
             let colour = if config.dynamic_cloud_colours { scene.points.colours[index] } else { random_colour(stream) };
             dynamic.push(scene.points.positions[index], colour);
         }
-        strew(&mut dynamic, config.dynamic_points, &region, stream);
+        // What was to be put on points is strewn as well where there are none.
+        let strewn = config.dynamic_points + if scene.points.is_empty() { config.dynamic_from_cloud } else { 0 };
+        strew(&mut dynamic, strewn, &region, stream);
         if known.is_empty() {
             // Without points from structure from motion, the static branch starts from random ones as well.
             tracing::warn!("the scene has no points; the static branch starts from {} random ones", dynamic.len());

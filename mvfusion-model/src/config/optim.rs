@@ -59,9 +59,26 @@ impl Decay {
 }
 
 impl OptimConfig {
+    /// Raises the end of every falling learning rate to `share` of its start.
+    pub(super) fn end_above(&mut self, share: f64) {
+        for decay in self.decays() {
+            decay.end = decay.end.max((share * decay.start).min(decay.start));
+        }
+    }
+
     /// Multiplies every learning rate but that of the opacities, which cross their range in a hundred steps as it is.
     pub(super) fn faster(&mut self, factor: f64) {
-        let decays = [
+        for decay in self.decays() {
+            decay.start *= factor;
+            decay.end *= factor;
+        }
+        let constant = [&mut self.sh_dc, &mut self.static_sh_rest, &mut self.scale, &mut self.rotation];
+        constant.into_iter().for_each(|rate| *rate *= factor);
+    }
+
+    /// The learning rates that follow a schedule.
+    fn decays(&mut self) -> [&mut Decay; 7] {
+        [
             &mut self.means,
             &mut self.deformation,
             &mut self.mask_heads,
@@ -69,10 +86,7 @@ impl OptimConfig {
             &mut self.motion,
             &mut self.dynamic_sh_rest,
             &mut self.mask_logits,
-        ];
-        let ends = decays.into_iter().flat_map(|decay| [&mut decay.start, &mut decay.end]);
-        let constant = [&mut self.sh_dc, &mut self.static_sh_rest, &mut self.scale, &mut self.rotation];
-        ends.chain(constant).for_each(|rate| *rate *= factor);
+        ]
     }
 }
 

@@ -1,6 +1,6 @@
 //! Shortening a run without changing its shape.
 
-use super::Config;
+use super::{Branches, Config};
 
 /// Opacities are never reset more often than this, however short the run: at 3DGS' rate it takes a hundred steps before a
 /// Gaussian that is needed is opaque again.
@@ -14,8 +14,8 @@ impl Config {
     ///
     /// Stage lengths, learning-rate horizons, spherical-harmonics steps, the refresh interval `E`, and the intervals and
     /// ends of densification, pruning and resets all shrink alike; an interval is at least 1, Gaussians are added at most
-    /// every 20 steps, and opacities are reset at most every 500. A run that is shortened learns faster, as
-    /// `train.scale_rates` says.
+    /// every 20 steps, and opacities are reset at most every 500. A run that is shortened also learns faster and starts
+    /// closer, as the keys `train.scale_*` say.
     pub fn scaled(&self) -> Self {
         let mut scaled = self.clone();
         let factor = self.train.scale;
@@ -31,7 +31,9 @@ impl Config {
         train.static_sh_interval = interval(train.static_sh_interval);
         train.checkpoint_interval = count(train.checkpoint_interval);
 
-        scaled.optim.faster(factor.min(1.0).powf(-self.train.scale_rates));
+        if factor < 1.0 {
+            scaled.adapt_to_few_steps(factor);
+        }
         scaled.optim.decay_steps = interval(scaled.optim.decay_steps);
         scaled.motion.interval = interval(scaled.motion.interval);
 
@@ -45,11 +47,25 @@ impl Config {
         densify.reset_interval = interval(densify.reset_interval).max(MIN_RESET_INTERVAL.min(densify.reset_interval));
         scaled
     }
+
+    /// What makes up for steps that a run shortened by `factor` has not.
+    fn adapt_to_few_steps(&mut self, factor: f64) {
+        let (train, init) = (&self.train, &mut self.init);
+        self.optim.faster(factor.powf(-train.scale_rates));
+        self.optim.end_above(train.scale_tail);
+        if train.scale_cloud && self.model.branches == Branches::Both {
+            let strewn = (init.dynamic_points as f64 * factor).round() as usize;
+            init.dynamic_from_cloud += init.dynamic_points - strewn;
+            init.dynamic_points = strewn;
+            (init.dynamic_cloud_share, init.dynamic_cloud_colours) = (1.0, true);
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::Decay;
 
     #[test]
     fn every_iteration_count_shrinks_alike() {
@@ -87,13 +103,39 @@ mod tests {
         let mut config = Config::default();
         config.train.scale = 0.04;
         let scaled = config.scaled().optim;
-        assert_eq!((scaled.scale, scaled.grid.start, scaled.grid.end), (0.025, 0.004, 2.5e-5));
+        assert_eq!((scaled.scale, scaled.grid.start), (0.025, 0.004));
         assert_eq!(scaled.opacity, config.optim.opacity);
         config.train.scale_rates = 0.0;
-        assert_eq!(config.scaled().optim.grid, config.optim.grid);
+        assert_eq!(config.scaled().optim.grid.start, config.optim.grid.start);
         config = Config::default();
         config.train.scale = 2.0;
         assert_eq!(config.scaled().optim.grid, config.optim.grid);
+    }
+
+    #[test]
+    fn no_rate_of_a_shorter_run_falls_far() {
+        let mut config = Config::default();
+        (config.train.scale, config.train.scale_rates) = (0.04, 0.0);
+        let scaled = config.scaled().optim;
+        assert_eq!((scaled.grid.end, scaled.dynamic_sh_rest), (8e-5, config.optim.dynamic_sh_rest));
+        // One that rises ends where it did.
+        config.optim.mask_logits = Decay { start: 1e-4, end: 1e-2 };
+        assert_eq!(config.scaled().optim.mask_logits, config.optim.mask_logits);
+        config.train.scale_tail = 0.0;
+        assert_eq!(config.scaled().optim.grid, config.optim.grid);
+    }
+
+    #[test]
+    fn a_shorter_run_starts_on_known_points() {
+        let mut config = Config::default();
+        config.train.scale = 0.02;
+        let init = config.scaled().init;
+        assert_eq!((init.dynamic_points, init.dynamic_from_cloud), (200, 9900));
+        assert!(init.dynamic_cloud_colours && init.dynamic_cloud_share == 1.0);
+        config.model.branches = Branches::Dynamic;
+        assert_eq!(config.scaled().init, config.init);
+        (config.model.branches, config.train.scale_cloud) = (Branches::Both, false);
+        assert_eq!(config.scaled().init, config.init);
     }
 
     #[test]

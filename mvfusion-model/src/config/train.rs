@@ -11,6 +11,12 @@ pub struct TrainConfig {
     /// A run that `scale` shortens learns faster: every learning rate but that of the opacities is multiplied by
     /// `scale` to the power of minus this. 0 leaves the rates alone.
     pub scale_rates: f64,
+    /// In a run that `scale` shortens no learning rate ends below this share of its start: there is no time for a long tail.
+    /// 0 leaves the ends alone.
+    pub scale_tail: f64,
+    /// A run that `scale` shortens strews only `scale` times as many dynamic Gaussians at random and puts the others on known
+    /// points, with their colours: there is no time to carry them to where something is.
+    pub scale_cloud: bool,
     /// Lengths of the three stages.
     pub stages: StageConfig,
     /// Views a step (DeGauss: 2 for video, 4 for photos).
@@ -54,6 +60,8 @@ impl Default for TrainConfig {
         Self {
             scale: 1.0,
             scale_rates: 0.5,
+            scale_tail: 0.1,
+            scale_cloud: true,
             stages: StageConfig::default(),
             batch_size: 2,
             accumulation: 1,
