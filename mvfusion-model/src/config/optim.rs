@@ -66,12 +66,15 @@ impl OptimConfig {
         }
     }
 
-    /// Multiplies every learning rate but that of the opacities, which cross their range in a hundred steps as it is.
+    /// Multiplies every learning rate but two: that of the opacities, which cross their range in a hundred steps as it is,
+    /// and that of the motion modules, which start without effect and must not upset what they refine.
     pub(super) fn faster(&mut self, factor: f64) {
+        let motion = self.motion;
         for decay in self.decays() {
             decay.start *= factor;
             decay.end *= factor;
         }
+        self.motion = motion;
         let constant = [&mut self.sh_dc, &mut self.static_sh_rest, &mut self.scale, &mut self.rotation];
         constant.into_iter().for_each(|rate| *rate *= factor);
     }

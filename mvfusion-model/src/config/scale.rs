@@ -6,6 +6,10 @@ use super::{Branches, Config};
 /// Gaussian that is needed is opaque again.
 const MIN_RESET_INTERVAL: usize = 500;
 
+/// Motion is never measured more often than this, however short the run: the descriptors of a motion that is still being
+/// learned change by more than their encoding's period, so that each measurement throws the refined deformation back.
+const MIN_MEASURING_INTERVAL: usize = 500;
+
 /// Densification never happens more often than this, however short the run: the statistics need some views.
 const MIN_DENSIFY_INTERVAL: usize = 20;
 
@@ -14,8 +18,8 @@ impl Config {
     ///
     /// Stage lengths, learning-rate horizons, spherical-harmonics steps, the refresh interval `E`, and the intervals and
     /// ends of densification, pruning and resets all shrink alike; an interval is at least 1, Gaussians are added at most
-    /// every 20 steps, and opacities are reset at most every 500. A run that is shortened also learns faster and starts
-    /// closer, as the keys `train.scale_*` say.
+    /// every 20 steps, and motion is measured and opacities are reset at most every 500. A run that is shortened also
+    /// learns faster and starts closer, as the keys `train.scale_*` say.
     pub fn scaled(&self) -> Self {
         let mut scaled = self.clone();
         let factor = self.train.scale;
@@ -35,7 +39,8 @@ impl Config {
             scaled.adapt_to_few_steps(factor);
         }
         scaled.optim.decay_steps = interval(scaled.optim.decay_steps);
-        scaled.motion.interval = interval(scaled.motion.interval);
+        let motion = &mut scaled.motion;
+        motion.interval = interval(motion.interval).max(MIN_MEASURING_INTERVAL.min(motion.interval));
 
         let densify = &mut scaled.densify;
         densify.from = count(densify.from);
@@ -53,6 +58,7 @@ impl Config {
         let (train, init) = (&self.train, &mut self.init);
         self.optim.faster(factor.powf(-train.scale_rates));
         self.optim.end_above(train.scale_tail);
+        self.motion.octaves = self.motion.octaves.min(train.scale_octaves);
         if train.scale_cloud && self.model.branches == Branches::Both {
             let strewn = (init.dynamic_points as f64 * factor).round() as usize;
             init.dynamic_from_cloud += init.dynamic_points - strewn;
@@ -80,7 +86,7 @@ mod tests {
         );
         assert_eq!((scaled.train.dynamic_sh_interval, scaled.train.static_sh_interval), (20, 20));
         assert_eq!(scaled.train.checkpoint_interval, 500);
-        assert_eq!((scaled.optim.decay_steps, scaled.motion.interval), (2000, 200));
+        assert_eq!((scaled.optim.decay_steps, scaled.motion.interval), (2000, 500));
         assert_eq!((scaled.densify.from, scaled.densify.until, scaled.densify.prune_from), (50, 1600, 50));
         assert_eq!((scaled.densify.prune_interval, scaled.densify.reset_interval), (60, 500));
     }

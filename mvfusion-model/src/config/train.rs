@@ -8,12 +8,15 @@ use serde::{Deserialize, Serialize};
 pub struct TrainConfig {
     /// Multiplies every iteration count of the run: stages, horizons, intervals; see [`Config::scaled`](super::Config::scaled).
     pub scale: f64,
-    /// A run that `scale` shortens learns faster: every learning rate but that of the opacities is multiplied by
-    /// `scale` to the power of minus this. 0 leaves the rates alone.
+    /// A run that `scale` shortens learns faster: every learning rate but those of opacities and motion modules is
+    /// multiplied by `scale` to the power of minus this. 0 leaves the rates alone.
     pub scale_rates: f64,
     /// In a run that `scale` shortens no learning rate ends below this share of its start: there is no time for a long tail.
     /// 0 leaves the ends alone.
     pub scale_tail: f64,
+    /// In a run that `scale` shortens the encoding of motion descriptors has at most so many octaves: measured on a motion that
+    /// is still being learned, the descriptors change by more than the period of the finer ones.
+    pub scale_octaves: usize,
     /// A run that `scale` shortens strews only `scale` times as many dynamic Gaussians at random and puts the others on known
     /// points, with their colours: there is no time to carry them to where something is.
     pub scale_cloud: bool,
@@ -61,6 +64,7 @@ impl Default for TrainConfig {
             scale: 1.0,
             scale_rates: 0.5,
             scale_tail: 0.1,
+            scale_octaves: 1,
             scale_cloud: true,
             stages: StageConfig::default(),
             batch_size: 2,
