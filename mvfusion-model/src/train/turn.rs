@@ -107,10 +107,12 @@ impl BranchTurn<'_> {
         // Only after every view was shown does an unused Gaussian deserve the name.
         let round_ended = self.moving.as_mut().is_some_and(|moving| std::mem::take(&mut moving.sampler.round_ended));
         let late = self.position.step > self.config.train.stages.deforming() / 2;
+        let masked = self.branch.gaussians.mask_logits.is_some();
         let sized = |most: f64| (most > 0.0 && self.position.step > config.reset_interval).then_some(most);
         let rule = PruneRule {
             min_opacity: config.min_opacity,
-            min_foreground: (config.prune_unused && round_ended && late).then_some(config.min_opacity * UNUSED_SHARE),
+            min_foreground: (config.prune_unused && masked && round_ended && late)
+                .then_some(config.min_opacity * UNUSED_SHARE),
             max_radius: sized(config.max_radius),
             max_scale: sized(config.max_scale * self.extent),
         };

@@ -68,6 +68,7 @@ fn runs_of_other_shapes_survive_saving_and_loading() {
     for config in [one_branch(), accumulating] {
         let mut whole = started(&config);
         train(&mut whole);
+        assert!(whole.state().census.iter().any(|census| census.pruned > 0), "{:?}", whole.state().census);
         // 11 and 22 lie between two steps of an accumulating static branch.
         let device = (backends()[0].device)();
         let resumed = interrupted(&config, &[3, 11, 20, 22, 29], &scene(), &device);

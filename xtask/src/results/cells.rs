@@ -32,7 +32,8 @@ pub const SCENES: &[SceneEntry] = &[
         source: "CMU Panoptic Studio, sports/basketball, 16 cameras x 24 frames of 320x180 in the layout of Neu3D",
         real: true,
         masks: Some("masks_people"),
-        settings: &["train.scale=0.4"],
+        // Structure from motion knows points on the players.
+        settings: &["train.scale=0.4", "train.scale_cloud=true"],
     },
     SceneEntry {
         name: "fox_clutter",
