@@ -72,7 +72,8 @@ pub struct LayerArgs {
     /// Folder of the scene; without it the built-in scene
     #[arg(long, value_name = "DIR")]
     pub data: Option<PathBuf>,
-    /// Where the configuration starts from (see `mvfusion presets`) [default: quickstart, or neu3d with --data]
+    /// Where the configuration starts from (see `mvfusion presets`) [default: quickstart; with --data neu3d, or
+    /// onthego-indoor for photos]
     #[arg(long, value_name = "NAME")]
     pub preset: Option<String>,
     /// TOML file laid over the preset

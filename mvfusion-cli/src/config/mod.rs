@@ -19,8 +19,11 @@ pub use preset::{PRESETS, Preset};
 /// The preset for the built-in scene.
 const FOR_BUILTIN: &str = "quickstart";
 
-/// The preset for a scene from a folder.
-const FOR_FOLDER: &str = "neu3d";
+/// The preset for a folder with a video.
+const FOR_VIDEO: &str = "neu3d";
+
+/// The preset for a folder of photos.
+const FOR_PHOTOS: &str = "onthego-indoor";
 
 /// A configuration and where it started from.
 #[derive(Clone, Debug)]
@@ -40,12 +43,11 @@ pub struct Resolved {
 /// for values that cannot be trained with.
 pub fn resolve(args: &LayerArgs) -> anyhow::Result<Resolved> {
     let layers = given_layers(args)?;
-    let from_folder =
-        layers.iter().any(|layer| layer.table.get("scene").is_some_and(|scene| scene.get("data").is_some()));
-    let default = if from_folder { FOR_FOLDER } else { FOR_BUILTIN };
+    let folder = layers.iter().rev().find_map(|layer| layer.table.get("scene")?.get("data")?.as_str());
+    let default = folder.map_or(FOR_BUILTIN, |folder| preset_for(Path::new(folder)));
     let preset = Preset::find(args.preset.as_deref().unwrap_or(default))?;
     let note = (args.preset.is_none() && args.data.is_some())
-        .then(|| format!("preset: {FOR_FOLDER} (the one for a folder; --preset takes another)"));
+        .then(|| format!("preset: {default} (the one for such a folder; --preset takes another)"));
 
     let mut config = merge(&[preset_layers(preset)?, layers].concat())?;
     make_absolute(&mut config)?;
@@ -67,6 +69,14 @@ pub fn read(path: &Path) -> anyhow::Result<Config> {
 /// If a path in it is no text.
 pub fn to_toml(config: &Config) -> anyhow::Result<String> {
     toml::to_string(config).context("the configuration cannot be written as TOML")
+}
+
+/// The preset for the scene in a folder, going by its format alone; a folder that cannot be read is refused later.
+fn preset_for(folder: &Path) -> &'static str {
+    match mvfusion_data::colmap::recognise(folder) {
+        Ok(None) => FOR_PHOTOS,
+        _ => FOR_VIDEO,
+    }
 }
 
 /// A preset and what it builds on, lowest first.
@@ -162,6 +172,19 @@ mod tests {
     }
 
     #[test]
+    fn a_folder_of_photos_has_a_preset_of_its_own() {
+        let folder = tempfile::tempdir().expect("folder");
+        let args = LayerArgs { data: Some(folder.path().to_owned()), ..Default::default() };
+        assert_eq!(resolve(&args).expect("resolved").preset.name, FOR_VIDEO);
+        for name in ["images", "sparse"] {
+            std::fs::create_dir(folder.path().join(name)).expect("made");
+        }
+        let resolved = resolve(&args).expect("resolved");
+        assert_eq!(resolved.preset.name, FOR_PHOTOS);
+        assert!(resolved.note.is_some_and(|note| note.contains(FOR_PHOTOS)));
+    }
+
+    #[test]
     fn a_later_layer_wins() {
         let folder = tempfile::tempdir().expect("folder");
         let file = folder.path().join("a.toml");
@@ -185,11 +208,11 @@ mod tests {
     fn a_folder_asks_for_its_own_preset_and_is_written_down_absolute() {
         let args = LayerArgs { data: Some("scenes/steak".into()), ..Default::default() };
         let resolved = resolve(&args).expect("resolved");
-        assert_eq!(resolved.preset.name, FOR_FOLDER);
-        assert!(resolved.note.expect("said").contains(FOR_FOLDER));
+        assert_eq!(resolved.preset.name, FOR_VIDEO);
+        assert!(resolved.note.expect("said").contains(FOR_VIDEO));
         let data = resolved.config.scene.data.expect("set");
         assert!(data.is_absolute() && data.ends_with("scenes/steak"), "{}", data.display());
-        assert_eq!(resolve(&with_settings(&["scene.data=scenes/steak"])).expect("resolved").preset.name, FOR_FOLDER);
+        assert_eq!(resolve(&with_settings(&["scene.data=scenes/steak"])).expect("resolved").preset.name, FOR_VIDEO);
     }
 
     #[test]
