@@ -73,7 +73,8 @@ fn of<'a>(runs: &'a [(Cell, Figures)], scene: &'a str, method: Method) -> impl I
 /// Mean and standard deviation of the known values.
 fn mean(values: impl Iterator<Item = f64>, digits: usize) -> String {
     match spread(&values.collect::<Vec<_>>()) {
-        Some((mean, deviation)) => format!("{mean:.digits$} ± {deviation:.digits$}"),
+        Some((mean, Some(deviation))) => format!("{mean:.digits$} ± {deviation:.digits$}"),
+        Some((mean, None)) => format!("{mean:.digits$}"),
         None => "-".to_owned(),
     }
 }
@@ -82,17 +83,19 @@ fn difference(pairs: &[(Figures, Figures)], figure: Figure) -> String {
     let differences: Vec<f64> =
         pairs.iter().filter_map(|(refined, base)| Some(figure(refined)? - figure(base)?)).collect();
     match spread(&differences) {
-        Some((mean, deviation)) => format!("{mean:+.2} ± {deviation:.2}"),
+        Some((mean, Some(deviation))) => format!("{mean:+.2} ± {deviation:.2}"),
+        Some((mean, None)) => format!("{mean:+.2}"),
         None => "-".to_owned(),
     }
 }
 
-/// Mean and sample standard deviation, the latter 0 for a single value; `None` for none.
-fn spread(values: &[f64]) -> Option<(f64, f64)> {
+/// Mean and sample standard deviation; a single value has none, and no value has neither.
+fn spread(values: &[f64]) -> Option<(f64, Option<f64>)> {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;
     let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
-    (!values.is_empty()).then(|| (mean, (squares / (count - 1.0).max(1.0)).sqrt()))
+    let deviation = (values.len() > 1).then(|| (squares / (count - 1.0)).sqrt());
+    (!values.is_empty()).then_some((mean, deviation))
 }
 
 fn head<const N: usize>(text: &mut String, labels: &[&str], columns: [&str; N]) {
@@ -124,5 +127,6 @@ mod tests {
         let text = write(&runs);
         assert!(text.contains("| video | MVFusion-GS | 2 | 22.50 ± 1.41 | - |"), "{text}");
         assert!(text.contains("| casual | MVFusion-GS - DeGauss | 2 | +0.50 ± 0.00 | - | - |"), "{text}");
+        assert!(write(&runs[..8]).contains("| casual | MVFusion-GS - DeGauss | 1 | +0.50 | - | - |"));
     }
 }
