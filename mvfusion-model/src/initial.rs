@@ -130,6 +130,7 @@ pub fn gaussians_on(
         .collect();
 
     let tensor = |values, columns| attribute_tensor(values, columns, device, dtype);
+    // Proof of the `expect`: `from_tensors` needs every attribute but the mask logits, and each arm but theirs is `Some`.
     Gaussians::from_tensors(|attribute| match attribute {
         Attribute::Means => Some(tensor(flat(&cloud.positions), 3)),
         Attribute::ShDc => Some(tensor(flat(&cloud.colours).into_iter().map(|c| (c - 0.5) / SH_C0).collect(), 3)),
@@ -154,6 +155,7 @@ pub fn mean_squared_distances(positions: &[Vec3]) -> Vec<f64> {
     if points.len() < 2 {
         return vec![0.0; points.len()];
     }
+    // Proof: a cloud of 2^32 points would need 48 GiB for its positions alone; no machine that trains on it is in sight.
     let tree: ImmutableKdTree<f64, 3> =
         ImmutableKdTree::new_from_slice(&points).expect("only more than 2^32 points cannot be indexed");
     let wanted = std::num::NonZeroUsize::MIN.saturating_add(NEIGHBOURS);

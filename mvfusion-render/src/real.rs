@@ -88,6 +88,7 @@ macro_rules! with_real {
                 type $T = f64;
                 $body
             }
+            // The border of every op refuses other dtypes first.
             other => panic!("CPU twins run in f32 and f64, not in {other:?}"),
         }
     };

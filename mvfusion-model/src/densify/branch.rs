@@ -229,6 +229,7 @@ impl Branch {
 
     /// The numbers of an attribute that every branch has.
     fn plain(&self, attribute: Attribute) -> Tensor<2> {
+        // Proof: `Gaussians` holds all but the mask logits without an `Option`, and no caller asks for those.
         self.gaussians.plain(attribute).expect("only mask logits may be absent, and they are not asked for here")
     }
 

@@ -99,6 +99,7 @@ fn motion_picture(
     let moved = model.dynamic_at(view.time, movement, surroundings);
     let settings = surroundings.splat_settings(model.dynamic.sh_degree, false);
     let picture = moved.splat(Some(scaled), None, &view.camera, &settings, surroundings.background)?;
+    // Proof: the op gives back as many features as it was given, and it was given one.
     let intensity = picture.main().features.expect("one feature was splatted");
     let [_, height, width] = intensity.dims();
     let values: Vec<f32> = tensors::read(intensity)?;

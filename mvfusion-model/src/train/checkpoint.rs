@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::io::Write;
 use std::path::Path;
 
-use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
+use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{DType, Device, Tensor, TensorData};
 use mvfusion_render::grid::GridBounds;
 use mvfusion_render::optim::AdamMoments;
@@ -12,6 +12,7 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use super::parameters::{Sink, walk};
 use super::step::Sighting;
 use super::{Contribution, Sampler, TrainState};
 use crate::ModelError;
@@ -151,18 +152,8 @@ pub fn parameter_hash(model: &Model) -> Result<String, ModelError> {
 
 /// Every learned parameter by name.
 fn parameters(model: &Model) -> Result<Tensors, ModelError> {
-    let mut tensors = Tensors::new();
-    for (name, branch) in model.branches() {
-        for attribute in Attribute::ALL {
-            if let Some(values) = branch.gaussians.plain(attribute) {
-                store(&mut tensors, format!("{name}.{attribute}"), values)?;
-            }
-        }
-    }
-    let mut collector = Collector { tensors, path: vec!["network".to_owned()], failure: None };
-    model.network.visit(&mut collector);
-    collector.path = vec!["refinement".to_owned()];
-    model.refinement.visit(&mut collector);
+    let mut collector = Collector { tensors: Tensors::new(), failure: None };
+    walk(model, &mut collector);
     match collector.failure {
         Some(error) => Err(error),
         None => Ok(collector.tensors),
@@ -199,24 +190,15 @@ fn store_moments<const D: usize>(
     store(tensors, format!("adam.{name}.second"), moments.second.clone())
 }
 
-/// Collects the parameters of a module under their paths.
+/// Collects parameters on the host; after a failure it goes on, and the first one is told.
 struct Collector {
     tensors: Tensors,
-    path: Vec<String>,
     failure: Option<ModelError>,
 }
 
-impl ModuleVisitor for Collector {
-    fn enter_module(&mut self, name: &str, _container_type: &str) {
-        self.path.push(name.to_owned());
-    }
-
-    fn exit_module(&mut self, _name: &str, _container_type: &str) {
-        self.path.pop();
-    }
-
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        if let Err(error) = store(&mut self.tensors, self.path.join("."), param.val().inner()) {
+impl Sink for Collector {
+    fn take<const D: usize>(&mut self, name: String, values: Tensor<D>) {
+        if let Err(error) = store(&mut self.tensors, name, values) {
             self.failure.get_or_insert(error);
         }
     }

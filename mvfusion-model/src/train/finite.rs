@@ -1,9 +1,8 @@
 //! Finds the first number of a run that is not finite.
 
-use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::Tensor;
 
-use crate::gaussians::Attribute;
+use super::parameters::{Sink, walk};
 use crate::model::Model;
 use crate::{ModelError, tensors};
 
@@ -18,24 +17,9 @@ impl Findings {
     /// Of every learned parameter of a model.
     pub fn of_parameters(model: &Model) -> Self {
         let mut findings = Self::default();
-        for (name, branch) in model.branches() {
-            for attribute in Attribute::ALL {
-                if let Some(values) = branch.gaussians.plain(attribute) {
-                    findings.add(format!("parameter {name}.{attribute}"), values);
-                }
-            }
-        }
-        let mut visitor = Visitor { findings, path: vec!["parameter network".to_owned()] };
-        model.network.visit(&mut visitor);
-        visitor.path = vec!["parameter refinement".to_owned()];
-        model.refinement.visit(&mut visitor);
-        visitor.findings
-    }
-
-    /// Adds a tensor without autodiff.
-    pub fn add<const D: usize>(&mut self, name: String, tensor: Tensor<D>) {
-        self.names.push(name);
-        self.signs.push((tensor * 0.0).sum());
+        walk(model, &mut findings);
+        findings.names.iter_mut().for_each(|name| name.insert_str(0, "parameter "));
+        findings
     }
 
     /// The first tensor that holds a number that is not finite. Waits for the device, once.
@@ -45,21 +29,9 @@ impl Findings {
     }
 }
 
-struct Visitor {
-    findings: Findings,
-    path: Vec<String>,
-}
-
-impl ModuleVisitor for Visitor {
-    fn enter_module(&mut self, name: &str, _container_type: &str) {
-        self.path.push(name.to_owned());
-    }
-
-    fn exit_module(&mut self, _name: &str, _container_type: &str) {
-        self.path.pop();
-    }
-
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        self.findings.add(self.path.join("."), param.val().inner());
+impl Sink for Findings {
+    fn take<const D: usize>(&mut self, name: String, values: Tensor<D>) {
+        self.names.push(name);
+        self.signs.push((values * 0.0).sum());
     }
 }

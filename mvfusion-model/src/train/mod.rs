@@ -4,6 +4,7 @@ mod batch;
 mod checkpoint;
 mod contribution;
 mod finite;
+mod parameters;
 mod stage;
 mod state;
 mod step;

@@ -6,6 +6,7 @@ use mvfusion_render::profile::{Part, measure};
 use mvfusion_render::splat::{SplatLayers, SplatPicture};
 
 use super::finite::Findings;
+use super::parameters::Sink;
 use super::{Position, Trainer};
 use crate::ModelError;
 use crate::composition::{Blending, Layers};
@@ -44,7 +45,7 @@ impl Forward {
     pub fn pictures(&self) -> Findings {
         let mut findings = Findings::default();
         for (branch, picture) in &self.rendered {
-            findings.add(format!("the picture of the {branch} branch"), picture.clone());
+            findings.take(format!("the picture of the {branch} branch"), picture.clone());
         }
         findings
     }
@@ -181,6 +182,7 @@ fn pictures(rendered: &[BranchPictures], copy: Copy, blending: Blending) -> Pict
     };
     let dynamic: Vec<SplatLayers> = rendered.iter().map(|view| layers(&view.dynamic)).collect();
     let static_: Vec<SplatLayers> = rendered.iter().filter_map(|view| view.static_.as_ref().map(layers)).collect();
+    // Proof: a model with a static branch has mask logits in its dynamic one, and `Model::render` splats them.
     let mask = |view: &SplatLayers| view.features.clone().expect("the dynamic branch is always splatted with its mask");
     let blend = Layers {
         dynamic: stack(&dynamic, |view| view.colour.clone()),

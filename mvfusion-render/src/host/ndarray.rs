@@ -23,6 +23,7 @@ impl<T: Element + Pod> Deref for NdArrayValues<T> {
             NdArrayTensor::F32(storage) => same_type(storage.view().to_slice()),
             NdArrayTensor::F64(storage) => same_type(storage.view().to_slice()),
             NdArrayTensor::I32(storage) => same_type(storage.view().to_slice()),
+            // Proof: `with_real` and the index helpers name only these three types.
             other => panic!("{:?} numbers are not read by CPU twins", other.dtype()),
         }
     }
@@ -49,6 +50,7 @@ impl HostBackend for NdArray {
         match tensor {
             NdArrayTensor::F32(storage) => same_type_mut(storage.ensure_owned().as_slice_mut()),
             NdArrayTensor::F64(storage) => same_type_mut(storage.ensure_owned().as_slice_mut()),
+            // Proof: `with_real` names only these two types.
             other => panic!("{:?} numbers are not changed by CPU twins", other.dtype()),
         }
     }
