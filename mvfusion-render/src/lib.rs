@@ -1,4 +1,5 @@
-//! Differentiable Gaussian splatting, HexPlane look-up, perceptrons and their small companions, as Burn backend extensions.
+//! Differentiable Gaussian splatting, HexPlane look-up, perceptrons, attention and their small companions, as Burn backend
+//! extensions.
 //!
 //! Each op has the same three layers: a CPU twin that knows only slices and is generic over `f32` and `f64`
 //! (`*/cpu.rs`), a backend extension that hands tensors to it (`*/op.rs`, the only places that import Burn's
@@ -14,6 +15,7 @@ mod simd;
 #[cfg(test)]
 mod test_support;
 
+pub mod attention;
 pub mod device;
 pub mod grid;
 pub mod mlp;

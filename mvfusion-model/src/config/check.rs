@@ -62,6 +62,9 @@ impl Config {
         let heads = motion.heads.to_string();
         let uneven = motion.heads == 0 || !motion.attention_width.is_multiple_of(motion.heads);
         refuse(uneven, "motion.heads", heads, "it must divide motion.attention_width")?;
+        let width = motion.attention_width == 0;
+        refuse(width, "motion.attention_width", "0".into(), "queries, keys and values need at least one column")?;
+        refuse(motion.window == 0, "motion.window", "0".into(), "a neighbour is at least one frame away")?;
         refuse(motion.samples == 0, "motion.samples", "0".into(), "statistics need at least one sample")?;
         let alone = model.branches == Branches::Dynamic && motion.still != StillRule::Keep;
         refuse(

@@ -35,12 +35,15 @@ impl MotionEncoder {
 }
 
 /// Sinusoidal encoding `[u, sin u, cos u, sin 2u, cos 2u, sin 4u, ..]` of `[N, k]`: `[N, k (1 + 2 octaves)]`, no pi (A11).
+///
+/// Each octave follows from the one before by the formulas of the double angle, because sines are dear on a CPU. The error
+/// doubles with each; the usual four leave it near 1e-6 in f32.
 pub fn sinusoidal(values: Tensor<2>, octaves: usize) -> Tensor<2> {
-    let mut blocks = vec![values.clone()];
-    for octave in 0..octaves {
-        let angle = values.clone() * f64::from(1u32 << octave);
-        blocks.push(angle.clone().sin());
-        blocks.push(angle.cos());
+    let (mut sine, mut cosine) = (values.clone().sin(), values.clone().cos());
+    let mut blocks = vec![values];
+    for _ in 0..octaves {
+        blocks.extend([sine.clone(), cosine.clone()]);
+        (sine, cosine) = (sine.clone() * cosine * 2.0, sine.square() * -2.0 + 1.0);
     }
     Tensor::cat(blocks, 1)
 }

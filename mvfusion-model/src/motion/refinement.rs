@@ -100,31 +100,30 @@ impl MotionRefinement {
         let centre = Tensor::cat(vec![feature, centre_tail], 1);
 
         let index = config.timeline.nearest(time);
-        let neighbours: Vec<Tensor<2>> = offsets(config.motion)
-            .into_iter()
-            .map(|offset| match offset {
-                0 => centre.clone(),
-                _ => {
-                    let time = config.timeline.neighbour(index, offset);
-                    around.at(&means, time, local(time))
-                }
-            })
-            .collect();
-        self.attention.forward(centre, &neighbours)
+        let offsets = offsets(config.motion);
+        let times: Vec<f64> = offsets.iter().map(|&offset| config.timeline.neighbour(index, offset)).collect();
+        let local = Tensor::cat(times.iter().map(|&time| local(time)).collect(), 1);
+        let neighbours = around.at(&means, &times, local);
+        let neighbours = match config.motion.include_self {
+            true => {
+                // The current frame stands in the middle, in time order.
+                let half = times.len() / 2;
+                let part = |first| neighbours.clone().narrow(1, first, half);
+                Tensor::cat(vec![part(0), centre.clone().unsqueeze_dim(1), part(half)], 1)
+            }
+            false => neighbours,
+        };
+        self.attention.forward(centre, neighbours)
     }
 }
 
-/// Frames that are attended to, relative to the current one, in time order (A7, A14).
+/// Other frames that are attended to, relative to the current one, in time order: as many before as after (A7).
 fn offsets(config: &MotionConfig) -> Vec<isize> {
     let window = config.window as isize;
-    let mut offsets: Vec<isize> = match config.tokens {
+    match config.tokens {
         TokenMode::Triple => vec![-window, window],
         TokenMode::FullWindow => (-window..=window).filter(|&offset| offset != 0).collect(),
-    };
-    if config.include_self {
-        offsets.insert(offsets.len() / 2, 0);
     }
-    offsets
 }
 
 #[cfg(test)]
@@ -137,10 +136,8 @@ mod tests {
     }
 
     #[test]
-    fn the_current_frame_stands_in_the_middle_when_asked_for() {
-        let config = MotionConfig { include_self: true, ..MotionConfig::default() };
-        assert_eq!(offsets(&config), [-5, 0, 5]);
-        let config = MotionConfig { tokens: TokenMode::FullWindow, window: 2, ..config };
-        assert_eq!(offsets(&config), [-2, -1, 0, 1, 2]);
+    fn the_full_window_leaves_out_the_current_frame() {
+        let config = MotionConfig { tokens: TokenMode::FullWindow, window: 2, ..MotionConfig::default() };
+        assert_eq!(offsets(&config), [-2, -1, 1, 2]);
     }
 }

@@ -80,11 +80,10 @@ impl Trajectories<'_> {
         let mut records = Vec::with_capacity(times.len() * means.dims()[0] * RECORD);
         for &time in times {
             let feature = self.network.feature(means.clone(), tensors::scalar_like(&means, time));
-            let rectified = burn::tensor::activation::relu(feature);
-            let heads = &self.network.heads;
-            let displacement = heads.means.forward(rectified.clone()) / unit;
-            let rotation = heads.quaternions.forward(rectified.clone());
-            let log_scale = heads.log_scales.forward(rectified);
+            let geometry = self.network.heads.geometry(feature);
+            let displacement = geometry.clone().narrow(1, 0, 3) / unit;
+            let log_scale = geometry.clone().narrow(1, 3, 3);
+            let rotation = geometry.narrow(1, 6, 4);
             let isotropic = log_scale.clone().mean_dim(1);
             let record =
                 Tensor::cat(vec![displacement, length(rotation), isotropic.clone(), length(log_scale - isotropic)], 1);

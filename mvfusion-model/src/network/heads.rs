@@ -3,8 +3,9 @@
 use burn::module::Module;
 use burn::tensor::Tensor;
 
-use super::layers::{Rectified, run};
-use super::{HeadChoice, LayerInit, Mlp};
+use burn::nn::Linear;
+
+use super::{HeadChoice, LayerInit, Mlp, Rectified, side_by_side};
 
 /// Number of colour coefficients that are deformed: degree 3, three channels.
 const SH_OUTPUTS: usize = 48;
@@ -64,9 +65,20 @@ impl AttributeHeads {
         }
     }
 
+    /// The offsets of centres, log-scales and quaternions alone, side by side, of a feature `[N, width]` taken before its
+    /// ReLU: `[N, 10]`.
+    pub fn geometry(&self, feature: Tensor<2>) -> Tensor<2> {
+        let chains = self.geometry_chains().map(|chain| &*chain.layers);
+        side_by_side(&chains, feature, Rectified::Yes)
+    }
+
+    fn geometry_chains(&self) -> [&Mlp; 3] {
+        [&self.means, &self.log_scales, &self.quaternions]
+    }
+
     /// In the order of [`Offsets`].
     fn chains(&self) -> impl Iterator<Item = &Mlp> {
-        [&self.means, &self.log_scales, &self.quaternions].into_iter().chain(&self.opacity_logits).chain(&self.sh)
+        self.geometry_chains().into_iter().chain(&self.opacity_logits).chain(&self.sh)
     }
 }
 
@@ -87,9 +99,9 @@ impl MaskHeads {
 
 /// All offsets of a feature `[N, width]`, taken before its ReLU.
 pub(super) fn decode(feature: Tensor<2>, heads: &AttributeHeads, masks: Option<&MaskHeads>) -> Offsets {
-    let mut chains: Vec<&Mlp> = heads.chains().collect();
-    chains.extend(masks.iter().flat_map(|masks| masks.chains()));
-    let columns = run(&chains, feature, Rectified::Yes);
+    let chains = heads.chains().chain(masks.iter().flat_map(|masks| masks.chains()));
+    let chains: Vec<&[Linear]> = chains.map(|chain| &*chain.layers).collect();
+    let columns = side_by_side(&chains, feature, Rectified::Yes);
     let mut first = 0;
     let mut next = |width: usize| {
         let columns = columns.clone().narrow(1, first, width);

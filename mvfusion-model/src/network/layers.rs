@@ -50,34 +50,30 @@ pub struct Mlp {
 impl Mlp {
     /// `[N, inputs]` to `[N, outputs]`.
     pub fn forward(&self, input: Tensor<2>) -> Tensor<2> {
-        run(&[self], input, Rectified::No)
-    }
-
-    fn widths(&self) -> Vec<usize> {
-        self.layers.iter().map(|layer| layer.weight.dims()[1]).collect()
+        side_by_side(&[&self.layers], input, Rectified::No)
     }
 }
 
 /// Whether rows pass a ReLU before the first layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Rectified {
+pub(crate) enum Rectified {
     Yes,
     No,
 }
 
-/// What chains that read the same rows `[N, inputs]` make of them, side by side: `[N, sum of outputs]`. A chain without a
-/// layer hands on nothing, and without any chain that has one the rows come back as they are.
-pub(super) fn run(chains: &[&Mlp], input: Tensor<2>, rectified: Rectified) -> Tensor<2> {
-    let chains: Vec<&Mlp> = chains.iter().copied().filter(|chain| !chain.layers.is_empty()).collect();
+/// What chains of layers, with a ReLU between each two, make of the same rows `[N, inputs]`: `[N, sum of outputs]`. A chain
+/// without a layer hands on nothing, and without any chain that has one the rows come back as they are.
+pub(crate) fn side_by_side(chains: &[&[Linear]], input: Tensor<2>, rectified: Rectified) -> Tensor<2> {
+    let chains: Vec<&[Linear]> = chains.iter().copied().filter(|chain| !chain.is_empty()).collect();
     if chains.is_empty() {
         return input;
     }
     let layout = MlpLayout {
         inputs: input.dims()[1],
         rectified: rectified == Rectified::Yes,
-        chains: chains.iter().map(|chain| chain.widths()).collect(),
+        chains: chains.iter().map(|chain| chain.iter().map(|layer| layer.weight.dims()[1]).collect()).collect(),
     };
-    let parameters = chains.iter().flat_map(|chain| &chain.layers).flat_map(|layer| {
+    let parameters = chains.iter().copied().flatten().flat_map(|layer| {
         // Proof: `LayerInit::linear` makes every layer with a bias, and checkpoints fill those layers.
         let bias = layer.bias.as_ref().expect("every layer of ours has a bias");
         [layer.weight.val().flatten(0, 1), bias.val()]

@@ -239,8 +239,9 @@ fn check_parts(checks: &mut Checklist, archive: &Archive, setting: &Setting, tim
     compare("z_prev", around[0].clone());
     compare("z_next", around[1].clone());
     let attention = &setting.refinement.attention;
-    compare("attn_out", attention.attend(centre.clone(), &around));
-    compare("h_mfta", attention.forward(centre, &around));
+    let around = Tensor::stack(around.to_vec(), 1);
+    compare("attn_out", attention.attend(centre.clone(), around.clone()));
+    compare("h_mfta", attention.forward(centre, around));
     Ok(())
 }
 

@@ -1,0 +1,208 @@
+//! The attention on slices: rows in parallel, each alone.
+
+use rayon::prelude::*;
+
+use crate::Real;
+use crate::simd::vectorised;
+
+/// Rows that a thread takes at a time.
+const BLOCK: usize = 64;
+
+/// Partial sums of a scalar product, which is added up in the same order on every machine.
+const SUMS: usize = 8;
+
+/// How the rows of queries and memory are made.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Layout {
+    /// Columns of a query, a key and a value.
+    pub width: usize,
+    /// Keys of a row.
+    pub keys: usize,
+    /// Heads that share the columns.
+    pub heads: usize,
+}
+
+/// The adjoints of queries and memory.
+pub(super) struct Adjoint<T> {
+    pub queries: Vec<T>,
+    pub memory: Vec<T>,
+}
+
+impl Layout {
+    /// Numbers of a row of the memory.
+    fn memory(self) -> usize {
+        self.keys * 2 * self.width
+    }
+
+    /// Columns of a head.
+    fn depth(self) -> usize {
+        self.width / self.heads
+    }
+}
+
+/// What each of `queries` `[N, width]` finds in `memory` `[N, keys, 2 width]`: `[N, width]`.
+pub(super) fn forward<T: Real>(queries: &[T], memory: &[T], layout: Layout) -> Vec<T> {
+    let mut found = vec![T::zero(); queries.len()];
+    let blocks = (
+        found.par_chunks_mut(BLOCK * layout.width),
+        queries.par_chunks(BLOCK * layout.width),
+        memory.par_chunks(BLOCK * layout.memory()),
+    );
+    blocks.into_par_iter().for_each(|(found, queries, memory)| {
+        let mut weights = vec![T::zero(); layout.keys];
+        vectorised(|| {
+            let rows = queries.chunks_exact(layout.width).zip(memory.chunks_exact(layout.memory()));
+            for (found, (query, memory)) in found.chunks_exact_mut(layout.width).zip(rows) {
+                for head in 0..layout.heads {
+                    let head = Head::of(query, memory, layout, head);
+                    head.weigh(&mut weights);
+                    let found = &mut found[head.first..head.first + layout.depth()];
+                    for (key, &weight) in weights.iter().enumerate() {
+                        add_scaled(found, head.value(key), weight);
+                    }
+                }
+            }
+        });
+    });
+    found
+}
+
+/// The adjoints of queries and memory, of `v_found` `[N, width]`.
+pub(super) fn backward<T: Real>(queries: &[T], memory: &[T], v_found: &[T], layout: Layout) -> Adjoint<T> {
+    let mut adjoint = Adjoint { queries: vec![T::zero(); queries.len()], memory: vec![T::zero(); memory.len()] };
+    let blocks = (
+        adjoint.queries.par_chunks_mut(BLOCK * layout.width),
+        adjoint.memory.par_chunks_mut(BLOCK * layout.memory()),
+        queries.par_chunks(BLOCK * layout.width),
+        memory.par_chunks(BLOCK * layout.memory()),
+        v_found.par_chunks(BLOCK * layout.width),
+    );
+    blocks.into_par_iter().for_each(|(v_queries, v_memory, queries, memory, v_found)| {
+        let mut weights = vec![T::zero(); layout.keys];
+        let mut v_weights = vec![T::zero(); layout.keys];
+        vectorised(|| {
+            let rows = queries.chunks_exact(layout.width).zip(memory.chunks_exact(layout.memory()));
+            let v_rows = v_queries.chunks_exact_mut(layout.width).zip(v_memory.chunks_exact_mut(layout.memory()));
+            for (((query, memory), (v_query, v_memory)), v_found) in
+                rows.zip(v_rows).zip(v_found.chunks_exact(layout.width))
+            {
+                for head in 0..layout.heads {
+                    let head = Head::of(query, memory, layout, head);
+                    let columns = head.first..head.first + layout.depth();
+                    head.weigh(&mut weights);
+                    head.pull_back(
+                        &weights,
+                        &mut v_weights,
+                        &v_found[columns.clone()],
+                        &mut v_query[columns],
+                        v_memory,
+                    );
+                }
+            }
+        });
+    });
+    adjoint
+}
+
+/// One head of one row.
+struct Head<'a, T> {
+    query: &'a [T],
+    memory: &'a [T],
+    layout: Layout,
+    /// The first of its columns.
+    first: usize,
+    /// `1 / sqrt(d)`.
+    scale: T,
+}
+
+impl<'a, T: Real> Head<'a, T> {
+    #[inline(always)]
+    fn of(query: &'a [T], memory: &'a [T], layout: Layout, index: usize) -> Self {
+        let depth = layout.depth();
+        let first = index * depth;
+        let scale = T::one() / T::of_index(depth).sqrt();
+        Self { query: &query[first..first + depth], memory, layout, first, scale }
+    }
+
+    /// Where key `index` begins in the row's memory.
+    #[inline(always)]
+    fn key_at(&self, index: usize) -> usize {
+        index * 2 * self.layout.width + self.first
+    }
+
+    /// Where value `index` begins.
+    #[inline(always)]
+    fn value_at(&self, index: usize) -> usize {
+        self.key_at(index) + self.layout.width
+    }
+
+    #[inline(always)]
+    fn key(&self, index: usize) -> &'a [T] {
+        &self.memory[self.key_at(index)..][..self.query.len()]
+    }
+
+    #[inline(always)]
+    fn value(&self, index: usize) -> &'a [T] {
+        &self.memory[self.value_at(index)..][..self.query.len()]
+    }
+
+    /// The softmax of the scores.
+    #[inline(always)]
+    fn weigh(&self, weights: &mut [T]) {
+        let mut largest = T::neg_infinity();
+        for (index, weight) in weights.iter_mut().enumerate() {
+            *weight = scalar_product(self.query, self.key(index)) * self.scale;
+            largest = largest.max(*weight);
+        }
+        let mut sum = T::zero();
+        for weight in weights.iter_mut() {
+            *weight = (*weight - largest).exp();
+            sum += *weight;
+        }
+        for weight in weights.iter_mut() {
+            *weight = *weight / sum;
+        }
+    }
+
+    /// Writes the adjoints of this head's query, keys and values; `v_weights` is room for numbers on the way.
+    #[inline(always)]
+    fn pull_back(&self, weights: &[T], v_weights: &mut [T], v_found: &[T], v_query: &mut [T], v_memory: &mut [T]) {
+        let depth = self.query.len();
+        let mut mean = T::zero();
+        for (index, (v_weight, &weight)) in v_weights.iter_mut().zip(weights).enumerate() {
+            *v_weight = scalar_product(v_found, self.value(index));
+            mean += weight * *v_weight;
+            add_scaled(&mut v_memory[self.value_at(index)..][..depth], v_found, weight);
+        }
+        for (index, (&v_weight, &weight)) in v_weights.iter().zip(weights).enumerate() {
+            let v_score = weight * (v_weight - mean) * self.scale;
+            add_scaled(v_query, self.key(index), v_score);
+            add_scaled(&mut v_memory[self.key_at(index)..][..depth], self.query, v_score);
+        }
+    }
+}
+
+#[inline(always)]
+fn scalar_product<T: Real>(a: &[T], b: &[T]) -> T {
+    let (a, rest_a) = a.as_chunks::<SUMS>();
+    let (b, rest_b) = b.as_chunks::<SUMS>();
+    let mut sums = [T::zero(); SUMS];
+    for (a, b) in a.iter().zip(b) {
+        for lane in 0..SUMS {
+            sums[lane] += a[lane] * b[lane];
+        }
+    }
+    let mut sum = rest_a.iter().zip(rest_b).fold(T::zero(), |sum, (&a, &b)| sum + a * b);
+    for part in sums {
+        sum += part;
+    }
+    sum
+}
+
+/// `total += numbers * factor`.
+#[inline(always)]
+fn add_scaled<T: Real>(total: &mut [T], numbers: &[T], factor: T) {
+    for (sum, &x) in total.iter_mut().zip(numbers) {
+        *sum += x * factor;
+    }
+}

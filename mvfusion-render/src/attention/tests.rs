@@ -1,0 +1,126 @@
+//! The op against tensor operations and hostile input, on every CPU backend.
+
+use burn::tensor::{DType, Device, Tensor, TensorData, activation::softmax};
+
+use super::*;
+use crate::test_support::{for_each_device, numbers, random};
+
+/// Sums over a few dozen columns, in f64 and f32, relative to the largest number.
+const EXACT: f64 = 1e-13;
+const SINGLE: f64 = 5e-6;
+
+/// Rows, keys, heads, columns of a head.
+#[derive(Clone, Copy, Debug)]
+struct Case([usize; 4]);
+
+impl Case {
+    /// What is found, then the adjoints of queries and memory.
+    fn run(
+        self,
+        device: &Device,
+        dtype: DType,
+        forward: impl Fn(Tensor<2>, Tensor<3>, usize) -> Tensor<2>,
+    ) -> [Vec<f64>; 3] {
+        let Self([rows, keys, heads, depth]) = self;
+        let width = heads * depth;
+        let device = &device.clone().autodiff();
+        // Numbers to 3 either way, so that some weights are close to 0 and 1.
+        let spread = |seed, count| random(seed, count).iter().map(|x| 6.0 * x - 3.0).collect::<Vec<f64>>();
+        let queries = TensorData::new(spread(1, rows * width), [rows, width]);
+        let memory = TensorData::new(spread(2, rows * keys * 2 * width), [rows, keys, 2 * width]);
+        let cotangent = TensorData::new(spread(3, rows * width), [rows, width]);
+        let queries = Tensor::<2>::from_data(queries, (device, dtype)).require_grad();
+        let memory = Tensor::<3>::from_data(memory, (device, dtype)).require_grad();
+        let found = forward(queries.clone(), memory.clone(), heads);
+        let gradients = (found.clone() * Tensor::<2>::from_data(cotangent, (device, dtype))).sum().backward();
+        [
+            numbers(found.inner()),
+            numbers(queries.grad(&gradients).expect("tracked")),
+            numbers(memory.grad(&gradients).expect("tracked")),
+        ]
+    }
+
+    fn op(self, device: &Device, dtype: DType) -> [Vec<f64>; 3] {
+        self.run(device, dtype, |queries, memory, heads| forward(queries, memory, heads).expect("the arguments fit"))
+    }
+}
+
+/// The same by tensor operations.
+fn written_out(queries: Tensor<2>, memory: Tensor<3>, heads: usize) -> Tensor<2> {
+    let [rows, keys, both] = memory.dims();
+    let (width, depth) = (both / 2, both / 2 / heads);
+    let part = |first| memory.clone().narrow(2, first, width).reshape([rows, keys, heads, depth]);
+    // Not divided by the root: Burn's adjoint of a division by a number rounds that number to f32.
+    let scale = 1.0 / (depth as f64).sqrt();
+    let scores = (queries.reshape([rows, 1, heads, depth]) * part(0)).sum_dim(3) * scale;
+    (softmax(scores, 1) * part(width)).sum_dim(1).reshape([rows, width])
+}
+
+fn assert_close(found: &[Vec<f64>; 3], wanted: &[Vec<f64>; 3], tolerance: f64, case: Case) {
+    for (part, (found, wanted)) in found.iter().zip(wanted).enumerate() {
+        assert_eq!(found.len(), wanted.len(), "{case:?}, part {part}");
+        let largest = wanted.iter().fold(0.0f64, |largest, x| largest.max(x.abs()));
+        let worst = found.iter().zip(wanted).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(worst <= tolerance * largest, "{case:?}, part {part}: off by {worst}, the largest is {largest}");
+    }
+}
+
+#[test]
+fn results_and_gradients_are_those_of_tensor_operations() {
+    for_each_device(|device| {
+        // One key, which gets all the weight; a head narrower and one wider than the partial sums; several blocks.
+        for case in [[3, 1, 1, 5], [70, 2, 4, 16], [65, 3, 2, 11], [200, 10, 1, 8]].map(Case) {
+            let wanted = case.run(&device, DType::F64, written_out);
+            assert_close(&case.op(&device, DType::F64), &wanted, EXACT, case);
+            assert_close(&case.op(&device, DType::F32), &wanted, SINGLE, case);
+        }
+    });
+}
+
+#[test]
+fn scores_beyond_the_range_of_the_exponential_do_no_harm() {
+    for_each_device(|device| {
+        let queries = Tensor::<2>::from_data([[1e4f32]], &device);
+        let memory = Tensor::<3>::from_data([[[1.0f32, 2.0], [-1.0, 5.0]]], &device);
+        assert_eq!(numbers(forward(queries, memory, 1).expect("the arguments fit")), [2.0]);
+    });
+}
+
+#[test]
+fn no_row_gives_no_row() {
+    for_each_device(|device| {
+        let [found, queries, memory] = Case([0, 2, 2, 4]).op(&device, DType::F32);
+        assert!(found.is_empty() && queries.is_empty() && memory.is_empty());
+    });
+}
+
+#[test]
+fn the_number_of_threads_changes_no_bit() {
+    for_each_device(|device| {
+        let with = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+            pool.install(|| Case([500, 2, 4, 8]).op(&device, DType::F32))
+        };
+        assert_eq!(with(1), with(3));
+    });
+}
+
+#[test]
+fn what_does_not_fit_is_refused() {
+    for_each_device(|device| {
+        let queries = Tensor::<2>::zeros([5, 8], &device);
+        let refusal = |queries: &Tensor<2>, memory: [usize; 3], heads| {
+            let memory = Tensor::zeros(memory, &device);
+            forward(queries.clone(), memory, heads).expect_err("it does not fit").to_string()
+        };
+        assert_eq!(
+            refusal(&queries, [5, 2, 8], 2),
+            "`memory` has shape [5, 2, 8]; expected [5, keys, 16] with a key at least"
+        );
+        assert!(refusal(&queries, [5, 0, 16], 2).starts_with("`memory` has shape [5, 0, 16]"));
+        assert!(refusal(&queries, [4, 2, 16], 2).starts_with("`memory` has shape [4, 2, 16]"));
+        assert!(refusal(&queries, [5, 2, 16], 3).starts_with("3 heads cannot share 8 columns"));
+        assert!(refusal(&queries, [5, 2, 16], 0).starts_with("0 heads"));
+        assert!(refusal(&queries.clone().cast(DType::F64), [5, 2, 16], 2).contains("holds F64"));
+    });
+}
