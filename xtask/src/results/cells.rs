@@ -110,23 +110,20 @@ impl Cell {
         out.join(self.name())
     }
 
-    /// Whether its figures are there.
-    pub fn finished(&self, out: &Path) -> bool {
-        self.folder(out).join("results.json").is_file()
+    /// The options of the program that make up its configuration.
+    pub fn configuration(&self) -> Vec<String> {
+        let mut options =
+            vec!["--preset".to_owned(), self.method.preset.into(), "--seed".into(), self.seed.to_string()];
+        let mut set = |setting: String| options.extend(["--set".into(), setting]);
+        self.scene.settings.iter().for_each(|setting| set((*setting).to_owned()));
+        if let (Some(data), Some(masks)) = (&self.data, self.scene.masks) {
+            set(format!("eval.dynamic_masks={}", data.join(masks).display()));
+        }
+        options
     }
 
-    /// The command line of the program, without folder and threads.
-    pub fn arguments(&self) -> Vec<String> {
-        let mut arguments = vec!["train".to_owned(), "--preset".into(), self.method.preset.into()];
-        arguments.extend(["--seed".into(), self.seed.to_string()]);
-        let mut set = |setting: String| arguments.extend(["--set".into(), setting]);
-        self.scene.settings.iter().for_each(|setting| set((*setting).to_owned()));
-        if let Some(data) = &self.data {
-            if let Some(masks) = self.scene.masks {
-                set(format!("eval.dynamic_masks={}", data.join(masks).display()));
-            }
-            arguments.extend(["--data".into(), data.display().to_string()]);
-        }
-        arguments
+    /// The option that names its data.
+    pub fn data(&self) -> Vec<String> {
+        self.data.iter().flat_map(|data| ["--data".to_owned(), data.display().to_string()]).collect()
     }
 }

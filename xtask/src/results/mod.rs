@@ -25,8 +25,8 @@ const END: &str = "<!-- cargo xtask results: end -->";
 
 /// Trains 4DGS, DeGauss, both with motion-aware refinement, on four scenes, and writes the tables of docs/results.md.
 ///
-/// A run that is finished is not done again, so the command can be stopped and started at will; remove a run's folder, or
-/// all of --out, after a change that matters. Scenes whose data are not there are skipped.
+/// A run that is finished is not done again unless its configuration has changed, so the command can be stopped and started
+/// at will; remove a run's folder, or all of --out, after a change of the code that matters. Scenes whose data are not there are skipped.
 #[derive(Debug, Args)]
 pub struct ResultsArguments {
     /// Folder that holds the real scenes, each under the name that `--list` shows.
@@ -52,25 +52,37 @@ pub struct ResultsArguments {
 /// Carries out the chore.
 pub fn run(arguments: &ResultsArguments) -> anyhow::Result<()> {
     let cells = cells::all(arguments.data_root.as_deref(), &arguments.seeds);
+    build()?;
+    let finished = |cell: &Cell| finished(cell, &arguments.out);
     if arguments.list {
         for scene in SCENES {
             say(&format!("{:16}{}", scene.name, scene.source));
         }
         for cell in &cells {
-            let state = if cell.finished(&arguments.out) { "finished" } else { "to do" };
+            let state = if finished(cell)? { "finished" } else { "to do" };
             say(&format!("{state:16}{}", cell.name()));
         }
         return Ok(());
     }
     ensure!(arguments.jobs > 0, "--jobs must be at least 1");
-    let failures = if arguments.table_only { Vec::new() } else { train(&cells, arguments)? };
-    let finished = cells
-        .iter()
-        .filter(|cell| cell.finished(&arguments.out))
-        .map(|cell| Ok((cell.clone(), Figures::read(&cell.folder(&arguments.out))?)))
-        .collect::<anyhow::Result<Vec<_>>>()?;
-    replace(Path::new(PAGE), &table::write(&finished))?;
-    say(&format!("{} of {} runs are in {PAGE}", finished.len(), cells.len()));
+    let mut failures = Vec::new();
+    if !arguments.table_only {
+        let mut to_do = VecDeque::new();
+        for cell in &cells {
+            if !finished(cell)? {
+                to_do.push_back(cell);
+            }
+        }
+        failures = train(to_do, arguments)?;
+    }
+    let mut runs = Vec::new();
+    for cell in &cells {
+        if finished(cell)? {
+            runs.push((cell.clone(), Figures::read(&cell.folder(&arguments.out))?));
+        }
+    }
+    replace(Path::new(PAGE), &table::write(&runs))?;
+    say(&format!("{} of {} runs are in {PAGE}", runs.len(), cells.len()));
     match failures.is_empty() {
         true => Ok(()),
         false => bail!("these runs failed, see the logs beside their folders: {}", failures.join(", ")),
@@ -82,12 +94,35 @@ fn say(line: &str) {
     println!("{line}");
 }
 
-/// Trains what is not finished. Returns the names of the runs that failed.
-fn train(cells: &[Cell], arguments: &ResultsArguments) -> anyhow::Result<Vec<String>> {
+/// Builds the program.
+fn build() -> anyhow::Result<()> {
     let build = Command::new(env!("CARGO")).args(["build", "--package", "mvfusion-cli"]).status();
     ensure!(build.context("cannot start cargo")?.success(), "the program does not build");
+    Ok(())
+}
+
+/// The program, which lies beside this one.
+fn program() -> anyhow::Result<Command> {
+    let path = std::env::current_exe()?.with_file_name(format!("mvfusion{}", std::env::consts::EXE_SUFFIX));
+    Ok(Command::new(path))
+}
+
+/// Whether the figures of a run are there, trained with the configuration that it would have today.
+fn finished(cell: &Cell, out: &Path) -> anyhow::Result<bool> {
+    let folder = cell.folder(out);
+    if !folder.join("results.json").is_file() {
+        return Ok(false);
+    }
+    let path = folder.join("config.toml");
+    let then = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+    let today = program()?.arg("config").args(cell.configuration()).output().context("cannot start the program")?;
+    ensure!(today.status.success(), "{}: {}", cell.name(), String::from_utf8_lossy(&today.stderr).trim_end());
+    Ok(today.stdout == then)
+}
+
+/// Trains what there is to do. Returns the names of the runs that failed.
+fn train(to_do: VecDeque<&Cell>, arguments: &ResultsArguments) -> anyhow::Result<Vec<String>> {
     fs::create_dir_all(&arguments.out).with_context(|| format!("cannot make {}", arguments.out.display()))?;
-    let to_do: VecDeque<&Cell> = cells.iter().filter(|cell| !cell.finished(&arguments.out)).collect();
     let (queue, failures) = (Mutex::new(to_do), Mutex::new(Vec::new()));
     let work = || {
         while let Some(cell) = next(&queue) {
@@ -115,19 +150,20 @@ fn push(failures: &Mutex<Vec<String>>, name: String) {
 }
 
 fn train_one(cell: &Cell, out: &Path) -> anyhow::Result<()> {
-    let program = std::env::current_exe()?.with_file_name(format!("mvfusion{}", std::env::consts::EXE_SUFFIX));
     let log = out.join(format!("{}.log", cell.name()));
     let output = fs::File::create(&log).with_context(|| format!("cannot write {}", log.display()))?;
     let errors = output.try_clone()?;
-    let status = Command::new(&program)
-        .args(cell.arguments())
+    let status = program()?
+        .arg("train")
+        .args(cell.configuration())
+        .args(cell.data())
         .args(["--threads", "1", "--force", "--out"])
         .arg(cell.folder(out))
         .stdin(Stdio::null())
         .stdout(output)
         .stderr(errors)
         .status()
-        .with_context(|| format!("cannot start {}", program.display()))?;
+        .context("cannot start the program")?;
     ensure!(status.success(), "{status}; its last words are in {}", log.display());
     Ok(())
 }
