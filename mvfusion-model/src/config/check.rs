@@ -81,12 +81,10 @@ impl Config {
             "give a share from 0 to 1",
         )?;
         refuse(motion.sample_stride == 0, "motion.sample_stride", "0".into(), "give 1 to evaluate every sample")?;
-        refuse(
-            !(0.0..=1.0).contains(&self.loss.branch_above),
-            "loss.branch_above",
-            self.loss.branch_above.to_string(),
-            "give a share from 0 to 1",
-        )?;
+        let loss = &self.loss;
+        for (key, above) in [("loss.static_above", loss.static_above), ("loss.dynamic_above", loss.dynamic_above)] {
+            refuse(!(0.0..=1.0).contains(&above), key, above.to_string(), "give a share from 0 to 1")?;
+        }
         let share = self.init.dynamic_cloud_share;
         refuse(
             !(0.0..=1.0).contains(&share),

@@ -18,9 +18,11 @@ pub struct LossConfig {
     pub branch_dssim: f64,
     /// Weight of the L1 term of each branch inside its own mask.
     pub branch_l1: f64,
-    /// Share of a pixel above which a branch answers for it, in the two terms before this one. DeGauss: 0.51, either branch
-    /// or none. Ours may be less than a half in short runs: where the mask is undecided, both branches learn.
-    pub branch_above: f64,
+    /// Share of a pixel above which the static branch answers for it, in the two terms before this one. DeGauss: 0.51,
+    /// either branch or none. Below a half both branches learn where the mask is undecided.
+    pub static_above: f64,
+    /// The same for the dynamic branch; 0 makes it learn all of the picture, whatever the mask.
+    pub dynamic_above: f64,
     /// Weight of the spatial planes' second differences.
     pub plane_smooth: f64,
     /// Weight of the time planes' second differences.
@@ -60,7 +62,8 @@ impl Default for LossConfig {
             composed_dssim: 0.4,
             branch_dssim: 0.4,
             branch_l1: 2.0,
-            branch_above: 0.51,
+            static_above: 0.51,
+            dynamic_above: 0.51,
             plane_smooth: 2e-4,
             time_smooth: 1e-3,
             time_l1: 1e-4,

@@ -82,8 +82,12 @@ fn branch_terms(pictures: &Pictures, context: &LossContext<'_>) -> Option<Tensor
         terms.push(alike * config.penalize_dynamic);
     }
     if config.branch_dssim > 0.0 || config.branch_l1 > 0.0 {
-        for (picture, share) in [(&blend.dynamic, &blend.mask), (&blend.lit, &blend.static_mask)] {
-            let answers = above(share, config.branch_above);
+        let branches = [
+            (&blend.dynamic, &blend.mask, config.dynamic_above),
+            (&blend.lit, &blend.static_mask, config.static_above),
+        ];
+        for (picture, share, bound) in branches {
+            let answers = above(share, bound);
             let structure = masked_dssim(picture.clone(), photos.clone(), answers.clone(), &context.windows.ssim);
             let colour = l1(picture.clone() * answers.clone(), photos.clone() * answers);
             terms.push(structure * config.branch_dssim + colour * config.branch_l1);

@@ -32,14 +32,8 @@ pub const SCENES: &[SceneEntry] = &[
         source: "CMU Panoptic Studio, sports/basketball, 16 cameras x 24 frames of 320x180 in the layout of Neu3D",
         real: true,
         masks: Some("masks_people"),
-        // Structure from motion knows points on the players. At the preset's rates the mask of so short a run stays on one
-        // side of a half; chosen on seeds 1 and 2.
-        settings: &[
-            "train.scale=0.4",
-            "train.scale_cloud=true",
-            "optim.mask_logits.end=3e-2",
-            "optim.mask_heads.end=3e-3",
-        ],
+        // Structure from motion knows points on the players.
+        settings: &["train.scale=0.4", "train.scale_cloud=true"],
     },
     SceneEntry {
         name: "fox_clutter",
