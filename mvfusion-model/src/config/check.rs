@@ -20,12 +20,10 @@ impl Config {
             train.scale.to_string(),
             "give a number above 0; 1 is the full length",
         )?;
-        refuse(
-            !(0.0..=1.0).contains(&train.scale_rates),
-            "train.scale_rates",
-            train.scale_rates.to_string(),
-            "give a power from 0 (rates stay) to 1 (rates grow as the run shrinks)",
-        )?;
+        for (key, exponent) in [("train.scale_rates", train.scale_rates), ("train.scale_mask", train.scale_mask)] {
+            let advice = "give a power from 0 (rates stay) to 1 (rates grow as the run shrinks)";
+            refuse(!(0.0..=1.0).contains(&exponent), key, exponent.to_string(), advice)?;
+        }
         refuse(train.batch_size == 0, "train.batch_size", "0".into(), "a step needs at least one view")?;
         refuse(
             train.accumulation == 0,

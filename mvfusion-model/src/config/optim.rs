@@ -56,6 +56,10 @@ impl Decay {
         let tau = (step as f64 / horizon.max(1) as f64).clamp(0.0, 1.0);
         ((1.0 - tau) * self.start.ln() + tau * self.end.ln()).exp()
     }
+
+    fn times(self, factor: f64) -> Self {
+        Self { start: self.start * factor, end: self.end * factor }
+    }
 }
 
 impl OptimConfig {
@@ -67,14 +71,14 @@ impl OptimConfig {
     }
 
     /// Multiplies every learning rate but two: that of the opacities, which cross their range in a hundred steps as it is,
-    /// and that of the motion modules, which start without effect and must not upset what they refine.
-    pub(super) fn faster(&mut self, factor: f64) {
-        let motion = self.motion;
+    /// and that of the motion modules, which start without effect and must not upset what they refine. The mask logits
+    /// have a factor of their own.
+    pub(super) fn faster(&mut self, factor: f64, of_mask_logits: f64) {
+        let (motion, mask_logits) = (self.motion, self.mask_logits.times(of_mask_logits));
         for decay in self.decays() {
-            decay.start *= factor;
-            decay.end *= factor;
+            *decay = decay.times(factor);
         }
-        self.motion = motion;
+        (self.motion, self.mask_logits) = (motion, mask_logits);
         let constant = [&mut self.sh_dc, &mut self.static_sh_rest, &mut self.scale, &mut self.rotation];
         constant.into_iter().for_each(|rate| *rate *= factor);
     }

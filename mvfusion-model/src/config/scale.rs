@@ -56,7 +56,7 @@ impl Config {
     /// What makes up for steps that a run shortened by `factor` has not.
     fn adapt_to_few_steps(&mut self, factor: f64) {
         let (train, init) = (&self.train, &mut self.init);
-        self.optim.faster(factor.powf(-train.scale_rates));
+        self.optim.faster(factor.powf(-train.scale_rates), factor.powf(-train.scale_mask));
         self.optim.end_above(train.scale_tail);
         self.motion.octaves = self.motion.octaves.min(train.scale_octaves);
         if train.scale_cloud && self.model.branches == Branches::Both {
@@ -111,6 +111,8 @@ mod tests {
         let scaled = config.scaled().optim;
         assert_eq!((scaled.scale, scaled.grid.start), (0.025, 0.004));
         assert_eq!(scaled.opacity, config.optim.opacity);
+        // Mask logits go as far as in the full run.
+        assert_eq!(scaled.mask_logits.start, config.optim.mask_logits.start * 25.0);
         config.train.scale_rates = 0.0;
         assert_eq!(config.scaled().optim.grid.start, config.optim.grid.start);
         config = Config::default();
@@ -121,7 +123,7 @@ mod tests {
     #[test]
     fn no_rate_of_a_shorter_run_falls_far() {
         let mut config = Config::default();
-        (config.train.scale, config.train.scale_rates) = (0.04, 0.0);
+        (config.train.scale, config.train.scale_rates, config.train.scale_mask) = (0.04, 0.0, 0.0);
         let scaled = config.scaled().optim;
         assert_eq!((scaled.grid.end, scaled.dynamic_sh_rest), (8e-5, config.optim.dynamic_sh_rest));
         // One that rises ends where it did.

@@ -11,6 +11,8 @@ pub struct TrainConfig {
     /// A run that `scale` shortens learns faster: every learning rate but those of opacities and motion modules is
     /// multiplied by `scale` to the power of minus this. 0 leaves the rates alone.
     pub scale_rates: f64,
+    /// The same exponent for the rates of the mask logits: 1 lets them go as far in a shortened run as in a full one.
+    pub scale_mask: f64,
     /// In a run that `scale` shortens no learning rate ends below this share of its start: there is no time for a long tail.
     /// 0 leaves the ends alone.
     pub scale_tail: f64,
@@ -63,6 +65,7 @@ impl Default for TrainConfig {
         Self {
             scale: 1.0,
             scale_rates: 0.5,
+            scale_mask: 1.0,
             scale_tail: 0.1,
             scale_octaves: 1,
             scale_cloud: true,

@@ -104,20 +104,18 @@ impl Cell {
         out.join(self.name())
     }
 
-    /// The options of the program that make up its configuration.
+    /// Its configuration as options of the program, its data included.
     pub fn configuration(&self) -> Vec<String> {
         let mut options =
             vec!["--preset".to_owned(), self.method.preset.into(), "--seed".into(), self.seed.to_string()];
         let mut set = |setting: String| options.extend(["--set".into(), setting]);
         self.scene.settings.iter().for_each(|setting| set((*setting).to_owned()));
-        if let (Some(data), Some(masks)) = (&self.data, self.scene.masks) {
-            set(format!("eval.dynamic_masks={}", data.join(masks).display()));
+        if let Some(data) = &self.data {
+            set(format!("scene.data={}", data.display()));
+            if let Some(masks) = self.scene.masks {
+                set(format!("eval.dynamic_masks={}", data.join(masks).display()));
+            }
         }
         options
-    }
-
-    /// The option that names its data.
-    pub fn data(&self) -> Vec<String> {
-        self.data.iter().flat_map(|data| ["--data".to_owned(), data.display().to_string()]).collect()
     }
 }

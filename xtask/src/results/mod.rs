@@ -156,7 +156,6 @@ fn train_one(cell: &Cell, out: &Path) -> anyhow::Result<()> {
     let status = program()?
         .arg("train")
         .args(cell.configuration())
-        .args(cell.data())
         .args(["--threads", "1", "--force", "--out"])
         .arg(cell.folder(out))
         .stdin(Stdio::null())
