@@ -105,19 +105,15 @@ impl MotionRefinement {
         let local = Tensor::cat(times.iter().map(|&time| local(time)).collect(), 1);
         let neighbours = around.at(&means, &times, local);
         let neighbours = match config.motion.include_self {
-            true => {
-                // The current frame stands in the middle, in time order.
-                let half = times.len() / 2;
-                let part = |first| neighbours.clone().narrow(1, first, half);
-                Tensor::cat(vec![part(0), centre.clone().unsqueeze_dim(1), part(half)], 1)
-            }
+            // Attention knows no order.
+            true => Tensor::cat(vec![neighbours, centre.clone().unsqueeze_dim(1)], 1),
             false => neighbours,
         };
         self.attention.forward(centre, neighbours)
     }
 }
 
-/// Other frames that are attended to, relative to the current one, in time order: as many before as after (A7).
+/// Other frames that are attended to, relative to the current one, in time order (A7).
 fn offsets(config: &MotionConfig) -> Vec<isize> {
     let window = config.window as isize;
     match config.tokens {

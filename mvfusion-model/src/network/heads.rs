@@ -1,9 +1,8 @@
 //! The heads: what a feature says about each attribute of a Gaussian (METHOD §2.3, §2.4).
 
 use burn::module::Module;
-use burn::tensor::Tensor;
-
 use burn::nn::Linear;
+use burn::tensor::Tensor;
 
 use super::{HeadChoice, LayerInit, Mlp, Rectified, side_by_side};
 
