@@ -23,3 +23,13 @@ pub(crate) fn random(seed: u64, count: usize) -> Vec<f64> {
 pub(crate) fn numbers<const D: usize>(tensor: Tensor<D>) -> Vec<f64> {
     tensor.cast(DType::F64).into_data().try_into_vec().expect("the cast made them f64")
 }
+
+/// Asserts that results and gradients agree, each relative to its largest number.
+pub(crate) fn assert_parts_close(found: &[Vec<f64>; 3], wanted: &[Vec<f64>; 3], tolerance: f64, what: &str) {
+    for (part, (found, wanted)) in found.iter().zip(wanted).enumerate() {
+        assert_eq!(found.len(), wanted.len(), "{what}, part {part}");
+        let largest = wanted.iter().fold(0.0f64, |largest, x| largest.max(x.abs()));
+        let worst = found.iter().zip(wanted).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(worst <= tolerance * largest, "{what}, part {part}: off by {worst}, the largest is {largest}");
+    }
+}

@@ -3,7 +3,7 @@
 use burn::tensor::{DType, Device, Tensor, TensorData, activation::softmax};
 
 use super::*;
-use crate::test_support::{for_each_device, numbers, random};
+use crate::test_support::{assert_parts_close, for_each_device, numbers, random};
 
 /// Sums over a few dozen columns, in f64 and f32, relative to the largest number.
 const EXACT: f64 = 1e-13;
@@ -56,23 +56,15 @@ fn written_out(queries: Tensor<2>, memory: Tensor<3>, heads: usize) -> Tensor<2>
     (softmax(scores, 1) * part(width)).sum_dim(1).reshape([rows, width])
 }
 
-fn assert_close(found: &[Vec<f64>; 3], wanted: &[Vec<f64>; 3], tolerance: f64, case: Case) {
-    for (part, (found, wanted)) in found.iter().zip(wanted).enumerate() {
-        assert_eq!(found.len(), wanted.len(), "{case:?}, part {part}");
-        let largest = wanted.iter().fold(0.0f64, |largest, x| largest.max(x.abs()));
-        let worst = found.iter().zip(wanted).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-        assert!(worst <= tolerance * largest, "{case:?}, part {part}: off by {worst}, the largest is {largest}");
-    }
-}
-
 #[test]
 fn results_and_gradients_are_those_of_tensor_operations() {
     for_each_device(|device| {
         // One key, which gets all the weight; a head narrower and one wider than the partial sums; several blocks.
         for case in [[3, 1, 1, 5], [70, 2, 4, 16], [65, 3, 2, 11], [200, 10, 1, 8]].map(Case) {
             let wanted = case.run(&device, DType::F64, written_out);
-            assert_close(&case.op(&device, DType::F64), &wanted, EXACT, case);
-            assert_close(&case.op(&device, DType::F32), &wanted, SINGLE, case);
+            let what = format!("{case:?}");
+            assert_parts_close(&case.op(&device, DType::F64), &wanted, EXACT, &what);
+            assert_parts_close(&case.op(&device, DType::F32), &wanted, SINGLE, &what);
         }
     });
 }

@@ -26,7 +26,8 @@ const END: &str = "<!-- cargo xtask results: end -->";
 /// Trains 4DGS, DeGauss, both with motion-aware refinement, on four scenes, and writes the tables of docs/results.md.
 ///
 /// A run that is finished is not done again unless its configuration has changed, so the command can be stopped and started
-/// at will; remove a run's folder, or all of --out, after a change of the code that matters. Scenes whose data are not there are skipped.
+/// at will; remove a run's folder, or all of --out, after a change of the code that matters. Scenes whose data are not there
+/// are skipped.
 #[derive(Debug, Args)]
 pub struct ResultsArguments {
     /// Folder that holds the real scenes, each under the name that `--list` shows.
@@ -53,13 +54,12 @@ pub struct ResultsArguments {
 pub fn run(arguments: &ResultsArguments) -> anyhow::Result<()> {
     let cells = cells::all(arguments.data_root.as_deref(), &arguments.seeds);
     build()?;
-    let finished = |cell: &Cell| finished(cell, &arguments.out);
     if arguments.list {
         for scene in SCENES {
             say(&format!("{:16}{}", scene.name, scene.source));
         }
         for cell in &cells {
-            let state = if finished(cell)? { "finished" } else { "to do" };
+            let state = if finished(cell, &arguments.out)? { "finished" } else { "to do" };
             say(&format!("{state:16}{}", cell.name()));
         }
         return Ok(());
@@ -67,20 +67,12 @@ pub fn run(arguments: &ResultsArguments) -> anyhow::Result<()> {
     ensure!(arguments.jobs > 0, "--jobs must be at least 1");
     let mut failures = Vec::new();
     if !arguments.table_only {
-        let mut to_do = VecDeque::new();
-        for cell in &cells {
-            if !finished(cell)? {
-                to_do.push_back(cell);
-            }
-        }
-        failures = train(to_do, arguments)?;
+        let (_, to_do) = divided(&cells, &arguments.out)?;
+        failures = train(to_do.into(), arguments)?;
     }
-    let mut runs = Vec::new();
-    for cell in &cells {
-        if finished(cell)? {
-            runs.push((cell.clone(), Figures::read(&cell.folder(&arguments.out))?));
-        }
-    }
+    let (done, _) = divided(&cells, &arguments.out)?;
+    let runs = done.into_iter().map(|cell| Ok((cell.clone(), Figures::read(&cell.folder(&arguments.out))?)));
+    let runs = runs.collect::<anyhow::Result<Vec<_>>>()?;
     replace(Path::new(PAGE), &table::write(&runs))?;
     say(&format!("{} of {} runs are in {PAGE}", runs.len(), cells.len()));
     match failures.is_empty() {
@@ -118,6 +110,15 @@ fn finished(cell: &Cell, out: &Path) -> anyhow::Result<bool> {
     let today = program()?.arg("config").args(cell.configuration()).output().context("cannot start the program")?;
     ensure!(today.status.success(), "{}: {}", cell.name(), String::from_utf8_lossy(&today.stderr).trim_end());
     Ok(today.stdout == then)
+}
+
+/// The finished runs, and those that are to do.
+fn divided<'a>(cells: &'a [Cell], out: &Path) -> anyhow::Result<(Vec<&'a Cell>, Vec<&'a Cell>)> {
+    let (mut done, mut to_do) = (Vec::new(), Vec::new());
+    for cell in cells {
+        if finished(cell, out)? { &mut done } else { &mut to_do }.push(cell);
+    }
+    Ok((done, to_do))
 }
 
 /// Trains what there is to do. Returns the names of the runs that failed.
