@@ -143,6 +143,7 @@ pub fn gaussians_on(
             Masking::Absent => None,
         },
     })
+    // Proof: each arm above is `Some` but that of the mask logits, which a cloud without masking may lack.
     .expect("every attribute but the mask logits is given above")
 }
 

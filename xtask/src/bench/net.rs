@@ -71,6 +71,7 @@ fn step(network: &DeformationNetwork, count: usize, device: &Device) -> (f64, f6
         .flatten()
         .map(|offset| offset.powf_scalar(2.0).sum())
         .reduce(|sum, part| sum + part)
+        // Proof: the first three of the list are always there.
         .expect("six offsets were listed")
     });
     let (backward, gradients) = timed(|| loss.backward());
