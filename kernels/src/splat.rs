@@ -10,6 +10,18 @@ pub const MIN_ALPHA: f64 = 1.0 / 255.0;
 pub const COLOUR_CHANNELS: usize = 3;
 /// Smallest norm of a quaternion that still names a rotation (the epsilon of the usual normalisation).
 pub const MIN_QUATERNION_NORM: f64 = 1e-12;
+/// Smallest factor that compensates the opacity for the dilation.
+pub const MIN_COMPENSATION: f64 = 0.005;
+/// Smallest determinant of a covariance on the picture plane.
+pub const MIN_DETERMINANT: f64 = 1e-10;
+/// 3DGS's lower bound under the root of the larger eigenvalue.
+pub const MIN_EIGENVALUE_SPREAD: f64 = 0.1;
+/// Slack on the reach, which covers rounding of the logarithm and of the exponential in single precision.
+pub const REACH_SLACK: f64 = 1e-4;
+/// Roundings that the test of an ellipse against a box allows for, in halves of the precision's epsilon.
+pub const TOUCH_ROUNDINGS: f64 = 8.0;
+/// Largest radius that a GPU gives, in pixels: beyond any picture, and small enough to reckon with in 32 bits.
+pub const MAX_RADIUS: i32 = 1 << 28;
 
 /// Numbers in the stored row of a [`Projected`].
 pub const PROJECTED_LEN: usize = 11;

@@ -53,6 +53,8 @@ pub enum Command {
     Config(LayerArgs),
     /// List the presets
     Presets,
+    /// List the devices of this build that --device takes here, with their limits
+    Devices,
 }
 
 impl Command {
@@ -61,7 +63,7 @@ impl Command {
         match self {
             Self::Train(args) => args.compute.threads,
             Self::Eval(args) => args.compute.threads,
-            Self::Config(_) | Self::Presets => None,
+            Self::Config(_) | Self::Presets | Self::Devices => None,
         }
     }
 }
@@ -91,7 +93,7 @@ pub struct LayerArgs {
 /// What computes.
 #[derive(Clone, Debug, Args)]
 pub struct ComputeArgs {
-    /// auto, cpu, flex or ndarray; wgpu and cuda, with :N for the N-th, are not in this build yet
+    /// auto (a GPU if there is one), cpu, flex, ndarray, wgpu or cuda, with :N for the N-th (see `mvfusion devices`)
     #[arg(long, value_name = "D", default_value = "auto")]
     pub device: String,
     /// CPU threads; the result does not depend on it [default: all cores]

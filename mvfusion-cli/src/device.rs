@@ -10,23 +10,29 @@ pub struct OpenDevice {
     /// For Burn.
     pub device: Device,
     /// Its name, in `results.json` and for `--device`.
-    pub name: &'static str,
+    pub name: String,
     /// One line: what was taken, and why.
     pub reason: String,
 }
 
-/// How a build with the graphics backend is made.
-const WITH_GPU: &str = "build with `--features wgpu` (not available yet)";
+/// How a build with GPU support is made.
+#[cfg_attr(any(feature = "wgpu", feature = "cuda"), allow(dead_code, reason = "said by builds without it"))]
+const WITH_GPU: &str = "build with `--features wgpu` (or `cuda`)";
 
 /// Names of devices of this program, compiled in or not.
 const NAMES: &str = "auto, cpu, flex, ndarray, wgpu[:N], cuda[:N]";
 
 /// The cargo features of this build that name a device.
 pub fn features() -> Vec<&'static str> {
-    [("flex", cfg!(feature = "flex")), ("ndarray", cfg!(feature = "ndarray"))]
-        .into_iter()
-        .filter_map(|(name, on)| on.then_some(name))
-        .collect()
+    [
+        ("flex", cfg!(feature = "flex")),
+        ("ndarray", cfg!(feature = "ndarray")),
+        ("wgpu", cfg!(feature = "wgpu")),
+        ("cuda", cfg!(feature = "cuda")),
+    ]
+    .into_iter()
+    .filter_map(|(name, on)| on.then_some(name))
+    .collect()
 }
 
 /// Opens the device of a name.
@@ -38,23 +44,136 @@ pub fn open(name: &str) -> Result<OpenDevice, UsageError> {
         Some((kind, number)) => (kind, Some(number)),
         None => (name, None),
     };
-    let numbered = number.is_none_or(|number| number.parse::<usize>().is_ok());
+    let unknown = || UsageError::new(format!("there is no device `{name}`; --device takes one of {NAMES}."));
     match (kind, number) {
-        ("auto", None) => cpu(&format!("auto: this build has no GPU support, {WITH_GPU}")),
+        ("auto", None) => auto(),
         ("cpu", None) => cpu("the CPU was asked for"),
         ("flex", None) => flex("asked for by name").ok_or_else(|| not_built("flex")),
         ("ndarray", None) => ndarray("asked for by name").ok_or_else(|| not_built("ndarray")),
-        ("wgpu" | "cuda", _) if numbered => Err(UsageError::new(format!(
-            "`--device {name}`: this build has no GPU support; {WITH_GPU}, or take `--device cpu`."
-        ))),
-        _ => Err(UsageError::new(format!("there is no device `{name}`; --device takes one of {NAMES}."))),
+        ("wgpu" | "cuda", number) => {
+            let index = number.map_or(Ok(0), str::parse).map_err(|_| unknown())?;
+            gpu::open(kind, index)
+        }
+        _ => Err(unknown()),
+    }
+}
+
+/// A GPU if there is one, else the CPU. A driver that computes on the CPU is no GPU: it is there for tests, and slower
+/// than the CPU's own backends.
+fn auto() -> Result<OpenDevice, UsageError> {
+    match gpu::best() {
+        Some(gpu) => Ok(gpu),
+        None if cfg!(any(feature = "wgpu", feature = "cuda")) => cpu("auto: no GPU was found, see `mvfusion devices`"),
+        None => cpu(&format!("auto: this build has no GPU support, {WITH_GPU}")),
+    }
+}
+
+/// What was compiled in and what was found, a line each, for people.
+pub fn list() -> Vec<String> {
+    let mut lines = Vec::new();
+    if cfg!(feature = "flex") {
+        lines.push(format!("{:9} {}: pure Rust", "flex", threads()));
+    }
+    if cfg!(feature = "ndarray") {
+        lines.push(format!("{:9} {}: the `ndarray` crate, for comparison", "ndarray", threads()));
+    }
+    lines.extend(gpu::list());
+    lines
+}
+
+#[cfg(any(feature = "wgpu", feature = "cuda"))]
+mod gpu {
+    use mvfusion_model::device::{Gpu, Limits, gpus};
+
+    use super::{OpenDevice, UsageError};
+
+    /// The first GPU that is no software.
+    pub fn best() -> Option<OpenDevice> {
+        let gpu = gpus().iter().find(|gpu| !gpu.is_software)?;
+        Some(opened(gpu, "auto: the first GPU"))
+    }
+
+    /// A GPU by its backend and its number there.
+    pub fn open(backend: &str, index: usize) -> Result<OpenDevice, UsageError> {
+        if !super::features().contains(&backend) {
+            return Err(UsageError::new(format!(
+                "`--device {backend}`: this build has no {backend}; build with `--features {backend}`, or take `--device cpu`."
+            )));
+        }
+        let found = gpus();
+        match found.iter().find(|gpu| gpu.backend == backend && gpu.index == index) {
+            Some(gpu) => Ok(opened(gpu, "asked for by name")),
+            None => {
+                let names: Vec<String> =
+                    found.iter().map(|gpu| format!("{}:{} ({})", gpu.backend, gpu.index, gpu.name)).collect();
+                let there = if names.is_empty() {
+                    "no GPU was found".to_owned()
+                } else {
+                    format!("found: {}", names.join(", "))
+                };
+                Err(UsageError::new(format!(
+                    "`--device {backend}:{index}`: there is no such device; {there}. `mvfusion devices` tells more."
+                )))
+            }
+        }
+    }
+
+    /// The GPUs with their limits.
+    pub fn list() -> Vec<String> {
+        let found = gpus();
+        if found.is_empty() {
+            return vec!["no GPU was found".to_owned()];
+        }
+        found.iter().map(describe).collect()
+    }
+
+    fn opened(gpu: &Gpu, reason: &str) -> OpenDevice {
+        let name = format!("{}:{}", gpu.backend, gpu.index);
+        let reason = format!("{name}, {}{} ({reason})", gpu.name, software(gpu));
+        OpenDevice { device: gpu.device.clone(), name, reason }
+    }
+
+    fn software(gpu: &Gpu) -> &'static str {
+        if gpu.is_software { ", a software driver" } else { "" }
+    }
+
+    fn describe(gpu: &Gpu) -> String {
+        let Limits { buffer, shared_memory, units, adds_floats } = gpu.limits;
+        let atomics = if adds_floats { "atomic float addition" } else { "no atomic float addition" };
+        format!(
+            "{:9} {}{}: buffers up to {} MiB, {} KiB shared by up to {units} units, {atomics}",
+            format!("{}:{}", gpu.backend, gpu.index),
+            gpu.name,
+            software(gpu),
+            buffer >> 20,
+            shared_memory >> 10,
+        )
+    }
+}
+
+#[cfg(not(any(feature = "wgpu", feature = "cuda")))]
+mod gpu {
+    use super::{OpenDevice, UsageError, WITH_GPU};
+
+    pub fn best() -> Option<OpenDevice> {
+        None
+    }
+
+    pub fn open(backend: &str, _: usize) -> Result<OpenDevice, UsageError> {
+        Err(UsageError::new(format!(
+            "`--device {backend}`: this build has no GPU support; {WITH_GPU}, or take `--device cpu`."
+        )))
+    }
+
+    pub fn list() -> Vec<String> {
+        vec![format!("this build has no GPU support; {WITH_GPU}")]
     }
 }
 
 /// The faster of the CPU backends in this build.
 fn cpu(reason: &str) -> Result<OpenDevice, UsageError> {
     flex(reason).or_else(|| ndarray(reason)).ok_or_else(|| {
-        UsageError::new("this build has no device at all; build with `--features flex` (the default) or `ndarray`.")
+        UsageError::new("this build has no CPU device; build with `--features flex` (the default) or `ndarray`.")
     })
 }
 
@@ -86,11 +205,15 @@ fn ndarray(_: &str) -> Option<OpenDevice> {
 
 #[cfg(any(feature = "flex", feature = "ndarray"))]
 fn opened(device: Device, name: &'static str, reason: &str) -> OpenDevice {
-    let threads = match rayon::current_num_threads() {
-        1 => "1 thread".to_owned(),
-        threads => format!("{threads} threads"),
-    };
-    OpenDevice { device, name, reason: format!("{name} on the CPU, {threads} ({reason})") }
+    OpenDevice { device, name: name.to_owned(), reason: format!("{name} on the {} ({reason})", threads()) }
+}
+
+/// The CPU, with the threads that this process takes of it.
+fn threads() -> String {
+    match rayon::current_num_threads() {
+        1 => "CPU, 1 thread".to_owned(),
+        threads => format!("CPU, {threads} threads"),
+    }
 }
 
 #[cfg(test)]
@@ -103,8 +226,9 @@ mod tests {
 
     #[test]
     fn known_devices_that_were_not_built_are_told_from_unknown_ones() {
-        assert!(refusal("wgpu").contains("--features wgpu"));
-        assert!(refusal("cuda:1").contains("no GPU support"));
+        for (name, built) in [("wgpu", cfg!(feature = "wgpu")), ("cuda:1", cfg!(feature = "cuda"))] {
+            assert!(built || refusal(name).contains("build with `--features"), "{name}");
+        }
         for name in ["tpu", "wgpu:first", "cpu:0", ""] {
             assert!(refusal(name).contains("auto, cpu, flex"), "{name}");
         }
@@ -113,7 +237,6 @@ mod tests {
     #[test]
     #[cfg(feature = "flex")]
     fn flex_is_the_first_choice_among_cpus() {
-        assert_eq!(open("auto").expect("opened").name, "flex");
         assert_eq!(open("cpu").expect("opened").name, "flex");
     }
 }

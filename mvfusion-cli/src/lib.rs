@@ -1,7 +1,8 @@
 //! The inside of the `mvfusion` program: everything but `main`, so that it can be tested.
 //!
-//! [`command`] holds a file for each command; [`config`] merges the layers of the configuration; [`mod@run`] knows the files
-//! of a run's folder; [`progress`] and [`table`] are what the user sees. No mathematics here: that is `mvfusion-model`.
+//! [`command`] holds a file for each command; [`config`] merges the layers of the configuration; [`mod@run`] knows the
+//! files of a run's folder; [`progress`] and [`table`] are what the user sees. No mathematics here: that is
+//! `mvfusion-model`.
 
 pub mod args;
 pub mod atomic;
@@ -37,5 +38,6 @@ pub fn run(cli: &Cli, threads: usize, out: &mut dyn Write) -> anyhow::Result<()>
         Command::Eval(args) => command::eval(args, talk, out),
         Command::Config(args) => command::config(args, talk, out),
         Command::Presets => command::presets(out),
+        Command::Devices => command::devices(out),
     }
 }

@@ -25,6 +25,8 @@ fn mvfusion(folder: &Path, arguments: &[&str]) -> Output {
         .args(arguments)
         .current_dir(folder)
         .env_remove("RUST_LOG")
+        // Mesa's OpenGL complains of its absence on the program's stderr.
+        .env("XDG_RUNTIME_DIR", folder)
         .output()
         .expect("the program starts")
 }
@@ -74,8 +76,11 @@ fn an_unknown_preset_is_a_usage_error_that_lists_them() {
 #[test]
 fn an_impossible_device_is_a_usage_error() {
     refuses(&["train", "--device", "tpu"], USAGE, &["`tpu`", "auto, cpu, flex, ndarray"]);
-    refuses(&["train", "--device", "wgpu:1"], USAGE, &["--features wgpu"]);
-    refuses(&["train", "--device", "cuda"], USAGE, &["no GPU support"]);
+    for (device, built) in [("wgpu:1", cfg!(feature = "wgpu")), ("cuda", cfg!(feature = "cuda"))] {
+        if !built {
+            refuses(&["train", "--device", device], USAGE, &["build with `--features", "`--device cpu`"]);
+        }
+    }
 }
 
 #[test]
@@ -216,4 +221,20 @@ fn the_manual_page_names_layers_files_and_exit_codes() {
     }
     let presets = text(&mvfusion(folder.path(), &["presets"]).stdout);
     assert!(presets.contains("quickstart") && presets.contains("neu3d"));
+}
+
+#[test]
+fn devices_are_listed_and_one_that_is_not_there_is_refused_with_those_that_are() {
+    let folder = tempfile::tempdir().expect("folder");
+    let output = mvfusion(folder.path(), &["devices"]);
+    let listed = text(&output.stdout);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    for (feature, name) in [(cfg!(feature = "flex"), "flex "), (cfg!(feature = "ndarray"), "ndarray ")] {
+        assert_eq!(listed.lines().any(|line| line.starts_with(name)), feature, "{listed}");
+    }
+    let gpus: Vec<&str> =
+        listed.lines().filter(|line| line.starts_with("wgpu:") || line.starts_with("cuda:")).collect();
+    assert_eq!(gpus.is_empty(), listed.contains("no GPU"), "{listed}");
+    let there = gpus.first().and_then(|line| line.split(' ').next()).unwrap_or("no GPU");
+    refuses(&["train", "--device", "wgpu:99"], USAGE, &["`--device wgpu", there]);
 }

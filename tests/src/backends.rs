@@ -1,4 +1,4 @@
-//! The CPU backends that were compiled in: the same test bodies run on each.
+//! The backends that were compiled in: the same test bodies run on each.
 
 use burn::tensor::Device;
 use mvfusion_model::device;
@@ -6,13 +6,13 @@ use mvfusion_model::device;
 /// A backend of Burn under its name in test names.
 #[derive(Clone, Copy, Debug)]
 pub struct Backend {
-    /// `flex` or `ndarray`.
+    /// `flex`, `ndarray`, `wgpu` or `cuda`.
     pub name: &'static str,
     /// Makes its device.
     pub device: fn() -> Device,
 }
 
-/// Every backend that this build can test.
+/// Every CPU backend that this build can test. They know double precision and keep the order of sums.
 pub fn backends() -> Vec<Backend> {
     vec![
         #[cfg(feature = "flex")]
@@ -20,4 +20,27 @@ pub fn backends() -> Vec<Backend> {
         #[cfg(feature = "ndarray")]
         Backend { name: "ndarray", device: device::ndarray },
     ]
+}
+
+/// The GPU backends of this build, whether or not there is such a GPU.
+pub fn gpu_backends() -> Vec<Backend> {
+    vec![
+        #[cfg(feature = "wgpu")]
+        Backend { name: "wgpu", device: device::wgpu },
+        #[cfg(feature = "cuda")]
+        Backend { name: "cuda", device: device::cuda },
+    ]
+}
+
+/// Whether a GPU backend has found a device, a software driver included.
+pub fn is_there(backend: Backend) -> bool {
+    #[cfg(any(feature = "wgpu", feature = "cuda"))]
+    return device::gpus().iter().any(|gpu| gpu.backend == backend.name);
+    #[cfg(not(any(feature = "wgpu", feature = "cuda")))]
+    panic!("{} is no GPU backend of this build", backend.name);
+}
+
+/// Every backend that can be tested here.
+pub fn every_backend() -> Vec<Backend> {
+    backends().into_iter().chain(gpu_backends().into_iter().filter(|&backend| is_there(backend))).collect()
 }

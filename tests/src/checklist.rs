@@ -37,6 +37,20 @@ impl Tolerance {
     pub const fn plus(self, allowance: f64) -> Self {
         Self { absolute: self.absolute + allowance, ..self }
     }
+
+    /// What is allowed at an entry of an array with this largest magnitude.
+    fn allowed(&self, entry: f64, largest: f64) -> f64 {
+        self.of_largest * largest + self.of_entry * entry.abs() + self.absolute
+    }
+}
+
+/// Entries that may be further off than the others.
+#[derive(Clone, Copy, Debug)]
+pub struct Few {
+    /// Their share of all entries at most.
+    pub share: f64,
+    /// How far they may be off.
+    pub tolerance: Tolerance,
 }
 
 /// Comparisons of one test.
@@ -67,8 +81,8 @@ impl Checklist {
             self.failures.push(format!("`{name}` has shape {:?}, expected {:?}", found.shape, expected.shape));
             return;
         }
-        let common = tolerance.of_largest * expected.largest() + tolerance.absolute;
-        let allowed = |e: f64| common + tolerance.of_entry * e.abs();
+        let largest = expected.largest();
+        let allowed = |e: f64| tolerance.allowed(e, largest);
         let excess = |&i: &usize| {
             let (e, f) = (expected.values[i], found.values[i]);
             // Written so that NaN counts as infinitely wrong.
@@ -85,6 +99,22 @@ impl Checklist {
             (e - f).abs(),
             allowed(e),
         ));
+    }
+
+    /// Compares numbers of which a few may be further off.
+    pub fn close_but_few(
+        &mut self,
+        name: impl Display,
+        expected: &Array,
+        found: &Array,
+        tolerance: Tolerance,
+        few: Few,
+    ) {
+        let largest = expected.largest();
+        let pairs = expected.values.iter().zip(&found.values);
+        let beyond = pairs.filter(|&(&e, &f)| (e - f).abs() > tolerance.allowed(e, largest)).count();
+        let are_few = beyond as f64 <= few.share * expected.values.len() as f64;
+        self.close(name, expected, found, if are_few { few.tolerance } else { tolerance });
     }
 
     /// Compares single numbers.
@@ -182,6 +212,20 @@ mod tests {
             // 0.01 * 20 + 0.1 * 5 + 1 = 1.7 is allowed at the first entry, whose value is 5.
             checks.close("x", &list(&[5.0, 20.0]), &list(&[found, 20.0]), tolerance);
             assert_eq!(checks.finish().is_ok(), agrees);
+        }
+    }
+
+    #[test]
+    fn a_few_entries_may_be_further_off_but_not_many() {
+        let expected = list(&[1.0; 10]);
+        let few = Few { share: 0.2, tolerance: Tolerance::absolute(0.5) };
+        for (off, by, agrees) in
+            [(2, 0.4, true), (3, 0.4, false), (1, 0.6, false), (1, f64::NAN, false), (10, 0.1, true)]
+        {
+            let found: Vec<f64> = (0..10).map(|i| if i < off { 1.0 + by } else { 1.0 }).collect();
+            let mut checks = Checklist::default();
+            checks.close_but_few("x", &expected, &list(&found), Tolerance::absolute(0.2), few);
+            assert_eq!(checks.finish().is_ok(), agrees, "{off} entries off by {by}");
         }
     }
 

@@ -5,6 +5,6 @@ mod backends;
 mod checklist;
 mod numbers;
 
-pub use backends::{Backend, backends};
-pub use checklist::{Checklist, Tolerance};
+pub use backends::{Backend, backends, every_backend, gpu_backends, is_there};
+pub use checklist::{Checklist, Few, Tolerance};
 pub use numbers::{Array, gradient, numbers, tensor};

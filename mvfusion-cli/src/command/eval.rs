@@ -35,7 +35,7 @@ pub fn eval(args: &EvalArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<
         scene: &scene,
         config: &scaled,
         time: before.as_ref().and_then(|results| results.train),
-        device: device.name,
+        device: &device.name,
     };
     let pictures = args.write.then(|| PicturesWriter::new(&args.run, &scaled.eval, scene.test.len()));
     let scored = trained.score(pictures.as_ref(), talk)?;

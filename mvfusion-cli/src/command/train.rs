@@ -45,7 +45,8 @@ pub fn train(args: &TrainArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Resul
     Session { resolved, device, scene, trainer, folder, talk }.run(out)
 }
 
-/// `runs/NAME-SEED`: the name of the scene's folder, or of the preset and, unless it is the first, of the built-in scene.
+/// `runs/NAME-SEED`: the name of the scene's folder, or of the preset and, unless it is the first, of the built-in
+/// scene.
 fn default_folder(resolved: &Resolved) -> PathBuf {
     let options = &resolved.config.scene;
     let name = match &options.data {
@@ -69,7 +70,7 @@ struct Session {
 impl Session {
     fn run(mut self, out: &mut dyn Write) -> anyhow::Result<()> {
         let seed = self.resolved.config.seed;
-        let record = RunRecord::begin(self.resolved.preset.name, &self.scene, seed, self.device.name);
+        let record = RunRecord::begin(self.resolved.preset.name, &self.scene, seed, &self.device.name);
         atomic::write(&self.folder.place(&[run::CONFIG])?, config::to_toml(&self.resolved.config)?.as_bytes())?;
         atomic::write_json(&self.folder.place(&[run::RECORD])?, &record)?;
 
@@ -133,7 +134,7 @@ impl Session {
             scene: &self.scene,
             config,
             time: Some(time),
-            device: self.device.name,
+            device: &self.device.name,
         };
         let scored = trained.score(Some(&pictures), self.talk)?;
         let results = &scored.results;

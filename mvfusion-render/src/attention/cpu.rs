@@ -13,7 +13,7 @@ const SUMS: usize = 8;
 
 /// How the rows of queries and memory are made.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Layout {
+pub(crate) struct Layout {
     /// Columns of a query, a key and a value.
     pub width: usize,
     /// Keys of a row.

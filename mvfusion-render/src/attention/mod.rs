@@ -1,11 +1,12 @@
 //! Attention of one query a row to a few keys and values of its own, as one op.
 //!
-//! General attention layers are made for long sequences. Here every Gaussian attends to two frames: written out as tensor
-//! operations that is a dozen passes over `[N, width]`, forward and backward, for a few hundred multiplications a row.
+//! General attention layers are made for long sequences. Here every Gaussian attends to two frames: written out as
+//! tensor operations that is a dozen passes over `[N, width]`, forward and backward, for a few hundred multiplications
+//! a row.
 
 mod cpu;
 mod error;
-mod op;
+pub(crate) mod op;
 
 use burn::tensor::Tensor;
 
@@ -13,8 +14,9 @@ pub use error::AttentionError;
 
 /// Scaled dot-product attention, `softmax(q k / sqrt(d)) v` in each head, row by row.
 ///
-/// `queries` is `[N, width]`; `memory` is `[N, keys, 2 width]`, for each row its keys and beside each key its value. Both
-/// share one dtype, f32 or f64. Head `h` of the `heads` reads columns `h d .. (h + 1) d` of query, key and value, where
+/// `queries` is `[N, width]`; `memory` is `[N, keys, 2 width]`, for each row its keys and beside each key its value.
+/// Both share one dtype, f32 or f64. Head `h` of the `heads` reads columns `h d .. (h + 1) d` of query, key and value,
+/// where
 /// `d = width / heads`. The result is `[N, width]`. Gradients reach both.
 ///
 /// # Errors

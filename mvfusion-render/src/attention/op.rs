@@ -13,7 +13,7 @@ use crate::profile::{self, Part};
 use crate::real::with_real;
 
 /// The forward pass.
-#[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Autodiff)]
+#[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"), Autodiff)]
 pub(crate) trait AttentionOps: Backend {
     /// See [`forward`](super::forward).
     fn attention_forward(queries: FloatTensor<Self>, memory: FloatTensor<Self>, heads: usize) -> FloatTensor<Self>;
@@ -32,12 +32,12 @@ pub(crate) trait AttentionAdjoint: AttentionOps {
 /// The two differentiable arguments.
 #[derive(Clone, Debug)]
 pub(crate) struct Arguments<B: Backend> {
-    queries: FloatTensor<B>,
-    memory: FloatTensor<B>,
+    pub queries: FloatTensor<B>,
+    pub memory: FloatTensor<B>,
 }
 
 impl<B: Backend> Arguments<B> {
-    fn layout(&self, heads: usize) -> Layout {
+    pub fn layout(&self, heads: usize) -> Layout {
         Layout { width: self.queries.shape()[1], keys: self.memory.shape()[1], heads }
     }
 }

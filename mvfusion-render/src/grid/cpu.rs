@@ -7,10 +7,10 @@ use std::array;
 
 use rayon::prelude::*;
 
-use super::layout::PAIRS;
 use super::{GridBounds, GridLayout, PlaneLayout};
 use crate::Real;
 use crate::simd::vectorised;
+use mvfusion_kernels::grid::PAIRS;
 
 /// Points that a thread takes at a time.
 const POINTS_PER_TASK: usize = 256;
@@ -41,6 +41,14 @@ mod backward;
 
 pub(super) use backward::look_up_backward;
 
+/// The slopes of grid coordinates with respect to world coordinates.
+pub(crate) fn slopes(bounds: &GridBounds) -> [f64; 3] {
+    array::from_fn(|axis| {
+        let slope = 2.0 / (bounds.min[axis] - bounds.max[axis]);
+        if slope.is_finite() { slope } else { 0.0 }
+    })
+}
+
 /// Where and when features are asked for.
 pub(super) struct Query<'a, T> {
     points: &'a [T],
@@ -52,11 +60,7 @@ pub(super) struct Query<'a, T> {
 
 impl<'a, T: Real> Query<'a, T> {
     pub(super) fn new(points: &'a [T], times: &'a [T], bounds: &GridBounds) -> Self {
-        let slope = |axis: usize| {
-            let slope = 2.0 / (bounds.min[axis] - bounds.max[axis]);
-            if slope.is_finite() { slope } else { 0.0 }
-        };
-        Self { points, times, max: bounds.max.map(T::of), slope: array::from_fn(|axis| T::of(slope(axis))) }
+        Self { points, times, max: bounds.max.map(T::of), slope: slopes(bounds).map(T::of) }
     }
 
     fn len(&self) -> usize {

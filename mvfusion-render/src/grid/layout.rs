@@ -1,10 +1,6 @@
 //! Where the cells of each plane lie in the one tensor that holds them all.
 
-/// The axes of each plane of a scale, as indices of (x, y, z, t): first the width's, then the height's.
-pub(super) const PAIRS: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
-
-/// The time axis.
-pub(super) const TIME: usize = 3;
+use mvfusion_kernels::grid::{PAIRS, TIME};
 
 /// The size of a HexPlane (METHOD §2.1).
 #[derive(Clone, Debug, PartialEq)]
@@ -71,7 +67,7 @@ impl GridLayout {
     }
 
     /// Cells along x, y, z and t at a scale.
-    pub(super) fn axes(&self, scale: usize) -> [usize; 4] {
+    pub(crate) fn axes(&self, scale: usize) -> [usize; 4] {
         let [x, y, z, t] = self.resolution;
         let multiplier = self.multipliers[scale];
         [x * multiplier, y * multiplier, z * multiplier, t]

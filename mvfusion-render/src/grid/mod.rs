@@ -1,9 +1,9 @@
 //! HexPlane: six planes per scale, looked up at points in space and time, and the penalties that keep them smooth.
 
-mod cpu;
+pub(crate) mod cpu;
 mod error;
 mod layout;
-mod op;
+pub(crate) mod op;
 pub mod reference;
 pub mod regulariser;
 

@@ -13,7 +13,7 @@ use crate::profile::{self, Part};
 use crate::real::with_real;
 
 /// The look-up.
-#[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Autodiff)]
+#[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"), Autodiff)]
 pub(crate) trait GridOps: Backend {
     /// See [`look_up`](super::look_up).
     fn grid_look_up(
@@ -39,9 +39,9 @@ pub(crate) trait GridAdjoint: GridOps {
 /// The three differentiable arguments of a look-up, or their adjoints.
 #[derive(Clone, Debug)]
 pub(crate) struct LookUp<B: Backend> {
-    planes: FloatTensor<B>,
-    points: FloatTensor<B>,
-    times: FloatTensor<B>,
+    pub planes: FloatTensor<B>,
+    pub points: FloatTensor<B>,
+    pub times: FloatTensor<B>,
 }
 
 impl<B: HostBackend> GridOps for B {

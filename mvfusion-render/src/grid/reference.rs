@@ -3,9 +3,9 @@
 
 use burn::tensor::{Int, Tensor};
 
-use super::layout::{PAIRS, TIME};
 use super::regulariser::GridPenalties;
 use super::{GridBounds, GridLayout, PlaneLayout};
+use mvfusion_kernels::grid::{PAIRS, TIME};
 
 /// A coordinate among the cells of an axis, for all points.
 struct Place {

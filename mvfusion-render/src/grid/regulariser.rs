@@ -1,7 +1,7 @@
 //! R_grid of METHOD §4.4: what keeps the planes smooth and the time planes near 1.
 
 mod cpu;
-mod op;
+pub(crate) mod op;
 
 use burn::tensor::Tensor;
 

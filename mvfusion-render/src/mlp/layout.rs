@@ -15,7 +15,7 @@ pub struct MlpLayout {
 
 /// One linear layer within the parameters.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Layer {
+pub(crate) struct Layer {
     /// Width of its input.
     pub inputs: usize,
     /// Width of its output.
@@ -38,7 +38,7 @@ impl MlpLayout {
     }
 
     /// The layers of each chain.
-    pub(super) fn layers(&self) -> Vec<Vec<Layer>> {
+    pub(crate) fn layers(&self) -> Vec<Vec<Layer>> {
         let mut at = 0;
         let mut layer = |inputs: usize, outputs: usize| {
             let weight = at..at + inputs * outputs;

@@ -4,10 +4,10 @@
 //! backward pass. Here a block of rows goes through all layers while it is in the cache, and the backward pass computes
 //! the hidden rows again: nothing of the size `[N, width]` is kept.
 
-mod cpu;
+pub(crate) mod cpu;
 mod error;
-mod layout;
-mod op;
+pub(crate) mod layout;
+pub(crate) mod op;
 
 use burn::tensor::Tensor;
 
@@ -16,9 +16,9 @@ pub use layout::MlpLayout;
 
 /// What every chain of `layout` makes of the rows of `input`, chains side by side.
 ///
-/// `input` is `[N, inputs]`; `parameters` `[P]` holds for each chain, layer by layer, the weight `[in, out]` row-major and
-/// then the bias `[out]`. A layer is `x W + b`, with a ReLU between each two; [`MlpLayout::rectified`] says whether one
-/// precedes the first. The result is `[N, outputs]`. Both tensors share one dtype, f32 or f64.
+/// `input` is `[N, inputs]`; `parameters` `[P]` holds for each chain, layer by layer, the weight `[in, out]` row-major
+/// and then the bias `[out]`. A layer is `x W + b`, with a ReLU between each two; [`MlpLayout::rectified`] says whether
+/// one precedes the first. The result is `[N, outputs]`. Both tensors share one dtype, f32 or f64.
 ///
 /// Gradients reach both. The slope of a ReLU at zero is zero.
 ///

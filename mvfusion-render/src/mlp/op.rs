@@ -14,7 +14,7 @@ use crate::profile::{self, Part};
 use crate::real::with_real;
 
 /// The forward pass.
-#[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Autodiff)]
+#[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"), Autodiff)]
 pub(crate) trait MlpOps: Backend {
     /// See [`forward`](super::forward).
     fn mlp_forward(input: FloatTensor<Self>, parameters: FloatTensor<Self>, layout: MlpLayout) -> FloatTensor<Self>;
@@ -34,8 +34,8 @@ pub(crate) trait MlpAdjoint: MlpOps {
 /// The two differentiable arguments.
 #[derive(Clone, Debug)]
 pub(crate) struct Arguments<B: Backend> {
-    input: FloatTensor<B>,
-    parameters: FloatTensor<B>,
+    pub input: FloatTensor<B>,
+    pub parameters: FloatTensor<B>,
 }
 
 impl<B: HostBackend> MlpOps for B {

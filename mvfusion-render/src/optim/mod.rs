@@ -1,7 +1,7 @@
 //! Adam for parameters whose rows come and go: its moments are plain tensors in the hands of the trainer.
 
 mod cpu;
-mod op;
+pub(crate) mod op;
 
 use burn::tensor::Tensor;
 

@@ -17,7 +17,7 @@ pub(crate) struct Stepped<B: Backend> {
 }
 
 /// One step of Adam.
-#[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"))]
+#[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"))]
 pub(crate) trait AdamOps: Backend {
     /// Step number `step`, counted from 1.
     fn adam_step(

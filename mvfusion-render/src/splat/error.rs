@@ -37,4 +37,17 @@ pub enum SplatError {
         /// Height in pixels.
         height: usize,
     },
+    /// A tensor that is larger than the buffers of the device.
+    #[error(
+        "the {tensor} would take {bytes} bytes, but no buffer of this device holds more than {limit}: use fewer Gaussians or \
+         smaller pictures, or take `--device cpu`"
+    )]
+    Buffer {
+        /// Which.
+        tensor: &'static str,
+        /// Its bytes.
+        bytes: u64,
+        /// Those of the largest buffer.
+        limit: u64,
+    },
 }

@@ -8,10 +8,10 @@
 //! of the parameters take both, the statistic that leaves through the probe takes `main` alone (METHOD §4.4, §4.7).
 
 mod autodiff;
-mod cpu;
+pub(crate) mod cpu;
 mod diagnose;
 mod error;
-mod op;
+pub(crate) mod op;
 mod settings;
 
 use burn::backend::Dispatch;
@@ -24,6 +24,7 @@ pub use diagnose::{SplatDiagnosis, diagnose};
 pub use error::SplatError;
 pub use settings::{Antialias, ClampGradient, Extent, SplatRules, SplatSettings, Statistic, Stop, TangentClamp};
 
+use crate::device::buffer_limit;
 use op::{SplatOps, SplatPlan, SplatPrimitives};
 
 /// Raw parameters of `N` Gaussians, all of one dtype (`f32`, or `f64` on CPU backends) and on one device.
@@ -102,7 +103,12 @@ impl SplatPicture {
 /// width, height). Several calls with one probe add up. Which channels count is [`SplatSettings::statistic`].
 ///
 /// # Errors
-/// If shapes or dtypes do not fit together, the degree is above 3, or the camera has no pixels.
+/// If shapes or dtypes do not fit together, the degree is above 3, the camera has no pixels, or the picture or the
+/// coefficients are larger than a buffer of the device.
+///
+/// # Panics
+/// On a GPU, if the pairs of a Gaussian and a tile, whose number is known only then, need a larger buffer than the
+/// device has.
 pub fn splat(
     inputs: SplatInputs,
     probe: Option<Tensor<2>>,
@@ -111,6 +117,9 @@ pub fn splat(
 ) -> Result<SplatPicture, SplatError> {
     let feature_count = check(&inputs, probe.as_ref(), camera, settings)?;
     let (device, dtype) = (inputs.means.device(), inputs.means.dtype());
+    if let Some(limit) = buffer_limit(&device) {
+        check_buffers(inputs.sh.dims()[..2].iter().product(), feature_count, camera, limit)?;
+    }
     let stand_in = |shape: [usize; 2]| Tensor::<2>::zeros(shape, (&device, dtype));
     let primitives = SplatPrimitives::<Dispatch> {
         features: inputs.features.filter(|_| feature_count > 0).unwrap_or_else(|| stand_in([1, 1])).into_dispatch(),
@@ -161,6 +170,21 @@ fn check(
         check_tensor("probe", probe, [1, 2], dtype)?;
     }
     Ok(feature_count)
+}
+
+/// Whether a device whose buffers hold `limit` bytes holds the largest tensors of known size: `rows` coefficients, and
+/// the picture.
+fn check_buffers(rows: usize, feature_count: usize, camera: &Camera, limit: u64) -> Result<(), SplatError> {
+    let picture = 2 * (COLOUR_CHANNELS + feature_count + 2) * camera.width * camera.height;
+    for (tensor, numbers) in
+        [("spherical harmonics", COLOUR_CHANNELS * rows), ("picture with its gradient copy", picture)]
+    {
+        let bytes = 4 * numbers as u64;
+        if bytes > limit {
+            return Err(SplatError::Buffer { tensor, bytes, limit });
+        }
+    }
+    Ok(())
 }
 
 fn check_tensor<const D: usize>(

@@ -90,7 +90,7 @@ pub(crate) struct SplatGradients<B: Backend> {
 }
 
 /// The op, for plain backends and for `Autodiff`.
-#[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Autodiff)]
+#[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"), Autodiff)]
 pub(crate) trait SplatOps: Backend {
     /// Renders.
     fn splat(#[extension_type] inputs: SplatPrimitives<Self>, plan: SplatPlan) -> SplatOutput<Self>;

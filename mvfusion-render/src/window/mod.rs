@@ -1,8 +1,8 @@
 //! Gaussian windows over images: the blur, and the similarity maps that are made of it.
 
 mod cpu;
-mod op;
-mod similarity;
+pub(crate) mod op;
+pub(crate) mod similarity;
 mod ssim;
 
 use burn::tensor::Tensor;

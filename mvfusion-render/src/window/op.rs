@@ -13,7 +13,7 @@ use crate::host::HostBackend;
 use crate::real::with_real;
 
 /// The separable blur and the similarity maps.
-#[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Autodiff)]
+#[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"), Autodiff)]
 pub(crate) trait WindowOps: Backend {
     /// Blurs `images` `[B, C, H, W]`.
     fn window_blur(images: FloatTensor<Self>, window: Window) -> FloatTensor<Self>;
@@ -48,13 +48,14 @@ pub(crate) trait SimilarityAdjoint: WindowOps {
 /// Two pictures, or their adjoints.
 #[derive(Clone, Debug)]
 pub(crate) struct Pair<B: Backend> {
-    a: FloatTensor<B>,
-    b: FloatTensor<B>,
+    pub a: FloatTensor<B>,
+    pub b: FloatTensor<B>,
 }
 
-/// The slopes of a similarity with respect to the windowed moments: mean a, mean b, mean a² + b², mean ab.
+/// The slopes of a similarity with respect to the windowed moments: mean a, mean b, mean a² + b², mean ab. In four maps
+/// or in one behind the other, as the backend likes.
 #[derive(Clone, Debug)]
-pub(crate) struct Slopes<B: Backend>([FloatTensor<B>; 4]);
+pub(crate) struct Slopes<B: Backend>(pub Vec<FloatTensor<B>>);
 
 fn size_of(shape: &Shape) -> [usize; 2] {
     [shape[2], shape[3]]
@@ -84,7 +85,7 @@ impl<B: HostBackend> SimilarityAdjoint for B {
             let (a, b) = (B::values::<T>(pair.a), B::values::<T>(pair.b));
             let maps = cpu::similarity_with_slopes(kind, [&a, &b], size_of(&shape), &window);
             let [map, mean_a, mean_b, square, cross] = maps.map(|map| B::tensor(map, shape.clone()));
-            (map, Slopes([mean_a, mean_b, square, cross]))
+            (map, Slopes(vec![mean_a, mean_b, square, cross]))
         })
     }
 
@@ -92,8 +93,8 @@ impl<B: HostBackend> SimilarityAdjoint for B {
         let shape = v_map.shape();
         with_real!(v_map.dtype(), T => {
             let (a, b, v_map) = (B::values::<T>(pair.a), B::values::<T>(pair.b), B::values::<T>(v_map));
-            let slopes = slopes.0.map(B::values::<T>);
-            let slopes = slopes.each_ref().map(|map| &map[..]);
+            let slopes: Vec<B::Values<T>> = slopes.0.into_iter().map(B::values::<T>).collect();
+            let slopes = [0, 1, 2, 3].map(|moment| &slopes[moment][..]);
             let adjoints = cpu::similarity_backward([&a, &b], slopes, &v_map, size_of(&shape), &window);
             let [a, b] = adjoints.map(|adjoint| B::tensor(adjoint, shape.clone()));
             Pair { a, b }

@@ -5,12 +5,12 @@ use pulp::Simd;
 use crate::simd::{Lanes, Wide};
 
 /// The constants of SSIM for pictures in `0..=1` (METHOD §4.4), and that of its structure term.
-const C1: f64 = 1e-4;
-const C2: f64 = 9e-4;
-const C3: f64 = C2 / 2.0;
+pub(crate) const C1: f64 = 1e-4;
+pub(crate) const C2: f64 = 9e-4;
+pub(crate) const C3: f64 = C2 / 2.0;
 
 /// Where the structure map is cut off (METHOD §4.4 item 4).
-const STRUCTURE_MAX: f64 = 0.98;
+pub(crate) const STRUCTURE_MAX: f64 = 0.98;
 
 /// A computation around window sums: of `M` maps it sums `K` products, and of the sums and `P` numbers of the pixel
 /// itself it makes `O` results.

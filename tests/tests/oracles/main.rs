@@ -16,17 +16,19 @@ mod kinds;
 mod losses;
 mod network;
 mod own;
+mod parity;
 mod refinement;
 mod schedule;
 mod splat;
 mod statistics;
+mod training;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use libtest_mimic::{Arguments, Completion, Failed, Trial};
-use mvfusion_tests::{Backend, backends};
+use mvfusion_tests::{Backend, every_backend, gpu_backends, is_there};
 
 use archive::Archive;
 use kinds::{Kind, Scope, kind_of};
@@ -37,9 +39,17 @@ const FOLDER: &str = "MVFUSION_ORACLES";
 fn main() -> ExitCode {
     let arguments = Arguments::from_args();
     let mut trials = Vec::new();
-    for backend in backends() {
+    for backend in every_backend() {
         trials.extend(own::trials(backend));
+        trials.extend(parity::trials(backend));
         trials.extend(shared(backend));
+    }
+    for backend in gpu_backends() {
+        if is_there(backend) {
+            trials.extend(training::trials(backend));
+        } else {
+            trials.push(ignored(format!("gpu::{}", backend.name), "no adapter was found".to_owned()));
+        }
     }
     libtest_mimic::run(&arguments, trials).exit_code()
 }

@@ -5,9 +5,9 @@ use rayon::prelude::*;
 
 use super::{Corners, LANES, POINTS_PER_TASK, Place, Query, Scales, block, block_mut, locate};
 use crate::Real;
-use crate::grid::layout::{PAIRS, TIME};
 use crate::grid::{GridLayout, PlaneLayout};
 use crate::simd::vectorised;
+use mvfusion_kernels::grid::{PAIRS, TIME};
 
 /// Points whose sample adjoints are held at once: few enough to stay in cache between the two halves.
 const POINTS_PER_CHUNK: usize = 4096;

@@ -14,7 +14,7 @@ use crate::host::HostBackend;
 use crate::real::with_real;
 
 /// The penalties of a grid's planes.
-#[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Autodiff)]
+#[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"), Autodiff)]
 pub(crate) trait PenaltyOps: Backend {
     /// `[3]`: plane smoothness, time smoothness, distance of the time planes from 1.
     fn grid_penalties(planes: FloatTensor<Self>, layout: GridLayout) -> FloatTensor<Self>;

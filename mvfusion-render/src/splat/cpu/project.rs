@@ -1,6 +1,9 @@
 //! From a Gaussian in the world to an ellipse on the picture plane (METHOD §8; EWA splatting).
 
-use mvfusion_kernels::splat::{MIN_ALPHA, MIN_QUATERNION_NORM, PROJECTED_LEN, Projected};
+use mvfusion_kernels::splat::{
+    MIN_ALPHA, MIN_COMPENSATION, MIN_DETERMINANT, MIN_EIGENVALUE_SPREAD, MIN_QUATERNION_NORM, PROJECTED_LEN, Projected,
+    REACH_SLACK,
+};
 use rayon::prelude::*;
 
 use super::cloud::{Cloud, triple};
@@ -11,14 +14,6 @@ use super::view::View;
 use crate::Real;
 use crate::splat::settings::{Antialias, Extent};
 
-/// Smallest factor that compensates the opacity for the dilation.
-const MIN_COMPENSATION: f64 = 0.005;
-/// Smallest determinant of a covariance on the picture plane.
-const MIN_DETERMINANT: f64 = 1e-10;
-/// 3DGS's lower bound under the root of the larger eigenvalue.
-const MIN_EIGENVALUE_SPREAD: f64 = 0.1;
-/// Slack on the reach, which covers rounding of the logarithm and of the exponential in single precision.
-const REACH_SLACK: f64 = 1e-4;
 /// Gaussians handed to a thread at once.
 pub(crate) const GAUSSIANS_PER_JOB: usize = 256;
 

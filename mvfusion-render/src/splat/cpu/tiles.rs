@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicI32, Ordering};
 
-use mvfusion_kernels::splat::{PROJECTED_LEN, Projected, TILE};
+use mvfusion_kernels::splat::{PROJECTED_LEN, Projected, TILE, TOUCH_ROUNDINGS};
 use rayon::prelude::*;
 
 use super::lanes::{HALVES, LANES, Lane, Vectors, columns};
@@ -10,8 +10,6 @@ use super::project::Projections;
 use super::view::View;
 use crate::splat::settings::Extent;
 
-/// Roundings that the test of an ellipse against a box allows for, in units of the last place of the offsets.
-const TOUCH_ROUNDINGS: f64 = 8.0;
 /// Gaussians of a chunk are at least this many, so that the counters of a chunk are worth their memory.
 const MIN_GAUSSIANS_PER_CHUNK: usize = 1024;
 /// Gaussians that are fetched together: in order of depth they lie anywhere, and waiting for them one by one took

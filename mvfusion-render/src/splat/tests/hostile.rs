@@ -127,3 +127,14 @@ fn wrong_arguments_are_named() {
         assert!(refused.to_string().contains("`probe`"));
     });
 }
+
+#[test]
+fn tensors_beyond_the_buffers_of_a_device_are_refused_by_name() {
+    let camera = camera();
+    let picture = 4 * 2 * 7 * (camera.width * camera.height) as u64;
+    assert_eq!(check_buffers(10, 2, &camera, picture), Ok(()));
+    let refused = check_buffers(10, 2, &camera, picture - 1).expect_err("one byte is missing").to_string();
+    assert!(refused.contains("picture") && refused.contains("`--device cpu`"), "{refused}");
+    let refused = check_buffers(1 << 24, 0, &camera, 128 << 20).expect_err("16 M rows do not fit").to_string();
+    assert!(refused.contains("spherical harmonics") && refused.contains("201326592"), "{refused}");
+}

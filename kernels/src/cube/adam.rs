@@ -1,0 +1,43 @@
+//! Adam, number by number. CPU twin: `optim/cpu.rs`.
+
+use cubecl::prelude::*;
+
+/// The rule at one step.
+#[derive(CubeType, CubeLaunch, Clone, Copy)]
+pub struct AdamStep {
+    /// The decay of the first moment.
+    pub beta1: f32,
+    /// One minus it.
+    pub rest1: f32,
+    /// The decay of the second moment.
+    pub beta2: f32,
+    /// One minus it.
+    pub rest2: f32,
+    /// The learning rate over the first moment's correction.
+    pub rate: f32,
+    /// One over the root of the second moment's correction.
+    pub root: f32,
+    /// What is added to the root of the second moment.
+    pub epsilon: f32,
+}
+
+/// One step, in place.
+#[cube(launch)]
+pub fn adam(
+    values: &mut [f32],
+    firsts: &mut [f32],
+    seconds: &mut [f32],
+    gradients: &[f32],
+    count: u32,
+    step: AdamStep,
+) {
+    let unit = ABSOLUTE_POS;
+    if unit < count as usize {
+        let gradient = gradients[unit];
+        let first = step.beta1 * firsts[unit] + step.rest1 * gradient;
+        let second = step.beta2 * seconds[unit] + step.rest2 * (gradient * gradient);
+        firsts[unit] = first;
+        seconds[unit] = second;
+        values[unit] -= step.rate * first / (second.sqrt() * step.root + step.epsilon);
+    }
+}

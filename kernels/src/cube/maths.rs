@@ -1,0 +1,84 @@
+//! Vectors of two and three numbers, and what the kernels share of arithmetic.
+
+use cubecl::prelude::*;
+
+/// Two numbers.
+#[derive(CubeType, CubeLaunch, Clone, Copy)]
+pub struct Pair {
+    /// Along x.
+    pub x: f32,
+    /// Along y.
+    pub y: f32,
+}
+
+/// Three numbers.
+#[derive(CubeType, CubeLaunch, Clone, Copy)]
+pub struct Triple {
+    /// Along x.
+    pub x: f32,
+    /// Along y.
+    pub y: f32,
+    /// Along z.
+    pub z: f32,
+}
+
+/// A constant of the host in single precision.
+#[cube]
+pub fn constant(#[comptime] value: f64) -> f32 {
+    f32::new(comptime!(value as f32))
+}
+
+/// Three neighbouring numbers, the `index`-th of such.
+#[cube]
+pub fn triple_at(values: &[f32], index: usize) -> Triple {
+    Triple { x: values[3 * index], y: values[3 * index + 1], z: values[3 * index + 2] }
+}
+
+/// `a b`, number by number.
+#[cube]
+pub fn product(a: &Triple, b: &Triple) -> Triple {
+    Triple { x: a.x * b.x, y: a.y * b.y, z: a.z * b.z }
+}
+
+/// The numbers times one factor.
+#[cube]
+pub fn scaled(a: &Triple, factor: f32) -> Triple {
+    Triple { x: a.x * factor, y: a.y * factor, z: a.z * factor }
+}
+
+/// The sum, number by number.
+#[cube]
+pub fn sum(a: &Triple, b: &Triple) -> Triple {
+    Triple { x: a.x + b.x, y: a.y + b.y, z: a.z + b.z }
+}
+
+/// Scalar product.
+#[cube]
+pub fn dot(a: &Triple, b: &Triple) -> f32 {
+    a.x * b.x + a.y * b.y + a.z * b.z
+}
+
+/// Cross product.
+#[cube]
+pub fn cross(a: &Triple, b: &Triple) -> Triple {
+    Triple { x: a.y * b.z - a.z * b.y, y: a.z * b.x - a.x * b.z, z: a.x * b.y - a.y * b.x }
+}
+
+/// Whether a number is neither infinite nor not a number. Asked of the bits, because a shader compiler may take
+/// floats to be finite.
+#[cube]
+pub fn is_finite(x: f32) -> bool {
+    (u32::reinterpret(x) & 0x7f80_0000u32) != 0x7f80_0000u32
+}
+
+/// Whether all three are finite.
+#[cube]
+pub fn all_finite(a: &Triple) -> bool {
+    is_finite(a.x) && is_finite(a.y) && is_finite(a.z)
+}
+
+/// The logistic function.
+#[cube]
+pub fn sigmoid(x: f32) -> f32 {
+    1.0f32 / (1.0f32 + (-x).exp())
+}

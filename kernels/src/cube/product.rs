@@ -1,0 +1,301 @@
+//! Matrix products with what a perceptron does before and after them, so that a layer is one launch. CPU twin:
+//! `mlp/cpu.rs`.
+//!
+//! A cube takes a tile of the result and a slab of the depth, a few columns of the depth at a time; a unit takes a
+//! block of the tile.
+
+use cubecl::prelude::*;
+
+use super::stage::{FOUR, Four};
+
+/// How far along the depth a cube goes between barriers.
+const STRIDE: usize = 4;
+
+/// Where a matrix lies in its buffer: the number in row r and column c at `first + row r + column c`.
+#[derive(CubeType, CubeLaunch, Clone, Copy)]
+pub struct Place {
+    /// The first number.
+    pub first: u32,
+    /// From one row to the next.
+    pub row: u32,
+    /// From one column to the next.
+    pub column: u32,
+}
+
+/// The sizes of a product.
+#[derive(CubeType, CubeLaunch, Clone, Copy)]
+pub struct ProductSize {
+    /// Rows of the left matrix and of the result.
+    pub rows: u32,
+    /// Columns of the right matrix and of the result.
+    pub columns: u32,
+    /// Columns of the left matrix and rows of the right one.
+    pub depth: u32,
+    /// Of the depth, what one cube sums.
+    pub slab: u32,
+}
+
+/// How a product is shared out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct ProductPlan {
+    /// Units of a cube: a power of four.
+    pub units: usize,
+    /// Rows and columns of the result that a unit takes: multiples of four.
+    pub block: [usize; 2],
+}
+
+/// How a product is compiled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct ProductKind {
+    /// Units of a cube.
+    pub units: usize,
+    /// Rows of a unit's block.
+    pub block_rows: usize,
+    /// Columns of it.
+    pub block_columns: usize,
+    /// Blocks of a tile along a row.
+    pub across: usize,
+    /// Whether negative numbers of the left matrix count as zero.
+    pub rectified: bool,
+    /// What happens to the result.
+    pub end: End,
+}
+
+/// What happens to the result as it is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum End {
+    /// Each slab's share is written behind that of the one before, and as another row the sums of the right matrix's
+    /// columns.
+    Slabs,
+    /// A bias is added to each column; then what is negative may become zero.
+    Layer {
+        /// Whether it does.
+        rectified: bool,
+    },
+    /// An adjoint: perhaps zero where `gate` is not positive, perhaps added to what is there.
+    Adjoint {
+        /// Whether the gate counts.
+        gated: bool,
+        /// Whether it is added.
+        added: bool,
+    },
+}
+
+impl ProductKind {
+    /// The kind for a result of so many columns: a tile is square, or not much wider than the result.
+    pub fn new(plan: ProductPlan, columns: usize, rectified: bool, end: End) -> Self {
+        let [block_rows, block_columns] = plan.block;
+        let across = columns.div_ceil(block_columns).next_power_of_two().min(plan.units.isqrt());
+        Self { units: plan.units, block_rows, block_columns, across, rectified, end }
+    }
+
+    /// Rows of a tile.
+    pub const fn tile_rows(&self) -> usize {
+        self.block_rows * self.units / self.across
+    }
+
+    /// Columns of a tile.
+    pub const fn tile_columns(&self) -> usize {
+        self.block_columns * self.across
+    }
+
+    /// Vectors of a row of a block.
+    const fn fours(&self) -> usize {
+        self.block_columns / FOUR
+    }
+}
+
+/// `result = end(left right)`.
+///
+/// The bias lies in the buffer of the right matrix from `bias` on. The gate lies as the result does in its buffer. The
+/// slabs of the result lie `slab_stride` apart.
+#[cube(launch_unchecked)]
+pub fn product(
+    left: &[f32],
+    right: &[f32],
+    gate: &[f32],
+    result: &mut [f32],
+    size: ProductSize,
+    left_place: Place,
+    right_place: Place,
+    result_place: Place,
+    gate_place: Place,
+    bias: u32,
+    slab_stride: u32,
+    #[comptime] kind: ProductKind,
+) {
+    let (tile_rows, tile_columns) = comptime!((kind.tile_rows() as u32, kind.tile_columns() as u32));
+    let (row_fours, column_fours) = comptime!((kind.tile_rows() / FOUR, kind.tile_columns() / FOUR));
+    let fours = comptime!(kind.fours());
+    let sums_right = comptime!(kind.end == End::Slabs);
+    let mut lefts = Shared::<[Four]>::new_slice(comptime!(STRIDE * kind.tile_rows() / FOUR));
+    let mut rights = Shared::<[Four]>::new_slice(comptime!(STRIDE * kind.tile_columns() / FOUR));
+
+    let tiles_across = (size.columns + (tile_columns - 1u32)) / tile_columns;
+    let tiles_down = (size.rows + (tile_rows - 1u32)) / tile_rows;
+    let slabs = (size.depth + size.slab - 1u32) / size.slab;
+    let cube = CUBE_POS as u32;
+    if cube < tiles_across * tiles_down * slabs {
+        let first_column = cube % tiles_across * tile_columns;
+        let first_row = cube / tiles_across % tiles_down * tile_rows;
+        let slab = cube / tiles_across / tiles_down;
+        let end = min((slab + 1u32) * size.slab, size.depth);
+        let (across, down) = (UNIT_POS as usize % comptime!(kind.across), UNIT_POS as usize / comptime!(kind.across));
+
+        let mut sums = Array::<Four>::new(comptime!(kind.block_rows * kind.fours()));
+        #[unroll]
+        for i in 0..comptime!(kind.block_rows * kind.fours()) {
+            sums[i] = Four::new(0.0f32);
+        }
+        let mut right_sums = Array::<Four>::new(fours);
+        #[unroll]
+        for i in 0..fours {
+            right_sums[i] = Four::new(0.0f32);
+        }
+        let mut depth = slab * size.slab;
+        while depth < end {
+            let mut task = UNIT_POS as usize;
+            while task < comptime!(STRIDE * kind.tile_rows() / FOUR) {
+                let (step, four) = (task % STRIDE, task / STRIDE);
+                let row = first_row + (four * FOUR) as u32;
+                lefts[step * row_fours + four] =
+                    left_four(left, &left_place, row, depth + step as u32, end, &size, kind);
+                task += comptime!(kind.units);
+            }
+            let mut task = UNIT_POS as usize;
+            while task < comptime!(STRIDE * kind.tile_columns() / FOUR) {
+                let (step, four) = (task % STRIDE, task / STRIDE);
+                let column = first_column + (four * FOUR) as u32;
+                rights[step * column_fours + four] =
+                    right_four(right, &right_place, depth + step as u32, column, end, &size);
+                task += comptime!(kind.units);
+            }
+            sync_cube();
+            #[unroll]
+            for step in 0..STRIDE {
+                let mut own = Array::<Four>::new(fours);
+                #[unroll]
+                for i in 0..fours {
+                    own[i] = rights[step * column_fours + across * fours + i];
+                    if sums_right {
+                        right_sums[i] += own[i];
+                    }
+                }
+                #[unroll]
+                for quarter in 0..comptime!(kind.block_rows / FOUR) {
+                    let rows = lefts[step * row_fours + down * comptime!(kind.block_rows / FOUR) + quarter];
+                    #[unroll]
+                    for part in 0..FOUR {
+                        let row = Four::new(rows.extract(part));
+                        #[unroll]
+                        for i in 0..fours {
+                            sums[comptime!((FOUR * quarter + part) * kind.fours() + i)] += row * own[i];
+                        }
+                    }
+                }
+            }
+            sync_cube();
+            depth += comptime!(STRIDE as u32);
+        }
+
+        let slab_first = (slab * slab_stride) as usize;
+        #[unroll]
+        for j in 0..comptime!(kind.block_columns) {
+            let column = first_column + (across * comptime!(kind.block_columns)) as u32 + comptime!(j as u32);
+            if column < size.columns {
+                #[unroll]
+                for i in 0..comptime!(kind.block_rows) {
+                    let row = first_row + (down * comptime!(kind.block_rows)) as u32 + comptime!(i as u32);
+                    if row < size.rows {
+                        let value = sums[comptime!(i * kind.fours() + j / FOUR)].extract(comptime!(j % FOUR));
+                        let to = place_of(&result_place, row, column) + slab_first;
+                        result[to] =
+                            ended(value, right, gate, result[to], bias + column, row, column, &gate_place, kind.end);
+                    }
+                }
+                if sums_right && down == 0 && first_row == 0u32 {
+                    let value = right_sums[comptime!(j / FOUR)].extract(comptime!(j % FOUR));
+                    result[place_of(&result_place, size.rows, column) + slab_first] = value;
+                }
+            }
+        }
+    }
+}
+
+/// What is written for the sum `value` at a row and a column where `before` is.
+#[cube]
+fn ended(
+    value: f32,
+    right: &[f32],
+    gate: &[f32],
+    before: f32,
+    bias: u32,
+    row: u32,
+    column: u32,
+    gate_place: &Place,
+    #[comptime] end: End,
+) -> f32 {
+    let mut value = value;
+    if comptime!(matches!(end, End::Layer { .. })) {
+        value += right[bias as usize];
+    }
+    if comptime!(matches!(end, End::Layer { rectified: true })) {
+        value = max(value, 0.0f32);
+    }
+    if comptime!(matches!(end, End::Adjoint { gated: true, .. })) {
+        let open = gate[place_of(gate_place, row, column)] > 0.0f32;
+        value = select(open, value, 0.0f32);
+    }
+    if comptime!(matches!(end, End::Adjoint { added: true, .. })) {
+        value += before;
+    }
+    value
+}
+
+#[cube]
+fn place_of(place: &Place, row: u32, column: u32) -> usize {
+    (place.first + row * place.row + column * place.column) as usize
+}
+
+/// Four rows of a column of the left matrix; zeros beyond it.
+#[cube]
+fn left_four(
+    left: &[f32],
+    place: &Place,
+    row: u32,
+    column: u32,
+    end: u32,
+    size: &ProductSize,
+    #[comptime] kind: ProductKind,
+) -> Four {
+    let mut four = Four::new(0.0f32);
+    #[unroll]
+    for part in 0..FOUR {
+        let row = row + comptime!(part as u32);
+        let mut value = 0.0f32;
+        if row < size.rows && column < end {
+            value = left[place_of(place, row, column)];
+        }
+        if comptime!(kind.rectified) {
+            value = max(value, 0.0f32);
+        }
+        four.insert(part, value);
+    }
+    four
+}
+
+/// Four columns of a row of the right matrix; zeros beyond it.
+#[cube]
+fn right_four(right: &[f32], place: &Place, row: u32, column: u32, end: u32, size: &ProductSize) -> Four {
+    let mut four = Four::new(0.0f32);
+    #[unroll]
+    for part in 0..FOUR {
+        let column = column + comptime!(part as u32);
+        let mut value = 0.0f32;
+        if row < end && column < size.columns {
+            value = right[place_of(place, row, column)];
+        }
+        four.insert(part, value);
+    }
+    four
+}

@@ -1,0 +1,238 @@
+//! Gradients of projection: from the records of the tiles to the raw parameters. CPU twin:
+//! `splat/cpu/project_backward.rs`.
+
+use cubecl::prelude::*;
+
+use super::blend_backward::record_vectors;
+use super::geometry::{Geometry, Matrix, Quaternion, compensation, geometry_of};
+use super::maths::{Pair, Triple, constant, dot, product, scaled, sigmoid, sum};
+use super::project::direction;
+use super::sh;
+use super::stage::{FOUR, Four};
+use super::view::{ProjectionKind, View};
+use crate::sh::coefficient_count;
+use crate::splat::{COLOUR_CHANNELS, MIN_COMPENSATION, PROJECTED_GRADIENT_LEN, PROJECTED_LEN};
+
+/// Sums the records of each Gaussian, in the order of its tiles, and pulls them back through the projection.
+#[cube(launch_unchecked)]
+pub fn project_backward(
+    means: &[f32],
+    quaternions: &[f32],
+    log_scales: &[f32],
+    opacity_logits: &[f32],
+    coefficients: &[f32],
+    records: &[f32],
+    spans: &[i32],
+    slots: &[i32],
+    gradients: &[Four],
+    v_means: &mut [f32],
+    v_quaternions: &mut [f32],
+    v_log_scales: &mut [f32],
+    v_opacity_logits: &mut [f32],
+    v_coefficients: &mut [f32],
+    v_features: &mut [f32],
+    statistic: &mut [f32],
+    view: View,
+    count: u32,
+    stored: u32,
+    #[comptime] channels: usize,
+    #[comptime] kind: ProjectionKind,
+) {
+    let index = ABSOLUTE_POS;
+    if index < count as usize {
+        let vectors = comptime!(record_vectors(channels));
+        let feature_count = comptime!(channels - COLOUR_CHANNELS - 1);
+        let mut sums = Array::<Four>::new(vectors);
+        #[unroll]
+        for vector in 0..vectors {
+            sums[vector] = Four::new(0.0f32);
+        }
+        let begin = spans[2 * index];
+        let pairs = spans[2 * index + 1];
+        for pair in begin..begin + pairs {
+            let from = slots[pair as usize] as usize * vectors;
+            #[unroll]
+            for vector in 0..vectors {
+                sums[vector] += gradients[from + vector];
+            }
+        }
+        let mut record = Array::<f32>::new(comptime!(FOUR * record_vectors(channels)));
+        #[unroll]
+        for field in 0..comptime!(FOUR * record_vectors(channels)) {
+            record[field] = sums[comptime!(field / FOUR)].extract(comptime!(field % FOUR));
+        }
+
+        let first = index * stored as usize;
+        if pairs > 0 {
+            let geometry = geometry_of(means, quaternions, log_scales, index, &view);
+            let opacity = sigmoid(opacity_logits[index]);
+            v_opacity_logits[index] =
+                record[5] * compensation(&geometry, kind.compensated) * opacity * (1.0f32 - opacity);
+            let mut v_xx = record[2];
+            let mut v_xy = record[3];
+            let mut v_yy = record[4];
+            if comptime!(kind.compensated) {
+                let more = compensation_gradient(&geometry, record[5] * opacity, view.dilation);
+                v_xx += more.x;
+                v_xy += more.y;
+                v_yy += more.z;
+            }
+            let shape = shape_gradient(&geometry, &Triple { x: v_xx, y: v_xy, z: v_yy });
+            v_quaternions[4 * index] = shape.quaternion.w;
+            v_quaternions[4 * index + 1] = shape.quaternion.axis.x;
+            v_quaternions[4 * index + 2] = shape.quaternion.axis.y;
+            v_quaternions[4 * index + 3] = shape.quaternion.axis.z;
+            write_triple(v_log_scales, index, &shape.log_scales);
+
+            let v_centre = Pair { x: record[0], y: record[1] };
+            let v_depth = record[comptime!(PROJECTED_GRADIENT_LEN + channels - 1)];
+            let v_point = point_gradient(&geometry, &view, &v_centre, v_depth, &shape);
+            // A colour that its clamp holds has no gradient.
+            let colour = index * PROJECTED_LEN + 8;
+            let v_colour = Triple {
+                x: select(records[colour] > 0.0f32, record[PROJECTED_GRADIENT_LEN], 0.0f32),
+                y: select(records[colour + 1] > 0.0f32, record[PROJECTED_GRADIENT_LEN + 1], 0.0f32),
+                z: select(records[colour + 2] > 0.0f32, record[PROJECTED_GRADIENT_LEN + 2], 0.0f32),
+            };
+            let (unit, distance) = direction(means, index, &view);
+            let basis = sh::basis(&unit, kind.degree);
+            #[unroll]
+            for k in 0..comptime!(coefficient_count(kind.degree)) {
+                write_triple(v_coefficients, first + k, &scaled(&v_colour, basis[k]));
+            }
+            let v_unit = sh::direction_gradient(&unit, coefficients, first, &v_colour, kind.degree);
+            let across = sum(&v_unit, &scaled(&unit, -dot(&unit, &v_unit)));
+            let through_point = sum(
+                &sum(&scaled(&view.right, v_point.x), &scaled(&view.down, v_point.y)),
+                &scaled(&view.forward, v_point.z),
+            );
+            write_triple(v_means, index, &sum(&through_point, &scaled(&across, 1.0f32 / distance)));
+        } else {
+            let zero = Triple { x: constant(0.0), y: constant(0.0), z: constant(0.0) };
+            write_triple(v_means, index, &zero);
+            write_triple(v_log_scales, index, &zero);
+            #[unroll]
+            for part in 0..4usize {
+                v_quaternions[4 * index + part] = 0.0f32;
+            }
+            v_opacity_logits[index] = 0.0f32;
+            #[unroll]
+            for k in 0..comptime!(coefficient_count(kind.degree)) {
+                write_triple(v_coefficients, first + k, &zero);
+            }
+        }
+        // Those beyond the rendered degree.
+        for k in comptime!(coefficient_count(kind.degree))..stored as usize {
+            write_triple(v_coefficients, first + k, &Triple { x: constant(0.0), y: constant(0.0), z: constant(0.0) });
+        }
+        #[unroll]
+        for feature in 0..feature_count {
+            v_features[index * feature_count + feature] = record[PROJECTED_GRADIENT_LEN + COLOUR_CHANNELS + feature];
+        }
+        statistic[2 * index] = record[6] * 0.5f32 * f32::cast_from(view.width);
+        statistic[2 * index + 1] = record[7] * 0.5f32 * f32::cast_from(view.height);
+    }
+}
+
+#[cube]
+fn write_triple(numbers: &mut [f32], index: usize, triple: &Triple) {
+    numbers[3 * index] = triple.x;
+    numbers[3 * index + 1] = triple.y;
+    numbers[3 * index + 2] = triple.z;
+}
+
+/// Gradients that leave through the covariance.
+#[derive(CubeType, Clone, Copy)]
+struct ShapeGradient {
+    quaternion: Quaternion,
+    log_scales: Triple,
+    /// With respect to the Jacobian times the camera's rotation, first row.
+    jacobian_x: Triple,
+    /// Second row.
+    jacobian_y: Triple,
+}
+
+/// What the compensation of the opacity passes to the covariance, unless it is bounded from below.
+#[cube]
+fn compensation_gradient(geometry: &Geometry, v_compensation: f32, dilation: f32) -> Triple {
+    let ratio = geometry.sharp_determinant / geometry.determinant;
+    let covariance = &geometry.covariance;
+    let scale = 0.5f32 * v_compensation * ratio.sqrt();
+    let (sharp, full) = (scale / geometry.sharp_determinant, scale / geometry.determinant);
+    let free = ratio > constant(MIN_COMPENSATION * MIN_COMPENSATION);
+    Triple {
+        x: select(free, sharp * (covariance.z - dilation) - full * covariance.z, 0.0f32),
+        y: select(free, -2.0f32 * covariance.y * (sharp - full), 0.0f32),
+        z: select(free, sharp * (covariance.x - dilation) - full * covariance.x, 0.0f32),
+    }
+}
+
+/// Through `covariance = F Fᵀ + dilation`, `F = jacobian * rotation * diag(scales)`.
+#[cube]
+fn shape_gradient(geometry: &Geometry, v: &Triple) -> ShapeGradient {
+    let (row_x, row_y) = (product(&geometry.spread_x, &geometry.scales), product(&geometry.spread_y, &geometry.scales));
+    let v_row_x = sum(&scaled(&row_x, 2.0f32 * v.x), &scaled(&row_y, v.y));
+    let v_row_y = sum(&scaled(&row_x, v.y), &scaled(&row_y, 2.0f32 * v.z));
+    let (v_spread_x, v_spread_y) = (product(&v_row_x, &geometry.scales), product(&v_row_y, &geometry.scales));
+    let (jacobian_x, jacobian_y) = (&geometry.jacobian_x, &geometry.jacobian_y);
+    let v_rotation = Matrix {
+        x: sum(&scaled(&v_spread_x, jacobian_x.x), &scaled(&v_spread_y, jacobian_y.x)),
+        y: sum(&scaled(&v_spread_x, jacobian_x.y), &scaled(&v_spread_y, jacobian_y.y)),
+        z: sum(&scaled(&v_spread_x, jacobian_x.z), &scaled(&v_spread_y, jacobian_y.z)),
+    };
+    ShapeGradient {
+        quaternion: quaternion_gradient(geometry, &v_rotation),
+        log_scales: sum(&product(&row_x, &v_row_x), &product(&row_y, &v_row_y)),
+        jacobian_x: matrix_times(&geometry.rotation, &v_spread_x),
+        jacobian_y: matrix_times(&geometry.rotation, &v_spread_y),
+    }
+}
+
+/// A matrix times a column vector.
+#[cube]
+fn matrix_times(matrix: &Matrix, column: &Triple) -> Triple {
+    Triple { x: dot(&matrix.x, column), y: dot(&matrix.y, column), z: dot(&matrix.z, column) }
+}
+
+/// Through the rotation matrix and the normalisation of the quaternion, see the twin.
+#[cube]
+fn quaternion_gradient(geometry: &Geometry, v: &Matrix) -> Quaternion {
+    let w = geometry.quaternion.w;
+    let axis = &geometry.quaternion.axis;
+    let twist = Triple { x: v.z.y - v.y.z, y: v.x.z - v.z.x, z: v.y.x - v.x.y };
+    let trace = v.x.x + v.y.y + v.z.z;
+    let symmetric = Triple {
+        x: dot(&Triple { x: v.x.x + v.x.x, y: v.x.y + v.y.x, z: v.x.z + v.z.x }, axis),
+        y: dot(&Triple { x: v.y.x + v.x.y, y: v.y.y + v.y.y, z: v.y.z + v.z.y }, axis),
+        z: dot(&Triple { x: v.z.x + v.x.z, y: v.z.y + v.y.z, z: v.z.z + v.z.z }, axis),
+    };
+    let v_axis = scaled(&sum(&sum(&scaled(&twist, w), &symmetric), &scaled(axis, -2.0f32 * trace)), 2.0f32);
+    let v_w = 2.0f32 * dot(axis, &twist);
+    let along = v_w * w + dot(&v_axis, axis);
+    let inverse = 1.0f32 / geometry.quaternion_norm;
+    Quaternion { w: (v_w - w * along) * inverse, axis: scaled(&sum(&v_axis, &scaled(axis, -along)), inverse) }
+}
+
+/// Gradient of the mean in camera coordinates: through the centre, the depth and the Jacobian.
+#[cube]
+fn point_gradient(geometry: &Geometry, view: &View, v_centre: &Pair, v_depth: f32, shape: &ShapeGradient) -> Triple {
+    let point = &geometry.point;
+    let depth = point.z;
+    let guarded = depth + view.depth_guard;
+    let (zoom_x, zoom_y) = (view.focal.x / guarded, view.focal.y / guarded);
+    let mut v_x = zoom_x * v_centre.x;
+    let mut v_y = zoom_y * v_centre.y;
+    let mut v_z = v_depth - zoom_x * point.x / guarded * v_centre.x - zoom_y * point.y / guarded * v_centre.y;
+    v_z -= (dot(&shape.jacobian_x, &geometry.jacobian_x) + dot(&shape.jacobian_y, &geometry.jacobian_y)) / depth;
+    let v_tangent_x = -view.focal.x / depth * dot(&shape.jacobian_x, &view.forward);
+    let v_tangent_y = -view.focal.y / depth * dot(&shape.jacobian_y, &view.forward);
+    if geometry.free_x {
+        v_x += v_tangent_x / depth;
+        v_z -= v_tangent_x * geometry.tangents.x / depth;
+    }
+    if geometry.free_y {
+        v_y += v_tangent_y / depth;
+        v_z -= v_tangent_y * geometry.tangents.y / depth;
+    }
+    Triple { x: v_x, y: v_y, z: v_z }
+}

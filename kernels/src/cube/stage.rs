@@ -1,0 +1,193 @@
+//! A tile's Gaussians as its units share them, a batch at a time.
+//!
+//! A unit takes a few neighbouring pixels of one row of the tile. What it reads of a Gaussian serves all of them, and
+//! of each batch it takes up only those Gaussians whose ellipse meets its row.
+
+use cubecl::prelude::*;
+
+use super::tiles::splat_at;
+use crate::splat::{COLOUR_CHANNELS, PROJECTED_LEN, TILE, TILE_PIXELS};
+
+/// Four numbers that are read at once.
+pub type Four = Vector<f32, Const<4>>;
+
+/// Numbers of a [`Four`].
+pub const FOUR: usize = 4;
+
+/// Vectors of a staged Gaussian before its channels: offset of the tile's first pixel, half curvature along x, shear;
+/// half curvature along y, opacity.
+pub(super) const HEAD: usize = 2;
+
+/// Bits of a word of a row's list.
+pub(super) const WORD: usize = 32;
+
+/// How a tile is shared out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct TileShare {
+    /// Neighbouring pixels that a unit takes: a divisor of [`TILE`].
+    pub span: usize,
+    /// Blended channels: colour, features, depth.
+    pub channels: usize,
+    /// Gaussians of a batch.
+    pub batch: usize,
+}
+
+impl TileShare {
+    /// Units of a cube.
+    pub const fn units(&self) -> usize {
+        TILE_PIXELS / self.span
+    }
+
+    /// Units of a row.
+    pub(super) const fn spans(&self) -> usize {
+        TILE / self.span
+    }
+
+    /// Vectors of a staged Gaussian.
+    pub(super) const fn vectors(&self) -> usize {
+        HEAD + self.channels.div_ceil(FOUR)
+    }
+
+    /// Bytes that a batch takes of what a cube's units share.
+    pub(super) const fn bytes(&self) -> usize {
+        self.batch * (16 * self.vectors() + 4)
+    }
+}
+
+/// Lays a batch out for the tile at `(left, top)`: the `count` Gaussians of `sorted` from `first` on, and in `rows` a
+/// bit for each row of the tile that they may be seen in.
+#[cube]
+pub(super) fn stage_batch(
+    records: &[f32],
+    features: &[f32],
+    sorted: &[i32],
+    first: u32,
+    count: u32,
+    left: f32,
+    top: f32,
+    staged: &mut Shared<[Four]>,
+    rows: &mut Shared<[u32]>,
+    #[comptime] share: TileShare,
+) {
+    let mut room = UNIT_POS;
+    while room < count {
+        let id = sorted[(first + room) as usize] as usize;
+        stage(records, features, id, left, top, staged, rows, room as usize, share);
+        room += comptime!(share.units() as u32);
+    }
+}
+
+#[cube]
+fn stage(
+    records: &[f32],
+    features: &[f32],
+    id: usize,
+    left: f32,
+    top: f32,
+    staged: &mut Shared<[Four]>,
+    rows: &mut Shared<[u32]>,
+    room: usize,
+    #[comptime] share: TileShare,
+) {
+    let splat = splat_at(records, id);
+    let (x, y) = (left + 0.5f32 - splat.centre.x, top + 0.5f32 - splat.centre.y);
+    let half_y = 0.5f32 * splat.curve_y;
+    let at = room * comptime!(share.vectors());
+    let mut shape = Four::new(0.0f32);
+    shape.insert(0usize, x);
+    shape.insert(1usize, y);
+    shape.insert(2usize, 0.5f32 * splat.curve_x);
+    shape.insert(3usize, splat.slope);
+    staged[at] = shape;
+    let mut rest = Four::new(0.0f32);
+    rest.insert(0usize, half_y);
+    rest.insert(1usize, splat.opacity);
+    staged[at + 1] = rest;
+    let feature_count = comptime!(share.channels - COLOUR_CHANNELS - 1);
+    #[unroll]
+    for vector in 0..comptime!(share.channels.div_ceil(FOUR)) {
+        let mut values = Four::new(0.0f32);
+        #[unroll]
+        for part in 0..FOUR {
+            let channel = comptime!(FOUR * vector + part);
+            if comptime!(channel < COLOUR_CHANNELS) {
+                values.insert(part, records[id * PROJECTED_LEN + 8 + channel]);
+            } else if comptime!(channel + 1 < share.channels) {
+                values.insert(part, features[id * feature_count + comptime!(channel - COLOUR_CHANNELS)]);
+            } else if comptime!(channel + 1 == share.channels) {
+                values.insert(part, splat.depth);
+            }
+        }
+        staged[at + HEAD + vector] = values;
+    }
+    rows[room] = rows_met(y, half_y, splat.reach);
+}
+
+/// A bit for each row of the tile where `half_y dy²`, the least that sigma is in the row, stays within the reach; `y`
+/// is dy in the first.
+#[cube]
+fn rows_met(y: f32, half_y: f32, reach: f32) -> u32 {
+    let last = comptime!(TILE as f32 - 1.0);
+    let far = (max(reach, 0.0f32) / half_y).sqrt();
+    let low = clamp((-far - y).ceil(), 0.0f32, last + 1.0f32);
+    let high = clamp((far - y).floor(), -1.0f32, last);
+    let below = (1u32 << u32::cast_from(high + 1.0f32)) - 1u32;
+    let before = (1u32 << u32::cast_from(low)) - 1u32;
+    below & !before
+}
+
+/// The Gaussians of a batch, from number `first` on, that `row` meets: a bit each.
+#[cube]
+pub(super) fn met_by_row(rows: &Shared<[u32]>, first: u32, count: u32, row: u32) -> u32 {
+    let mut met = 0u32;
+    for i in 0..min(count - first, comptime!(WORD as u32)) {
+        met |= ((rows[(first + i) as usize] >> row) & 1u32) << i;
+    }
+    met
+}
+
+/// A staged Gaussian, as the pixels of a unit see it.
+#[derive(CubeType)]
+pub(super) struct Staged {
+    /// `u`, the sheared distance along x, at the unit's first pixel.
+    pub u: f32,
+    /// Half curvature along x.
+    pub half_x: f32,
+    /// What of sigma is the same for the whole row.
+    pub row_sigma: f32,
+    /// Opacity.
+    pub opacity: f32,
+    /// What is blended.
+    pub values: Array<f32>,
+}
+
+/// Reads Gaussian `k` of a batch for the unit whose first pixel is at `column` and `row` of the tile.
+#[cube]
+pub(super) fn staged_at(
+    staged: &Shared<[Four]>,
+    k: u32,
+    column: f32,
+    row: f32,
+    #[comptime] share: TileShare,
+) -> Staged {
+    let at = k as usize * comptime!(share.vectors());
+    let shape = staged[at];
+    let rest = staged[at + 1];
+    let dy = shape.extract(1usize) + row;
+    let mut values = Array::<f32>::new(comptime!(share.channels));
+    #[unroll]
+    for vector in 0..comptime!(share.channels.div_ceil(FOUR)) {
+        let four = staged[at + HEAD + vector];
+        #[unroll]
+        for part in 0..comptime!((share.channels - FOUR * vector).min(FOUR)) {
+            values[comptime!(FOUR * vector + part)] = four.extract(part);
+        }
+    }
+    Staged {
+        u: shape.extract(0usize) + column + shape.extract(3usize) * dy,
+        half_x: shape.extract(2usize),
+        row_sigma: rest.extract(0usize) * dy * dy,
+        opacity: rest.extract(1usize),
+        values,
+    }
+}

@@ -1,0 +1,263 @@
+//! Which tiles a Gaussian touches, and the tiles' lists. CPU twin: `splat/cpu/tiles.rs`.
+
+use cubecl::prelude::*;
+
+use super::maths::{Pair, constant};
+use super::view::View;
+use crate::splat::{MAX_RADIUS, PROJECTED_LEN, TILE, TOUCH_ROUNDINGS};
+
+/// A projected Gaussian without its colour: the record's head.
+#[derive(CubeType, Clone, Copy)]
+pub struct Splat {
+    /// Centre in pixels.
+    pub centre: Pair,
+    /// See [`crate::splat::Projected`], as the following.
+    pub curve_x: f32,
+    /// Shear.
+    pub slope: f32,
+    /// Curvature that remains along y.
+    pub curve_y: f32,
+    /// Opacity.
+    pub opacity: f32,
+    /// Largest visible sigma.
+    pub reach: f32,
+    /// Depth.
+    pub depth: f32,
+}
+
+/// Reads the head of record `index`.
+#[cube]
+pub fn splat_at(records: &[f32], index: usize) -> Splat {
+    let first = index * PROJECTED_LEN;
+    Splat {
+        centre: Pair { x: records[first], y: records[first + 1] },
+        curve_x: records[first + 2],
+        slope: records[first + 3],
+        curve_y: records[first + 4],
+        opacity: records[first + 5],
+        reach: records[first + 6],
+        depth: records[first + 7],
+    }
+}
+
+/// A rectangle of tiles, ends exclusive.
+#[derive(CubeType, Clone, Copy)]
+pub struct TileRectangle {
+    /// First column.
+    pub left: u32,
+    /// First row.
+    pub top: u32,
+    /// Column behind the last.
+    pub right: u32,
+    /// Row behind the last.
+    pub bottom: u32,
+}
+
+/// Tiles along an axis of `size` pixels.
+#[cube]
+pub fn tiles_along(size: u32) -> u32 {
+    (size + comptime!(TILE as u32 - 1)) / comptime!(TILE as u32)
+}
+
+/// The tiles that a Gaussian of these radii reaches. In whole numbers, so that it equals the twin's double precision.
+#[cube]
+pub fn tile_rectangle(
+    centre: &Pair,
+    radius_x: i32,
+    radius_y: i32,
+    view: &View,
+    #[comptime] square: bool,
+) -> TileRectangle {
+    let (left, right) = tile_range(centre.x, radius_x, view.width, square);
+    let (top, bottom) = tile_range(centre.y, radius_y, view.height, square);
+    TileRectangle { left, top, right, bottom }
+}
+
+#[cube]
+fn tile_range(middle: f32, radius: i32, size: u32, #[comptime] square: bool) -> (u32, u32) {
+    let tile = comptime!(TILE as i32);
+    let tiles = tiles_along(size) as i32;
+    let bound = comptime!(MAX_RADIUS as f32);
+    let middle = clamp(middle, -bound, bound);
+    if comptime!(square) {
+        // The arithmetic of 3DGS: pixel centres at whole numbers, and truncation.
+        let whole = i32::cast_from((middle - 0.5f32).floor());
+        let low = max(whole - radius, 0) / tile;
+        let high = max(whole + radius + tile - 1, 0) / tile;
+        (u32::cast_from(min(low, tiles)), u32::cast_from(min(high, tiles)))
+    } else {
+        let first = i32::cast_from(middle.floor()) - radius;
+        let last = i32::cast_from(middle.ceil()) + radius;
+        let low = max(first, 0) / tile;
+        let high = max(last + tile - 1, 0) / tile;
+        // Beyond the picture, though perhaps within its last tile.
+        let beyond = first >= i32::cast_from(size);
+        (select(beyond, 0u32, u32::cast_from(min(low, tiles))), select(beyond, 0u32, u32::cast_from(min(high, tiles))))
+    }
+}
+
+/// Whether the ellipse on which alpha is just visible touches the tile whose first pixel's corner is `(x, y)`; never
+/// wrong in the direction that would lose a pixel.
+#[cube]
+pub fn touches_tile(splat: &Splat, x: f32, y: f32) -> bool {
+    let span = comptime!(TILE as f32 - 1.0);
+    let (low_x, low_y) = (x + 0.5f32 - splat.centre.x, y + 0.5f32 - splat.centre.y);
+    let (high_x, high_y) = (low_x + span, low_y + span);
+    let nearest_x = min(max(0.0f32, low_x), high_x);
+    let nearest_y = min(max(0.0f32, low_y), high_y);
+    let rounding = constant(TOUCH_ROUNDINGS * 0.5 * f32::EPSILON as f64)
+        * (max(low_x.abs(), high_x.abs())
+            + splat.slope.abs() * max(low_y.abs(), high_y.abs())
+            + splat.centre.x.abs()
+            + splat.centre.y.abs() * splat.slope.abs());
+    // The minimum over the box lies on a side that faces the centre.
+    let shear = splat.curve_x * splat.slope;
+    let dy = min(max(-shear * nearest_x / (splat.curve_y + shear * splat.slope), low_y), high_y);
+    let dx = min(max(-splat.slope * nearest_y, low_x), high_x);
+    let sigma = min(sigma_at(splat, nearest_x, dy, rounding), sigma_at(splat, dx, nearest_y, rounding));
+    let inside = nearest_x == 0.0f32 && nearest_y == 0.0f32;
+    select(inside, splat.reach > 0.0f32, sigma <= splat.reach)
+}
+
+#[cube]
+fn sigma_at(splat: &Splat, dx: f32, dy: f32, rounding: f32) -> f32 {
+    let u = max((dx + splat.slope * dy).abs() - rounding, 0.0f32);
+    0.5f32 * (splat.curve_x * u * u + splat.curve_y * dy * dy)
+}
+
+/// How many tiles of a rectangle the Gaussian touches.
+#[cube]
+pub fn count_tiles(splat: &Splat, rectangle: &TileRectangle) -> u32 {
+    let mut count = 0u32;
+    for row in rectangle.top..rectangle.bottom {
+        for column in rectangle.left..rectangle.right {
+            if touches_tile(splat, tile_corner(column), tile_corner(row)) {
+                count += 1u32;
+            }
+        }
+    }
+    count
+}
+
+#[cube]
+fn tile_corner(index: u32) -> f32 {
+    f32::cast_from(index * comptime!(TILE as u32))
+}
+
+/// Collects the visible Gaussians: for each with tiles, its depth as a sort key and its index go to its rank.
+///
+/// `ranks` is the running count of visible Gaussians, see the module `scan`.
+#[cube(launch)]
+pub fn collect_visible(records: &[f32], touched: &[u32], ranks: &[u32], keys: &mut [u32], ids: &mut [u32], count: u32) {
+    let id = ABSOLUTE_POS;
+    if id < count as usize && touched[id] > 0u32 {
+        let rank = ranks[id] as usize;
+        // Depths are positive, and positive floats are ordered as their bits.
+        keys[rank] = u32::reinterpret(records[id * PROJECTED_LEN + 7]);
+        ids[rank] = id as u32;
+    }
+}
+
+/// 1 for each Gaussian that touches a tile, 0 for the others.
+#[cube(launch)]
+pub fn mark_visible(touched: &[u32], marks: &mut [u32], count: u32) {
+    let id = ABSOLUTE_POS;
+    if id < count as usize {
+        marks[id] = select(touched[id] > 0u32, 1u32, 0u32);
+    }
+}
+
+/// The tile counts in order of depth; 0 behind the last visible Gaussian.
+#[cube(launch)]
+pub fn counts_by_depth(ids: &[u32], touched: &[u32], visible: &[u32], counts: &mut [u32], count: u32) {
+    let place = ABSOLUTE_POS;
+    if place < count as usize {
+        let mut own = 0u32;
+        if (place as u32) < visible[0] {
+            own = touched[ids[place] as usize];
+        }
+        counts[place] = own;
+    }
+}
+
+/// Writes every pair of a Gaussian and a tile it touches, Gaussians by depth, and where each Gaussian's pairs are.
+///
+/// A Gaussian has room for as many as the projection counted. Should another compiler's rounding find fewer here, the
+/// rest is said to lie in a tile behind the last, and should it find more, they are left out: both stand on the
+/// ellipse's very edge.
+/// `offsets` are the running sums of the counts by depth. `tiles`, `owners` and `numbers` have an entry for each pair:
+/// its tile, its Gaussian, and its own number, which the sort by tile carries along.
+#[cube(launch)]
+pub fn emit_pairs(
+    records: &[f32],
+    radii: &[i32],
+    ids: &[u32],
+    touched: &[u32],
+    offsets: &[u32],
+    visible: &[u32],
+    tiles: &mut [u32],
+    owners: &mut [u32],
+    numbers: &mut [u32],
+    spans: &mut [i32],
+    view: View,
+    #[comptime] square: bool,
+) {
+    let place = ABSOLUTE_POS;
+    if (place as u32) < visible[0] {
+        let id = ids[place] as usize;
+        let splat = splat_at(records, id);
+        let rectangle = tile_rectangle(&splat.centre, radii[2 * id], radii[2 * id + 1], &view, square);
+        let columns = tiles_along(view.width);
+        let begin = offsets[place];
+        let end = begin + touched[id];
+        let mut at = begin;
+        for row in rectangle.top..rectangle.bottom {
+            for column in rectangle.left..rectangle.right {
+                if at < end && touches_tile(&splat, tile_corner(column), tile_corner(row)) {
+                    tiles[at as usize] = row * columns + column;
+                    owners[at as usize] = id as u32;
+                    numbers[at as usize] = at;
+                    at += 1u32;
+                }
+            }
+        }
+        spans[2 * id] = i32::cast_from(begin);
+        spans[2 * id + 1] = i32::cast_from(at - begin);
+        while at < end {
+            tiles[at as usize] = columns * tiles_along(view.height);
+            owners[at as usize] = id as u32;
+            numbers[at as usize] = at;
+            at += 1u32;
+        }
+    }
+}
+
+/// The tile lists from the sorted pairs: Gaussians by tile and depth, and the place of each pair in them.
+#[cube(launch)]
+pub fn list_pairs(owners: &[u32], numbers: &[u32], sorted: &mut [i32], slots: &mut [i32], pairs: u32) {
+    let place = ABSOLUTE_POS;
+    if place < pairs as usize {
+        let number = numbers[place] as usize;
+        sorted[place] = i32::cast_from(owners[number]);
+        slots[number] = i32::cast_from(place as u32);
+    }
+}
+
+/// Where each tile's list starts: the first pair of that tile or a later one, by bisection.
+#[cube(launch)]
+pub fn find_starts(tiles: &[u32], starts: &mut [i32], pairs: u32, count: u32) {
+    let tile = ABSOLUTE_POS as u32;
+    if tile <= count {
+        let mut low = 0u32;
+        let mut high = pairs;
+        while low < high {
+            let middle = (low + high) / 2u32;
+            if tiles[middle as usize] < tile {
+                low = middle + 1u32;
+            } else {
+                high = middle;
+            }
+        }
+        starts[tile as usize] = i32::cast_from(low);
+    }
+}

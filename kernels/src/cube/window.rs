@@ -1,0 +1,249 @@
+//! Gaussian windows over images, and the similarity of two images that is made of them. CPU twin: `window/cpu.rs` and
+//! `window/similarity.rs`.
+//!
+//! Two passes: down the columns, where what is summed is made of the images, and along the rows, where the sums become
+//! results. Images are planes of `[height, width]`, one after another; a unit is a pixel of a plane.
+
+use cubecl::prelude::*;
+
+/// Which similarity of two pictures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum SimilarityKind {
+    /// SSIM.
+    Ssim,
+    /// The structure term.
+    Structure,
+}
+
+/// Constants of a similarity (METHOD §4.4).
+#[derive(CubeType, CubeLaunch, Clone, Copy)]
+pub struct SimilarityConstants {
+    /// Of SSIM's luminance.
+    pub c1: f32,
+    /// Of SSIM's contrast.
+    pub c2: f32,
+    /// Of the structure term.
+    pub c3: f32,
+    /// Where the structure term is cut off.
+    pub structure_max: f32,
+}
+
+/// Size of the images, `[planes, height, width]`.
+#[derive(CubeType, CubeLaunch, Clone, Copy)]
+pub struct PlaneSize {
+    /// Images.
+    pub planes: u32,
+    /// Rows.
+    pub height: u32,
+    /// Columns.
+    pub width: u32,
+}
+
+/// Weighted sums down the columns of `images`.
+#[cube(launch_unchecked)]
+pub fn blur_columns(images: &[f32], weights: &[f32], sums: &mut [f32], size: PlaneSize) {
+    let pixel = ABSOLUTE_POS as u32;
+    if pixel < size.planes * size.height * size.width {
+        let (first, count, tap) = taps_down(pixel, weights, &size);
+        let mut sum = 0.0f32;
+        for i in 0..count {
+            sum += weights[(tap + i) as usize] * images[(first + i * size.width) as usize];
+        }
+        sums[pixel as usize] = sum;
+    }
+}
+
+/// Weighted sums along the rows.
+#[cube(launch_unchecked)]
+pub fn blur_rows(sums: &[f32], weights: &[f32], blurred: &mut [f32], size: PlaneSize) {
+    let pixel = ABSOLUTE_POS as u32;
+    if pixel < size.planes * size.height * size.width {
+        let (first, count, tap) = taps_along(pixel, weights, &size);
+        blurred[pixel as usize] = sum_along(sums, weights, first, count, tap);
+    }
+}
+
+/// The moments of two images, a, b, a² + b² and ab, summed down the columns: `[4, planes, height, width]`.
+#[cube(launch_unchecked)]
+pub fn moment_columns(a: &[f32], b: &[f32], weights: &[f32], sums: &mut [f32], size: PlaneSize) {
+    let pixel = ABSOLUTE_POS as u32;
+    let pixels = size.planes * size.height * size.width;
+    if pixel < pixels {
+        let (first, count, tap) = taps_down(pixel, weights, &size);
+        let mut mean_a = 0.0f32;
+        let mut mean_b = 0.0f32;
+        let mut square = 0.0f32;
+        let mut cross = 0.0f32;
+        for i in 0..count {
+            let at = (first + i * size.width) as usize;
+            let weight = weights[(tap + i) as usize];
+            mean_a += weight * a[at];
+            mean_b += weight * b[at];
+            square += weight * (a[at] * a[at] + b[at] * b[at]);
+            cross += weight * (a[at] * b[at]);
+        }
+        sums[pixel as usize] = mean_a;
+        sums[(pixels + pixel) as usize] = mean_b;
+        sums[(2u32 * pixels + pixel) as usize] = square;
+        sums[(3u32 * pixels + pixel) as usize] = cross;
+    }
+}
+
+/// The similarity from the moments' column sums; with its slopes `[4, planes, height, width]` with respect to the
+/// moments if they are
+/// `wanted`.
+#[cube(launch_unchecked)]
+pub fn similarity_rows(
+    sums: &[f32],
+    weights: &[f32],
+    map: &mut [f32],
+    slopes: &mut [f32],
+    size: PlaneSize,
+    constants: SimilarityConstants,
+    #[comptime] kind: SimilarityKind,
+    #[comptime] wanted: bool,
+) {
+    let pixel = ABSOLUTE_POS as u32;
+    let pixels = size.planes * size.height * size.width;
+    if pixel < pixels {
+        let (first, count, tap) = taps_along(pixel, weights, &size);
+        let mean_a = sum_along(sums, weights, first, count, tap);
+        let mean_b = sum_along(sums, weights, first + pixels, count, tap);
+        let square = sum_along(sums, weights, first + 2u32 * pixels, count, tap);
+        let cross = sum_along(sums, weights, first + 3u32 * pixels, count, tap);
+        let trace = if comptime!(kind == SimilarityKind::Ssim) {
+            ssim(mean_a, mean_b, square, cross, &constants)
+        } else {
+            structure(mean_a, mean_b, square, cross, &constants)
+        };
+        map[pixel as usize] = trace.value;
+        if comptime!(wanted) {
+            slopes[pixel as usize] = trace.by_mean_a;
+            slopes[(pixels + pixel) as usize] = trace.by_mean_b;
+            slopes[(2u32 * pixels + pixel) as usize] = trace.by_square;
+            slopes[(3u32 * pixels + pixel) as usize] = trace.by_cross;
+        }
+    }
+}
+
+/// The slopes times the cotangent of the map, summed down the columns.
+#[cube(launch_unchecked)]
+pub fn adjoint_columns(v_map: &[f32], slopes: &[f32], weights: &[f32], sums: &mut [f32], size: PlaneSize) {
+    let pixel = ABSOLUTE_POS as u32;
+    let pixels = size.planes * size.height * size.width;
+    if pixel < pixels {
+        let (first, count, tap) = taps_down(pixel, weights, &size);
+        #[unroll]
+        for moment in 0..4u32 {
+            let mut sum = 0.0f32;
+            for i in 0..count {
+                let at = first + i * size.width;
+                sum += weights[(tap + i) as usize] * v_map[at as usize] * slopes[(moment * pixels + at) as usize];
+            }
+            sums[(moment * pixels + pixel) as usize] = sum;
+        }
+    }
+}
+
+/// The adjoints of the two images from the column sums of `adjoint_columns`.
+#[cube(launch_unchecked)]
+pub fn adjoint_rows(
+    sums: &[f32],
+    a: &[f32],
+    b: &[f32],
+    weights: &[f32],
+    v_a: &mut [f32],
+    v_b: &mut [f32],
+    size: PlaneSize,
+) {
+    let pixel = ABSOLUTE_POS as u32;
+    let pixels = size.planes * size.height * size.width;
+    if pixel < pixels {
+        let (first, count, tap) = taps_along(pixel, weights, &size);
+        let v_mean_a = sum_along(sums, weights, first, count, tap);
+        let v_mean_b = sum_along(sums, weights, first + pixels, count, tap);
+        let v_square = 2.0f32 * sum_along(sums, weights, first + 2u32 * pixels, count, tap);
+        let v_cross = sum_along(sums, weights, first + 3u32 * pixels, count, tap);
+        let (own_a, own_b) = (a[pixel as usize], b[pixel as usize]);
+        v_a[pixel as usize] = v_mean_a + own_a * v_square + own_b * v_cross;
+        v_b[pixel as usize] = v_mean_b + own_b * v_square + own_a * v_cross;
+    }
+}
+
+/// The first pixel, the number, and the first weight of the window's taps down a column.
+#[cube]
+fn taps_down(pixel: u32, weights: &[f32], size: &PlaneSize) -> (u32, u32, u32) {
+    let radius = weights.len() as u32 / 2u32;
+    let row = pixel / size.width % size.height;
+    let up = min(row, radius);
+    let down = min(size.height - 1u32 - row, radius);
+    (pixel - up * size.width, up + down + 1u32, radius - up)
+}
+
+/// The same along a row.
+#[cube]
+fn taps_along(pixel: u32, weights: &[f32], size: &PlaneSize) -> (u32, u32, u32) {
+    let radius = weights.len() as u32 / 2u32;
+    let column = pixel % size.width;
+    let left = min(column, radius);
+    let right = min(size.width - 1u32 - column, radius);
+    (pixel - left, left + right + 1u32, radius - left)
+}
+
+#[cube]
+fn sum_along(sums: &[f32], weights: &[f32], first: u32, count: u32, tap: u32) -> f32 {
+    let mut sum = 0.0f32;
+    for i in 0..count {
+        sum += weights[(tap + i) as usize] * sums[(first + i) as usize];
+    }
+    sum
+}
+
+/// A similarity and its slopes.
+#[derive(CubeType, Clone, Copy)]
+struct Trace {
+    value: f32,
+    by_mean_a: f32,
+    by_mean_b: f32,
+    by_square: f32,
+    by_cross: f32,
+}
+
+#[cube]
+fn ssim(mean_a: f32, mean_b: f32, square: f32, cross: f32, constants: &SimilarityConstants) -> Trace {
+    let squared_means = mean_a * mean_a + mean_b * mean_b;
+    let luminance = 2.0f32 * mean_a * mean_b + constants.c1;
+    let contrast = 2.0f32 * (cross - mean_a * mean_b) + constants.c2;
+    let means = squared_means + constants.c1;
+    let variances = max(square - squared_means, 0.0f32) + constants.c2;
+    let inverse = 1.0f32 / (means * variances);
+    let value = luminance * contrast * inverse;
+    let (by_means, by_variances) = (value * variances * inverse, value * means * inverse);
+    let through_other = 2.0f32 * (contrast - luminance) * inverse;
+    let through_own = 2.0f32 * (by_variances - by_means);
+    Trace {
+        value,
+        by_mean_a: mean_b * through_other + mean_a * through_own,
+        by_mean_b: mean_a * through_other + mean_b * through_own,
+        by_square: -by_variances,
+        by_cross: 2.0f32 * luminance * inverse,
+    }
+}
+
+#[cube]
+fn structure(mean_a: f32, mean_b: f32, square: f32, cross: f32, constants: &SimilarityConstants) -> Trace {
+    let covariance = cross - mean_a * mean_b + constants.c3;
+    let variances = max(square - (mean_a * mean_a + mean_b * mean_b), 0.0f32) + constants.c3;
+    let inverse = 1.0f32 / variances.sqrt();
+    let value = covariance * inverse;
+    let clipped = clamp(value, 0.0f32, constants.structure_max);
+    let open = select(value == clipped, inverse, 0.0f32);
+    let by_variances = value * inverse * open;
+    Trace {
+        value: clipped,
+        by_mean_a: mean_a * by_variances - mean_b * open,
+        by_mean_b: mean_b * by_variances - mean_a * open,
+        by_square: -0.5f32 * by_variances,
+        by_cross: open,
+    }
+}

@@ -1,0 +1,63 @@
+//! Attention. CPU twin: `attention/cpu.rs`.
+
+use burn::backend::TensorMetadata;
+use burn::backend::tensor::FloatTensor;
+use burn_cubecl::CubeBackend;
+use mvfusion_kernels::cube::attention::{attention, attention_backward};
+
+use super::gpu::{CUBE, Gpu, single};
+use crate::attention::op::{Arguments, AttentionAdjoint, AttentionOps};
+
+impl AttentionOps for CubeBackend {
+    fn attention_forward(queries: FloatTensor<Self>, memory: FloatTensor<Self>, heads: usize) -> FloatTensor<Self> {
+        let gpu = Gpu::of(&queries);
+        let arguments = Arguments::<Self> { queries: single(queries), memory: single(memory) };
+        let (rows, layout) = (arguments.queries.shape()[0], arguments.layout(heads));
+        let found = gpu.floats(arguments.queries.shape());
+        if rows > 0 {
+            attention::launch(
+                &gpu.client,
+                gpu.units(rows * heads),
+                CUBE,
+                arguments.queries.into_buffer_arg(),
+                arguments.memory.into_buffer_arg(),
+                found.clone().into_buffer_arg(),
+                rows as u32,
+                layout.width as u32,
+                heads,
+                layout.keys,
+            );
+        }
+        found
+    }
+}
+
+impl AttentionAdjoint for CubeBackend {
+    fn attention_backward(
+        arguments: Arguments<Self>,
+        v_found: FloatTensor<Self>,
+        heads: usize,
+    ) -> [FloatTensor<Self>; 2] {
+        let gpu = Gpu::of(&v_found);
+        let (rows, layout) = (arguments.queries.shape()[0], arguments.layout(heads));
+        let adjoints = [gpu.floats(arguments.queries.shape()), gpu.floats(arguments.memory.shape())];
+        if rows > 0 {
+            let [v_queries, v_memory] = adjoints.clone();
+            attention_backward::launch(
+                &gpu.client,
+                gpu.units(rows * heads),
+                CUBE,
+                single(arguments.queries).into_buffer_arg(),
+                single(arguments.memory).into_buffer_arg(),
+                single(v_found).into_buffer_arg(),
+                v_queries.into_buffer_arg(),
+                v_memory.into_buffer_arg(),
+                rows as u32,
+                layout.width as u32,
+                heads,
+                layout.keys,
+            );
+        }
+        adjoints
+    }
+}

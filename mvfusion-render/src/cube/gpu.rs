@@ -1,0 +1,201 @@
+//! A device to launch on: its buffers, its limits, and how launches are folded into them.
+
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+
+use burn::backend::ops::{FloatTensorOps, IntTensorOps};
+use burn::tensor::{DType, FloatDType, IntDType, Shape};
+use burn_cubecl::CubeBackend;
+use burn_cubecl::CubeDevice;
+use burn_cubecl::kernel::into_contiguous;
+use burn_cubecl::tensor::CubeTensor;
+use cubecl::client::Client;
+use cubecl::ir::features::AtomicUsage;
+use cubecl::prelude::*;
+use mvfusion_kernels::cube::UNITS;
+use mvfusion_kernels::cube::product::ProductPlan;
+use mvfusion_kernels::splat::TILE;
+
+/// The most cubes along one axis of a launch: what WebGPU promises everywhere.
+pub(crate) const MAX_CUBES: u32 = 65_535;
+
+/// The limit in force, which tests lower.
+static LIMIT: AtomicU32 = AtomicU32::new(MAX_CUBES);
+
+/// Whether every device is treated as hardware without an atomic addition of floats, for tests.
+static IMITATES: AtomicBool = AtomicBool::new(false);
+
+/// The size of every cube but those that blend and those that multiply.
+pub(super) const CUBE: CubeDim = CubeDim::new_1d(UNITS as u32);
+
+/// Units that go in step on a driver that computes on the CPU, at most: the lanes of a vector.
+const CPU_LANES: u32 = 8;
+
+/// Pixels of a row that a unit of a GPU blends: what it reads of a Gaussian serves them all, and enough units are left.
+const GPU_SPAN: usize = 4;
+
+/// Bytes that the units of a cube share on a GPU, which holds several cubes at once if they take no more.
+const GPU_MEMORY: usize = 16 << 10;
+
+/// How the pixels of a tile are shared out among the units of a cube.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct TilePlan {
+    /// Neighbouring pixels of a unit. On a CPU a whole row: there each unit's reading costs as much as what it computes
+    /// for a pixel.
+    pub span: usize,
+    /// Bytes that the units had better share at most, and those that they can.
+    pub memory: [usize; 2],
+}
+
+/// A device, as launches need it.
+#[derive(Clone)]
+pub(super) struct Gpu {
+    pub client: Client,
+    device: CubeDevice,
+}
+
+impl Gpu {
+    /// The device of a tensor.
+    pub fn of(tensor: &CubeTensor) -> Self {
+        Self { client: tensor.client.clone(), device: tensor.device.clone() }
+    }
+
+    /// Room for a tensor whose numbers are still to be written.
+    ///
+    /// # Panics
+    /// If the device binds no buffer of that size.
+    pub fn room(&self, shape: impl Into<Shape>, dtype: DType) -> CubeTensor {
+        let shape = shape.into();
+        // No device binds a buffer of nothing.
+        let bytes = (shape.num_elements() * dtype.size()).max(4);
+        let limit = self.client.properties().memory.max_page_size;
+        assert!(
+            bytes as u64 <= limit,
+            "a buffer of {shape:?} needs {bytes} bytes, but this device binds {limit} at most: use fewer Gaussians or smaller pictures, \
+             or take `--device cpu`"
+        );
+        let handle = self.client.empty(bytes);
+        CubeTensor::new_contiguous(self.client.clone(), self.device.clone(), shape, handle, dtype)
+    }
+
+    /// Room for floats.
+    pub fn floats(&self, shape: impl Into<Shape>) -> CubeTensor {
+        self.room(shape, DType::F32)
+    }
+
+    /// Room for whole numbers that leave the op.
+    pub fn integers(&self, shape: impl Into<Shape>) -> CubeTensor {
+        self.room(shape, DType::I32)
+    }
+
+    /// Room for `count` whole numbers within the op.
+    pub fn naturals(&self, count: usize) -> CubeTensor {
+        self.room([count], DType::U32)
+    }
+
+    /// Whole numbers of the host.
+    pub fn upload(&self, numbers: &[u32]) -> CubeTensor {
+        self.upload_words(numbers.iter().map(|number| number.to_le_bytes()), DType::U32)
+    }
+
+    /// Floats of the host.
+    pub fn upload_floats(&self, numbers: &[f32]) -> CubeTensor {
+        self.upload_words(numbers.iter().map(|number| number.to_le_bytes()), DType::F32)
+    }
+
+    fn upload_words(&self, words: impl ExactSizeIterator<Item = [u8; 4]>, dtype: DType) -> CubeTensor {
+        let shape = Shape::from([words.len()]);
+        let handle = self.client.create_from_slice(&words.flatten().collect::<Vec<u8>>());
+        CubeTensor::new_contiguous(self.client.clone(), self.device.clone(), shape, handle, dtype)
+    }
+
+    /// Whole numbers that are all zero.
+    pub fn zeros(&self, shape: impl Into<Shape>) -> CubeTensor {
+        CubeBackend::int_zeros(shape.into(), &self.device, IntDType::I32)
+    }
+
+    /// Floats that are all zero.
+    pub fn zero_floats(&self, shape: impl Into<Shape>) -> CubeTensor {
+        CubeBackend::float_zeros(shape.into(), &self.device, FloatDType::F32)
+    }
+
+    /// The sum of the rows of `[rows, columns]`: `[columns]`.
+    pub fn sum_rows(&self, tensor: CubeTensor) -> CubeTensor {
+        let columns = tensor.meta.shape()[1];
+        CubeBackend::float_reshape(CubeBackend::float_sum_dim(tensor, 0), Shape::from([columns]))
+    }
+
+    /// How the pixels of a tile are shared out among units.
+    pub fn tile_plan(&self) -> TilePlan {
+        let memory = self.client.properties().hardware.max_shared_memory_size;
+        if self.is_cpu() {
+            TilePlan { span: TILE, memory: [memory; 2] }
+        } else {
+            TilePlan { span: GPU_SPAN, memory: [memory.min(GPU_MEMORY), memory] }
+        }
+    }
+
+    /// How a product of matrices is shared out: on a CPU in larger blocks, for the same reason.
+    pub fn product_plan(&self) -> ProductPlan {
+        if self.is_cpu() { ProductPlan { units: 16, block: [16, 8] } } else { ProductPlan { units: 64, block: [8, 8] } }
+    }
+
+    /// Whether work is shared out as for a driver that computes on the CPU.
+    fn is_cpu(&self) -> bool {
+        !IMITATES.load(Ordering::Relaxed) && self.client.properties().hardware.plane_size_max <= CPU_LANES
+    }
+
+    /// A launch of `cubes` cubes, folded in two dimensions where one does not hold them; some cubes may be too many.
+    pub fn cubes(&self, cubes: usize) -> CubeCount {
+        let [x, y] = fold(cubes, LIMIT.load(Ordering::Relaxed));
+        CubeCount::Static(x, y, 1)
+    }
+
+    /// A launch with a unit for each of `units` things.
+    pub fn units(&self, units: usize) -> CubeCount {
+        self.cubes(units.div_ceil(UNITS))
+    }
+}
+
+/// A tensor as kernels read it: single precision, row-major.
+pub(super) fn single(tensor: CubeTensor) -> CubeTensor {
+    assert_eq!(tensor.dtype, DType::F32, "GPUs work in single precision here");
+    into_contiguous(tensor)
+}
+
+/// Whether a device has an atomic addition of floats.
+pub(crate) fn adds_floats(client: &Client) -> bool {
+    let float = Type::atomic(f32::elem_type_native());
+    !IMITATES.load(Ordering::Relaxed) && client.properties().atomic_type_usage(float).contains(AtomicUsage::Add)
+}
+
+/// `cubes` as `x y`, each of the two as small as the limit on `x` allows.
+fn fold(cubes: usize, limit: u32) -> [u32; 2] {
+    let rows = cubes.div_ceil(limit as usize).max(1);
+    [cubes.div_ceil(rows).max(1) as u32, rows as u32]
+}
+
+/// See [`crate::device::fold_launches`].
+pub(crate) fn limit_cubes(limit: u32) {
+    LIMIT.store(limit.clamp(1, MAX_CUBES), Ordering::Relaxed);
+}
+
+/// See [`crate::device::imitate_hardware`].
+pub(crate) fn imitate_hardware(on: bool) {
+    IMITATES.store(on, Ordering::Relaxed);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fold_holds_all_cubes_and_few_more() {
+        for (cubes, limit, wanted) in [(0, 4, [1, 1]), (4, 4, [4, 1]), (5, 4, [3, 2]), (65_536, 65_535, [32_768, 2])] {
+            assert_eq!(fold(cubes, limit), wanted);
+        }
+        for cubes in 1..200usize {
+            let [x, y] = fold(cubes, 7);
+            assert!(x <= 7 && (x * y) as usize >= cubes && ((x * y) as usize) < cubes + y as usize);
+        }
+    }
+}

@@ -1,0 +1,243 @@
+//! The perceptrons, a launch a layer. CPU twin: `mlp/cpu.rs`.
+
+use burn::backend::TensorMetadata;
+use burn::backend::tensor::FloatTensor;
+use burn_cubecl::CubeBackend;
+use burn_cubecl::tensor::CubeTensor;
+use cubecl::CubeDim;
+use mvfusion_kernels::cube::product::{End, PlaceLaunch, ProductKind, ProductSizeLaunch, product};
+
+use super::gpu::{Gpu, single};
+use crate::mlp::MlpLayout;
+use crate::mlp::cpu::Wanted;
+use crate::mlp::layout::Layer;
+use crate::mlp::op::{Arguments, MlpAdjoint, MlpOps};
+
+/// Rows that a cube sums for the adjoint of a weight: enough that the slabs' shares are few, few enough that there are
+/// many slabs.
+const SLAB: usize = 1024;
+
+impl MlpOps for CubeBackend {
+    fn mlp_forward(input: FloatTensor<Self>, parameters: FloatTensor<Self>, layout: MlpLayout) -> FloatTensor<Self> {
+        let run = Run::new(input, parameters, &layout);
+        let outputs = run.gpu.floats([run.rows, layout.outputs()]);
+        let mut column = 0;
+        for chain in layout.layers() {
+            let hidden = run.hidden(&chain);
+            let last = &chain[chain.len() - 1];
+            let source = hidden.last().unwrap_or(&run.input);
+            run.layer(source, last, false, &Matrix::columns(&outputs, column, last.outputs));
+            column += last.outputs;
+        }
+        outputs
+    }
+}
+
+impl MlpAdjoint for CubeBackend {
+    fn mlp_backward(
+        arguments: Arguments<Self>,
+        v_outputs: FloatTensor<Self>,
+        layout: MlpLayout,
+        wanted: Wanted,
+    ) -> [Option<FloatTensor<Self>>; 2] {
+        let Arguments { input, parameters } = arguments;
+        let run = Run::new(input, parameters, &layout);
+        if run.rows == 0 {
+            return [
+                wanted.input.then(|| run.input.tensor.clone()),
+                wanted.parameters.then(|| run.gpu.zero_floats([layout.parameters()])),
+            ];
+        }
+        let v_outputs = single(v_outputs);
+        let v_input = wanted.input.then(|| Matrix::of(run.gpu.floats(run.input.tensor.shape())));
+        let shares = wanted.parameters.then(|| run.gpu.floats([run.rows.div_ceil(SLAB), layout.parameters()]));
+        let mut column = 0;
+        for (number, chain) in layout.layers().iter().enumerate() {
+            let hidden = run.hidden(chain);
+            let mut v = Matrix::columns(&v_outputs, column, chain[chain.len() - 1].outputs);
+            column += v.columns;
+            for (index, layer) in chain.iter().enumerate().rev() {
+                let source = index.checked_sub(1).map_or(&run.input, |before| &hidden[before]);
+                if let Some(shares) = &shares {
+                    run.weight_adjoint(source, &v, layer, shares);
+                }
+                if index > 0 {
+                    let v_source = Matrix::of(run.gpu.floats([run.rows, layer.inputs]));
+                    run.source_adjoint(&v, layer, source, End::Adjoint { gated: true, added: false }, &v_source);
+                    v = v_source;
+                } else if let Some(v_input) = &v_input {
+                    let end = End::Adjoint { gated: layout.rectified, added: number > 0 };
+                    run.source_adjoint(&v, layer, source, end, v_input);
+                }
+            }
+        }
+        [v_input.map(|matrix| matrix.tensor), shares.map(|shares| run.gpu.sum_rows(shares))]
+    }
+}
+
+/// A matrix in a buffer.
+struct Matrix {
+    tensor: CubeTensor,
+    columns: usize,
+    /// Its first number in the buffer.
+    first: usize,
+    /// From one row to the next.
+    stride: usize,
+}
+
+impl Matrix {
+    /// A tensor `[rows, columns]`.
+    fn of(tensor: CubeTensor) -> Self {
+        let columns = tensor.shape()[1];
+        Self { tensor, columns, first: 0, stride: columns }
+    }
+
+    /// Some columns of a tensor.
+    fn columns(tensor: &CubeTensor, first: usize, columns: usize) -> Self {
+        Self { tensor: tensor.clone(), columns, first, stride: tensor.shape()[1] }
+    }
+
+    /// For a kernel.
+    fn place(&self) -> PlaceLaunch {
+        PlaceLaunch::new(self.first as u32, self.stride as u32, 1)
+    }
+
+    /// For a kernel that takes columns for rows.
+    fn transposed_place(&self) -> PlaceLaunch {
+        PlaceLaunch::new(self.first as u32, 1, self.stride as u32)
+    }
+}
+
+/// The arguments of a pass.
+struct Run {
+    gpu: Gpu,
+    input: Matrix,
+    parameters: CubeTensor,
+    rows: usize,
+    /// Whether the input's negative numbers count as zero.
+    rectified: bool,
+}
+
+impl Run {
+    fn new(input: CubeTensor, parameters: CubeTensor, layout: &MlpLayout) -> Self {
+        let gpu = Gpu::of(&input);
+        let rows = input.shape()[0];
+        let input = Matrix::of(single(input));
+        Self { gpu, input, parameters: single(parameters), rows, rectified: layout.rectified }
+    }
+
+    /// The rectified outputs of a chain's layers but the last.
+    fn hidden(&self, chain: &[Layer]) -> Vec<Matrix> {
+        let mut hidden: Vec<Matrix> = Vec::new();
+        for layer in &chain[..chain.len() - 1] {
+            let result = Matrix::of(self.gpu.floats([self.rows, layer.outputs]));
+            self.layer(hidden.last().unwrap_or(&self.input), layer, true, &result);
+            hidden.push(result);
+        }
+        hidden
+    }
+
+    /// Whether a layer's source is the input, whose negative numbers count as zero.
+    fn is_rectified(&self, source: &Matrix) -> bool {
+        self.rectified && std::ptr::eq(source, &self.input)
+    }
+
+    /// `source W + b`.
+    fn layer(&self, source: &Matrix, layer: &Layer, rectified: bool, result: &Matrix) {
+        self.launch(Product {
+            left: &source.tensor,
+            left_place: source.place(),
+            right: &self.parameters,
+            right_place: PlaceLaunch::new(layer.weight.start as u32, layer.outputs as u32, 1),
+            size: [self.rows, layer.outputs, layer.inputs],
+            result,
+            gate: source,
+            bias: layer.bias.start,
+            rectified: self.is_rectified(source),
+            end: End::Layer { rectified },
+        });
+    }
+
+    /// The adjoint of a layer's source, `v Wᵀ`.
+    fn source_adjoint(&self, v: &Matrix, layer: &Layer, source: &Matrix, end: End, result: &Matrix) {
+        self.launch(Product {
+            left: &v.tensor,
+            left_place: v.place(),
+            right: &self.parameters,
+            right_place: PlaceLaunch::new(layer.weight.start as u32, 1, layer.outputs as u32),
+            size: [self.rows, layer.inputs, layer.outputs],
+            result,
+            gate: source,
+            bias: 0,
+            rectified: false,
+            end,
+        });
+    }
+
+    /// The slabs' shares of the adjoint of a layer's weight, `sourceᵀ v`, and of its bias, the sum of v: the bias lies
+    /// behind the weight as another row.
+    fn weight_adjoint(&self, source: &Matrix, v: &Matrix, layer: &Layer, shares: &CubeTensor) {
+        let result =
+            Matrix { tensor: shares.clone(), columns: layer.outputs, first: layer.weight.start, stride: layer.outputs };
+        self.launch(Product {
+            left: &source.tensor,
+            left_place: source.transposed_place(),
+            right: &v.tensor,
+            right_place: v.place(),
+            size: [layer.inputs, layer.outputs, self.rows],
+            result: &result,
+            gate: source,
+            bias: 0,
+            rectified: self.is_rectified(source),
+            end: End::Slabs,
+        });
+    }
+
+    fn launch(&self, of: Product<'_>) {
+        let [rows, columns, depth] = of.size;
+        if rows == 0 {
+            return;
+        }
+        let kind = ProductKind::new(self.gpu.product_plan(), columns, of.rectified, of.end);
+        let slab = if of.end == End::Slabs { SLAB } else { depth };
+        let tiles = rows.div_ceil(kind.tile_rows()) * columns.div_ceil(kind.tile_columns());
+        let slab_stride = of.result.tensor.shape()[1];
+        // SAFETY: rows, columns and the depth are those of the matrices, and what lies beyond them is neither read nor
+        // written.
+        unsafe {
+            product::launch_unchecked(
+                &self.gpu.client,
+                self.gpu.cubes(tiles * depth.div_ceil(slab)),
+                CubeDim::new_1d(kind.units as u32),
+                of.left.clone().into_buffer_arg(),
+                of.right.clone().into_buffer_arg(),
+                of.gate.tensor.clone().into_buffer_arg(),
+                of.result.tensor.clone().into_buffer_arg(),
+                ProductSizeLaunch::new(rows as u32, columns as u32, depth as u32, slab as u32),
+                of.left_place,
+                of.right_place,
+                of.result.place(),
+                of.gate.place(),
+                of.bias as u32,
+                slab_stride as u32,
+                kind,
+            );
+        }
+    }
+}
+
+/// A product to launch.
+struct Product<'a> {
+    left: &'a CubeTensor,
+    left_place: PlaceLaunch,
+    right: &'a CubeTensor,
+    right_place: PlaceLaunch,
+    /// Rows, columns, depth.
+    size: [usize; 3],
+    result: &'a Matrix,
+    gate: &'a Matrix,
+    bias: usize,
+    /// Whether negative numbers of the left matrix count as zero.
+    rectified: bool,
+    end: End,
+}

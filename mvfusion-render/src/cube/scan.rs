@@ -1,0 +1,48 @@
+//! Running sums on the device.
+
+use burn_cubecl::tensor::CubeTensor;
+use mvfusion_kernels::cube::scan::{SCAN_BLOCK, scan_blocks, sum_blocks};
+
+use super::gpu::{CUBE, Gpu};
+
+/// Running sums of `[count]` whole numbers.
+pub(super) struct RunningSums {
+    /// The sum of the numbers before each, `[count]`.
+    pub before: CubeTensor,
+    /// The sum of all, `[1]`.
+    pub total: CubeTensor,
+}
+
+/// The running sums of `values`, of which there are `count > 0`.
+pub(super) fn running_sums(gpu: &Gpu, values: &CubeTensor, count: usize) -> RunningSums {
+    let blocks = count.div_ceil(SCAN_BLOCK);
+    let offsets = if blocks == 1 {
+        values.clone()
+    } else {
+        let sums = gpu.naturals(blocks);
+        sum_blocks::launch(
+            &gpu.client,
+            gpu.cubes(blocks),
+            CUBE,
+            values.clone().into_buffer_arg(),
+            sums.clone().into_buffer_arg(),
+            count as u32,
+            blocks as u32,
+        );
+        running_sums(gpu, &sums, blocks).before
+    };
+    let (before, total) = (gpu.naturals(count), gpu.naturals(1));
+    scan_blocks::launch(
+        &gpu.client,
+        gpu.cubes(blocks),
+        CUBE,
+        values.clone().into_buffer_arg(),
+        offsets.into_buffer_arg(),
+        before.clone().into_buffer_arg(),
+        total.clone().into_buffer_arg(),
+        count as u32,
+        blocks as u32,
+        blocks == 1,
+    );
+    RunningSums { before, total }
+}

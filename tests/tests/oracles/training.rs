@@ -1,0 +1,162 @@
+//! Training on a GPU backend: the same losses as on the CPU, and no memory that grows.
+
+use std::path::Path;
+use std::process::Command;
+
+use anyhow::{Context, Result, ensure};
+use burn::tensor::Device;
+use libtest_mimic::{Completion, Trial};
+use mvfusion_data::builtin::builtin;
+use mvfusion_data::{BuiltinOptions, Scene};
+use mvfusion_model::config::{
+    Branches, Config, DensifyConfig, GridConfig, InitConfig, ModelConfig, MotionConfig, StageConfig, TrainConfig,
+};
+use mvfusion_model::train::Trainer;
+use mvfusion_tests::{Backend, Checklist, Tolerance, backends, numbers};
+
+/// How far a loss may be from the CPU's.
+const LOSSES: Tolerance = Tolerance::of_entry(1e-3);
+
+/// The three stages of the run whose memory is watched, 2000 steps in all: the steps of each, and those after which
+/// everything that a stage keeps has been allocated.
+const LONG: [[usize; 2]; 3] = [[1800, 300], [120, 40], [80, 30]];
+
+/// What memory may grow by between there and the end of the stage: the noise of allocators.
+const GROWTH: u64 = 16 << 20;
+
+/// Where Linux tells the memory of a process.
+const PROCESS_MEMORY: &str = "/proc/self/statm";
+
+/// Set in the process that the memory trial runs in.
+const ALONE: &str = "MVFUSION_TRIAL_ALONE";
+
+/// The trials of a GPU backend.
+pub fn trials(backend: Backend) -> Vec<Trial> {
+    let device = backend.device;
+    vec![
+        Trial::test(format!("training::{}::twenty_steps", backend.name), move || {
+            losses_agree(&device()).map_err(|error| format!("{error:#}").into())
+        }),
+        memory_trial(backend),
+    ]
+}
+
+/// The trial that watches the memory of its process, and so runs in one of its own.
+fn memory_trial(backend: Backend) -> Trial {
+    let name = format!("training::{}::memory", backend.name);
+    let own_name = name.clone();
+    Trial::ignorable_test(name, move || {
+        if !Path::new(PROCESS_MEMORY).exists() {
+            return Ok(Completion::ignored_with(format!("{PROCESS_MEMORY} tells a process's memory on Linux alone")));
+        }
+        if std::env::var_os(ALONE).is_some() {
+            memory_stays(&(backend.device)()).map_err(|error| format!("{error:#}"))?;
+            return Ok(Completion::Completed);
+        }
+        let program = std::env::current_exe()?;
+        let child = Command::new(program).args([&own_name, "--exact"]).env(ALONE, "1").output()?;
+        if child.status.success() {
+            return Ok(Completion::Completed);
+        }
+        Err(String::from_utf8_lossy(&child.stdout).into_owned().into())
+    })
+}
+
+/// A scene of few, small pictures.
+fn scene() -> Scene {
+    builtin(&BuiltinOptions { width: 64, height: 48, frames: 6, ..BuiltinOptions::default() })
+}
+
+/// A run of the given stages with 500 Gaussians at most, the modules, and nothing that changes rows.
+fn config(branches: Branches, stages: StageConfig) -> Config {
+    Config {
+        seed: 3,
+        init: InitConfig { dynamic_points: 250, dynamic_from_cloud: 20, static_points: 250, ..InitConfig::default() },
+        model: ModelConfig {
+            width: 32,
+            grid: GridConfig { features: 8, resolution: [8, 8, 8, 6], multipliers: vec![1, 2] },
+            sh_degree: 2,
+            branches,
+            ..ModelConfig::default()
+        },
+        motion: MotionConfig {
+            interval: 5,
+            samples: 6,
+            knot_stride: 2,
+            window: 1,
+            hidden: 32,
+            attention_width: 32,
+            heads: 2,
+            ..MotionConfig::default()
+        },
+        train: TrainConfig { stages, ..TrainConfig::default() },
+        densify: DensifyConfig {
+            from: 1_000_000,
+            prune_from: 1_000_000,
+            reset_interval: 1_000_000,
+            ..DensifyConfig::default()
+        },
+        ..Config::default()
+    }
+}
+
+/// The losses of twenty steps through all stages.
+fn losses(device: &Device) -> Result<Vec<f64>> {
+    let stages = StageConfig { geometry: 6, deformation: 6, refinement: 8, ..StageConfig::default() };
+    let mut trainer = Trainer::new(config(Branches::Both, stages), &scene(), device)?;
+    let mut losses = Vec::new();
+    while let Some(loss) = trainer.step()? {
+        losses.push(numbers(loss.total)[0]);
+        losses.push(numbers(loss.squared_error)[0]);
+    }
+    Ok(losses)
+}
+
+fn losses_agree(device: &Device) -> Result<()> {
+    let reference = backends().into_iter().next().context("a CPU backend is compiled in")?;
+    let (wanted, found) = (losses(&(reference.device)())?, losses(device)?);
+    ensure!(wanted.len() == 40, "{} losses", wanted.len());
+    let mut checks = Checklist::default();
+    for (step, (wanted, found)) in wanted.chunks(2).zip(found.chunks(2)).enumerate() {
+        checks.close_number(format!("loss of step {step}"), wanted[0], found[0], LOSSES);
+        checks.close_number(format!("squared error of step {step}"), wanted[1], found[1], LOSSES);
+    }
+    checks.finish()
+}
+
+/// Bytes that the process and the device hold.
+fn held(device: &Device) -> Result<[u64; 2]> {
+    let status = std::fs::read_to_string(PROCESS_MEMORY).context("the process tells its memory")?;
+    let pages: u64 = status.split_whitespace().nth(1).context("the second field")?.parse()?;
+    let usage = device.memory_pool_usage().context("the device tells its memory")?;
+    Ok([pages * 4096, usage.bytes_reserved])
+}
+
+fn memory_stays(device: &Device) -> Result<()> {
+    let [geometry, deformation, refinement] = LONG.map(|[steps, _]| steps);
+    let stages = StageConfig { geometry, deformation, refinement, ..StageConfig::default() };
+    // One branch takes a third of the launches of two: on a driver that computes on the CPU they are what a step costs.
+    let config = config(Branches::Dynamic, stages);
+    let config = Config { init: InitConfig { dynamic_points: 500, dynamic_from_cloud: 0, ..config.init }, ..config };
+    let mut trainer = Trainer::new(config, &scene(), device)?;
+    for [steps, warm] in LONG {
+        let mut before = [0; 2];
+        for step in 0..steps {
+            let loss = trainer.step()?.context("the run is not over")?;
+            if step % 50 == 0 {
+                ensure!(numbers(loss.total)[0].is_finite(), "the loss at step {step} of {steps}");
+            }
+            if step == warm {
+                before = held(device)?;
+            }
+        }
+        let after = held(device)?;
+        for (what, (before, after)) in ["process", "device"].into_iter().zip(before.into_iter().zip(after)) {
+            ensure!(
+                after <= before + GROWTH,
+                "the {what} holds {after} bytes after {steps} steps, {before} after {warm}"
+            );
+        }
+    }
+    Ok(())
+}
