@@ -1,12 +1,14 @@
-//! Benchmarks: what an op costs on this machine, printed and, if asked for, written as JSON.
+//! Benchmarks: what an op costs on each device of this machine, printed and, if asked for, written as JSON.
 
 mod net;
+mod scene;
 mod splat;
+mod step;
 
 use std::path::PathBuf;
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Subcommand};
 use mvfusion_model::{Device, device};
 use serde::Serialize;
@@ -16,36 +18,50 @@ use serde::Serialize;
 pub struct BenchArguments {
     #[command(subcommand)]
     subject: Subject,
+    /// Devices to compare, as `mvfusion devices` names them; all by default.
+    #[arg(long, global = true, value_delimiter = ',')]
+    devices: Vec<String>,
     /// Write the figures to this file as JSON.
     #[arg(long, global = true)]
     json: Option<PathBuf>,
     /// Threads to use; all cores by default.
     #[arg(long, global = true)]
     threads: Option<usize>,
-    /// Counted repetitions, after one that is not counted.
+    /// Counted repetitions, after those that are not counted.
     #[arg(long, global = true, default_value_t = 5)]
     repeat: usize,
 }
 
 /// A thing to measure.
-#[derive(Clone, Copy, Debug, Subcommand)]
+#[derive(Debug, Subcommand)]
 enum Subject {
-    /// The splat op, forward and backward, on two scenes.
-    Splat,
-    /// HexPlane look-up, trunk and all heads, forward and backward.
-    Net,
+    /// The splat op: forward alone, forward and backward.
+    Splat(splat::SplatArguments),
+    /// HexPlane look-up, then trunk and all heads, forward and backward.
+    Net(net::NetArguments),
+    /// A whole refined training step with two views.
+    Step(step::StepArguments),
 }
 
 /// One measurement; times in seconds, medians over the repetitions.
 #[derive(Debug, Serialize)]
 struct Row {
     scene: String,
-    device: &'static str,
+    device: String,
     threads: usize,
-    forward_seconds: f64,
-    backward_seconds: f64,
+    seconds: Seconds,
     #[serde(skip_serializing_if = "Option::is_none")]
     pairs: Option<Pairs>,
+}
+
+/// What was timed.
+#[derive(Clone, Copy, Debug, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Seconds {
+    /// Both passes, and the forward pass where nothing is kept for another.
+    Passes { render: Option<f64>, forward: f64, backward: f64 },
+    /// A step.
+    Step(f64),
 }
 
 /// Gaussian-pixel pairs of a splat.
@@ -54,8 +70,12 @@ struct Pairs {
     intersections: usize,
     evaluated: usize,
     contributing: usize,
-    forward_contributing_per_second_per_core: f64,
-    backward_contributing_per_second_per_core: f64,
+}
+
+/// A device under its name.
+struct Subjected {
+    name: String,
+    device: Device,
 }
 
 /// Runs a benchmark.
@@ -66,12 +86,16 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
             .build_global()
             .context("cannot set the number of threads")?;
     }
-    let rows = match arguments.subject {
-        Subject::Splat => splat::measure(arguments.repeat)?,
-        Subject::Net => net::measure(arguments.repeat)?,
+    let devices = devices(&arguments.devices)?;
+    let mut rows = Vec::new();
+    let mut note = |row: Row| {
+        print(&row);
+        rows.push(row);
     };
-    for row in &rows {
-        print(row);
+    match &arguments.subject {
+        Subject::Splat(subject) => splat::measure(subject, &devices, arguments.repeat, &mut note)?,
+        Subject::Net(subject) => net::measure(subject, &devices, arguments.repeat, &mut note)?,
+        Subject::Step(subject) => step::measure(subject, &devices, arguments.repeat, &mut note)?,
     }
     if let Some(path) = &arguments.json {
         let text = serde_json::to_string_pretty(&rows)?;
@@ -82,51 +106,89 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
 
 #[allow(clippy::print_stdout, reason = "the table is this program's output")]
 fn print(row: &Row) {
-    println!(
-        "{} on {}, {} threads: forward {:.1} ms, backward {:.1} ms",
-        row.scene,
-        row.device,
-        row.threads,
-        1e3 * row.forward_seconds,
-        1e3 * row.backward_seconds
-    );
+    print!("{} on {}, {} threads: ", row.scene, row.device, row.threads);
+    match row.seconds {
+        Seconds::Passes { render, forward, backward } => {
+            if let Some(render) = render {
+                print!("render {:.2} ms ({:.1} frames/s), ", 1e3 * render, 1.0 / render);
+            }
+            println!("forward {:.2} ms, backward {:.2} ms", 1e3 * forward, 1e3 * backward);
+        }
+        Seconds::Step(seconds) => println!("{:.2} ms", 1e3 * seconds),
+    }
     if let Some(pairs) = row.pairs {
         println!(
-            "    {} tile entries, {:.2} M pairs evaluated, {:.2} M contributing; per core forward {:.0} M/s, backward {:.0} M/s",
+            "    {} tile entries, {:.2} M pairs evaluated, {:.2} M contributing",
             pairs.intersections,
             1e-6 * pairs.evaluated as f64,
             1e-6 * pairs.contributing as f64,
-            1e-6 * pairs.forward_contributing_per_second_per_core,
-            1e-6 * pairs.backward_contributing_per_second_per_core
         );
     }
 }
 
-/// The CPU devices that were compiled in.
-fn devices() -> Vec<(&'static str, Device)> {
-    vec![
+/// The devices of these names, or all that were compiled in and found.
+fn devices(names: &[String]) -> Result<Vec<Subjected>> {
+    let subjected = |name: &str, device: Device| Subjected { name: name.to_owned(), device };
+    let mut there = vec![
         #[cfg(feature = "flex")]
-        ("flex", device::flex()),
+        subjected("flex", device::flex()),
         #[cfg(feature = "ndarray")]
-        ("ndarray", device::ndarray()),
-    ]
+        subjected("ndarray", device::ndarray()),
+    ];
+    #[cfg(any(feature = "wgpu", feature = "cuda"))]
+    there.extend(device::gpus().iter().map(|gpu| {
+        let software = if gpu.is_software { ", software" } else { "" };
+        subjected(&format!("{}:{} ({}{software})", gpu.backend, gpu.index, gpu.name), gpu.device.clone())
+    }));
+    if names.is_empty() {
+        return Ok(there);
+    }
+    let known: Vec<String> = there.iter().map(|device| device.name.clone()).collect();
+    for name in names {
+        if !known.iter().any(|known| is_called(known, name)) {
+            bail!("there is no device `{name}`; there are: {}", known.join(", "));
+        }
+    }
+    there.retain(|device| names.iter().any(|name| is_called(&device.name, name)));
+    Ok(there)
 }
 
-/// Median forward and backward seconds of `repeat` runs after one that is not counted. `run` returns both.
-fn medians(repeat: usize, mut run: impl FnMut() -> Result<(f64, f64)>) -> Result<(f64, f64)> {
-    run()?;
-    let runs = (0..repeat.max(1)).map(|_| run()).collect::<Result<Vec<_>>>()?;
-    let median = |pick: fn(&(f64, f64)) -> f64| {
-        let mut sorted: Vec<f64> = runs.iter().map(pick).collect();
-        sorted.sort_by(f64::total_cmp);
-        sorted[sorted.len() / 2]
-    };
-    Ok((median(|run| run.0), median(|run| run.1)))
+/// Whether `name` is the first word of a device's full name.
+fn is_called(full: &str, name: &str) -> bool {
+    full.split(' ').next() == Some(name)
 }
 
-/// Seconds that `work` took, and its result.
-fn timed<T>(work: impl FnOnce() -> T) -> (f64, T) {
+/// For each of `subjects`, the medians of what `run` gives, over `repeat` runs after two that are not counted: a GPU's
+/// driver compiles in the first and finds its memory in the second. Subjects take turns, so that whatever else the
+/// machine does meets all of them.
+fn medians<const N: usize>(
+    subjects: usize,
+    repeat: usize,
+    mut run: impl FnMut(usize) -> Result<[f64; N]>,
+) -> Result<Vec<[f64; N]>> {
+    ensure!(repeat > 0, "--repeat is 0: nothing would be measured");
+    let mut runs = vec![Vec::new(); subjects];
+    for turn in 0..2 + repeat {
+        for (subject, runs) in runs.iter_mut().enumerate() {
+            let times = run(subject)?;
+            if turn >= 2 {
+                runs.push(times);
+            }
+        }
+    }
+    Ok(runs.iter().map(|runs| std::array::from_fn(|i| median(runs.iter().map(|run| run[i]).collect()))).collect())
+}
+
+fn median(mut numbers: Vec<f64>) -> f64 {
+    numbers.sort_by(f64::total_cmp);
+    numbers[numbers.len() / 2]
+}
+
+/// Seconds until the device has done what `work` asks of it, and its result. The device was idle before.
+fn timed<T>(device: &Device, work: impl FnOnce() -> T) -> Result<(f64, T)> {
+    device.sync()?;
     let started = Instant::now();
     let result = work();
-    (started.elapsed().as_secs_f64(), result)
+    device.sync()?;
+    Ok((started.elapsed().as_secs_f64(), result))
 }

@@ -2,39 +2,52 @@
 
 use anyhow::Result;
 use burn::tensor::{DType, Tensor, TensorData};
+use clap::Args;
 use mvfusion_model::Device;
 use mvfusion_model::config::GridConfig;
 use mvfusion_model::network::{DeformationConfig, DeformationNetwork, HeadChoice, LayerInit};
 use mvfusion_model::random::Stream;
 use mvfusion_render::grid::GridBounds;
 
-use super::{Row, devices, medians, timed};
-
-/// Numbers of Gaussians.
-const COUNTS: [usize; 2] = [10_000, 30_000];
+use super::{Row, Seconds, Subjected, medians, timed};
 
 /// Width of trunk and heads.
 const WIDTH: usize = 128;
 
+/// How many points to look up and decode.
+#[derive(Debug, Args)]
+pub struct NetArguments {
+    /// Numbers of Gaussians.
+    #[arg(long, value_delimiter = ',', default_values_t = [10_000, 30_000])]
+    gaussians: Vec<usize>,
+}
+
 /// Measures every size on every device.
-pub fn measure(repeat: usize) -> Result<Vec<Row>> {
-    let mut rows = Vec::new();
-    for (name, device) in devices() {
-        let device = device.autodiff();
-        let network = network(&device);
-        for count in COUNTS {
-            let (forward, backward) = medians(repeat, || Ok(step(&network, count, &device)))?;
-            rows.push(Row {
-                scene: format!("net {count} Gaussians"),
-                device: name,
-                threads: rayon::current_num_threads(),
-                forward_seconds: forward,
-                backward_seconds: backward,
-                pairs: None,
-            });
+pub fn measure(
+    arguments: &NetArguments,
+    devices: &[Subjected],
+    repeat: usize,
+    note: &mut impl FnMut(Row),
+) -> Result<()> {
+    let tracking: Vec<Device> = devices.iter().map(|subject| subject.device.clone().autodiff()).collect();
+    let networks: Vec<DeformationNetwork> = tracking.iter().map(network).collect();
+    let parts: [(&str, Part); 2] = [("look-up", look_up), ("net", decode)];
+    for &count in &arguments.gaussians {
+        for (part, work) in parts {
+            let times =
+                medians(devices.len(), repeat, |subject| step(&networks[subject], count, &tracking[subject], work))?;
+            for (Subjected { name, .. }, [forward, backward]) in devices.iter().zip(times) {
+                note(Row {
+                    scene: format!("{part} {count} Gaussians"),
+                    device: name.clone(),
+                    threads: rayon::current_num_threads(),
+                    seconds: Seconds::Passes { render: None, forward, backward },
+                    pairs: None,
+                });
+            }
         }
     }
-    Ok(rows)
+    Ok(())
 }
 
 fn network(device: &Device) -> DeformationNetwork {
@@ -50,31 +63,41 @@ fn network(device: &Device) -> DeformationNetwork {
     config.init(&mut init)
 }
 
+/// What is timed of the network: from points and a time to a loss.
+type Part = fn(&DeformationNetwork, Tensor<2>, Tensor<2>) -> Tensor<1>;
+
+/// The features of all planes alone.
+fn look_up(network: &DeformationNetwork, points: Tensor<2>, time: Tensor<2>) -> Tensor<1> {
+    network.grid.forward(points, time).sum()
+}
+
+/// The features, the trunk and all heads.
+fn decode(network: &DeformationNetwork, points: Tensor<2>, time: Tensor<2>) -> Tensor<1> {
+    let offsets = network.decode(network.feature(points, time));
+    [
+        Some(offsets.means),
+        Some(offsets.log_scales),
+        Some(offsets.quaternions),
+        offsets.opacity_logits,
+        offsets.sh,
+        offsets.mask_logits,
+    ]
+    .into_iter()
+    .flatten()
+    .map(|offset| offset.powf_scalar(2.0).sum())
+    .reduce(|sum, part| sum + part)
+    // Proof: the first three of the list are always there.
+    .expect("six offsets were listed")
+}
+
 /// Seconds of one forward and one backward pass.
-fn step(network: &DeformationNetwork, count: usize, device: &Device) -> (f64, f64) {
+fn step(network: &DeformationNetwork, count: usize, device: &Device, part: Part) -> Result<[f64; 2]> {
     let mut stream = Stream::new(2, 0);
     let points: Vec<f32> = (0..3 * count).map(|_| stream.uniform(-1.0, 1.0) as f32).collect();
     let points = Tensor::<2>::from_data(TensorData::new(points, [count, 3]), device).require_grad();
     let time = Tensor::from_data(TensorData::new(vec![0.5f32], [1, 1]), &device.clone().inner());
-    let (forward, loss) = timed(|| {
-        let offsets = network.decode(network.feature(points, time));
-        // Proof of the `expect`: the first three offsets are always there.
-        [
-            Some(offsets.means),
-            Some(offsets.log_scales),
-            Some(offsets.quaternions),
-            offsets.opacity_logits,
-            offsets.sh,
-            offsets.mask_logits,
-        ]
-        .into_iter()
-        .flatten()
-        .map(|offset| offset.powf_scalar(2.0).sum())
-        .reduce(|sum, part| sum + part)
-        // Proof: the first three of the list are always there.
-        .expect("six offsets were listed")
-    });
-    let (backward, gradients) = timed(|| loss.backward());
+    let (forward, loss) = timed(device, || part(network, points, time))?;
+    let (backward, gradients) = timed(device, || loss.backward())?;
     drop(gradients);
-    (forward, backward)
+    Ok([forward, backward])
 }

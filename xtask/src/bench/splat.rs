@@ -1,6 +1,7 @@
-//! The splat op on a cloud of Gaussians that fills the view.
+//! The splat op on clouds of Gaussians that fills the view.
 
 use anyhow::Result;
+use clap::Args;
 use glam::{DMat3, DVec3};
 use mvfusion_data::Camera;
 use mvfusion_model::Device;
@@ -9,62 +10,79 @@ use mvfusion_render::splat::{self, SplatInputs, SplatRules, SplatSettings, Stati
 
 use burn::tensor::{Tensor, TensorData};
 
-use super::{Pairs, Row, devices, medians, timed};
-
-/// Gaussians, width, height.
-const SCENES: [(usize, usize, usize); 2] = [(10_000, 256, 192), (100_000, 640, 360)];
+use super::scene::SceneSize;
+use super::{Pairs, Row, Seconds, Subjected, medians, timed};
 
 /// Median radius of a Gaussian on the picture, in pixels, as in a trained scene of this size.
 const SIGMA_PIXELS: f64 = 1.6;
 
-/// Measures every scene on every device.
-pub fn measure(repeat: usize) -> Result<Vec<Row>> {
-    let mut rows = Vec::new();
-    for (name, device) in devices() {
-        for (count, width, height) in SCENES {
-            rows.push(measure_scene(name, &device, count, width, height, repeat)?);
-        }
-    }
-    Ok(rows)
+/// The clouds to render.
+#[derive(Debug, Args)]
+pub struct SplatArguments {
+    /// Scenes as COUNT@WIDTHxHEIGHT.
+    #[arg(long = "scene", value_delimiter = ',', default_values = ["10000@256x192", "50000@640x360", "100000@640x360"])]
+    scenes: Vec<SceneSize>,
 }
 
-fn measure_scene(
-    name: &'static str,
-    device: &Device,
-    count: usize,
-    width: usize,
-    height: usize,
+/// Measures every scene on every device.
+pub fn measure(
+    arguments: &SplatArguments,
+    devices: &[Subjected],
     repeat: usize,
-) -> Result<Row> {
-    let camera = Camera::centred(width, height, width as f64, DMat3::IDENTITY, DVec3::ZERO);
-    let settings = SplatSettings { rules: SplatRules::inria(), sh_degree: 3, statistic: Statistic::ColourAndDepth };
-    let cloud = Cloud::draw(count, &camera);
-    let diagnosis = splat::diagnose(&cloud.inputs(device, Tracking::Off), &camera, &settings)?;
+    note: &mut impl FnMut(Row),
+) -> Result<()> {
+    for scene in &arguments.scenes {
+        measure_scene(scene, devices, repeat, note)?;
+    }
+    Ok(())
+}
 
-    let (forward, backward) = medians(repeat, || {
-        let inputs = cloud.inputs(device, Tracking::On);
-        let (forward, picture) = timed(|| splat::splat(inputs, None, &camera, &settings));
-        let loss = picture?.packed.sum();
-        let (backward, gradients) = timed(|| loss.backward());
-        drop(gradients);
-        Ok((forward, backward))
-    })?;
-    let threads = rayon::current_num_threads();
-    let rate = |seconds: f64| diagnosis.contributing_pairs as f64 / seconds / threads as f64;
-    Ok(Row {
-        scene: format!("splat {count} Gaussians, {width}x{height}"),
-        device: name,
-        threads,
-        forward_seconds: forward,
-        backward_seconds: backward,
-        pairs: Some(Pairs {
-            intersections: diagnosis.intersections,
-            evaluated: diagnosis.evaluated_pairs,
-            contributing: diagnosis.contributing_pairs,
-            forward_contributing_per_second_per_core: rate(forward),
-            backward_contributing_per_second_per_core: rate(backward),
-        }),
+fn camera(scene: &SceneSize) -> Camera {
+    Camera::centred(scene.width, scene.height, scene.width as f64, DMat3::IDENTITY, DVec3::ZERO)
+}
+
+fn settings() -> SplatSettings {
+    SplatSettings { rules: SplatRules::inria(), sh_degree: 3, statistic: Statistic::ColourAndDepth }
+}
+
+/// What there is to blend; the same on every device.
+fn pairs_of(scene: &SceneSize, device: &Device) -> Result<Pairs> {
+    let cloud = Cloud::draw(scene.count, &camera(scene));
+    let diagnosis = splat::diagnose(&cloud.inputs(device, Tracking::Off), &camera(scene), &settings())?;
+    Ok(Pairs {
+        intersections: diagnosis.intersections,
+        evaluated: diagnosis.evaluated_pairs,
+        contributing: diagnosis.contributing_pairs,
     })
+}
+
+fn measure_scene(scene: &SceneSize, devices: &[Subjected], repeat: usize, note: &mut impl FnMut(Row)) -> Result<()> {
+    let (camera, settings) = (camera(scene), settings());
+    let cloud = Cloud::draw(scene.count, &camera);
+    let plain: Vec<SplatInputs> = devices.iter().map(|subject| cloud.inputs(&subject.device, Tracking::Off)).collect();
+    let times = medians(devices.len(), repeat, |subject| {
+        let device = &devices[subject].device;
+        let (render, picture) = timed(device, || splat::splat(plain[subject].clone(), None, &camera, &settings))?;
+        drop(picture?);
+        let inputs = cloud.inputs(device, Tracking::On);
+        let (forward, picture) = timed(device, || splat::splat(inputs, None, &camera, &settings))?;
+        // Of all numbers of the picture: a cotangent of ones, and no op but the splat's.
+        let picture = picture?.packed;
+        let (backward, gradients) = timed(device, || picture.backward())?;
+        drop(gradients);
+        Ok([render, forward, backward])
+    })?;
+    let pairs = pairs_of(scene, &devices[0].device)?;
+    for (Subjected { name, .. }, [render, forward, backward]) in devices.iter().zip(times) {
+        note(Row {
+            scene: format!("splat {scene}"),
+            device: name.clone(),
+            threads: rayon::current_num_threads(),
+            seconds: Seconds::Passes { render: Some(render), forward, backward },
+            pairs: Some(pairs),
+        });
+    }
+    Ok(())
 }
 
 /// Whether gradients are recorded.
