@@ -29,8 +29,7 @@ impl TileShare {
 /// Blends a picture of `channels` channels: colour, features, depth.
 ///
 /// `picture` is `[2, channels + 1, height, width]` (alpha before depth, both copies equal); `transmittance` and `last`
-/// are
-/// `[tiles, TILE_PIXELS]`.
+/// are `[tiles, TILE_PIXELS]`.
 #[cube(launch_unchecked)]
 pub fn blend(
     records: &[f32],

@@ -185,6 +185,7 @@ pub fn counts_by_depth(ids: &[u32], touched: &[u32], visible: &[u32], counts: &m
 /// A Gaussian has room for as many as the projection counted. Should another compiler's rounding find fewer here, the
 /// rest is said to lie in a tile behind the last, and should it find more, they are left out: both stand on the
 /// ellipse's very edge.
+///
 /// `offsets` are the running sums of the counts by depth. `tiles`, `owners` and `numbers` have an entry for each pair:
 /// its tile, its Gaussian, and its own number, which the sort by tile carries along.
 #[cube(launch)]
