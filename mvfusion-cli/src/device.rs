@@ -83,7 +83,7 @@ pub fn list() -> Vec<String> {
 
 #[cfg(any(feature = "wgpu", feature = "cuda"))]
 mod gpu {
-    use mvfusion_model::device::{Gpu, Limits, gpus};
+    use mvfusion_model::device::{Card, Gpu, gpus};
 
     use super::{OpenDevice, UsageError};
 
@@ -105,7 +105,7 @@ mod gpu {
             Some(gpu) => Ok(opened(gpu, "asked for by name")),
             None => {
                 let names: Vec<String> =
-                    found.iter().map(|gpu| format!("{}:{} ({})", gpu.backend, gpu.index, gpu.name)).collect();
+                    found.iter().map(|gpu| format!("{} ({})", gpu.label(), gpu.card().name)).collect();
                 let there = if names.is_empty() {
                     "no GPU was found".to_owned()
                 } else {
@@ -128,8 +128,8 @@ mod gpu {
     }
 
     fn opened(gpu: &Gpu, reason: &str) -> OpenDevice {
-        let name = format!("{}:{}", gpu.backend, gpu.index);
-        let reason = format!("{name}, {}{} ({reason})", gpu.name, software(gpu));
+        let name = gpu.label();
+        let reason = format!("{name}, {}{} ({reason})", gpu.card().name, software(gpu));
         OpenDevice { device: gpu.device.clone(), name, reason }
     }
 
@@ -138,12 +138,11 @@ mod gpu {
     }
 
     fn describe(gpu: &Gpu) -> String {
-        let Limits { buffer, shared_memory, units, adds_floats } = gpu.limits;
+        let Card { name, buffer, shared_memory, units, adds_floats } = gpu.card();
         let atomics = if adds_floats { "atomic float addition" } else { "no atomic float addition" };
         format!(
-            "{:9} {}{}: buffers up to {} MiB, {} KiB shared by up to {units} units, {atomics}",
-            format!("{}:{}", gpu.backend, gpu.index),
-            gpu.name,
+            "{:9} {name}{}: buffers up to {} MiB, {} KiB shared by up to {units} units, {atomics}",
+            gpu.label(),
             software(gpu),
             buffer >> 20,
             shared_memory >> 10,

@@ -1,9 +1,9 @@
 //! The devices that were compiled in: one constructor for each CPU backend, and a list of the GPUs that were found.
 
-use burn::tensor::Device;
+use burn::tensor::{DType, Device};
 
 #[cfg(feature = "cube")]
-pub use gpu::{Gpu, Limits, fold_launches, gpus, imitate_hardware};
+pub use gpu::{Card, Gpu, fold_launches, gpus, imitate_hardware};
 
 /// Burn's pure-Rust CPU backend.
 #[cfg(feature = "flex")]
@@ -17,16 +17,13 @@ pub fn ndarray() -> Device {
     crate::host::ndarray::device()
 }
 
-/// The GPU that wgpu takes where none is named; a software driver where there is nothing else.
-#[cfg(feature = "wgpu")]
-pub fn wgpu() -> Device {
-    Device::wgpu(burn::tensor::DeviceKind::DefaultDevice)
-}
-
-/// The first NVIDIA GPU, by CUDA.
-#[cfg(feature = "cuda")]
-pub fn cuda() -> Device {
-    Device::cuda(0)
+/// Whether the ops of a device take numbers of a type: single precision, and double precision on a CPU.
+pub(crate) fn takes(device: &Device, dtype: DType) -> bool {
+    match dtype {
+        DType::F32 => true,
+        DType::F64 => buffer_limit(device).is_none(),
+        _ => false,
+    }
 }
 
 /// Bytes of the largest buffer of a device; `None` for a CPU, which has no such limit.
@@ -45,10 +42,8 @@ mod gpu {
     use burn::backend::DispatchDevice;
     use burn::tensor::{Device, DeviceType};
     use burn_cubecl::CubeDevice;
-    #[cfg(feature = "wgpu")]
-    use cubecl::wgpu::WgpuDeviceKind;
 
-    use crate::cube::gpu::adds_floats;
+    use crate::cube::gpu::{self, adds_floats, is_software};
 
     /// A GPU that a backend of this build has found.
     #[derive(Clone, Debug)]
@@ -57,19 +52,18 @@ mod gpu {
         pub backend: &'static str,
         /// Its number among those of the backend.
         pub index: usize,
-        /// As it names itself.
-        pub name: String,
         /// Whether it is a driver that computes on the CPU.
         pub is_software: bool,
-        /// What it can hold and launch.
-        pub limits: Limits,
-        /// For Burn.
+        /// For Burn, which opens it when it is first used.
         pub device: Device,
+        cube: CubeDevice,
     }
 
-    /// What a GPU can hold and launch.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    pub struct Limits {
+    /// What an opened GPU says of itself.
+    #[derive(Clone, Debug, PartialEq, Eq)]
+    pub struct Card {
+        /// Its name.
+        pub name: String,
         /// Bytes of the largest buffer.
         pub buffer: u64,
         /// Bytes that the units of a cube share.
@@ -95,7 +89,8 @@ mod gpu {
         crate::cube::gpu::imitate_hardware(on);
     }
 
-    /// The GPUs of every backend in this build, CUDA's first. The first call opens each of them.
+    /// The GPUs of every backend in this build, CUDA's first. None is opened by it: that takes time, and memory of the
+    /// GPU.
     pub fn gpus() -> &'static [Gpu] {
         static GPUS: OnceLock<Vec<Gpu>> = OnceLock::new();
         GPUS.get_or_init(|| {
@@ -110,41 +105,43 @@ mod gpu {
 
     /// Bytes of the largest buffer of a device; `None` for a CPU, which has no such limit.
     pub(crate) fn buffer_limit(device: &Device) -> Option<u64> {
-        match device.clone().inner().as_dispatch() {
-            DispatchDevice::Cube(cube) => Some(cube.client().properties().memory.max_page_size),
+        Some(gpu::buffer_limit(&as_cube(&device.clone().inner())?.client()))
+    }
+
+    fn found(backend: &'static str, kind: DeviceType) -> Vec<Gpu> {
+        let devices = Device::enumerate(kind).into_iter().enumerate();
+        devices
+            .filter_map(|(index, device)| {
+                let cube = as_cube(&device)?;
+                Some(Gpu { backend, index, is_software: is_software(&cube), device, cube })
+            })
+            .collect()
+    }
+
+    fn as_cube(device: &Device) -> Option<CubeDevice> {
+        match device.as_dispatch() {
+            DispatchDevice::Cube(cube) => Some(cube.clone()),
             _ => None,
         }
     }
 
-    fn found(backend: &'static str, kind: DeviceType) -> Vec<Gpu> {
-        let devices = Device::enumerate(kind);
-        devices.into_iter().enumerate().filter_map(|(index, device)| Gpu::open(backend, index, device)).collect()
-    }
-
-    /// Whether a device is a driver that computes on the CPU.
-    fn is_software(device: &CubeDevice) -> bool {
-        match device {
-            #[cfg(feature = "wgpu")]
-            CubeDevice::Wgpu(wgpu) => wgpu.kind == WgpuDeviceKind::Cpu,
-            #[allow(unreachable_patterns, reason = "with wgpu alone there is no other")]
-            _ => false,
-        }
-    }
-
     impl Gpu {
-        fn open(backend: &'static str, index: usize, device: Device) -> Option<Self> {
-            let name = device.identity()?.name;
-            let DispatchDevice::Cube(cube) = device.as_dispatch() else { return None };
-            let is_software = is_software(cube);
-            let client = cube.client();
+        /// Its name on the command line: backend and number.
+        pub fn label(&self) -> String {
+            format!("{}:{}", self.backend, self.index)
+        }
+
+        /// Opens the GPU and asks it what it is.
+        pub fn card(&self) -> Card {
+            let client = self.cube.client();
             let properties = client.properties();
-            let limits = Limits {
-                buffer: properties.memory.max_page_size,
+            Card {
+                name: properties.identity.name.clone(),
+                buffer: gpu::buffer_limit(&client),
                 shared_memory: properties.hardware.max_shared_memory_size,
                 units: properties.hardware.max_units_per_cube,
                 adds_floats: adds_floats(&client),
-            };
-            Some(Self { backend, index, name, is_software, limits, device })
+            }
         }
     }
 }

@@ -16,19 +16,16 @@ pub fn attention(
     #[comptime] keys: usize,
 ) {
     let unit = ABSOLUTE_POS;
-    let width = width as usize;
     if unit < rows as usize * heads {
-        let depth = width / heads;
-        let query = unit / heads * width + unit % heads * depth;
-        let first = unit / heads * keys * 2 * width + unit % heads * depth;
-        let weights = weigh(queries, memory, query, first, width, depth, keys);
-        for column in 0..depth {
+        let head = head_of(unit, width, heads, keys);
+        let weights = weigh(queries, memory, &head, keys);
+        for column in 0..head.depth {
             let mut sum = 0.0f32;
             #[unroll]
             for key in 0..keys {
-                sum += weights[key] * memory[first + comptime!(2 * key + 1) * width + column];
+                sum += weights[key] * memory[value_at(&head, key) + column];
             }
-            found[query + column] = sum;
+            found[head.query + column] = sum;
         }
     }
 }
@@ -47,66 +44,91 @@ pub fn attention_backward(
     #[comptime] keys: usize,
 ) {
     let unit = ABSOLUTE_POS;
-    let width = width as usize;
     if unit < rows as usize * heads {
-        let depth = width / heads;
-        let query = unit / heads * width + unit % heads * depth;
-        let first = unit / heads * keys * 2 * width + unit % heads * depth;
-        let weights = weigh(queries, memory, query, first, width, depth, keys);
+        let head = head_of(unit, width, heads, keys);
+        let weights = weigh(queries, memory, &head, keys);
         let mut v_weights = Array::<f32>::new(keys);
         let mut mean = 0.0f32;
         #[unroll]
         for key in 0..keys {
             let mut sum = 0.0f32;
-            for column in 0..depth {
-                let v = v_found[query + column];
-                let value = first + comptime!(2 * key + 1) * width + column;
+            for column in 0..head.depth {
+                let v = v_found[head.query + column];
+                let value = value_at(&head, key) + column;
                 sum += v * memory[value];
                 v_memory[value] = weights[key] * v;
             }
             v_weights[key] = sum;
             mean += weights[key] * sum;
         }
-        let scale = 1.0f32 / f32::cast_from(depth as u32).sqrt();
         #[unroll]
         for key in 0..keys {
-            v_weights[key] = weights[key] * (v_weights[key] - mean) * scale;
+            v_weights[key] = weights[key] * (v_weights[key] - mean) * head.scale;
         }
-        for column in 0..depth {
-            let own = queries[query + column];
+        for column in 0..head.depth {
+            let own = queries[head.query + column];
             let mut sum = 0.0f32;
             #[unroll]
             for key in 0..keys {
-                let at = first + comptime!(2 * key) * width + column;
+                let at = key_at(&head, key) + column;
                 sum += v_weights[key] * memory[at];
                 v_memory[at] = v_weights[key] * own;
             }
-            v_queries[query + column] = sum;
+            v_queries[head.query + column] = sum;
         }
     }
 }
 
+/// Where a unit finds its head.
+#[derive(CubeType, Clone, Copy)]
+struct Head {
+    /// Its first number in the queries.
+    query: usize,
+    /// That of its first key in the memory.
+    first: usize,
+    /// From one key or value to the next.
+    width: usize,
+    /// Numbers of a query, a key or a value.
+    depth: usize,
+    /// What scores are multiplied by.
+    scale: f32,
+}
+
+#[cube]
+fn head_of(unit: usize, width: u32, #[comptime] heads: usize, #[comptime] keys: usize) -> Head {
+    let width = width as usize;
+    let depth = width / heads;
+    Head {
+        query: unit / heads * width + unit % heads * depth,
+        first: unit / heads * keys * 2 * width + unit % heads * depth,
+        width,
+        depth,
+        scale: 1.0f32 / f32::cast_from(depth as u32).sqrt(),
+    }
+}
+
+#[cube]
+fn key_at(head: &Head, #[comptime] key: usize) -> usize {
+    head.first + comptime!(2 * key) * head.width
+}
+
+#[cube]
+fn value_at(head: &Head, #[comptime] key: usize) -> usize {
+    head.first + comptime!(2 * key + 1) * head.width
+}
+
 /// The softmax of the scores.
 #[cube]
-fn weigh(
-    queries: &[f32],
-    memory: &[f32],
-    query: usize,
-    first: usize,
-    width: usize,
-    depth: usize,
-    #[comptime] keys: usize,
-) -> Array<f32> {
+fn weigh(queries: &[f32], memory: &[f32], head: &Head, #[comptime] keys: usize) -> Array<f32> {
     let mut weights = Array::<f32>::new(keys);
-    let scale = 1.0f32 / f32::cast_from(depth as u32).sqrt();
     let mut largest = f32::new(f32::MIN);
     #[unroll]
     for key in 0..keys {
         let mut score = 0.0f32;
-        for column in 0..depth {
-            score += queries[query + column] * memory[first + comptime!(2 * key) * width + column];
+        for column in 0..head.depth {
+            score += queries[head.query + column] * memory[key_at(head, key) + column];
         }
-        weights[key] = score * scale;
+        weights[key] = score * head.scale;
         largest = max(largest, weights[key]);
     }
     let mut sum = 0.0f32;

@@ -3,10 +3,13 @@
 use cubecl::prelude::*;
 
 use super::maths::constant;
-use super::stage::{Four, TileShare, WORD, met_by_row, stage_batch, staged_at};
+use super::stage::{
+    Four, Staged, TileShare, UnitPixels, WORD, in_picture, in_tiles, is_inside, met_by_row, stage_batch, staged_at,
+    unit_pixels,
+};
 use super::tiles::tiles_along;
 use super::view::BlendRules;
-use crate::splat::{MIN_ALPHA, TILE, TILE_PIXELS};
+use crate::splat::MIN_ALPHA;
 
 /// Gaussians that a unit takes up in one turn of its loop: a driver that computes on the CPU copies all that a turn
 /// hands to the next, the sums of every pixel.
@@ -45,39 +48,15 @@ pub fn blend(
     rules: BlendRules,
     #[comptime] share: TileShare,
 ) {
-    let channels = comptime!(share.channels);
-    let span = comptime!(share.span);
     let mut staged = Shared::<[Four]>::new_slice(comptime!(share.batch * share.vectors()));
     let mut rows = Shared::<[u32]>::new_slice(comptime!(share.batch));
     let mut vote = Shared::<[u32]>::new_slice(1usize);
-    let columns = tiles_along(width);
-    let tile = CUBE_POS as u32;
-    if tile < columns * tiles_along(height) {
-        let spans = comptime!(share.spans() as u32);
-        let (column, row) = (UNIT_POS % spans * comptime!(span as u32), UNIT_POS / spans);
-        let (left, top) = (tile % columns * comptime!(TILE as u32), tile / columns * comptime!(TILE as u32));
-        let (x, y) = (left + column, top + row);
-
-        let mut sums = Array::<f32>::new(comptime!(span * channels));
-        let mut light = Array::<f32>::new(span);
-        let mut behind = Array::<i32>::new(span);
-        // What alpha has to reach at a pixel: more than it can where the pixel is finished, or none of the picture's.
-        let mut least = Array::<f32>::new(span);
-        #[unroll]
-        for p in 0..span {
-            #[unroll]
-            for channel in 0..channels {
-                sums[comptime!(p * channels + channel)] = 0.0f32;
-            }
-            let inside = x + comptime!(p as u32) < width && y < height;
-            light[p] = 1.0f32;
-            behind[p] = 0;
-            least[p] = select(inside, constant(MIN_ALPHA), constant(CLOSED));
-        }
-        let mut open = is_any_open(&least, span);
-
-        let begin = starts[tile as usize] as u32;
-        let end = starts[tile as usize + 1] as u32;
+    let pixels = unit_pixels(width, share);
+    if pixels.tile < tiles_along(width) * tiles_along(height) {
+        let mut blended = nothing_blended(&pixels, width, height, share);
+        let mut open = is_any_open(&blended.least, share.span);
+        let begin = starts[pixels.tile as usize] as u32;
+        let end = starts[pixels.tile as usize + 1] as u32;
         let mut at = begin;
         while at < end {
             // Whoever is still open says so; all read the answer behind the next barrier.
@@ -89,45 +68,27 @@ pub fn blend(
                 vote[0] = 1u32;
             }
             let count = min(end - at, comptime!(share.batch as u32));
-            let (tile_x, tile_y) = (f32::cast_from(left), f32::cast_from(top));
-            stage_batch(records, features, sorted, at, count, tile_x, tile_y, &mut staged, &mut rows, share);
+            stage_batch(records, features, sorted, at, count, &pixels, &mut staged, &mut rows, share);
             sync_cube();
             let anybody = vote[0] == 1u32;
             if anybody {
                 let mut word = 0u32;
                 while word < count && open {
-                    let mut met = met_by_row(&rows, word, count, row);
+                    let mut met = met_by_row(&rows, word, count, pixels.row);
                     while met != 0u32 {
                         #[unroll]
                         for _ in 0..AT_ONCE {
-                            let opacity = select(met == 0u32, 0.0f32, 1.0f32);
+                            let there = select(met == 0u32, 0.0f32, 1.0f32);
                             // Where none is left, some Gaussian that was staged, at an opacity of zero.
                             let k = min(word + met.trailing_zeros(), count - 1u32);
                             met &= met - 1u32;
-                            let splat = staged_at(&staged, k, f32::cast_from(column), f32::cast_from(row), share);
-                            let opacity = opacity * splat.opacity;
-                            #[unroll]
-                            for p in 0..span {
-                                let u = splat.u + comptime!(p as f32);
-                                let sigma = splat.half_x * u * u + splat.row_sigma;
-                                let alpha = min(opacity * (-sigma).exp(), rules.alpha_clamp);
-                                let after = light[p] - light[p] * alpha;
-                                let seen = alpha >= least[p];
-                                let enough = after >= rules.stop;
-                                let added = seen && enough;
-                                let weight = select(added, alpha * light[p], 0.0f32);
-                                #[unroll]
-                                for channel in 0..channels {
-                                    sums[comptime!(p * channels + channel)] += weight * splat.values[channel];
-                                }
-                                light[p] = select(added, after, light[p]);
-                                behind[p] = select(added, i32::cast_from(at - begin + k + 1u32), behind[p]);
-                                least[p] = select(seen && !enough, constant(CLOSED), least[p]);
-                            }
+                            let splat = staged_at(&staged, k, &pixels, share);
+                            let number = i32::cast_from(at - begin + k + 1u32);
+                            take_up(&mut blended, &splat, there * splat.opacity, number, &rules, share);
                         }
                     }
                     word += comptime!(WORD as u32);
-                    open = is_any_open(&least, span);
+                    open = is_any_open(&blended.least, share.span);
                 }
                 at += count;
             } else {
@@ -135,31 +96,113 @@ pub fn blend(
             }
             sync_cube();
         }
-
-        let plane = (width * height) as usize;
         #[unroll]
-        for p in 0..span {
-            let place = tile as usize * TILE_PIXELS + (row * comptime!(TILE as u32) + column) as usize + p;
-            let inside = x + comptime!(p as u32) < width && y < height;
-            transmittance[place] = select(inside, light[p], 0.0f32);
-            last[place] = behind[p];
-            if inside {
-                let pixel = (y * width + x) as usize + p;
-                #[unroll]
-                for channel in 0..channels {
-                    let mut value = sums[comptime!(p * channels + channel)];
-                    // The depth, last of the channels, has no background, and alpha stands before it.
-                    if comptime!(channel + 1 < channels) {
-                        value += light[p] * background[channel];
-                    }
-                    let to = comptime!(if channel + 1 < channels { channel } else { channel + 1 });
-                    picture[to * plane + pixel] = value;
-                    picture[comptime!(to + channels + 1) * plane + pixel] = value;
+        for p in 0..share.span {
+            let left = blended.transmittance[p];
+            let inside = is_inside(&pixels, p, width, height);
+            transmittance[in_tiles(&pixels, p)] = select(inside, left, 0.0f32);
+            last[in_tiles(&pixels, p)] = blended.last[p];
+        }
+        write_picture(&blended, &pixels, background, picture, width, height, share);
+    }
+}
+
+/// A unit's pixels, as far as they are blended.
+#[derive(CubeType)]
+struct Blended {
+    /// The channels of each pixel.
+    sums: Array<f32>,
+    /// The light that is left behind the Gaussians taken up.
+    transmittance: Array<f32>,
+    /// One more than the place of the last of them in the tile's list.
+    last: Array<i32>,
+    /// What alpha has to reach: more than it can where the pixel is finished, or none of the picture's.
+    least: Array<f32>,
+}
+
+#[cube]
+fn nothing_blended(pixels: &UnitPixels, width: u32, height: u32, #[comptime] share: TileShare) -> Blended {
+    let mut sums = Array::<f32>::new(comptime!(share.span * share.channels));
+    let mut transmittance = Array::<f32>::new(share.span);
+    let mut last = Array::<i32>::new(share.span);
+    let mut least = Array::<f32>::new(share.span);
+    #[unroll]
+    for i in 0..comptime!(share.span * share.channels) {
+        sums[i] = 0.0f32;
+    }
+    #[unroll]
+    for p in 0..share.span {
+        transmittance[p] = 1.0f32;
+        last[p] = 0;
+        least[p] = select(is_inside(pixels, p, width, height), constant(MIN_ALPHA), constant(CLOSED));
+    }
+    Blended { sums, transmittance, last, least }
+}
+
+/// Blends a Gaussian, the tile's `number`-th, into the unit's pixels. Without branches: a unit's pixels are computed
+/// together.
+#[cube]
+fn take_up(
+    blended: &mut Blended,
+    splat: &Staged,
+    opacity: f32,
+    number: i32,
+    rules: &BlendRules,
+    #[comptime] share: TileShare,
+) {
+    let channels = comptime!(share.channels);
+    #[unroll]
+    for p in 0..share.span {
+        let u = splat.u + comptime!(p as f32);
+        let sigma = splat.half_x * u * u + splat.row_sigma;
+        let alpha = min(opacity * (-sigma).exp(), rules.alpha_clamp);
+        let before = blended.transmittance[p];
+        let after = before - before * alpha;
+        let seen = alpha >= blended.least[p];
+        let enough = after >= rules.stop;
+        let added = seen && enough;
+        let weight = select(added, alpha * before, 0.0f32);
+        #[unroll]
+        for channel in 0..channels {
+            blended.sums[comptime!(p * channels + channel)] += weight * splat.values[channel];
+        }
+        blended.transmittance[p] = select(added, after, before);
+        blended.last[p] = select(added, number, blended.last[p]);
+        blended.least[p] = select(seen && !enough, constant(CLOSED), blended.least[p]);
+    }
+}
+
+/// Writes both copies of the unit's pixels, the background behind them.
+#[cube]
+fn write_picture(
+    blended: &Blended,
+    pixels: &UnitPixels,
+    background: &[f32],
+    picture: &mut [f32],
+    width: u32,
+    height: u32,
+    #[comptime] share: TileShare,
+) {
+    let channels = comptime!(share.channels);
+    let plane = (width * height) as usize;
+    #[unroll]
+    for p in 0..share.span {
+        if is_inside(pixels, p, width, height) {
+            let left = blended.transmittance[p];
+            let pixel = in_picture(pixels, p, width);
+            #[unroll]
+            for channel in 0..channels {
+                let mut value = blended.sums[comptime!(p * channels + channel)];
+                // The depth, last of the channels, has no background, and alpha stands before it.
+                if comptime!(channel + 1 < channels) {
+                    value += left * background[channel];
                 }
-                let alpha = 1.0f32 - light[p];
-                picture[comptime!(channels - 1) * plane + pixel] = alpha;
-                picture[comptime!(2 * channels) * plane + pixel] = alpha;
+                let to = comptime!(if channel + 1 < channels { channel } else { channel + 1 });
+                picture[to * plane + pixel] = value;
+                picture[comptime!(to + channels + 1) * plane + pixel] = value;
             }
+            picture[comptime!(channels - 1) * plane + pixel] = 1.0f32 - left;
+            picture[comptime!(2 * channels) * plane + pixel] = 1.0f32 - left;
         }
     }
 }

@@ -10,13 +10,17 @@
 use cubecl::prelude::*;
 
 use super::maths::constant;
-use super::stage::{FOUR, Four, TileShare, WORD, met_by_row, stage_batch, staged_at};
+use super::moments::write_records;
+use super::stage::{
+    FOUR, Four, Staged, TileShare, UnitPixels, WORD, four_of, in_picture, in_tiles, is_inside, met_by_row, stage_batch,
+    staged_at, unit_pixels,
+};
 use super::tiles::tiles_along;
 use super::view::BlendRules;
-use crate::splat::{COLOUR_CHANNELS, MIN_ALPHA, PROJECTED_GRADIENT_LEN, TILE, TILE_PIXELS};
+use crate::splat::{COLOUR_CHANNELS, MIN_ALPHA, PROJECTED_GRADIENT_LEN, TILE};
 
 /// The middle of a tile's pixels along an axis.
-const MIDDLE: f64 = (TILE as f64 - 1.0) / 2.0;
+pub(super) const MIDDLE: f64 = (TILE as f64 - 1.0) / 2.0;
 
 /// How the kernel is compiled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -50,14 +54,13 @@ impl BlendBackwardKind {
             .find(|kind| kind.bytes() <= memory)
     }
 
-    /// Vectors of what a unit sums over its pixels: the share of sigma times 1, x and x², the channels, and the
-    /// statistic's share times 1 and x.
-    const fn sums(&self) -> usize {
+    /// Vectors of what a unit sums over its pixels, see `take_out`.
+    pub(super) const fn sums(&self) -> usize {
         (3 + self.share.channels + if self.statistic.is_some() { 2 } else { 0 }).div_ceil(FOUR)
     }
 
     /// Vectors that the units' sums of a batch take.
-    const fn room(&self) -> usize {
+    const fn parts(&self) -> usize {
         self.share.batch * self.share.units() * self.sums()
     }
 
@@ -68,7 +71,7 @@ impl BlendBackwardKind {
 
     /// Bytes that a cube shares.
     const fn bytes(&self) -> usize {
-        self.share.bytes() + 16 * (self.room() + self.totals()) + 4 * self.share.units()
+        self.share.bytes() + 16 * (self.parts() + self.totals()) + 4 * self.share.units()
     }
 
     /// Whether the statistic counts a channel.
@@ -85,7 +88,7 @@ impl BlendBackwardKind {
 /// Gradients of `blend`.
 ///
 /// `gradients` has a row of [`record_vectors`] for each entry of the tile lists; `v_background` is `[tiles, channels -
-/// 1]`, each tile's share.
+/// 1]`, each tile's part.
 #[cube(launch_unchecked)]
 pub fn blend_backward(
     records: &[f32],
@@ -104,321 +107,307 @@ pub fn blend_backward(
     #[comptime] kind: BlendBackwardKind,
 ) {
     let share = comptime!(kind.share);
-    let (channels, span) = comptime!((kind.share.channels, kind.share.span));
-    let units = comptime!(kind.share.units());
-    let vectors = comptime!(kind.sums());
-    let counting = comptime!(kind.statistic.is_some());
     let mut staged = Shared::<[Four]>::new_slice(comptime!(kind.share.batch * kind.share.vectors()));
     let mut rows = Shared::<[u32]>::new_slice(comptime!(kind.share.batch));
-    let mut room = Shared::<[Four]>::new_slice(comptime!(kind.room()));
+    let mut parts = Shared::<[Four]>::new_slice(comptime!(kind.parts()));
     let mut totals = Shared::<[Four]>::new_slice(comptime!(kind.totals()));
-    let mut lasts = Shared::<[u32]>::new_slice(units);
+    let mut lasts = Shared::<[u32]>::new_slice(comptime!(kind.share.units()));
+    let pixels = unit_pixels(width, share);
+    if pixels.tile < tiles_along(width) * tiles_along(height) {
+        let mut taken = nothing_taken(&pixels, transmittance, last, v_picture, background, width, height, kind);
+        sum_background(&taken, pixels.tile, &mut parts, v_background, kind);
+        let used = largest_of_units(largest_last(&taken, share), &mut lasts);
 
-    let columns = tiles_along(width);
-    let tile = CUBE_POS as u32;
-    if tile < columns * tiles_along(height) {
-        let unit = UNIT_POS as usize;
-        let spans = comptime!(kind.share.spans() as u32);
-        let (column, row) = (UNIT_POS % spans * comptime!(span as u32), UNIT_POS / spans);
-        let (left, top) = (tile % columns * comptime!(TILE as u32), tile / columns * comptime!(TILE as u32));
-        let (x, y) = (left + column, top + row);
-        let from_middle = f32::cast_from(column) - constant(MIDDLE);
-
-        // The cotangents at the pixels: both pictures together, and the first alone, of which the statistic counts some
-        // channels.
-        let mut both = Array::<f32>::new(comptime!(span * channels));
-        let mut main = Array::<f32>::new(comptime!(span * channels));
-        let mut light = Array::<f32>::new(span);
-        let mut taken = Array::<i32>::new(span);
-        let mut behind = Array::<f32>::new(span);
-        let mut behind_counted = Array::<f32>::new(span);
-        let mut largest = 0u32;
-        let plane = (width * height) as usize;
-        #[unroll]
-        for p in 0..span {
-            let place = tile as usize * TILE_PIXELS + (row * comptime!(TILE as u32) + column) as usize + p;
-            let pixel = (y * width + x) as usize + p;
-            let inside = x + comptime!(p as u32) < width && y < height;
-            let left_over = transmittance[place];
-            light[p] = left_over;
-            taken[p] = last[place];
-            largest = max(largest, u32::cast_from(last[place]));
-            // Alpha is one minus the transmittance, through which the background shows.
-            let mut v_alpha = 0.0f32;
-            let mut v_alpha_main = 0.0f32;
-            if inside {
-                v_alpha_main = v_picture[comptime!(channels - 1) * plane + pixel];
-                v_alpha = v_alpha_main + v_picture[comptime!(2 * channels) * plane + pixel];
-            }
-            let mut shade = -v_alpha;
-            let mut shade_counted = -v_alpha_main;
-            #[unroll]
-            for channel in 0..channels {
-                let from = comptime!(if channel + 1 < channels { channel } else { channel + 1 });
-                let mut first = 0.0f32;
-                let mut second = 0.0f32;
-                if inside {
-                    first = v_picture[from * plane + pixel];
-                    second = v_picture[(from + comptime!(channels + 1)) * plane + pixel];
-                }
-                both[comptime!(p * channels + channel)] = first + second;
-                main[comptime!(p * channels + channel)] = first;
-                if comptime!(channel + 1 < channels) {
-                    shade += (first + second) * background[channel];
-                    if comptime!(kind.counts(channel)) {
-                        shade_counted += first * background[channel];
-                    }
-                }
-            }
-            behind[p] = shade * left_over;
-            behind_counted[p] = shade_counted * left_over;
-        }
-
-        // The background's share: each unit's pixels, then all units.
-        #[unroll]
-        for vector in 0..comptime!((channels - 1).div_ceil(FOUR)) {
-            let mut sums = Four::new(0.0f32);
-            #[unroll]
-            for part in 0..comptime!((channels - 1 - FOUR * vector).min(FOUR)) {
-                let mut sum = 0.0f32;
-                #[unroll]
-                for p in 0..span {
-                    sum += both[comptime!(p * channels + FOUR * vector + part)] * light[p];
-                }
-                sums.insert(part, sum);
-            }
-            room[comptime!(vector * units) + unit] = sums;
-        }
-        lasts[unit] = largest;
-        sync_cube();
-        if unit < comptime!((channels - 1).div_ceil(FOUR)) {
-            let mut sums = Four::new(0.0f32);
-            for other in 0..units {
-                sums += room[unit * units + other];
-            }
-            #[unroll]
-            for part in 0..FOUR {
-                let channel = FOUR * unit + part;
-                if channel < comptime!(channels - 1) {
-                    v_background[tile as usize * comptime!(channels - 1) + channel] = sums.extract(part);
-                }
-            }
-        }
-        let used = largest_of_units(&mut lasts);
-
-        let begin = starts[tile as usize] as u32;
-        let length = comptime!(record_vectors(kind.share.channels));
+        let begin = starts[pixels.tile as usize] as u32;
         let batch = comptime!(kind.share.batch as u32);
         let batches = (used + (batch - 1u32)) / batch;
         for turn in 0..batches {
             let first = (batches - 1u32 - turn) * batch;
             let count = min(used - first, batch);
-            let (tile_x, tile_y) = (f32::cast_from(left), f32::cast_from(top));
-            stage_batch(records, features, sorted, begin + first, count, tile_x, tile_y, &mut staged, &mut rows, share);
+            stage_batch(records, features, sorted, begin + first, count, &pixels, &mut staged, &mut rows, share);
             sync_cube();
-
-            // A unit is its pixels.
-            let mut met = met_by_row(&rows, 0u32, count, row);
+            let mut met = met_by_row(&rows, 0u32, count, pixels.row);
             while met != 0u32 {
                 let k = comptime!(WORD as u32 - 1) - met.leading_zeros();
                 met ^= 1u32 << k;
-                let splat = staged_at(&staged, k, f32::cast_from(column), f32::cast_from(row), share);
-                let mut sums = Array::<f32>::new(comptime!(FOUR * kind.sums()));
-                #[unroll]
-                for i in 0..comptime!(FOUR * kind.sums()) {
-                    sums[i] = 0.0f32;
-                }
-                #[unroll]
-                for p in 0..span {
-                    let u = splat.u + comptime!(p as f32);
-                    let sigma = splat.half_x * u * u + splat.row_sigma;
-                    let falloff = (-sigma).exp();
-                    let raw = splat.opacity * falloff;
-                    let clamped = min(raw, rules.alpha_clamp);
-                    let added = clamped >= constant(MIN_ALPHA) && i32::cast_from(first + k) < taken[p];
-                    let alpha = select(added, clamped, 0.0f32);
-                    let gate = select(added && raw <= rules.gradient_clamp, falloff, 0.0f32);
-                    let inverse = 1.0f32 / (1.0f32 - alpha);
-                    light[p] *= inverse;
-                    let weight = alpha * light[p];
-                    let mut shade = 0.0f32;
-                    #[unroll]
-                    for channel in 0..channels {
-                        let v = both[comptime!(p * channels + channel)];
-                        shade += v * splat.values[channel];
-                        sums[comptime!(3 + channel)] += weight * v;
-                    }
-                    let part = gate * (light[p] * shade - behind[p] * inverse);
-                    behind[p] += weight * shade;
-                    let place = from_middle + comptime!(p as f32);
-                    sums[0] += part;
-                    sums[1] += part * place;
-                    sums[2] += part * place * place;
-                    if counting {
-                        let mut shade = 0.0f32;
-                        #[unroll]
-                        for channel in 0..channels {
-                            if comptime!(kind.counts(channel)) {
-                                shade += main[comptime!(p * channels + channel)] * splat.values[channel];
-                            }
-                        }
-                        let part = gate * (light[p] * shade - behind_counted[p] * inverse);
-                        behind_counted[p] += weight * shade;
-                        sums[comptime!(3 + channels)] += part;
-                        sums[comptime!(4 + channels)] += part * place;
-                    }
-                }
-                #[unroll]
-                for vector in 0..vectors {
-                    let mut four = Four::new(0.0f32);
-                    #[unroll]
-                    for part in 0..FOUR {
-                        four.insert(part, sums[comptime!(FOUR * vector + part)]);
-                    }
-                    room[(k as usize * units + unit) * vectors + vector] = four;
-                }
+                let splat = staged_at(&staged, k, &pixels, share);
+                let sums = take_out(&mut taken, &splat, i32::cast_from(first + k), pixels.column, &rules, kind);
+                write_parts(&sums, k as usize, &mut parts, kind);
             }
             sync_cube();
-
-            // A unit is four of a Gaussian's numbers.
-            let mut task = unit;
-            while task < count as usize * vectors {
-                let (k, vector) = (task / vectors, task % vectors);
-                let met = rows[k];
-                let mut once = Four::new(0.0f32);
-                let mut by_y = Four::new(0.0f32);
-                let mut by_yy = Four::new(0.0f32);
-                for row in met.trailing_zeros()..comptime!(WORD as u32) - met.leading_zeros() {
-                    let y = Four::new(f32::cast_from(row) - constant(MIDDLE));
-                    let from = k * units + row as usize * spans as usize;
-                    for span in 0..spans as usize {
-                        let four = room[(from + span) * vectors + vector];
-                        once += four;
-                        by_y += four * y;
-                        by_yy += four * y * y;
-                    }
-                }
-                totals[3 * task] = once;
-                totals[3 * task + 1] = by_y;
-                totals[3 * task + 2] = by_yy;
-                task += units;
-            }
+            sum_over_rows(&parts, &rows, count as usize, &mut totals, kind);
             sync_cube();
-
-            // A unit is a Gaussian.
-            let mut k = UNIT_POS;
-            while k < count {
-                let to = (begin + first + k) as usize * length;
-                write_record(&staged, &totals, k as usize, gradients, to, kind);
-                k += comptime!(kind.share.units() as u32);
-            }
+            write_records(&staged, &totals, count, begin + first, gradients, kind);
             sync_cube();
         }
-
-        // Those that no pixel took up.
-        let end = starts[tile as usize + 1] as usize * length;
-        let mut at = (begin + used) as usize * length + unit;
-        while at < end {
-            gradients[at] = Four::new(0.0f32);
-            at += units;
-        }
+        let end = starts[pixels.tile as usize + 1];
+        write_zeros(gradients, begin + used, end as u32, kind);
     }
 }
 
-/// Turns the totals of Gaussian `k` of a batch into its record, the covariance's moments about the tile's middle into
-/// those about the centre; see `Moments::gradient` of the twin.
+/// A unit's pixels while Gaussians are taken out of them, the last one first.
+#[derive(CubeType)]
+struct Taken {
+    /// The cotangents of the channels of each pixel, of both pictures together.
+    both: Array<f32>,
+    /// Those of the first picture, of which the statistic counts some channels.
+    main: Array<f32>,
+    /// The light that is left in front of what was taken out.
+    transmittance: Array<f32>,
+    /// One more than the place of the pixel's last Gaussian in the tile's list.
+    last: Array<i32>,
+    /// What was taken out and the background, times the cotangents.
+    behind: Array<f32>,
+    /// The same of what the statistic counts.
+    behind_counted: Array<f32>,
+}
+
+/// The unit's pixels with all Gaussians in them.
 #[cube]
-fn write_record(
-    staged: &Shared<[Four]>,
-    totals: &Shared<[Four]>,
-    k: usize,
-    gradients: &mut [Four],
-    to: usize,
+fn nothing_taken(
+    pixels: &UnitPixels,
+    transmittance: &[f32],
+    last: &[i32],
+    v_picture: &[f32],
+    background: &[f32],
+    width: u32,
+    height: u32,
+    #[comptime] kind: BlendBackwardKind,
+) -> Taken {
+    let (channels, span) = comptime!((kind.share.channels, kind.share.span));
+    let mut both = Array::<f32>::new(comptime!(span * channels));
+    let mut main = Array::<f32>::new(comptime!(span * channels));
+    let mut left = Array::<f32>::new(span);
+    let mut lasts = Array::<i32>::new(span);
+    let mut behind = Array::<f32>::new(span);
+    let mut behind_counted = Array::<f32>::new(span);
+    let plane = (width * height) as usize;
+    #[unroll]
+    for p in 0..span {
+        let pixel = in_picture(pixels, p, width);
+        let inside = is_inside(pixels, p, width, height);
+        left[p] = transmittance[in_tiles(pixels, p)];
+        lasts[p] = last[in_tiles(pixels, p)];
+        // Alpha is one minus the transmittance, through which the background shows.
+        let mut v_alpha = 0.0f32;
+        let mut v_alpha_main = 0.0f32;
+        if inside {
+            v_alpha_main = v_picture[comptime!(channels - 1) * plane + pixel];
+            v_alpha = v_alpha_main + v_picture[comptime!(2 * channels) * plane + pixel];
+        }
+        let mut shade = -v_alpha;
+        let mut shade_counted = -v_alpha_main;
+        #[unroll]
+        for channel in 0..channels {
+            let from = comptime!(if channel + 1 < channels { channel } else { channel + 1 });
+            let mut first = 0.0f32;
+            let mut second = 0.0f32;
+            if inside {
+                first = v_picture[from * plane + pixel];
+                second = v_picture[(from + comptime!(channels + 1)) * plane + pixel];
+            }
+            both[comptime!(p * channels + channel)] = first + second;
+            main[comptime!(p * channels + channel)] = first;
+            if comptime!(channel + 1 < channels) {
+                shade += (first + second) * background[channel];
+                if comptime!(kind.counts(channel)) {
+                    shade_counted += first * background[channel];
+                }
+            }
+        }
+        behind[p] = shade * left[p];
+        behind_counted[p] = shade_counted * left[p];
+    }
+    Taken { both, main, transmittance: left, last: lasts, behind, behind_counted }
+}
+
+/// The tile's part of the background's gradient: over each unit's pixels, then over the units. Every unit of the cube
+/// has to come here.
+#[cube]
+fn sum_background(
+    taken: &Taken,
+    tile: u32,
+    parts: &mut Shared<[Four]>,
+    v_background: &mut [f32],
     #[comptime] kind: BlendBackwardKind,
 ) {
-    let at = k * comptime!(kind.share.vectors());
-    let (shape, rest) = (staged[at], staged[at + 1]);
-    let middle = constant(MIDDLE);
-    let slope = shape.extract(3usize);
-    let (curve_x, curve_y) = (2.0f32 * shape.extract(2usize), 2.0f32 * rest.extract(0usize));
-    let opacity = rest.extract(1usize);
-    let middle_y = shape.extract(1usize) + middle;
-    let middle_u = shape.extract(0usize) + middle + slope * middle_y;
-    let one = total(totals, k, 0usize, 0usize, kind);
-    let (x, y) = (total(totals, k, 1usize, 0usize, kind), total(totals, k, 0usize, 1usize, kind));
-    let xx = total(totals, k, 2usize, 0usize, kind);
-    let xy = total(totals, k, 1usize, 1usize, kind);
-    let yy = total(totals, k, 0usize, 2usize, kind);
-    // Sums of u, dy, u², u dy and dy².
-    let u = x + slope * y + middle_u * one;
-    let dy = y + middle_y * one;
-    let uu = xx + slope * (2.0f32 * xy + slope * yy) + middle_u * (2.0f32 * (x + slope * y) + middle_u * one);
-    let u_dy = xy + slope * yy + middle_u * y + middle_y * u;
-    let dy_dy = yy + middle_y * (2.0f32 * y + middle_y * one);
-    let (g_xx, g_xu) = (curve_x * curve_x * uu, curve_x * curve_y * u_dy);
-
-    let mut numbers = Array::<f32>::new(comptime!(FOUR * record_vectors(kind.share.channels)));
-    numbers[0] = opacity * curve_x * u;
-    numbers[1] = opacity * (slope * curve_x * u + curve_y * dy);
-    numbers[2] = 0.5f32 * opacity * g_xx;
-    numbers[3] = opacity * (slope * g_xx + g_xu);
-    numbers[4] = 0.5f32 * opacity * (slope * slope * g_xx + 2.0f32 * slope * g_xu + curve_y * curve_y * dy_dy);
-    numbers[5] = one;
-    numbers[6] = 0.0f32;
-    numbers[7] = 0.0f32;
-    if comptime!(kind.statistic.is_some()) {
-        let counted = comptime!(3 + kind.share.channels);
-        let one = total(totals, k, counted, 0usize, kind);
-        let (x, y) = (total(totals, k, comptime!(counted + 1), 0usize, kind), total(totals, k, counted, 1usize, kind));
-        let u = x + slope * y + middle_u * one;
-        let dy = y + middle_y * one;
-        numbers[6] = opacity * curve_x * u;
-        numbers[7] = opacity * (slope * curve_x * u + curve_y * dy);
-    }
+    let channels = comptime!(kind.share.channels);
+    let units = comptime!(kind.share.units());
+    let unit = UNIT_POS as usize;
     #[unroll]
-    for i in 0..comptime!(FOUR * record_vectors(kind.share.channels) - PROJECTED_GRADIENT_LEN) {
-        if comptime!(i < kind.share.channels) {
-            numbers[comptime!(PROJECTED_GRADIENT_LEN + i)] = total(totals, k, comptime!(3 + i), 0usize, kind);
-        } else {
-            numbers[comptime!(PROJECTED_GRADIENT_LEN + i)] = 0.0f32;
+    for vector in 0..comptime!((channels - 1).div_ceil(FOUR)) {
+        let mut sums = Four::new(0.0f32);
+        #[unroll]
+        for part in 0..comptime!((channels - 1 - FOUR * vector).min(FOUR)) {
+            let mut sum = 0.0f32;
+            #[unroll]
+            for p in 0..kind.share.span {
+                sum += taken.both[comptime!(p * channels + FOUR * vector + part)] * taken.transmittance[p];
+            }
+            sums.insert(part, sum);
         }
+        parts[comptime!(vector * units) + unit] = sums;
     }
-    #[unroll]
-    for vector in 0..comptime!(record_vectors(kind.share.channels)) {
-        let mut four = Four::new(0.0f32);
+    sync_cube();
+    if unit < comptime!((channels - 1).div_ceil(FOUR)) {
+        let mut sums = Four::new(0.0f32);
+        for other in 0..units {
+            sums += parts[unit * units + other];
+        }
         #[unroll]
         for part in 0..FOUR {
-            four.insert(part, numbers[comptime!(FOUR * vector + part)]);
+            let channel = FOUR * unit + part;
+            if channel < comptime!(channels - 1) {
+                v_background[tile as usize * comptime!(channels - 1) + channel] = sums.extract(part);
+            }
         }
-        gradients[to + vector] = four;
+    }
+    sync_cube();
+}
+
+/// The largest `last` of the unit's pixels.
+#[cube]
+fn largest_last(taken: &Taken, #[comptime] share: TileShare) -> u32 {
+    let mut largest = 0i32;
+    #[unroll]
+    for p in 0..share.span {
+        largest = max(largest, taken.last[p]);
+    }
+    u32::cast_from(largest)
+}
+
+/// Takes a Gaussian, whose place in the tile's list is `place`, out of the unit's pixels. What it gets of their
+/// cotangents, summed over them: sigma's part times 1, x and x² (x from the tile's middle), the channels, and the
+/// statistic's part times 1 and x.
+#[cube]
+fn take_out(
+    taken: &mut Taken,
+    splat: &Staged,
+    place: i32,
+    column: u32,
+    rules: &BlendRules,
+    #[comptime] kind: BlendBackwardKind,
+) -> Array<f32> {
+    let channels = comptime!(kind.share.channels);
+    let from_middle = f32::cast_from(column) - constant(MIDDLE);
+    let mut sums = Array::<f32>::new(comptime!(FOUR * kind.sums()));
+    #[unroll]
+    for i in 0..comptime!(FOUR * kind.sums()) {
+        sums[i] = 0.0f32;
+    }
+    #[unroll]
+    for p in 0..kind.share.span {
+        let u = splat.u + comptime!(p as f32);
+        let sigma = splat.half_x * u * u + splat.row_sigma;
+        let falloff = (-sigma).exp();
+        let raw = splat.opacity * falloff;
+        let clamped = min(raw, rules.alpha_clamp);
+        let added = clamped >= constant(MIN_ALPHA) && place < taken.last[p];
+        let alpha = select(added, clamped, 0.0f32);
+        let gate = select(added && raw <= rules.gradient_clamp, falloff, 0.0f32);
+        let inverse = 1.0f32 / (1.0f32 - alpha);
+        let before = taken.transmittance[p] * inverse;
+        let weight = alpha * before;
+        let mut shade = 0.0f32;
+        #[unroll]
+        for channel in 0..channels {
+            let v = taken.both[comptime!(p * channels + channel)];
+            shade += v * splat.values[channel];
+            sums[comptime!(3 + channel)] += weight * v;
+        }
+        let part = gate * (before * shade - taken.behind[p] * inverse);
+        let x = from_middle + comptime!(p as f32);
+        sums[0] += part;
+        sums[1] += part * x;
+        sums[2] += part * x * x;
+        taken.behind[p] += weight * shade;
+        if comptime!(kind.statistic.is_some()) {
+            let mut shade = 0.0f32;
+            #[unroll]
+            for channel in 0..channels {
+                if comptime!(kind.counts(channel)) {
+                    shade += taken.main[comptime!(p * channels + channel)] * splat.values[channel];
+                }
+            }
+            let part = gate * (before * shade - taken.behind_counted[p] * inverse);
+            sums[comptime!(3 + channels)] += part;
+            sums[comptime!(4 + channels)] += part * x;
+            taken.behind_counted[p] += weight * shade;
+        }
+        taken.transmittance[p] = before;
+    }
+    sums
+}
+
+/// Lays a unit's sums of Gaussian `k` of a batch down for all.
+#[cube]
+fn write_parts(sums: &Array<f32>, k: usize, parts: &mut Shared<[Four]>, #[comptime] kind: BlendBackwardKind) {
+    let at = (k * comptime!(kind.share.units()) + UNIT_POS as usize) * comptime!(kind.sums());
+    #[unroll]
+    for vector in 0..comptime!(kind.sums()) {
+        parts[at + vector] = four_of(sums, vector);
     }
 }
 
-/// Number `number` of Gaussian `k`, summed over the rows times y to the given power.
+/// Sums the units' parts of a batch, times 1, y and y²: a unit is four of a Gaussian's numbers.
 #[cube]
-fn total(
-    totals: &Shared<[Four]>,
-    k: usize,
-    #[comptime] number: usize,
-    #[comptime] power: usize,
+fn sum_over_rows(
+    parts: &Shared<[Four]>,
+    rows: &Shared<[u32]>,
+    count: usize,
+    totals: &mut Shared<[Four]>,
     #[comptime] kind: BlendBackwardKind,
-) -> f32 {
-    let vector = k * comptime!(kind.sums()) + comptime!(number / FOUR);
-    totals[3 * vector + power].extract(comptime!(number % FOUR))
+) {
+    let (units, spans) = comptime!((kind.share.units(), kind.share.spans()));
+    let vectors = comptime!(kind.sums());
+    let mut task = UNIT_POS as usize;
+    while task < count * vectors {
+        let (k, vector) = (task / vectors, task % vectors);
+        let met = rows[k];
+        let mut once = Four::new(0.0f32);
+        let mut by_y = Four::new(0.0f32);
+        let mut by_yy = Four::new(0.0f32);
+        for row in met.trailing_zeros()..comptime!(WORD as u32) - met.leading_zeros() {
+            let y = Four::new(f32::cast_from(row) - constant(MIDDLE));
+            let from = k * units + row as usize * spans;
+            for span in 0..spans {
+                let four = parts[(from + span) * vectors + vector];
+                once += four;
+                by_y += four * y;
+                by_yy += four * y * y;
+            }
+        }
+        totals[3 * task] = once;
+        totals[3 * task + 1] = by_y;
+        totals[3 * task + 2] = by_yy;
+        task += units;
+    }
 }
 
-/// The largest number of all `units`; `values` holds one a unit. Every unit of the cube has to come here.
+/// Writes the records from `first` to before `end`, of Gaussians that no pixel took up.
 #[cube]
-fn largest_of_units(values: &mut Shared<[u32]>) -> u32 {
+fn write_zeros(gradients: &mut [Four], first: u32, end: u32, #[comptime] kind: BlendBackwardKind) {
+    let length = comptime!(record_vectors(kind.share.channels));
+    let mut at = first as usize * length + UNIT_POS as usize;
+    while at < end as usize * length {
+        gradients[at] = Four::new(0.0f32);
+        at += comptime!(kind.share.units());
+    }
+}
+
+/// The largest of the units' numbers. Every unit of the cube has to come here.
+#[cube]
+fn largest_of_units(number: u32, numbers: &mut Shared<[u32]>) -> u32 {
     let unit = UNIT_POS as usize;
+    numbers[unit] = number;
     let mut half = CUBE_DIM as usize / 2;
     while half > 0 {
         sync_cube();
         if unit < half {
-            values[unit] = max(values[unit], values[unit + half]);
+            numbers[unit] = max(numbers[unit], numbers[unit + half]);
         }
         half /= 2;
     }
     sync_cube();
-    values[0]
+    numbers[0]
 }

@@ -2,7 +2,7 @@
 
 use cubecl::prelude::*;
 
-use super::maths::{Pair, Triple, all_finite, constant, cross, dot, is_finite, product, scaled, sum, triple_at};
+use super::maths::{Pair, Triple, all_finite, constant, cross, dot, is_finite, multiplied, scaled, sum, triple_at};
 use super::view::View;
 use crate::splat::{MIN_COMPENSATION, MIN_DETERMINANT, MIN_QUATERNION_NORM};
 
@@ -103,7 +103,7 @@ pub fn geometry_of(means: &[f32], quaternions: &[f32], log_scales: &[f32], index
     let spread_y = row_times(&jacobian_y, &rotation);
 
     // The determinant as a sum of positive terms, see the twin.
-    let (row_x, row_y) = (product(&spread_x, &scales), product(&spread_y, &scales));
+    let (row_x, row_y) = (multiplied(&spread_x, &scales), multiplied(&spread_y, &scales));
     let (xx, xy, yy) = (dot(&row_x, &row_x), dot(&row_x, &row_y), dot(&row_y, &row_y));
     let normal = cross(&row_x, &row_y);
     let sharp = dot(&normal, &normal);

@@ -75,10 +75,7 @@ pub fn look_up(
         #[unroll]
         for pair in 0..PLANES {
             let corners = corners_of(&places, layout, scale, features, pair);
-            let (a, b) = (planes[corners.low_low + feature], planes[corners.low_high + feature]);
-            let (c, d) = (planes[corners.high_low + feature], planes[corners.high_high + feature]);
-            let (top, bottom) = (a + (b - a) * corners.column, c + (d - c) * corners.column);
-            product *= top + (bottom - top) * corners.row;
+            product *= sample(planes, &corners, feature).value;
         }
         found[unit] = product;
     }
@@ -122,13 +119,10 @@ pub fn look_up_backward<S: AtomicSum>(
                 #[unroll]
                 for pair in 0..PLANES {
                     let corners = corners_of(&places, layout, scale, features, pair);
-                    let (a, b) = (planes[corners.low_low + feature], planes[corners.low_high + feature]);
-                    let (c, d) = (planes[corners.high_low + feature], planes[corners.high_high + feature]);
-                    let (above, below) = (b - a, d - c);
-                    let (top, bottom) = (a + above * corners.column, c + below * corners.column);
-                    values[pair] = top + (bottom - top) * corners.row;
-                    by_column[pair] = above + (below - above) * corners.row;
-                    by_row[pair] = bottom - top;
+                    let sample = sample(planes, &corners, feature);
+                    values[pair] = sample.value;
+                    by_column[pair] = sample.by_column;
+                    by_row[pair] = sample.by_row;
                 }
                 // The cotangent times the other five: what is before a sample, then what is behind it.
                 let mut others = Array::<f32>::new(PLANES);
@@ -238,5 +232,26 @@ fn corners_of(places: &Places, layout: &[u32], scale: usize, features: usize, #[
         high_high: cell + below + right,
         column: places.fraction[across],
         row: places.fraction[down],
+    }
+}
+
+/// A feature between four cells, and its slopes along the row of cells and across the rows.
+#[derive(CubeType, Clone, Copy)]
+struct Sample {
+    value: f32,
+    by_column: f32,
+    by_row: f32,
+}
+
+#[cube]
+fn sample(planes: &[f32], corners: &Corners, feature: usize) -> Sample {
+    let (a, b) = (planes[corners.low_low + feature], planes[corners.low_high + feature]);
+    let (c, d) = (planes[corners.high_low + feature], planes[corners.high_high + feature]);
+    let (above, below) = (b - a, d - c);
+    let (top, bottom) = (a + above * corners.column, c + below * corners.column);
+    Sample {
+        value: top + (bottom - top) * corners.row,
+        by_column: above + (below - above) * corners.row,
+        by_row: bottom - top,
     }
 }

@@ -36,7 +36,7 @@ pub fn triple_at(values: &[f32], index: usize) -> Triple {
 
 /// `a b`, number by number.
 #[cube]
-pub fn product(a: &Triple, b: &Triple) -> Triple {
+pub fn multiplied(a: &Triple, b: &Triple) -> Triple {
     Triple { x: a.x * b.x, y: a.y * b.y, z: a.z * b.z }
 }
 

@@ -13,6 +13,7 @@ pub mod blend_backward;
 pub mod geometry;
 pub mod grid;
 pub mod maths;
+mod moments;
 pub mod penalties;
 pub mod product;
 pub mod project;

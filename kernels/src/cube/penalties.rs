@@ -19,7 +19,7 @@ pub const PENALTY_BLOCK: usize = UNITS * ITEMS;
 /// Sums of the terms, each divided as its mean asks for, a row a cube: `[cubes, TERMS]`.
 #[cube(launch_unchecked)]
 pub fn penalties(planes: &[f32], layout: &[u32], sums: &mut [f32], numbers: u32, features: u32, cubes: u32) {
-    let mut room = Shared::<[f32]>::new_slice(comptime!(TERMS * UNITS));
+    let mut scratch = Shared::<[f32]>::new_slice(comptime!(TERMS * UNITS));
     if CUBE_POS < cubes as usize {
         let unit = UNIT_POS as usize;
         let mut plane_smooth = 0.0f32;
@@ -46,23 +46,23 @@ pub fn penalties(planes: &[f32], layout: &[u32], sums: &mut [f32], numbers: u32,
                 }
             }
         }
-        room[unit] = plane_smooth;
-        room[UNITS + unit] = time_smooth;
-        room[2 * UNITS + unit] = distance;
+        scratch[unit] = plane_smooth;
+        scratch[UNITS + unit] = time_smooth;
+        scratch[2 * UNITS + unit] = distance;
         sync_cube();
         let mut half = CUBE_DIM as usize / 2;
         while half > 0 {
             if unit < half {
                 #[unroll]
                 for term in 0..TERMS {
-                    room[term * UNITS + unit] += room[term * UNITS + unit + half];
+                    scratch[term * UNITS + unit] += scratch[term * UNITS + unit + half];
                 }
             }
             sync_cube();
             half /= 2;
         }
         if unit < TERMS {
-            sums[CUBE_POS * TERMS + unit] = room[unit * UNITS];
+            sums[CUBE_POS * TERMS + unit] = scratch[unit * UNITS];
         }
     }
 }

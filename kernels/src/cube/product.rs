@@ -64,7 +64,7 @@ pub struct ProductKind {
 /// What happens to the result as it is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum End {
-    /// Each slab's share is written behind that of the one before, and as another row the sums of the right matrix's
+    /// Each slab's sum is written behind that of the one before, and as another row the sums of the right matrix's
     /// columns.
     Slabs,
     /// A bias is added to each column; then what is negative may become zero.
@@ -139,7 +139,7 @@ pub fn product(
         let first_column = cube % tiles_across * tile_columns;
         let first_row = cube / tiles_across % tiles_down * tile_rows;
         let slab = cube / tiles_across / tiles_down;
-        let end = min((slab + 1u32) * size.slab, size.depth);
+        let slab_end = min((slab + 1u32) * size.slab, size.depth);
         let (across, down) = (UNIT_POS as usize % comptime!(kind.across), UNIT_POS as usize / comptime!(kind.across));
 
         let mut sums = Array::<Four>::new(comptime!(kind.block_rows * kind.fours()));
@@ -153,13 +153,13 @@ pub fn product(
             right_sums[i] = Four::new(0.0f32);
         }
         let mut depth = slab * size.slab;
-        while depth < end {
+        while depth < slab_end {
             let mut task = UNIT_POS as usize;
             while task < comptime!(STRIDE * kind.tile_rows() / FOUR) {
                 let (step, four) = (task % STRIDE, task / STRIDE);
                 let row = first_row + (four * FOUR) as u32;
                 lefts[step * row_fours + four] =
-                    left_four(left, &left_place, row, depth + step as u32, end, &size, kind);
+                    left_four(left, &left_place, row, depth + step as u32, slab_end, &size, kind);
                 task += comptime!(kind.units);
             }
             let mut task = UNIT_POS as usize;
@@ -167,7 +167,7 @@ pub fn product(
                 let (step, four) = (task % STRIDE, task / STRIDE);
                 let column = first_column + (four * FOUR) as u32;
                 rights[step * column_fours + four] =
-                    right_four(right, &right_place, depth + step as u32, column, end, &size);
+                    right_four(right, &right_place, depth + step as u32, column, slab_end, &size);
                 task += comptime!(kind.units);
             }
             sync_cube();
@@ -257,14 +257,14 @@ fn place_of(place: &Place, row: u32, column: u32) -> usize {
     (place.first + row * place.row + column * place.column) as usize
 }
 
-/// Four rows of a column of the left matrix; zeros beyond it.
+/// Four rows of a column of the left matrix; zeros beyond it and beyond the slab.
 #[cube]
 fn left_four(
     left: &[f32],
     place: &Place,
     row: u32,
     column: u32,
-    end: u32,
+    slab_end: u32,
     size: &ProductSize,
     #[comptime] kind: ProductKind,
 ) -> Four {
@@ -273,7 +273,7 @@ fn left_four(
     for part in 0..FOUR {
         let row = row + comptime!(part as u32);
         let mut value = 0.0f32;
-        if row < size.rows && column < end {
+        if row < size.rows && column < slab_end {
             value = left[place_of(place, row, column)];
         }
         if comptime!(kind.rectified) {
@@ -284,15 +284,15 @@ fn left_four(
     four
 }
 
-/// Four columns of a row of the right matrix; zeros beyond it.
+/// Four columns of a row of the right matrix; zeros beyond it and beyond the slab.
 #[cube]
-fn right_four(right: &[f32], place: &Place, row: u32, column: u32, end: u32, size: &ProductSize) -> Four {
+fn right_four(right: &[f32], place: &Place, row: u32, column: u32, slab_end: u32, size: &ProductSize) -> Four {
     let mut four = Four::new(0.0f32);
     #[unroll]
     for part in 0..FOUR {
         let column = column + comptime!(part as u32);
         let mut value = 0.0f32;
-        if row < end && column < size.columns {
+        if row < slab_end && column < size.columns {
             value = right[place_of(place, row, column)];
         }
         four.insert(part, value);

@@ -5,7 +5,7 @@ use cubecl::prelude::*;
 
 use super::blend_backward::record_vectors;
 use super::geometry::{Geometry, Matrix, Quaternion, compensation, geometry_of};
-use super::maths::{Pair, Triple, constant, dot, product, scaled, sigmoid, sum};
+use super::maths::{Pair, Triple, constant, dot, multiplied, scaled, sigmoid, sum};
 use super::project::direction;
 use super::sh;
 use super::stage::{FOUR, Four};
@@ -170,10 +170,11 @@ fn compensation_gradient(geometry: &Geometry, v_compensation: f32, dilation: f32
 /// Through `covariance = F Fᵀ + dilation`, `F = jacobian * rotation * diag(scales)`.
 #[cube]
 fn shape_gradient(geometry: &Geometry, v: &Triple) -> ShapeGradient {
-    let (row_x, row_y) = (product(&geometry.spread_x, &geometry.scales), product(&geometry.spread_y, &geometry.scales));
+    let (row_x, row_y) =
+        (multiplied(&geometry.spread_x, &geometry.scales), multiplied(&geometry.spread_y, &geometry.scales));
     let v_row_x = sum(&scaled(&row_x, 2.0f32 * v.x), &scaled(&row_y, v.y));
     let v_row_y = sum(&scaled(&row_x, v.y), &scaled(&row_y, 2.0f32 * v.z));
-    let (v_spread_x, v_spread_y) = (product(&v_row_x, &geometry.scales), product(&v_row_y, &geometry.scales));
+    let (v_spread_x, v_spread_y) = (multiplied(&v_row_x, &geometry.scales), multiplied(&v_row_y, &geometry.scales));
     let (jacobian_x, jacobian_y) = (&geometry.jacobian_x, &geometry.jacobian_y);
     let v_rotation = Matrix {
         x: sum(&scaled(&v_spread_x, jacobian_x.x), &scaled(&v_spread_y, jacobian_y.x)),
@@ -182,7 +183,7 @@ fn shape_gradient(geometry: &Geometry, v: &Triple) -> ShapeGradient {
     };
     ShapeGradient {
         quaternion: quaternion_gradient(geometry, &v_rotation),
-        log_scales: sum(&product(&row_x, &v_row_x), &product(&row_y, &v_row_y)),
+        log_scales: sum(&multiplied(&row_x, &v_row_x), &multiplied(&row_y, &v_row_y)),
         jacobian_x: matrix_times(&geometry.rotation, &v_spread_x),
         jacobian_y: matrix_times(&geometry.rotation, &v_spread_y),
     }

@@ -2,46 +2,53 @@
 //! so the sort needs neither atomics nor vectors of units, and its result has one order.
 //!
 //! A pass: `count_digits` for each block, running sums over digits and blocks (see the module `scan`), `move_keys`.
+//!
+//! Within a cube two counters share a word, those of a digit and of the one eight above it: no count exceeds a block's
+//! keys, so nothing carries from the lower half into the upper, and one addition serves both.
 
 use cubecl::prelude::*;
 
 use super::UNITS;
-use super::scan::{SCAN_ROOM, scan_units};
+use super::scan::{SCAN_SCRATCH, scan_units};
 
 /// Bits of a digit.
 pub const DIGIT_BITS: usize = 4;
 /// Values of a digit.
 pub const DIGITS: usize = 1 << DIGIT_BITS;
-/// Keys that a unit takes: as many as there are digits, so that counting costs no more than moving.
-const ITEMS: usize = DIGITS;
+/// Digits of the lower halves of the words.
+const LOWER: usize = DIGITS / 2;
+/// Keys that a unit takes.
+const ITEMS: usize = 16;
 /// Keys that a cube takes.
 pub const SORT_BLOCK: usize = UNITS * ITEMS;
-const _: () = assert!(DIGITS * DIGITS == UNITS, "a unit sums as many counters as there are digits");
-/// Counters of a cube, by digit, then by unit.
-const COUNTERS: usize = DIGITS * UNITS;
+/// Bits of a counter.
+const COUNTER_BITS: u32 = 16;
+const COUNTER_MASK: u32 = (1 << COUNTER_BITS) - 1;
+const _: () = assert!(SORT_BLOCK <= COUNTER_MASK as usize);
+/// Words of a cube's counters, by digit, then by unit.
+const WORDS: usize = LOWER * UNITS;
+/// Words that a unit sums: neighbours, all of one digit.
+const RUN: usize = WORDS / UNITS;
+/// Units whose words are of one digit.
+const DIGIT_UNITS: usize = UNITS / LOWER;
 
 /// How often each digit occurs in each block: `counts` `[DIGITS, blocks]`. `total[0]` is the number of keys.
 #[cube(launch_unchecked)]
 pub fn count_digits(keys: &[u32], total: &[u32], counts: &mut [u32], shift: u32, blocks: u32) {
-    let mut counters = Shared::<[u32]>::new_slice(COUNTERS);
+    let mut counters = Shared::<[u32]>::new_slice(WORDS);
     let mut sums = Shared::<[u32]>::new_slice(UNITS);
     if CUBE_POS < blocks as usize {
         count_run(keys, total[0], shift, &mut counters);
-        sync_cube();
-        // A unit sums sixteen counters of one digit, sixteen units make a digit's sum.
         let unit = UNIT_POS as usize;
-        let mut sum = 0u32;
-        for i in unit * DIGITS..(unit + 1) * DIGITS {
-            sum += counters[i];
-        }
-        sums[unit] = sum;
+        sums[unit] = sum_of_run(&counters);
         sync_cube();
-        if unit < DIGITS {
+        if unit < LOWER {
             let mut sum = 0u32;
-            for i in unit * comptime!(UNITS / DIGITS)..(unit + 1) * comptime!(UNITS / DIGITS) {
+            for i in unit * DIGIT_UNITS..(unit + 1) * DIGIT_UNITS {
                 sum += sums[i];
             }
-            counts[unit * blocks as usize + CUBE_POS] = sum;
+            counts[unit * blocks as usize + CUBE_POS] = sum & COUNTER_MASK;
+            counts[(unit + LOWER) * blocks as usize + CUBE_POS] = sum >> COUNTER_BITS;
         }
     }
 }
@@ -58,26 +65,22 @@ pub fn move_keys(
     shift: u32,
     blocks: u32,
 ) {
-    let mut counters = Shared::<[u32]>::new_slice(COUNTERS);
-    let mut room = Shared::<[u32]>::new_slice(SCAN_ROOM);
-    let mut firsts = Shared::<[u32]>::new_slice(DIGITS);
+    let mut counters = Shared::<[u32]>::new_slice(WORDS);
+    let mut scratch = Shared::<[u32]>::new_slice(SCAN_SCRATCH);
+    let mut firsts = Shared::<[u32]>::new_slice(LOWER);
     if CUBE_POS < blocks as usize {
         count_run(keys, total[0], shift, &mut counters);
-        sync_cube();
         let unit = UNIT_POS as usize;
-        let mut own = 0u32;
-        for i in unit * DIGITS..(unit + 1) * DIGITS {
-            own += counters[i];
+        // From here on a counter is the place, within its half of the digits, of the unit's next key of that digit.
+        let (before, _) = scan_units(sum_of_run(&counters), &mut scratch);
+        if unit % DIGIT_UNITS == 0 {
+            firsts[unit / DIGIT_UNITS] = before;
         }
-        let (before, _) = scan_units(own, &mut room);
         let mut running = before;
-        for i in unit * DIGITS..(unit + 1) * DIGITS {
+        for i in unit * RUN..(unit + 1) * RUN {
             let next = counters[i];
             counters[i] = running;
             running += next;
-        }
-        if unit % comptime!(UNITS / DIGITS) == 0 {
-            firsts[unit / comptime!(UNITS / DIGITS)] = before;
         }
         sync_cube();
         let begin = CUBE_POS * SORT_BLOCK + unit * ITEMS;
@@ -85,10 +88,12 @@ pub fn move_keys(
             if i < total[0] as usize {
                 let key = keys[i];
                 let digit = digit_of(key, shift);
-                let counter = digit * UNITS + unit;
-                let place = counters[counter];
-                counters[counter] = place + 1u32;
-                let target = (offsets[digit * blocks as usize + CUBE_POS] + place - firsts[digit]) as usize;
+                let (word, half) = (digit % LOWER, half_of(digit));
+                let place = counters[word * UNITS + unit];
+                counters[word * UNITS + unit] = place + (1u32 << half);
+                // The halves are subtracted together: a digit's places never lie before its first.
+                let rank = ((place - firsts[word]) >> half) & COUNTER_MASK;
+                let target = (offsets[digit * blocks as usize + CUBE_POS] + rank) as usize;
                 moved_keys[target] = key;
                 moved_numbers[target] = numbers[i];
             }
@@ -96,23 +101,40 @@ pub fn move_keys(
     }
 }
 
-/// Counts the digits of the unit's own keys in its own column of counters.
+/// Counts the digits of each unit's own keys in its own column of counters; the counters can be read by all.
 #[cube]
 fn count_run(keys: &[u32], total: u32, shift: u32, counters: &mut Shared<[u32]>) {
     let unit = UNIT_POS as usize;
-    for digit in 0..DIGITS {
-        counters[digit * UNITS + unit] = 0u32;
+    for word in 0..LOWER {
+        counters[word * UNITS + unit] = 0u32;
     }
     let begin = CUBE_POS * SORT_BLOCK + unit * ITEMS;
     for i in begin..begin + ITEMS {
         if i < total as usize {
-            let counter = digit_of(keys[i], shift) * UNITS + unit;
-            counters[counter] += 1u32;
+            let digit = digit_of(keys[i], shift);
+            counters[digit % LOWER * UNITS + unit] += 1u32 << half_of(digit);
         }
     }
+    sync_cube();
+}
+
+/// The sum of the words that the unit sums.
+#[cube]
+fn sum_of_run(counters: &Shared<[u32]>) -> u32 {
+    let mut sum = 0u32;
+    for i in UNIT_POS as usize * RUN..(UNIT_POS as usize + 1) * RUN {
+        sum += counters[i];
+    }
+    sum
 }
 
 #[cube]
 fn digit_of(key: u32, shift: u32) -> usize {
     ((key >> shift) & comptime!(DIGITS as u32 - 1)) as usize
+}
+
+/// The lowest bit of a digit's counter in its word.
+#[cube]
+fn half_of(digit: usize) -> u32 {
+    (digit / LOWER) as u32 * COUNTER_BITS
 }

@@ -5,7 +5,7 @@
 
 use cubecl::prelude::*;
 
-use super::tiles::splat_at;
+use super::tiles::{splat_at, tiles_along};
 use crate::splat::{COLOUR_CHANNELS, PROJECTED_LEN, TILE, TILE_PIXELS};
 
 /// Four numbers that are read at once.
@@ -13,6 +13,17 @@ pub type Four = Vector<f32, Const<4>>;
 
 /// Numbers of a [`Four`].
 pub const FOUR: usize = 4;
+
+/// Vector `vector` of a list of numbers.
+#[cube]
+pub(super) fn four_of(numbers: &Array<f32>, #[comptime] vector: usize) -> Four {
+    let mut four = Four::new(0.0f32);
+    #[unroll]
+    for part in 0..FOUR {
+        four.insert(part, numbers[comptime!(FOUR * vector + part)]);
+    }
+    four
+}
 
 /// Vectors of a staged Gaussian before its channels: offset of the tile's first pixel, half curvature along x, shear;
 /// half curvature along y, opacity.
@@ -54,7 +65,55 @@ impl TileShare {
     }
 }
 
-/// Lays a batch out for the tile at `(left, top)`: the `count` Gaussians of `sorted` from `first` on, and in `rows` a
+/// The neighbouring pixels of a row that a unit takes.
+#[derive(CubeType, Clone, Copy)]
+pub(super) struct UnitPixels {
+    /// Number of the tile.
+    pub tile: u32,
+    /// The tile's first column of pixels.
+    pub left: u32,
+    /// The tile's first row.
+    pub top: u32,
+    /// Column of the first pixel within the tile.
+    pub column: u32,
+    /// Row within the tile.
+    pub row: u32,
+}
+
+/// The pixels that this unit takes of the cube's tile of a picture that is `width` pixels wide.
+#[cube]
+pub(super) fn unit_pixels(width: u32, #[comptime] share: TileShare) -> UnitPixels {
+    let tile = CUBE_POS as u32;
+    let columns = tiles_along(width);
+    let spans = comptime!(share.spans() as u32);
+    UnitPixels {
+        tile,
+        left: tile % columns * comptime!(TILE as u32),
+        top: tile / columns * comptime!(TILE as u32),
+        column: UNIT_POS % spans * comptime!(share.span as u32),
+        row: UNIT_POS / spans,
+    }
+}
+
+/// Whether the unit's pixel number `p` lies in the picture.
+#[cube]
+pub(super) fn is_inside(pixels: &UnitPixels, #[comptime] p: usize, width: u32, height: u32) -> bool {
+    pixels.left + pixels.column + comptime!(p as u32) < width && pixels.top + pixels.row < height
+}
+
+/// Where the picture has the unit's pixel number `p`.
+#[cube]
+pub(super) fn in_picture(pixels: &UnitPixels, #[comptime] p: usize, width: u32) -> usize {
+    ((pixels.top + pixels.row) * width + pixels.left + pixels.column) as usize + p
+}
+
+/// Where a plane `[tiles, TILE_PIXELS]` has the unit's pixel number `p`.
+#[cube]
+pub(super) fn in_tiles(pixels: &UnitPixels, #[comptime] p: usize) -> usize {
+    pixels.tile as usize * TILE_PIXELS + (pixels.row * comptime!(TILE as u32) + pixels.column) as usize + p
+}
+
+/// Lays a batch out for the units' tile: the `count` Gaussians of `sorted` from `first` on, and in `rows` a
 /// bit for each row of the tile that they may be seen in.
 #[cube]
 pub(super) fn stage_batch(
@@ -63,36 +122,37 @@ pub(super) fn stage_batch(
     sorted: &[i32],
     first: u32,
     count: u32,
-    left: f32,
-    top: f32,
+    pixels: &UnitPixels,
     staged: &mut Shared<[Four]>,
     rows: &mut Shared<[u32]>,
     #[comptime] share: TileShare,
 ) {
-    let mut room = UNIT_POS;
-    while room < count {
-        let id = sorted[(first + room) as usize] as usize;
-        stage(records, features, id, left, top, staged, rows, room as usize, share);
-        room += comptime!(share.units() as u32);
+    let (left, top) = (f32::cast_from(pixels.left), f32::cast_from(pixels.top));
+    let mut k = UNIT_POS;
+    while k < count {
+        let id = sorted[(first + k) as usize] as usize;
+        stage(records, features, id, k as usize, left, top, staged, rows, share);
+        k += comptime!(share.units() as u32);
     }
 }
 
+/// Lays Gaussian `id` out as number `k` of its batch.
 #[cube]
 fn stage(
     records: &[f32],
     features: &[f32],
     id: usize,
+    k: usize,
     left: f32,
     top: f32,
     staged: &mut Shared<[Four]>,
     rows: &mut Shared<[u32]>,
-    room: usize,
     #[comptime] share: TileShare,
 ) {
     let splat = splat_at(records, id);
     let (x, y) = (left + 0.5f32 - splat.centre.x, top + 0.5f32 - splat.centre.y);
     let half_y = 0.5f32 * splat.curve_y;
-    let at = room * comptime!(share.vectors());
+    let at = k * comptime!(share.vectors());
     let mut shape = Four::new(0.0f32);
     shape.insert(0usize, x);
     shape.insert(1usize, y);
@@ -120,7 +180,7 @@ fn stage(
         }
         staged[at + HEAD + vector] = values;
     }
-    rows[room] = rows_met(y, half_y, splat.reach);
+    rows[k] = rows_met(y, half_y, splat.reach);
 }
 
 /// A bit for each row of the tile where `half_y dy²`, the least that sigma is in the row, stays within the reach; `y`
@@ -161,19 +221,13 @@ pub(super) struct Staged {
     pub values: Array<f32>,
 }
 
-/// Reads Gaussian `k` of a batch for the unit whose first pixel is at `column` and `row` of the tile.
+/// Reads Gaussian `k` of a batch.
 #[cube]
-pub(super) fn staged_at(
-    staged: &Shared<[Four]>,
-    k: u32,
-    column: f32,
-    row: f32,
-    #[comptime] share: TileShare,
-) -> Staged {
+pub(super) fn staged_at(staged: &Shared<[Four]>, k: u32, pixels: &UnitPixels, #[comptime] share: TileShare) -> Staged {
     let at = k as usize * comptime!(share.vectors());
     let shape = staged[at];
     let rest = staged[at + 1];
-    let dy = shape.extract(1usize) + row;
+    let dy = shape.extract(1usize) + f32::cast_from(pixels.row);
     let mut values = Array::<f32>::new(comptime!(share.channels));
     #[unroll]
     for vector in 0..comptime!(share.channels.div_ceil(FOUR)) {
@@ -184,7 +238,7 @@ pub(super) fn staged_at(
         }
     }
     Staged {
-        u: shape.extract(0usize) + column + shape.extract(3usize) * dy,
+        u: shape.extract(0usize) + f32::cast_from(pixels.column) + shape.extract(3usize) * dy,
         half_x: shape.extract(2usize),
         row_sigma: rest.extract(0usize) * dy * dy,
         opacity: rest.extract(1usize),

@@ -2,6 +2,8 @@
 
 use burn::tensor::{DType, Tensor};
 
+use crate::device::takes;
+
 /// An argument of [`forward`](super::forward) that does not fit.
 #[derive(Debug, thiserror::Error)]
 pub enum AttentionError {
@@ -21,8 +23,8 @@ pub enum AttentionError {
         /// Columns of the queries.
         width: usize,
     },
-    /// A tensor's numbers are neither f32 nor f64, or the two tensors differ.
-    #[error("`queries` holds {queries:?} and `memory` holds {memory:?}; expected f32 or f64 in both")]
+    /// A tensor's numbers are of a type that the device does not take, or the two tensors differ.
+    #[error("`queries` holds {queries:?} and `memory` holds {memory:?}; expected f32 in both, or f64 on a CPU")]
     Type {
         /// Type of the queries.
         queries: DType,
@@ -42,7 +44,7 @@ pub(super) fn check(queries: &Tensor<2>, memory: &Tensor<3>, heads: usize) -> Re
         return Err(AttentionError::Memory { found, expected: [rows, 2 * width] });
     }
     match (queries.dtype(), memory.dtype()) {
-        (DType::F32, DType::F32) | (DType::F64, DType::F64) => Ok(()),
+        (own, other) if own == other && takes(&queries.device(), own) => Ok(()),
         (queries, memory) => Err(AttentionError::Type { queries, memory }),
     }
 }

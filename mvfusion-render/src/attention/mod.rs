@@ -15,8 +15,8 @@ pub use error::AttentionError;
 /// Scaled dot-product attention, `softmax(q k / sqrt(d)) v` in each head, row by row.
 ///
 /// `queries` is `[N, width]`; `memory` is `[N, keys, 2 width]`, for each row its keys and beside each key its value.
-/// Both share one dtype, f32 or f64. Head `h` of the `heads` reads columns `h d .. (h + 1) d` of query, key and value,
-/// where `d = width / heads`. The result is `[N, width]`. Gradients reach both.
+/// Both share one dtype, f32, or f64 on a CPU. Head `h` of the `heads` reads columns `h d .. (h + 1) d` of query, key
+/// and value, where `d = width / heads`. The result is `[N, width]`. Gradients reach both.
 ///
 /// # Errors
 /// If a shape or dtype does not fit, there is no key, or the heads do not divide the width.

@@ -11,6 +11,8 @@ use burn_cubecl::tensor::CubeTensor;
 use cubecl::client::Client;
 use cubecl::ir::features::AtomicUsage;
 use cubecl::prelude::*;
+#[cfg(feature = "wgpu")]
+use cubecl::wgpu::WgpuDeviceKind;
 use mvfusion_kernels::cube::UNITS;
 use mvfusion_kernels::cube::product::ProductPlan;
 use mvfusion_kernels::splat::TILE;
@@ -26,9 +28,6 @@ static IMITATES: AtomicBool = AtomicBool::new(false);
 
 /// The size of every cube but those that blend and those that multiply.
 pub(super) const CUBE: CubeDim = CubeDim::new_1d(UNITS as u32);
-
-/// Units that go in step on a driver that computes on the CPU, at most: the lanes of a vector.
-const CPU_LANES: u32 = 8;
 
 /// Pixels of a row that a unit of a GPU blends: what it reads of a Gaussian serves them all, and enough units are left.
 const GPU_SPAN: usize = 4;
@@ -59,6 +58,11 @@ impl Gpu {
         Self { client: tensor.client.clone(), device: tensor.device.clone() }
     }
 
+    /// Bytes of the largest buffer.
+    pub fn buffer_limit(&self) -> u64 {
+        buffer_limit(&self.client)
+    }
+
     /// Room for a tensor whose numbers are still to be written.
     ///
     /// # Panics
@@ -67,7 +71,7 @@ impl Gpu {
         let shape = shape.into();
         // No device binds a buffer of nothing.
         let bytes = (shape.num_elements() * dtype.size()).max(4);
-        let limit = self.client.properties().memory.max_page_size;
+        let limit = self.buffer_limit();
         assert!(
             bytes as u64 <= limit,
             "a buffer of {shape:?} needs {bytes} bytes, but this device binds {limit} at most: use fewer Gaussians or smaller pictures, \
@@ -127,7 +131,7 @@ impl Gpu {
     /// How the pixels of a tile are shared out among units.
     pub fn tile_plan(&self) -> TilePlan {
         let memory = self.client.properties().hardware.max_shared_memory_size;
-        if self.is_cpu() {
+        if self.computes_on_cpu() {
             TilePlan { span: TILE, memory: [memory; 2] }
         } else {
             TilePlan { span: GPU_SPAN, memory: [memory.min(GPU_MEMORY), memory] }
@@ -136,12 +140,26 @@ impl Gpu {
 
     /// How a product of matrices is shared out: on a CPU in larger blocks, for the same reason.
     pub fn product_plan(&self) -> ProductPlan {
-        if self.is_cpu() { ProductPlan { units: 16, block: [16, 8] } } else { ProductPlan { units: 64, block: [8, 8] } }
+        if self.computes_on_cpu() {
+            ProductPlan { units: 16, block: [16, 8] }
+        } else {
+            ProductPlan { units: 64, block: [8, 8] }
+        }
     }
 
     /// Whether work is shared out as for a driver that computes on the CPU.
-    fn is_cpu(&self) -> bool {
-        !IMITATES.load(Ordering::Relaxed) && self.client.properties().hardware.plane_size_max <= CPU_LANES
+    fn computes_on_cpu(&self) -> bool {
+        !IMITATES.load(Ordering::Relaxed) && is_software(&self.device)
+    }
+
+    /// Waits for a whole number of the device.
+    ///
+    /// # Panics
+    /// If the device fails.
+    pub fn read(&self, number: &CubeTensor) -> u32 {
+        let bytes = self.client.read_one_unchecked(number.handle.clone());
+        // Proof: the buffer holds one number of four bytes.
+        u32::from_le_bytes(bytes[..4].try_into().expect("four bytes"))
     }
 
     /// A launch of `cubes` cubes, folded in two dimensions where one does not hold them; some cubes may be too many.
@@ -160,6 +178,21 @@ impl Gpu {
 pub(super) fn single(tensor: CubeTensor) -> CubeTensor {
     assert_eq!(tensor.dtype, DType::F32, "GPUs work in single precision here");
     into_contiguous(tensor)
+}
+
+/// Bytes of the largest buffer of a device.
+pub(crate) fn buffer_limit(client: &Client) -> u64 {
+    client.properties().memory.max_page_size
+}
+
+/// Whether a device is a driver that computes on the CPU, chosen as such: wgpu does not say what its default device is.
+pub(crate) fn is_software(device: &CubeDevice) -> bool {
+    match device {
+        #[cfg(feature = "wgpu")]
+        CubeDevice::Wgpu(wgpu) => wgpu.kind == WgpuDeviceKind::Cpu,
+        #[allow(unreachable_patterns, reason = "with wgpu alone there is no other")]
+        _ => false,
+    }
 }
 
 /// Whether a device has an atomic addition of floats.

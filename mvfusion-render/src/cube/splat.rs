@@ -24,23 +24,24 @@ use crate::splat::cpu::view::View;
 use crate::splat::op::{
     SplatForward, SplatGradients, SplatKernels, SplatOps, SplatOutput, SplatPlan, SplatPrimitives, SplatSaved,
 };
-use crate::splat::{Antialias, Extent, Statistic};
+use crate::splat::{Antialias, Extent, SplatError, Statistic};
 
 /// Bits of a depth's sort key.
 const DEPTH_BITS: usize = 32;
 
+/// Bytes that a pair of a Gaussian and a tile takes in each of the lists.
+const PAIR_BYTES: u64 = 4;
+
 impl SplatOps for CubeBackend {
     fn splat(inputs: SplatPrimitives<Self>, plan: SplatPlan) -> SplatOutput<Self> {
-        Self::splat_forward(inputs, plan).output
+        forward(inputs, &plan, PAIR_BYTES).output
     }
 }
 
 impl SplatKernels for CubeBackend {
     fn splat_forward(inputs: SplatPrimitives<Self>, plan: SplatPlan) -> SplatForward<Self> {
-        let frame = Frame::new(inputs, &plan);
-        let projected = frame.project();
-        let bins = frame.bin(&projected);
-        frame.blend(projected, bins)
+        let channels = COLOUR_CHANNELS + plan.feature_count + 1;
+        forward(inputs, &plan, PAIR_BYTES.max(record_bytes(channels)))
     }
 
     fn splat_backward(
@@ -54,6 +55,24 @@ impl SplatKernels for CubeBackend {
         let (gradients, background) = frame.blend_backward(&saved, single(v_picture), statistic);
         frame.project_backward(&saved, gradients, background)
     }
+}
+
+/// Renders. Each pair of a Gaussian and a tile will take `pair_bytes` in the largest of its buffers.
+fn forward(inputs: SplatPrimitives<CubeBackend>, plan: &SplatPlan, pair_bytes: u64) -> SplatForward<CubeBackend> {
+    let frame = Frame::new(inputs, plan);
+    let projected = frame.project();
+    let (bins, refused) = match frame.bin(&projected, pair_bytes) {
+        Ok(bins) => (bins, None),
+        Err(error) => (frame.no_bins(), Some(error)),
+    };
+    let mut forward = frame.blend(projected, bins);
+    forward.output.refused = refused;
+    forward
+}
+
+/// Bytes of the gradient record of a pair of a Gaussian and a tile.
+fn record_bytes(channels: usize) -> u64 {
+    16 * record_vectors(channels) as u64
 }
 
 /// One picture to render, or to pull back.
@@ -202,10 +221,13 @@ impl Frame {
 
     /// Lists the Gaussians of each tile by depth. Here is the one place where the host waits for the device: the lists'
     /// length is not known before.
-    fn bin(&self, projected: &Projected) -> Bins {
+    ///
+    /// # Errors
+    /// If a buffer of `pair_bytes` for each entry of the lists is larger than the device has.
+    fn bin(&self, projected: &Projected, pair_bytes: u64) -> Result<Bins, SplatError> {
         let (gpu, count, tiles) = (&self.gpu, self.count(), self.view.tile_count());
         if count == 0 {
-            return self.no_bins();
+            return Ok(self.no_bins());
         }
         let marks = gpu.naturals(count);
         mark_visible::launch(
@@ -243,10 +265,12 @@ impl Frame {
             count as u32,
         );
         let offsets = running_sums(gpu, &counts, count);
-        let pairs = read_back(gpu, &offsets.total);
+        let pairs = gpu.read(&offsets.total);
         if pairs == 0 {
-            return self.no_bins();
+            return Ok(self.no_bins());
         }
+        check_pairs(pairs, pair_bytes, gpu.buffer_limit())?;
+        let pairs = pairs as usize;
 
         let by_depth = Keyed { keys: gpu.naturals(pairs), numbers: gpu.naturals(pairs) };
         let owners = gpu.naturals(pairs);
@@ -290,7 +314,7 @@ impl Frame {
             pairs as u32,
             tiles as u32,
         );
-        Bins { sorted, starts, spans, slots }
+        Ok(Bins { sorted, starts, spans, slots })
     }
 
     /// The lists of a picture that shows nothing.
@@ -334,7 +358,7 @@ impl Frame {
             );
         }
         SplatForward {
-            output: SplatOutput { picture, radii: projected.largest },
+            output: SplatOutput { picture, radii: projected.largest, refused: None },
             saved: SplatSaved {
                 records: projected.records,
                 sorted: bins.sorted,
@@ -458,14 +482,24 @@ fn bits_of(count: usize) -> usize {
     (usize::BITS - (count - 1).leading_zeros()) as usize
 }
 
-/// Waits for a number of the device.
-///
-/// # Panics
-/// If the device fails, or the number does not fit into the indices that tensors have.
-fn read_back(gpu: &Gpu, number: &CubeTensor) -> usize {
-    let bytes = gpu.client.read_one_unchecked(number.handle.clone());
-    // Proof: the buffer holds one number of four bytes.
-    let number = u32::from_le_bytes(bytes[..4].try_into().expect("four bytes"));
-    assert!(number <= i32::MAX as u32, "{number} pairs of a Gaussian and a tile are more than an index counts");
-    number as usize
+/// Whether buffers of `limit` bytes hold `bytes` for each of `pairs`, and tensors' indices count them. A number that 32
+/// bits do not hold comes as their largest.
+fn check_pairs(pairs: u32, bytes: u64, limit: u64) -> Result<(), SplatError> {
+    let limit = limit.min(bytes * i32::MAX as u64);
+    let bytes = bytes * u64::from(pairs);
+    if bytes > limit { Err(SplatError::Buffer { tensor: "tile lists", bytes, limit }) } else { Ok(()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_are_refused_beyond_the_buffer_and_beyond_the_index() {
+        assert_eq!(check_pairs(1000, 48, 48_000), Ok(()));
+        let refused = SplatError::Buffer { tensor: "tile lists", bytes: 48_048, limit: 48_000 };
+        assert_eq!(check_pairs(1001, 48, 48_000), Err(refused));
+        assert_eq!(check_pairs(i32::MAX as u32, 4, u64::MAX), Ok(()));
+        assert!(check_pairs(u32::MAX, 4, u64::MAX).is_err());
+    }
 }

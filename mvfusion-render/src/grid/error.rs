@@ -3,6 +3,7 @@
 use burn::tensor::{DType, Tensor};
 
 use super::{GridBounds, GridLayout};
+use crate::device::takes;
 
 /// An argument of a grid function that does not fit.
 #[derive(Debug, thiserror::Error)]
@@ -17,8 +18,8 @@ pub enum GridError {
         /// The shape in words.
         expected: String,
     },
-    /// A tensor's numbers are of another type than those of the planes, or neither f32 nor f64.
-    #[error("`{argument}` holds {found:?}; expected f32 or f64, the same in all arguments")]
+    /// A tensor's numbers are of another type than those of the planes, or of one that the device does not take.
+    #[error("`{argument}` holds {found:?}; expected f32, or f64 on a CPU, the same in all arguments")]
     Type {
         /// The argument's name.
         argument: &'static str,
@@ -73,7 +74,7 @@ pub(super) fn check_planes(planes: &Tensor<2>, layout: &GridLayout) -> Result<()
         return Err(GridError::Shape { argument: "planes", found: planes.dims(), expected });
     }
     match planes.dtype() {
-        DType::F32 | DType::F64 => Ok(()),
+        found if takes(&planes.device(), found) => Ok(()),
         found => Err(GridError::Type { argument: "planes", found }),
     }
 }

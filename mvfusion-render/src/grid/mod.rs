@@ -17,7 +17,7 @@ pub use layout::{GridBounds, GridLayout, PlaneLayout};
 ///
 /// `planes` `[cells, F]` holds every plane, channels last, as [`GridLayout::planes`] says; `points` `[N, 3]` are world
 /// coordinates; `times` is `[N, 1]`, or `[1, 1]` for all points, and used raw as a grid coordinate of `-1..=1`. The
-/// result is `[N, scales * F]`. All three share one dtype, f32 or f64.
+/// result is `[N, scales * F]`. All three share one dtype, f32, or f64 on a CPU.
 ///
 /// A coordinate beyond the border counts as on it. Gradients reach planes, points and times; the one with respect to a
 /// coordinate is zero on and beyond the border, and on an interior node it is the slope of the right-hand cell. A

@@ -18,8 +18,9 @@ pub struct GridPenalties {
     pub l1_time: Tensor<1>,
 }
 
-/// The penalties of `planes` `[cells, F]`, laid out as [`GridLayout::planes`] says, f32 or f64. A plane of fewer than
-/// three rows has no second difference and adds nothing; where a number is exactly 1, `|1 - p|` has gradient 0.
+/// The penalties of `planes` `[cells, F]`, laid out as [`GridLayout::planes`] says, f32, or f64 on a CPU. A plane of
+/// fewer than three rows has no second difference and adds nothing; where a number is exactly 1, `|1 - p|` has gradient
+/// 0.
 ///
 /// # Errors
 /// If the planes do not fit the layout.

@@ -3,6 +3,7 @@
 use burn::tensor::{DType, Tensor};
 
 use super::MlpLayout;
+use crate::device::takes;
 
 /// An argument of [`forward`](super::forward) that does not fit.
 #[derive(Debug, thiserror::Error)]
@@ -17,8 +18,8 @@ pub enum MlpError {
         /// The shape in words.
         expected: String,
     },
-    /// A tensor's numbers are neither f32 nor f64, or the two tensors differ.
-    #[error("`input` holds {input:?} and `parameters` holds {parameters:?}; expected f32 or f64 in both")]
+    /// A tensor's numbers are of a type that the device does not take, or the two tensors differ.
+    #[error("`input` holds {input:?} and `parameters` holds {parameters:?}; expected f32 in both, or f64 on a CPU")]
     Type {
         /// Type of the input.
         input: DType,
@@ -45,7 +46,7 @@ pub(super) fn check(input: &Tensor<2>, parameters: &Tensor<1>, layout: &MlpLayou
         return Err(MlpError::Shape { argument: "parameters", found: parameters.dims().to_vec(), expected });
     }
     match (input.dtype(), parameters.dtype()) {
-        (DType::F32, DType::F32) | (DType::F64, DType::F64) => Ok(()),
+        (own, other) if own == other && takes(&input.device(), own) => Ok(()),
         (input, parameters) => Err(MlpError::Type { input, parameters }),
     }
 }

@@ -18,7 +18,7 @@ pub use layout::MlpLayout;
 ///
 /// `input` is `[N, inputs]`; `parameters` `[P]` holds for each chain, layer by layer, the weight `[in, out]` row-major
 /// and then the bias `[out]`. A layer is `x W + b`, with a ReLU between each two; [`MlpLayout::rectified`] says whether
-/// one precedes the first. The result is `[N, outputs]`. Both tensors share one dtype, f32 or f64.
+/// one precedes the first. The result is `[N, outputs]`. Both tensors share one dtype, f32, or f64 on a CPU.
 ///
 /// Gradients reach both. The slope of a ReLU at zero is zero.
 ///

@@ -53,11 +53,11 @@ impl<const D: usize> AdamMoments<D> {
 /// One step of Adam as PyTorch makes it: both moments are corrected for their start at zero, and epsilon is added after
 /// the correction of the second.
 ///
-/// All tensors are of one shape and dtype (f32 or f64) and outside of autodiff. Memory that nobody else holds is
-/// changed in place, so hand the tensors over rather than clones of them.
+/// All tensors are of one shape and dtype (f32, or f64 on a CPU) and outside of autodiff. Memory that nobody else holds
+/// is changed in place, so hand the tensors over rather than clones of them.
 ///
 /// # Panics
-/// If the shapes differ.
+/// If the shapes differ, or a GPU is handed double precision.
 pub fn adam_step<const D: usize>(
     value: Tensor<D>,
     gradient: Tensor<D>,

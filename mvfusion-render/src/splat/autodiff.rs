@@ -76,11 +76,12 @@ impl<B: SplatKernels, C: CheckpointStrategy> SplatOps for Autodiff<B, C> {
             OpsKind::Tracked(preparation) => {
                 let forward = B::splat_forward(inputs.clone(), plan);
                 let state = SplatState { inputs, saved: forward.saved, plan, part: profile::current() };
-                SplatOutput { picture: preparation.finish(state, forward.output.picture), radii: forward.output.radii }
+                let SplatOutput { picture, radii, refused } = forward.output;
+                SplatOutput { picture: preparation.finish(state, picture), radii, refused }
             }
             OpsKind::UnTracked(preparation) => {
-                let output = B::splat(inputs, plan);
-                SplatOutput { picture: preparation.finish(output.picture), radii: output.radii }
+                let SplatOutput { picture, radii, refused } = B::splat(inputs, plan);
+                SplatOutput { picture: preparation.finish(picture), radii, refused }
             }
         }
     }

@@ -17,7 +17,7 @@ pub enum SplatError {
         expected: String,
     },
     /// Arguments of different precision, or of one that the op does not know.
-    #[error("`{argument}` has dtype {found:?}, expected {expected:?} (that of `means`, F32 or F64)")]
+    #[error("`{argument}` has dtype {found:?}, expected {expected:?} (that of `means`: F32, or F64 on a CPU)")]
     Dtype {
         /// The argument.
         argument: &'static str,

@@ -24,7 +24,7 @@ pub use diagnose::{SplatDiagnosis, diagnose};
 pub use error::SplatError;
 pub use settings::{Antialias, ClampGradient, Extent, SplatRules, SplatSettings, Statistic, Stop, TangentClamp};
 
-use crate::device::buffer_limit;
+use crate::device::{buffer_limit, takes};
 use op::{SplatOps, SplatPlan, SplatPrimitives};
 
 /// Raw parameters of `N` Gaussians, all of one dtype (`f32`, or `f64` on CPU backends) and on one device.
@@ -103,12 +103,8 @@ impl SplatPicture {
 /// width, height). Several calls with one probe add up. Which channels count is [`SplatSettings::statistic`].
 ///
 /// # Errors
-/// If shapes or dtypes do not fit together, the degree is above 3, the camera has no pixels, or the picture or the
-/// coefficients are larger than a buffer of the device.
-///
-/// # Panics
-/// On a GPU, if the pairs of a Gaussian and a tile, whose number is known only then, need a larger buffer than the
-/// device has.
+/// If shapes or dtypes do not fit together, the degree is above 3, the camera has no pixels, or the picture, the
+/// coefficients or the tile lists are larger than a buffer of the device.
 pub fn splat(
     inputs: SplatInputs,
     probe: Option<Tensor<2>>,
@@ -133,6 +129,9 @@ pub fn splat(
     };
     let plan = SplatPlan { camera: *camera, settings: *settings, feature_count };
     let output = <Dispatch as SplatOps>::splat(primitives, plan);
+    if let Some(error) = output.refused {
+        return Err(error);
+    }
     Ok(SplatPicture { packed: Tensor::from_dispatch(output.picture), radii: Tensor::from_dispatch(output.radii) })
 }
 
@@ -153,7 +152,7 @@ fn check(
     let count = inputs.means.dims()[0];
     let feature_count = inputs.features.as_ref().map_or(0, |features| features.dims()[1]);
     let dtype = match inputs.means.dtype() {
-        dtype @ (DType::F32 | DType::F64) => dtype,
+        dtype if takes(&inputs.means.device(), dtype) => dtype,
         found => return Err(SplatError::Dtype { argument: "means", found, expected: DType::F32 }),
     };
     check_tensor("means", &inputs.means, [count, 3], dtype)?;

@@ -10,6 +10,7 @@ use super::cpu::cloud::Cloud;
 use super::cpu::forward::forward;
 use super::cpu::lanes::Lane;
 use super::cpu::view::View;
+use super::error::SplatError;
 use super::settings::{SplatSettings, Statistic};
 use crate::host::HostBackend;
 use crate::real::with_real;
@@ -44,6 +45,9 @@ pub(crate) struct SplatOutput<B: Backend> {
     pub picture: FloatTensor<B>,
     /// `[N]`.
     pub radii: IntTensor<B>,
+    /// Why the device cannot hold the tile lists, whose length is known on the way only; the picture is an empty one
+    /// then.
+    pub refused: Option<SplatError>,
 }
 
 /// What the forward pass leaves for the backward pass. Plain tensors, so that every backend can fill them;
@@ -187,6 +191,7 @@ fn forward_on_host<B: HostBackend, T: Lane>(inputs: SplatPrimitives<B>, plan: Sp
         output: SplatOutput {
             picture: B::tensor(result.picture, [2, cloud.channels() + 1, view.height, view.width]),
             radii: B::index_tensor(result.radii, [count]),
+            refused: None,
         },
         saved: SplatSaved {
             records: B::tensor(result.projections.records, [count, PROJECTED_LEN]),

@@ -37,6 +37,9 @@ impl Window {
 
 /// Convolves each channel of `images` `[B, C, H, W]` with `window` along both axes, with zeros outside the image, and
 /// keeps the size. The op is linear and self-adjoint, so its gradient is the same blur of the cotangent.
+///
+/// # Panics
+/// If a GPU is handed double precision.
 pub fn blur(images: Tensor<4>, window: &Window) -> Tensor<4> {
     op::blur(images, window)
 }

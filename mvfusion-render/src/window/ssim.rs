@@ -9,7 +9,7 @@ use super::{Window, op, similarity::Similarity};
 /// `Window::gaussian(11, 1.5)`). Gradients reach both pictures.
 ///
 /// # Panics
-/// If the shapes differ.
+/// If the shapes differ, or a GPU is handed double precision.
 pub fn ssim_map(a: Tensor<4>, b: Tensor<4>, window: &Window) -> Tensor<4> {
     op::similarity(a, b, window, Similarity::Ssim)
 }
@@ -19,7 +19,7 @@ pub fn ssim_map(a: Tensor<4>, b: Tensor<4>, window: &Window) -> Tensor<4> {
 /// `Window::gaussian(5, 1.5)`). Gradients reach both pictures, and are zero where the value is clipped.
 ///
 /// # Panics
-/// If the shapes differ.
+/// If the shapes differ, or a GPU is handed double precision.
 pub fn structure_map(a: Tensor<4>, b: Tensor<4>, window: &Window) -> Tensor<4> {
     op::similarity(a, b, window, Similarity::Structure)
 }

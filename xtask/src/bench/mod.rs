@@ -138,7 +138,7 @@ fn devices(names: &[String]) -> Result<Vec<Subjected>> {
     #[cfg(any(feature = "wgpu", feature = "cuda"))]
     there.extend(device::gpus().iter().map(|gpu| {
         let software = if gpu.is_software { ", software" } else { "" };
-        subjected(&format!("{}:{} ({}{software})", gpu.backend, gpu.index, gpu.name), gpu.device.clone())
+        subjected(&format!("{} ({}{software})", gpu.label(), gpu.card().name), gpu.device.clone())
     }));
     if names.is_empty() {
         return Ok(there);

@@ -1,0 +1,108 @@
+//! What depends on the GPU, tried otherwise than by the GPU at hand.
+
+use anyhow::{Result, bail, ensure};
+use burn::tensor::{DType, Tensor};
+use libtest_mimic::Trial;
+use mvfusion_data::Camera;
+use mvfusion_model::device::gpus;
+use mvfusion_render::device::{fold_launches, imitate_hardware};
+use mvfusion_render::grid::{GridBounds, look_up};
+use mvfusion_render::mlp::MlpLayout;
+use mvfusion_render::splat::{SplatError, SplatInputs, SplatRules, SplatSettings, Statistic, splat};
+use mvfusion_render::{attention, mlp};
+use mvfusion_tests::{gpu_backends, tensor};
+
+use super::ops::{adam_steps, layout, look_up_and_back, mlp_and_back};
+use super::pictures::SCENES;
+use super::{Pair, device};
+
+/// Trials for a backend of GPUs; none for another.
+pub fn trials(pair: Pair) -> Vec<Trial> {
+    if gpu_backends().iter().all(|gpu| gpu.name != pair.backend.name) {
+        return Vec::new();
+    }
+    vec![
+        pair.trial("folded", move || folded(pair)),
+        pair.trial("as_on_hardware", move || as_on_hardware(pair)),
+        pair.trial("lists_too_long", move || lists_too_long(pair)),
+        pair.trial("double_precision", move || double_precision(pair)),
+    ]
+}
+
+/// Launches as where only four cubes fit along an axis.
+fn folded(pair: Pair) -> Result<()> {
+    fold_launches(4);
+    let result = (|| {
+        pair.compare(look_up_and_back)?;
+        pair.compare(adam_steps)?;
+        compare_scenes(pair, &["twenty_thousand"])
+    })();
+    fold_launches(u32::MAX);
+    result
+}
+
+/// Work shared out as on hardware, which a driver that computes on the CPU would not do.
+fn as_on_hardware(pair: Pair) -> Result<()> {
+    imitate_hardware(true);
+    let result = (|| {
+        pair.compare(mlp_and_back)?;
+        pair.compare(look_up_and_back)?;
+        let scenes = ["none", "one", "thousand", "four_channels", "eight_channels", "hostile", "twenty_thousand"];
+        compare_scenes(pair, &scenes)
+    })();
+    imitate_hardware(false);
+    result
+}
+
+fn compare_scenes(pair: Pair, names: &[&str]) -> Result<()> {
+    SCENES.iter().filter(|scene| names.contains(&scene.name)).try_for_each(|scene| pair.compare_scene(scene))
+}
+
+/// As many Gaussians before the whole picture as make gradient records that no buffer holds: an error, after which the
+/// device goes on.
+fn lists_too_long(pair: Pair) -> Result<()> {
+    let Some(gpu) = gpus().iter().find(|gpu| gpu.backend == pair.backend.name) else { bail!("no GPU was found") };
+    let (size, tile, record) = (1024, 16, 3 * 16);
+    let limit = gpu.card().buffer;
+    let count = (limit / record) as usize / (size / tile * (size / tile)) + 1;
+    let device = &device(pair.backend);
+    let of = |value: f64, columns: usize| Tensor::<2>::full([count, columns], value, (device, DType::F32));
+    let inputs = SplatInputs {
+        means: Tensor::cat(vec![of(0.0, 2), of(2.0, 1)], 1).require_grad(),
+        quaternions: of(0.5, 4),
+        log_scales: of(3.0, 3),
+        opacity_logits: of(0.0, 1).reshape([count]),
+        sh: Tensor::zeros([count, 1, 3], (device, DType::F32)),
+        features: None,
+        background: Tensor::zeros([3], (device, DType::F32)),
+    };
+    let settings = SplatSettings { rules: SplatRules::inria(), sh_degree: 0, statistic: Statistic::ColourAndDepth };
+    let camera = Camera::centred(size, size, size as f64, glam::DMat3::IDENTITY, glam::DVec3::ZERO);
+    match splat(inputs, None, &camera, &settings) {
+        Err(SplatError::Buffer { tensor: "tile lists", bytes, limit: told }) => {
+            ensure!(told == limit && bytes > limit, "{bytes} bytes, of {told} that a buffer holds");
+        }
+        Err(error) => bail!("refused for another reason: {error}"),
+        Ok(_) => bail!("{count} Gaussians in each of {} tiles were not refused", size / tile * (size / tile)),
+    }
+    compare_scenes(pair, &["one"])
+}
+
+/// GPUs take single precision alone, and say so.
+fn double_precision(pair: Pair) -> Result<()> {
+    let device = &device(pair.backend);
+    let wide = |shape: [usize; 2]| tensor(&vec![0.5; shape.iter().product()], shape, device, DType::F64);
+    let (bounds, planes) = (GridBounds { max: [1.0; 3], min: [-1.0; 3] }, [layout().cells(), layout().features]);
+    let perceptron = MlpLayout { inputs: 3, rectified: true, chains: vec![vec![2]] };
+    let parameters = wide([1, perceptron.parameters()]).reshape([perceptron.parameters()]);
+    let refusals = [
+        look_up(wide(planes), wide([5, 3]), wide([1, 1]), &bounds, &layout()).err().map(|error| error.to_string()),
+        mlp::forward(wide([5, 3]), parameters, &perceptron).err().map(|error| error.to_string()),
+        attention::forward(wide([5, 4]), wide([5, 8]).reshape([5, 1, 8]), 2).err().map(|error| error.to_string()),
+    ];
+    for refusal in refusals {
+        let Some(message) = refusal else { bail!("double precision was not refused") };
+        ensure!(message.contains("F64") && message.contains("f64 on a CPU"), "{message}");
+    }
+    Ok(())
+}

@@ -1,0 +1,170 @@
+//! The ops but for the splat: each there and back, as a case.
+
+use anyhow::{Result, ensure};
+use burn::tensor::{DType, Device, Tensor};
+use mvfusion_render::grid::{GridBounds, GridLayout, look_up, regulariser::penalties};
+use mvfusion_render::mlp::MlpLayout;
+use mvfusion_render::optim::{AdamMoments, AdamRule, adam_step};
+use mvfusion_render::window::{Window, blur, ssim_map, structure_map};
+use mvfusion_render::{attention, mlp};
+use mvfusion_tests::{Array, Tolerance, gradient};
+
+use super::{normal, uniform, weighed};
+
+/// Sums of some thousand numbers in another order.
+const SUMS: Tolerance = Tolerance::of_largest(2e-5);
+
+/// Through SSIM's nearly equal moments.
+const MOMENTS: Tolerance = Tolerance::of_largest(5e-4);
+
+/// Named numbers that an op gives, and how far they may be off.
+pub type Outcome = Vec<(String, Array, Tolerance)>;
+
+/// One op with arguments, on a device that tracks gradients.
+pub type Case = fn(&Device) -> Result<Outcome>;
+
+/// All of them, by name.
+pub const CASES: [(&str, Case); 9] = [
+    ("look_up", look_up_and_back),
+    ("penalties", penalties_and_back),
+    ("mlp", mlp_and_back),
+    ("attention", attention_and_back),
+    ("blur", blur_and_back),
+    ("ssim", ssim_and_back),
+    ("structure", structure_and_back),
+    ("adam", adam_steps),
+    ("nothing", nothing),
+];
+
+pub fn layout() -> GridLayout {
+    GridLayout { features: 11, resolution: [9, 7, 5, 6], multipliers: vec![1, 2] }
+}
+
+fn planes(device: &Device) -> Tensor<2> {
+    let layout = layout();
+    uniform([layout.cells(), layout.features], [0.1, 1.3], 1, device)
+}
+
+pub fn look_up_and_back(device: &Device) -> Result<Outcome> {
+    let bounds = GridBounds { max: [1.0, 1.2, 0.8], min: [-1.0, -0.7, -1.1] };
+    let mut outcome = Vec::new();
+    for (count, times) in [(1, 1), (700, 1), (20_001, 20_001)] {
+        let planes = planes(device);
+        // Some lie outside of the box.
+        let points = uniform([count, 3], [-1.3, 1.3], 2, device);
+        let times = uniform([times, 1], [-1.0, 1.0], 3, device);
+        let found = look_up(planes.clone(), points.clone(), times.clone(), &bounds, &layout())?;
+        let gradients = weighed(&found, 4).backward();
+        outcome.push((format!("features of {count}"), Array::of(found), SUMS));
+        outcome.push((format!("planes of {count}"), gradient(&planes, &gradients), SUMS));
+        outcome.push((format!("points of {count}"), gradient(&points, &gradients), SUMS));
+        outcome.push((format!("times of {count}"), gradient(&times, &gradients), SUMS));
+    }
+    Ok(outcome)
+}
+
+fn penalties_and_back(device: &Device) -> Result<Outcome> {
+    let planes = planes(device);
+    let terms = penalties(planes.clone(), &layout())?;
+    let all = Tensor::cat(vec![terms.plane_smooth, terms.time_smooth, terms.l1_time], 0);
+    let gradients = weighed(&all, 5).backward();
+    Ok(vec![("terms".into(), Array::of(all), SUMS), ("planes".into(), gradient(&planes, &gradients), SUMS)])
+}
+
+pub fn mlp_and_back(device: &Device) -> Result<Outcome> {
+    let mut outcome = Vec::new();
+    for rectified in [false, true] {
+        let layout = MlpLayout { inputs: 13, rectified, chains: vec![vec![20, 17, 3], vec![4], vec![9, 1]] };
+        let input = normal([1003, 13], 1.0, 11, device);
+        let parameters = normal([layout.parameters()], 0.3, 12, device);
+        let found = mlp::forward(input.clone(), parameters.clone(), &layout)?;
+        let gradients = weighed(&found, 13).backward();
+        outcome.push((format!("outputs, {rectified}"), Array::of(found), SUMS));
+        outcome.push((format!("input, {rectified}"), gradient(&input, &gradients), SUMS));
+        outcome.push((format!("parameters, {rectified}"), gradient(&parameters, &gradients), SUMS));
+    }
+    Ok(outcome)
+}
+
+fn attention_and_back(device: &Device) -> Result<Outcome> {
+    let queries = normal([1003, 24], 1.0, 21, device);
+    let memory = normal([1003, 3, 48], 1.0, 22, device);
+    let found = attention::forward(queries.clone(), memory.clone(), 4)?;
+    let gradients = weighed(&found, 23).backward();
+    Ok(vec![
+        ("found".into(), Array::of(found), SUMS),
+        ("queries".into(), gradient(&queries, &gradients), SUMS),
+        ("memory".into(), gradient(&memory, &gradients), SUMS),
+    ])
+}
+
+/// An op of two pictures.
+fn of_pictures(
+    device: &Device,
+    tolerance: Tolerance,
+    op: impl Fn(Tensor<4>, Tensor<4>) -> Tensor<4>,
+) -> Result<Outcome> {
+    let mut outcome = Vec::new();
+    for shape in [[2, 3, 37, 53], [1, 1, 5, 3], [1, 3, 1, 1]] {
+        let (a, b) = (uniform(shape, [0.0, 1.0], 31, device), uniform(shape, [0.0, 1.0], 32, device));
+        let map = op(a.clone(), b.clone());
+        let gradients = weighed(&map, 33).backward();
+        outcome.push((format!("map of {shape:?}"), Array::of(map), tolerance));
+        outcome.push((format!("first of {shape:?}"), gradient(&a, &gradients), tolerance));
+        outcome.push((format!("second of {shape:?}"), gradient(&b, &gradients), tolerance));
+    }
+    Ok(outcome)
+}
+
+fn blur_and_back(device: &Device) -> Result<Outcome> {
+    let window = Window::gaussian(11, 1.5);
+    of_pictures(device, SUMS, |a, b| blur(a, &window) + b)
+}
+
+fn ssim_and_back(device: &Device) -> Result<Outcome> {
+    let window = Window::gaussian(11, 1.5);
+    of_pictures(device, MOMENTS, |a, b| ssim_map(a, b, &window))
+}
+
+fn structure_and_back(device: &Device) -> Result<Outcome> {
+    let window = Window::gaussian(5, 1.5);
+    of_pictures(device, MOMENTS, |a, b| structure_map(a, b, &window))
+}
+
+pub fn adam_steps(device: &Device) -> Result<Outcome> {
+    let device = &device.clone().inner();
+    let mut value = normal([70_001], 1.0, 41, device);
+    let held = value.clone();
+    let mut moments = AdamMoments::zeros_like(&value);
+    for step in 0..3 {
+        let gradient = normal([70_001], 0.1, 42 + step, device);
+        (value, moments) = adam_step(value, gradient, moments, &AdamRule::new(0.01));
+    }
+    Ok(vec![
+        ("value".into(), Array::of(value), SUMS),
+        ("first moment".into(), Array::of(moments.first), SUMS),
+        ("second moment".into(), Array::of(moments.second), SUMS),
+        ("what another holds".into(), Array::of(held), SUMS),
+    ])
+}
+
+/// Ops on no rows at all, there and back: what they share between rows has no gradient.
+fn nothing(device: &Device) -> Result<Outcome> {
+    let bounds = GridBounds { max: [1.0; 3], min: [-1.0; 3] };
+    let empty = |columns: usize| Tensor::<2>::zeros([0, columns], (device, DType::F32)).require_grad();
+    let (planes, times) = (planes(device), uniform([1, 1], [0.0, 1.0], 3, device));
+    let found = look_up(planes.clone(), empty(3), times.clone(), &bounds, &layout())?;
+    let layout = MlpLayout { inputs: 3, rectified: true, chains: vec![vec![4, 2]] };
+    let parameters = normal([layout.parameters()], 0.3, 12, device);
+    let outputs = mlp::forward(empty(3), parameters.clone(), &layout)?;
+    let attended = attention::forward(empty(8), Tensor::zeros([0, 2, 16], (device, DType::F32)), 2)?;
+    for (name, dims) in [("look-up", found.dims()), ("perceptrons", outputs.dims()), ("attention", attended.dims())] {
+        ensure!(dims[0] == 0, "the {name} of nothing has shape {dims:?}");
+    }
+    let gradients = (found.sum() + outputs.sum() + attended.sum()).backward();
+    Ok(vec![
+        ("planes".into(), gradient(&planes, &gradients), SUMS),
+        ("times".into(), gradient(&times, &gradients), SUMS),
+        ("parameters".into(), gradient(&parameters, &gradients), SUMS),
+    ])
+}
