@@ -83,29 +83,30 @@ pub fn list() -> Vec<String> {
 
 #[cfg(any(feature = "wgpu", feature = "cuda"))]
 mod gpu {
-    use mvfusion_model::device::{Card, Gpu, gpus};
+    use mvfusion_model::device::{Card, Gpu, GpuError, gpus};
+    use tracing::warn;
 
     use super::{OpenDevice, UsageError};
 
-    /// The first GPU that is no software.
+    /// The first GPU that can be used and is no software.
     pub fn best() -> Option<OpenDevice> {
-        let gpu = gpus().iter().find(|gpu| !gpu.is_software)?;
-        Some(opened(gpu, "auto: the first GPU"))
+        gpus().iter().filter(|gpu| !gpu.is_software).find_map(|gpu| {
+            opened(gpu, "auto: the first GPU").inspect_err(|error| warn!("{error}: it is passed over")).ok()
+        })
     }
 
     /// A GPU by its backend and its number there.
     pub fn open(backend: &str, index: usize) -> Result<OpenDevice, UsageError> {
         if !super::features().contains(&backend) {
-            return Err(UsageError::new(format!(
-                "`--device {backend}`: this build has no {backend}; build with `--features {backend}`, or take `--device cpu`."
-            )));
+            return Err(super::not_built(backend));
         }
         let found = gpus();
         match found.iter().find(|gpu| gpu.backend == backend && gpu.index == index) {
-            Some(gpu) => Ok(opened(gpu, "asked for by name")),
+            Some(gpu) => opened(gpu, "asked for by name").map_err(|error| {
+                UsageError::new(format!("{error}. Update its driver, or take another device or `--device cpu`."))
+            }),
             None => {
-                let names: Vec<String> =
-                    found.iter().map(|gpu| format!("{} ({})", gpu.label(), gpu.card().name)).collect();
+                let names: Vec<String> = found.iter().map(Gpu::label).collect();
                 let there = if names.is_empty() {
                     "no GPU was found".to_owned()
                 } else {
@@ -127,10 +128,10 @@ mod gpu {
         found.iter().map(describe).collect()
     }
 
-    fn opened(gpu: &Gpu, reason: &str) -> OpenDevice {
-        let name = gpu.label();
-        let reason = format!("{name}, {}{} ({reason})", gpu.card().name, software(gpu));
-        OpenDevice { device: gpu.device.clone(), name, reason }
+    fn opened(gpu: &Gpu, reason: &str) -> Result<OpenDevice, GpuError> {
+        let (name, card) = (gpu.label(), gpu.card()?);
+        let reason = format!("{name}, {}{} ({reason})", card.name, software(gpu));
+        Ok(OpenDevice { device: gpu.device.clone(), name, reason })
     }
 
     fn software(gpu: &Gpu) -> &'static str {
@@ -138,7 +139,10 @@ mod gpu {
     }
 
     fn describe(gpu: &Gpu) -> String {
-        let Card { name, buffer, shared_memory, units, adds_floats } = gpu.card();
+        let Card { name, buffer, shared_memory, units, adds_floats } = match gpu.card() {
+            Ok(card) => card,
+            Err(error) => return format!("{:9} cannot be used: {error}", gpu.label()),
+        };
         let atomics = if adds_floats { "atomic float addition" } else { "no atomic float addition" };
         format!(
             "{:9} {name}{}: buffers up to {} MiB, {} KiB shared by up to {units} units, {atomics}",

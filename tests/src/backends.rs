@@ -25,6 +25,7 @@ pub fn backends() -> Vec<Backend> {
 /// The GPU backends of this build, whether or not there is such a GPU.
 pub fn gpu_backends() -> Vec<Backend> {
     vec![
+        // Proof: who asks for the device has asked before whether it is there.
         #[cfg(feature = "wgpu")]
         Backend { name: "wgpu", device: || first("wgpu").expect("a GPU was found before") },
         #[cfg(feature = "cuda")]

@@ -102,7 +102,7 @@ pub fn tensor<const D: usize>(values: &[f64], shape: [usize; D], device: &Device
 /// # Panics
 /// If the device does not hand them back.
 pub fn numbers<const D: usize>(tensor: Tensor<D>) -> Vec<f64> {
-    tensor.inner().try_into_vec_as::<f64>().expect("CPU devices hand their numbers back")
+    tensor.inner().try_into_vec_as::<f64>().expect("the device hands its numbers back")
 }
 
 /// The gradient of a leaf; zeros where the loss does not depend on it.

@@ -20,8 +20,8 @@ pub fn run() -> Result<()> {
     )?;
     step("check the default features", &["check", "--workspace"], &[])?;
     // CubeCL's build script fetches an LLVM for CUDA, unless it is told that only documentation, or a check, is wanted.
-    let features = ["check", "--workspace", "--no-default-features", "--features", "ndarray,cuda"];
-    step("check cuda, and ndarray without flex", &features, &[("DOCS_RS", "1")])
+    let features = ["check", "--workspace", "--no-default-features", "--features", "ndarray,cuda,vulkan,metal"];
+    step("check cuda, vulkan and metal, and ndarray without flex", &features, &[("DOCS_RS", "1")])
 }
 
 fn step(name: &str, arguments: &[&str], environment: &[(&str, &str)]) -> Result<()> {

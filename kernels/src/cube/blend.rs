@@ -31,8 +31,9 @@ impl TileShare {
 
 /// Blends a picture of `channels` channels: colour, features, depth.
 ///
-/// `picture` is `[2, channels + 1, height, width]` (alpha before depth, both copies equal); `transmittance` and `last`
-/// are `[tiles, TILE_PIXELS]`.
+/// `records` are those of `project`, `features` `[N, F]`, `background` `[channels - 1]`; `sorted` lists the Gaussians of
+/// all tiles, and `starts` `[tiles + 1]` says where each tile's begin. `picture` is `[2, channels + 1, height, width]` (alpha
+/// before depth, both copies equal); `transmittance` and `last` are `[tiles, TILE_PIXELS]`.
 #[cube(launch_unchecked)]
 pub fn blend(
     records: &[f32],
@@ -59,7 +60,8 @@ pub fn blend(
         let end = starts[pixels.tile as usize + 1] as u32;
         let mut at = begin;
         while at < end {
-            // Whoever is still open says so; all read the answer behind the next barrier.
+            // Whoever is still open says so; all read the answer behind the next barrier, by a load that tells the
+            // shader compiler that it is the same for all: further barriers depend on it.
             if UNIT_POS == 0u32 {
                 vote[0] = 0u32;
             }
@@ -69,9 +71,8 @@ pub fn blend(
             }
             let count = min(end - at, comptime!(share.batch as u32));
             stage_batch(records, features, sorted, at, count, &pixels, &mut staged, &mut rows, share);
-            sync_cube();
-            let anybody = vote[0] == 1u32;
-            if anybody {
+            let votes = workgroup_uniform_load(&vote[0]);
+            if votes == 1u32 {
                 let mut word = 0u32;
                 while word < count && open {
                     let mut met = met_by_row(&rows, word, count, pixels.row);

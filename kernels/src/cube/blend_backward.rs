@@ -85,7 +85,7 @@ impl BlendBackwardKind {
     }
 }
 
-/// Gradients of `blend`.
+/// Gradients of `blend`, whose arguments come first; `v_picture` is shaped as its picture.
 ///
 /// `gradients` has a row of [`record_vectors`] for each entry of the tile lists; `v_background` is `[tiles, channels -
 /// 1]`, each tile's part.
@@ -249,18 +249,20 @@ fn sum_background(
         parts[comptime!(vector * units) + unit] = sums;
     }
     sync_cube();
-    if unit < comptime!((channels - 1).div_ceil(FOUR)) {
+    let mut vector = unit;
+    while vector < comptime!((channels - 1).div_ceil(FOUR)) {
         let mut sums = Four::new(0.0f32);
         for other in 0..units {
-            sums += parts[unit * units + other];
+            sums += parts[vector * units + other];
         }
         #[unroll]
         for part in 0..FOUR {
-            let channel = FOUR * unit + part;
+            let channel = FOUR * vector + part;
             if channel < comptime!(channels - 1) {
                 v_background[tile as usize * comptime!(channels - 1) + channel] = sums.extract(part);
             }
         }
+        vector += units;
     }
     sync_cube();
 }
@@ -395,7 +397,8 @@ fn write_zeros(gradients: &mut [Four], first: u32, end: u32, #[comptime] kind: B
     }
 }
 
-/// The largest of the units' numbers. Every unit of the cube has to come here.
+/// The largest of the units' numbers, known to be the same for all: barriers depend on it. Every unit of the cube has to
+/// come here.
 #[cube]
 fn largest_of_units(number: u32, numbers: &mut Shared<[u32]>) -> u32 {
     let unit = UNIT_POS as usize;
@@ -408,6 +411,5 @@ fn largest_of_units(number: u32, numbers: &mut Shared<[u32]>) -> u32 {
         }
         half /= 2;
     }
-    sync_cube();
-    numbers[0]
+    workgroup_uniform_load(&numbers[0])
 }

@@ -26,5 +26,8 @@ pub mod tiles;
 pub mod view;
 pub mod window;
 
+/// Buffers that the kernel with the most of them binds, `project_backward`.
+pub const MOST_BUFFERS: u32 = 16;
+
 /// Units of a cube, in every kernel but those that blend or multiply: as many as a tile has pixels.
 pub const UNITS: usize = crate::splat::TILE_PIXELS;

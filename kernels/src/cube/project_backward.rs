@@ -14,6 +14,11 @@ use crate::sh::coefficient_count;
 use crate::splat::{COLOUR_CHANNELS, MIN_COMPENSATION, PROJECTED_GRADIENT_LEN, PROJECTED_LEN};
 
 /// Sums the records of each Gaussian, in the order of its tiles, and pulls them back through the projection.
+///
+/// `means` and `log_scales` are `[N, 3]`, `quaternions` `[N, 4]`, `opacity_logits` `[N]`, `coefficients` `[N, stored, 3]`;
+/// `records` are those of `project`. `spans` `[N, 2]` say where a Gaussian's entries of `slots` begin and how many they
+/// are, and `slots` in which row of `gradients` (of [`record_vectors`]) each lies. The adjoints have the shapes of what
+/// they belong to, `v_features` is `[N, F]` and `statistic` `[N, 2]`.
 #[cube(launch_unchecked)]
 pub fn project_backward(
     means: &[f32],

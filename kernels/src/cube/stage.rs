@@ -113,8 +113,8 @@ pub(super) fn in_tiles(pixels: &UnitPixels, #[comptime] p: usize) -> usize {
     pixels.tile as usize * TILE_PIXELS + (pixels.row * comptime!(TILE as u32) + pixels.column) as usize + p
 }
 
-/// Lays a batch out for the units' tile: the `count` Gaussians of `sorted` from `first` on, and in `rows` a
-/// bit for each row of the tile that they may be seen in.
+/// Lays a batch out for the units' tile: the `count` Gaussians of `sorted` from `first` on, and in `rows` a bit for each
+/// row of the tile that they may be seen in.
 #[cube]
 pub(super) fn stage_batch(
     records: &[f32],

@@ -90,8 +90,7 @@ pub fn moment_columns(a: &[f32], b: &[f32], weights: &[f32], sums: &mut [f32], s
 }
 
 /// The similarity from the moments' column sums; with its slopes `[4, planes, height, width]` with respect to the
-/// moments if they are
-/// `wanted`.
+/// moments if they are `wanted`.
 #[cube(launch_unchecked)]
 pub fn similarity_rows(
     sums: &[f32],

@@ -1,6 +1,7 @@
 //! A device to launch on: its buffers, its limits, and how launches are folded into them.
 
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::cell::Cell;
+use std::thread::LocalKey;
 
 use burn::backend::ops::{FloatTensorOps, IntTensorOps};
 use burn::tensor::{DType, FloatDType, IntDType, Shape};
@@ -20,11 +21,13 @@ use mvfusion_kernels::splat::TILE;
 /// The most cubes along one axis of a launch: what WebGPU promises everywhere.
 pub(crate) const MAX_CUBES: u32 = 65_535;
 
-/// The limit in force, which tests lower.
-static LIMIT: AtomicU32 = AtomicU32::new(MAX_CUBES);
+thread_local! {
+    /// The limit in force for launches of this thread, which tests lower.
+    static LIMIT: Cell<u32> = const { Cell::new(MAX_CUBES) };
 
-/// Whether every device is treated as hardware without an atomic addition of floats, for tests.
-static IMITATES: AtomicBool = AtomicBool::new(false);
+    /// Whether this thread treats every device as hardware without an atomic addition of floats, for tests.
+    static IMITATES: Cell<bool> = const { Cell::new(false) };
+}
 
 /// The size of every cube but those that blend and those that multiply.
 pub(super) const CUBE: CubeDim = CubeDim::new_1d(UNITS as u32);
@@ -58,7 +61,7 @@ impl Gpu {
         Self { client: tensor.client.clone(), device: tensor.device.clone() }
     }
 
-    /// Bytes of the largest buffer.
+    /// See [`buffer_limit`].
     pub fn buffer_limit(&self) -> u64 {
         buffer_limit(&self.client)
     }
@@ -74,8 +77,8 @@ impl Gpu {
         let limit = self.buffer_limit();
         assert!(
             bytes as u64 <= limit,
-            "a buffer of {shape:?} needs {bytes} bytes, but this device binds {limit} at most: use fewer Gaussians or smaller pictures, \
-             or take `--device cpu`"
+            "a buffer of {shape:?} needs {bytes} bytes, but this device binds {limit} at most: use fewer Gaussians or \
+             smaller pictures, or take `--device cpu`"
         );
         let handle = self.client.empty(bytes);
         CubeTensor::new_contiguous(self.client.clone(), self.device.clone(), shape, handle, dtype)
@@ -130,26 +133,16 @@ impl Gpu {
 
     /// How the pixels of a tile are shared out among units.
     pub fn tile_plan(&self) -> TilePlan {
-        let memory = self.client.properties().hardware.max_shared_memory_size;
-        if self.computes_on_cpu() {
-            TilePlan { span: TILE, memory: [memory; 2] }
-        } else {
-            TilePlan { span: GPU_SPAN, memory: [memory.min(GPU_MEMORY), memory] }
-        }
+        TilePlan::of(&self.device)
     }
 
     /// How a product of matrices is shared out: on a CPU in larger blocks, for the same reason.
     pub fn product_plan(&self) -> ProductPlan {
-        if self.computes_on_cpu() {
+        if computes_on_cpu(&self.device) {
             ProductPlan { units: 16, block: [16, 8] }
         } else {
             ProductPlan { units: 64, block: [8, 8] }
         }
-    }
-
-    /// Whether work is shared out as for a driver that computes on the CPU.
-    fn computes_on_cpu(&self) -> bool {
-        !IMITATES.load(Ordering::Relaxed) && is_software(&self.device)
     }
 
     /// Waits for a whole number of the device.
@@ -164,7 +157,7 @@ impl Gpu {
 
     /// A launch of `cubes` cubes, folded in two dimensions where one does not hold them; some cubes may be too many.
     pub fn cubes(&self, cubes: usize) -> CubeCount {
-        let [x, y] = fold(cubes, LIMIT.load(Ordering::Relaxed));
+        let [x, y] = fold(cubes, LIMIT.get());
         CubeCount::Static(x, y, 1)
     }
 
@@ -180,9 +173,26 @@ pub(super) fn single(tensor: CubeTensor) -> CubeTensor {
     into_contiguous(tensor)
 }
 
-/// Bytes of the largest buffer of a device.
+impl TilePlan {
+    /// The plan for a device.
+    pub fn of(device: &CubeDevice) -> Self {
+        let memory = device.client().properties().hardware.max_shared_memory_size;
+        if computes_on_cpu(device) {
+            Self { span: TILE, memory: [memory; 2] }
+        } else {
+            Self { span: GPU_SPAN, memory: [memory.min(GPU_MEMORY), memory] }
+        }
+    }
+}
+
+/// Bytes of the largest buffer that kernels can use on a device: they count numbers with 32 bits.
 pub(crate) fn buffer_limit(client: &Client) -> u64 {
-    client.properties().memory.max_page_size
+    client.properties().memory.max_page_size.min(4 * u64::from(u32::MAX))
+}
+
+/// Whether work is shared out as for a driver that computes on the CPU.
+fn computes_on_cpu(device: &CubeDevice) -> bool {
+    !IMITATES.get() && is_software(device)
 }
 
 /// Whether a device is a driver that computes on the CPU, chosen as such: wgpu does not say what its default device is.
@@ -198,7 +208,7 @@ pub(crate) fn is_software(device: &CubeDevice) -> bool {
 /// Whether a device has an atomic addition of floats.
 pub(crate) fn adds_floats(client: &Client) -> bool {
     let float = Type::atomic(f32::elem_type_native());
-    !IMITATES.load(Ordering::Relaxed) && client.properties().atomic_type_usage(float).contains(AtomicUsage::Add)
+    !IMITATES.get() && client.properties().atomic_type_usage(float).contains(AtomicUsage::Add)
 }
 
 /// `cubes` as `x y`, each of the two as small as the limit on `x` allows.
@@ -208,13 +218,25 @@ fn fold(cubes: usize, limit: u32) -> [u32; 2] {
 }
 
 /// See [`crate::device::fold_launches`].
-pub(crate) fn limit_cubes(limit: u32) {
-    LIMIT.store(limit.clamp(1, MAX_CUBES), Ordering::Relaxed);
+pub(crate) fn limit_cubes<T>(limit: u32, body: impl FnOnce() -> T) -> T {
+    with(&LIMIT, limit.clamp(1, MAX_CUBES), body)
 }
 
 /// See [`crate::device::imitate_hardware`].
-pub(crate) fn imitate_hardware(on: bool) {
-    IMITATES.store(on, Ordering::Relaxed);
+pub(crate) fn imitate_hardware<T>(body: impl FnOnce() -> T) -> T {
+    with(&IMITATES, true, body)
+}
+
+/// Runs `body` while a switch of this thread has a value; even a panic sets it back.
+fn with<S: Copy + 'static, T>(switch: &'static LocalKey<Cell<S>>, value: S, body: impl FnOnce() -> T) -> T {
+    struct Reset<S: Copy + 'static>(&'static LocalKey<Cell<S>>, S);
+    impl<S: Copy> Drop for Reset<S> {
+        fn drop(&mut self) {
+            self.0.set(self.1);
+        }
+    }
+    let _reset = Reset(switch, switch.replace(value));
+    body()
 }
 
 #[cfg(test)]

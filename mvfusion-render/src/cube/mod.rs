@@ -1,15 +1,16 @@
 //! The ops on a GPU: which buffers a kernel gets, and how many cubes. The kernels themselves are in
 //! `mvfusion_kernels::cube`.
 //!
-//! Every op works in single precision, and panics on tensors of another dtype.
+//! Every op works in single precision.
 
 mod adam;
 mod attention;
+mod bins;
 pub(crate) mod gpu;
 mod grid;
 mod mlp;
 mod penalties;
 mod scan;
 mod sort;
-mod splat;
+pub(crate) mod splat;
 mod window;

@@ -2,8 +2,8 @@
 
 use burn::backend::TensorMetadata;
 use burn::backend::tensor::FloatTensor;
-use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
+use burn_cubecl::{CubeBackend, CubeDevice};
 use cubecl::CubeDim;
 use mvfusion_kernels::cube::blend::blend;
 use mvfusion_kernels::cube::blend_backward::{BlendBackwardKind, CountedChannels, blend_backward, record_vectors};
@@ -11,26 +11,16 @@ use mvfusion_kernels::cube::maths::{PairLaunch, TripleLaunch};
 use mvfusion_kernels::cube::project::project;
 use mvfusion_kernels::cube::project_backward::project_backward;
 use mvfusion_kernels::cube::stage::TileShare;
-use mvfusion_kernels::cube::tiles::{
-    collect_visible, counts_by_depth, emit_pairs, find_starts, list_pairs, mark_visible,
-};
 use mvfusion_kernels::cube::view::{BlendRulesLaunch, ProjectionKind, ViewLaunch};
 use mvfusion_kernels::splat::{COLOUR_CHANNELS, PROJECTED_LEN, TILE_PIXELS};
 
+use super::bins::{Bins, PAIR_BYTES};
 use super::gpu::{CUBE, Gpu, TilePlan, single};
-use super::scan::running_sums;
-use super::sort::{Keyed, sort};
 use crate::splat::cpu::view::View;
 use crate::splat::op::{
     SplatForward, SplatGradients, SplatKernels, SplatOps, SplatOutput, SplatPlan, SplatPrimitives, SplatSaved,
 };
-use crate::splat::{Antialias, Extent, SplatError, Statistic};
-
-/// Bits of a depth's sort key.
-const DEPTH_BITS: usize = 32;
-
-/// Bytes that a pair of a Gaussian and a tile takes in each of the lists.
-const PAIR_BYTES: u64 = 4;
+use crate::splat::{Antialias, Extent, Statistic};
 
 impl SplatOps for CubeBackend {
     fn splat(inputs: SplatPrimitives<Self>, plan: SplatPlan) -> SplatOutput<Self> {
@@ -76,8 +66,8 @@ fn record_bytes(channels: usize) -> u64 {
 }
 
 /// One picture to render, or to pull back.
-struct Frame {
-    gpu: Gpu,
+pub(super) struct Frame {
+    pub gpu: Gpu,
     means: CubeTensor,
     quaternions: CubeTensor,
     log_scales: CubeTensor,
@@ -85,28 +75,20 @@ struct Frame {
     sh: CubeTensor,
     features: CubeTensor,
     background: CubeTensor,
-    view: View<f32>,
+    pub view: View<f32>,
     feature_count: usize,
 }
 
 /// Projected Gaussians.
-struct Projected {
+pub(super) struct Projected {
     /// `[N, PROJECTED_LEN]`.
-    records: CubeTensor,
+    pub records: CubeTensor,
     /// `[N, 2]`.
-    radii: CubeTensor,
+    pub radii: CubeTensor,
     /// `[N]`, the larger radius.
     largest: CubeTensor,
     /// `[N]`, tiles that each touches.
-    touched: CubeTensor,
-}
-
-/// The tile lists, as [`SplatSaved`] names them.
-struct Bins {
-    sorted: CubeTensor,
-    starts: CubeTensor,
-    spans: CubeTensor,
-    slots: CubeTensor,
+    pub touched: CubeTensor,
 }
 
 impl Frame {
@@ -126,7 +108,7 @@ impl Frame {
     }
 
     /// Number of Gaussians.
-    fn count(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.opacity_logits.shape()[0]
     }
 
@@ -148,11 +130,13 @@ impl Frame {
         }
     }
 
-    fn is_square(&self) -> bool {
+    /// Whether tiles are reckoned by one radius.
+    pub fn is_square(&self) -> bool {
         matches!(self.view.extent, Extent::Square { .. })
     }
 
-    fn view(&self) -> ViewLaunch {
+    /// The camera and the rules of projection, for a kernel.
+    pub fn view(&self) -> ViewLaunch {
         let view = &self.view;
         let pair = |[x, y]: [f32; 2]| PairLaunch::new(x, y);
         let triple = |[x, y, z]: [f32; 3]| TripleLaunch::new(x, y, z);
@@ -173,7 +157,7 @@ impl Frame {
             pair(view.tangent_low),
             pair(view.tangent_high),
             view.near,
-            view.far,
+            finite(view.far),
             view.depth_guard,
             view.dilation,
             sigmas,
@@ -182,8 +166,7 @@ impl Frame {
 
     fn rules(&self) -> BlendRulesLaunch {
         let view = &self.view;
-        // A shader may take floats to be finite, and the largest one stands for "no clamp" as well.
-        BlendRulesLaunch::new(view.alpha_clamp, view.gradient_clamp.min(f32::MAX), view.stop)
+        BlendRulesLaunch::new(view.alpha_clamp, finite(view.gradient_clamp), view.stop)
     }
 
     fn project(&self) -> Projected {
@@ -219,122 +202,13 @@ impl Frame {
         projected
     }
 
-    /// Lists the Gaussians of each tile by depth. Here is the one place where the host waits for the device: the lists'
-    /// length is not known before.
-    ///
-    /// # Errors
-    /// If a buffer of `pair_bytes` for each entry of the lists is larger than the device has.
-    fn bin(&self, projected: &Projected, pair_bytes: u64) -> Result<Bins, SplatError> {
-        let (gpu, count, tiles) = (&self.gpu, self.count(), self.view.tile_count());
-        if count == 0 {
-            return Ok(self.no_bins());
-        }
-        let marks = gpu.naturals(count);
-        mark_visible::launch(
-            &gpu.client,
-            gpu.units(count),
-            CUBE,
-            projected.touched.clone().into_buffer_arg(),
-            marks.clone().into_buffer_arg(),
-            count as u32,
-        );
-        let ranks = running_sums(gpu, &marks, count);
-        let visible = ranks.total;
-        let by_index = Keyed { keys: gpu.naturals(count), numbers: gpu.naturals(count) };
-        collect_visible::launch(
-            &gpu.client,
-            gpu.units(count),
-            CUBE,
-            projected.records.clone().into_buffer_arg(),
-            projected.touched.clone().into_buffer_arg(),
-            ranks.before.into_buffer_arg(),
-            by_index.keys.clone().into_buffer_arg(),
-            by_index.numbers.clone().into_buffer_arg(),
-            count as u32,
-        );
-        let ids = sort(gpu, by_index, &visible, count, DEPTH_BITS).numbers;
-        let counts = marks;
-        counts_by_depth::launch(
-            &gpu.client,
-            gpu.units(count),
-            CUBE,
-            ids.clone().into_buffer_arg(),
-            projected.touched.clone().into_buffer_arg(),
-            visible.clone().into_buffer_arg(),
-            counts.clone().into_buffer_arg(),
-            count as u32,
-        );
-        let offsets = running_sums(gpu, &counts, count);
-        let pairs = gpu.read(&offsets.total);
-        if pairs == 0 {
-            return Ok(self.no_bins());
-        }
-        check_pairs(pairs, pair_bytes, gpu.buffer_limit())?;
-        let pairs = pairs as usize;
-
-        let by_depth = Keyed { keys: gpu.naturals(pairs), numbers: gpu.naturals(pairs) };
-        let owners = gpu.naturals(pairs);
-        let spans = gpu.zeros([count, 2]);
-        emit_pairs::launch(
-            &gpu.client,
-            gpu.units(count),
-            CUBE,
-            projected.records.clone().into_buffer_arg(),
-            projected.radii.clone().into_buffer_arg(),
-            ids.into_buffer_arg(),
-            projected.touched.clone().into_buffer_arg(),
-            offsets.before.into_buffer_arg(),
-            visible.into_buffer_arg(),
-            by_depth.keys.clone().into_buffer_arg(),
-            owners.clone().into_buffer_arg(),
-            by_depth.numbers.clone().into_buffer_arg(),
-            spans.clone().into_buffer_arg(),
-            self.view(),
-            self.is_square(),
-        );
-        let by_tile = sort(gpu, by_depth, &offsets.total, pairs, bits_of(tiles + 1));
-        let (sorted, slots) = (gpu.integers([pairs]), gpu.integers([pairs]));
-        list_pairs::launch(
-            &gpu.client,
-            gpu.units(pairs),
-            CUBE,
-            owners.into_buffer_arg(),
-            by_tile.numbers.into_buffer_arg(),
-            sorted.clone().into_buffer_arg(),
-            slots.clone().into_buffer_arg(),
-            pairs as u32,
-        );
-        let starts = gpu.integers([tiles + 1]);
-        find_starts::launch(
-            &gpu.client,
-            gpu.units(tiles + 1),
-            CUBE,
-            by_tile.keys.into_buffer_arg(),
-            starts.clone().into_buffer_arg(),
-            pairs as u32,
-            tiles as u32,
-        );
-        Ok(Bins { sorted, starts, spans, slots })
-    }
-
-    /// The lists of a picture that shows nothing.
-    fn no_bins(&self) -> Bins {
-        let gpu = &self.gpu;
-        Bins {
-            sorted: gpu.integers([0]),
-            starts: gpu.zeros([self.view.tile_count() + 1]),
-            spans: gpu.zeros([self.count(), 2]),
-            slots: gpu.integers([0]),
-        }
-    }
-
     fn blend(&self, projected: Projected, bins: Bins) -> SplatForward<CubeBackend> {
         let (gpu, tiles, view) = (&self.gpu, self.view.tile_count(), &self.view);
         let picture = gpu.floats([2, self.channels() + 1, view.height, view.width]);
         let (transmittance, last) = (gpu.floats([tiles, TILE_PIXELS]), gpu.integers([tiles, TILE_PIXELS]));
-        let TilePlan { span, memory } = gpu.tile_plan();
-        let share = memory.into_iter().find_map(|memory| TileShare::fitting(span, self.channels(), memory));
-        let share = share.unwrap_or_else(|| self.refuse(memory));
+        // Proof: `splat` has made sure that the backward pass fits, which needs more.
+        let share = fitting(gpu.tile_plan(), |span, memory| TileShare::fitting(span, self.channels(), memory))
+            .expect("the channels fit");
         // SAFETY: the kernel's indices lie within its arguments: tiles, pixels and channels by the sizes of the tensors
         // made here, the places in the lists by `starts`, and the lists name projected Gaussians. Its loops end with
         // the lists.
@@ -383,11 +257,10 @@ impl Frame {
             Statistic::ColourAndDepth => CountedChannels::ColourAndDepth,
             Statistic::AllChannels => CountedChannels::All,
         });
-        let TilePlan { span, memory } = gpu.tile_plan();
-        let kind = memory
-            .into_iter()
-            .find_map(|memory| BlendBackwardKind::fitting(span, channels, statistic, memory))
-            .unwrap_or_else(|| self.refuse(memory));
+        // Proof: `splat` has made sure of it.
+        let kind =
+            fitting(gpu.tile_plan(), |span, memory| BlendBackwardKind::fitting(span, channels, statistic, memory))
+                .expect("the channels fit");
         // One row at least: the kernel reads and writes vectors, for which no device binds less.
         let gradients = gpu.floats([saved.sorted.shape()[0].max(1), 4 * record_vectors(channels)]);
         let background = gpu.floats([tiles, channels - 1]);
@@ -414,14 +287,6 @@ impl Frame {
             );
         }
         (gradients, background)
-    }
-
-    /// For a device whose cubes share too little memory.
-    fn refuse(&self, [_, memory]: [usize; 2]) -> ! {
-        panic!(
-            "{} blended channels do not fit into the {memory} bytes that units of this device share; take `--device cpu`",
-            self.channels()
-        )
     }
 
     fn project_backward(
@@ -477,17 +342,21 @@ impl Frame {
     }
 }
 
-/// Bits of the numbers below `count`.
-fn bits_of(count: usize) -> usize {
-    (usize::BITS - (count - 1).leading_zeros()) as usize
+/// Whether the units of a device share enough memory to blend so many channels, there and back.
+pub(crate) fn fits_shared_memory(device: &CubeDevice, channels: usize) -> bool {
+    let statistic = Some(CountedChannels::All);
+    let kind = |span, memory| BlendBackwardKind::fitting(span, channels, statistic, memory);
+    fitting(TilePlan::of(device), kind).is_some()
 }
 
-/// Whether buffers of `limit` bytes hold `bytes` for each of `pairs`, and tensors' indices count them. A number that 32
-/// bits do not hold comes as their largest.
-fn check_pairs(pairs: u32, bytes: u64, limit: u64) -> Result<(), SplatError> {
-    let limit = limit.min(bytes * i32::MAX as u64);
-    let bytes = bytes * u64::from(pairs);
-    if bytes > limit { Err(SplatError::Buffer { tensor: "tile lists", bytes, limit }) } else { Ok(()) }
+/// The first of the plan's sizes of memory in which something fits.
+fn fitting<T>(plan: TilePlan, kind: impl Fn(usize, usize) -> Option<T>) -> Option<T> {
+    plan.memory.into_iter().find_map(|memory| kind(plan.span, memory))
+}
+
+/// The largest number for one without end: a shader may take floats to be finite.
+fn finite(number: f32) -> f32 {
+    number.min(f32::MAX)
 }
 
 #[cfg(test)]
@@ -495,11 +364,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lists_are_refused_beyond_the_buffer_and_beyond_the_index() {
-        assert_eq!(check_pairs(1000, 48, 48_000), Ok(()));
-        let refused = SplatError::Buffer { tensor: "tile lists", bytes: 48_048, limit: 48_000 };
-        assert_eq!(check_pairs(1001, 48, 48_000), Err(refused));
-        assert_eq!(check_pairs(i32::MAX as u32, 4, u64::MAX), Ok(()));
-        assert!(check_pairs(u32::MAX, 4, u64::MAX).is_err());
+    fn sixteen_kibibytes_hold_the_blending_of_47_features_on_hardware() {
+        let hardware = TilePlan { span: 4, memory: [16 << 10; 2] };
+        let fits = |features: usize| {
+            let channels = COLOUR_CHANNELS + features + 1;
+            let kind = |span, memory| BlendBackwardKind::fitting(span, channels, Some(CountedChannels::All), memory);
+            fitting(hardware, kind).is_some()
+        };
+        assert!((0..=47).all(fits) && !fits(48));
     }
 }

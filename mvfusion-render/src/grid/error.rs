@@ -3,7 +3,7 @@
 use burn::tensor::{DType, Tensor};
 
 use super::{GridBounds, GridLayout};
-use crate::device::takes;
+use crate::device::{buffer_limit, takes};
 
 /// An argument of a grid function that does not fit.
 #[derive(Debug, thiserror::Error)]
@@ -25,6 +25,21 @@ pub enum GridError {
         argument: &'static str,
         /// Its type.
         found: DType,
+    },
+    /// Features that are more than a buffer of the device holds.
+    #[error(
+        "{points} points with {features} features take {bytes} bytes, but no buffer of this device holds more than {limit}: \
+         use fewer Gaussians, or take `--device cpu`"
+    )]
+    Buffer {
+        /// Number of points.
+        points: usize,
+        /// Features of a point.
+        features: usize,
+        /// Bytes of the result.
+        bytes: u64,
+        /// Those of the largest buffer.
+        limit: u64,
     },
     /// A layout without a feature, a cell or a scale.
     #[error("the grid layout {0:?} is empty: features, resolution and multipliers must be positive")]
@@ -55,6 +70,11 @@ pub(super) fn check(
         if tensor.dtype() != planes.dtype() {
             return Err(GridError::Type { argument, found: tensor.dtype() });
         }
+    }
+    let features = layout.features * layout.multipliers.len();
+    let bytes = 4 * (count * features) as u64;
+    if let Some(limit) = buffer_limit(&planes.device()).filter(|&limit| bytes > limit) {
+        return Err(GridError::Buffer { points: count, features, bytes, limit });
     }
     match bounds.max.iter().chain(&bounds.min).all(|corner| corner.is_finite()) {
         true => Ok(()),

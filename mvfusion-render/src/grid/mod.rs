@@ -24,7 +24,8 @@ pub use layout::{GridBounds, GridLayout, PlaneLayout};
 /// coordinate that is NaN looks up the first cell.
 ///
 /// # Errors
-/// If a shape or dtype does not fit, the layout has a zero in it, or the bounds are not finite.
+/// If a shape or dtype does not fit, the layout has a zero in it, the bounds are not finite, or the result is larger than a
+/// buffer of the device.
 pub fn look_up(
     planes: Tensor<2>,
     points: Tensor<2>,

@@ -3,7 +3,7 @@
 use burn::tensor::{DType, Tensor};
 
 use super::MlpLayout;
-use crate::device::takes;
+use crate::device::{buffer_limit, takes};
 
 /// An argument of [`forward`](super::forward) that does not fit.
 #[derive(Debug, thiserror::Error)]
@@ -26,6 +26,21 @@ pub enum MlpError {
         /// Type of the parameters.
         parameters: DType,
     },
+    /// Rows that are more than a buffer of the device holds, at the widest layer.
+    #[error(
+        "{rows} rows of {width} numbers take {bytes} bytes, but no buffer of this device holds more than {limit}: use fewer \
+         Gaussians, or take `--device cpu`"
+    )]
+    Buffer {
+        /// Rows of the input.
+        rows: usize,
+        /// The largest width of a layer.
+        width: usize,
+        /// Bytes of these numbers.
+        bytes: u64,
+        /// Those of the largest buffer.
+        limit: u64,
+    },
     /// A layout without a chain, or with a chain without layers, or with a width of zero.
     #[error("the layout {0:?} is empty: there must be a chain, and every width must be positive")]
     Layout(MlpLayout),
@@ -46,7 +61,14 @@ pub(super) fn check(input: &Tensor<2>, parameters: &Tensor<1>, layout: &MlpLayou
         return Err(MlpError::Shape { argument: "parameters", found: parameters.dims().to_vec(), expected });
     }
     match (input.dtype(), parameters.dtype()) {
-        (own, other) if own == other && takes(&input.device(), own) => Ok(()),
-        (input, parameters) => Err(MlpError::Type { input, parameters }),
+        (own, other) if own == other && takes(&input.device(), own) => {}
+        (input, parameters) => return Err(MlpError::Type { input, parameters }),
+    }
+    let rows = input.dims()[0];
+    let width = layout.chains.iter().flatten().copied().chain([layout.inputs, layout.outputs()]).max().unwrap_or(0);
+    let bytes = 4 * (rows * width) as u64;
+    match buffer_limit(&input.device()) {
+        Some(limit) if bytes > limit => Err(MlpError::Buffer { rows, width, bytes, limit }),
+        _ => Ok(()),
     }
 }

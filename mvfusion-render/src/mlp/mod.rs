@@ -23,7 +23,8 @@ pub use layout::MlpLayout;
 /// Gradients reach both. The slope of a ReLU at zero is zero.
 ///
 /// # Errors
-/// If a shape or dtype does not fit, or a layout has no chain or a width of zero.
+/// If a shape or dtype does not fit, a layout has no chain or a width of zero, or a layer's rows are more than a buffer of
+/// the device holds.
 pub fn forward(input: Tensor<2>, parameters: Tensor<1>, layout: &MlpLayout) -> Result<Tensor<2>, MlpError> {
     error::check(&input, &parameters, layout)?;
     Ok(op::forward(input, parameters, layout))

@@ -18,13 +18,13 @@ use burn::backend::Dispatch;
 use burn::tensor::{DType, Int, Tensor};
 use mvfusion_data::Camera;
 use mvfusion_kernels::sh::{MAX_DEGREE, coefficient_count};
-use mvfusion_kernels::splat::COLOUR_CHANNELS;
+use mvfusion_kernels::splat::{COLOUR_CHANNELS, PROJECTED_LEN};
 
 pub use diagnose::{SplatDiagnosis, diagnose};
 pub use error::SplatError;
 pub use settings::{Antialias, ClampGradient, Extent, SplatRules, SplatSettings, Statistic, Stop, TangentClamp};
 
-use crate::device::{buffer_limit, takes};
+use crate::device::{blends, buffer_limit, takes};
 use op::{SplatOps, SplatPlan, SplatPrimitives};
 
 /// Raw parameters of `N` Gaussians, all of one dtype (`f32`, or `f64` on CPU backends) and on one device.
@@ -103,8 +103,9 @@ impl SplatPicture {
 /// width, height). Several calls with one probe add up. Which channels count is [`SplatSettings::statistic`].
 ///
 /// # Errors
-/// If shapes or dtypes do not fit together, the degree is above 3, the camera has no pixels, or the picture, the
-/// coefficients or the tile lists are larger than a buffer of the device.
+/// If shapes or dtypes do not fit together, the degree is above 3, the near plane lies behind the camera, the camera has no
+/// pixels, or a GPU is handed more than it holds: features, or a picture, coefficients, projected Gaussians or tile lists
+/// that are larger than its buffers.
 pub fn splat(
     inputs: SplatInputs,
     probe: Option<Tensor<2>>,
@@ -114,7 +115,11 @@ pub fn splat(
     let feature_count = check(&inputs, probe.as_ref(), camera, settings)?;
     let (device, dtype) = (inputs.means.device(), inputs.means.dtype());
     if let Some(limit) = buffer_limit(&device) {
-        check_buffers(inputs.sh.dims()[..2].iter().product(), feature_count, camera, limit)?;
+        let [count, stored, _] = inputs.sh.dims();
+        BufferSizes { count, stored, features: feature_count }.check(camera, limit)?;
+    }
+    if !blends(&device, COLOUR_CHANNELS + feature_count + 1) {
+        return Err(SplatError::Features(feature_count));
     }
     let stand_in = |shape: [usize; 2]| Tensor::<2>::zeros(shape, (&device, dtype));
     let primitives = SplatPrimitives::<Dispatch> {
@@ -145,6 +150,10 @@ fn check(
     if settings.sh_degree > MAX_DEGREE {
         return Err(SplatError::Degree(settings.sh_degree));
     }
+    let near = settings.rules.near;
+    if near.is_nan() || near < 0.0 {
+        return Err(SplatError::Near(near));
+    }
     let (width, height) = (camera.width, camera.height);
     if width == 0 || height == 0 || width.saturating_mul(height) > i32::MAX as usize {
         return Err(SplatError::Size { width, height });
@@ -171,19 +180,34 @@ fn check(
     Ok(feature_count)
 }
 
-/// Whether a device whose buffers hold `limit` bytes holds the largest tensors of known size: `rows` coefficients, and
-/// the picture.
-fn check_buffers(rows: usize, feature_count: usize, camera: &Camera, limit: u64) -> Result<(), SplatError> {
-    let picture = 2 * (COLOUR_CHANNELS + feature_count + 2) * camera.width * camera.height;
-    for (tensor, numbers) in
-        [("spherical harmonics", COLOUR_CHANNELS * rows), ("picture with its gradient copy", picture)]
-    {
-        let bytes = 4 * numbers as u64;
-        if bytes > limit {
-            return Err(SplatError::Buffer { tensor, bytes, limit });
+/// What decides how large the largest tensors of known size are.
+#[derive(Clone, Copy, Debug)]
+struct BufferSizes {
+    /// Gaussians.
+    count: usize,
+    /// Coefficients of a Gaussian.
+    stored: usize,
+    /// Features of a Gaussian.
+    features: usize,
+}
+
+impl BufferSizes {
+    /// Whether buffers of `limit` bytes hold them.
+    fn check(self, camera: &Camera, limit: u64) -> Result<(), SplatError> {
+        let Self { count, stored, features } = self;
+        for (tensor, numbers) in [
+            ("spherical harmonics", COLOUR_CHANNELS * stored * count),
+            ("features", features * count),
+            ("projected Gaussians", PROJECTED_LEN * count),
+            ("picture with its copy", 2 * (COLOUR_CHANNELS + features + 2) * camera.width * camera.height),
+        ] {
+            let bytes = 4 * numbers as u64;
+            if bytes > limit {
+                return Err(SplatError::Buffer { tensor, bytes, limit });
+            }
         }
+        Ok(())
     }
-    Ok(())
 }
 
 fn check_tensor<const D: usize>(

@@ -136,10 +136,13 @@ fn devices(names: &[String]) -> Result<Vec<Subjected>> {
         subjected("ndarray", device::ndarray()),
     ];
     #[cfg(any(feature = "wgpu", feature = "cuda"))]
-    there.extend(device::gpus().iter().map(|gpu| {
-        let software = if gpu.is_software { ", software" } else { "" };
-        subjected(&format!("{} ({}{software})", gpu.label(), gpu.card().name), gpu.device.clone())
-    }));
+    for gpu in device::gpus() {
+        // A GPU that is open may disturb what is measured beside it.
+        if names.is_empty() || names.contains(&gpu.label()) {
+            let software = if gpu.is_software { ", software" } else { "" };
+            there.push(subjected(&format!("{} ({}{software})", gpu.label(), gpu.card()?.name), gpu.device.clone()));
+        }
+    }
     if names.is_empty() {
         return Ok(there);
     }

@@ -35,12 +35,21 @@ pub struct Scene {
     degree: usize,
     rules: fn() -> SplatRules,
     statistic: Statistic,
-    /// Every n-th Gaussian has a number that is none, lies behind the camera, has no rotation, is huge or has
-    /// underflowed.
-    hostile: bool,
+    crowd: Crowd,
 }
 
-/// One Gaussian to 200,000, odd sizes, 3, 4 and 8 channels beside the depth, all rules.
+/// What the Gaussians are like.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Crowd {
+    /// All can be seen.
+    Plain,
+    /// Every third has a number that is none, lies behind the camera, has no rotation, is huge or has underflowed.
+    Hostile,
+    /// All lie behind the camera.
+    Unseen,
+}
+
+/// No Gaussian to 200,000, odd sizes, 3, 4 and 8 channels beside the depth, all rules.
 pub const SCENES: &[Scene] = &[
     Scene {
         name: "none",
@@ -50,7 +59,17 @@ pub const SCENES: &[Scene] = &[
         degree: 0,
         rules: SplatRules::inria,
         statistic: Statistic::ColourAndDepth,
-        hostile: false,
+        crowd: Crowd::Plain,
+    },
+    Scene {
+        name: "unseen",
+        count: 5,
+        size: [33, 17],
+        features: 0,
+        degree: 1,
+        rules: SplatRules::inria,
+        statistic: Statistic::ColourAndDepth,
+        crowd: Crowd::Unseen,
     },
     Scene {
         name: "one",
@@ -60,7 +79,17 @@ pub const SCENES: &[Scene] = &[
         degree: 3,
         rules: SplatRules::inria,
         statistic: Statistic::ColourAndDepth,
-        hostile: false,
+        crowd: Crowd::Plain,
+    },
+    Scene {
+        name: "one_tile",
+        count: 200,
+        size: [13, 11],
+        features: 1,
+        degree: 2,
+        rules: SplatRules::inria,
+        statistic: Statistic::AllChannels,
+        crowd: Crowd::Plain,
     },
     Scene {
         name: "thousand",
@@ -70,7 +99,7 @@ pub const SCENES: &[Scene] = &[
         degree: 3,
         rules: SplatRules::inria,
         statistic: Statistic::ColourAndDepth,
-        hostile: false,
+        crowd: Crowd::Plain,
     },
     Scene {
         name: "four_channels",
@@ -80,7 +109,7 @@ pub const SCENES: &[Scene] = &[
         degree: 1,
         rules: SplatRules::inria,
         statistic: Statistic::AllChannels,
-        hostile: false,
+        crowd: Crowd::Plain,
     },
     Scene {
         name: "eight_channels",
@@ -90,7 +119,7 @@ pub const SCENES: &[Scene] = &[
         degree: 2,
         rules: SplatRules::gsplat,
         statistic: Statistic::AllChannels,
-        hostile: false,
+        crowd: Crowd::Plain,
     },
     Scene {
         name: "antialiased",
@@ -100,7 +129,7 @@ pub const SCENES: &[Scene] = &[
         degree: 3,
         rules: antialiased,
         statistic: Statistic::ColourAndDepth,
-        hostile: false,
+        crowd: Crowd::Plain,
     },
     Scene {
         name: "hostile",
@@ -110,7 +139,7 @@ pub const SCENES: &[Scene] = &[
         degree: 3,
         rules: SplatRules::inria,
         statistic: Statistic::ColourAndDepth,
-        hostile: true,
+        crowd: Crowd::Hostile,
     },
     Scene {
         name: "twenty_thousand",
@@ -120,7 +149,7 @@ pub const SCENES: &[Scene] = &[
         degree: 3,
         rules: SplatRules::inria,
         statistic: Statistic::ColourAndDepth,
-        hostile: false,
+        crowd: Crowd::Plain,
     },
     Scene {
         name: "two_hundred_thousand",
@@ -130,7 +159,7 @@ pub const SCENES: &[Scene] = &[
         degree: 1,
         rules: SplatRules::inria,
         statistic: Statistic::ColourAndDepth,
-        hostile: false,
+        crowd: Crowd::Plain,
     },
 ];
 
@@ -150,7 +179,10 @@ impl Scene {
         let mut scales: Vec<f64> = (0..3 * count).map(|_| spread + 0.5 * stream.normal()).collect();
         let mut quaternions: Vec<f64> = (0..4 * count).map(|_| stream.normal()).collect();
         let mut logits: Vec<f64> = (0..count).map(|_| 1.5 * stream.normal()).collect();
-        if self.hostile {
+        if self.crowd == Crowd::Unseen {
+            means.iter_mut().skip(2).step_by(3).for_each(|z| *z = -4.0);
+        }
+        if self.crowd == Crowd::Hostile {
             for index in (0..count).step_by(3) {
                 match index / 3 % 7 {
                     0 => means[3 * index] = f64::NAN,

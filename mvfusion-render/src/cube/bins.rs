@@ -1,0 +1,184 @@
+//! The tile lists: the Gaussians that touch each tile, nearest first. CPU twin: `splat/cpu/tiles.rs`.
+
+use burn_cubecl::tensor::CubeTensor;
+use mvfusion_kernels::cube::tiles::{
+    collect_visible, counts_by_depth, emit_pairs, find_starts, list_pairs, mark_visible,
+};
+
+use super::gpu::CUBE;
+use super::scan::{RunningSums, running_sums};
+use super::sort::{Keyed, sort};
+use super::splat::{Frame, Projected};
+use crate::splat::SplatError;
+
+/// Bits of a depth's sort key.
+const DEPTH_BITS: usize = 32;
+
+/// Bytes that a pair of a Gaussian and a tile takes in each of the lists.
+pub(super) const PAIR_BYTES: u64 = 4;
+
+/// The tile lists, as [`SplatSaved`] names them.
+pub(super) struct Bins {
+    pub sorted: CubeTensor,
+    pub starts: CubeTensor,
+    pub spans: CubeTensor,
+    pub slots: CubeTensor,
+}
+
+/// The visible Gaussians by depth.
+struct ByDepth {
+    /// Their indices, `[N]`, of which `visible` are there.
+    ids: CubeTensor,
+    /// `[1]`.
+    visible: CubeTensor,
+    /// The tiles that they touch, before each and of all.
+    pairs: RunningSums,
+}
+
+impl Frame {
+    /// Lists the Gaussians of each tile by depth. Here is the one place where the host waits for the device: the lists'
+    /// length is not known before.
+    ///
+    /// # Errors
+    /// If a buffer of `pair_bytes` for each entry of the lists is larger than the device has, or indices do not count them.
+    pub fn bin(&self, projected: &Projected, pair_bytes: u64) -> Result<Bins, SplatError> {
+        if self.count() == 0 {
+            return Ok(self.no_bins());
+        }
+        let by_depth = self.sort_by_depth(projected);
+        match self.gpu.read(&by_depth.pairs.total) {
+            0 => Ok(self.no_bins()),
+            pairs => {
+                check_pairs(pairs, pair_bytes, self.gpu.buffer_limit())?;
+                Ok(self.sort_by_tile(projected, by_depth, pairs as usize))
+            }
+        }
+    }
+
+    fn sort_by_depth(&self, projected: &Projected) -> ByDepth {
+        let (gpu, count) = (&self.gpu, self.count());
+        let marks = gpu.naturals(count);
+        mark_visible::launch(
+            &gpu.client,
+            gpu.units(count),
+            CUBE,
+            projected.touched.clone().into_buffer_arg(),
+            marks.clone().into_buffer_arg(),
+            count as u32,
+        );
+        let ranks = running_sums(gpu, &marks, count);
+        let visible = ranks.total;
+        let by_index = Keyed { keys: gpu.naturals(count), numbers: gpu.naturals(count) };
+        collect_visible::launch(
+            &gpu.client,
+            gpu.units(count),
+            CUBE,
+            projected.records.clone().into_buffer_arg(),
+            projected.touched.clone().into_buffer_arg(),
+            ranks.before.into_buffer_arg(),
+            by_index.keys.clone().into_buffer_arg(),
+            by_index.numbers.clone().into_buffer_arg(),
+            count as u32,
+        );
+        let ids = sort(gpu, by_index, &visible, count, DEPTH_BITS).numbers;
+        let counts = marks;
+        counts_by_depth::launch(
+            &gpu.client,
+            gpu.units(count),
+            CUBE,
+            ids.clone().into_buffer_arg(),
+            projected.touched.clone().into_buffer_arg(),
+            visible.clone().into_buffer_arg(),
+            counts.clone().into_buffer_arg(),
+            count as u32,
+        );
+        ByDepth { ids, visible, pairs: running_sums(gpu, &counts, count) }
+    }
+
+    fn sort_by_tile(&self, projected: &Projected, by_depth: ByDepth, pairs: usize) -> Bins {
+        let (gpu, count, tiles) = (&self.gpu, self.count(), self.view.tile_count());
+        let unsorted = Keyed { keys: gpu.naturals(pairs), numbers: gpu.naturals(pairs) };
+        let owners = gpu.naturals(pairs);
+        let spans = gpu.zeros([count, 2]);
+        emit_pairs::launch(
+            &gpu.client,
+            gpu.units(count),
+            CUBE,
+            projected.records.clone().into_buffer_arg(),
+            projected.radii.clone().into_buffer_arg(),
+            by_depth.ids.into_buffer_arg(),
+            projected.touched.clone().into_buffer_arg(),
+            by_depth.pairs.before.into_buffer_arg(),
+            by_depth.visible.into_buffer_arg(),
+            unsorted.keys.clone().into_buffer_arg(),
+            owners.clone().into_buffer_arg(),
+            unsorted.numbers.clone().into_buffer_arg(),
+            spans.clone().into_buffer_arg(),
+            self.view(),
+            self.is_square(),
+        );
+        let by_tile = sort(gpu, unsorted, &by_depth.pairs.total, pairs, bits_of(tiles + 1));
+        let (sorted, slots) = (gpu.integers([pairs]), gpu.integers([pairs]));
+        list_pairs::launch(
+            &gpu.client,
+            gpu.units(pairs),
+            CUBE,
+            owners.into_buffer_arg(),
+            by_tile.numbers.into_buffer_arg(),
+            sorted.clone().into_buffer_arg(),
+            slots.clone().into_buffer_arg(),
+            pairs as u32,
+        );
+        let starts = gpu.integers([tiles + 1]);
+        find_starts::launch(
+            &gpu.client,
+            gpu.units(tiles + 1),
+            CUBE,
+            by_tile.keys.into_buffer_arg(),
+            starts.clone().into_buffer_arg(),
+            pairs as u32,
+            tiles as u32,
+        );
+        Bins { sorted, starts, spans, slots }
+    }
+
+    /// The lists of a picture that shows nothing.
+    pub fn no_bins(&self) -> Bins {
+        let gpu = &self.gpu;
+        Bins {
+            sorted: gpu.integers([0]),
+            starts: gpu.zeros([self.view.tile_count() + 1]),
+            spans: gpu.zeros([self.count(), 2]),
+            slots: gpu.integers([0]),
+        }
+    }
+}
+
+/// Bits of the numbers below `count`.
+fn bits_of(count: usize) -> usize {
+    (usize::BITS - (count - 1).leading_zeros()) as usize
+}
+
+/// Whether indices count so many pairs, and buffers of `limit` bytes hold `bytes` for each. A number that 32 bits do not
+/// hold comes as their largest.
+fn check_pairs(pairs: u32, bytes: u64, limit: u64) -> Result<(), SplatError> {
+    if pairs > i32::MAX as u32 {
+        return Err(SplatError::Pairs(pairs));
+    }
+    let bytes = bytes * u64::from(pairs);
+    if bytes > limit { Err(SplatError::Buffer { tensor: "tile lists", bytes, limit }) } else { Ok(()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_are_refused_beyond_the_buffer_and_beyond_the_index() {
+        assert_eq!(check_pairs(1000, 48, 48_000), Ok(()));
+        let refused = SplatError::Buffer { tensor: "tile lists", bytes: 48_048, limit: 48_000 };
+        assert_eq!(check_pairs(1001, 48, 48_000), Err(refused));
+        assert_eq!(check_pairs(i32::MAX as u32, 4, u64::MAX), Ok(()));
+        assert_eq!(check_pairs(u32::MAX, 4, u64::MAX), Err(SplatError::Pairs(u32::MAX)));
+    }
+}
