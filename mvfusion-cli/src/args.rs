@@ -3,8 +3,13 @@
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
+use bytesize::ByteSize;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
+use mvfusion_data::{Format, Layout};
+use mvfusion_model::train::IMAGE_CACHE;
 
+use crate::command::parse_size;
 use crate::help;
 use crate::progress::Talk;
 
@@ -48,9 +53,15 @@ pub enum Command {
     /// Evaluate a run again from its checkpoint
     #[command(long_about = help::EVAL)]
     Eval(EvalArgs),
+    /// Look a scene over before training: what was found, what is wrong, what to do
+    #[command(long_about = help::CHECK)]
+    Check(CheckArgs),
+    /// Write a built-in scene in a layout of the field
+    #[command(long_about = help::SYNTH)]
+    Synth(SynthArgs),
     /// Print the configuration that `train` would use, as TOML
     #[command(long_about = help::CONFIG)]
-    Config(LayerArgs),
+    Config(ConfigArgs),
     /// List the presets
     Presets,
     /// List the devices of this build that --device takes here, with their limits
@@ -63,17 +74,18 @@ impl Command {
         match self {
             Self::Train(args) => args.compute.threads,
             Self::Eval(args) => args.compute.threads,
-            Self::Config(_) | Self::Presets | Self::Devices => None,
+            Self::Check(args) => args.threads,
+            Self::Synth(_) | Self::Config(_) | Self::Presets | Self::Devices => None,
         }
     }
 }
 
-/// The layers of the configuration.
+/// The layers of the configuration, but for the scene's folder.
 #[derive(Clone, Debug, Default, Args)]
 pub struct LayerArgs {
-    /// Folder of the scene; without it the built-in scene
-    #[arg(long, value_name = "DIR")]
-    pub data: Option<PathBuf>,
+    /// Format of the scene's folder, if it is not to be recognised; the same as --set scene.format=NAME
+    #[arg(long, value_name = "NAME", value_parser = formats())]
+    pub format: Option<Format>,
     /// Where the configuration starts from (see `mvfusion presets`) [default: quickstart; with --data neu3d, or
     /// onthego-indoor for photos]
     #[arg(long, value_name = "NAME")]
@@ -90,6 +102,20 @@ pub struct LayerArgs {
     pub seed: Option<u64>,
 }
 
+/// Takes a format by its key.
+fn formats() -> impl TypedValueParser<Value = Format> {
+    // Proof: the parser before it lets nothing else through.
+    let format = |key: String| Format::of_key(&key).expect("one of the keys");
+    PossibleValuesParser::new(Format::ALL.map(Format::key)).map(format)
+}
+
+/// Takes a layout by its key.
+fn layouts() -> impl TypedValueParser<Value = Layout> {
+    // Proof: the parser before it lets nothing else through.
+    let layout = |key: String| Layout::of_key(&key).expect("one of the keys");
+    PossibleValuesParser::new(Layout::ALL.map(Layout::key)).map(layout)
+}
+
 /// What computes.
 #[derive(Clone, Debug, Args)]
 pub struct ComputeArgs {
@@ -104,12 +130,18 @@ pub struct ComputeArgs {
 /// `mvfusion train`.
 #[derive(Clone, Debug, Args)]
 pub struct TrainArgs {
-    /// Scene and configuration.
+    /// Folder of the scene; without it the built-in scene
+    #[arg(long, value_name = "DIR")]
+    pub data: Option<PathBuf>,
+    /// Configuration.
     #[command(flatten)]
     pub layers: LayerArgs,
     /// Device and threads.
     #[command(flatten)]
     pub compute: ComputeArgs,
+    /// Decoded pictures that are kept in memory; more are decoded again, ahead of their use
+    #[arg(long, value_name = "SIZE", default_value_t = ByteSize(IMAGE_CACHE))]
+    pub image_cache: ByteSize,
     /// Folder of the run [default: runs/NAME-SEED, NAME being the preset or the scene]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -118,6 +150,17 @@ pub struct TrainArgs {
     /// Until the first checkpoint the old run waits in the subfolder .replaced: a failure brings it back.
     #[arg(long)]
     pub force: bool,
+}
+
+/// `mvfusion config`.
+#[derive(Clone, Debug, Args)]
+pub struct ConfigArgs {
+    /// Folder of the scene; without it the built-in scene
+    #[arg(long, value_name = "DIR")]
+    pub data: Option<PathBuf>,
+    /// The rest of it.
+    #[command(flatten)]
+    pub layers: LayerArgs,
 }
 
 /// `mvfusion eval`.
@@ -138,4 +181,55 @@ pub struct EvalArgs {
     /// Write figures and pictures into the run's folder; without it nothing is written
     #[arg(long)]
     pub write: bool,
+}
+
+/// `mvfusion check`.
+#[derive(Clone, Debug, Args)]
+pub struct CheckArgs {
+    /// Folder of the scene
+    #[arg(value_name = "DIR")]
+    pub folder: PathBuf,
+    /// How the scene is read and what would train on it.
+    #[command(flatten)]
+    pub layers: LayerArgs,
+    /// Print what was found as JSON
+    #[arg(long)]
+    pub json: bool,
+    /// Decode one picture of each camera at most, not all
+    ///
+    /// Broken, empty and repeated pictures are not found then.
+    #[arg(long)]
+    pub quick: bool,
+    /// Where to draw the points over a few photos [default: check-NAME.png]
+    #[arg(long, value_name = "FILE")]
+    pub picture: Option<PathBuf>,
+    /// Draw no picture
+    #[arg(long, conflicts_with = "picture")]
+    pub no_picture: bool,
+    /// CPU threads [default: all cores]
+    #[arg(long, value_name = "N")]
+    pub threads: Option<NonZeroUsize>,
+}
+
+/// `mvfusion synth`.
+#[derive(Clone, Debug, Args)]
+pub struct SynthArgs {
+    /// Folder to make
+    #[arg(value_name = "OUT")]
+    pub out: PathBuf,
+    /// The layout
+    #[arg(long, value_name = "NAME", value_parser = layouts())]
+    pub layout: Layout,
+    /// Seed of the scene
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Size of the pictures
+    #[arg(long, value_name = "WxH", default_value = "160x120", value_parser = parse_size)]
+    pub size: (usize, usize),
+    /// Frames of each camera of a video [default: 24]
+    #[arg(long, value_name = "N")]
+    pub frames: Option<NonZeroUsize>,
+    /// Photos to train on [default: 60]
+    #[arg(long, value_name = "N")]
+    pub photos: Option<NonZeroUsize>,
 }

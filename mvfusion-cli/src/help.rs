@@ -72,6 +72,20 @@ pub const EVAL: &str = "\
 Reads configuration and last checkpoint of a run, renders the held-out views, and prints the table that training ended \
 with. Says so when a figure differs from the run's results.json. Writes nothing unless --write is given.";
 
+/// `mvfusion check --help`.
+pub const CHECK: &str = "\
+Reads a scene as `train` would, decodes every picture, and tells what was found: format, cameras, frames, times, split, \
+sizes, points, the memory that training will need, and every problem with what to do about it. Draws the points over a \
+few photos, so that poses of another convention are seen at once.
+
+The exit code is 0 only if training could start.";
+
+/// `mvfusion synth --help`.
+pub const SYNTH: &str = "\
+Writes a built-in scene as files, in a layout that the field uses: a video (neu3d, panoptic, nerfstudio, multipleview, \
+dnerf, hypernerf) or photos with passers-by (colmap, onthego, onthego-colmap, robustnerf). What is known of the scene lies \
+beside it: masks of what moves, the background, depths. For trying programs, and examples of what each layout looks like.";
+
 /// `mvfusion config --help`.
 pub const CONFIG: &str = "\
 Merges preset, --config, --set, --seed and --data as `train` would and prints the result as TOML, every key with its \

@@ -36,6 +36,8 @@ pub fn run(cli: &Cli, threads: usize, out: &mut dyn Write) -> anyhow::Result<()>
     match &cli.command {
         Command::Train(args) => command::train(args, talk, out),
         Command::Eval(args) => command::eval(args, talk, out),
+        Command::Check(args) => command::check(args, talk, out),
+        Command::Synth(args) => command::synth(args, talk, out),
         Command::Config(args) => command::config(args, talk, out),
         Command::Presets => command::presets(out),
         Command::Devices => command::devices(out),

@@ -1,7 +1,5 @@
 //! The scene that a configuration asks for.
 
-use mvfusion_data::colmap::ColmapOptions;
-use mvfusion_data::neu3d::Neu3dOptions;
 use mvfusion_data::{BuiltinOptions, ReadOptions, Scene};
 use mvfusion_model::Config;
 
@@ -12,11 +10,7 @@ use mvfusion_model::Config;
 pub fn open(config: &Config) -> anyhow::Result<Scene> {
     let options = &config.scene;
     let mut scene = match &options.data {
-        Some(folder) => {
-            let neu3d = Neu3dOptions { downscale: options.downscale, frames: Some(options.frames), time: options.time };
-            let colmap = ColmapOptions { downscale: options.downscale, ..Default::default() };
-            mvfusion_data::open(folder, &ReadOptions { colmap, neu3d })?
-        }
+        Some(folder) => mvfusion_data::open(folder, &read_options(config))?,
         None => {
             let builtin = BuiltinOptions { seed: options.seed, ..BuiltinOptions::of_kind(options.kind) };
             mvfusion_data::builtin::builtin(&builtin)
@@ -26,6 +20,23 @@ pub fn open(config: &Config) -> anyhow::Result<Scene> {
         mvfusion_data::attach_masks(&mut scene, folder)?;
     }
     Ok(scene)
+}
+
+/// How the configuration wants a folder to be read.
+pub fn read_options(config: &Config) -> ReadOptions {
+    let scene = &config.scene;
+    ReadOptions {
+        format: scene.format,
+        downscale: scene.downscale,
+        frames: Some(scene.frames),
+        time: scene.time,
+        test_every: scene.test_every,
+        test_cameras: scene.test_cameras.clone(),
+        // What is behind a transparent picture is what the renderer has behind the Gaussians.
+        backdrop: [(255.0 * config.model.background.level()).round() as u8; 3],
+        invert_masks: scene.invert_masks,
+        frame_store: scene.frame_store.clone(),
+    }
 }
 
 /// A scene in a line, for people.

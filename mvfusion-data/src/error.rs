@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-/// Why a scene could not be read. Each message names the file and says what to do.
+/// Why a scene could not be read or written. Each message names the file and says what to do.
 #[derive(Debug, Error)]
 pub enum DataError {
     /// A picture that cannot be opened or decoded.

@@ -1,21 +1,32 @@
-//! The folders `camNN/images` of a multi-camera video: which cameras there are and which frames each has.
+//! The cameras of a multi-camera video: folders `camNN` with frames, or files `camNN.mp4`.
 
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use crate::DataError;
+use crate::video::FrameStore;
+use crate::{DataError, PictureSource, ReadOptions, Video};
 
 /// Extensions of frame files, in lower case.
-const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
+const EXTENSIONS: [&str; 4] = ["png", "jpg", "jpeg", "exr"];
 
-/// A camera of the rig: its folder's name and its frames in order.
+/// A camera of the rig: its name and its frames in order.
 #[derive(Debug)]
 pub(crate) struct CameraFrames {
     /// `cam00`.
     pub(crate) name: String,
-    /// Files of the frames, in temporal order.
-    pub(crate) frames: Vec<PathBuf>,
+    /// The frames, in temporal order.
+    pub(crate) frames: Vec<Frame>,
+}
+
+/// A frame of a camera.
+#[derive(Clone, Debug)]
+pub(crate) struct Frame {
+    /// `0003`.
+    pub(crate) name: String,
+    /// The picture.
+    pub(crate) source: PictureSource,
 }
 
 /// The names of the cameras in `folder`, sorted: every folder `camNN` and every file `camNN.mp4`.
@@ -36,15 +47,33 @@ pub(crate) fn camera_names(folder: &Path) -> Result<Vec<String>, DataError> {
     Ok(names)
 }
 
-/// The frames of all cameras, the first `limit` of each.
+/// The frames of all cameras, the first `limit` of each: those in the folder `inner` of the camera's, or else those of its
+/// video.
 ///
 /// # Errors
 /// [`DataError::Missing`] if a camera has none, [`DataError::Disagreement`] if two have different numbers of them,
-/// [`DataError::Content`] if two files are the same frame.
-pub(crate) fn list_frames(folder: &Path, names: &[String], limit: usize) -> Result<Vec<CameraFrames>, DataError> {
+/// [`DataError::Content`] if two files are the same frame, or a video cannot be used.
+pub(crate) fn list_frames(
+    folder: &Path,
+    names: &[String],
+    inner: &str,
+    options: &ReadOptions,
+) -> Result<Vec<CameraFrames>, DataError> {
+    let limit = options.frame_limit()?;
+    let store = FrameStore::new(options.frame_store.as_deref());
     let mut cameras = Vec::with_capacity(names.len());
     for name in names {
-        let mut frames = frames_of(folder, name)?;
+        let pictures = folder.join(name).join(inner);
+        let video = folder.join(format!("{name}.mp4"));
+        let mut frames = extracted_frames(&pictures)?;
+        if frames.is_empty() && video.is_file() {
+            frames = frames_of_video(&video, limit, &store)?;
+        }
+        if frames.is_empty() {
+            let what = format!("frame of the camera {name}");
+            let advice = format!("Put its frames there as png or jpg files, or its video beside it as {name}.mp4");
+            return Err(DataError::Missing { what, folder: pictures, advice });
+        }
         frames.truncate(limit);
         cameras.push(CameraFrames { name: name.clone(), frames });
     }
@@ -61,15 +90,26 @@ pub(crate) fn list_frames(folder: &Path, names: &[String], limit: usize) -> Resu
     Ok(cameras)
 }
 
-fn frames_of(folder: &Path, name: &str) -> Result<Vec<PathBuf>, DataError> {
-    let images = folder.join(name).join("images");
+/// The pictures in a folder, sorted by name.
+///
+/// # Errors
+/// [`DataError::Folder`] if it cannot be listed.
+pub(crate) fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, DataError> {
+    let mut paths = entries(folder, "Put the photos there")?;
+    paths.retain(|path| is_picture(path));
+    Ok(paths)
+}
+
+fn is_picture(path: &Path) -> bool {
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
+    EXTENSIONS.contains(&extension.as_str())
+}
+
+/// The pictures of a folder as frames; none if there is no such folder.
+fn extracted_frames(pictures: &Path) -> Result<Vec<Frame>, DataError> {
     let mut frames = BTreeMap::new();
-    let files = if images.is_dir() { entries(&images, "Make the folder readable")? } else { Vec::new() };
+    let files = if pictures.is_dir() { pictures_in(pictures)? } else { Vec::new() };
     for path in files {
-        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
-        if !EXTENSIONS.contains(&extension.as_str()) {
-            continue;
-        }
         if let Some(twin) = frames.insert(temporal_order(&path), path.clone()) {
             return Err(DataError::Content {
                 path,
@@ -78,23 +118,20 @@ fn frames_of(folder: &Path, name: &str) -> Result<Vec<PathBuf>, DataError> {
             });
         }
     }
-    if frames.is_empty() {
-        return Err(no_frames(folder, name));
-    }
-    Ok(frames.into_values().collect())
+    let frame = |path: PathBuf| Frame {
+        name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+        source: PictureSource::Image(path),
+    };
+    Ok(frames.into_values().map(frame).collect())
 }
 
-fn no_frames(folder: &Path, name: &str) -> DataError {
-    let video = folder.join(format!("{name}.mp4"));
-    let advice = if video.is_file() {
-        format!(
-            "Extract them from the video: mkdir -p {name}/images && ffmpeg -i {name}.mp4 -start_number 0 \
-             {name}/images/%04d.png (for Neu3D itself add -vf scale=1352:1014:flags=lanczos)"
-        )
-    } else {
-        "Put its frames there as png or jpg files".into()
+fn frames_of_video(path: &Path, limit: usize, store: &FrameStore) -> Result<Vec<Frame>, DataError> {
+    let video = Video::open(path, limit, store)?;
+    let frame = |index| Frame {
+        name: format!("{index:04}"),
+        source: PictureSource::Frame { video: Arc::clone(&video), index },
     };
-    DataError::Missing { what: format!("frame of the camera {name}"), folder: folder.join(name).join("images"), advice }
+    Ok((0..video.len()).map(frame).collect())
 }
 
 /// Sorts by name, but a number at its end by value, so that `frame_9` comes before `frame_10`.

@@ -4,28 +4,54 @@
 //! test, plus a cloud of points to start from. Conventions of the files are turned into ours in the readers and nowhere
 //! else: cameras look along +z with x right and y down (OpenCV), pixel centres lie at +0.5, times lie in `[0, 1]`.
 //!
-//! [`open`] reads a folder, [`builtin`](builtin::builtin) makes a scene that needs no files.
+//! [`open`] reads a folder, [`builtin`](builtin::builtin) makes a scene that needs no files, [`inspect`](inspect::inspect)
+//! says what a folder lacks, and [`write`](write::write()) puts a scene on the disk in a layout of the field.
 
 pub mod builtin;
+mod cache;
 mod camera;
 pub mod colmap;
+pub mod dnerf;
 mod error;
 mod frames;
+pub mod hypernerf;
+pub mod inspect;
+mod lens;
 mod masks;
+pub mod multipleview;
+pub mod nerfstudio;
 pub mod neu3d;
+mod npy;
+pub mod onthego;
+pub mod panoptic;
+mod paths;
 mod picture;
 mod ply;
 mod points;
 mod poses;
 mod reader;
+mod reduced;
+mod rotation;
 mod scene;
+mod shapes;
+mod shot;
+#[cfg(test)]
+mod testing;
+mod transforms;
+mod undistort;
+mod video;
+pub mod write;
 
 pub use builtin::{BuiltinKind, BuiltinOptions};
+pub use cache::{Decoded, PictureCache};
 pub use camera::Camera;
 pub use error::{DataError, Refusal};
-pub use masks::attach_masks;
-pub use picture::Picture;
+pub use lens::{Bend, Lens};
+pub use masks::{Mask, attach_masks};
+pub use picture::{Picture, PictureFile, PictureSource};
 pub use ply::read_points;
 pub use points::PointCloud;
-pub use reader::{ReadOptions, open};
+pub use reader::{Format, ReadOptions, TimeRule, open, recognise};
 pub use scene::{Bounds, Capture, Scene, Truth, View};
+pub use video::Video;
+pub use write::{Layout, WriteError, write};

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use image::GrayImage;
 use tracing::{debug, warn};
 
 use crate::picture::file_size;
@@ -9,6 +10,37 @@ use crate::{DataError, Picture, Scene, View};
 
 /// Extensions of picture files, in the order in which they are looked for; cameras write capitals.
 const EXTENSIONS: [&str; 6] = ["png", "PNG", "jpg", "JPG", "jpeg", "JPEG"];
+
+/// Which pixels of a picture count: for the loss of training and for scores.
+#[derive(Clone, Debug)]
+pub struct Mask {
+    /// Its first channel says it.
+    pub picture: Picture,
+    /// Whether black counts and white is ignored. Else white counts, as nerfstudio and COLMAP have it.
+    pub inverted: bool,
+}
+
+impl Mask {
+    /// The mask: 255 where the picture's pixel counts, 0 where it is to be ignored. What lies between goes to the nearer.
+    ///
+    /// # Errors
+    /// [`DataError::Image`] if the file cannot be read.
+    pub fn read(&self) -> Result<GrayImage, DataError> {
+        let mut mask = self.picture.mask()?;
+        for pixel in mask.pixels_mut() {
+            pixel.0[0] = if (pixel.0[0] >= 128) != self.inverted { 255 } else { 0 };
+        }
+        Ok(mask)
+    }
+}
+
+/// The mask of a picture that lies in `masks/` beside the pictures' folder: `2clutter008.png`, or `2clutter008.JPG.png` as
+/// COLMAP names it, for `2clutter008.JPG`.
+pub(crate) fn mask_beside(folder: &Path, picture: &str) -> Option<PathBuf> {
+    let masks = folder.join("masks");
+    let candidates = [masks.join(picture).with_extension("png"), masks.join(format!("{picture}.png"))];
+    candidates.into_iter().find(|path| path.is_file())
+}
 
 /// Sets [`Truth::dynamic_mask`](crate::Truth) of every view for which `folder` holds a file of the view's name, such as
 /// `cam00/0003.png` or `2clutter008.png`, and returns for how many. White means moving. A mask of another size than its view's picture is
@@ -31,7 +63,7 @@ pub fn attach_masks(scene: &mut Scene, folder: &Path) -> Result<usize, DataError
         if (w as f64 / h as f64 - width as f64 / height as f64).abs() * height as f64 > 2.0 {
             warn!(mask = %path.display(), "the mask is {w}x{h}, the picture {width}x{height}: their shapes differ");
         }
-        view.truth.dynamic_mask = Some(Picture::File { path, width: width as u32, height: height as u32 });
+        view.truth.dynamic_mask = Some(Picture::file(path, (width as u32, height as u32)));
         attached += 1;
     }
     let views = scene.train.len() + scene.test.len();

@@ -1,69 +1,47 @@
-//! Scenes in the layout of Neu3D (DyNeRF): `camNN/images/*`, `poses_bounds.npy` and a point cloud.
+//! Scenes in the layout of Neu3D (DyNeRF): `camNN/images/*` or `camNN.mp4`, `poses_bounds.npy` and a point cloud.
+//!
+//! What is assumed of them:
+//! * The rows of `poses_bounds.npy` follow the sorted names of the cameras, whose numbering may have gaps.
+//! * Pixels are square and the principal point lies in the middle; a row's focal length is for its own picture width.
+//! * All cameras have equally many frames, in the order of the numbers at the end of the files' names. Extracted frames come
+//!   before a video of the same camera.
+//! * The first camera is held out. A frame's time is its index / number of frames (`ReadOptions::time`).
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use serde::{Deserialize, Serialize};
 use tracing::{info, warn};
 
 pub use crate::poses::{ROW, camera_from_row};
 
-use crate::frames::{CameraFrames, camera_names, list_frames};
-use crate::picture::{common_size, reduced_size};
-use crate::ply::read_points;
+use crate::frames::{CameraFrames, Frame, camera_names, list_frames};
+use crate::ply::{read_first, warn_of_none};
 use crate::poses::{near_bound, read_rows};
-use crate::{Camera, Capture, DataError, Picture, PointCloud, Scene, Truth, View};
+use crate::reader::scene_name;
+use crate::shot::{FrameLens, Shot, views};
+use crate::{Camera, Capture, DataError, PointCloud, ReadOptions, Scene, multipleview};
 
 /// Name of the format, for messages.
 pub const FORMAT: &str = "Neu3D";
 
 const POSES: &str = "poses_bounds.npy";
 
+/// Folder of the extracted frames in that of a camera.
+const FRAMES: &str = "images";
+
 /// Point clouds, the first that exists: DeGauss' name, 4DGaussians' name, the name of others.
 const POINTS: [&str; 3] = ["fused.ply", "points3D_downsample2.ply", "points3D.ply"];
 
-/// Number of frames by which the original divides a frame's index (METHOD §5.1).
-const ORIGINAL_FRAMES: usize = 300;
-
 /// How the shape of the pictures may differ from that in `poses_bounds.npy` before the user is told.
 const SHAPE_TOLERANCE: f64 = 0.01;
-
-/// How a Neu3D scene is read.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Neu3dOptions {
-    /// Pictures are made smaller by this factor, at least 1. Default 1.
-    pub downscale: f64,
-    /// How many frames of each camera are used, from the first on; all if absent. Default 300, as in the original.
-    pub frames: Option<usize>,
-    /// How a frame's index becomes a time.
-    pub time: TimeRule,
-}
-
-/// How a frame's index becomes a time in `[0, 1]`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum TimeRule {
-    /// Index / number of frames used; the same as the original for 300 frames. The default.
-    #[default]
-    FrameOverCount,
-    /// Index / 300, as in the original (METHOD §5.1), however many frames there are.
-    #[serde(rename = "frame-over-300")]
-    FrameOver300,
-}
-
-impl Default for Neu3dOptions {
-    fn default() -> Self {
-        Self { downscale: 1.0, frames: Some(ORIGINAL_FRAMES), time: TimeRule::default() }
-    }
-}
 
 /// Why `folder` is not in this format, or `None` if it is.
 ///
 /// # Errors
 /// [`DataError::Folder`] if the folder cannot be listed.
 pub fn recognise(folder: &Path) -> Result<Option<String>, DataError> {
-    let cameras = camera_names(folder)?;
-    Ok((cameras.is_empty() && !folder.join(POSES).is_file())
+    // A scene of that format has folders of cameras as well, and its poses elsewhere.
+    let cameras = !camera_names(folder)?.is_empty() && multipleview::recognise(folder).is_some();
+    Ok((!cameras && !folder.join(POSES).is_file())
         .then(|| format!("it needs folders cam00/images, cam01/images, … with frames, and {POSES}")))
 }
 
@@ -72,45 +50,34 @@ pub fn recognise(folder: &Path) -> Result<Option<String>, DataError> {
 ///
 /// # Errors
 /// A [`DataError`] that says what is wrong with the folder, a file in it or an option.
-pub fn read(folder: &Path, options: &Neu3dOptions) -> Result<Scene, DataError> {
+pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     if let Some(reason) = recognise(folder)? {
         let what = format!("{FORMAT} scene");
         return Err(DataError::Missing { what, folder: folder.to_owned(), advice: format!("For that {reason}") });
     }
-    check_options(options)?;
     let names = camera_names(folder)?;
     let rows = rows_for(folder, &names)?;
-    let rig = list_frames(folder, &names, options.frames.unwrap_or(usize::MAX))?;
-    let files: Vec<&PathBuf> = rig.iter().flat_map(|camera| &camera.frames).collect();
-    let size = common_size(folder, &files, "All frames of a scene must have one size: extract them again")?;
+    let rig = list_frames(folder, &names, FRAMES, options)?;
     let count = rig[0].frames.len();
-    let divisor = times_divisor(options, count)?;
-    let cameras = cameras(folder, &rows, size, options)?;
-
-    let mut views = rig.iter().zip(&cameras).map(|(frames, camera)| views_of(frames, camera, divisor));
-    // `rows_for` made sure that there are two cameras.
-    let test = views.next().unwrap_or_default();
-    let train = views.flatten().collect();
+    let divisor = options.times_divisor(count)?;
+    let shots = rig.iter().zip(&rows).flat_map(|(camera, row)| shots(camera, row, divisor)).collect();
+    let mut test = views(folder, shots, options)?;
+    let train = test.split_off(count);
+    let camera = &test[0].camera;
+    warn_of_shape(folder, &rows, camera);
     let points = initial_points(folder)?;
-    let name = folder.file_name().map_or_else(|| FORMAT.into(), |n| n.to_string_lossy().into_owned());
-    let (width, height) = (cameras[0].width, cameras[0].height);
+    let name = scene_name(folder);
     info!(
-        "{name}: {} cameras x {count} frames at {width}x{height}, {} points; {} is held out",
+        "{name}: {} cameras x {count} frames at {}x{}, {} points; {} is held out",
         names.len(),
+        camera.width,
+        camera.height,
         points.len(),
         names[0]
     );
     let bounds: Option<Vec<f64>> = rows[1..].iter().map(near_bound).collect();
     let near = bounds.map(|bounds| bounds.into_iter().fold(f64::INFINITY, f64::min));
     Ok(Scene { name, capture: Capture::Video, train, test, points, near })
-}
-
-fn check_options(options: &Neu3dOptions) -> Result<(), DataError> {
-    if options.frames == Some(0) {
-        let reason = "at least one frame is needed; leave it out for all".into();
-        return Err(DataError::Setting { option: "frames", value: "0".into(), reason });
-    }
-    Ok(())
 }
 
 /// The rows of `poses_bounds.npy`, of which there must be one for each camera.
@@ -138,58 +105,39 @@ fn rows_for(folder: &Path, names: &[String]) -> Result<Vec<[f64; ROW]>, DataErro
     Ok(rows)
 }
 
-fn times_divisor(options: &Neu3dOptions, count: usize) -> Result<f64, DataError> {
-    match options.time {
-        TimeRule::FrameOverCount => Ok(count as f64),
-        TimeRule::FrameOver300 if count <= ORIGINAL_FRAMES => Ok(ORIGINAL_FRAMES as f64),
-        TimeRule::FrameOver300 => Err(DataError::Setting {
-            option: "time",
-            value: "frame-over-300".into(),
-            reason: format!(
-                "{count} frames would reach beyond time 1; set frames = 300 or time = \"frame-over-count\""
-            ),
-        }),
-    }
+/// What a camera filmed.
+fn shots(camera: &CameraFrames, row: &[f64; ROW], divisor: f64) -> Vec<Shot> {
+    // The pose does not depend on the size of the picture.
+    let pose = camera_from_row(row, 1, 1);
+    let shot = |(index, frame): (usize, &Frame)| Shot {
+        name: format!("{}/{}", camera.name, frame.name),
+        source: frame.source.clone(),
+        mask: None,
+        lens: FrameLens::Angle { focal_in_widths: row[14] / row[9] },
+        rotation: pose.rotation,
+        translation: pose.translation,
+        time: index as f64 / divisor,
+    };
+    camera.frames.iter().enumerate().map(shot).collect()
 }
 
-/// The cameras for pictures of `size` pixels on disk, made smaller as the options say.
-fn cameras(
-    folder: &Path,
-    rows: &[[f64; ROW]],
-    (width, height): (u32, u32),
-    options: &Neu3dOptions,
-) -> Result<Vec<Camera>, DataError> {
-    let (small_width, small_height) = reduced_size((width, height), options.downscale)?;
-    let shape = f64::from(width) / f64::from(height);
+/// Says so if the pictures have another shape than those that the cameras were made for.
+fn warn_of_shape(folder: &Path, rows: &[[f64; ROW]], camera: &Camera) {
+    let (width, height) = (camera.width, camera.height);
+    let shape = width as f64 / height as f64;
     if let Some(row) = rows.iter().find(|r| (r[9] / r[4] / shape - 1.0).abs() > SHAPE_TOLERANCE) {
         let (w, h) = (row[9], row[4]);
         warn!(folder = %folder.display(), "the frames are {width}x{height}, {POSES} is for {w}x{h}: another shape");
     }
-    let camera = |row| camera_from_row(row, width as usize, height as usize);
-    Ok(rows.iter().map(|row| camera(row).resized(small_width as usize, small_height as usize)).collect())
-}
-
-fn views_of(rig: &CameraFrames, camera: &Camera, divisor: f64) -> Vec<View> {
-    let view = |(index, path): (usize, &PathBuf)| View {
-        name: format!("{}/{}", rig.name, path.file_stem().unwrap_or_default().to_string_lossy()),
-        camera: *camera,
-        time: index as f64 / divisor,
-        image: Picture::File { path: path.clone(), width: camera.width as u32, height: camera.height as u32 },
-        truth: Truth::default(),
-    };
-    rig.frames.iter().enumerate().map(view).collect()
 }
 
 /// The first point cloud that exists; none is allowed.
 fn initial_points(folder: &Path) -> Result<PointCloud, DataError> {
-    match POINTS.iter().map(|name| folder.join(name)).find(|path| path.is_file()) {
-        Some(path) => read_points(&path),
-        None => {
-            let names = POINTS.join(", ");
-            warn!(folder = %folder.display(), "no point cloud ({names}): training starts from random points");
-            Ok(PointCloud::default())
-        }
+    let points = read_first(folder, &POINTS)?;
+    if points.is_none() {
+        warn_of_none(folder, &POINTS);
     }
+    Ok(points.unwrap_or_default())
 }
 
 #[cfg(test)]

@@ -1,13 +1,15 @@
 //! A picture in memory or on disk, decoded when it is asked for.
 
+use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use image::imageops::{self, FilterType};
 use image::{DynamicImage, GrayImage, ImageReader, RgbImage};
-use rayon::prelude::*;
 
-use crate::DataError;
+use crate::lens::Lens;
+use crate::undistort::{straighten, straighten_mask};
+use crate::{DataError, Video};
 
 /// Fewest pixels along each side that are of any use.
 const LEAST_SIDE: u32 = 16;
@@ -17,60 +19,162 @@ const LEAST_SIDE: u32 = 16;
 pub enum Picture {
     /// Decoded already.
     Memory(Arc<RgbImage>),
-    /// On disk; resized to `width` by `height` when read, if it has another size.
-    File {
-        /// Where it is.
-        path: PathBuf,
-        /// Width in pixels after reading.
-        width: u32,
-        /// Height in pixels after reading.
-        height: u32,
+    /// On disk.
+    File(PictureFile),
+}
+
+/// A picture on disk, and what is made of it when it is read: laid over a backdrop, resized, straightened.
+#[derive(Clone, Debug)]
+pub struct PictureFile {
+    /// Where it is.
+    pub source: PictureSource,
+    /// Width in pixels after reading.
+    pub width: u32,
+    /// Height in pixels after reading.
+    pub height: u32,
+    /// RGB that shows where the file is transparent. Without one an alpha channel is dropped.
+    pub backdrop: Option<[u8; 3]>,
+    /// The lens that took it and the pinhole that shall seem to have, both for the size after reading.
+    pub lenses: Option<Arc<[Lens; 2]>>,
+}
+
+/// Where a picture lies.
+#[derive(Clone, Debug)]
+pub enum PictureSource {
+    /// In a file of its own.
+    Image(PathBuf),
+    /// In a video.
+    Frame {
+        /// The video.
+        video: Arc<Video>,
+        /// Number of the frame, from 0.
+        index: usize,
     },
 }
 
+impl PictureSource {
+    /// The file, for messages.
+    pub fn path(&self) -> &Path {
+        match self {
+            Self::Image(path) => path,
+            Self::Frame { video, .. } => video.path(),
+        }
+    }
+
+    /// Width and height in pixels before anything is done to it, from the header alone.
+    ///
+    /// # Errors
+    /// [`DataError::Image`] if the header cannot be read.
+    pub fn size(&self) -> Result<(u32, u32), DataError> {
+        match self {
+            Self::Image(path) => file_size(path),
+            Self::Frame { video, .. } => Ok(video.size()),
+        }
+    }
+
+    /// The picture; a frame of a video comes at the size that is asked for.
+    fn decode(&self, size: (u32, u32)) -> Result<DynamicImage, DataError> {
+        match self {
+            Self::Image(path) => decode(path),
+            Self::Frame { video, index } => video.frame(*index, size),
+        }
+    }
+}
+
 impl Picture {
+    /// A file that is resized when it is read, if it has another size than `width` by `height` pixels.
+    pub fn file(path: PathBuf, (width, height): (u32, u32)) -> Self {
+        Self::File(PictureFile { source: PictureSource::Image(path), width, height, backdrop: None, lenses: None })
+    }
+
     /// Width and height in pixels, without decoding.
     pub fn size(&self) -> (u32, u32) {
         match self {
             Picture::Memory(image) => image.dimensions(),
-            Picture::File { width, height, .. } => (*width, *height),
+            Picture::File(file) => (file.width, file.height),
         }
     }
 
-    /// The picture as RGB, 8 bits a channel; a file of another size is resized with a Lanczos filter (METHOD §5.1).
-    /// An alpha channel is dropped.
+    /// The picture as RGB, 8 bits a channel.
     ///
     /// # Errors
     /// [`DataError::Image`] if the file cannot be read or decoded.
     pub fn rgb(&self) -> Result<Arc<RgbImage>, DataError> {
         match self {
             Picture::Memory(image) => Ok(Arc::clone(image)),
-            Picture::File { path, width, height } => {
-                let image = decode(path)?.into_rgb8();
-                Ok(Arc::new(match image.dimensions() == (*width, *height) {
-                    true => image,
-                    false => imageops::resize(&image, *width, *height, FilterType::Lanczos3),
-                }))
-            }
+            Picture::File(file) => file.rgb().map(Arc::new),
         }
     }
 
-    /// The picture as a mask: its first channel, resized without blending.
+    /// The picture as a mask: its first channel, resized and straightened without blending.
     ///
     /// # Errors
     /// As [`Picture::rgb`].
     pub fn mask(&self) -> Result<GrayImage, DataError> {
         match self {
             Picture::Memory(image) => Ok(first_channel(image)),
-            Picture::File { path, width, height } => {
-                let mask = first_channel(&decode(path)?.into_rgb8());
-                Ok(match mask.dimensions() == (*width, *height) {
-                    true => mask,
-                    false => imageops::resize(&mask, *width, *height, FilterType::Nearest),
-                })
-            }
+            Picture::File(file) => file.mask(),
         }
     }
+}
+
+impl PictureFile {
+    /// Resized with a Lanczos filter (METHOD §5.1), then straightened.
+    fn rgb(&self) -> Result<RgbImage, DataError> {
+        let image = to_rgb8(self.source.decode((self.width, self.height))?, self.backdrop);
+        let image = match image.dimensions() == (self.width, self.height) {
+            true => image,
+            false => imageops::resize(&image, self.width, self.height, FilterType::Lanczos3),
+        };
+        Ok(match self.lenses.as_deref() {
+            None => image,
+            Some([lens, pinhole]) => straighten(&image, lens, pinhole),
+        })
+    }
+
+    fn mask(&self) -> Result<GrayImage, DataError> {
+        let mask = first_channel(&self.source.decode((self.width, self.height))?.into_rgb8());
+        let mask = match mask.dimensions() == (self.width, self.height) {
+            true => mask,
+            false => imageops::resize(&mask, self.width, self.height, FilterType::Nearest),
+        };
+        Ok(match self.lenses.as_deref() {
+            None => mask,
+            Some([lens, pinhole]) => straighten_mask(&mask, lens, pinhole),
+        })
+    }
+}
+
+/// Eight bits a channel: more bits are rounded, linear light (the floats of an EXR file) becomes sRGB, and what is
+/// transparent shows the backdrop.
+fn to_rgb8(image: DynamicImage, backdrop: Option<[u8; 3]>) -> RgbImage {
+    let image = match image {
+        DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_) => {
+            let mut linear = image.into_rgba32f();
+            for pixel in linear.pixels_mut() {
+                for channel in &mut pixel.0[..3] {
+                    *channel = srgb(*channel);
+                }
+            }
+            DynamicImage::ImageRgba32F(linear)
+        }
+        other => other,
+    };
+    let Some(backdrop) = backdrop.filter(|_| image.color().has_alpha()) else { return image.into_rgb8() };
+    let image = image.into_rgba8();
+    RgbImage::from_fn(image.width(), image.height(), |x, y| {
+        let image::Rgba([r, g, b, a]) = *image.get_pixel(x, y);
+        let alpha = f32::from(a) / 255.0;
+        let over =
+            |colour: u8, behind: u8| (alpha * f32::from(colour) + (1.0 - alpha) * f32::from(behind)).round() as u8;
+        image::Rgb([over(r, backdrop[0]), over(g, backdrop[1]), over(b, backdrop[2])])
+    })
+}
+
+/// The transfer function of sRGB (IEC 61966-2-1); what is no number becomes 0.
+fn srgb(linear: f32) -> f32 {
+    let linear = if linear > 0.0 { linear.min(1.0) } else { 0.0 };
+    if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
 /// Width and height of a picture file, from its header alone.
@@ -79,39 +183,6 @@ impl Picture {
 /// [`DataError::Image`] if the header cannot be read.
 pub(crate) fn file_size(path: &Path) -> Result<(u32, u32), DataError> {
     opened(path)?.into_dimensions().map_err(|e| unreadable(path, &e))
-}
-
-/// Width and height of picture files, which must all have one size, because batches are stacked. Reads the header of every
-/// file. `folder` is the scene's and `advice` says how to get pictures of one size, for the message.
-///
-/// # Errors
-/// [`DataError::Image`] if a header cannot be read, [`DataError::Disagreement`] if the sizes differ.
-pub(crate) fn common_size(
-    folder: &Path,
-    files: &[impl AsRef<Path> + Sync],
-    advice: &str,
-) -> Result<(u32, u32), DataError> {
-    let sizes: Vec<(u32, u32)> = files
-        .par_iter()
-        .map(|path| file_size(path.as_ref()))
-        .collect::<Vec<_>>()
-        .into_iter() // The first error in the order of the files, whichever thread met one first.
-        .collect::<Result<_, _>>()?;
-    let Some(&size) = sizes.first() else { return Ok((0, 0)) };
-    if let Some(other) = sizes.iter().position(|&s| s != size) {
-        let shown = |i: usize| {
-            let path = files[i].as_ref();
-            let path = path.strip_prefix(folder).unwrap_or(path);
-            format!("{} has {} x {} pixels", path.display(), sizes[i].0, sizes[i].1)
-        };
-        return Err(DataError::Disagreement {
-            folder: folder.to_owned(),
-            first: shown(0),
-            second: shown(other),
-            advice: advice.to_owned(),
-        });
-    }
-    Ok(size)
 }
 
 /// The size of pictures of `width` by `height` pixels that are made smaller by the factor `downscale`, the option of that
@@ -136,7 +207,22 @@ pub(crate) fn reduced_size((width, height): (u32, u32), downscale: f64) -> Resul
 }
 
 fn decode(path: &Path) -> Result<DynamicImage, DataError> {
-    opened(path)?.decode().map_err(|e| unreadable(path, &e))
+    let bytes = std::fs::read(path).map_err(|e| unreadable(path, &e))?;
+    if is_broken_off(&bytes) {
+        return Err(unreadable(path, &"the file ends before the picture does"));
+    }
+    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| unreadable(path, &e))?;
+    reader.decode().map_err(|e| unreadable(path, &e))
+}
+
+/// Whether a JPEG file lacks its end, in whose place the decoder shows grey and says nothing: the marker that ends the picture
+/// must come after the last one that begins pixels.
+fn is_broken_off(bytes: &[u8]) -> bool {
+    const START_OF_FILE: [u8; 2] = [0xff, 0xd8];
+    const START_OF_SCAN: [u8; 2] = [0xff, 0xda];
+    const END: [u8; 2] = [0xff, 0xd9];
+    let last = |marker: [u8; 2]| bytes.windows(2).rposition(|pair| pair == marker);
+    bytes.starts_with(&START_OF_FILE) && last(END) < last(START_OF_SCAN)
 }
 
 /// The kind of file is guessed from its content: photos with a wrong extension are common.
@@ -166,7 +252,7 @@ mod tests {
     fn a_file_of_the_right_size_comes_back_unchanged() {
         let folder = tempfile::tempdir().expect("folder");
         let image = RgbImage::from_fn(20, 16, |x, y| image::Rgb([x as u8, y as u8, 7]));
-        let picture = Picture::File { path: saved(folder.path(), &image), width: 20, height: 16 };
+        let picture = Picture::file(saved(folder.path(), &image), (20, 16));
         assert_eq!(*picture.rgb().expect("read"), image);
         assert_eq!(picture.size(), (20, 16));
     }
@@ -175,7 +261,7 @@ mod tests {
     fn a_file_of_another_size_is_resized_and_keeps_its_mean() {
         let folder = tempfile::tempdir().expect("folder");
         let image = RgbImage::from_fn(40, 32, |x, _| image::Rgb([3 * x as u8, 100, 7]));
-        let small = Picture::File { path: saved(folder.path(), &image), width: 20, height: 16 }.rgb().expect("read");
+        let small = Picture::file(saved(folder.path(), &image), (20, 16)).rgb().expect("read");
         assert_eq!(small.dimensions(), (20, 16));
         let mean = small.pixels().map(|p| f64::from(p.0[0])).sum::<f64>() / 320.0;
         assert!((mean - 58.5).abs() < 1.0, "{mean}");
@@ -186,9 +272,58 @@ mod tests {
     fn a_mask_stays_black_and_white_when_resized() {
         let folder = tempfile::tempdir().expect("folder");
         let image = RgbImage::from_fn(30, 30, |x, _| image::Rgb([if x < 13 { 255 } else { 0 }; 3]));
-        let mask = Picture::File { path: saved(folder.path(), &image), width: 16, height: 16 }.mask().expect("read");
+        let mask = Picture::file(saved(folder.path(), &image), (16, 16)).mask().expect("read");
         assert!(mask.pixels().all(|p| p.0[0] == 0 || p.0[0] == 255));
         assert_eq!((mask.get_pixel(0, 3).0[0], mask.get_pixel(15, 3).0[0]), (255, 0));
+    }
+
+    #[test]
+    fn what_is_transparent_shows_the_backdrop() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("clear.png");
+        image::RgbaImage::from_fn(16, 16, |x, _| image::Rgba([200, 100, 0, if x < 8 { 51 } else { 255 }]))
+            .save(&path)
+            .expect("written");
+        let over = |backdrop| {
+            let Picture::File(file) = Picture::file(path.clone(), (16, 16)) else { unreachable!("made as a file") };
+            let image = Picture::File(PictureFile { backdrop, ..file }).rgb().expect("read");
+            [image.get_pixel(0, 0).0, image.get_pixel(15, 0).0]
+        };
+        assert_eq!(over(None), [[200, 100, 0]; 2]);
+        assert_eq!(over(Some([255; 3])), [[244, 224, 204], [200, 100, 0]]);
+        assert_eq!(over(Some([0; 3])), [[40, 20, 0], [200, 100, 0]]);
+    }
+
+    #[test]
+    fn sixteen_bits_and_linear_floats_become_eight() {
+        let deep = image::ImageBuffer::from_pixel(16, 16, image::Rgb([0x8180u16, 0xffff, 0]));
+        assert_eq!(to_rgb8(DynamicImage::ImageRgb16(deep), None).get_pixel(3, 3).0, [0x81, 255, 0]);
+        let linear = image::Rgb32FImage::from_pixel(16, 16, image::Rgb([0.215_861, 3.0, f32::NAN]));
+        assert_eq!(to_rgb8(DynamicImage::ImageRgb32F(linear), None).get_pixel(3, 3).0, [128, 255, 0]);
+    }
+
+    #[test]
+    fn a_jpeg_file_that_lacks_its_end_is_refused() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("photo.jpg");
+        RgbImage::from_fn(64, 48, |x, y| image::Rgb([x as u8, y as u8, 7])).save(&path).expect("written");
+        let picture = Picture::file(path.clone(), (64, 48));
+        picture.rgb().expect("whole");
+        let bytes = std::fs::read(&path).expect("read");
+        for length in [bytes.len() - 2, bytes.len() * 9 / 10] {
+            std::fs::write(&path, &bytes[..length]).expect("written");
+            assert!(picture.rgb().expect_err("broken off").to_string().contains("photo.jpg"));
+        }
+    }
+
+    #[test]
+    fn exr_files_are_linear_light() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("linear.exr");
+        image::Rgb32FImage::from_pixel(20, 18, image::Rgb([0.215_861, 1.0, 0.0])).save(&path).expect("written");
+        assert_eq!(file_size(&path).expect("a header"), (20, 18));
+        let image = Picture::file(path, (20, 18)).rgb().expect("read");
+        assert_eq!(image.get_pixel(7, 7).0, [128, 255, 0]);
     }
 
     #[test]
@@ -196,7 +331,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("folder");
         let path = folder.path().join("broken.png");
         std::fs::write(&path, b"not a picture").expect("written");
-        let error = Picture::File { path, width: 16, height: 16 }.rgb().expect_err("broken");
+        let error = Picture::file(path, (16, 16)).rgb().expect_err("broken");
         assert!(matches!(error, DataError::Image { .. }) && error.to_string().contains("broken.png"), "{error}");
     }
 }

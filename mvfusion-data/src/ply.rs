@@ -7,11 +7,12 @@ use std::path::Path;
 use glam::Vec3;
 use serde::Deserialize;
 use serde_ply::{ElementDef, PlyReader, PropertyType, ScalarType};
+use tracing::warn;
 
 use crate::{DataError, PointCloud};
 
 /// Colour of the points of a file without colours.
-const GREY: f32 = 0.5;
+pub(crate) const GREY: f32 = 0.5;
 
 /// A vertex as it stands in the file; a colour's unit depends on the field's type.
 #[derive(Deserialize)]
@@ -46,6 +47,21 @@ pub fn read_points(path: &Path) -> Result<PointCloud, DataError> {
     };
     let file = File::open(path).map_err(|e| fail(e.to_string()))?;
     read_vertices(BufReader::new(file)).map_err(fail)
+}
+
+/// The points of the first of the named files that is in `folder`.
+///
+/// # Errors
+/// As [`read_points`].
+pub(crate) fn read_first(folder: &Path, names: &[&str]) -> Result<Option<PointCloud>, DataError> {
+    let found = names.iter().map(|name| folder.join(name)).find(|path| path.is_file());
+    found.map(|path| read_points(&path)).transpose()
+}
+
+/// Says that a scene has no points.
+pub(crate) fn warn_of_none(folder: &Path, names: &[&str]) {
+    let names = names.join(", ");
+    warn!(folder = %folder.display(), "no point cloud ({names}): training starts from random points");
 }
 
 fn read_vertices(reader: BufReader<impl Read>) -> Result<PointCloud, String> {

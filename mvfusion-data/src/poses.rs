@@ -1,12 +1,10 @@
 //! `poses_bounds.npy`: the cameras of LLFF and Neu3D scenes, one row each.
 
-use std::fs::File;
-use std::io::BufReader;
 use std::path::Path;
 
 use glam::{DMat3, DVec3};
-use npyz::{NpyFile, Order};
 
+use crate::npy::read_npy;
 use crate::{Camera, DataError};
 
 /// Numbers in a row: a 3x5 matrix row by row, then the near and far bounds.
@@ -53,29 +51,9 @@ pub(crate) fn read_rows(path: &Path) -> Result<Vec<[f64; ROW]>, DataError> {
 }
 
 fn read_array(path: &Path) -> Result<Vec<[f64; ROW]>, String> {
-    let file = File::open(path).map_err(|e| e.to_string())?;
-    let npy = NpyFile::new(BufReader::new(file)).map_err(|e| e.to_string())?;
-    let (shape, order, kind) = (npy.shape().to_vec(), npy.order(), npy.dtype().descr());
-    let count = match shape[..] {
-        [count, 17] if count > 0 => count as usize,
-        _ => return Err(format!("its shape is {shape:?}, not [cameras, 17]")),
-    };
-    let values: Vec<f64> = match npy.try_data::<f64>() {
-        Ok(data) => data.collect::<Result<_, _>>(),
-        Err(npy) => match npy.try_data::<f32>() {
-            Ok(data) => data.map(|v| v.map(f64::from)).collect::<Result<_, _>>(),
-            Err(_) => return Err(format!("its type is {kind}, not float64 or float32")),
-        },
-    }
-    .map_err(|e| e.to_string())?;
-    if values.len() != count * ROW {
-        return Err(format!("it ends after {} of {} numbers", values.len(), count * ROW));
-    }
-    let at = |row: usize, column: usize| match order {
-        Order::C => values[row * ROW + column],
-        Order::Fortran => values[column * count + row],
-    };
-    Ok((0..count).map(|row| std::array::from_fn(|column| at(row, column))).collect())
+    let table = read_npy(path, ROW..=ROW)?;
+    let rows: Vec<_> = table.rows().map(|row| std::array::from_fn(|column| row[column])).collect();
+    if rows.is_empty() { Err("it has no rows".into()) } else { Ok(rows) }
 }
 
 /// Says what is wrong with a row, if anything.

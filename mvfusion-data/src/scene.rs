@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use crate::{Camera, Picture, PointCloud};
+use crate::{Camera, Mask, Picture, PointCloud};
 
 /// How a scene was captured, which decides how its Gaussians are initialised (METHOD §3).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,7 +35,7 @@ pub struct Scene {
 /// One picture: what a camera saw at a time.
 #[derive(Clone, Debug)]
 pub struct View {
-    /// Unique within the scene: `cam00/0003`.
+    /// Unique among the views that train, and among those held out: `cam00/0003`.
     pub name: String,
     /// The camera, for the size of [`View::image`].
     pub camera: Camera,
@@ -43,6 +43,8 @@ pub struct View {
     pub time: f64,
     /// The photo.
     pub image: Picture,
+    /// Which of its pixels count; all, where there is none.
+    pub mask: Option<Mask>,
     /// What is known beyond the photo; evaluation only, never training.
     pub truth: Truth,
 }

@@ -13,6 +13,7 @@ pub mod files;
 pub mod gaussians;
 pub mod initial;
 pub mod loss;
+pub mod memory;
 pub mod model;
 pub mod motion;
 pub mod network;

@@ -23,6 +23,8 @@ pub enum Part {
     SplatForward,
     /// Their adjoint.
     SplatBackward,
+    /// Waiting for the photos of a batch and moving them to the device.
+    Photos,
     /// Blending of the branches and losses, forward.
     Loss,
     /// What remains of the backward pass: the losses' part and small tensor operations.
@@ -37,13 +39,14 @@ pub enum Part {
 
 impl Part {
     /// All parts.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::LookUp,
         Self::Network,
         Self::Mvg,
         Self::Mfta,
         Self::SplatForward,
         Self::SplatBackward,
+        Self::Photos,
         Self::Loss,
         Self::BackwardRest,
         Self::Optimiser,
@@ -60,6 +63,7 @@ impl Part {
             Self::Mfta => "mfta",
             Self::SplatForward => "splat_forward",
             Self::SplatBackward => "splat_backward",
+            Self::Photos => "photos",
             Self::Loss => "loss",
             Self::BackwardRest => "backward_rest",
             Self::Optimiser => "optimiser",

@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use crate::args::LayerArgs;
+use crate::args::ConfigArgs;
 use crate::config;
 use crate::progress::Talk;
 
@@ -10,8 +10,8 @@ use crate::progress::Talk;
 ///
 /// # Errors
 /// As [`config::resolve`], or if `out` cannot be written to.
-pub fn config(args: &LayerArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<()> {
-    let resolved = config::resolve(args)?;
+pub fn config(args: &ConfigArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<()> {
+    let resolved = config::resolve(&args.layers, args.data.as_deref())?;
     if let Some(note) = &resolved.note {
         talk.note(note);
     }

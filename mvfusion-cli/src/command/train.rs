@@ -27,7 +27,7 @@ const RUNS: &str = "runs";
 /// For a command line that cannot be carried out, before anything is written; later if the device fails, the loss is no
 /// longer finite, or a file cannot be written.
 pub fn train(args: &TrainArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<()> {
-    let resolved = config::resolve(&args.layers)?;
+    let resolved = config::resolve(&args.layers, args.data.as_deref())?;
     if let Some(note) = &resolved.note {
         talk.note(note);
     }
@@ -36,7 +36,8 @@ pub fn train(args: &TrainArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Resul
     let existing = if args.force { Existing::Replace } else { Existing::Keep };
     let plan = RunPlan::new(&path, existing)?;
     let scene = scene::open(&resolved.config)?;
-    let trainer = Trainer::new(resolved.config.scaled(), &scene, &device.device)?;
+    let trainer = Trainer::new(resolved.config.scaled(), &scene, &device.device)?
+        .with_image_cache(&scene, args.image_cache.as_u64())?;
     talk.note(&format!("device: {}", device.reason));
     talk.note(&format!("scene:  {}", scene::describe(&scene)));
     talk.note(&format!("run:    {}", path.display()));

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::Context;
+use mvfusion_data::Format;
 use mvfusion_model::Config;
 use toml::{Table, Value};
 
@@ -30,6 +31,9 @@ impl KnownKeys {
     pub fn new() -> anyhow::Result<Self> {
         let mut specimen = Config::default();
         specimen.scene.data = Some(PathBuf::new());
+        specimen.scene.format = Some(Format::Neu3d);
+        specimen.scene.test_cameras = Some(vec!["cam00".to_owned()]);
+        specimen.scene.frame_store = Some(PathBuf::new());
         specimen.eval.dynamic_masks = Some(PathBuf::new());
         let table = |config: &Config| Table::try_from(config).context("the defaults cannot be written as TOML");
         Ok(Self { defaults: table(&Config::default())?, specimen: table(&specimen)? })

@@ -7,6 +7,7 @@ mod preset;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use mvfusion_data::{Capture, Format, nerfstudio};
 use mvfusion_model::Config;
 use toml::{Table, Value};
 
@@ -22,6 +23,12 @@ const FOR_BUILTIN: &str = "quickstart";
 /// The preset for a folder with a video.
 const FOR_VIDEO: &str = "neu3d";
 
+/// The preset for a video of one or two moving cameras.
+const FOR_ONE_CAMERA: &str = "hypernerf";
+
+/// The preset for a synthetic object that moves.
+const FOR_OBJECTS: &str = "dnerf";
+
 /// The preset for a folder of photos.
 const FOR_PHOTOS: &str = "onthego-indoor";
 
@@ -36,17 +43,18 @@ pub struct Resolved {
     pub note: Option<String>,
 }
 
-/// Merges the layers of a command line.
+/// Merges the layers of a command line, above all of them the folder of the scene.
 ///
 /// # Errors
 /// [`UsageError`] for an unknown preset or key, a value of the wrong kind, a file that cannot be read or is no TOML, and
 /// for values that cannot be trained with.
-pub fn resolve(args: &LayerArgs) -> anyhow::Result<Resolved> {
-    let layers = given_layers(args)?;
-    let folder = layers.iter().rev().find_map(|layer| layer.table.get("scene")?.get("data")?.as_str());
-    let default = folder.map_or(FOR_BUILTIN, |folder| preset_for(Path::new(folder)));
+pub fn resolve(args: &LayerArgs, data: Option<&Path>) -> anyhow::Result<Resolved> {
+    let layers = given_layers(args, data)?;
+    let given = |key: &str| layers.iter().rev().find_map(|layer| layer.table.get("scene")?.get(key)?.as_str());
+    let format = given("format").and_then(Format::of_key);
+    let default = given("data").map_or(FOR_BUILTIN, |folder| preset_for(Path::new(folder), format));
     let preset = Preset::find(args.preset.as_deref().unwrap_or(default))?;
-    let note = (args.preset.is_none() && args.data.is_some())
+    let note = (args.preset.is_none() && data.is_some())
         .then(|| format!("preset: {default} (the one for such a folder; --preset takes another)"));
 
     let mut config = merge(&[preset_layers(preset)?, layers].concat())?;
@@ -71,10 +79,13 @@ pub fn to_toml(config: &Config) -> anyhow::Result<String> {
     toml::to_string(config).context("the configuration cannot be written as TOML")
 }
 
-/// The preset for the scene in a folder, going by its format alone; a folder that cannot be read is refused later.
-fn preset_for(folder: &Path) -> &'static str {
-    match mvfusion_data::colmap::recognise(folder) {
-        Ok(None) => FOR_PHOTOS,
+/// The preset for the scene in a folder, going by its format; a folder that cannot be read is refused later.
+fn preset_for(folder: &Path, format: Option<Format>) -> &'static str {
+    match mvfusion_data::recognise(folder, format) {
+        Ok(Format::Colmap | Format::OnTheGo) => FOR_PHOTOS,
+        Ok(Format::Nerfstudio) if nerfstudio::capture(folder) == Capture::Photos => FOR_PHOTOS,
+        Ok(Format::DNerf) => FOR_OBJECTS,
+        Ok(Format::HyperNerf) => FOR_ONE_CAMERA,
         _ => FOR_VIDEO,
     }
 }
@@ -85,7 +96,7 @@ fn preset_layers(preset: &'static Preset) -> Result<Vec<Layer>, UsageError> {
 }
 
 /// What stands above the preset, lowest first.
-fn given_layers(args: &LayerArgs) -> anyhow::Result<Vec<Layer>> {
+fn given_layers(args: &LayerArgs, data: Option<&Path>) -> anyhow::Result<Vec<Layer>> {
     let mut layers = Vec::new();
     if let Some(path) = &args.config {
         layers.push(file_layer(path)?);
@@ -97,7 +108,10 @@ fn given_layers(args: &LayerArgs) -> anyhow::Result<Vec<Layer>> {
         let seed = i64::try_from(seed).map_err(|_| UsageError::new("--seed is too large for TOML."))?;
         layers.push(Layer::of_one("seed", Value::Integer(seed), Origin::Flag("--seed")));
     }
-    if let Some(data) = &args.data {
+    if let Some(format) = args.format {
+        layers.push(Layer::of_one("scene.format", Value::String(format.key().to_owned()), Origin::Flag("--format")));
+    }
+    if let Some(data) = data {
         let data = data.to_str().ok_or_else(|| UsageError::new("--data is not valid UTF-8; rename the folder."))?;
         layers.push(Layer::of_one("scene.data", Value::String(data.to_owned()), Origin::Flag("--data")));
     }
@@ -136,7 +150,8 @@ fn overlay(below: &mut Table, above: &Table) {
 
 /// Paths are written down absolute, so that a run finds its data again wherever the program is started.
 fn make_absolute(config: &mut Config) -> anyhow::Result<()> {
-    let paths: [&mut Option<PathBuf>; 2] = [&mut config.scene.data, &mut config.eval.dynamic_masks];
+    let paths: [&mut Option<PathBuf>; 3] =
+        [&mut config.scene.data, &mut config.scene.frame_store, &mut config.eval.dynamic_masks];
     for path in paths.into_iter().flatten() {
         *path = std::path::absolute(&*path).with_context(|| format!("cannot use the path {}", path.display()))?;
     }
@@ -152,7 +167,7 @@ mod tests {
     }
 
     fn refusal(settings: &[&str]) -> String {
-        let error = resolve(&with_settings(settings)).expect_err("refused");
+        let error = resolve(&with_settings(settings), None).expect_err("refused");
         assert_eq!(crate::failure::exit_code(&error), crate::failure::USAGE, "{error}");
         error.to_string()
     }
@@ -161,25 +176,25 @@ mod tests {
     fn every_preset_can_be_trained() {
         for preset in PRESETS {
             let args = LayerArgs { preset: Some(preset.name.to_owned()), ..Default::default() };
-            resolve(&args).unwrap_or_else(|error| panic!("{}: {error}", preset.name));
+            resolve(&args, None).unwrap_or_else(|error| panic!("{}: {error}", preset.name));
         }
     }
 
     #[test]
     fn the_preset_neu3d_is_the_defaults() {
         let args = LayerArgs { preset: Some("neu3d".to_owned()), ..Default::default() };
-        assert_eq!(resolve(&args).expect("resolved").config, Config::default());
+        assert_eq!(resolve(&args, None).expect("resolved").config, Config::default());
     }
 
     #[test]
     fn a_folder_of_photos_has_a_preset_of_its_own() {
         let folder = tempfile::tempdir().expect("folder");
-        let args = LayerArgs { data: Some(folder.path().to_owned()), ..Default::default() };
-        assert_eq!(resolve(&args).expect("resolved").preset.name, FOR_VIDEO);
+        let resolved = || resolve(&LayerArgs::default(), Some(folder.path())).expect("resolved");
+        assert_eq!(resolved().preset.name, FOR_VIDEO);
         for name in ["images", "sparse"] {
             std::fs::create_dir(folder.path().join(name)).expect("made");
         }
-        let resolved = resolve(&args).expect("resolved");
+        let resolved = resolved();
         assert_eq!(resolved.preset.name, FOR_PHOTOS);
         assert!(resolved.note.is_some_and(|note| note.contains(FOR_PHOTOS)));
     }
@@ -195,33 +210,34 @@ mod tests {
             seed: Some(9),
             ..with_settings(&["train.scale=0.25", "train.scale=1", "seed=5", "scene.kind=casual"])
         };
-        let config = resolve(&args).expect("resolved").config;
+        let config = resolve(&args, None).expect("resolved").config;
         assert_eq!((config.seed, config.train.scale, config.train.batch_size), (9, 1.0, 3));
         assert_eq!(config.train.stages.geometry, 11);
         assert_eq!(config.scene.kind, mvfusion_data::BuiltinKind::Casual);
         // A table in a layer adds to the table below it.
-        let preset = resolve(&LayerArgs::default()).expect("resolved").config;
+        let preset = resolve(&LayerArgs::default(), None).expect("resolved").config;
         assert_eq!(config.train.stages.refinement, preset.train.stages.refinement);
     }
 
     #[test]
     fn a_folder_asks_for_its_own_preset_and_is_written_down_absolute() {
-        let args = LayerArgs { data: Some("scenes/steak".into()), ..Default::default() };
-        let resolved = resolve(&args).expect("resolved");
+        let resolved = resolve(&LayerArgs::default(), Some(Path::new("scenes/steak"))).expect("resolved");
         assert_eq!(resolved.preset.name, FOR_VIDEO);
         assert!(resolved.note.expect("said").contains(FOR_VIDEO));
         let data = resolved.config.scene.data.expect("set");
         assert!(data.is_absolute() && data.ends_with("scenes/steak"), "{}", data.display());
-        assert_eq!(resolve(&with_settings(&["scene.data=scenes/steak"])).expect("resolved").preset.name, FOR_VIDEO);
+        assert_eq!(
+            resolve(&with_settings(&["scene.data=scenes/steak"]), None).expect("resolved").preset.name,
+            FOR_VIDEO
+        );
     }
 
     #[test]
     fn what_is_written_down_is_read_again() {
         let folder = tempfile::tempdir().expect("folder");
         let file = folder.path().join("config.toml");
-        let args =
-            LayerArgs { data: Some("x".into()), ..with_settings(&["eval.dynamic_masks=m", "optim.epsilon=1e-17"]) };
-        let config = resolve(&args).expect("resolved").config;
+        let args = with_settings(&["eval.dynamic_masks=m", "optim.epsilon=1e-17"]);
+        let config = resolve(&args, Some(Path::new("x"))).expect("resolved").config;
         std::fs::write(&file, to_toml(&config).expect("written as TOML")).expect("written");
         assert_eq!(read(&file).expect("read"), config);
     }
@@ -241,7 +257,8 @@ mod tests {
         let folder = tempfile::tempdir().expect("folder");
         let file = folder.path().join("a.toml");
         std::fs::write(&file, "seed = 3\n\n[train]\nscale = 0.5\nbatchsize = 3\n").expect("written");
-        let error = resolve(&LayerArgs { config: Some(file), ..Default::default() }).expect_err("refused").to_string();
+        let error =
+            resolve(&LayerArgs { config: Some(file), ..Default::default() }, None).expect_err("refused").to_string();
         assert!(error.contains("a.toml, line 5") && error.contains("`train.batch_size`"), "{error}");
     }
 
@@ -275,7 +292,7 @@ mod tests {
     #[test]
     fn an_unknown_preset_is_refused_with_the_list() {
         let args = LayerArgs { preset: Some("neu3".to_owned()), ..Default::default() };
-        let message = resolve(&args).expect_err("refused").to_string();
+        let message = resolve(&args, None).expect_err("refused").to_string();
         assert!(message.contains("`neu3d`") && message.contains("quickstart"), "{message}");
     }
 }

@@ -176,7 +176,7 @@ fn view(name: String, camera: Camera, time: f64, shot: Shot, background: Picture
         dynamic_mask: Some(in_memory(as_rgb(shot.mask))),
         depth: Some(Arc::new(shot.depth)),
     };
-    View { name, camera, time, image: in_memory(shot.image), truth }
+    View { name, camera, time, image: in_memory(shot.image), mask: None, truth }
 }
 
 fn in_memory(image: RgbImage) -> Picture {

@@ -3,7 +3,7 @@
 //! No number in a file is believed before the bytes that it speaks of were seen to be there.
 
 use super::files::Complaint;
-use super::lens::{CameraRecord, Lens};
+use super::lens::{CameraRecord, LensModel};
 use super::model::{ImageRecord, push_point};
 use crate::PointCloud;
 
@@ -29,10 +29,10 @@ pub(super) fn cameras(bytes: &[u8]) -> Result<Vec<CameraRecord>, Complaint> {
     let mut cameras = Vec::with_capacity(count);
     for _ in 0..count {
         let id = reader.u32()?;
-        let lens = Lens::numbered(reader.i32()?, id)?;
+        let model = LensModel::numbered(reader.i32()?, id)?;
         let (width, height) = (reader.u64()?, reader.u64()?);
-        let parameters = (0..lens.parameters()).map(|_| reader.f64()).collect::<Result<_, _>>()?;
-        cameras.push(CameraRecord { id, lens, width, height, parameters });
+        let parameters = (0..model.parameters()).map(|_| reader.f64()).collect::<Result<_, _>>()?;
+        cameras.push(CameraRecord { id, model, width, height, parameters });
     }
     reader.finish()?;
     Ok(cameras)

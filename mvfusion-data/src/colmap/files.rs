@@ -3,9 +3,11 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use tracing::warn;
+
 use super::lens::CameraRecord;
 use super::model::ImageRecord;
-use super::{SPARSE, binary, text};
+use super::{binary, text};
 use crate::{DataError, PointCloud};
 
 /// What to do about a file that is damaged.
@@ -65,21 +67,31 @@ pub(super) struct ModelFiles {
 }
 
 impl ModelFiles {
-    /// Finds the model of a scene.
+    /// Finds a model: in the numbered folders of `sparse`, of which COLMAP makes one for each set of photos that it could
+    /// not join, or in `sparse` itself. Of several it is the one with the most photos.
     ///
     /// # Errors
     /// [`DataError::Missing`] if there is none.
-    pub(super) fn locate(scene: &Path) -> Result<Self, DataError> {
-        let sparse = scene.join(SPARSE);
-        let found = [sparse.join("0"), sparse.clone()].into_iter().find_map(|folder| {
-            let files = [Encoding::Binary, Encoding::Text].map(|encoding| Self { folder: folder.clone(), encoding });
-            files.into_iter().find(|files| files.path(Part::Cameras).is_file())
-        });
-        found.ok_or_else(|| DataError::Missing {
+    pub(super) fn locate(sparse: &Path) -> Result<Self, DataError> {
+        let mut numbers = numbers_in(sparse);
+        numbers.sort_unstable();
+        let mut models: Vec<Self> =
+            numbers.iter().filter_map(|number| Self::within(&sparse.join(number.to_string()))).collect();
+        let largest = if models.len() > 1 { most_photos(&models) } else { 0 };
+        if largest < models.len() {
+            return Ok(models.swap_remove(largest));
+        }
+        Self::within(sparse).ok_or_else(|| DataError::Missing {
             what: "model with cameras.bin or cameras.txt".into(),
             folder: sparse.join("0"),
             advice: "Put the files of the COLMAP model there".into(),
         })
+    }
+
+    /// The model in a folder; binary comes first.
+    fn within(folder: &Path) -> Option<Self> {
+        let files = [Encoding::Binary, Encoding::Text].map(|encoding| Self { folder: folder.to_owned(), encoding });
+        files.into_iter().find(|files| files.path(Part::Cameras).is_file())
     }
 
     /// The cameras, in the order of the file.
@@ -124,4 +136,33 @@ impl ModelFiles {
         };
         parsed.map_err(|complaint| self.blame(part, complaint))
     }
+}
+
+/// The names of the folders in `sparse` that are numbers.
+fn numbers_in(sparse: &Path) -> Vec<u32> {
+    let Ok(entries) = fs::read_dir(sparse) else { return Vec::new() };
+    let number = |entry: std::io::Result<fs::DirEntry>| {
+        let name = entry.ok()?.file_name();
+        let name = name.to_str()?;
+        // Written as a number is, so that the name can be made of it again.
+        name.parse::<u32>().ok().filter(|number| number.to_string() == name)
+    };
+    entries.filter_map(number).collect()
+}
+
+/// The place of the model with the most photos, the first of equals; says which are passed over.
+fn most_photos(models: &[ModelFiles]) -> usize {
+    let counts: Vec<Option<usize>> =
+        models.iter().map(|files| files.images().ok().map(|images| images.len())).collect();
+    let largest = (0..models.len()).rev().max_by_key(|&place| counts[place]).unwrap_or(0);
+    let shown: Vec<String> = models
+        .iter()
+        .zip(&counts)
+        .map(|(files, count)| match count {
+            Some(count) => format!("{} ({count} photos)", files.folder.display()),
+            None => format!("{} (damaged)", files.folder.display()),
+        })
+        .collect();
+    warn!("there are {} models, {}: {} is read", models.len(), shown.join(", "), models[largest].folder.display());
+    largest
 }

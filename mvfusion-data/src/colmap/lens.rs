@@ -1,90 +1,110 @@
-//! Camera models of COLMAP: which of them are pinholes, and what their parameters mean.
+//! Camera models of COLMAP: what their parameters mean.
 
-use glam::{DMat3, DVec3};
+use glam::DVec2;
 
 use super::files::Complaint;
-use crate::Camera;
+use crate::lens::{Bend, Lens};
 
-/// What to do about cameras that are no pinholes.
-const UNDISTORT: &str = "Undistort first with `colmap image_undistorter` and give the folder that it writes";
-
-/// A camera model that is a pinhole where its distortion is zero.
-///
-/// Its parameters are the focal lengths, the principal point `cx, cy`, and the distortion, in this order and in pixels.
-#[derive(Debug, PartialEq, Eq)]
-pub(super) struct Lens {
+/// A camera model. Its parameters are the focal lengths, the principal point `cx, cy`, and coefficients of the distortion, in
+/// this order; lengths are in pixels.
+#[derive(Debug)]
+pub(super) struct LensModel {
     name: &'static str,
-    focal: FocalLengths,
-    /// Names of the coefficients.
-    distortion: &'static [&'static str],
+    /// One focal length for both axes, or one for each.
+    focal_lengths: usize,
+    /// Number of coefficients.
+    coefficients: usize,
+    /// What they say.
+    bend: fn(&[f64]) -> Bend,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum FocalLengths {
-    /// `f`, for both axes.
-    Shared,
-    /// `fx, fy`.
-    PerAxis,
+/// The models. COLMAP's number of a model is its place here. The one after the last, EQUIRECTANGULAR, is a panorama of all
+/// directions, which no pinhole can show.
+const MODELS: [LensModel; 17] = [
+    LensModel { name: "SIMPLE_PINHOLE", focal_lengths: 1, coefficients: 0, bend: |_| Bend::NONE },
+    LensModel { name: "PINHOLE", focal_lengths: 2, coefficients: 0, bend: |_| Bend::NONE },
+    LensModel { name: "SIMPLE_RADIAL", focal_lengths: 1, coefficients: 1, bend: |k| perspective(k, &[]) },
+    LensModel { name: "RADIAL", focal_lengths: 1, coefficients: 2, bend: |k| perspective(k, &[]) },
+    LensModel { name: "OPENCV", focal_lengths: 2, coefficients: 4, bend: |k| perspective(&k[..2], &k[2..]) },
+    LensModel { name: "OPENCV_FISHEYE", focal_lengths: 2, coefficients: 4, bend: |k| fisheye(k, &[], &[], false) },
+    LensModel {
+        name: "FULL_OPENCV",
+        focal_lengths: 2,
+        coefficients: 8,
+        bend: |k| perspective(&[k[0], k[1], k[4], k[5], k[6], k[7]], &k[2..4]),
+    },
+    LensModel { name: "FOV", focal_lengths: 2, coefficients: 1, bend: |k| Bend::Angular { omega: k[0] } },
+    LensModel {
+        name: "SIMPLE_RADIAL_FISHEYE",
+        focal_lengths: 1,
+        coefficients: 1,
+        bend: |k| fisheye(k, &[], &[], false),
+    },
+    LensModel { name: "RADIAL_FISHEYE", focal_lengths: 1, coefficients: 2, bend: |k| fisheye(k, &[], &[], false) },
+    LensModel {
+        name: "THIN_PRISM_FISHEYE",
+        focal_lengths: 2,
+        coefficients: 8,
+        bend: |k| fisheye(&[k[0], k[1], k[4], k[5]], &k[2..4], &[k[6], 0.0, k[7], 0.0], false),
+    },
+    LensModel {
+        name: "RAD_TAN_THIN_PRISM_FISHEYE",
+        focal_lengths: 2,
+        coefficients: 12,
+        // Its tangential coefficients stand in the other order than OpenCV's.
+        bend: |k| fisheye(&k[..6], &[k[7], k[6]], &k[8..], true),
+    },
+    LensModel { name: "SIMPLE_DIVISION", focal_lengths: 1, coefficients: 1, bend: |k| Bend::Division { k: k[0] } },
+    LensModel { name: "DIVISION", focal_lengths: 2, coefficients: 1, bend: |k| Bend::Division { k: k[0] } },
+    LensModel { name: "SIMPLE_FISHEYE", focal_lengths: 1, coefficients: 0, bend: |_| fisheye(&[], &[], &[], false) },
+    LensModel { name: "FISHEYE", focal_lengths: 2, coefficients: 0, bend: |_| fisheye(&[], &[], &[], false) },
+    LensModel { name: "EUCM", focal_lengths: 2, coefficients: 2, bend: |k| Bend::Unified { alpha: k[0], beta: k[1] } },
+];
+
+fn perspective(radial: &[f64], tangential: &[f64]) -> Bend {
+    Bend::Perspective { radial: filled(radial), tangential: filled(tangential) }
 }
 
-use FocalLengths::{PerAxis, Shared};
+fn fisheye(radial: &[f64], tangential: &[f64], prism: &[f64], shifted_last: bool) -> Bend {
+    Bend::Fisheye { radial: filled(radial), tangential: filled(tangential), prism: filled(prism), shifted_last }
+}
 
-/// The models that are read. COLMAP's number of a model is its place here.
-const LENSES: [Lens; 5] = [
-    Lens { name: "SIMPLE_PINHOLE", focal: Shared, distortion: &[] },
-    Lens { name: "PINHOLE", focal: PerAxis, distortion: &[] },
-    Lens { name: "SIMPLE_RADIAL", focal: Shared, distortion: &["k"] },
-    Lens { name: "RADIAL", focal: Shared, distortion: &["k1", "k2"] },
-    Lens { name: "OPENCV", focal: PerAxis, distortion: &["k1", "k2", "p1", "p2"] },
-];
+/// The numbers, and zeros behind them.
+fn filled<const N: usize>(numbers: &[f64]) -> [f64; N] {
+    std::array::from_fn(|i| numbers.get(i).copied().unwrap_or(0.0))
+}
 
-/// Names of the models that are not read, for messages; the first has the number after the last of [`LENSES`].
-const OTHERS: [&str; 7] = [
-    "OPENCV_FISHEYE",
-    "FULL_OPENCV",
-    "FOV",
-    "SIMPLE_RADIAL_FISHEYE",
-    "RADIAL_FISHEYE",
-    "THIN_PRISM_FISHEYE",
-    "RAD_TAN_THIN_PRISM_FISHEYE",
-];
-
-impl Lens {
+impl LensModel {
     /// The model with COLMAP's number `number`, of the camera `camera`.
     pub(super) fn numbered(number: i32, camera: u32) -> Result<&'static Self, Complaint> {
         let place = usize::try_from(number).unwrap_or(usize::MAX);
-        LENSES.get(place).ok_or_else(|| {
-            let other = place.checked_sub(LENSES.len()).and_then(|place| OTHERS.get(place));
-            not_read(camera, &other.map_or_else(|| format!("number {number}"), ToString::to_string))
-        })
+        MODELS.get(place).ok_or_else(|| unknown(camera, &format!("number {number}")))
     }
 
     /// The model with COLMAP's name `name`, of the camera `camera`.
     pub(super) fn named(name: &str, camera: u32) -> Result<&'static Self, Complaint> {
-        LENSES.iter().find(|lens| lens.name == name).ok_or_else(|| not_read(camera, name))
+        MODELS.iter().find(|model| model.name == name).ok_or_else(|| unknown(camera, name))
     }
 
     /// Number of parameters.
     pub(super) fn parameters(&self) -> usize {
-        let focal = match self.focal {
-            Shared => 1,
-            PerAxis => 2,
-        };
-        focal + 2 + self.distortion.len()
+        self.focal_lengths + 2 + self.coefficients
     }
 }
 
-fn not_read(camera: u32, model: &str) -> Complaint {
-    let names = LENSES.map(|lens| lens.name).join(", ");
-    let reason = format!("camera {camera} has the model {model}, and only these are read: {names}");
-    Complaint { reason, advice: UNDISTORT }
+fn unknown(camera: u32, model: &str) -> Complaint {
+    let names = MODELS.map(|model| model.name).join(", ");
+    Complaint {
+        reason: format!("camera {camera} has the model {model}, and only these are read: {names}"),
+        advice: "Undistort with `colmap image_undistorter` and give the folder that it writes",
+    }
 }
 
 /// A camera as it stands in the file.
 #[derive(Debug)]
 pub(super) struct CameraRecord {
     pub(super) id: u32,
-    pub(super) lens: &'static Lens,
+    pub(super) model: &'static LensModel,
     /// Pixels.
     pub(super) width: u64,
     /// Pixels.
@@ -93,41 +113,37 @@ pub(super) struct CameraRecord {
 }
 
 impl CameraRecord {
-    /// The camera, standing at the world's origin and looking along its z axis.
+    /// The lens, and the width and height of its pictures.
     ///
     /// # Errors
-    /// If the parameters are no camera's, or there is distortion.
-    pub(super) fn camera(&self) -> Result<Camera, Complaint> {
-        let about = format!("camera {} ({})", self.id, self.lens.name);
-        let coefficients = self.lens.distortion.len();
-        let (fx, fy, cx, cy, distortion) = match (self.lens.focal, &self.parameters[..]) {
-            (Shared, &[f, cx, cy, ref rest @ ..]) if rest.len() == coefficients => (f, f, cx, cy, rest),
-            (PerAxis, &[fx, fy, cx, cy, ref rest @ ..]) if rest.len() == coefficients => (fx, fy, cx, cy, rest),
-            _ => {
-                let (given, needed) = (self.parameters.len(), self.lens.parameters());
-                return Err(format!("{about} has {given} parameters, not {needed}").into());
-            }
-        };
-        if ![fx, fy, cx, cy].iter().all(|v| v.is_finite()) || fx <= 0.0 || fy <= 0.0 {
-            let numbers = format!("focal lengths {fx}, {fy} and principal point {cx}, {cy}");
+    /// If the parameters are no camera's.
+    pub(super) fn lens(&self) -> Result<(Lens, DVec2), Complaint> {
+        let about = format!("camera {} ({})", self.id, self.model.name);
+        let (given, needed) = (self.parameters.len(), self.model.parameters());
+        if given != needed {
+            return Err(format!("{about} has {given} parameters, not {needed}").into());
+        }
+        let (focal, rest) = self.parameters.split_at(self.model.focal_lengths);
+        let (principal, coefficients) = rest.split_at(2);
+        let focal = DVec2::new(focal[0], focal[focal.len() - 1]);
+        let principal = DVec2::from_slice(principal);
+        if !(focal.is_finite() && principal.is_finite() && focal.min_element() > 0.0) {
+            let numbers = format!("focal lengths {focal} and principal point {principal}");
             return Err(format!("{about} has {numbers}; all must be finite, and focal lengths above zero").into());
         }
-        let bent: Vec<String> = self.lens.distortion.iter().zip(distortion).filter_map(bent).collect();
-        if !bent.is_empty() {
-            let reason = format!("{about} is distorted: {}", bent.join(", "));
-            return Err(Complaint { reason, advice: UNDISTORT });
+        if let Some(coefficient) = coefficients.iter().find(|k| !k.is_finite()) {
+            return Err(format!("{about} has a coefficient {coefficient}").into());
         }
-        let side = |pixels: u64| u32::try_from(pixels).ok().filter(|&p| p > 0).map(|p| p as usize);
+        let side = |pixels: u64| u32::try_from(pixels).ok().filter(|&p| p > 0).map(f64::from);
         let (Some(width), Some(height)) = (side(self.width), side(self.height)) else {
             return Err(format!("{about} has pictures of {} x {} pixels", self.width, self.height).into());
         };
-        Ok(Camera { width, height, fx, fy, cx, cy, rotation: DMat3::IDENTITY, translation: DVec3::ZERO })
+        let bend = (self.model.bend)(coefficients);
+        if matches!(bend, Bend::Unified { alpha, beta } if !(0.0..=1.0).contains(&alpha) || beta <= 0.0) {
+            return Err(format!("{about} has alpha and beta of {coefficients:?}: from 0 to 1, and above 0").into());
+        }
+        Ok((Lens { focal, principal, bend }, DVec2::new(width, height)))
     }
-}
-
-/// A coefficient in words, if it bends anything.
-fn bent((name, &value): (&&str, &f64)) -> Option<String> {
-    (value != 0.0).then(|| format!("{name} = {value}"))
 }
 
 #[cfg(test)]
@@ -135,8 +151,8 @@ mod tests {
     use super::*;
 
     fn record(name: &str, parameters: &[f64]) -> CameraRecord {
-        let lens = Lens::named(name, 7).expect("known");
-        CameraRecord { id: 7, lens, width: 48, height: 32, parameters: parameters.to_vec() }
+        let model = LensModel::named(name, 7).expect("known");
+        CameraRecord { id: 7, model, width: 48, height: 32, parameters: parameters.to_vec() }
     }
 
     #[test]
@@ -149,40 +165,67 @@ mod tests {
             ("OPENCV", &[40.0, 40.0, 23.0, 17.0, 0.0, 0.0, 0.0, 0.0]),
         ] {
             let record = record(name, parameters);
-            assert_eq!(record.lens.parameters(), parameters.len());
-            let camera = record.camera().expect(name);
-            assert_eq!((camera.fx, camera.fy, camera.cx, camera.cy), (40.0, 40.0, 23.0, 17.0), "{name}");
+            assert_eq!(record.model.parameters(), parameters.len());
+            let (lens, size) = record.lens().expect(name);
+            assert!(lens.bend.is_none(), "{name}");
+            assert_eq!((lens.focal, lens.principal), (DVec2::splat(40.0), DVec2::new(23.0, 17.0)), "{name}");
+            assert_eq!(size, DVec2::new(48.0, 32.0));
+        }
+    }
+
+    #[test]
+    fn coefficients_go_where_the_model_has_them() {
+        let bend = |name: &str, parameters: &[f64]| record(name, parameters).lens().expect(name).0.bend;
+        let full = bend("FULL_OPENCV", &[40., 41., 23., 17., 1., 2., 3., 4., 5., 6., 7., 8.]);
+        assert_eq!(full, Bend::Perspective { radial: [1., 2., 5., 6., 7., 8.], tangential: [3., 4.] });
+        let prism = bend("THIN_PRISM_FISHEYE", &[40., 41., 23., 17., 1., 2., 3., 4., 5., 6., 7., 8.]);
+        let wanted = Bend::Fisheye {
+            radial: [1., 2., 5., 6., 0., 0.],
+            tangential: [3., 4.],
+            prism: [7., 0., 8., 0.],
+            shifted_last: false,
+        };
+        assert_eq!(prism, wanted);
+        assert_eq!(bend("FOV", &[40., 41., 23., 17., 0.9]), Bend::Angular { omega: 0.9 });
+        let aria = bend(
+            "RAD_TAN_THIN_PRISM_FISHEYE",
+            &[40., 41., 23., 17., 1., 2., 3., 4., 5., 6., 7., 8., 9., 10., 11., 12.],
+        );
+        let wanted = Bend::Fisheye {
+            radial: [1., 2., 3., 4., 5., 6.],
+            tangential: [8., 7.],
+            prism: [9., 10., 11., 12.],
+            shifted_last: true,
+        };
+        assert_eq!(aria, wanted);
+        let equidistant =
+            Bend::Fisheye { radial: [0.0; 6], tangential: [0.0; 2], prism: [0.0; 4], shifted_last: false };
+        assert_eq!(bend("SIMPLE_FISHEYE", &[40., 23., 17.]), equidistant);
+        assert_eq!(bend("FISHEYE", &[40., 41., 23., 17.]), equidistant);
+        assert_eq!(bend("SIMPLE_DIVISION", &[40., 23., 17., -0.1]), Bend::Division { k: -0.1 });
+        assert_eq!(bend("DIVISION", &[40., 41., 23., 17., -0.1]), Bend::Division { k: -0.1 });
+        assert_eq!(bend("EUCM", &[40., 41., 23., 17., 0.6, 1.1]), Bend::Unified { alpha: 0.6, beta: 1.1 });
+        for parameters in [[40., 41., 23., 17., 1.5, 1.0], [40., 41., 23., 17., 0.5, 0.0]] {
+            assert!(record("EUCM", &parameters).lens().expect_err("refused").reason.contains("above 0"));
         }
     }
 
     #[test]
     fn numbers_and_names_mean_the_same_models() {
-        for (number, lens) in LENSES.iter().enumerate() {
-            assert_eq!(Lens::numbered(number as i32, 1).expect("known"), Lens::named(lens.name, 1).expect("known"));
-        }
-    }
-
-    #[test]
-    fn distortion_is_refused_with_its_coefficients_and_a_way_out() {
-        for (name, parameters, part) in [
-            ("SIMPLE_RADIAL", &[40.0, 23.0, 17.0, 0.01][..], "k = 0.01"),
-            ("RADIAL", &[40.0, 23.0, 17.0, 0.0, 1e-9], "k2 = 0.000000001"),
-            ("OPENCV", &[40.0, 40.0, 23.0, 17.0, 0.0, 0.2, 0.0, f64::NAN], "k2 = 0.2, p2 = NaN"),
-        ] {
-            let complaint = record(name, parameters).camera().expect_err(name);
-            assert!(complaint.reason.contains(part) && complaint.reason.contains(&format!("camera 7 ({name})")));
-            assert!(complaint.advice.contains("image_undistorter"));
+        for (number, model) in MODELS.iter().enumerate() {
+            let numbered = LensModel::numbered(number as i32, 1).expect("known");
+            assert_eq!(numbered.name, LensModel::named(model.name, 1).expect("known").name);
         }
     }
 
     #[test]
     fn other_models_are_refused_by_name() {
         for (error, part) in [
-            (Lens::numbered(5, 3), "OPENCV_FISHEYE"),
-            (Lens::numbered(11, 3), "RAD_TAN_THIN_PRISM_FISHEYE"),
-            (Lens::numbered(99, 3), "number 99"),
-            (Lens::numbered(-1, 3), "number -1"),
-            (Lens::named("FOV", 3), "FOV"),
+            (LensModel::numbered(99, 3), "number 99"),
+            (LensModel::numbered(-1, 3), "number -1"),
+            (LensModel::numbered(17, 3), "number 17"),
+            (LensModel::named("EQUIRECTANGULAR", 3), "EQUIRECTANGULAR"),
+            (LensModel::named("PLENOPTIC", 3), "PLENOPTIC"),
         ] {
             let complaint = error.expect_err(part);
             assert!(complaint.reason.contains(part) && complaint.reason.contains("camera 3"), "{}", complaint.reason);
@@ -202,11 +245,12 @@ mod tests {
             &[40.0, 40.0, 23.0, 17.0, 0.0],
             &[],
         ] {
-            assert!(record("PINHOLE", parameters).camera().is_err(), "{parameters:?}");
+            assert!(record("PINHOLE", parameters).lens().is_err(), "{parameters:?}");
         }
+        assert!(record("SIMPLE_RADIAL", &[40.0, 23.0, 17.0, f64::NAN]).lens().is_err());
         let empty = CameraRecord { width: 0, ..record("PINHOLE", &[40.0, 40.0, 23.0, 17.0]) };
-        assert!(empty.camera().expect_err("no pixels").reason.contains("0 x 32"));
+        assert!(empty.lens().expect_err("no pixels").reason.contains("0 x 32"));
         let huge = CameraRecord { height: u64::MAX, ..record("PINHOLE", &[40.0, 40.0, 23.0, 17.0]) };
-        assert!(huge.camera().is_err());
+        assert!(huge.lens().is_err());
     }
 }

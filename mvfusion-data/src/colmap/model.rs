@@ -3,35 +3,41 @@
 use std::collections::BTreeMap;
 use std::path::{Component, Path};
 
-use glam::{DMat3, DQuat, DVec3, DVec4, Vec3};
+use glam::{DMat3, DQuat, DVec2, DVec3, DVec4, Vec3};
 
 use super::files::{Complaint, ModelFiles, Part};
 use super::lens::CameraRecord;
-use crate::{Camera, DataError, PointCloud};
+use crate::lens::Lens;
+use crate::{DataError, PointCloud};
 
 /// Quaternions shorter than this have no direction. COLMAP writes unit quaternions.
 const LEAST_QUATERNION: f64 = 1e-6;
 
 /// A model whose references are resolved.
 #[derive(Debug)]
-pub(super) struct Model {
+pub(crate) struct Model {
     /// Sorted by name, no two of one name.
-    pub(super) photos: Vec<Photo>,
-    pub(super) points: PointCloud,
+    pub(crate) photos: Vec<Photo>,
+    pub(crate) points: PointCloud,
 }
 
 /// A photo whose pose is known.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Photo {
+pub(crate) struct Photo {
     /// Path below the folder of the photos, `2clutter008.JPG`; it leads nowhere else.
-    pub(super) name: String,
-    /// The camera, for the size that the model says.
-    pub(super) camera: Camera,
+    pub(crate) name: String,
+    /// The lens, for pictures of the size that the model says.
+    pub(crate) lens: Lens,
+    /// Width and height in the model.
+    pub(crate) size: DVec2,
+    /// From the world to the camera.
+    pub(crate) rotation: DMat3,
+    pub(crate) translation: DVec3,
 }
 
 impl Photo {
     /// The name without the extension, as masks are named.
-    pub(super) fn view_name(&self) -> String {
+    pub(crate) fn view_name(&self) -> String {
         Path::new(&self.name).with_extension("").to_string_lossy().into_owned()
     }
 }
@@ -48,28 +54,28 @@ pub(super) struct ImageRecord {
     pub(super) translation: [f64; 3],
 }
 
-/// Reads the model of a scene.
+/// Reads the model in the folder `sparse` or a numbered folder of it (see [`ModelFiles::locate`]).
 ///
 /// # Errors
 /// [`DataError::Missing`] if a file is not there, [`DataError::Content`] if one cannot be used.
-pub(super) fn read(scene: &Path) -> Result<Model, DataError> {
-    let files = ModelFiles::locate(scene)?;
+pub(crate) fn read(sparse: &Path) -> Result<Model, DataError> {
+    let files = ModelFiles::locate(sparse)?;
     let cameras = by_number(&files.cameras()?).map_err(|complaint| files.blame(Part::Cameras, complaint))?;
     let photos = photos(files.images()?, &cameras).map_err(|complaint| files.blame(Part::Images, complaint))?;
     Ok(Model { photos, points: files.points()? })
 }
 
-fn by_number(records: &[CameraRecord]) -> Result<BTreeMap<u32, Camera>, Complaint> {
+fn by_number(records: &[CameraRecord]) -> Result<BTreeMap<u32, (Lens, DVec2)>, Complaint> {
     let mut cameras = BTreeMap::new();
     for record in records {
-        if cameras.insert(record.id, record.camera()?).is_some() {
+        if cameras.insert(record.id, record.lens()?).is_some() {
             return Err(format!("it lists the camera {} twice", record.id).into());
         }
     }
     Ok(cameras)
 }
 
-fn photos(records: Vec<ImageRecord>, cameras: &BTreeMap<u32, Camera>) -> Result<Vec<Photo>, Complaint> {
+fn photos(records: Vec<ImageRecord>, cameras: &BTreeMap<u32, (Lens, DVec2)>) -> Result<Vec<Photo>, Complaint> {
     let mut photos = records.into_iter().map(|record| photo(record, cameras)).collect::<Result<Vec<_>, _>>()?;
     photos.sort_by(|a, b| a.name.cmp(&b.name));
     let mut names = BTreeMap::new();
@@ -86,7 +92,7 @@ fn photos(records: Vec<ImageRecord>, cameras: &BTreeMap<u32, Camera>) -> Result<
     Ok(photos)
 }
 
-fn photo(record: ImageRecord, cameras: &BTreeMap<u32, Camera>) -> Result<Photo, Complaint> {
+fn photo(record: ImageRecord, cameras: &BTreeMap<u32, (Lens, DVec2)>) -> Result<Photo, Complaint> {
     let name = record.name;
     let mut parts = Path::new(&name).components().peekable();
     // An empty name has no parts; `..`, a root or a drive would lead out of the folder of the photos.
@@ -94,7 +100,7 @@ fn photo(record: ImageRecord, cameras: &BTreeMap<u32, Camera>) -> Result<Photo, 
         let reason = format!("the image name `{name}` is no path below the folder of the photos");
         return Err(Complaint { reason, advice: "Image names must be relative and free of `..`" });
     }
-    let camera = cameras
+    let &(lens, size) = cameras
         .get(&record.camera)
         .ok_or_else(|| format!("the image {name} refers to the camera {}, which is not in the model", record.camera))?;
     let [w, x, y, z] = record.quaternion;
@@ -106,7 +112,7 @@ fn photo(record: ImageRecord, cameras: &BTreeMap<u32, Camera>) -> Result<Photo, 
         return Err(format!("the image {name} has no pose: {numbers}").into());
     }
     let rotation = DMat3::from_quat(DQuat::from_vec4(DVec4::new(x, y, z, w) / length));
-    Ok(Photo { name, camera: Camera { rotation, translation, ..*camera } })
+    Ok(Photo { name, lens, size, rotation, translation })
 }
 
 /// Adds a point whose colour has 8 bits a channel.

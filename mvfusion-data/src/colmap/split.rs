@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::lists::{LISTS, Lists};
 use super::model::Photo;
 use crate::DataError;
 
@@ -26,7 +27,7 @@ pub(super) struct Moment {
 
 /// What a photo is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Purpose {
+pub(super) enum Purpose {
     Test,
     Train,
     Neither,
@@ -36,23 +37,59 @@ enum Purpose {
 const KEYWORDS: [(&str, Purpose); 3] =
     [("extra", Purpose::Test), ("clutter", Purpose::Train), ("clean", Purpose::Neither)];
 
-/// Parts photos that are sorted by name. `images` is their folder, for messages.
+/// Parts photos that are sorted by name: by the lists if there are any, else by the words in the names, else by LLFF's rule.
+/// `images` is their folder, for messages.
 ///
 /// # Errors
-/// [`DataError::Setting`] if `test_every` is 1, [`DataError::Content`] if a name has a word but no number,
-/// [`DataError::Missing`] if there is nothing to train on.
-pub(super) fn split(photos: Vec<Photo>, test_every: usize, images: &Path) -> Result<Split, DataError> {
+/// [`DataError::Setting`] if `test_every` is 1, [`DataError::Content`] if a name has a word but no number, or a list does
+/// not fit, [`DataError::Missing`] if there is nothing to train on.
+pub(super) fn split(
+    photos: Vec<Photo>,
+    lists: Option<&Lists>,
+    test_every: usize,
+    images: &Path,
+) -> Result<Split, DataError> {
     let count = photos.len();
     let named = photos.iter().any(|photo| purpose(&photo.name).is_some_and(|(_, purpose)| purpose != Purpose::Neither));
-    let split = if named { by_name(photos, images)? } else { by_position(photos, test_every)? };
+    let split = match lists {
+        Some(lists) => by_list(lists.purposes(&photos)?, photos),
+        None if named => by_name(photos, images)?,
+        None => by_position(photos, test_every)?,
+    };
     if split.train.is_empty() {
-        let advice = format!(
-            "The model lists {count} photos. Those with `clutter` in their names train and those with `extra` are held \
-             out; where there are no such names, every photo trains that is not held out"
-        );
+        let rule = match lists {
+            Some(_) => format!("Those in {} train", LISTS[0].0),
+            None => "Those with `clutter` in their names train and those with `extra` are held out; where there are no such \
+                     names, every photo trains that is not held out"
+                .into(),
+        };
+        let advice = format!("The model lists {count} photos. {rule}");
         return Err(DataError::Missing { what: "photo to train on".into(), folder: images.to_owned(), advice });
     }
     Ok(split)
+}
+
+/// By the lists. A photo's time is the number in its name as in [`by_name`] if all names have one, else its position among
+/// all photos.
+fn by_list(purposes: Vec<Purpose>, photos: Vec<Photo>) -> Split {
+    let count = photos.len() as f64;
+    let largest = photos.iter().filter_map(|photo| number(&photo.name)).max().unwrap_or(0).max(1);
+    let listed = || photos.iter().zip(&purposes).filter(|(_, purpose)| **purpose != Purpose::Neither);
+    let numbered = listed().all(|(photo, _)| number(&photo.name).is_some());
+    let rule = format!("by {} and {}", LISTS[0].0, LISTS[1].0);
+    let mut split = Split { train: Vec::new(), test: Vec::new(), unused: 0, rule };
+    for (index, (photo, purpose)) in photos.into_iter().zip(purposes).enumerate() {
+        let time = match number(&photo.name).filter(|_| numbered) {
+            Some(number) => f64::from(number) / f64::from(largest),
+            None => index as f64 / count,
+        };
+        match purpose {
+            Purpose::Train => split.train.push(Moment { photo, time }),
+            Purpose::Test => split.test.push(Moment { photo, time }),
+            Purpose::Neither => split.unused += 1,
+        }
+    }
+    split
 }
 
 /// By the words in the names. A photo's time is the number after the word, divided by the largest such number.
@@ -112,18 +149,26 @@ fn number(name: &str) -> Option<u32> {
 
 #[cfg(test)]
 mod tests {
-    use glam::{DMat3, DVec3};
+    use glam::{DMat3, DVec2, DVec3};
 
     use super::*;
-    use crate::Camera;
+    use crate::lens::{Bend, Lens};
 
     fn photos(names: &[&str]) -> Vec<Photo> {
-        let camera = Camera::centred(48, 32, 40.0, DMat3::IDENTITY, DVec3::ZERO);
-        names.iter().map(|name| Photo { name: (*name).to_owned(), camera }).collect()
+        let size = DVec2::new(48.0, 32.0);
+        let lens = Lens { focal: DVec2::splat(40.0), principal: 0.5 * size, bend: Bend::NONE };
+        let photo = |name: &&str| Photo {
+            name: (*name).to_owned(),
+            lens,
+            size,
+            rotation: DMat3::IDENTITY,
+            translation: DVec3::ZERO,
+        };
+        names.iter().map(photo).collect()
     }
 
     fn parted(names: &[&str], test_every: usize) -> Result<Split, DataError> {
-        split(photos(names), test_every, Path::new("images"))
+        split(photos(names), None, test_every, Path::new("images"))
     }
 
     fn shown(part: &[Moment]) -> Vec<(&str, f64)> {

@@ -3,7 +3,7 @@
 use std::str::FromStr;
 
 use super::files::Complaint;
-use super::lens::{CameraRecord, Lens};
+use super::lens::{CameraRecord, LensModel};
 use super::model::{ImageRecord, push_point};
 use crate::PointCloud;
 
@@ -41,13 +41,13 @@ pub(super) fn points(text: &str) -> Result<PointCloud, Complaint> {
 
 fn camera(fields: &mut Fields) -> Result<CameraRecord, Complaint> {
     let id = fields.number("camera's number")?;
-    let lens = Lens::named(fields.word("camera model")?, id)?;
+    let model = LensModel::named(fields.word("camera model")?, id)?;
     let (width, height) = (fields.number("width")?, fields.number("height")?);
     let mut parameters = Vec::new();
     while !fields.is_empty() {
         parameters.push(fields.number("camera parameter")?);
     }
-    Ok(CameraRecord { id, lens, width, height, parameters })
+    Ok(CameraRecord { id, model, width, height, parameters })
 }
 
 fn image(fields: &mut Fields) -> Result<ImageRecord, Complaint> {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use mvfusion_data::builtin::BuiltinKind;
-use mvfusion_data::neu3d::TimeRule;
+use mvfusion_data::{Format, TimeRule};
 use serde::{Deserialize, Serialize};
 
 /// How the scene is read.
@@ -13,6 +13,9 @@ pub struct SceneConfig {
     /// Folder of the scene; without one, the built-in scene is made. The program's `--data` sets it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub data: Option<PathBuf>,
+    /// Format of the folder; tried in turn if absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub format: Option<Format>,
     /// Kind of the built-in scene, where there is no folder.
     pub kind: SceneKind,
     /// Seed of the built-in scene, apart from the run's, so that seeds of one sweep train on one scene.
@@ -23,6 +26,16 @@ pub struct SceneConfig {
     pub frames: usize,
     /// How a frame's number becomes a time in `[0, 1]`.
     pub time: TimeRule,
+    /// Where nothing says what a photo is for, every so many is held out; 0 holds none out (LLFF: 8).
+    pub test_every: usize,
+    /// Cameras of a video that are held out, such as `["cam00"]`, instead of those that the format holds out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub test_cameras: Option<Vec<String>>,
+    /// Whether black counts in the masks that lie beside the pictures; else white counts, as nerfstudio and COLMAP have it.
+    pub invert_masks: bool,
+    /// Folder in which the decoded frames of videos stay for the next run; else they lie in a temporary one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frame_store: Option<PathBuf>,
 }
 
 /// The kind of the built-in scene.
@@ -30,7 +43,19 @@ pub type SceneKind = BuiltinKind;
 
 impl Default for SceneConfig {
     fn default() -> Self {
-        Self { data: None, kind: SceneKind::Video, seed: 1, downscale: 1.0, frames: 300, time: TimeRule::default() }
+        Self {
+            data: None,
+            format: None,
+            kind: SceneKind::Video,
+            seed: 1,
+            downscale: 1.0,
+            frames: 300,
+            time: TimeRule::default(),
+            test_every: 8,
+            test_cameras: None,
+            invert_masks: false,
+            frame_store: None,
+        }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use burn::tensor::Tensor;
 use image::{GrayImage, RgbImage};
 use mvfusion_data::{Capture, Scene, View};
 use serde::{Deserialize, Serialize};
@@ -10,12 +11,12 @@ use super::metrics::{MaskOverlap, masked_psnr, psnr, ssim};
 use super::render::{ViewPictures, render_view};
 use crate::ModelError;
 use crate::model::{Model, Movement, Surroundings};
-use crate::train::picture_tensor;
+use crate::train::{mask_tensor, picture_tensor};
 
 /// Name of the protocol, written beside every figure: last iteration, PSNR after an 8-bit round trip and averaged over
 /// views, SSIM with zero padding on unrounded pictures, static branch against the clean background.
 pub const PROTOCOL: &str = "mvfusion-1: last iteration; PSNR of 8-bit pictures, mean over views; SSIM 11x11 sigma 1.5 zero-padded; \
-     dynamic region and mask IoU where masks are known, IoU pooled at 0.5";
+     dynamic region and mask IoU where masks are known, IoU pooled at 0.5; pixels that a view's mask ignores are black";
 
 /// Figures of a layer. A figure that is not known is absent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -125,11 +126,10 @@ fn score(
     overlap: &mut MaskOverlap,
 ) -> Result<Scores, ModelError> {
     let photo = view.image.rgb()?;
+    let counted = Counted::of(view)?;
     let mask = view.truth.dynamic_mask.as_ref().map(|mask| mask.mask()).transpose()?;
-    let composed = LayerScores {
-        psnr: psnr(&pictures.composed, &photo),
-        ssim: Some(compare(pictures.composed_tensor.clone(), &photo)?),
-    };
+    let mask = mask.map(|mask| counted.within(mask));
+    let composed = counted.compare(&pictures.composed, &pictures.composed_tensor, &photo)?;
     let dynamic_region = mask.as_ref().and_then(|mask| region(&pictures.composed, &photo, mask));
     let mut mask_iou = None;
     if let (Some(mask), Some(layers)) = (&mask, &pictures.branches) {
@@ -139,10 +139,7 @@ fn score(
         mask_iou = own.ratio();
     }
     let static_ = match (&pictures.branches, clean) {
-        (Some(layers), Some(clean)) => Some(LayerScores {
-            psnr: psnr(&layers.static_, clean),
-            ssim: Some(compare(layers.static_tensor.clone(), clean)?),
-        }),
+        (Some(layers), Some(clean)) => Some(counted.compare(&layers.static_, &layers.static_tensor, clean)?),
         _ => None,
     };
     Ok(Scores { composed, static_, dynamic_region, mask_iou })
@@ -152,9 +149,50 @@ fn region(picture: &RgbImage, photo: &RgbImage, mask: &GrayImage) -> Option<Laye
     masked_psnr(picture, photo, mask).map(|psnr| LayerScores { psnr: Some(psnr), ssim: None })
 }
 
-fn compare(picture: burn::tensor::Tensor<4>, reference: &RgbImage) -> Result<f64, ModelError> {
-    let reference = picture_tensor(reference, &picture.device());
-    ssim(picture, reference)
+/// Which pixels of a view count; both pictures are black elsewhere, as nerfbaselines has it.
+struct Counted(Option<GrayImage>);
+
+impl Counted {
+    fn of(view: &View) -> Result<Self, ModelError> {
+        Ok(Self(view.mask.as_ref().map(|mask| mask.read()).transpose()?))
+    }
+
+    /// The figures of a picture, given in 8 bits and in full precision.
+    fn compare(&self, picture: &RgbImage, exact: &Tensor<4>, reference: &RgbImage) -> Result<LayerScores, ModelError> {
+        let device = exact.device();
+        let reference_tensor = picture_tensor(reference, &device);
+        let Some(mask) = &self.0 else {
+            return Ok(LayerScores {
+                psnr: psnr(picture, reference),
+                ssim: Some(ssim(exact.clone(), reference_tensor)?),
+            });
+        };
+        let counted = mask_tensor(mask, &device);
+        Ok(LayerScores {
+            psnr: psnr(&blackened(picture, mask), &blackened(reference, mask)),
+            ssim: Some(ssim(exact.clone() * counted.clone(), reference_tensor * counted)?),
+        })
+    }
+
+    /// A mask, black where pixels do not count.
+    fn within(&self, mut mask: GrayImage) -> GrayImage {
+        if let Some(counted) = &self.0 {
+            for (pixel, counted) in mask.pixels_mut().zip(counted.pixels()) {
+                pixel.0[0] = pixel.0[0].min(counted.0[0]);
+            }
+        }
+        mask
+    }
+}
+
+fn blackened(picture: &RgbImage, mask: &GrayImage) -> RgbImage {
+    let mut picture = picture.clone();
+    for (pixel, counted) in picture.pixels_mut().zip(mask.pixels()) {
+        if counted.0[0] == 0 {
+            pixel.0 = [0; 3];
+        }
+    }
+    picture
 }
 
 /// Means over the views that have the figure; absent if none has.

@@ -28,10 +28,36 @@ pub struct Pictures {
     pub static_depth: Tensor<4>,
 }
 
+impl Pictures {
+    /// The pictures with their colours black where the photos do not count (`[B, 1, H, W]`: 1 where they do), as the photos
+    /// are there: no comparison with a photo sees what is drawn there. Terms that compare with none (order of depths, entropy of
+    /// the mask, brightness) hold everywhere.
+    pub fn within(self, counted: Option<&Tensor<4>>) -> Self {
+        let blend = self.composition;
+        let composition = Composition {
+            composed: within(blend.composed, counted),
+            dynamic: within(blend.dynamic, counted),
+            static_: within(blend.static_, counted),
+            lit: within(blend.lit, counted),
+            ..blend
+        };
+        Self { composition, ..self }
+    }
+}
+
+/// A picture, black where the photos do not count.
+pub fn within(picture: Tensor<4>, counted: Option<&Tensor<4>>) -> Tensor<4> {
+    match counted {
+        // The mask is a constant of the graph.
+        Some(counted) => picture * Tensor::from_inner(counted.clone()),
+        None => picture,
+    }
+}
+
 /// What the losses compare with, and where training stands.
 #[derive(Clone, Debug)]
 pub struct LossContext<'a> {
-    /// The photos: `[B, 3, H, W]` in `[0, 1]`.
+    /// The photos, black where they do not count: `[B, 3, H, W]` in `[0, 1]`.
     pub photos: &'a Tensor<4>,
     /// Weights.
     pub config: &'a crate::config::LossConfig,

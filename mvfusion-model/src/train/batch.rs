@@ -1,44 +1,49 @@
 //! The training views and the order in which they are shown.
 
-use std::sync::Arc;
-
 use burn::tensor::{Device, Tensor, TensorData};
-use image::RgbImage;
-use mvfusion_data::{Camera, Scene, View};
-use rayon::prelude::*;
+use image::{GrayImage, RgbImage};
+use mvfusion_data::{Camera, Decoded, PictureCache, Scene};
 use serde::{Deserialize, Serialize};
 
 use crate::ModelError;
 use crate::random::Stream;
 
-/// The training views, decoded.
-#[derive(Clone, Debug)]
+/// The training views.
+#[derive(Debug)]
 pub struct Photos {
     views: Vec<Photo>,
+    pictures: PictureCache,
 }
 
 /// One training view.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Photo {
     /// The camera.
     pub camera: Camera,
     /// The moment.
     pub time: f64,
-    /// The pixels.
-    pub pixels: Arc<RgbImage>,
+}
+
+/// What a batch is compared with. Without autodiff.
+#[derive(Clone, Debug)]
+pub struct Batch {
+    /// The photos, black where they do not count: `[B, 3, H, W]` in `[0, 1]`.
+    pub photos: Tensor<4>,
+    /// 1 where they count, else 0: `[B, 1, H, W]`; absent if they count everywhere.
+    pub counted: Option<Tensor<4>>,
 }
 
 impl Photos {
-    /// Decodes every training view of a scene.
-    ///
-    /// # Errors
-    /// If a picture cannot be read. That all have one size, as batches need, the readers see to.
-    pub fn load(scene: &Scene) -> Result<Self, ModelError> {
-        let load = |view: &View| -> Result<Photo, ModelError> {
-            Ok(Photo { camera: view.camera, time: view.time, pixels: view.image.rgb()? })
-        };
-        let views = scene.train.par_iter().map(load).collect::<Result<Vec<_>, _>>()?;
-        Ok(Self { views })
+    /// The training views of a scene, of which at most `budget` bytes are kept decoded. Nothing is decoded yet. That all
+    /// pictures have one size, as batches need, the readers see to.
+    pub fn new(scene: &Scene, budget: u64) -> Self {
+        let views = scene.train.iter().map(|view| Photo { camera: view.camera, time: view.time }).collect();
+        Self { views, pictures: PictureCache::new(&scene.train, budget, rayon::current_num_threads()) }
+    }
+
+    /// The pictures.
+    pub fn pictures(&self) -> &PictureCache {
+        &self.pictures
     }
 
     /// Number of views.
@@ -56,10 +61,22 @@ impl Photos {
         &self.views[index]
     }
 
-    /// The given views as one batch `[B, 3, H, W]` in `[0, 1]`, without autodiff.
-    pub fn stack(&self, indices: &[usize], device: &Device) -> Tensor<4> {
-        let pictures = indices.iter().map(|&index| picture_tensor(&self.views[index].pixels, device)).collect();
-        Tensor::cat(pictures, 0)
+    /// The given views as one batch.
+    ///
+    /// # Errors
+    /// If a picture cannot be read.
+    pub fn stack(&self, indices: &[usize], device: &Device) -> Result<Batch, ModelError> {
+        let decoded = indices.iter().map(|&index| self.pictures.get(index)).collect::<Result<Vec<_>, _>>()?;
+        let photos = Tensor::cat(decoded.iter().map(|photo| picture_tensor(&photo.rgb, device)).collect(), 0);
+        if decoded.iter().all(|photo| photo.counted.is_none()) {
+            return Ok(Batch { photos, counted: None });
+        }
+        let mask = |photo: &Decoded| match &photo.counted {
+            Some(mask) => mask_tensor(mask, device),
+            None => Tensor::ones([1, 1, photo.rgb.height() as usize, photo.rgb.width() as usize], &inner(device)),
+        };
+        let counted = Tensor::cat(decoded.iter().map(mask).collect(), 0);
+        Ok(Batch { photos: photos * counted.clone(), counted: Some(counted) })
     }
 }
 
@@ -69,7 +86,18 @@ pub fn picture_tensor(picture: &RgbImage, device: &Device) -> Tensor<4> {
     let bytes = picture.as_raw();
     let planes: Vec<f32> =
         (0..3).flat_map(|channel| bytes.iter().skip(channel).step_by(3).map(|&byte| f32::from(byte) / 255.0)).collect();
-    Tensor::from_data(TensorData::new(planes, [1, 3, height, width]), &device.clone().inner())
+    Tensor::from_data(TensorData::new(planes, [1, 3, height, width]), &inner(device))
+}
+
+/// A mask as `[1, 1, H, W]`: 1 where it is white.
+pub fn mask_tensor(mask: &GrayImage, device: &Device) -> Tensor<4> {
+    let values: Vec<f32> = mask.as_raw().iter().map(|&byte| f32::from(byte) / 255.0).collect();
+    let shape = [1, 1, mask.height() as usize, mask.width() as usize];
+    Tensor::from_data(TensorData::new(values, shape), &inner(device))
+}
+
+fn inner(device: &Device) -> Device {
+    device.clone().inner()
 }
 
 /// Draws views without replacement; a new round begins when all were shown (METHOD §4.2).
@@ -93,6 +121,11 @@ impl Sampler {
         };
         (0..size).map(next).collect()
     }
+
+    /// The next `size` views that will be drawn, without drawing them.
+    pub fn upcoming(&self, size: usize, count: usize, stream: &Stream) -> Vec<usize> {
+        self.clone().draw(size, count, &mut stream.clone())
+    }
 }
 
 #[cfg(test)]
@@ -107,6 +140,15 @@ mod tests {
         shown.sort_unstable();
         assert_eq!(shown, (0..12).collect::<Vec<_>>());
         assert!(sampler.round_ended);
+    }
+
+    #[test]
+    fn what_is_upcoming_is_drawn_next() {
+        let (mut sampler, mut stream) = (Sampler::default(), Stream::new(3, 0));
+        sampler.draw(5, 7, &mut stream);
+        let upcoming = sampler.upcoming(9, 7, &stream);
+        let drawn: Vec<usize> = (0..3).flat_map(|_| sampler.draw(3, 7, &mut stream)).collect();
+        assert_eq!(drawn, upcoming);
     }
 
     #[test]

@@ -13,10 +13,10 @@ mod trainer;
 mod turn;
 mod update;
 
-pub use batch::{Photos, Sampler, picture_tensor};
+pub use batch::{Batch, Photos, Sampler, mask_tensor, picture_tensor};
 pub use checkpoint::{load_model, parameter_hash};
 pub use contribution::Contribution;
 pub use stage::{Position, Stage};
 pub use state::TrainState;
 pub use step::StepLoss;
-pub use trainer::{Trainer, final_movement};
+pub use trainer::{IMAGE_CACHE, Trainer, final_movement};

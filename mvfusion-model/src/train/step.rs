@@ -7,10 +7,10 @@ use mvfusion_render::splat::{SplatLayers, SplatPicture};
 
 use super::finite::Findings;
 use super::parameters::Sink;
-use super::{Position, Trainer};
+use super::{Batch, Position, Trainer};
 use crate::ModelError;
 use crate::composition::{Blending, Layers};
-use crate::loss::{LossContext, LossSchedule, Pictures, light_loss, main_loss, single_loss};
+use crate::loss::{LossContext, LossSchedule, Pictures, light_loss, main_loss, single_loss, within};
 use crate::model::{BranchPictures, Movement, Probes};
 
 use super::Stage;
@@ -20,7 +20,7 @@ use super::Stage;
 pub struct StepLoss {
     /// Main and light loss together.
     pub total: Tensor<1>,
-    /// Mean squared error of the composed pictures.
+    /// Mean squared error of the composed pictures, where the photos count.
     pub squared_error: Tensor<1>,
 }
 
@@ -74,7 +74,8 @@ impl Trainer {
         };
         let rendered = views.iter().map(render).collect::<Result<Vec<_>, _>>()?;
 
-        let (total, loss) = measure(Part::Loss, || self.losses(&rendered, views, movement, position))?;
+        let batch = measure(Part::Photos, || self.photos.stack(views, &self.device))?;
+        let (total, loss) = measure(Part::Loss, || self.losses(&rendered, &batch, movement, position))?;
         Ok(Forward {
             total,
             loss,
@@ -92,33 +93,38 @@ impl Trainer {
     fn losses(
         &self,
         rendered: &[BranchPictures],
-        views: &[usize],
+        batch: &Batch,
         movement: Movement,
         position: &Position,
     ) -> Result<(Tensor<1>, StepLoss), ModelError> {
         let model = &self.state.model;
-        let photos = self.photos.stack(views, &self.device);
-        let context = self.loss_context(&photos, position);
+        let context = self.loss_context(&batch.photos, position);
+        let counted = batch.counted.as_ref();
         let (mut total, composed) = match &model.static_ {
             Some(static_) => {
                 let blending =
                     if position.stage == Stage::Geometry { Blending::Geometry } else { Blending::Deformation };
-                let main = pictures(rendered, Copy::Main, blending);
-                let light = pictures(rendered, Copy::Light, blending);
+                let main = pictures(rendered, Copy::Main, blending).within(counted);
+                let light = pictures(rendered, Copy::Light, blending).within(counted);
                 let log_scales = [&model.dynamic, static_].map(|branch| branch.gaussians.log_scales.val());
                 let loss = main_loss(&main, &context) + light_loss(&light, log_scales, &context);
                 (loss, main.composition.composed)
             }
             None => {
-                let composed = stack(rendered, |view| view.dynamic.main().colour);
+                let composed = within(stack(rendered, |view| view.dynamic.main().colour), counted);
                 (single_loss(composed.clone(), &context), composed)
             }
         };
         if movement != Movement::Still {
             total = total + self.grid_penalty()?;
         }
-        let difference = composed.inner() - photos;
-        let loss = StepLoss { total: total.clone().inner(), squared_error: difference.powf_scalar(2.0).mean() };
+        let squared_error = (composed.inner() - batch.photos.clone()).powf_scalar(2.0).mean();
+        let squared_error = match &batch.counted {
+            // A batch that counts nowhere has no error.
+            Some(counted) => squared_error / counted.clone().mean().clamp_min(f32::EPSILON),
+            None => squared_error,
+        };
+        let loss = StepLoss { total: total.clone().inner(), squared_error };
         Ok((total, loss))
     }
 

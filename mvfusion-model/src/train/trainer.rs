@@ -14,6 +14,12 @@ use crate::model::{Movement, Surroundings};
 use crate::timeline::Timeline;
 use crate::{ModelError, tensors};
 
+/// Bytes of decoded pictures that are kept unless somebody asks for another number: 4 GiB.
+pub const IMAGE_CACHE: u64 = 4 << 30;
+
+/// How many pictures beyond a step's are decoded ahead.
+const LOOK_AHEAD: usize = 32;
+
 /// Trains a model on a scene, step by step.
 #[derive(Debug)]
 pub struct Trainer {
@@ -29,22 +35,29 @@ impl Trainer {
     /// A trainer before its first step. `config` counts real steps: `train.scale` was applied already.
     ///
     /// # Errors
-    /// If the scene's pictures cannot be read or the configuration cannot be trained.
+    /// If the configuration cannot be trained.
     pub fn new(config: Config, scene: &Scene, device: &Device) -> Result<Self, ModelError> {
         config.check()?;
         let device = device.clone().autodiff();
         let state = TrainState::new(&config, scene, &device)?;
-        Self::with_state(config, scene, &device, state)
+        Ok(Self::with_state(config, scene, &device, state))
     }
 
     /// A trainer that goes on from a state.
+    pub fn with_state(config: Config, scene: &Scene, device: &Device, state: TrainState) -> Self {
+        let surroundings = Surroundings::new(&config, scene);
+        let photos = Photos::new(scene, IMAGE_CACHE);
+        Self { config, surroundings, photos, windows: Windows::default(), device: device.clone(), state }
+    }
+
+    /// Keeps at most `budget` bytes of decoded pictures instead of [`IMAGE_CACHE`]. If they all fit, they are decoded now.
     ///
     /// # Errors
-    /// If the scene's pictures cannot be read.
-    pub fn with_state(config: Config, scene: &Scene, device: &Device, state: TrainState) -> Result<Self, ModelError> {
-        let surroundings = Surroundings::new(&config, scene);
-        let photos = Photos::load(scene)?;
-        Ok(Self { config, surroundings, photos, windows: Windows::default(), device: device.clone(), state })
+    /// If one of them cannot be read then.
+    pub fn with_image_cache(self, scene: &Scene, budget: u64) -> Result<Self, ModelError> {
+        let photos = Photos::new(scene, budget);
+        photos.pictures().fill()?;
+        Ok(Self { photos, ..self })
     }
 
     /// The next step, or `None` when training is over.
@@ -59,8 +72,7 @@ impl Trainer {
     pub fn step(&mut self) -> Result<Option<StepLoss>, ModelError> {
         let Some(position) = self.position() else { return Ok(None) };
         self.enter(&position)?;
-        let views =
-            self.state.sampler.draw(self.config.train.batch_size, self.photos.len(), &mut self.state.streams.sampling);
+        let views = self.draw();
         let forward = self.forward(&views, &position)?;
         let loss = forward.loss.clone();
         self.check_loss(&forward, &position)?;
@@ -76,6 +88,14 @@ impl Trainer {
         }
         self.state.completed += 1;
         Ok(Some(loss))
+    }
+
+    /// The views of the next step. Those after them are decoded while this step is computed.
+    fn draw(&mut self) -> Vec<usize> {
+        let (size, count) = (self.config.train.batch_size, self.photos.len());
+        let TrainState { sampler, streams, .. } = &mut self.state;
+        self.photos.pictures().announce(&sampler.upcoming(size + LOOK_AHEAD, count, &streams.sampling));
+        sampler.draw(size, count, &mut streams.sampling)
     }
 
     /// What happens before a step: a stage may begin, colours may gain a degree.

@@ -5,9 +5,11 @@
 mod allocations;
 mod child;
 mod differences;
+mod layouts;
 mod margins;
 mod memory;
 mod network_gradients;
+mod pictures;
 mod splat_gradients;
 mod start;
 mod training;

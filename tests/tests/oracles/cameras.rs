@@ -6,8 +6,8 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use burn::tensor::Device;
 use glam::{DMat3, DVec3};
-use mvfusion_data::neu3d::{Neu3dOptions, ROW, TimeRule, camera_from_row};
-use mvfusion_data::{Camera, ReadOptions, Scene};
+use mvfusion_data::neu3d::{ROW, camera_from_row};
+use mvfusion_data::{Camera, ReadOptions, Scene, TimeRule};
 use mvfusion_tests::{Array, Checklist, Tolerance};
 use npyz::WriterBuilder;
 
@@ -104,8 +104,7 @@ fn read_back(folder: &Path, rows: &Array, frames: usize) -> Result<Scene> {
         .begin_nd()?;
     writer.extend(rows.values.iter())?;
     writer.finish()?;
-    let neu3d = Neu3dOptions { time: TimeRule::FrameOver300, ..Neu3dOptions::default() };
-    let options = ReadOptions { neu3d, ..ReadOptions::default() };
+    let options = ReadOptions { time: TimeRule::FrameOver300, ..ReadOptions::default() };
     Ok(mvfusion_data::open(folder, &options)?)
 }
 

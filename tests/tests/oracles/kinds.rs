@@ -5,7 +5,8 @@ use burn::tensor::Device;
 
 use crate::archive::Archive;
 use crate::{
-    cameras, clouds, composition, densify, hexplane, images, losses, network, refinement, schedule, splat, statistics,
+    cameras, clouds, composition, densify, hexplane, images, lenses, losses, network, refinement, schedule, splat,
+    statistics,
 };
 
 /// A check of one file on one device (without autodiff).
@@ -61,7 +62,7 @@ pub const KINDS: &[Kind] = &[
     checked("motion_forward", refinement::check, refinement::LEFT_OUT),
     checked("loss_coarse", losses::check_geometry, &[]),
     checked("loss_fine", losses::check_deformation, &[]),
-    later("undistort", "lens distortion comes with the reader of photo collections"),
+    checked("undistort", lenses::check, lenses::LEFT_OUT),
     later("grads", "LPIPS comes with the evaluation protocols"),
 ];
 

@@ -7,12 +7,14 @@
 
 mod archive;
 mod cameras;
+mod captures;
 mod clouds;
 mod composition;
 mod densify;
 mod hexplane;
 mod images;
 mod kinds;
+mod lenses;
 mod losses;
 mod network;
 mod own;
@@ -44,6 +46,7 @@ fn main() -> ExitCode {
         trials.extend(parity::trials(backend));
         trials.extend(shared(backend));
     }
+    trials.extend(captures::trials(root().as_deref()));
     for backend in gpu_backends() {
         if is_there(backend) {
             trials.extend(training::trials(backend));
@@ -54,9 +57,14 @@ fn main() -> ExitCode {
     libtest_mimic::run(&arguments, trials).exit_code()
 }
 
+/// The folder that [`FOLDER`] names, if it is there.
+fn root() -> Option<PathBuf> {
+    std::env::var_os(FOLDER).map(PathBuf::from).filter(|root| root.is_dir())
+}
+
 /// The trials of the folder of oracles.
 fn shared(backend: Backend) -> Vec<Trial> {
-    let root = std::env::var_os(FOLDER).map(PathBuf::from).filter(|root| root.is_dir());
+    let root = root();
     let files: Vec<(&str, PathBuf)> = match &root {
         Some(root) => kinds::FOLDERS.iter().flat_map(|folder| npz_files(&root.join(folder), folder)).collect(),
         None => Vec::new(),

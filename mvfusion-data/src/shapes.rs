@@ -1,43 +1,40 @@
-//! Whether photos may be those that a model's cameras were made for.
+//! Whether pictures may be those that their cameras were made for.
 
 use std::path::Path;
 
 use tracing::info;
 
-use super::model::Photo;
 use crate::DataError;
+use crate::shot::{FrameLens, Shot};
 
-/// Makes sure that photos of `size` pixels have the shape of their cameras' pictures, if perhaps scaled.
+/// Makes sure that pictures of `size` pixels have the shape of those that their lenses are for, if perhaps scaled.
 ///
 /// # Errors
 /// [`DataError::Disagreement`] if no common factor leads from the one to the other.
-pub(super) fn check_shapes<'a>(
-    folder: &Path,
-    (width, height): (u32, u32),
-    photos: impl Iterator<Item = &'a Photo>,
-) -> Result<(), DataError> {
+pub(crate) fn check_shapes(folder: &Path, (width, height): (u32, u32), shots: &[Shot]) -> Result<(), DataError> {
     let mut scaled = None;
-    for photo in photos {
-        let full = (photo.camera.width as f64, photo.camera.height as f64);
-        if full == (f64::from(width), f64::from(height)) {
+    for shot in shots {
+        let FrameLens::Known { size: full, .. } = shot.lens else { continue };
+        if (full.x, full.y) == (f64::from(width), f64::from(height)) {
             continue;
         }
-        if !is_scaled(full, (f64::from(width), f64::from(height))) {
-            let (full_width, full_height) = full;
+        if !is_scaled((full.x, full.y), (f64::from(width), f64::from(height))) {
             return Err(DataError::Disagreement {
                 folder: folder.to_owned(),
-                first: format!("the photos have {width} x {height} pixels"),
-                second: format!("the camera of {} in the model has {full_width} x {full_height}", photo.name),
-                advice: "Use the photos that the model was made from, or copies scaled by one factor along both sides"
-                    .into(),
+                first: format!("the pictures have {width} x {height} pixels"),
+                second: format!("the camera of {} is for {} x {}", shot.name, full.x, full.y),
+                advice:
+                    "Use the pictures that the cameras were made from, or copies scaled by one factor along both sides"
+                        .into(),
             });
         }
         scaled = Some(full);
     }
-    if let Some((full_width, full_height)) = scaled {
+    if let Some(full) = scaled {
         info!(
-            "the photos have {width}x{height} pixels, the model's cameras {full_width}x{full_height}: \
-             focal lengths and principal points are scaled to the photos"
+            "the pictures have {width}x{height} pixels, their cameras are for {}x{}: \
+             focal lengths and principal points are scaled to the pictures",
+            full.x, full.y
         );
     }
     Ok(())

@@ -1,0 +1,170 @@
+//! `mvfusion check`.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::bail;
+use bytesize::ByteSize;
+use mvfusion_data::Scene;
+use mvfusion_data::inspect::{
+    ContactSheet, Inspection, Pictures, Problem, Severity, Summary, inspect, points_over_photos,
+};
+use mvfusion_model::Config;
+use mvfusion_model::memory::MemoryNeed;
+use mvfusion_model::train::IMAGE_CACHE;
+use serde::Serialize;
+
+use crate::args::CheckArgs;
+use crate::progress::Talk;
+use crate::{atomic, config, scene};
+
+/// Photos on the picture of the points.
+const PHOTOS: usize = 9;
+
+/// Pixels along the longer side of that picture at most.
+const LARGEST_SIDE: u32 = 1800;
+
+/// Width of the first column.
+const LABEL: usize = 12;
+
+/// What was found, for scripts.
+#[derive(Serialize)]
+struct Report<'a> {
+    folder: &'a Path,
+    #[serde(flatten)]
+    inspection: &'a Inspection,
+    /// Whether training could start.
+    can_train: bool,
+    /// Bytes that training needs; absent if the scene could not be read.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    memory: Option<MemoryNeed>,
+    /// The picture of the points.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    picture: Option<&'a Path>,
+}
+
+/// Looks a scene over and tells what was found, what is wrong and what to do.
+///
+/// # Errors
+/// If training could not start, once everything was said; if the command line is wrong, or a file cannot be written.
+pub fn check(args: &CheckArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<()> {
+    let resolved = config::resolve(&args.layers, Some(&args.folder))?;
+    let folder = std::path::absolute(&args.folder)?;
+    let pictures = if args.quick { Pictures::Sampled } else { Pictures::Decoded };
+    if pictures == Pictures::Decoded {
+        talk.note("decoding every picture (--quick decodes a few)");
+    }
+    let (inspection, scene) = inspect(&folder, &scene::read_options(&resolved.config), pictures);
+    let memory = scene.as_ref().map(|scene| need(&resolved.config, scene));
+    let wanted = scene.as_ref().filter(|_| inspection.can_train() && !args.no_picture);
+    let drawn = wanted.map(|scene| draw(scene, args.picture.clone().unwrap_or_else(|| default_picture(&folder))));
+    if args.json {
+        let can_train = inspection.can_train();
+        let picture = drawn.as_ref().and_then(|drawn| Some(drawn.as_ref().ok()?.path.as_path()));
+        let report = Report { folder: &folder, inspection: &inspection, can_train, memory, picture };
+        serde_json::to_writer_pretty(&mut *out, &report)?;
+        writeln!(out)?;
+    } else {
+        tell(&inspection, &folder, out)?;
+        if let Some(memory) = memory {
+            line(out, "memory", &memory_sentence(&memory))?;
+            line(out, "preset", resolved.preset.name)?;
+        }
+        if let Some(Ok(drawn)) = &drawn {
+            line(out, "look at", &drawn.sentence())?;
+        }
+        inspection.problems.iter().try_for_each(|problem| tell_problem(problem, out))?;
+    }
+    // What was found is told, whatever becomes of the picture.
+    drawn.transpose()?;
+    let errors = inspection.problems.iter().filter(|problem| problem.severity == Severity::Error).count();
+    if errors > 0 {
+        bail!("training could not start on {}: {errors} of the problems above are errors", folder.display());
+    }
+    Ok(())
+}
+
+fn need(config: &Config, scene: &Scene) -> MemoryNeed {
+    MemoryNeed::of(&config.scaled(), scene, IMAGE_CACHE)
+}
+
+/// `check-NAME.png` in the folder in which the program was started.
+fn default_picture(folder: &Path) -> PathBuf {
+    let name = folder.file_name().map_or("scene".into(), |name| name.to_string_lossy());
+    PathBuf::from(format!("check-{name}.png"))
+}
+
+fn line(out: &mut dyn Write, label: &str, text: &str) -> std::io::Result<()> {
+    writeln!(out, "{label:LABEL$}{text}")
+}
+
+fn tell(inspection: &Inspection, folder: &Path, out: &mut dyn Write) -> std::io::Result<()> {
+    line(out, "folder", &folder.display().to_string())?;
+    line(out, "format", inspection.format.map_or("none that is known", |format| format.name()))?;
+    inspection.summary.as_ref().map_or(Ok(()), |summary| tell_summary(summary, out))
+}
+
+fn tell_summary(scene: &Summary, out: &mut dyn Write) -> std::io::Result<()> {
+    let [least, most] = scene.views_per_camera;
+    let per_camera = if least == most { most.to_string() } else { format!("{least} to {most}") };
+    let [narrow, wide] = scene.field_of_view;
+    let angle = if wide - narrow < 0.5 { format!("{wide:.0}°") } else { format!("{narrow:.0}° to {wide:.0}°") };
+    line(out, "cameras", &format!("{} with {per_camera} views each, {angle} wide", scene.cameras))?;
+    let size = format!("{}x{}", scene.width, scene.height);
+    let decoded = ByteSize(scene.decoded_bytes);
+    let extras = [(scene.straightened, "are straightened as they are read"), (scene.masked, "have masks")];
+    let extras = extras.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("; {count} {what}"));
+    line(out, "pictures", &format!("{size}, {decoded} decoded{}", extras.collect::<String>()))?;
+    line(out, "views", &format!("{} to train on, {} held out", scene.train, scene.test))?;
+    let [first, last] = scene.times;
+    line(out, "times", &format!("{} moments from {first:.3} to {last:.3}", scene.moments))?;
+    let near = scene.near.map_or(String::new(), |near| format!(", nothing nearer than {near:.3}"));
+    line(out, "extent", &format!("{:.3} units around the cameras{near}", scene.extent))?;
+    let seen =
+        scene.points_seen.map_or(String::new(), |share| format!(", {:.0} % of them in a picture", 100.0 * share));
+    let agreement = scene.colour_agreement;
+    let agreement = agreement.map_or(String::new(), |value| format!(", colours agree with the photos by {value:.2}"));
+    line(out, "points", &format!("{}{seen}{agreement}", scene.points))
+}
+
+fn memory_sentence(need: &MemoryNeed) -> String {
+    let size = |bytes: f64| ByteSize(bytes as u64);
+    let host = need.program + need.pictures;
+    format!(
+        "about {} at the start, {} with all Gaussians that the configuration allows; on a GPU {} of it, or {}, are there",
+        size(host + need.start),
+        size(host + need.most),
+        size(need.start),
+        size(need.most)
+    )
+}
+
+/// The picture of the points.
+struct Drawn {
+    path: PathBuf,
+    sheet: ContactSheet,
+}
+
+fn draw(scene: &Scene, path: PathBuf) -> anyhow::Result<Drawn> {
+    let sheet = points_over_photos(scene, PHOTOS, LARGEST_SIDE)?;
+    atomic::write_png(&path, sheet.image.clone())?;
+    Ok(Drawn { path, sheet })
+}
+
+impl Drawn {
+    fn sentence(&self) -> String {
+        let rows: Vec<String> = self.sheet.names.chunks(self.sheet.columns).map(|row| row.join(", ")).collect();
+        let indent = format!("\n{:LABEL$}", "");
+        let path = self.path.display();
+        format!("{path}: the points (near red, far blue) must lie on what they belong to{indent}{}", rows.join(&indent))
+    }
+}
+
+fn tell_problem(problem: &Problem, out: &mut dyn Write) -> std::io::Result<()> {
+    let severity = match problem.severity {
+        Severity::Error => "error",
+        Severity::Warning => "warning",
+        Severity::Note => "note",
+    };
+    writeln!(out, "{severity}: {}.\n  {}", problem.what, problem.remedy)
+}

@@ -1,0 +1,47 @@
+//! `mvfusion synth`.
+
+use std::io::Write;
+
+use mvfusion_data::{BuiltinKind, BuiltinOptions, Capture, builtin};
+
+use crate::args::SynthArgs;
+use crate::progress::Talk;
+use crate::scene;
+
+/// Writes a built-in scene in a layout of the field, with its ground truth beside it.
+///
+/// # Errors
+/// If something lies in the folder, or a file cannot be written.
+pub fn synth(args: &SynthArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<()> {
+    let kind = match args.layout.capture() {
+        Capture::Video => BuiltinKind::Video,
+        Capture::Photos => BuiltinKind::Casual,
+    };
+    let (width, height) = args.size;
+    let defaults = BuiltinOptions::of_kind(kind);
+    let options = BuiltinOptions {
+        seed: args.seed,
+        width,
+        height,
+        frames: args.frames.map_or(defaults.frames, usize::from),
+        photos: args.photos.map_or(defaults.photos, usize::from),
+        ..defaults
+    };
+    let scene = builtin::builtin(&options);
+    talk.note(&format!("scene:  {}", scene::describe(&scene)));
+    mvfusion_data::write::write(&scene, args.layout, &args.out)?;
+    writeln!(out, "{}", args.out.display())?;
+    Ok(())
+}
+
+/// Takes the size of pictures, `160x120`.
+///
+/// # Errors
+/// If it is none.
+pub fn parse_size(text: &str) -> Result<(usize, usize), String> {
+    let sides = text.split_once('x').and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)));
+    match sides {
+        Some((width, height)) if width >= 16 && height >= 16 => Ok((width, height)),
+        _ => Err("a size is written as 160x120, and each side has at least 16 pixels".to_owned()),
+    }
+}

@@ -1,0 +1,195 @@
+//! Whether pictures and masks can be decoded, and whether they show something.
+
+use std::collections::BTreeMap;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::path::Path;
+
+use image::RgbImage;
+use image::imageops::{self, FilterType};
+use rayon::prelude::*;
+
+use super::Pictures;
+use super::problem::{Problem, Subject, count, few, percent};
+use super::rig::all_views;
+use crate::{DataError, Scene, View};
+
+/// Broken files that are listed; the others are counted.
+const LISTED: usize = 20;
+/// Levels that the pixels of a picture of one colour may differ by.
+const NOISE: u8 = 2;
+/// Largest side of the copies to which the points are compared.
+const THUMBNAIL: u32 = 480;
+/// Share of pixels that a mask must leave at the least.
+const NOTHING: f64 = 0.01;
+/// Share of pixels, over all masks, below which they may be inverted.
+const LITTLE: f64 = 0.5;
+
+/// What is remembered of a view's picture after it was decoded.
+pub(super) struct Look {
+    /// Equal for equal pictures.
+    digest: u64,
+    /// Whether it shows one colour.
+    blank: bool,
+    /// Share of the pixels that its mask leaves, if it has one.
+    kept: Option<f64>,
+    /// A small copy, of the witnesses' pictures only.
+    pub(super) thumbnail: Option<RgbImage>,
+}
+
+/// A view whose picture was decoded, or could not be.
+pub(super) struct Looked<'a> {
+    view: &'a View,
+    pub(super) look: Result<Look, Vec<DataError>>,
+}
+
+/// Decodes pictures and masks, by the numbers of their views. `witnesses` are those of which a small copy is kept.
+pub(super) fn look<'a>(scene: &'a Scene, pictures: Pictures, witnesses: &[usize]) -> BTreeMap<usize, Looked<'a>> {
+    let views: Vec<(usize, &View)> = match pictures {
+        Pictures::Headers => Vec::new(),
+        Pictures::Sampled => all_views(scene).enumerate().filter(|(number, _)| witnesses.contains(number)).collect(),
+        Pictures::Decoded => all_views(scene).enumerate().collect(),
+    };
+    let look =
+        |(number, view): (usize, &'a View)| (number, Looked { view, look: look_at(view, witnesses.contains(&number)) });
+    views.into_par_iter().map(look).collect()
+}
+
+fn look_at(view: &View, is_witness: bool) -> Result<Look, Vec<DataError>> {
+    let kept = view.mask.as_ref().map(|mask| mask.read()).transpose();
+    let (picture, kept) = match (view.image.rgb(), kept) {
+        (Ok(picture), Ok(kept)) => (picture, kept),
+        (picture, kept) => return Err([picture.err(), kept.err()].into_iter().flatten().collect()),
+    };
+    let mut hasher = DefaultHasher::new();
+    (picture.dimensions(), picture.as_raw()).hash(&mut hasher);
+    let share = |mask: image::GrayImage| {
+        mask.pixels().filter(|pixel| pixel.0[0] > 0).count() as f64 / f64::from(mask.width() * mask.height()).max(1.0)
+    };
+    Ok(Look {
+        digest: hasher.finish(),
+        blank: is_blank(&picture),
+        kept: kept.map(share),
+        thumbnail: is_witness.then(|| thumbnail(&picture)),
+    })
+}
+
+fn is_blank(picture: &RgbImage) -> bool {
+    let Some(first) = picture.pixels().next() else { return true };
+    let mut ranges = first.0.map(|channel| (channel, channel));
+    picture.pixels().all(|pixel| {
+        ranges.iter_mut().zip(pixel.0).all(|((low, high), channel)| {
+            (*low, *high) = ((*low).min(channel), (*high).max(channel));
+            *high - *low <= NOISE
+        })
+    })
+}
+
+fn thumbnail(picture: &RgbImage) -> RgbImage {
+    let (width, height) = picture.dimensions();
+    let scale = (f64::from(THUMBNAIL) / f64::from(width.max(height))).min(1.0);
+    let side = |side: u32| ((f64::from(side) * scale).round() as u32).max(1);
+    if scale == 1.0 {
+        picture.clone()
+    } else {
+        imageops::resize(picture, side(width), side(height), FilterType::Triangle)
+    }
+}
+
+/// What is wrong with the decoded pictures.
+pub(super) fn problems(scene: &Scene, looks: &BTreeMap<usize, Looked<'_>>) -> Vec<Problem> {
+    let seen: Vec<(&View, &Look)> =
+        looks.values().filter_map(|looked| Some((looked.view, looked.look.as_ref().ok()?))).collect();
+    let problems = [broken(looks), blank(&seen), twins(scene, looks), empty_masks(&seen), small_masks(scene, &seen)];
+    problems.into_iter().flatten().collect()
+}
+
+fn broken(looks: &BTreeMap<usize, Looked<'_>>) -> Option<Problem> {
+    // A broken video breaks each of its frames; it is named once.
+    let mut reasons: BTreeMap<&Path, String> = BTreeMap::new();
+    for error in looks.values().filter_map(|looked| looked.look.as_ref().err()).flatten() {
+        if let DataError::Image { path, reason } = error {
+            reasons.entry(path).or_insert_with(|| reason.clone());
+        } else {
+            reasons.entry(Path::new("a picture")).or_insert_with(|| error.to_string());
+        }
+    }
+    if reasons.is_empty() {
+        return None;
+    }
+    let listed = reasons.iter().take(LISTED).map(|(path, reason)| format!("\n{}: {reason}", path.display()));
+    let more = reasons.len().saturating_sub(LISTED);
+    let more = if more > 0 { format!("\nand {more} more") } else { String::new() };
+    let what = format!("cannot decode {}{}{more}", count(reasons.len(), "file"), listed.collect::<String>());
+    let remedy = "Copy them again from where they came from, or remove them and their poses.";
+    Some(Problem::error(Subject::Pictures, what, remedy))
+}
+
+fn blank(seen: &[(&View, &Look)]) -> Option<Problem> {
+    let names: Vec<&str> = seen.iter().filter(|(_, look)| look.blank).map(|(view, _)| view.name.as_str()).collect();
+    (!names.is_empty()).then(|| {
+        let what = format!("found {} of one colour and nothing else ({})", count(names.len(), "picture"), few(&names));
+        Problem::warning(Subject::Pictures, what, "Remove them with their poses, or extract them again.")
+    })
+}
+
+/// Pictures that are equal to the last bit, which no camera takes twice.
+fn twins(scene: &Scene, looks: &BTreeMap<usize, Looked<'_>>) -> Option<Problem> {
+    let mut first: BTreeMap<u64, (&str, bool)> = BTreeMap::new();
+    let (mut pairs, mut held_out) = (Vec::new(), 0);
+    for (&number, Looked { view, look }) in looks {
+        let Some(look) = look.as_ref().ok().filter(|look| !look.blank) else { continue };
+        let is_test = number >= scene.train.len();
+        match first.get(&look.digest) {
+            Some(&(twin, twin_is_test)) if !twin_is_test => {
+                pairs.push((twin, view.name.as_str()));
+                held_out += usize::from(is_test);
+            }
+            Some(_) => {}
+            None => {
+                first.insert(look.digest, (view.name.as_str(), is_test));
+            }
+        }
+    }
+    let (one, other) = *pairs.first()?;
+    let leaked = match held_out {
+        0 => String::new(),
+        leaked => format!("; held out are {leaked} of them, whose scores would be of what was trained on"),
+    };
+    let what = format!(
+        "found {}, equal bit by bit (the first: {other}, equal to {one}){leaked}",
+        count(pairs.len(), "repeated picture")
+    );
+    let remedy = "Remove the copies with their poses; for a video, extract the frames at its own rate. Where nothing changes \
+                  in front of a camera, it is as it should be.";
+    Some(Problem::warning(Subject::Pictures, what, remedy))
+}
+
+fn empty_masks(seen: &[(&View, &Look)]) -> Option<Problem> {
+    let empty = seen.iter().filter(|(_, look)| look.kept.is_some_and(|kept| kept < NOTHING));
+    let names: Vec<&str> = empty.map(|(view, _)| view.name.as_str()).collect();
+    (!names.is_empty()).then(|| {
+        let what = format!(
+            "the masks of {} leave next to nothing of the picture ({})",
+            count(names.len(), "view"),
+            few(&names)
+        );
+        Problem::warning(
+            Subject::Masks,
+            what,
+            "Remove these views; or invert all masks with `--set scene.invert_masks=true`.",
+        )
+    })
+}
+
+/// Masks that leave little, and views that have none where others do.
+fn small_masks(scene: &Scene, seen: &[(&View, &Look)]) -> Option<Problem> {
+    let shares: Vec<f64> = seen.iter().filter_map(|(_, look)| look.kept).collect();
+    let mean = shares.iter().sum::<f64>() / shares.len().max(1) as f64;
+    if shares.is_empty() || mean >= LITTLE {
+        return None;
+    }
+    let views = scene.train.len() + scene.test.len();
+    let what = format!("the masks of {} of {views} views leave {} of the pictures", shares.len(), percent(mean));
+    let remedy = "If they are meant the other way round, add `--set scene.invert_masks=true`.";
+    Some(Problem::note(Subject::Masks, what, remedy))
+}

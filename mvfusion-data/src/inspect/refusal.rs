@@ -1,0 +1,72 @@
+//! Why a folder could not be read, as a problem with its remedy.
+
+use std::path::Path;
+
+use super::problem::{Problem, Subject};
+use crate::error::Refusal;
+use crate::frames::pictures_in;
+use crate::reader::recognise;
+use crate::{DataError, Format};
+
+/// Folders that are looked into for a scene.
+const LOOKED_INTO: usize = 100;
+
+/// The problem that kept a reader from reading a folder.
+pub(super) fn problem(error: &DataError) -> Problem {
+    let (what, remedy) = match error {
+        DataError::Image { path, reason } => (
+            format!("cannot read the picture {}: {reason}", path.display()),
+            "Replace the file, or remove it if the frame is not needed.".into(),
+        ),
+        DataError::Folder { folder, reason, advice } => {
+            (format!("cannot open the folder {}: {reason}", folder.display()), stopped(advice))
+        }
+        DataError::Missing { what, folder, advice } => {
+            (format!("there is no {what} in {}", folder.display()), stopped(advice))
+        }
+        DataError::Content { path, reason, advice } => {
+            (format!("cannot use {}: {reason}", path.display()), stopped(advice))
+        }
+        DataError::Disagreement { folder, first, second, advice } => {
+            (format!("{}: {first}, but {second}", folder.display()), stopped(advice))
+        }
+        DataError::Setting { option, value, reason } => {
+            (format!("the option {option} = {value} cannot be used: {reason}"), "Change the option.".into())
+        }
+        DataError::Unrecognised { folder, refusals } => (unrecognised(folder, refusals), where_to_look(folder)),
+    };
+    Problem::error(Subject::Reading, what, remedy)
+}
+
+fn stopped(advice: &str) -> String {
+    if advice.ends_with('.') { advice.into() } else { format!("{advice}.") }
+}
+
+/// What each format misses, a line each.
+fn unrecognised(folder: &Path, refusals: &[Refusal]) -> String {
+    let listed: String = refusals.iter().map(|refusal| format!("\n{refusal}")).collect();
+    format!("{} is in no format that can be read{listed}", folder.display())
+}
+
+/// What somebody may have meant who gave a folder that holds no scene.
+fn where_to_look(folder: &Path) -> String {
+    if let Some((inner, format)) = scene_within(folder) {
+        return format!("Give a folder that holds one scene, such as {inner} ({}).", format.name());
+    }
+    let holds_pictures = |folder: &Path| pictures_in(folder).is_ok_and(|pictures| !pictures.is_empty());
+    if holds_pictures(folder) || holds_pictures(&folder.join("images")) {
+        return "It holds pictures but no cameras: find them with COLMAP (pictures in `images`, the model in `sparse/0`), \
+                or with nerfstudio's `ns-process-data`, which writes transforms.json."
+            .into();
+    }
+    "Add what is missing for one of the formats, or give the folder that lies right above the files they name.".into()
+}
+
+/// The first folder right below that holds a scene; or the one above, for who gave `images` itself.
+fn scene_within(folder: &Path) -> Option<(String, Format)> {
+    let below = std::fs::read_dir(folder).ok()?.filter_map(|entry| Some(entry.ok()?.path()));
+    let mut candidates: Vec<_> = below.filter(|path| path.is_dir()).take(LOOKED_INTO).collect();
+    candidates.sort();
+    candidates.extend(std::path::absolute(folder).ok().and_then(|path| Some(path.parent()?.to_owned())));
+    candidates.into_iter().find_map(|path| Some((path.display().to_string(), recognise(&path, None).ok()?)))
+}

@@ -1,0 +1,141 @@
+//! A contact sheet: the points drawn over a few photos, so that wrong poses are seen at once.
+
+use glam::{DVec2, DVec3};
+use image::imageops::{self, FilterType};
+use image::{Rgb, RgbImage};
+
+use super::rig::spread;
+use super::sight::pixel;
+use crate::{DataError, Scene, View};
+
+/// Points that are drawn on each photo at most.
+const POINTS: usize = 3000;
+/// Pixels between the photos.
+const GAP: u32 = 6;
+/// Between the photos.
+const PAPER: Rgb<u8> = Rgb([32, 32, 32]);
+/// Around each point, so that it stands out from any photo.
+const OUTLINE: Rgb<u8> = Rgb([0, 0, 0]);
+/// Photos are enlarged by this factor at most.
+const LARGEST_SCALE: f64 = 3.0;
+/// Colours of the depths, from the nearest to the farthest.
+const RAMP: [[f64; 3]; 5] =
+    [[235.0, 45.0, 40.0], [250.0, 200.0, 40.0], [80.0, 210.0, 70.0], [50.0, 190.0, 240.0], [75.0, 70.0, 230.0]];
+
+/// Photos with the points on them: near points are red, far ones blue.
+#[derive(Clone, Debug)]
+pub struct ContactSheet {
+    /// The photos in rows.
+    pub image: RgbImage,
+    /// The names of the views, in reading order.
+    pub names: Vec<String>,
+    /// Photos in a row.
+    pub columns: usize,
+}
+
+/// Draws a scene's points over some of its photos, in a sheet whose sides are at most `largest_side` pixels: training views
+/// from the first to the last, evenly spread, and one held-out view at the end. At most `photos`, but at least one.
+///
+/// # Errors
+/// [`DataError::Image`] if one of the pictures cannot be read.
+pub fn points_over_photos(scene: &Scene, photos: usize, largest_side: u32) -> Result<ContactSheet, DataError> {
+    let views = chosen(scene, photos.max(1));
+    let Some(first) = views.first() else {
+        return Ok(ContactSheet { image: RgbImage::new(1, 1), names: Vec::new(), columns: 1 });
+    };
+    let (columns, scale) = layout(views.len(), first.image.size(), largest_side);
+    let mut cells = Vec::with_capacity(views.len());
+    for view in &views {
+        cells.push(cell(scene, view, scale)?);
+    }
+    let names = views.iter().map(|view| view.name.clone()).collect();
+    Ok(ContactSheet { image: mounted(&cells, columns), names, columns })
+}
+
+/// Training views from the first to the last, and one that is held out.
+fn chosen(scene: &Scene, photos: usize) -> Vec<&View> {
+    let held_out = usize::from(photos > 1 && !scene.test.is_empty());
+    let train = spread(scene.train.len(), photos - held_out).into_iter().map(|index| &scene.train[index]);
+    let test = scene.test.get(scene.test.len() / 2).into_iter().take(held_out);
+    train.chain(test).collect()
+}
+
+/// The number of columns that makes the photos largest, and their scale.
+fn layout(count: usize, (width, height): (u32, u32), largest_side: u32) -> (usize, f64) {
+    let scale = |columns: usize| {
+        let fit = |count: usize, side: u32| {
+            let room = f64::from(largest_side) - f64::from(GAP) * (count as f64 + 1.0);
+            room / (count as f64 * f64::from(side.max(1)))
+        };
+        fit(columns, width).min(fit(count.div_ceil(columns), height)).min(LARGEST_SCALE)
+    };
+    let best = (1..=count).max_by(|&a, &b| scale(a).total_cmp(&scale(b)));
+    let columns = best.unwrap_or(1);
+    (columns, scale(columns))
+}
+
+/// A view's photo at its size in the sheet, with the points on it.
+fn cell(scene: &Scene, view: &View, scale: f64) -> Result<RgbImage, DataError> {
+    let photo = view.image.rgb()?;
+    let side = |side: u32| ((f64::from(side) * scale) as u32).max(1);
+    let mut cell = imageops::resize(&*photo, side(photo.width()), side(photo.height()), FilterType::Triangle);
+    let size = DVec2::new(f64::from(cell.width()), f64::from(cell.height()));
+    let scale = size / DVec2::new(view.camera.width as f64, view.camera.height as f64);
+    let place = |&point: &glam::Vec3| {
+        let point = point.as_dvec3();
+        Some(Dot { at: pixel(&view.camera, point)? * scale, depth: view.camera.to_camera(point).z })
+    };
+    let all: Vec<Dot> = scene.points.positions.iter().filter_map(place).collect();
+    let mut dots: Vec<Dot> = spread(all.len(), POINTS).into_iter().map(|index| all[index]).collect();
+    dots.sort_by(|a, b| b.depth.total_cmp(&a.depth));
+    let radius = (size.max_element() / 300.0).clamp(1.0, 4.0);
+    // Colours go by rank: a few far points would leave one colour to all others.
+    for (rank, dot) in dots.iter().enumerate() {
+        disc(&mut cell, dot.at, radius, colour((dots.len() - 1 - rank) as f64 / (dots.len() - 1).max(1) as f64));
+    }
+    Ok(cell)
+}
+
+/// A point on a photo.
+#[derive(Clone, Copy)]
+struct Dot {
+    at: DVec2,
+    depth: f64,
+}
+
+/// The colour of a depth's rank, 0 for the nearest and 1 for the farthest.
+fn colour(rank: f64) -> Rgb<u8> {
+    let place = rank.clamp(0.0, 1.0) * (RAMP.len() - 1) as f64;
+    let step = (place as usize).min(RAMP.len() - 2);
+    let mixed = DVec3::from_array(RAMP[step]).lerp(DVec3::from_array(RAMP[step + 1]), place - step as f64);
+    Rgb(mixed.to_array().map(|channel| channel.round() as u8))
+}
+
+/// A disc with an outline a pixel wide.
+fn disc(image: &mut RgbImage, at: DVec2, radius: f64, colour: Rgb<u8>) {
+    let reach = (radius + 1.0).ceil() as i64;
+    let (centre_x, centre_y) = (at.x as i64, at.y as i64);
+    for y in centre_y - reach..=centre_y + reach {
+        for x in centre_x - reach..=centre_x + reach {
+            let distance = DVec2::new(x as f64 + 0.5, y as f64 + 0.5).distance(at);
+            let inside = (0..i64::from(image.width())).contains(&x) && (0..i64::from(image.height())).contains(&y);
+            if inside && distance <= radius + 1.0 {
+                image.put_pixel(x as u32, y as u32, if distance <= radius { colour } else { OUTLINE });
+            }
+        }
+    }
+}
+
+/// The photos in rows on a sheet.
+fn mounted(cells: &[RgbImage], columns: usize) -> RgbImage {
+    let width = cells.iter().map(RgbImage::width).max().unwrap_or(1);
+    let height = cells.iter().map(RgbImage::height).max().unwrap_or(1);
+    let (across, down) = (columns as u32, cells.len().div_ceil(columns) as u32);
+    let mut sheet = RgbImage::from_pixel(across * (width + GAP) + GAP, down * (height + GAP) + GAP, PAPER);
+    for (index, cell) in cells.iter().enumerate() {
+        let (column, row) = (index as u32 % across, index as u32 / across);
+        let (x, y) = (GAP + column * (width + GAP), GAP + row * (height + GAP));
+        imageops::replace(&mut sheet, cell, i64::from(x), i64::from(y));
+    }
+    sheet
+}

@@ -1,0 +1,165 @@
+//! Multi-camera videos of one's own as 4DGaussians prepares them: `camNN/frame_00001.jpg`, a COLMAP model in `sparse_`, and
+//! `points3D_multipleview.ply`.
+//!
+//! What is assumed of them:
+//! * The model has one image a camera, `imageN.jpg` for `camNN`, by the value of the number. Cameras that COLMAP could not
+//!   place are left out, and so are images whose camera has no folder; a line says so.
+//! * All cameras have equally many frames, in the order of the numbers at the end of the files' names. A frame's time is its
+//!   index / number of frames (`ReadOptions::time`).
+//! * Every frame trains. The first frame of each camera and those after a third and two thirds of the time are the test views,
+//!   as in 4DGS (METHOD §5.7), though they are trained on: scores on them say how well the pictures are learned, and nothing
+//!   about other places. The option `test_cameras` holds whole cameras out instead.
+//! * Lenses are of any of COLMAP's models. 4DGS takes the first camera's focal length for all, here each has its own.
+//! * `poses_bounds_multipleview.npy` is read for its near bounds alone, in the world of the model.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use tracing::{info, warn};
+
+use crate::colmap::model::{self, Model, Photo};
+use crate::frames::{CameraFrames, Frame, camera_names, list_frames};
+use crate::ply::read_first;
+use crate::poses::{near_bound, read_rows};
+use crate::reader::scene_name;
+use crate::shot::{FrameLens, Shot, views};
+use crate::{Capture, DataError, ReadOptions, Scene, View};
+
+/// Name of the format, for messages.
+pub const FORMAT: &str = "MultipleView";
+
+/// Folder of the model.
+const SPARSE: &str = "sparse_";
+
+const BOUNDS: &str = "poses_bounds_multipleview.npy";
+
+/// Point clouds, the first that exists; the model has points as well.
+const POINTS: [&str; 2] = ["points3D_multipleview.ply", "fused.ply"];
+
+/// Why `folder` is not in this format, or `None` if it is.
+pub fn recognise(folder: &Path) -> Option<String> {
+    let known = folder.join(POINTS[0]).is_file() || folder.join(SPARSE).is_dir();
+    (!known).then(|| format!("it needs folders cam01, cam02, … with frames, {SPARSE} and {}", POINTS[0]))
+}
+
+/// Reads a scene (METHOD §5.7). Only the headers of the pictures are read here.
+///
+/// # Errors
+/// A [`DataError`] that says what is wrong with the folder, a file in it or an option.
+pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
+    let Model { photos, points } = model::read(&folder.join(SPARSE))?;
+    let posed = posed_cameras(folder, photos)?;
+    let names: Vec<String> = posed.iter().map(|(name, _)| name.clone()).collect();
+    let rig = list_frames(folder, &names, "", options)?;
+    let count = rig[0].frames.len();
+    let divisor = options.times_divisor(count)?;
+    let shots = rig.iter().zip(&posed).flat_map(|(camera, (_, photo))| shots(camera, photo, divisor)).collect();
+    let train = views(folder, shots, options)?;
+    let test = looked_at(&train, count);
+    let points = read_first(folder, &POINTS)?.unwrap_or(points);
+    let near = near(folder)?;
+    let name = scene_name(folder);
+    info!(
+        "{name}: {} cameras x {count} frames, {} points; the test views are {} of the training views, as in 4DGS: set the \
+         option test_cameras to hold cameras out",
+        names.len(),
+        points.len(),
+        test.len()
+    );
+    Ok(Scene { name, capture: Capture::Video, train, test, points, near })
+}
+
+/// The cameras that have frames and a pose, by the names of their folders.
+fn posed_cameras(folder: &Path, photos: Vec<Photo>) -> Result<Vec<(String, Photo)>, DataError> {
+    let mut numbered = BTreeMap::new();
+    for photo in photos {
+        let number = number_of(&photo.view_name(), "image").ok_or_else(|| odd_photo(folder, &photo.name))?;
+        if let Some(twin) = numbered.insert(number, photo) {
+            return Err(twins(folder, format!("the image {} of the model", twin.name), number));
+        }
+    }
+    let (mut posed, mut unposed) = (BTreeMap::new(), Vec::new());
+    for name in camera_names(folder)? {
+        let Some(number) = number_of(&name, "cam") else { continue };
+        if let Some((twin, _)) = posed.get(&number) {
+            return Err(twins(folder, format!("the camera {twin}"), number));
+        }
+        match numbered.remove(&number) {
+            Some(photo) => drop(posed.insert(number, (name, photo))),
+            None => unposed.push(name),
+        }
+    }
+    if !unposed.is_empty() {
+        let unposed = unposed.join(", ");
+        warn!(folder = %folder.display(), "{unposed} have no pose in {SPARSE} and are left out");
+    }
+    if !numbered.is_empty() {
+        let names = numbered.into_values().map(|photo| photo.name).collect::<Vec<_>>().join(", ");
+        warn!(folder = %folder.display(), "{names} of {SPARSE} have no camera folder and are left out");
+    }
+    if posed.is_empty() {
+        let advice =
+            format!("The image1.jpg of {SPARSE} is that of the camera cam01, and its frames lie in a folder cam01");
+        let what = "camera with frames and a pose".into();
+        return Err(DataError::Missing { what, folder: folder.to_owned(), advice });
+    }
+    Ok(posed.into_values().collect())
+}
+
+/// The number in a name that is a word and a number.
+fn number_of(name: &str, word: &str) -> Option<u32> {
+    let digits = name.strip_prefix(word)?;
+    // The parser would take a sign.
+    digits.parse().ok().filter(|_| digits.bytes().all(|b| b.is_ascii_digit()))
+}
+
+/// What a camera filmed.
+fn shots(camera: &CameraFrames, photo: &Photo, divisor: f64) -> Vec<Shot> {
+    let shot = |(index, frame): (usize, &Frame)| Shot {
+        name: format!("{}/{}", camera.name, frame.name),
+        source: frame.source.clone(),
+        mask: None,
+        lens: FrameLens::Known { lens: photo.lens, size: photo.size },
+        rotation: photo.rotation,
+        translation: photo.translation,
+        time: index as f64 / divisor,
+    };
+    camera.frames.iter().enumerate().map(shot).collect()
+}
+
+/// The test views among those of cameras of `count` frames each.
+fn looked_at(views: &[View], count: usize) -> Vec<View> {
+    let mut frames = vec![0, count / 3, 2 * count / 3];
+    frames.dedup();
+    views.chunks(count).flat_map(|camera| frames.iter().map(|&frame| camera[frame].clone())).collect()
+}
+
+/// The least near bound, where all cameras have one.
+fn near(folder: &Path) -> Result<Option<f64>, DataError> {
+    let path = folder.join(BOUNDS);
+    if !path.is_file() {
+        return Ok(None);
+    }
+    let bounds: Option<Vec<f64>> = read_rows(&path)?.iter().map(near_bound).collect();
+    Ok(bounds.map(|bounds| bounds.into_iter().fold(f64::INFINITY, f64::min)))
+}
+
+fn odd_photo(folder: &Path, name: &str) -> DataError {
+    DataError::Content {
+        path: folder.join(SPARSE),
+        reason: format!("its image {name} is of no camera that could be told"),
+        advice: "Images of the model are named image1.jpg for cam01, and so on",
+    }
+}
+
+fn twins(folder: &Path, first: String, number: u32) -> DataError {
+    DataError::Disagreement {
+        folder: folder.to_owned(),
+        first: format!("{first} has the number {number}"),
+        second: "another one has it as well".into(),
+        advice: "Cameras and images belong together by their numbers: rename or remove one of the two".into(),
+    }
+}
+
+#[cfg(test)]
+mod tests;

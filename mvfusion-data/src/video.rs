@@ -1,0 +1,266 @@
+//! Videos: their frames as pictures.
+//!
+//! Training asks for frames in random order and from several threads, while a video can only be decoded from its start.
+//! So a video is decoded once, frame after frame, into a folder of pictures, and later questions read those.
+
+#[cfg(feature = "h264")]
+mod colour;
+mod ffmpeg;
+#[cfg(feature = "h264")]
+mod h264;
+mod mp4;
+mod samples;
+mod store;
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+use std::fs::Metadata;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+use image::{DynamicImage, ImageReader};
+
+use crate::DataError;
+
+pub(crate) use store::FrameStore;
+
+/// Frames with more pixels are refused: a header that lies must not cost the memory for its claim.
+const MOST_PIXELS: u64 = 1 << 26;
+
+const CHECK_FILE: &str = "Check that the file is complete and plays, and copy it again if not.";
+const EXTRACT: &str = "Install the program ffmpeg, or turn the video into pictures on another computer with \
+                       `ffmpeg -i NAME.mp4 NAME/images/%04d.png`.";
+
+/// A video file, whose frames are decoded when the first of them is asked for.
+#[derive(Debug)]
+pub struct Video {
+    path: PathBuf,
+    metadata: Metadata,
+    /// Upright.
+    size: (u32, u32),
+    len: usize,
+    /// Absent if only ffmpeg can read the container.
+    track: Option<mp4::Track>,
+    decoder: VideoDecoder,
+    store: FrameStore,
+    /// The frames of each size that was asked for. Each has its own lock, held while they are decoded, so that whoever comes
+    /// meanwhile waits.
+    sets: Mutex<BTreeMap<(u32, u32), SharedSet>>,
+}
+
+type SharedSet = Arc<Mutex<FrameSet>>;
+
+/// The frames of a video in one size.
+#[derive(Debug)]
+enum FrameSet {
+    Wanted,
+    /// In this folder.
+    Ready(PathBuf),
+    /// Could not be decoded. Remembered, because trying again for every frame would take hours.
+    Failed(Flaw),
+}
+
+/// What decodes videos.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum VideoDecoder {
+    /// The program ffmpeg if it is installed, otherwise what is built in.
+    Auto,
+    /// The program ffmpeg.
+    #[cfg(test)]
+    Ffmpeg,
+    /// The demuxer and decoder that are compiled in: mp4 with H.264.
+    #[cfg(test)]
+    BuiltIn,
+}
+
+/// What is wrong with a video. Unlike [`DataError`] it can be kept and told again.
+#[derive(Clone, Debug)]
+struct Flaw {
+    path: PathBuf,
+    reason: String,
+    advice: &'static str,
+}
+
+impl Flaw {
+    fn new(path: &Path, reason: impl ToString, advice: &'static str) -> Self {
+        Self { path: path.to_owned(), reason: reason.to_string(), advice }
+    }
+}
+
+impl From<Flaw> for DataError {
+    fn from(Flaw { path, reason, advice }: Flaw) -> Self {
+        DataError::Content { path, reason, advice }
+    }
+}
+
+impl VideoDecoder {
+    fn is_ffmpeg(self) -> bool {
+        match self {
+            VideoDecoder::Auto => ffmpeg::is_installed(),
+            #[cfg(test)]
+            VideoDecoder::Ffmpeg => true,
+            #[cfg(test)]
+            VideoDecoder::BuiltIn => false,
+        }
+    }
+}
+
+impl Video {
+    /// Looks at a video: only its headers are read, except in containers other than mp4, which ffprobe reads through to count
+    /// the frames. `limit` is the number of frames that are of use, from the first on.
+    ///
+    /// # Errors
+    /// [`DataError::Content`] if the file is no video, or one that cannot be decoded here.
+    pub(crate) fn open(path: &Path, limit: usize, store: &FrameStore) -> Result<Arc<Self>, DataError> {
+        Ok(Arc::new(Self::with_decoder(path, limit, store, VideoDecoder::Auto)?))
+    }
+
+    fn with_decoder(path: &Path, limit: usize, store: &FrameStore, decoder: VideoDecoder) -> Result<Self, Flaw> {
+        let metadata = std::fs::metadata(path).map_err(|e| Flaw::new(path, e, "Check the name of the file."))?;
+        let (size, frames, track) = match mp4::read(path) {
+            Ok(track) => (track.size(), track.shown, Some(track)),
+            // The demuxer knows one container and its common forms. What it refuses may still be fine.
+            Err(refusal) if decoder.is_ffmpeg() => match ffmpeg::probe(path) {
+                Ok((size, frames)) => (size, frames, None),
+                Err(reason) => {
+                    let reason = format!("{refusal}, and ffprobe cannot read it either ({reason})");
+                    return Err(Flaw::new(path, reason, CHECK_FILE));
+                }
+            },
+            Err(refusal) => return Err(Flaw::new(path, refusal, EXTRACT)),
+        };
+        if frames == 0 || size.0 == 0 || size.1 == 0 || u64::from(size.0) * u64::from(size.1) > MOST_PIXELS {
+            let reason = format!("its header tells of {frames} frames of {} x {} pixels", size.0, size.1);
+            return Err(Flaw::new(path, reason, CHECK_FILE));
+        }
+        if let Some(track) = track.as_ref().filter(|_| !decoder.is_ffmpeg()) {
+            can_decode(path, track)?;
+        }
+        let (path, store, len) = (path.to_owned(), store.clone(), frames.min(limit));
+        Ok(Self { path, metadata, size, len, track, decoder, store, sets: Mutex::default() })
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Number of frames, at most the limit.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Whether there is no frame.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Width and height of the frames in pixels, upright.
+    pub fn size(&self) -> (u32, u32) {
+        self.size
+    }
+
+    /// A frame, resized to `size` with a Lanczos filter if it has another size. The first call for a size decodes the whole
+    /// video; calls from other threads wait for it.
+    ///
+    /// # Errors
+    /// [`DataError::Content`] if the video cannot be decoded or its frames cannot be kept, [`DataError::Image`] if a kept
+    /// frame cannot be read.
+    pub(crate) fn frame(&self, index: usize, size: (u32, u32)) -> Result<DynamicImage, DataError> {
+        if index >= self.len || size.0 == 0 || size.1 == 0 {
+            let reason = format!("frame {index} of {} was asked for, in {} x {} pixels", self.len, size.0, size.1);
+            return Err(Flaw::new(&self.path, reason, CHECK_FILE).into());
+        }
+        let path = store::frame_file(&self.folder(size)?, index);
+        let unreadable = |e: &dyn ToString| DataError::Image { path: path.clone(), reason: e.to_string() };
+        ImageReader::open(&path).map_err(|e| unreadable(&e))?.decode().map_err(|e| unreadable(&e))
+    }
+
+    /// The folder with the frames in this size.
+    fn folder(&self, size: (u32, u32)) -> Result<PathBuf, Flaw> {
+        let set = {
+            let mut sets = self.sets.lock().unwrap_or_else(PoisonError::into_inner);
+            Arc::clone(sets.entry(size).or_insert_with(|| Arc::new(Mutex::new(FrameSet::Wanted))))
+        };
+        // After a panic the set is still wanted.
+        let mut set = set.lock().unwrap_or_else(PoisonError::into_inner);
+        match &*set {
+            FrameSet::Ready(folder) => return Ok(folder.clone()),
+            FrameSet::Failed(flaw) => return Err(flaw.clone()),
+            FrameSet::Wanted => {}
+        }
+        let made = self.make(size);
+        *set = match &made {
+            Ok(folder) => FrameSet::Ready(folder.clone()),
+            Err(flaw) => FrameSet::Failed(flaw.clone()),
+        };
+        made
+    }
+
+    /// Decodes the video into the store, unless its frames are there from an earlier run.
+    fn make(&self, size: (u32, u32)) -> Result<PathBuf, Flaw> {
+        let name = store::set_name(&self.path, &self.metadata, size, self.len);
+        let folder = self.store.folder()?.join(name);
+        if store::is_complete(&folder, self.len) {
+            return Ok(folder);
+        }
+        let start = Instant::now();
+        let mut writer = store::SetWriter::new(&folder, size, self.len)?;
+        let by = match self.decoder.is_ffmpeg() {
+            true => "ffmpeg",
+            false => "the built-in decoder",
+        };
+        tracing::info!("decoding {} frames of {} with {by} into {}", self.len, self.path.display(), folder.display());
+        self.decode(&mut |frame| writer.push(frame))?;
+        let frames = writer.finish()?;
+        if frames < self.len {
+            let reason = format!("only {frames} of {} frames can be decoded", self.len);
+            return Err(Flaw::new(&self.path, reason, CHECK_FILE));
+        }
+        tracing::debug!("decoded {} in {:.1} s", self.path.display(), start.elapsed().as_secs_f64());
+        Ok(folder)
+    }
+
+    /// Gives the first frames in the order in which they are shown, upright and in the video's size, `len` at most.
+    fn decode(&self, sink: &mut dyn FnMut(image::RgbImage) -> Result<(), Flaw>) -> Result<(), Flaw> {
+        let mut sink = |frame: image::RgbImage| match frame.dimensions() == self.size {
+            true => sink(frame),
+            false => {
+                let ((w, h), (width, height)) = (frame.dimensions(), self.size);
+                let reason = format!("a frame has {w} x {h} pixels, but the header says {width} x {height}");
+                Err(Flaw::new(&self.path, reason, CHECK_FILE))
+            }
+        };
+        match &self.track {
+            Some(track) if !self.decoder.is_ffmpeg() => decode_built_in(&self.path, track, self.len, &mut sink),
+            _ => ffmpeg::decode(&self.path, self.len, &mut sink),
+        }
+    }
+}
+
+/// Whether the built-in decoder takes the video, as far as its headers tell.
+fn can_decode(path: &Path, track: &mp4::Track) -> Result<(), Flaw> {
+    let refused = |reason: String| Flaw::new(path, reason, EXTRACT);
+    match &track.codec {
+        mp4::Codec::Other(name) => Err(refused(format!("the video is {name}, for which there is no built-in decoder"))),
+        #[cfg(feature = "h264")]
+        mp4::Codec::H264(setup) => h264::colours(setup).map(|_| ()).map_err(refused),
+        #[cfg(not(feature = "h264"))]
+        mp4::Codec::H264(_) => Err(refused("this program was built without its decoder for H.264".into())),
+    }
+}
+
+#[cfg(feature = "h264")]
+use h264::decode as decode_built_in;
+
+#[cfg(not(feature = "h264"))]
+fn decode_built_in(
+    path: &Path,
+    track: &mp4::Track,
+    _: usize,
+    _: &mut dyn FnMut(image::RgbImage) -> Result<(), Flaw>,
+) -> Result<(), Flaw> {
+    can_decode(path, track)
+}

@@ -1,0 +1,119 @@
+//! Decodes with the program ffmpeg, which knows every codec.
+
+use std::ffi::OsString;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::sync::OnceLock;
+
+use ffmpeg_sidecar::child::FfmpegChild;
+use ffmpeg_sidecar::command::{FfmpegCommand, ffmpeg_is_installed};
+use ffmpeg_sidecar::event::{FfmpegEvent, LogLevel};
+use ffmpeg_sidecar::ffprobe::ffprobe_path;
+use image::RgbImage;
+use serde_json::Value;
+
+use super::{CHECK_FILE, Flaw};
+
+/// Numbers the frames instead of timing them, or frames would be dropped and doubled to make the rate even (the option for that
+/// has another name in every other version), and interpolates the chroma rather than repeat it, which is 1 dB nearer to the
+/// pictures that a video was made of.
+const FILTERS: &str = "settb=1/25,setpts=N,scale=flags=bicubic+accurate_rnd+full_chroma_int";
+/// Most lines of ffmpeg's complaints that are passed on.
+const MOST_COMPLAINTS: usize = 3;
+
+/// Whether the program can be run.
+pub(super) fn is_installed() -> bool {
+    static INSTALLED: OnceLock<bool> = OnceLock::new();
+    *INSTALLED.get_or_init(ffmpeg_is_installed)
+}
+
+/// Gives the first `wanted` frames, upright.
+pub(super) fn decode(
+    path: &Path,
+    wanted: usize,
+    sink: &mut dyn FnMut(RgbImage) -> Result<(), Flaw>,
+) -> Result<(), Flaw> {
+    let mut command = FfmpegCommand::new();
+    command
+        .args(["-nostdin", "-protocol_whitelist", "file", "-i"])
+        .arg(local(path))
+        .args(["-map", "0:V:0", "-vf", FILTERS, "-r", "25", "-frames:v", &wanted.to_string()])
+        .rawvideo();
+    let mut child =
+        command.spawn().map_err(|e| Flaw::new(path, format!("ffmpeg cannot be started ({e})"), CHECK_FILE))?;
+    let passed = pass_on(&mut child, path, wanted, sink);
+    // If a frame was refused, the program is still at work.
+    let _ = child.kill();
+    let _ = child.wait();
+    passed
+}
+
+/// Passes the frames on as they come.
+fn pass_on(
+    child: &mut FfmpegChild,
+    path: &Path,
+    wanted: usize,
+    sink: &mut dyn FnMut(RgbImage) -> Result<(), Flaw>,
+) -> Result<(), Flaw> {
+    let flaw = |reason: String| Flaw::new(path, reason, CHECK_FILE);
+    let (mut frames, mut complaints) = (0, Vec::new());
+    for event in child.iter().map_err(|e| flaw(format!("ffmpeg does not answer ({e})")))? {
+        match event {
+            FfmpegEvent::OutputFrame(frame) => {
+                let image = RgbImage::from_raw(frame.width, frame.height, frame.data);
+                sink(image.ok_or_else(|| flaw("ffmpeg gave part of a frame".into()))?)?;
+                frames += 1;
+            }
+            FfmpegEvent::Log(LogLevel::Error | LogLevel::Fatal, line) | FfmpegEvent::Error(line) => {
+                complaints.push(line.trim().to_owned());
+            }
+            _ => {}
+        }
+    }
+    complaints.truncate(MOST_COMPLAINTS);
+    let complaints = complaints.join("; ");
+    if frames < wanted {
+        return Err(flaw(format!("ffmpeg decodes only {frames} of {wanted} frames ({complaints})")));
+    }
+    if !complaints.is_empty() {
+        tracing::warn!("{}: ffmpeg complains: {complaints}", path.display());
+    }
+    Ok(())
+}
+
+/// Size of the upright frames and their number, from ffprobe, which reads the file but decodes nothing.
+pub(super) fn probe(path: &Path) -> Result<((u32, u32), usize), String> {
+    const ENTRIES: &str = "stream=width,height,nb_read_packets:stream_side_data=rotation:stream_tags=rotate";
+    let output = Command::new(ffprobe_path())
+        .args(["-v", "error", "-protocol_whitelist", "file", "-select_streams", "V:0", "-count_packets"])
+        .args(["-show_entries", ENTRIES, "-of", "json"])
+        .arg(local(path))
+        .stdin(Stdio::null())
+        .output()
+        .map_err(|e| e.to_string())?;
+    if !output.status.success() {
+        return Err(String::from_utf8_lossy(&output.stderr).trim().to_owned());
+    }
+    let answer: Value = serde_json::from_slice(&output.stdout).map_err(|e| e.to_string())?;
+    stream(&answer["streams"][0]).ok_or_else(|| "it finds no video in it".into())
+}
+
+/// Size and number of frames of a stream in ffprobe's answer.
+fn stream(stream: &Value) -> Option<((u32, u32), usize)> {
+    let side = |name: &str| stream[name].as_u64().and_then(|side| u32::try_from(side).ok());
+    let (width, height) = (side("width")?, side("height")?);
+    let frames = stream["nb_read_packets"].as_str()?.parse().ok()?;
+    let turned = stream["side_data_list"].as_array().and_then(|list| list.iter().find_map(|d| d["rotation"].as_f64()));
+    let turned = turned.or_else(|| stream["tags"]["rotate"].as_str()?.parse().ok()).unwrap_or(0.0);
+    Some(match turned.rem_euclid(180.0) == 90.0 {
+        true => ((height, width), frames),
+        false => ((width, height), frames),
+    })
+}
+
+/// A file name that cannot be mistaken for an option or an address.
+fn local(path: &Path) -> OsString {
+    let mut name = OsString::from("file:");
+    name.push(path);
+    name
+}

@@ -1,0 +1,235 @@
+//! The headers of an mp4 file: what its first video track is, and where the coded frames lie.
+//!
+//! Only the boxes of that track are taken apart. A sound track in a form that the parser does not know does no harm.
+
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::Path;
+
+use mp4_atom::{Atom, Colr, Decode, Elst, FourCC, Hdlr, Header, Mdhd, Mvhd, ReadFrom, Stsd, Tkhd};
+
+use super::samples::{Sample, Samples};
+
+/// Largest `moov` box that is read. An hour of frames takes about two megabytes.
+const MOST_HEADER_BYTES: u64 = 1 << 28;
+/// Most boxes that are looked at before the `moov` box.
+const MOST_BOXES: usize = 4096;
+/// Kinds of boxes with which a file may begin to be taken for an mp4 or QuickTime file.
+const FIRST_KINDS: [&[u8; 4]; 7] = [b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"pnot"];
+
+/// The first video track of a file.
+#[derive(Debug)]
+#[cfg_attr(not(feature = "h264"), allow(dead_code, reason = "where the frames lie is for the built-in decoder"))]
+pub(super) struct Track {
+    /// Width and height as coded.
+    coded_size: (u32, u32),
+    /// What makes the frames upright.
+    pub(super) turn: Turn,
+    pub(super) codec: Codec,
+    /// The coded frames, in the order in which they are decoded.
+    pub(super) samples: Vec<Sample>,
+    /// Number of frames at the start that are decoded but not shown, because the edit list cuts them off.
+    pub(super) hidden: usize,
+    /// Number of frames that are shown.
+    pub(super) shown: usize,
+}
+
+/// How a track is coded.
+#[derive(Debug)]
+#[cfg_attr(not(feature = "h264"), allow(dead_code, reason = "the setup is for the built-in decoder"))]
+pub(super) enum Codec {
+    H264(H264Setup),
+    /// Something else, by its common name or the four letters of its box.
+    Other(String),
+}
+
+/// What the file tells about an H.264 track.
+#[derive(Debug)]
+#[cfg_attr(not(feature = "h264"), allow(dead_code, reason = "only the built-in decoder reads it"))]
+pub(super) struct H264Setup {
+    /// Sequence parameter sets, then picture parameter sets, without start codes.
+    pub(super) parameter_sets: Vec<Vec<u8>>,
+    /// Bytes of the length before each unit of a sample, 1 to 4.
+    pub(super) length_size: u8,
+    /// Matrix coefficients (ITU-T H.273) and whether the range is full, if the container says so.
+    pub(super) colour: Option<(u16, bool)>,
+}
+
+/// A clockwise turn, in quarters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Turn {
+    None,
+    Quarter,
+    Half,
+    ThreeQuarters,
+}
+
+impl Track {
+    /// Width and height of the upright frames.
+    pub(super) fn size(&self) -> (u32, u32) {
+        let (width, height) = self.coded_size;
+        match self.turn {
+            Turn::None | Turn::Half => (width, height),
+            Turn::Quarter | Turn::ThreeQuarters => (height, width),
+        }
+    }
+}
+
+/// Reads the headers. The error says what is wrong, as a clause that goes on after "cannot use the file:".
+pub(super) fn read(path: &Path) -> Result<Track, String> {
+    let mut file = File::open(path).map_err(|e| e.to_string())?;
+    let file_bytes = file.metadata().map_err(|e| e.to_string())?.len();
+    let moov = moov(&mut file, file_bytes)?;
+    if child(&moov, b"mvex").is_some() {
+        return Err("it is a fragmented mp4 file".into());
+    }
+    let movie: Mvhd = leaf(&moov)?;
+    if turn(&movie.matrix)? != Turn::None {
+        return Err("the movie as a whole is turned".into());
+    }
+    let is_video = |trak: &&[u8]| child(trak, b"mdia").is_some_and(|m| leaf::<Hdlr>(m).is_ok_and(is_video));
+    let trak = children(&moov).filter(|(kind, _)| kind == b"trak").map(|(_, content)| content).find(is_video);
+    track(trak.ok_or("it has no video track")?, movie.timescale, file_bytes)
+}
+
+fn is_video(handler: Hdlr) -> bool {
+    handler.handler == FourCC::new(b"vide")
+}
+
+/// The content of the `moov` box, which can stand at either end of the file.
+fn moov(file: &mut File, file_bytes: u64) -> Result<Vec<u8>, String> {
+    const CUT: &str = "it is cut short: there is no index (moov box)";
+    let mut at = 0;
+    for index in 0..MOST_BOXES {
+        file.seek(SeekFrom::Start(at)).map_err(|e| e.to_string())?;
+        let header = match Header::read_from(file) {
+            Ok(header) => header,
+            Err(_) if index == 0 => return Err("it is no mp4 file".into()),
+            Err(_) => return Err(CUT.into()),
+        };
+        if index == 0 && !FIRST_KINDS.iter().any(|kind| header.kind == FourCC::new(kind)) {
+            return Err("it is no mp4 file".into());
+        }
+        let start = file.stream_position().map_err(|e| e.to_string())?;
+        let end = header.size.map_or(Some(file_bytes), |size| start.checked_add(size as u64));
+        let Some(end) = end.filter(|&end| end <= file_bytes) else { return Err(CUT.into()) };
+        if header.kind == FourCC::new(b"moov") {
+            if end - start > MOST_HEADER_BYTES {
+                return Err("its index (moov box) is larger than any video needs".into());
+            }
+            let mut content = Vec::new();
+            file.take(end - start).read_to_end(&mut content).map_err(|e| e.to_string())?;
+            return Ok(content);
+        }
+        at = end;
+    }
+    Err("there is no index (moov box) near its start".into())
+}
+
+fn track(trak: &[u8], movie_timescale: u32, file_bytes: u64) -> Result<Track, String> {
+    let mdia = child(trak, b"mdia").ok_or("its video track is empty")?;
+    let stbl = child(mdia, b"minf").and_then(|minf| child(minf, b"stbl")).ok_or("its video track has no index")?;
+    let header: Tkhd = leaf(trak)?;
+    let media: Mdhd = leaf(mdia)?;
+    let description: Stsd = leaf(stbl)?;
+    let [entry] = &description.codecs[..] else {
+        return Err(format!("its video track has {} codecs", description.codecs.len()));
+    };
+    let (coded_size, codec) = codec(entry)?;
+    let Samples { samples, times } = Samples::read(stbl, file_bytes)?;
+    let edits: Option<Elst> = child(trak, b"edts").and_then(|edts| optional_leaf(edts).transpose()).transpose()?;
+    let edit = edits.map_or(Ok((0, i64::MAX)), |edits| edit(&edits, media.timescale, movie_timescale))?;
+    Ok(Track {
+        coded_size,
+        turn: turn(&header.matrix)?,
+        codec,
+        hidden: times.iter().filter(|&&time| time < edit.0).count(),
+        shown: times.iter().filter(|&&time| (edit.0..edit.1).contains(&time)).count(),
+        samples,
+    })
+}
+
+/// Size and codec of a sample description.
+fn codec(entry: &mp4_atom::Codec) -> Result<((u32, u32), Codec), String> {
+    use mp4_atom::Codec as Entry;
+    let codec = match entry {
+        Entry::Avc1(avc) => Codec::H264(h264_setup(&avc.avcc, avc.colr.as_ref())),
+        Entry::Avc3(avc) => Codec::H264(h264_setup(&avc.avcc, avc.colr.as_ref())),
+        Entry::Hev1(_) | Entry::Hvc1(_) => Codec::Other("HEVC (H.265)".into()),
+        Entry::Vp08(_) => Codec::Other("VP8".into()),
+        Entry::Vp09(_) => Codec::Other("VP9".into()),
+        Entry::Av01(_) => Codec::Other("AV1".into()),
+        Entry::Jpeg(_) => Codec::Other("Motion JPEG".into()),
+        Entry::Unknown(kind, _) => return Err(format!("its codec is unknown here ({kind})")),
+        _ => return Err("its codec is unknown here".into()),
+    };
+    let visual = entry.visual().ok_or("its video track has no size")?;
+    Ok(((visual.width.into(), visual.height.into()), codec))
+}
+
+fn h264_setup(avcc: &mp4_atom::Avcc, colour: Option<&Colr>) -> H264Setup {
+    let sets = [&avcc.sequence_parameter_sets, &avcc.picture_parameter_sets];
+    let colour = match colour {
+        Some(&Colr::Nclx { matrix_coefficients, full_range_flag, .. }) => Some((matrix_coefficients, full_range_flag)),
+        Some(&Colr::Nclc { matrix_coefficients, .. }) => Some((matrix_coefficients, false)),
+        _ => None,
+    };
+    H264Setup { parameter_sets: sets.into_iter().flatten().cloned().collect(), length_size: avcc.length_size, colour }
+}
+
+/// The span of media times that is shown.
+fn edit(list: &Elst, media_timescale: u32, movie_timescale: u32) -> Result<(i64, i64), String> {
+    // An entry without a media time is a pause before the video begins.
+    let mut shown = list.entries.iter().filter_map(|entry| entry.media_time.map(|time| (time, entry)));
+    let Some((start, entry)) = shown.next() else { return Ok((0, i64::MAX)) };
+    if shown.next().is_some() {
+        return Err("it is cut together from several pieces by an edit list".into());
+    }
+    let start = i64::try_from(start).map_err(|_| "its edit list begins beyond all times")?;
+    if entry.segment_duration == 0 || movie_timescale == 0 {
+        return Ok((start, i64::MAX));
+    }
+    // Rounded up: durations are often counted in milliseconds, and the last frame must not fall to that.
+    let (duration, media) = (u128::from(entry.segment_duration), u128::from(media_timescale));
+    let duration = (duration * media).div_ceil(u128::from(movie_timescale));
+    Ok((start, start.saturating_add(i64::try_from(duration).unwrap_or(i64::MAX))))
+}
+
+/// The turn that a transformation matrix stands for.
+fn turn(matrix: &mp4_atom::Matrix) -> Result<Turn, String> {
+    match [matrix.a, matrix.b, matrix.c, matrix.d].map(i32::signum) {
+        [1, 0, 0, 1] => Ok(Turn::None),
+        [0, 1, -1, 0] => Ok(Turn::Quarter),
+        [-1, 0, 0, -1] => Ok(Turn::Half),
+        [0, -1, 1, 0] => Ok(Turn::ThreeQuarters),
+        _ => Err("its header asks for frames that are mirrored or turned by other than quarter turns".into()),
+    }
+}
+
+/// The boxes that lie in `content` side by side, with their contents. Ends where the bytes make no sense.
+fn children(mut content: &[u8]) -> impl Iterator<Item = ([u8; 4], &[u8])> {
+    std::iter::from_fn(move || {
+        let mut rest = content;
+        let header = Header::decode(&mut rest).ok()?;
+        let (inside, after) = rest.split_at_checked(header.size.unwrap_or(rest.len()))?;
+        content = after;
+        Some((header.kind.into(), inside))
+    })
+}
+
+/// The content of the first box of a kind.
+pub(super) fn child<'a>(content: &'a [u8], kind: &[u8; 4]) -> Option<&'a [u8]> {
+    children(content).find(|(k, _)| k == kind).map(|(_, inside)| inside)
+}
+
+/// The first box of a type, if there is one.
+pub(super) fn optional_leaf<T: Atom>(content: &[u8]) -> Result<Option<T>, String> {
+    let kind = T::KIND;
+    let Some(mut inside) = child(content, kind.as_ref()) else { return Ok(None) };
+    T::decode_body(&mut inside).map(Some).map_err(|e| format!("its box {kind} cannot be read ({e})"))
+}
+
+/// The first box of a type.
+pub(super) fn leaf<T: Atom>(content: &[u8]) -> Result<T, String> {
+    optional_leaf(content)?.ok_or_else(|| format!("it has no box {}", T::KIND))
+}

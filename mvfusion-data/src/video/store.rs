@@ -1,0 +1,208 @@
+//! Where decoded frames are kept: a folder of PNG files for each video and size.
+
+use std::fs::{self, Metadata};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, UNIX_EPOCH};
+
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::imageops::{self, FilterType as ResizeFilter};
+use image::{ImageEncoder, ImageError, RgbImage};
+use sha2::{Digest, Sha256};
+use tempfile::TempDir;
+
+use super::Flaw;
+
+/// Goes into the names of frame sets. To be raised when other pixels are made of the same file.
+const VERSION: u32 = 1;
+/// Most frames that are resized and written side by side, which bounds the memory.
+const MOST_AT_ONCE: usize = 16;
+/// After this time without a new frame a half-done set belongs to a run that was broken off.
+const ABANDONED: Duration = Duration::from_secs(3600);
+const PARTIAL: &str = ".partial-";
+
+const MAKE_WRITABLE: &str = "Name a folder in which this program may write with the option frame_store.";
+const MAKE_ROOM: &str = "Free some space there, or name a folder on a disk with more room with the option frame_store; smaller \
+                         or fewer frames need less.";
+
+/// Where the frames of videos are kept once they are decoded.
+#[derive(Clone, Debug)]
+pub(crate) struct FrameStore {
+    folder: Option<PathBuf>,
+    /// Made when the first frame is asked for, removed when the last store and video are dropped.
+    temporary: Arc<Mutex<Option<TempDir>>>,
+}
+
+impl FrameStore {
+    /// A store in `folder`, where the frames stay from run to run; without one in a folder of the system's for temporary
+    /// files, which goes with the last video. Nothing is made on disk until the first frame is asked for.
+    pub(crate) fn new(folder: Option<&Path>) -> Self {
+        Self { folder: folder.map(Path::to_owned), temporary: Arc::default() }
+    }
+
+    /// The folder in which the sets are.
+    pub(super) fn folder(&self) -> Result<PathBuf, Flaw> {
+        if let Some(folder) = &self.folder {
+            fs::create_dir_all(folder).map_err(|e| unwritable(folder, &e))?;
+            return Ok(folder.clone());
+        }
+        let mut temporary = self.temporary.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(folder) = &*temporary {
+            return Ok(folder.path().to_owned());
+        }
+        let folder = tempfile::Builder::new().prefix("mvfusion-frames-").tempdir();
+        let folder = folder.map_err(|e| unwritable(&std::env::temp_dir(), &e))?;
+        Ok(temporary.insert(folder).path().to_owned())
+    }
+}
+
+/// Name of the folder with the frames of a video. A file that was replaced gets another name.
+pub(super) fn set_name(video: &Path, metadata: &Metadata, (width, height): (u32, u32), frames: usize) -> String {
+    let whole = fs::canonicalize(video).unwrap_or_else(|_| video.to_owned());
+    let changed = metadata.modified().ok().and_then(|time| time.duration_since(UNIX_EPOCH).ok()).unwrap_or_default();
+    let mut hash = Sha256::new();
+    hash.update(whole.as_os_str().as_encoded_bytes());
+    hash.update(format!("\0{VERSION} {} {}", metadata.len(), changed.as_nanos()));
+    let hash: String = hash.finalize().iter().take(8).map(|byte| format!("{byte:02x}")).collect();
+    let stem: String = video.file_stem().unwrap_or_default().to_string_lossy().chars().take(40).collect();
+    let stem = stem.replace(|c: char| !c.is_ascii_alphanumeric() && !"-_".contains(c), "_");
+    format!("{stem}-{hash}-{width}x{height}-{frames}")
+}
+
+/// The file of a frame in the folder of a set.
+pub(super) fn frame_file(folder: &Path, index: usize) -> PathBuf {
+    folder.join(format!("{index:06}.png"))
+}
+
+/// Whether a folder holds all frames of a set.
+pub(super) fn is_complete(folder: &Path, frames: usize) -> bool {
+    folder.is_dir() && (0..frames).all(|index| frame_file(folder, index).is_file())
+}
+
+/// Writes the frames of a video into a new set. They lie in a folder of another name until all are there, so that a run that
+/// is broken off leaves no set that looks whole.
+pub(super) struct SetWriter {
+    folder: PathBuf,
+    /// Removed with what is in it unless the set is finished.
+    partial: TempDir,
+    size: (u32, u32),
+    wanted: usize,
+    written: usize,
+    at_once: usize,
+    waiting: Vec<RgbImage>,
+}
+
+impl SetWriter {
+    /// `folder` is that of the finished set, `wanted` the number of frames in it.
+    pub(super) fn new(folder: &Path, size: (u32, u32), wanted: usize) -> Result<Self, Flaw> {
+        let (parent, name) = (folder.parent().unwrap_or(folder), folder.file_name().unwrap_or_default());
+        let prefix = format!("{}{PARTIAL}", name.to_string_lossy());
+        remove_abandoned(parent, &prefix);
+        let partial = tempfile::Builder::new().prefix(&prefix).tempdir_in(parent);
+        let partial = partial.map_err(|e| unwritable(parent, &e))?;
+        let at_once = std::thread::available_parallelism().map_or(1, |n| n.get().min(MOST_AT_ONCE));
+        Ok(Self { folder: folder.to_owned(), partial, size, wanted, written: 0, at_once, waiting: Vec::new() })
+    }
+
+    /// Takes the next frame. What comes after the last one wanted is dropped.
+    pub(super) fn push(&mut self, frame: RgbImage) -> Result<(), Flaw> {
+        if self.written + self.waiting.len() < self.wanted {
+            self.waiting.push(frame);
+        }
+        match self.waiting.len() >= self.at_once {
+            true => self.write(),
+            false => Ok(()),
+        }
+    }
+
+    /// Resizes and writes the frames that wait. Threads of its own: a caller from rayon's pool could be made to do another
+    /// frame of this very video while it waits here, and that one would wait for this for ever.
+    fn write(&mut self) -> Result<(), Flaw> {
+        let (folder, size) = (self.partial.path(), self.size);
+        let frames = (self.written..).zip(&self.waiting);
+        std::thread::scope(|scope| {
+            let started: Vec<_> =
+                frames.map(|(index, frame)| scope.spawn(move || write_frame(folder, index, frame, size))).collect();
+            let panicked = || Flaw::new(folder, "a thread that writes frames has panicked", "Report it as a bug.");
+            started.into_iter().try_for_each(|thread| thread.join().unwrap_or_else(|_| Err(panicked())))
+        })?;
+        self.written += self.waiting.len();
+        self.waiting.clear();
+        Ok(())
+    }
+
+    /// Gives the set its name, if it is whole, and tells the number of frames in it.
+    pub(super) fn finish(mut self) -> Result<usize, Flaw> {
+        self.write()?;
+        if self.written < self.wanted {
+            return Ok(self.written);
+        }
+        // Another process may have made the same set in the meantime, or a set may have lost files.
+        if !is_complete(&self.folder, self.wanted) {
+            let replaced = match fs::remove_dir_all(&self.folder) {
+                Err(e) if e.kind() != io::ErrorKind::NotFound => Err(e),
+                _ => share(self.partial.path()).and_then(|()| fs::rename(self.partial.path(), &self.folder)),
+            };
+            match replaced {
+                // Nothing is left to remove under the old name.
+                Ok(()) => drop(self.partial.keep()),
+                Err(_) if is_complete(&self.folder, self.wanted) => {}
+                Err(e) => return Err(unwritable(&self.folder, &e)),
+            }
+        }
+        Ok(self.written)
+    }
+}
+
+/// Temporary folders are closed to other users, kept sets need not be.
+fn share(folder: &Path) -> io::Result<()> {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        let parent = folder.parent().unwrap_or(folder);
+        fs::set_permissions(folder, fs::Permissions::from_mode(fs::metadata(parent)?.permissions().mode()))?;
+    }
+    #[cfg(not(unix))]
+    let _ = folder;
+    Ok(())
+}
+
+fn write_frame(folder: &Path, index: usize, frame: &RgbImage, (width, height): (u32, u32)) -> Result<(), Flaw> {
+    let resized;
+    let frame = match frame.dimensions() == (width, height) {
+        true => frame,
+        false => {
+            resized = imageops::resize(frame, width, height, ResizeFilter::Lanczos3);
+            &resized
+        }
+    };
+    let mut bytes = Vec::new();
+    PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Adaptive)
+        .write_image(frame.as_raw(), width, height, image::ExtendedColorType::Rgb8)
+        .map_err(|e| match e {
+            ImageError::IoError(e) => unwritable(folder, &e),
+            e => Flaw::new(folder, e, MAKE_WRITABLE),
+        })?;
+    fs::write(frame_file(folder, index), bytes).map_err(|e| unwritable(folder, &e))
+}
+
+/// Removes half-done sets that nobody is at work on. That it fails does no harm.
+fn remove_abandoned(parent: &Path, prefix: &str) {
+    let Ok(entries) = fs::read_dir(parent) else { return };
+    for entry in entries.flatten().filter(|entry| entry.file_name().to_string_lossy().starts_with(prefix)) {
+        let age = entry.metadata().and_then(|m| m.modified()).ok().and_then(|time| time.elapsed().ok());
+        if age.is_some_and(|age| age > ABANDONED) {
+            let _ = fs::remove_dir_all(entry.path());
+        }
+    }
+}
+
+fn unwritable(folder: &Path, error: &io::Error) -> Flaw {
+    match error.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            Flaw::new(folder, format!("the disk is full, decoded frames cannot be kept there ({error})"), MAKE_ROOM)
+        }
+        _ => Flaw::new(folder, format!("decoded frames cannot be kept there ({error})"), MAKE_WRITABLE),
+    }
+}

@@ -1,0 +1,92 @@
+//! Writes scenes in the layouts of the field: for other programs, and as input for our own readers.
+//!
+//! Every layout is settled in memory first (`package`), so a scene that does not fit is refused before anything lies on
+//! the disk. Pictures are PNG files, whatever the layout's own tools write, because nothing may be lost.
+//!
+//! What is known beyond the photos lies in folders beside them, under the names that our readers give to the views:
+//! [`MASKS_TRUTH`], [`BACKGROUND_TRUTH`] and [`DEPTH_TRUTH`]. No layout knows them, so no tool trains on them by
+//! mistake.
+//!
+//! What a layout has no words for is lost: see [`Layout`].
+
+mod colmap;
+mod depths;
+mod dnerf;
+mod encode;
+mod error;
+mod hypernerf;
+mod layout;
+mod multipleview;
+mod nerfstudio;
+mod neu3d;
+mod onthego;
+mod package;
+mod panoptic;
+mod photos;
+mod poses;
+mod rig;
+mod transforms;
+
+use std::path::Path;
+
+use tracing::{info, warn};
+
+pub use error::WriteError;
+pub use layout::Layout;
+pub use package::{BACKGROUND_TRUTH, DEPTH_TRUTH, MASKS_TRUTH};
+
+use crate::{Capture, Scene};
+use package::Package;
+
+/// Why a scene does not fit a layout, to stand behind a colon.
+type Misfit = String;
+
+/// Writes `scene` in `layout` to `folder`, which must be empty or not there yet.
+///
+/// # Errors
+/// [`WriteError::Layout`] if the layout cannot hold the scene, [`WriteError::Occupied`] if there is something in the folder,
+/// [`WriteError::Unwritable`] if a file cannot be written, [`WriteError::Picture`] if a picture of the scene cannot be read.
+pub fn write(scene: &Scene, layout: Layout, folder: &Path) -> Result<(), WriteError> {
+    let package = package(scene, layout).map_err(|reason| refusal(scene.capture, layout, reason))?;
+    let unplaced = package.pictures.iter().filter(|p| p.view.mask.is_some() && p.mask.is_none()).count();
+    if unplaced > 0 {
+        warn!("{} has no place for masks: those of {unplaced} pictures are left out", layout.key());
+    }
+    package.store(folder)?;
+    let (pictures, points) = (package.pictures.len(), scene.points.len());
+    info!("{}: {pictures} pictures and {points} points as {}", folder.display(), layout.key());
+    Ok(())
+}
+
+/// What the folder will hold.
+fn package(scene: &Scene, layout: Layout) -> Result<Package<'_>, Misfit> {
+    if scene.capture != layout.capture() {
+        let is = match scene.capture {
+            Capture::Video => "it is a video, and that layout is for photos of one moment each",
+            Capture::Photos => "it is a collection of photos, and that layout is for videos",
+        };
+        return Err(is.into());
+    }
+    let Some(first) = scene.train.first() else { return Err("it has no view to train on".into()) };
+    let size = |v: &crate::View| (v.camera.width, v.camera.height);
+    if let Some(other) = scene.train.iter().chain(&scene.test).find(|view| size(view) != size(first)) {
+        let ((w, h), (v, g)) = (size(first), size(other));
+        return Err(format!("its pictures differ in size ({} is {w}x{h}, {} is {v}x{g})", first.name, other.name));
+    }
+    if scene.test.is_empty() && layout.needs_test_views() {
+        return Err("it holds nothing out, and that layout has no word for this".into());
+    }
+    layout.package(scene)
+}
+
+fn refusal(capture: Capture, layout: Layout, reason: Misfit) -> WriteError {
+    let fitting: Vec<&str> = Layout::ALL.into_iter().filter(|l| l.capture() == capture).map(Layout::key).collect();
+    let kind = match capture {
+        Capture::Video => "Videos",
+        Capture::Photos => "Photos",
+    };
+    WriteError::Layout { layout: layout.key(), reason, advice: format!("{kind} are written as {}", fitting.join(", ")) }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,100 @@
+//! What a layout makes of a scene, and how it gets to the disk.
+
+use std::fs;
+use std::path::Path;
+
+use image::{ImageError, ImageFormat};
+use rayon::prelude::*;
+
+use super::WriteError;
+use super::encode;
+use crate::View;
+
+/// Folder of the masks of what moves (white = moving), as [`attach_masks`](crate::attach_masks) takes it.
+pub const MASKS_TRUTH: &str = "masks_truth";
+
+/// Folder of the photos as they would be without anything that moves.
+pub const BACKGROUND_TRUTH: &str = "background_truth";
+
+/// Folder of the depths along the camera's axis: `.npy` files, float32, `[height, width]`.
+pub const DEPTH_TRUTH: &str = "depth_truth";
+
+/// Everything that will lie in the folder; paths are relative to it.
+#[derive(Default)]
+pub(super) struct Package<'a> {
+    pub(super) pictures: Vec<PictureEntry<'a>>,
+    /// All files but pictures and truths.
+    pub(super) files: Vec<(String, Vec<u8>)>,
+}
+
+/// A view's picture and where it goes.
+#[derive(Clone)]
+pub(super) struct PictureEntry<'a> {
+    pub(super) view: &'a View,
+    pub(super) file: String,
+    /// The name that our reader will give to the view; its truth is filed under it.
+    pub(super) name: String,
+    /// Where its mask goes, if it has one and the layout has a place for it.
+    pub(super) mask: Option<String>,
+}
+
+impl Package<'_> {
+    /// Writes everything to `folder`.
+    pub(super) fn store(&self, folder: &Path) -> Result<(), WriteError> {
+        make_room(folder)?;
+        for (name, bytes) in &self.files {
+            save(&folder.join(name), |path| fs::write(path, bytes).map_err(ImageError::IoError))?;
+        }
+        let stored: Vec<Result<(), WriteError>> = self.pictures.par_iter().map(|entry| entry.store(folder)).collect();
+        stored.into_iter().collect() // The first error in the order of the views, whichever thread met one first.
+    }
+}
+
+impl PictureEntry<'_> {
+    fn store(&self, folder: &Path) -> Result<(), WriteError> {
+        let image = self.view.image.rgb()?;
+        save(&folder.join(&self.file), |path| image.save_with_format(path, ImageFormat::Png))?;
+        if let (Some(mask), Some(file)) = (&self.view.mask, &self.mask) {
+            let mask = mask.read()?;
+            save(&folder.join(file), |path| mask.save_with_format(path, ImageFormat::Png))?;
+        }
+        self.store_truth(folder)
+    }
+
+    fn store_truth(&self, folder: &Path) -> Result<(), WriteError> {
+        let truth = &self.view.truth;
+        let place = |kind: &str, extension: &str| folder.join(kind).join(format!("{}.{extension}", self.name));
+        if let Some(mask) = &truth.dynamic_mask {
+            let mask = mask.mask()?;
+            save(&place(MASKS_TRUTH, "png"), |path| mask.save_with_format(path, ImageFormat::Png))?;
+        }
+        if let Some(background) = &truth.background {
+            let background = background.rgb()?;
+            save(&place(BACKGROUND_TRUTH, "png"), |path| background.save_with_format(path, ImageFormat::Png))?;
+        }
+        if let Some(depth) = &truth.depth {
+            let shape = [self.view.camera.height, self.view.camera.width];
+            save(&place(DEPTH_TRUTH, "npy"), |path| {
+                let bytes = encode::npy(&shape, depth.iter().copied())?;
+                fs::write(path, bytes).map_err(ImageError::IoError)
+            })?;
+        }
+        Ok(())
+    }
+}
+
+/// Makes the folder, which must not hold anything.
+fn make_room(folder: &Path) -> Result<(), WriteError> {
+    let fail = |e: std::io::Error| WriteError::Unwritable { path: folder.to_owned(), reason: e.to_string() };
+    fs::create_dir_all(folder).map_err(fail)?;
+    match fs::read_dir(folder).map_err(fail)?.next() {
+        None => Ok(()),
+        Some(_) => Err(WriteError::Occupied { folder: folder.to_owned() }),
+    }
+}
+
+/// Writes a file, and the folders that it lies in.
+fn save(path: &Path, write: impl FnOnce(&Path) -> Result<(), ImageError>) -> Result<(), WriteError> {
+    let made = path.parent().map_or(Ok(()), fs::create_dir_all).map_err(ImageError::IoError);
+    made.and_then(|()| write(path)).map_err(|e| WriteError::Unwritable { path: path.to_owned(), reason: e.to_string() })
+}

@@ -1,0 +1,24 @@
+//! What photos are called: `2clutter008.png` trains, `1extra003.png` is held out, as SpotLessSplats renamed them.
+//!
+//! The numbers count in the order of the scene, and the readers make times of them: number / largest number.
+
+use super::package::PictureEntry;
+use crate::{Scene, View};
+
+/// Digits of the numbers, if there are not more photos than they can count: names must sort as the numbers do.
+const DIGITS: usize = 3;
+
+/// The photos, those to train on first. They go to `images` below `inner` and their masks to `masks`.
+pub(super) fn entries<'a>(scene: &'a Scene, inner: &str) -> Vec<PictureEntry<'a>> {
+    let most = scene.train.len().max(scene.test.len());
+    let digits = most.saturating_sub(1).to_string().len().max(DIGITS);
+    let part = |word: &str, views: &'a [View]| -> Vec<PictureEntry<'a>> {
+        let entry = |(number, view): (usize, &'a View)| {
+            let name = format!("{word}{number:0digits$}");
+            let mask = view.mask.as_ref().map(|_| format!("{inner}masks/{name}.png"));
+            PictureEntry { view, file: format!("{inner}images/{name}.png"), name, mask }
+        };
+        views.iter().enumerate().map(entry).collect()
+    };
+    [part("2clutter", &scene.train), part("1extra", &scene.test)].concat()
+}

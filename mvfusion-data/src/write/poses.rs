@@ -1,0 +1,120 @@
+//! A camera's pose and pixels in the conventions of the layouts.
+//!
+//! Ours leads from the world to the camera, in OpenCV axes. The readers hold the inverse of each of these.
+
+use glam::{DMat3, DQuat, DVec3};
+
+use super::depths::Depths;
+use crate::Camera;
+use crate::poses::ROW;
+
+/// Up to which part of a length cameras may miss what a layout takes for granted: far below what any file keeps.
+const EXACT: f64 = 1e-9;
+
+/// The rotation from the world to the camera as COLMAP writes it: w, x, y, z of length one, and w not negative.
+pub(super) fn quaternion(camera: &Camera) -> [f64; 4] {
+    let q = DQuat::from_mat3(&camera.rotation).normalize();
+    let q = if q.w < 0.0 { -q } else { q };
+    [q.w, q.x, q.y, q.z]
+}
+
+/// From the world to the camera, OpenCV axes: rows of a 4x4 matrix.
+pub(super) fn world_to_camera(camera: &Camera) -> [[f64; 4]; 4] {
+    affine(camera.rotation, camera.translation)
+}
+
+/// From the camera to the world, where the camera looks along -z with y up (OpenGL): rows of a 4x4 matrix.
+pub(super) fn opengl_to_world(camera: &Camera) -> [[f64; 4]; 4] {
+    let [right, down, forward] = axes(camera);
+    affine(DMat3::from_cols(right, -down, -forward), camera.centre())
+}
+
+/// A row of `poses_bounds.npy`: a 3x5 matrix whose columns are down, right, backward, the centre and (height, width,
+/// focal length), row by row; then the bounds.
+pub(super) fn llff_row(camera: &Camera, depths: Depths) -> [f64; ROW] {
+    let [right, down, forward] = axes(camera);
+    let sizes = DVec3::new(camera.height as f64, camera.width as f64, camera.fx);
+    let columns = [down, right, -forward, camera.centre(), sizes];
+    let mut row = [0.0; ROW];
+    for (place, value) in row.iter_mut().take(15).enumerate() {
+        *value = columns[place % 5][place / 5];
+    }
+    (row[15], row[16]) = (depths.near, depths.far);
+    row
+}
+
+/// The matrix from camera coordinates to homogeneous pixel coordinates, by rows.
+pub(super) fn intrinsics(camera: &Camera) -> [[f64; 3]; 3] {
+    [[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]]
+}
+
+/// Whether pixels are square and the principal point is in the middle.
+pub(super) fn is_plain(camera: &Camera) -> bool {
+    let (width, height) = (camera.width as f64, camera.height as f64);
+    let square = (camera.fx - camera.fy).abs() <= EXACT * camera.fx;
+    square && (camera.cx - width / 2.0).abs() <= EXACT * width && (camera.cy - height / 2.0).abs() <= EXACT * height
+}
+
+/// Whether two cameras have the same focal length along x.
+pub(super) fn same_focal(one: &Camera, other: &Camera) -> bool {
+    (one.fx - other.fx).abs() <= EXACT * one.fx
+}
+
+/// The camera's right, down and forward axes in the world.
+fn axes(camera: &Camera) -> [DVec3; 3] {
+    [0, 1, 2].map(|row| camera.rotation.row(row))
+}
+
+fn affine(rotation: DMat3, translation: DVec3) -> [[f64; 4]; 4] {
+    let row = |i: usize| {
+        let r = rotation.row(i);
+        [r.x, r.y, r.z, translation[i]]
+    };
+    [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::poses::camera_from_row;
+
+    /// Room for rounding in a handful of products of numbers near one.
+    const ROUNDING: f64 = 1e-12;
+
+    fn camera(angle: f64) -> Camera {
+        let turn = DMat3::from_axis_angle(DVec3::new(0.2, 0.9, -0.1).normalize(), angle);
+        Camera::centred(160, 120, 140.0, turn, DVec3::new(1.0, -2.0, 3.0))
+    }
+
+    #[test]
+    fn quaternions_have_length_one_and_no_negative_w_and_turn_as_the_camera_does() {
+        for angle in [0.0, 0.7, 2.9, 3.3, 6.0] {
+            let camera = camera(angle);
+            let [w, x, y, z] = quaternion(&camera);
+            let back = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w));
+            assert!(w >= 0.0 && (w * w + x * x + y * y + z * z - 1.0).abs() < ROUNDING);
+            assert!((back - camera.rotation).to_cols_array().iter().all(|v| v.abs() < ROUNDING), "{angle}");
+        }
+    }
+
+    #[test]
+    fn a_row_of_llff_is_read_back_as_the_same_camera() {
+        let camera = camera(0.7);
+        let row = llff_row(&camera, Depths { near: 0.5, far: 9.0 });
+        let back = camera_from_row(&row, 160, 120);
+        assert!((back.translation - camera.translation).length() < ROUNDING && (back.fx - camera.fx).abs() < ROUNDING);
+        assert!((back.rotation - camera.rotation).to_cols_array().iter().all(|v| v.abs() < ROUNDING));
+        assert_eq!(row[15..], [0.5, 9.0]);
+    }
+
+    #[test]
+    fn an_opengl_camera_looks_along_minus_z_with_y_up() {
+        let camera = camera(1.2);
+        let matrix = opengl_to_world(&camera);
+        let column = |c: usize| DVec3::new(matrix[0][c], matrix[1][c], matrix[2][c]);
+        assert!((column(2) + camera.forward()).length() < ROUNDING);
+        assert!((column(3) - camera.centre()).length() < ROUNDING);
+        let above = camera.project(camera.centre() + 2.0 * camera.forward() + 0.1 * column(1)).expect("in front");
+        assert!(above.y < camera.cy && (above.x - camera.cx).abs() < 1e-9);
+    }
+}

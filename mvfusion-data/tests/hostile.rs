@@ -1,0 +1,171 @@
+//! Files that nobody should have written: whole scenes of every layout with one damaged file in them. Whatever its bytes
+//! are, a reader answers with a scene or an error, without panic, without hanging, and without taking memory that the
+//! files do not warrant.
+//!
+//! Each file of [`targets`] is damaged `PROPTEST_CASES` times, [`CASES`] unless that is set. Damage is drawn by proptest, which
+//! shrinks what it finds.
+
+mod damage;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::time::Duration;
+
+use mvfusion_data::{BuiltinKind, BuiltinOptions, Capture, ReadOptions, builtin, open};
+use mvfusion_data::{Layout, write};
+use peak_alloc::PeakAlloc;
+use proptest::collection::vec;
+use proptest::test_runner::{Config, TestCaseError, TestRunner};
+
+use damage::{Damage, any_damage};
+
+#[global_allocator]
+static ALLOCATOR: PeakAlloc = PeakAlloc;
+
+/// Cases of each file where `PROPTEST_CASES` does not say otherwise.
+const CASES: u32 = 800;
+
+/// Most changes to a file at once.
+const MOST_CHANGES: usize = 4;
+
+/// How many times the bytes of a scene's files its reading may hold at once.
+const MOST_TIMES: usize = 10;
+
+/// What reading holds whatever the files are: buffers, messages, tables of decoders.
+const FIXED: usize = 1 << 20;
+
+/// Reading a scene of this size takes milliseconds; what takes longer than this hangs.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A model of three photos as text, which no writer of ours writes.
+const TEXT_MODEL: [(&str, &str); 3] = [
+    ("cameras.txt", "# Camera list\n1 OPENCV 16 16 14.5 14.5 8 8 0.01 -0.002 0.0003 0.0001\n"),
+    (
+        "images.txt",
+        "# Image list\n1 1 0 0 0 0 0 4 1 2clutter000.png\n3.5 4.5 1\n2 0.99 0.1 0 0 0.1 0 4 1 2clutter001.png\n\n\
+         3 0.98 0 0.2 0 0.2 0 4 1 1extra000.png\n1 2 -1\n",
+    ),
+    ("points3D.txt", "# Points\n1 0.5 0.25 1 200 100 50 0.3 1 0 2 0\n2 -0.5 0.25 1.5 20 10 250 0.3 1 1\n"),
+];
+
+/// The files that are damaged, by layout.
+fn targets() -> Vec<(Layout, &'static [&'static str])> {
+    vec![
+        (Layout::Neu3d, &["poses_bounds.npy", "points3D.ply", "cam00/images/0000.png"]),
+        (Layout::Panoptic, &["train_meta.json", "test_meta.json", "init_pt_cld.npz"]),
+        (Layout::Nerfstudio, &["transforms.json"]),
+        (Layout::MultipleView, &["sparse_/images.bin", "points3D_multipleview.ply"]),
+        (Layout::DNerf, &["transforms_train.json", "transforms_test.json"]),
+        (Layout::HyperNerf, &["dataset.json", "metadata.json", "scene.json", "camera/000000.json", "points.npy"]),
+        (Layout::Colmap, &["sparse/0/cameras.bin", "sparse/0/images.bin", "sparse/0/points3D.bin"]),
+        (Layout::OnTheGo, &["transforms.json", "split.json"]),
+        (Layout::OnTheGoColmap, &["train_list.txt", "test_list.txt"]),
+        (Layout::RobustNerf, &["0/sparse/0/cameras.txt", "0/sparse/0/images.txt", "0/sparse/0/points3D.txt"]),
+    ]
+}
+
+/// A small sound scene of a layout.
+fn written(layout: Layout, folder: &Path) {
+    let kind = match layout.capture() {
+        Capture::Video => BuiltinKind::Video,
+        Capture::Photos => BuiltinKind::Casual,
+    };
+    let options = BuiltinOptions { kind, width: 16, height: 16, frames: 2, photos: 2, test_photos: 1, seed: 1 };
+    write(&builtin::builtin(&options), layout, folder).expect("written");
+    match layout {
+        Layout::RobustNerf => {
+            let model = folder.join("0/sparse/0");
+            fs::remove_dir_all(&model).expect("removed");
+            fs::create_dir_all(&model).expect("made");
+            for (name, text) in TEXT_MODEL {
+                fs::write(model.join(name), text).expect("written");
+            }
+        }
+        Layout::OnTheGoColmap => {
+            fs::write(folder.join("train_list.txt"), "2clutter000.png\n2clutter001.png\n").expect("written");
+            fs::write(folder.join("test_list.txt"), "1extra000.png\n").expect("written");
+        }
+        _ => {}
+    }
+    open(folder, &ReadOptions::default()).unwrap_or_else(|error| panic!("{}: {error}", layout.key()));
+}
+
+/// Bytes of all files below a folder.
+fn bytes_below(folder: &Path) -> usize {
+    let entries = fs::read_dir(folder).expect("listed").map(|entry| entry.expect("listed").path());
+    let size = |path: PathBuf| match path.is_dir() {
+        true => bytes_below(&path),
+        false => fs::metadata(&path).expect("there").len() as usize,
+    };
+    entries.map(size).sum()
+}
+
+/// Reads a scene with the damaged file in it; a panic is proptest's to catch.
+fn read(folder: &Path, file: &Path, content: &[u8]) -> Result<(), TestCaseError> {
+    fs::write(file, content).expect("written");
+    let files = bytes_below(folder);
+    let before = ALLOCATOR.current_usage();
+    ALLOCATOR.reset_peak_usage();
+    let outcome = open(folder, &ReadOptions::default());
+    let taken = ALLOCATOR.peak_usage().saturating_sub(before);
+    if taken > MOST_TIMES * files + FIXED {
+        return Err(TestCaseError::fail(format!("{taken} bytes were taken for files of {files}")));
+    }
+    if let Err(error) = outcome {
+        let message = error.to_string();
+        // A message repeats names and numbers of the file, never the file itself.
+        if message.trim().is_empty() || message.len() > 20_000 {
+            return Err(TestCaseError::fail(format!("a message of {} bytes", message.len())));
+        }
+    }
+    Ok(())
+}
+
+/// Ends the process if nothing is said for too long: a test that hangs cannot fail.
+fn watched(body: impl FnOnce(&mpsc::Sender<String>)) {
+    let (alive, watch) = mpsc::channel::<String>();
+    let watchdog = std::thread::spawn(move || {
+        let mut last = String::new();
+        loop {
+            match watch.recv_timeout(PATIENCE) {
+                Ok(next) => last = next,
+                Err(RecvTimeoutError::Disconnected) => return,
+                Err(RecvTimeoutError::Timeout) => {
+                    eprintln!("reading hangs: {last}");
+                    std::process::abort();
+                }
+            }
+        }
+    });
+    body(&alive);
+    drop(alive);
+    watchdog.join().expect("the watchdog ends");
+}
+
+// One test, one thread: memory is counted for the whole process.
+#[test]
+fn damaged_files_are_answered_whatever_they_hold() {
+    let cases = std::env::var("PROPTEST_CASES").ok().and_then(|cases| cases.parse().ok()).unwrap_or(CASES);
+    let config = Config { cases, failure_persistence: None, ..Config::default() };
+    let place = tempfile::tempdir().expect("folder");
+    watched(|alive| {
+        for (layout, files) in targets() {
+            let folder = place.path().join(layout.key());
+            written(layout, &folder);
+            for name in files {
+                let file = folder.join(name);
+                let sound = fs::read(&file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+                let mut runner = TestRunner::new(config.clone());
+                let outcome = runner.run(&vec(any_damage(), 1..=MOST_CHANGES), |changes: Vec<Damage>| {
+                    let _ = alive.send(format!("{} in {}: {changes:?}", name, layout.key()));
+                    let mut content = sound.clone();
+                    changes.iter().for_each(|change| change.apply(&mut content));
+                    read(&folder, &file, &content)
+                });
+                outcome.unwrap_or_else(|failure| panic!("{} in {}: {failure}", name, layout.key()));
+                fs::write(&file, &sound).expect("restored");
+            }
+        }
+    });
+}
