@@ -105,7 +105,7 @@ fn parts(transforms: &Transforms, frames: &[&Frame], test_every: usize) -> Resul
         let part = |place: usize| Some(if is_test(place) { Part::Test } else { Part::Train });
         return Ok((0..frames.len()).map(part).collect());
     }
-    let listed = |names: &'_ Option<Vec<String>>| -> Option<BTreeSet<String>> {
+    let listed = |names: &Option<Vec<String>>| -> Option<BTreeSet<String>> {
         names.as_ref().map(|names| names.iter().map(|name| plain(name).to_owned()).collect())
     };
     let (train, test) = (listed(&transforms.train), listed(&transforms.test));

@@ -154,10 +154,9 @@ fn is_computable(camera: &Camera) -> bool {
 
 /// Pictures and masks must be there.
 fn check_presence(folder: &Path, shots: &[Shot]) -> Result<(), DataError> {
-    let pictures = shots.iter().map(|shot| shot.source.path()).collect();
-    let masks = shots.iter().filter_map(|shot| shot.mask.as_deref()).collect();
+    let pictures: Vec<&Path> = shots.iter().map(|shot| shot.source.path()).collect();
+    let masks: Vec<&Path> = shots.iter().filter_map(|shot| shot.mask.as_deref()).collect();
     for (what, paths) in [("picture", pictures), ("mask", masks)] {
-        let paths: Vec<&Path> = paths;
         let absent: Vec<&Path> = paths.iter().copied().filter(|path| !path.is_file()).collect();
         let Some(first) = absent.first() else { continue };
         let path = first.strip_prefix(folder).unwrap_or(first);
