@@ -1,7 +1,7 @@
 //! Point clouds in PLY files, read by the names of their fields.
 
 use std::fmt;
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 use glam::Vec3;
