@@ -8,7 +8,8 @@
 //! * Times are divided by the largest of both files, as 4DGS does (METHOD §5.6).
 //! * Pictures are RGBA; what is transparent shows the colour behind the scene, `model.background`.
 //! * Without a point cloud (`fused.ply`, `points3d.ply`) training starts from 2000 random points in a cube of side 2.6, where
-//!   the synthetic objects stand; their colours are grey but for the last digit. Departure: 4DGS resizes all pictures to 800 x 800; here they stay as they are.
+//!   the synthetic objects stand; their colours are grey but for the last digit.
+//! * Departure: 4DGS resizes all pictures to 800 x 800; here they stay as they are.
 
 use std::path::Path;
 
