@@ -1,10 +1,13 @@
 //! Decoded pictures within a budget of bytes, decoded ahead of their use by threads in the background.
 //!
-//! Training shows every picture once a round, in an order that is known a little ahead. A picture that was shown will not
-//! be wanted before the next round, so what has to go is what was used last: an older one is wanted sooner. That way a
-//! budget for k of n pictures saves k of n decodings a round; to keep those that were used last would save none.
+//! Training shows every picture once a round, in an order that is known a little ahead. A picture that was shown will
+//! not be wanted before the next round, so what has to go is what was used last: an older one is wanted sooner. That
+//! way a budget for k of n pictures saves k of n decodings a round; to keep those that were used last would save none.
 
-use std::collections::VecDeque;
+#[cfg(test)]
+mod tests;
+
+use std::collections::{HashSet, VecDeque};
 use std::panic::AssertUnwindSafe;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
@@ -98,8 +101,8 @@ enum Entry {
 }
 
 impl PictureCache {
-    /// A cache of the pictures of views that holds at most `budget` bytes of them decoded (but always the one that is asked
-    /// for), with so many decoding threads. Pictures in memory count for nothing.
+    /// A cache of the pictures of views that holds at most `budget` bytes of them decoded (but always the one that is
+    /// asked for), with so many decoding threads. Pictures in memory count for nothing.
     pub fn new(views: &[View], budget: u64, threads: usize) -> Self {
         let masked = |view: &View| Masked { picture: view.image.clone(), mask: view.mask.clone() };
         let state = State {
@@ -153,13 +156,10 @@ impl PictureCache {
     /// decoded any more.
     pub fn announce(&self, upcoming: &[usize]) {
         let mut state = self.shared.lock();
-        state.queue.clear();
-        let wanted = state.wanted.clone();
-        for &index in wanted.iter().chain(upcoming) {
-            if self.shared.is_absent(&state, index) && !state.queue.contains(&index) {
-                state.queue.push_back(index);
-            }
-        }
+        let mut seen = HashSet::new();
+        let mut is_due = |index: &usize| self.shared.is_absent(&state, *index) && seen.insert(*index);
+        let queue = state.wanted.iter().chain(upcoming).copied().filter(&mut is_due).collect();
+        state.queue = queue;
         drop(state);
         self.shared.work.notify_all();
     }
@@ -283,8 +283,8 @@ impl Shared {
         }
     }
 
-    /// Takes the next picture to decode out of the queue and makes room for it; `None` if there is none, or no room before
-    /// something is used.
+    /// Takes the next picture to decode out of the queue and makes room for it; `None` if there is none, or no room
+    /// before something is used.
     fn next(&self, state: &mut State) -> Option<usize> {
         let &index = state.queue.front()?;
         let (bytes, urgent) = (self.bytes(index), state.wanted.contains(&index));
@@ -297,119 +297,5 @@ impl Shared {
         state.held += bytes;
         state.entries[index] = Entry::Decoding;
         Some(index)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use std::path::Path;
-
-    use glam::{DMat3, DVec3};
-    use image::{Luma, Rgb};
-
-    use super::*;
-    use crate::{Camera, Truth};
-
-    const SIDE: u32 = 32;
-    const BYTES: u64 = 3 * (SIDE as u64) * (SIDE as u64);
-
-    fn view(image: Picture) -> View {
-        let camera = Camera::centred(SIDE as usize, SIDE as usize, 30.0, DMat3::IDENTITY, DVec3::ZERO);
-        View { name: String::new(), camera, time: 0.0, image, mask: None, truth: Truth::default() }
-    }
-
-    fn views(folder: &Path, count: u8) -> Vec<View> {
-        let written = |i: u8| {
-            let path = folder.join(format!("{i}.png"));
-            RgbImage::from_pixel(SIDE, SIDE, Rgb([i; 3])).save(&path).expect("written");
-            view(Picture::file(path, (SIDE, SIDE)))
-        };
-        (0..count).map(written).collect()
-    }
-
-    /// The grey level of a picture.
-    fn level(cache: &PictureCache, index: usize) -> u8 {
-        cache.get(index).expect("decoded").rgb.get_pixel(3, 3).0[0]
-    }
-
-    #[test]
-    fn pictures_come_as_asked_for_and_within_the_budget() {
-        let folder = tempfile::tempdir().expect("folder");
-        let cache = PictureCache::new(&views(folder.path(), 20), 4 * BYTES, 2);
-        for round in 0..3 {
-            let order: Vec<usize> = (0..20).map(|i| (7 * i + round) % 20).collect();
-            for (at, &index) in order.iter().enumerate() {
-                cache.announce(&order[at..(at + 6).min(20)]);
-                assert_eq!(level(&cache, index), index as u8);
-                assert!(cache.held() <= 4 * BYTES, "{} bytes", cache.held());
-            }
-        }
-    }
-
-    #[test]
-    fn a_budget_for_less_than_a_picture_still_gives_pictures() {
-        let folder = tempfile::tempdir().expect("folder");
-        let cache = PictureCache::new(&views(folder.path(), 3), 1, 2);
-        for index in [2, 0, 1, 1, 2] {
-            assert_eq!(level(&cache, index), index as u8);
-            assert!(cache.held() <= BYTES);
-        }
-    }
-
-    #[test]
-    fn a_share_of_the_pictures_stays_from_round_to_round() {
-        let folder = tempfile::tempdir().expect("folder");
-        let cache = PictureCache::new(&views(folder.path(), 12), 6 * BYTES, 1);
-        let mut decoded = 0;
-        for round in 0..4 {
-            for i in 0..12 {
-                let index = (5 * i + round) % 12;
-                decoded += usize::from(round > 0 && !matches!(cache.shared.lock().entries[index], Entry::Ready { .. }));
-                cache.get(index).expect("decoded");
-            }
-        }
-        // Half of the pictures fit, and the one in hand takes a place: no round decodes more than seven.
-        assert!(decoded <= 3 * 7, "{decoded} decoded again in three rounds");
-    }
-
-    #[test]
-    fn what_was_announced_in_vain_gives_way_to_what_is_wanted() {
-        let folder = tempfile::tempdir().expect("folder");
-        let cache = PictureCache::new(&views(folder.path(), 8), 2 * BYTES, 2);
-        cache.announce(&[0, 1, 2]);
-        for index in [7, 6, 5, 0] {
-            assert_eq!(level(&cache, index), index as u8);
-        }
-    }
-
-    #[test]
-    fn a_picture_that_cannot_be_read_is_an_error_each_time_and_harms_no_other() {
-        let folder = tempfile::tempdir().expect("folder");
-        let views = views(folder.path(), 3);
-        std::fs::write(folder.path().join("1.png"), b"broken").expect("written");
-        let cache = PictureCache::new(&views, 10 * BYTES, 2);
-        cache.announce(&[0, 1, 2]);
-        for _ in 0..2 {
-            assert!(matches!(cache.get(1), Err(DataError::Image { .. })));
-            assert_eq!(level(&cache, 2), 2);
-        }
-        assert_eq!(cache.held() % BYTES, 0);
-        assert!(matches!(cache.fill(), Err(DataError::Image { .. })));
-    }
-
-    #[test]
-    fn a_mask_comes_with_its_picture_and_counts_in_the_budget() {
-        let folder = tempfile::tempdir().expect("folder");
-        let path = folder.path().join("mask.png");
-        GrayImage::from_fn(SIDE, SIDE, |x, _| Luma([if x < 10 { 200 } else { 3 }])).save(&path).expect("written");
-        let mask = Mask { picture: Picture::file(path, (SIDE, SIDE)), inverted: true };
-        let in_memory = Picture::Memory(Arc::new(RgbImage::new(SIDE, SIDE)));
-        let masked = [View { mask: Some(mask), ..view(in_memory.clone()) }, view(in_memory)];
-        let cache = PictureCache::new(&masked, BYTES, 1);
-        cache.fill().expect("decoded");
-        let counted = cache.get(0).expect("decoded").counted.expect("a mask");
-        assert_eq!([9, 10].map(|x| counted.get_pixel(x, 5).0[0]), [0, 255]);
-        assert!(cache.get(1).expect("decoded").counted.is_none());
-        assert_eq!(cache.held(), BYTES / 3);
     }
 }

@@ -16,6 +16,7 @@ mod error;
 mod frames;
 pub mod hypernerf;
 pub mod inspect;
+mod jpeg;
 mod lens;
 mod masks;
 pub mod multipleview;

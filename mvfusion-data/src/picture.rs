@@ -7,7 +7,9 @@ use std::sync::Arc;
 use image::imageops::{self, FilterType};
 use image::{DynamicImage, GrayImage, ImageReader, RgbImage};
 
+use crate::jpeg;
 use crate::lens::Lens;
+use crate::masks::{black_and_white, check_shape};
 use crate::undistort::{straighten, straighten_mask};
 use crate::{DataError, Video};
 
@@ -106,13 +108,15 @@ impl Picture {
         }
     }
 
-    /// The picture as a mask: its first channel, resized and straightened without blending.
+    /// The picture as a mask: 255 where it is white, 0 where it is black or transparent. White is what is at least
+    /// half as bright as can be in its brightest channel; and where the file holds nothing but 0 and 1, which is how
+    /// programs write labels, 1 is. Resized and straightened without blending.
     ///
     /// # Errors
-    /// As [`Picture::rgb`].
+    /// As [`Picture::rgb`], and if the file has another shape than the picture that it is for.
     pub fn mask(&self) -> Result<GrayImage, DataError> {
         match self {
-            Picture::Memory(image) => Ok(first_channel(image)),
+            Picture::Memory(image) => Ok(black_and_white(DynamicImage::ImageRgb8(RgbImage::clone(image)))),
             Picture::File(file) => file.mask(),
         }
     }
@@ -133,7 +137,9 @@ impl PictureFile {
     }
 
     fn mask(&self) -> Result<GrayImage, DataError> {
-        let mask = first_channel(&self.source.decode((self.width, self.height))?.into_rgb8());
+        let mask = self.source.decode((self.width, self.height))?;
+        check_shape(self.source.path(), (mask.width(), mask.height()), (self.width, self.height))?;
+        let mask = black_and_white(mask);
         let mask = match mask.dimensions() == (self.width, self.height) {
             true => mask,
             false => imageops::resize(&mask, self.width, self.height, FilterType::Nearest),
@@ -146,14 +152,17 @@ impl PictureFile {
 }
 
 /// Eight bits a channel: more bits are rounded, linear light (the floats of an EXR file) becomes sRGB, and what is
-/// transparent shows the backdrop.
+/// transparent shows the backdrop. The colours of an EXR file come multiplied by its alpha, those of a PNG file do
+/// not.
 fn to_rgb8(image: DynamicImage, backdrop: Option<[u8; 3]>) -> RgbImage {
     let image = match image {
         DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_) => {
             let mut linear = image.into_rgba32f();
             for pixel in linear.pixels_mut() {
+                let alpha = pixel.0[3];
+                let share = if alpha > 0.0 && alpha < 1.0 { alpha } else { 1.0 };
                 for channel in &mut pixel.0[..3] {
-                    *channel = srgb(*channel);
+                    *channel = srgb(*channel / share);
                 }
             }
             DynamicImage::ImageRgba32F(linear)
@@ -185,8 +194,8 @@ pub(crate) fn file_size(path: &Path) -> Result<(u32, u32), DataError> {
     opened(path)?.into_dimensions().map_err(|e| unreadable(path, &e))
 }
 
-/// The size of pictures of `width` by `height` pixels that are made smaller by the factor `downscale`, the option of that
-/// name.
+/// The size of pictures of `width` by `height` pixels that are made smaller by the factor `downscale`, the option of
+/// that name.
 ///
 /// # Errors
 /// [`DataError::Setting`] if the factor is below 1, or so large that nothing of use is left.
@@ -207,22 +216,16 @@ pub(crate) fn reduced_size((width, height): (u32, u32), downscale: f64) -> Resul
 }
 
 fn decode(path: &Path) -> Result<DynamicImage, DataError> {
+    // To read what is no file, such as a pipe, could take for ever.
+    if !std::fs::metadata(path).map_err(|e| unreadable(path, &e))?.is_file() {
+        return Err(unreadable(path, &"it is no file"));
+    }
     let bytes = std::fs::read(path).map_err(|e| unreadable(path, &e))?;
-    if is_broken_off(&bytes) {
+    if jpeg::is_broken_off(&bytes) {
         return Err(unreadable(path, &"the file ends before the picture does"));
     }
     let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| unreadable(path, &e))?;
     reader.decode().map_err(|e| unreadable(path, &e))
-}
-
-/// Whether a JPEG file lacks its end, in whose place the decoder shows grey and says nothing: the marker that ends the picture
-/// must come after the last one that begins pixels.
-fn is_broken_off(bytes: &[u8]) -> bool {
-    const START_OF_FILE: [u8; 2] = [0xff, 0xd8];
-    const START_OF_SCAN: [u8; 2] = [0xff, 0xda];
-    const END: [u8; 2] = [0xff, 0xd9];
-    let last = |marker: [u8; 2]| bytes.windows(2).rposition(|pair| pair == marker);
-    bytes.starts_with(&START_OF_FILE) && last(END) < last(START_OF_SCAN)
 }
 
 /// The kind of file is guessed from its content: photos with a wrong extension are common.
@@ -232,10 +235,6 @@ fn opened(path: &Path) -> Result<ImageReader<std::io::BufReader<std::fs::File>>,
 
 fn unreadable(path: &Path, reason: &dyn std::fmt::Display) -> DataError {
     DataError::Image { path: path.to_owned(), reason: reason.to_string() }
-}
-
-fn first_channel(image: &RgbImage) -> GrayImage {
-    GrayImage::from_fn(image.width(), image.height(), |x, y| image::Luma([image.get_pixel(x, y).0[0]]))
 }
 
 #[cfg(test)]
@@ -300,6 +299,51 @@ mod tests {
         assert_eq!(to_rgb8(DynamicImage::ImageRgb16(deep), None).get_pixel(3, 3).0, [0x81, 255, 0]);
         let linear = image::Rgb32FImage::from_pixel(16, 16, image::Rgb([0.215_861, 3.0, f32::NAN]));
         assert_eq!(to_rgb8(DynamicImage::ImageRgb32F(linear), None).get_pixel(3, 3).0, [128, 255, 0]);
+    }
+
+    #[test]
+    fn colours_that_were_multiplied_by_their_alpha_are_divided_by_it() {
+        let half = image::Rgba32FImage::from_pixel(16, 16, image::Rgba([0.5 * 0.215_861, 0.5, 0.0, 0.5]));
+        let image = to_rgb8(DynamicImage::ImageRgba32F(half), Some([0; 3]));
+        assert_eq!(image.get_pixel(3, 3).0, [64, 128, 0]);
+    }
+
+    #[test]
+    fn a_file_that_breaks_off_anywhere_is_an_error_unless_nothing_of_the_picture_is_lacking() {
+        let folder = tempfile::tempdir().expect("folder");
+        let noise = |x: u32, y: u32| [x, y, x * y].map(|v| (v * 37 % 251) as u8);
+        let image = DynamicImage::ImageRgb8(RgbImage::from_fn(20, 18, |x, y| image::Rgb(noise(x, y))));
+        for (name, image) in [
+            ("a.png", image.clone()),
+            ("b.jpg", image.clone()),
+            ("c.exr", DynamicImage::ImageRgb32F(image.to_rgb32f())),
+            ("d.png", DynamicImage::ImageLuma16(image.to_luma16())),
+        ] {
+            let path = folder.path().join(name);
+            image.save(&path).expect("written");
+            let picture = Picture::file(path.clone(), (20, 18));
+            let (whole, bytes) = (picture.rgb().expect("whole"), std::fs::read(&path).expect("read"));
+            for length in (0..bytes.len()).step_by(5) {
+                std::fs::write(&path, &bytes[..length]).expect("written");
+                match picture.rgb() {
+                    Ok(image) => assert!(image == whole, "{name}: {length} of {} bytes", bytes.len()),
+                    Err(error) => assert!(error.to_string().contains(name), "{error}"),
+                }
+            }
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_pipe_is_refused_and_not_waited_for() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("pipe.png");
+        let made = std::process::Command::new("mkfifo").arg(&path).status().expect("a program of the system");
+        assert!(made.success());
+        let (sender, receiver) = std::sync::mpsc::channel();
+        std::thread::spawn(move || sender.send(Picture::file(path, (16, 16)).mask().map_err(|e| e.to_string())));
+        let answer = receiver.recv_timeout(std::time::Duration::from_secs(60)).expect("an answer");
+        assert!(answer.expect_err("no file").contains("pipe.png"));
     }
 
     #[test]

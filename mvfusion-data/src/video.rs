@@ -1,7 +1,7 @@
 //! Videos: their frames as pictures.
 //!
-//! Training asks for frames in random order and from several threads, while a video can only be decoded from its start.
-//! So a video is decoded once, frame after frame, into a folder of pictures, and later questions read those.
+//! Training asks for frames in random order and from several threads, while a video can only be decoded from its
+//! start. So a video is decoded once, frame after frame, into a folder of pictures, and later questions read those.
 
 #[cfg(feature = "h264")]
 mod colour;
@@ -9,8 +9,10 @@ mod ffmpeg;
 #[cfg(feature = "h264")]
 mod h264;
 mod mp4;
+mod permit;
 mod samples;
 mod store;
+mod temporary;
 #[cfg(test)]
 mod tests;
 
@@ -24,12 +26,16 @@ use image::{DynamicImage, ImageReader};
 
 use crate::DataError;
 
+use permit::Permit;
+
 pub(crate) use store::FrameStore;
 
 /// Frames with more pixels are refused: a header that lies must not cost the memory for its claim.
 const MOST_PIXELS: u64 = 1 << 26;
 
 const CHECK_FILE: &str = "Check that the file is complete and plays, and copy it again if not.";
+const READ_FEWER: &str = "Check that the file is complete and plays, and copy it again if not; or read fewer frames of all \
+                          videos with the option frames.";
 const EXTRACT: &str = "Install the program ffmpeg, or turn the video into pictures on another computer with \
                        `ffmpeg -i NAME.mp4 NAME/images/%04d.png`.";
 
@@ -45,8 +51,8 @@ pub struct Video {
     track: Option<mp4::Track>,
     decoder: VideoDecoder,
     store: FrameStore,
-    /// The frames of each size that was asked for. Each has its own lock, held while they are decoded, so that whoever comes
-    /// meanwhile waits.
+    /// The frames of each size that was asked for. Each has its own lock, held while they are decoded, so that whoever
+    /// comes meanwhile waits.
     sets: Mutex<BTreeMap<(u32, u32), SharedSet>>,
 }
 
@@ -108,8 +114,8 @@ impl VideoDecoder {
 }
 
 impl Video {
-    /// Looks at a video: only its headers are read, except in containers other than mp4, which ffprobe reads through to count
-    /// the frames. `limit` is the number of frames that are of use, from the first on.
+    /// Looks at a video: only its headers are read, except in containers other than mp4, which ffprobe reads through
+    /// to count the frames. `limit` is the number of frames that are of use, from the first on.
     ///
     /// # Errors
     /// [`DataError::Content`] if the file is no video, or one that cannot be decoded here.
@@ -162,12 +168,12 @@ impl Video {
         self.size
     }
 
-    /// A frame, resized to `size` with a Lanczos filter if it has another size. The first call for a size decodes the whole
-    /// video; calls from other threads wait for it.
+    /// A frame, resized to `size` with a Lanczos filter if it has another size. The first call for a size decodes the
+    /// whole video; calls from other threads wait for it.
     ///
     /// # Errors
-    /// [`DataError::Content`] if the video cannot be decoded or its frames cannot be kept, [`DataError::Image`] if a kept
-    /// frame cannot be read.
+    /// [`DataError::Content`] if the video cannot be decoded or its frames cannot be kept, [`DataError::Image`] if a
+    /// kept frame cannot be read.
     pub(crate) fn frame(&self, index: usize, size: (u32, u32)) -> Result<DynamicImage, DataError> {
         if index >= self.len || size.0 == 0 || size.1 == 0 {
             let reason = format!("frame {index} of {} was asked for, in {} x {} pixels", self.len, size.0, size.1);
@@ -206,6 +212,7 @@ impl Video {
         if store::is_complete(&folder, self.len) {
             return Ok(folder);
         }
+        let _permit = Permit::take();
         let start = Instant::now();
         let mut writer = store::SetWriter::new(&folder, size, self.len)?;
         let by = match self.decoder.is_ffmpeg() {
@@ -217,7 +224,7 @@ impl Video {
         let frames = writer.finish()?;
         if frames < self.len {
             let reason = format!("only {frames} of {} frames can be decoded", self.len);
-            return Err(Flaw::new(&self.path, reason, CHECK_FILE));
+            return Err(Flaw::new(&self.path, reason, READ_FEWER));
         }
         tracing::debug!("decoded {} in {:.1} s", self.path.display(), start.elapsed().as_secs_f64());
         Ok(folder)

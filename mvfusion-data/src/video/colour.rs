@@ -7,8 +7,8 @@ use openh264::formats::YUVSource;
 const SHIFT: u32 = 16;
 const HALF: i32 = 1 << (SHIFT - 1);
 
-/// How a video codes colours, as factors with [`SHIFT`] bits behind the point. The chroma's are by 16 smaller, because its
-/// interpolation leaves sums of sixteen.
+/// How a video codes colours, as factors with [`SHIFT`] bits behind the point. The chroma's are by 16 smaller, because
+/// its interpolation leaves sums of sixteen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Colours {
     black: i32,
@@ -20,8 +20,8 @@ pub(super) struct Colours {
 }
 
 impl Colours {
-    /// `matrix` is the number of the matrix coefficients in H.273; what is not told or not known here is taken for BT.601, as
-    /// ffmpeg does.
+    /// `matrix` is the number of the matrix coefficients in H.273; what is not told or not known here is taken for
+    /// BT.601, as ffmpeg does.
     pub(super) fn new(matrix: u16, full_range: bool) -> Self {
         let (red, blue) = match matrix {
             1 => (0.2126, 0.0722),      // BT.709
@@ -46,7 +46,8 @@ impl Colours {
         }
     }
 
-    /// A frame with one pair of chroma values for two by two pixels, which are interpolated between the centres of these.
+    /// A frame with one pair of chroma values for two by two pixels, which are interpolated between the centres of
+    /// these.
     pub(super) fn convert(&self, frame: &impl YUVSource) -> RgbImage {
         let ((width, height), strides) = (frame.dimensions(), frame.strides());
         let (chroma_width, chroma_height) = (width.div_ceil(2), height.div_ceil(2));

@@ -12,11 +12,11 @@ use ffmpeg_sidecar::ffprobe::ffprobe_path;
 use image::RgbImage;
 use serde_json::Value;
 
-use super::{CHECK_FILE, Flaw};
+use super::{CHECK_FILE, EXTRACT, Flaw, READ_FEWER};
 
-/// Numbers the frames instead of timing them, or frames would be dropped and doubled to make the rate even (the option for that
-/// has another name in every other version), and interpolates the chroma rather than repeat it, which is 1 dB nearer to the
-/// pictures that a video was made of.
+/// Numbers the frames instead of timing them, or frames would be dropped and doubled to make the rate even (the option
+/// for that has another name in every other version), and interpolates the chroma rather than repeat it, which is 1 dB
+/// nearer to the pictures that a video was made of.
 const FILTERS: &str = "settb=1/25,setpts=N,scale=flags=bicubic+accurate_rnd+full_chroma_int";
 /// Most lines of ffmpeg's complaints that are passed on.
 const MOST_COMPLAINTS: usize = 3;
@@ -39,8 +39,7 @@ pub(super) fn decode(
         .arg(local(path))
         .args(["-map", "0:V:0", "-vf", FILTERS, "-r", "25", "-frames:v", &wanted.to_string()])
         .rawvideo();
-    let mut child =
-        command.spawn().map_err(|e| Flaw::new(path, format!("ffmpeg cannot be started ({e})"), CHECK_FILE))?;
+    let mut child = command.spawn().map_err(|e| Flaw::new(path, format!("ffmpeg cannot be started ({e})"), EXTRACT))?;
     let passed = pass_on(&mut child, path, wanted, sink);
     // If a frame was refused, the program is still at work.
     let _ = child.kill();
@@ -64,16 +63,18 @@ fn pass_on(
                 sink(image.ok_or_else(|| flaw("ffmpeg gave part of a frame".into()))?)?;
                 frames += 1;
             }
-            FfmpegEvent::Log(LogLevel::Error | LogLevel::Fatal, line) | FfmpegEvent::Error(line) => {
+            FfmpegEvent::Log(LogLevel::Error | LogLevel::Fatal, line) | FfmpegEvent::Error(line)
+                if complaints.len() < MOST_COMPLAINTS =>
+            {
                 complaints.push(line.trim().to_owned());
             }
             _ => {}
         }
     }
-    complaints.truncate(MOST_COMPLAINTS);
     let complaints = complaints.join("; ");
     if frames < wanted {
-        return Err(flaw(format!("ffmpeg decodes only {frames} of {wanted} frames ({complaints})")));
+        let told = if complaints.is_empty() { String::new() } else { format!(" ({complaints})") };
+        return Err(Flaw::new(path, format!("ffmpeg decodes only {frames} of {wanted} frames{told}"), READ_FEWER));
     }
     if !complaints.is_empty() {
         tracing::warn!("{}: ffmpeg complains: {complaints}", path.display());

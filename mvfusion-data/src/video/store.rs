@@ -13,11 +13,11 @@ use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 
 use super::Flaw;
+use super::permit::Permit;
+use super::temporary::TemporaryFolder;
 
 /// Goes into the names of frame sets. To be raised when other pixels are made of the same file.
 const VERSION: u32 = 1;
-/// Most frames that are resized and written side by side, which bounds the memory.
-const MOST_AT_ONCE: usize = 16;
 /// After this time without a new frame a half-done set belongs to a run that was broken off.
 const ABANDONED: Duration = Duration::from_secs(3600);
 const PARTIAL: &str = ".partial-";
@@ -31,12 +31,12 @@ const MAKE_ROOM: &str = "Free some space there, or name a folder on a disk with 
 pub(crate) struct FrameStore {
     folder: Option<PathBuf>,
     /// Made when the first frame is asked for, removed when the last store and video are dropped.
-    temporary: Arc<Mutex<Option<TempDir>>>,
+    temporary: Arc<Mutex<Option<TemporaryFolder>>>,
 }
 
 impl FrameStore {
-    /// A store in `folder`, where the frames stay from run to run; without one in a folder of the system's for temporary
-    /// files, which goes with the last video. Nothing is made on disk until the first frame is asked for.
+    /// A store in `folder`, where the frames stay from run to run; without one in a folder of the system's for
+    /// temporary files, which goes with the last video. Nothing is made on disk until the first frame is asked for.
     pub(crate) fn new(folder: Option<&Path>) -> Self {
         Self { folder: folder.map(Path::to_owned), temporary: Arc::default() }
     }
@@ -51,8 +51,8 @@ impl FrameStore {
         if let Some(folder) = &*temporary {
             return Ok(folder.path().to_owned());
         }
-        let folder = tempfile::Builder::new().prefix("mvfusion-frames-").tempdir();
-        let folder = folder.map_err(|e| unwritable(&std::env::temp_dir(), &e))?;
+        let parent = std::env::temp_dir();
+        let folder = TemporaryFolder::new(&parent).map_err(|e| unwritable(&parent, &e))?;
         Ok(temporary.insert(folder).path().to_owned())
     }
 }
@@ -80,8 +80,8 @@ pub(super) fn is_complete(folder: &Path, frames: usize) -> bool {
     folder.is_dir() && (0..frames).all(|index| frame_file(folder, index).is_file())
 }
 
-/// Writes the frames of a video into a new set. They lie in a folder of another name until all are there, so that a run that
-/// is broken off leaves no set that looks whole.
+/// Writes the frames of a video into a new set. They lie in a folder of another name until all are there, so that a
+/// run that is broken off leaves no set that looks whole.
 pub(super) struct SetWriter {
     folder: PathBuf,
     /// Removed with what is in it unless the set is finished.
@@ -101,7 +101,7 @@ impl SetWriter {
         remove_abandoned(parent, &prefix);
         let partial = tempfile::Builder::new().prefix(&prefix).tempdir_in(parent);
         let partial = partial.map_err(|e| unwritable(parent, &e))?;
-        let at_once = std::thread::available_parallelism().map_or(1, |n| n.get().min(MOST_AT_ONCE));
+        let at_once = Permit::frames_at_once();
         Ok(Self { folder: folder.to_owned(), partial, size, wanted, written: 0, at_once, waiting: Vec::new() })
     }
 
@@ -116,8 +116,8 @@ impl SetWriter {
         }
     }
 
-    /// Resizes and writes the frames that wait. Threads of its own: a caller from rayon's pool could be made to do another
-    /// frame of this very video while it waits here, and that one would wait for this for ever.
+    /// Resizes and writes the frames that wait. Threads of its own: a caller from rayon's pool could be made to do
+    /// another frame of this very video while it waits here, and that one would wait for this for ever.
     fn write(&mut self) -> Result<(), Flaw> {
         let (folder, size) = (self.partial.path(), self.size);
         let frames = (self.written..).zip(&self.waiting);
@@ -138,19 +138,20 @@ impl SetWriter {
         if self.written < self.wanted {
             return Ok(self.written);
         }
-        // Another process may have made the same set in the meantime, or a set may have lost files.
-        if !is_complete(&self.folder, self.wanted) {
-            let replaced = match fs::remove_dir_all(&self.folder) {
+        let place = || share(self.partial.path()).and_then(|()| fs::rename(self.partial.path(), &self.folder));
+        let placed = match place() {
+            // Another process has made the same set in the meantime, and may be reading it.
+            Err(_) if is_complete(&self.folder, self.wanted) => return Ok(self.written),
+            // A set that has lost files is in the way.
+            Err(_) => match fs::remove_dir_all(&self.folder) {
                 Err(e) if e.kind() != io::ErrorKind::NotFound => Err(e),
-                _ => share(self.partial.path()).and_then(|()| fs::rename(self.partial.path(), &self.folder)),
-            };
-            match replaced {
-                // Nothing is left to remove under the old name.
-                Ok(()) => drop(self.partial.keep()),
-                Err(_) if is_complete(&self.folder, self.wanted) => {}
-                Err(e) => return Err(unwritable(&self.folder, &e)),
-            }
-        }
+                _ => place(),
+            },
+            Ok(()) => Ok(()),
+        };
+        placed.map_err(|e| unwritable(&self.folder, &e))?;
+        // Nothing is left to remove under the old name.
+        drop(self.partial.keep());
         Ok(self.written)
     }
 }

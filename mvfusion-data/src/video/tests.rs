@@ -165,7 +165,8 @@ fn callers_from_several_threads_wait_for_one_decoding() {
             }
         });
         assert_eq!(right.into_inner(), FRAMES);
-        assert_eq!(fs::read_dir(store.folder().expect("made")).expect("store").count(), 1);
+        let entries = fs::read_dir(store.folder().expect("made")).expect("store");
+        assert_eq!(entries.filter(|entry| entry.as_ref().is_ok_and(|entry| entry.path().is_dir())).count(), 1);
     }
 }
 
@@ -249,6 +250,23 @@ fn a_broken_video_is_decoded_once_and_leaves_nothing_behind() {
         assert!(error.contains("cam 00.mp4"), "{error}");
         assert_eq!(fs::read_dir(kept.path()).expect("store").count(), 0, "{decoder:?}");
         assert_eq!(video.frame(0, SIZE).expect_err("remembered").to_string(), error);
+    }
+}
+
+#[test]
+fn a_video_with_fewer_frames_than_its_header_tells_is_an_error_that_says_how_many() {
+    let (_folder, path) = saved(FIXTURE);
+    let last = *mp4::read(&path).expect("headers").samples.last().expect("frames");
+    let (start, bytes) = (last.start as usize, last.bytes as usize);
+    let mut file = FIXTURE.to_vec();
+    // A unit of filler in the place of the last frame.
+    file[start..start + 4].copy_from_slice(&(last.bytes - 4).to_be_bytes());
+    file[start + 4..start + bytes].fill(0xff);
+    file[start + 4] = 12;
+    for decoder in decoders() {
+        let (_folder, path) = saved(&file);
+        let error = opened(&path, &FrameStore::new(None), decoder).frame(0, SIZE).expect_err("11 frames").to_string();
+        assert!(error.contains("only 11 of 12 frames") && error.contains("the option frames"), "{decoder:?}: {error}");
     }
 }
 

@@ -1,0 +1,77 @@
+//! A folder for frames among the system's temporary files. It goes when the program ends; that of a program that was
+//! stopped goes when the next one needs such a folder.
+
+use std::fs::{self, File};
+use std::io;
+use std::path::Path;
+
+use tempfile::TempDir;
+
+const PREFIX: &str = "mvfusion-frames-";
+/// A file in the folder that is locked as long as the folder is used. The system frees the lock however a program
+/// ends.
+const IN_USE: &str = "in-use";
+
+/// The folder, removed with what is in it when it is dropped.
+#[derive(Debug)]
+pub(super) struct TemporaryFolder {
+    /// Before the folder, because some systems remove no file that is open.
+    _in_use: File,
+    folder: TempDir,
+}
+
+impl TemporaryFolder {
+    /// A new folder in `parent`, from which those of programs that were stopped are removed.
+    pub(super) fn new(parent: &Path) -> io::Result<Self> {
+        remove_abandoned(parent);
+        let folder = tempfile::Builder::new().prefix(PREFIX).tempdir_in(parent)?;
+        // It gets its name when it is locked: a folder without such a file is left alone.
+        let unlocked = folder.path().join("unlocked");
+        let in_use = File::create(&unlocked)?;
+        if in_use.try_lock().is_ok() {
+            fs::rename(&unlocked, folder.path().join(IN_USE))?;
+        }
+        Ok(Self { _in_use: in_use, folder })
+    }
+
+    pub(super) fn path(&self) -> &Path {
+        self.folder.path()
+    }
+}
+
+/// That it fails does no harm: the folder may be another user's.
+fn remove_abandoned(parent: &Path) {
+    let Ok(entries) = fs::read_dir(parent) else { return };
+    for entry in entries.flatten().filter(|entry| entry.file_name().to_string_lossy().starts_with(PREFIX)) {
+        let in_use = entry.path().join(IN_USE);
+        // Asked first, because to open a pipe could take for ever.
+        let is_ours = entry.file_type().is_ok_and(|kind| kind.is_dir())
+            && fs::symlink_metadata(&in_use).is_ok_and(|metadata| metadata.is_file());
+        if is_ours && File::options().write(true).open(&in_use).is_ok_and(|file| file.try_lock().is_ok()) {
+            let _ = fs::remove_dir_all(entry.path());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_that_its_program_left_behind_goes_and_one_in_use_stays() {
+        let parent = tempfile::tempdir().expect("folder");
+        let left = parent.path().join(format!("{PREFIX}left"));
+        fs::create_dir_all(left.join("cam00")).expect("made");
+        fs::write(left.join(IN_USE), b"").expect("written");
+        let other = parent.path().join(format!("{PREFIX}other"));
+        fs::create_dir_all(&other).expect("made");
+
+        let used = TemporaryFolder::new(parent.path()).expect("made");
+        assert!(!left.exists() && other.exists());
+        let second = TemporaryFolder::new(parent.path()).expect("made");
+        assert!(used.path().exists() && second.path().exists());
+        let path = used.path().to_owned();
+        drop(used);
+        assert!(!path.exists() && second.path().exists());
+    }
+}
