@@ -118,7 +118,7 @@ mod tests {
     use image::{ImageBuffer, Luma, LumaA, Rgb, RgbImage};
 
     use super::*;
-    use crate::{Bend, Camera, Capture, Lens, PointCloud, Truth};
+    use crate::{Bend, Camera, Capture, Lens, PointCloud, Truth, View};
 
     const SIZE: (u32, u32) = (24, 18);
 
