@@ -5,11 +5,9 @@ use std::path::{Path, PathBuf};
 use image::GrayImage;
 use tracing::{debug, warn};
 
+use crate::frames::picture_named;
 use crate::picture::file_size;
-use crate::{DataError, Picture, Scene, View};
-
-/// Extensions of picture files, in the order in which they are looked for; cameras write capitals.
-const EXTENSIONS: [&str; 6] = ["png", "PNG", "jpg", "JPG", "jpeg", "JPEG"];
+use crate::{DataError, Picture, Scene};
 
 /// Which pixels of a picture count: for the loss of training and for scores.
 #[derive(Clone, Debug)]
@@ -56,7 +54,7 @@ pub fn attach_masks(scene: &mut Scene, folder: &Path) -> Result<usize, DataError
     }
     let mut attached = 0;
     for view in scene.train.iter_mut().chain(&mut scene.test) {
-        let Some(path) = picture_of(view, folder) else { continue };
+        let Some(path) = picture_named(folder, &view.name) else { continue };
         let (width, height) = (view.camera.width, view.camera.height);
         let (w, h) = file_size(&path)?;
         // Compared as fractions: sizes that were rounded differ by up to a pixel.
@@ -77,10 +75,4 @@ pub fn attach_masks(scene: &mut Scene, folder: &Path) -> Result<usize, DataError
     }
     debug!(masks = attached, views, "masks attached, white = moving");
     Ok(attached)
-}
-
-/// The picture in `folder` that has the view's name.
-fn picture_of(view: &View, folder: &Path) -> Option<PathBuf> {
-    let candidates = EXTENSIONS.map(|extension| folder.join(format!("{}.{extension}", view.name)));
-    candidates.into_iter().find(|path| path.is_file())
 }

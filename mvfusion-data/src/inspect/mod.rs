@@ -27,8 +27,8 @@ pub use problem::{Problem, Severity, Subject};
 pub use sheet::{ContactSheet, points_over_photos};
 pub use summary::Summary;
 
-use crate::reader::{Format, ReadOptions, open, recognise};
-use crate::{DataError, Scene, View, dnerf};
+use crate::reader::{Format, open, recognise};
+use crate::{DataError, ReadOptions, Scene, View, dnerf};
 use pictures::Looked;
 use sight::{Cloud, Witness};
 
