@@ -1,4 +1,5 @@
-//! Files that are large, and whose entries are as short as can be: what is read of them may not take many times their size.
+//! Files that are large, and whose entries are as short as can be: what is read of them may not take many times their
+//! size.
 
 use std::fs;
 use std::path::Path;

@@ -1,5 +1,5 @@
-//! Scenes whose files are something else: folders, devices, links that lead in a circle or nowhere. Scenes are passed on as
-//! archives, and those can hold all of it.
+//! Scenes whose files are something else: folders, devices, links that lead in a circle or nowhere. Scenes are passed
+//! on as archives, and those can hold all of it.
 #![cfg(unix)]
 
 use std::fs;
