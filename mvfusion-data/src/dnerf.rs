@@ -2,13 +2,13 @@
 //!
 //! What is assumed of them:
 //! * Cameras as the module `transforms` says; one `camera_angle_x` for all.
-//! * `transforms_test.json` is held out. The moving `lego` shows another shape there than in the pictures to train on: of that
-//!   scene, which is told by its folder's name, `transforms_val.json` is held out if it is there.
+//! * `transforms_test.json` is held out. The moving `lego` shows another shape there than in the pictures to train on:
+//!   of that scene, which is told by its folder's name, `transforms_val.json` is held out if it is there.
 //! * `time` stands in every frame, or in none: then nothing moves, and every time is 0.
 //! * Times are divided by the largest of both files, as 4DGS does (METHOD §5.6).
 //! * Pictures are RGBA; what is transparent shows the colour behind the scene, `model.background`.
-//! * Without a point cloud (`fused.ply`, `points3d.ply`) training starts from 2000 random points in a cube of side 2.6, where
-//!   the synthetic objects stand; their colours are grey but for the last digit.
+//! * Without a point cloud (`fused.ply`, `points3d.ply`) training starts from 2000 random points in a cube of side
+//!   2.6, where the synthetic objects stand; their colours are grey but for the last digit.
 //! * Departure: 4DGS resizes all pictures to 800 x 800; here they stay as they are.
 
 use std::path::Path;
@@ -110,7 +110,8 @@ fn times(folder: &Path, files: [&Transforms; 2]) -> Result<Vec<f64>, DataError> 
 /// Brightness per unit of a spherical harmonic of degree 0.
 const HARMONIC: f32 = 0.282_094_8;
 
-/// Points strewn where the object stands, the same each time. Their harmonics are random numbers below 1/255 (METHOD §5.6).
+/// Points strewn where the object stands, the same each time. Their harmonics are random numbers below 1/255 (METHOD
+/// §5.6).
 fn random_points() -> PointCloud {
     let mut random = ChaCha8Rng::seed_from_u64(0);
     let mut points = PointCloud::default();

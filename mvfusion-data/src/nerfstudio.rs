@@ -2,13 +2,13 @@
 //!
 //! What is assumed of them:
 //! * Cameras as the module `transforms` says; `ply_file_path` names the points, in the cameras' world.
-//! * `train_filenames` and `test_filenames` part the pictures: what only one of them leaves out belongs to the other part,
-//!   what both leave out to none. Without `test_filenames`, `val_filenames` are held out. Where there are no such lists, every
-//!   8th of the pictures, sorted by name, is held out.
+//! * `train_filenames` and `test_filenames` part the pictures: what only one of them leaves out belongs to the other
+//!   part, what both leave out to none. Without `test_filenames`, `val_filenames` are held out. Where there are no
+//!   such lists, every 8th of the pictures, sorted by name, is held out.
 //! * Smaller copies of the pictures, `images_2`, are used as the module `reduced` says.
-//! * Frames with `time`, or else with `timestamp` in nanoseconds, are a video. Times within `[0, 1]` stay as they are, others are
-//!   laid out between the first and the last. Without either, the pictures are photos of one moment each, and their order
-//!   is their time.
+//! * Frames with `time`, or else with `timestamp` in nanoseconds, are a video. Times within `[0, 1]` stay as they are,
+//!   others are laid out between the first and the last. Without either, the pictures are photos of one moment each,
+//!   and their order is their time.
 
 use std::collections::BTreeSet;
 use std::path::Path;

@@ -18,8 +18,8 @@ const MAGIC: &[u8; 6] = b"\x93NUMPY";
 /// which goes by recursion.
 const LONGEST_HEADER: usize = 512;
 
-/// Most bytes of numbers in memory for a byte of a packed file, which could unpack to a thousand times its size. Arrays of
-/// points pack to a half or a third of theirs.
+/// Most bytes of numbers in memory for a byte of a packed file, which could unpack to a thousand times its size.
+/// Arrays of points pack to a half or a third of theirs.
 const MOST_TIMES: u64 = 6;
 
 /// Packed files below this size may unpack to as much as one of it: a few hundred equal points pack well.

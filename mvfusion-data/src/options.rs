@@ -17,8 +17,8 @@ pub struct ReadOptions {
     pub frames: Option<usize>,
     /// How a frame's index becomes a time.
     pub time: TimeRule,
-    /// Where nothing says what a photo is for, every so many of the sorted photos is held out, from the first on; 0 holds
-    /// none out. Default 8, LLFF's rule.
+    /// Where nothing says what a photo is for, every so many of the sorted photos is held out, from the first on; 0
+    /// holds none out. Default 8, LLFF's rule.
     pub test_every: usize,
     /// Names of the cameras to hold out instead of those that the format holds out; for formats whose views are named
     /// `camera/frame`.
@@ -96,8 +96,8 @@ impl ReadOptions {
     }
 }
 
-/// Whether the photo at a place among the sorted ones is held out, where nothing else says what photos are for: every so many
-/// are, none for 0 (see [`ReadOptions::test_every`]).
+/// Whether the photo at a place among the sorted ones is held out, where nothing else says what photos are for: every
+/// so many are, none for 0 (see [`ReadOptions::test_every`]).
 ///
 /// # Errors
 /// [`DataError::Setting`] if every photo would be.

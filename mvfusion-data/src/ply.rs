@@ -16,8 +16,8 @@ use crate::{DataError, PointCloud};
 /// Colour of the points of a file without colours.
 pub(crate) const GREY: f32 = 0.5;
 
-/// Floating-point colours reach up to 1 or up to 255. Those that were made from spherical harmonics or rounded exceed 1 a
-/// little; a cloud whose brightest point has 16 of 255 would be black.
+/// Floating-point colours reach up to 1 or up to 255. Those that were made from spherical harmonics or rounded exceed
+/// 1 a little; a cloud whose brightest point has 16 of 255 would be black.
 const BRIGHTEST_OF_ONE: f32 = 16.0;
 
 /// A vertex as it stands in the file; a colour's unit depends on the field's type.
@@ -34,8 +34,8 @@ struct Vertex {
     blue: f32,
 }
 
-/// The vertices, their colours in the unit of the file. Reads one after the other: a list of them would take more memory than
-/// the file.
+/// The vertices, their colours in the unit of the file. Reads one after the other: a list of them would take more
+/// memory than the file.
 struct Vertices(PointCloud);
 
 impl<'de> Deserialize<'de> for Vertices {
@@ -70,8 +70,8 @@ impl<'de> Deserialize<'de> for Vertices {
 struct Ignored {}
 
 /// Reads the vertices of a PLY file, text or binary: positions from `x`, `y`, `z`, colours from `red`, `green`, `blue`
-/// (integers are divided by 255, those of 16 bits by 65535; floating-point colours are taken as 0 to 255 where the brightest
-/// is far above 1). Points without colours are grey.
+/// (integers are divided by 255, those of 16 bits by 65535; floating-point colours are taken as 0 to 255 where the
+/// brightest is far above 1). Points without colours are grey.
 ///
 /// # Errors
 /// [`DataError::Content`] if the file cannot be read, has no vertices with positions, ends early or holds a number

@@ -146,8 +146,8 @@ pub fn open(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     }
 }
 
-/// Parts the views anew: those of the named cameras are held out, all others train. They stand camera by camera and in the
-/// order of time, whatever the frames are called.
+/// Parts the views anew: those of the named cameras are held out, all others train. They stand camera by camera and in
+/// the order of time, whatever the frames are called.
 fn hold_out(scene: Scene, folder: &Path, cameras: &[String]) -> Result<Scene, DataError> {
     // Where frames are trained on and looked at, they are in both parts.
     let mut known = BTreeSet::new();

@@ -123,7 +123,8 @@ fn folder_of(scene: &Path, factor: u32) -> PathBuf {
     scene.join(format!("{IMAGES}_{factor}"))
 }
 
-/// The file of that name in `folder`, or the one that differs in its extension alone: some tools write PNG whatever they read.
+/// The file of that name in `folder`, or the one that differs in its extension alone: some tools write PNG whatever
+/// they read.
 fn copy_of(folder: &Path, name: &Path) -> PathBuf {
     let exact = folder.join(name);
     if exact.is_file() {

@@ -61,8 +61,8 @@ impl FrameLens {
 /// # Errors
 /// [`DataError::Missing`] if a picture or mask is not there, [`DataError::Image`] if a header cannot be read,
 /// [`DataError::Disagreement`] if sizes or shapes differ, [`DataError::Setting`] if `downscale` makes no sense,
-/// [`DataError::Content`] if two views have one name, a lens shows nothing that a pinhole could, or a camera's numbers are
-/// none to compute with.
+/// [`DataError::Content`] if two views have one name, a lens shows nothing that a pinhole could, or a camera's numbers
+/// are none to compute with.
 pub(crate) fn views(folder: &Path, shots: Vec<Shot>, options: &ReadOptions) -> Result<Vec<View>, DataError> {
     if shots.is_empty() {
         return Ok(Vec::new());
@@ -139,8 +139,8 @@ impl Pinholes {
     }
 }
 
-/// Whether single precision, in which training computes, can hold the camera. Files have numbers that cannot be, and products
-/// of those that can.
+/// Whether single precision, in which training computes, can hold the camera. Files have numbers that cannot be, and
+/// products of those that can.
 fn is_computable(camera: &Camera) -> bool {
     let focal = DVec2::new(camera.fx, camera.fy).as_vec2();
     let principal = DVec2::new(camera.cx, camera.cy).as_vec2();

@@ -3,10 +3,10 @@
 //! What is assumed of them:
 //! * `transform_matrix` leads from the camera to the world; the camera looks along -z with x right and y up (OpenGL). Here
 //!   it becomes our own convention: along +z, y down.
-//! * Intrinsics stand at the top or in a frame, which wins: `fl_x fl_y cx cy w h`. `camera_angle_x` may stand for `fl_x`, and
-//!   alone it means square pixels and the principal point in the middle of pictures of any size. Distortion is
-//!   `k1 … k6 p1 p2`, read as `camera_model` says: OPENCV where none is named, OPENCV_FISHEYE where `is_fisheye` is set, as
-//!   instant-ngp does. Where they are zero or absent the lens is a pinhole, whatever the model is called.
+//! * Intrinsics stand at the top or in a frame, which wins: `fl_x fl_y cx cy w h`. `camera_angle_x` may stand for
+//!   `fl_x`, and alone it means square pixels and the principal point in the middle of pictures of any size.
+//!   Distortion is `k1 … k6 p1 p2`, read as `camera_model` says: OPENCV where none is named, OPENCV_FISHEYE where
+//!   `is_fisheye` is set, as instant-ngp does. Where they are zero or absent, a lens that is no fisheye is a pinhole.
 //! * Paths are relative to the file's folder and lead nowhere else; an extension may be missing, and is .png then.
 
 use std::collections::BTreeMap;
@@ -82,7 +82,8 @@ impl Frame {
     }
 }
 
-/// The file as it is written, but for the intrinsics at its top. Unknown entries are passed over: every tool adds its own.
+/// The file as it is written, but for the intrinsics at its top. Unknown entries are passed over: every tool adds its
+/// own.
 #[derive(Debug, Deserialize)]
 struct FileRecord {
     frames: Vec<FrameRecord>,
@@ -92,8 +93,8 @@ struct FileRecord {
     test_filenames: Option<Vec<String>>,
 }
 
-/// The records that have the entries of a lens, all but two of which are these numbers. (`serde(flatten)` would say so in fewer
-/// words, but it keeps every unknown entry in memory, at many times its size in the file.)
+/// The records that have the entries of a lens, all but two of which are these numbers. (`serde(flatten)` would say so
+/// in fewer words, but it keeps every unknown entry in memory, at many times its size in the file.)
 macro_rules! records {
     ($($number:ident)*) => {
         /// Intrinsics, at the top of the file or in a frame.
@@ -241,8 +242,8 @@ fn read_bend(record: &LensRecord) -> Result<Bend, String> {
     }
     let unnamed = if record.is_fisheye == Some(true) { "OPENCV_FISHEYE" } else { "OPENCV" };
     match record.camera_model.as_deref().unwrap_or(unnamed) {
-        // nerfstudio gives OPENCV a third and a fourth radial coefficient, which OpenCV puts into a fraction, and straightens
-        // pictures by the coefficients even if the model is called a pinhole.
+        // nerfstudio gives OPENCV a third and a fourth radial coefficient, which OpenCV puts into a fraction, and
+        // straightens pictures by the coefficients even if the model is called a pinhole.
         "OPENCV" | "RADIAL" | "SIMPLE_RADIAL" | "FULL_OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "perspective" => {
             Ok(Bend::Perspective { radial: [k1, k2, k3, k4, k5, k6], tangential })
         }

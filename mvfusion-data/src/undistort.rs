@@ -28,8 +28,8 @@ pub(crate) fn pinhole_within(lens: &Lens, width: u32, height: u32) -> Option<Len
     let right = rows().filter_map(|y| seen(w, y)).map(|p| p.x).reduce(f64::min);
     let top = columns().filter_map(|x| seen(x, 0.0)).map(|p| p.y).reduce(f64::max);
     let bottom = columns().filter_map(|x| seen(x, h)).map(|p| p.y).reduce(f64::min);
-    // What a fisheye does not see through the edge of a picture lies beyond the widest field of view. Through that of a
-    // perspective lens something is seen, or else its coefficients are not those of the picture.
+    // What a fisheye does not see through the edge of a picture lies beyond the widest field of view. Through that of
+    // a perspective lens something is seen, or else its coefficients are not those of the picture.
     if [left, right, top, bottom].contains(&None) && matches!(lens.bend, Bend::Perspective { .. }) {
         return None;
     }

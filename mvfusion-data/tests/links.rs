@@ -1,5 +1,5 @@
-//! Scenes whose files are something else: folders, devices, links that lead in a circle or nowhere. Scenes are passed on as
-//! archives, and those can hold all of it.
+//! Scenes whose files are something else: folders, devices, links that lead in a circle or nowhere. Scenes are passed
+//! on as archives, and those can hold all of it.
 #![cfg(unix)]
 
 use std::fs;
@@ -8,8 +8,11 @@ use std::path::Path;
 
 use mvfusion_data::{BuiltinKind, BuiltinOptions, Capture, Layout, ReadOptions, builtin, open, write};
 
+/// Puts something at a path.
+type Replace = fn(&Path);
+
 /// What a file or a folder is replaced by.
-const REPLACEMENTS: [(&str, fn(&Path)); 4] = [
+const REPLACEMENTS: [(&str, Replace); 4] = [
     ("a folder", |path| fs::create_dir(path).expect("made")),
     ("a device", |path| symlink("/dev/null", path).expect("linked")),
     ("a circle", |path| symlink(path, path).expect("linked")),
@@ -29,7 +32,7 @@ const PARTS: [(Layout, &[&str], &[&str]); 8] = [
         &["points.npy", "scene.json"],
     ),
     (Layout::Colmap, &["images", "sparse", "sparse/0/images.bin", "sparse/0/points3D.bin"], &[]),
-    (Layout::OnTheGo, &["images", "transforms.json", "split.json"], &["points3D.ply"]),
+    (Layout::OnTheGo, &["images", "transforms.json"], &["points3D.ply"]),
 ];
 
 fn written(layout: Layout, folder: &Path) {
