@@ -267,7 +267,7 @@ fn every_layout_that_is_written_is_found_sound() {
         assert_eq!(report["can_train"], true, "{layout}");
         let problems = report["problems"].as_array().expect("a list");
         // The layout's own held-out frames are trained on as well, and nothing else is worth a warning.
-        let is_known = |problem: &&serde_json::Value| layout == "multipleview" && problem["subject"] == "pictures";
+        let is_known = |problem: &&serde_json::Value| layout == "multipleview" && problem["subject"] == "split";
         let bad = problems.iter().filter(|problem| problem["severity"] != "note").find(|problem| !is_known(problem));
         assert!(bad.is_none(), "{layout}: {bad:?}");
         assert!(report["memory"]["start"].as_f64().is_some_and(|bytes| bytes > 1e6), "{layout}");
@@ -314,5 +314,27 @@ fn nothing_is_overwritten_by_synth() {
     let output = mvfusion(folder.path(), &["synth", "full", "--layout", "colmap"]);
     assert_eq!(output.status.code(), Some(FAILED));
     assert!(text(&output.stderr).contains("not empty"), "{}", text(&output.stderr));
-    refuses(&["synth", "x", "--layout", "betamax"], USAGE, &["betamax", "hypernerf"]);
+    assert_eq!(fs::read_dir(folder.path().join("full")).expect("listed").count(), 1);
+}
+
+#[test]
+fn an_unknown_layout_is_a_usage_error_that_lists_them() {
+    let folder = tempfile::tempdir().expect("folder");
+    let output = mvfusion(folder.path(), &["synth", "x", "--layout", "betamax"]);
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(USAGE), "{said}");
+    assert!(said.contains("betamax") && said.contains("hypernerf"), "{said}");
+    assert_eq!(fs::read_dir(folder.path()).expect("listed").count(), 0);
+}
+
+#[test]
+fn check_finds_what_train_would_refuse() {
+    let folder = tempfile::tempdir().expect("folder");
+    let small = ["--size", "48x36", "--frames", "3"];
+    mvfusion(folder.path(), &[["synth", "scene", "--layout", "neu3d"].as_slice(), &small].concat());
+    let masks = ["--set", "eval.dynamic_masks=no/masks"];
+    let output = mvfusion(folder.path(), &[["check", "scene", "--quick"].as_slice(), &masks].concat());
+    assert_eq!(output.status.code(), Some(FAILED));
+    assert!(text(&output.stdout).contains("no/masks"), "{}", text(&output.stdout));
+    assert_eq!(train_tiny(folder.path(), &[["--data", "scene"], masks].concat()).status.code(), Some(FAILED));
 }

@@ -8,8 +8,11 @@ use std::sync::Arc;
 use crate::video::FrameStore;
 use crate::{DataError, PictureSource, ReadOptions, Video};
 
-/// Extensions of frame files, in lower case.
-const EXTENSIONS: [&str; 4] = ["png", "jpg", "jpeg", "exr"];
+/// Extensions of pictures, in lower case and in the order in which they are looked for. Some cameras write capitals.
+const PICTURE_EXTENSIONS: [&str; 4] = ["png", "jpg", "jpeg", "exr"];
+
+/// Extensions of videos.
+const VIDEO_EXTENSIONS: [&str; 2] = ["mp4", "MP4"];
 
 /// A camera of the rig: its name and its frames in order.
 #[derive(Debug)]
@@ -29,11 +32,11 @@ pub(crate) struct Frame {
     pub(crate) source: PictureSource,
 }
 
-/// The names of the cameras in `folder`, sorted: every folder `camNN` and every file `camNN.mp4`.
+/// The names of the cameras in `folder`, sorted: every folder `camNN` and every file `camNN.mp4` (or `.MP4`).
 pub(crate) fn camera_names(folder: &Path) -> Result<Vec<String>, DataError> {
     let mut names = Vec::new();
     for path in entries(folder, "Give the folder of a scene")? {
-        let is_video = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mp4"));
+        let is_video = path.extension().is_some_and(|e| VIDEO_EXTENSIONS.iter().any(|known| e == *known));
         let name = if is_video { path.file_stem() } else { path.file_name() };
         let Some(name) = name.and_then(|n| n.to_str()) else { continue };
         let number = name.strip_prefix("cam").unwrap_or("");
@@ -64,9 +67,9 @@ pub(crate) fn list_frames(
     let mut cameras = Vec::with_capacity(names.len());
     for name in names {
         let pictures = folder.join(name).join(inner);
-        let video = folder.join(format!("{name}.mp4"));
         let mut frames = extracted_frames(&pictures)?;
-        if frames.is_empty() && video.is_file() {
+        let mut videos = VIDEO_EXTENSIONS.iter().map(|extension| folder.join(format!("{name}.{extension}")));
+        if let Some(video) = videos.find(|path| frames.is_empty() && path.is_file()) {
             frames = frames_of_video(&video, limit, &store)?;
         }
         if frames.is_empty() {
@@ -100,9 +103,17 @@ pub(crate) fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, DataError> {
     Ok(paths)
 }
 
+/// The picture of that name, but for the extension, in a folder or below it.
+pub(crate) fn picture_named(folder: &Path, stem: &str) -> Option<PathBuf> {
+    let spellings = PICTURE_EXTENSIONS.iter().flat_map(|extension| [(*extension).to_owned(), extension.to_uppercase()]);
+    spellings.map(|extension| folder.join(format!("{stem}.{extension}"))).find(|path| path.is_file())
+}
+
 fn is_picture(path: &Path) -> bool {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
-    EXTENSIONS.contains(&extension.as_str())
+    // macOS leaves a file `._0000.png` beside each `0000.png` on disks of other systems; it is no picture.
+    let is_hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
+    PICTURE_EXTENSIONS.contains(&extension.as_str()) && !is_hidden
 }
 
 /// The pictures of a folder as frames; none if there is no such folder.
@@ -160,5 +171,17 @@ mod tests {
         let mut names = ["f_10.png", "f_9.png", "f_0011.png", "e_12.png"].map(Path::new);
         names.sort_by_key(|p| temporal_order(p));
         assert_eq!(names, ["e_12.png", "f_9.png", "f_10.png", "f_0011.png"].map(Path::new));
+    }
+
+    #[test]
+    fn pictures_are_found_whatever_the_case_of_their_extension_and_hidden_files_are_none() {
+        let folder = tempfile::tempdir().expect("folder");
+        for name in ["b.JPG", "a.png", "._a.png", "notes.txt", "c.1.exr"] {
+            fs::write(folder.path().join(name), "").expect("written");
+        }
+        let names = ["a.png", "b.JPG", "c.1.exr"].map(|name| folder.path().join(name));
+        assert_eq!(pictures_in(folder.path()).expect("listed"), names);
+        assert_eq!(["a", "b", "c.1"].map(|stem| picture_named(folder.path(), stem)), names.map(Some));
+        assert_eq!(picture_named(folder.path(), "c"), None);
     }
 }

@@ -61,7 +61,7 @@ struct Dataset {
 
 /// The name of a picture; some tools write numbers.
 #[derive(Debug, Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "a picture's id is neither a text nor a whole number")]
 enum Id {
     Text(String),
     Number(u64),

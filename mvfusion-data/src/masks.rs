@@ -1,15 +1,13 @@
-//! Masks of what moves, kept in a folder of their own beside a scene.
+//! Masks: which pixels of a picture count, and which show what moves.
 
 use std::path::{Path, PathBuf};
 
 use image::{ColorType, DynamicImage, GrayImage, Rgba, imageops};
 use tracing::debug;
 
+use crate::frames::picture_named;
 use crate::picture::file_size;
-use crate::{DataError, Picture, PictureFile, PictureSource, Scene, View};
-
-/// Extensions of picture files, in the order in which they are looked for; cameras write capitals.
-const EXTENSIONS: [&str; 6] = ["png", "PNG", "jpg", "JPG", "jpeg", "JPEG"];
+use crate::{DataError, Picture, PictureFile, PictureSource, Scene};
 
 /// Which pixels of a picture count: for the loss of training and for scores.
 #[derive(Clone, Debug)]
@@ -88,7 +86,7 @@ pub fn attach_masks(scene: &mut Scene, folder: &Path) -> Result<usize, DataError
     }
     let mut attached = 0;
     for view in scene.train.iter_mut().chain(&mut scene.test) {
-        let Some(path) = picture_of(view, folder) else { continue };
+        let Some(path) = picture_named(folder, &view.name) else { continue };
         let (width, height) = (view.camera.width as u32, view.camera.height as u32);
         check_shape(&path, file_size(&path)?, (width, height))?;
         let lenses = match &view.image {
@@ -112,12 +110,6 @@ pub fn attach_masks(scene: &mut Scene, folder: &Path) -> Result<usize, DataError
     Ok(attached)
 }
 
-/// The picture in `folder` that has the view's name.
-fn picture_of(view: &View, folder: &Path) -> Option<PathBuf> {
-    let candidates = EXTENSIONS.map(|extension| folder.join(format!("{}.{extension}", view.name)));
-    candidates.into_iter().find(|path| path.is_file())
-}
-
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;
@@ -126,7 +118,7 @@ mod tests {
     use image::{ImageBuffer, Luma, LumaA, Rgb, RgbImage};
 
     use super::*;
-    use crate::{Bend, Camera, Capture, Lens, PointCloud, Truth};
+    use crate::{Bend, Camera, Capture, Lens, PointCloud, Truth, View};
 
     const SIZE: (u32, u32) = (24, 18);
 

@@ -2,10 +2,11 @@
 //!
 //! What is assumed of them:
 //! * Cameras as the module `transforms` says; `ply_file_path` names the points, in the cameras' world.
-//! * `train_filenames` and `test_filenames` part the pictures; where they are absent, every 8th of the pictures, sorted by
-//!   name, is held out.
+//! * `train_filenames` and `test_filenames` part the pictures: what only one of them leaves out belongs to the other part,
+//!   what both leave out to none. Without `test_filenames`, `val_filenames` are held out. Where there are no such lists, every
+//!   8th of the pictures, sorted by name, is held out.
 //! * Smaller copies of the pictures, `images_2`, are used as the module `reduced` says.
-//! * Frames with `time`, or with `timestamp` in nanoseconds, are a video. Times within `[0, 1]` stay as they are, others are
+//! * Frames with `time`, or else with `timestamp` in nanoseconds, are a video. Times within `[0, 1]` stay as they are, others are
 //!   laid out between the first and the last. Without either, the pictures are photos of one moment each, and their order
 //!   is their time.
 
@@ -14,11 +15,12 @@ use std::path::Path;
 
 use tracing::{info, warn};
 
+use crate::options::every_so_many;
 use crate::reader::scene_name;
 use crate::reduced::views_of_pictures;
 use crate::shot::Shot;
-use crate::transforms::{Frame, Transforms};
-use crate::{Capture, DataError, PictureSource, PointCloud, ReadOptions, Scene, View, read_points};
+use crate::transforms::{Frame, Transforms, plain};
+use crate::{Capture, DataError, PointCloud, ReadOptions, Scene, read_points};
 
 /// Name of the format, for messages.
 pub const FORMAT: &str = "nerfstudio";
@@ -33,11 +35,14 @@ pub fn recognise(folder: &Path) -> Option<String> {
 /// How the scene in `folder` was captured, going by its frames alone: with times it is a video. A file that cannot be read,
 /// which [`read`] will say, counts as photos.
 pub fn capture(folder: &Path) -> Capture {
-    let timed = |frame: &Frame| frame.time.or(frame.timestamp).is_some();
     match Transforms::read(&folder.join(CAMERAS)) {
-        Ok(transforms) if transforms.frames.iter().any(timed) => Capture::Video,
+        Ok(transforms) if transforms.frames.iter().any(is_timed) => Capture::Video,
         _ => Capture::Photos,
     }
+}
+
+fn is_timed(frame: &Frame) -> bool {
+    frame.time.or(frame.timestamp).is_some()
 }
 
 /// Reads a nerfstudio scene.
@@ -49,40 +54,41 @@ pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let mut frames: Vec<&Frame> = transforms.frames.iter().collect();
     frames.sort_by(|a, b| a.name.cmp(&b.name));
     let (capture, times) = moments(&transforms, &frames)?;
-    let held_out = held_out(&transforms, &frames, options.test_every)?;
-    let shot = |(frame, time): (&&Frame, f64)| Shot {
-        name: frame.view_name(),
-        source: PictureSource::Image(frame.file.clone()),
-        mask: frame.mask.clone(),
-        lens: frame.lens,
-        rotation: frame.rotation,
-        translation: frame.translation,
-        time,
+    let parts = parts(&transforms, &frames, options.test_every)?;
+    let of = |wanted: Part| {
+        let used = frames.iter().zip(&times).zip(&parts).filter(move |(_, part)| **part == Some(wanted));
+        used.map(|((frame, time), _)| frame.shot(*time))
     };
-    let all = views_of_pictures(folder, frames.iter().zip(times).map(shot).collect(), options)?;
-    let mut parts: [Vec<View>; 2] = Default::default();
-    for (view, part) in all.into_iter().zip(held_out) {
-        match part {
-            Part::Train => parts[0].push(view),
-            Part::Test => parts[1].push(view),
-            Part::Neither => {}
-        }
-    }
-    let [train, test] = parts;
-    if train.is_empty() {
-        let advice = format!("{CAMERAS} holds out every picture: list some in `train_filenames`, or none at all");
+    let mut shots: Vec<Shot> = of(Part::Train).collect();
+    let count = shots.len();
+    if count == 0 {
+        let advice =
+            format!("{CAMERAS} holds out every picture: list some in `train_filenames`, or make no such lists");
         return Err(DataError::Missing { what: "picture to train on".into(), folder: folder.to_owned(), advice });
     }
-    let points = match &transforms.points {
-        Some(path) => read_points(path)?,
-        None => {
-            warn!(folder = %folder.display(), "{CAMERAS} names no ply_file_path: training starts from random points");
-            PointCloud::default()
-        }
-    };
+    shots.extend(of(Part::Test));
+    let mut train = views_of_pictures(folder, shots, options)?;
+    let test = train.split_off(count);
+    let points = points(&transforms, folder)?;
     let name = scene_name(folder);
     info!("{name}: {} pictures to train on, {} held out, {} points", train.len(), test.len(), points.len());
     Ok(Scene { name, capture, train, test, points, near: None })
+}
+
+/// The points that the file names; none are allowed.
+fn points(transforms: &Transforms, folder: &Path) -> Result<PointCloud, DataError> {
+    match &transforms.points {
+        Some(path) if path.is_file() => read_points(path),
+        Some(path) => Err(DataError::Missing {
+            what: format!("point cloud {}", path.strip_prefix(folder).unwrap_or(path).display()),
+            folder: folder.to_owned(),
+            advice: format!("Put it there, or remove `ply_file_path` from {CAMERAS} to start without points"),
+        }),
+        None => {
+            warn!(folder = %folder.display(), "{CAMERAS} names no ply_file_path: training starts from random points");
+            Ok(PointCloud::default())
+        }
+    }
 }
 
 /// What a picture is for.
@@ -90,30 +96,33 @@ pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
 enum Part {
     Train,
     Test,
-    Neither,
 }
 
-/// What each frame is for.
-fn held_out(transforms: &Transforms, frames: &[&Frame], test_every: usize) -> Result<Vec<Part>, DataError> {
-    let (Some(train), Some(test)) = (&transforms.train, &transforms.test) else {
-        let is_test = |index: usize| test_every > 0 && index.is_multiple_of(test_every);
-        return Ok((0..frames.len()).map(|index| if is_test(index) { Part::Test } else { Part::Train }).collect());
+/// What each frame is for; those of which a list would speak, and does not, are for nothing.
+fn parts(transforms: &Transforms, frames: &[&Frame], test_every: usize) -> Result<Vec<Option<Part>>, DataError> {
+    if transforms.train.is_none() && transforms.test.is_none() {
+        let is_test = every_so_many(test_every)?;
+        let part = |place: usize| Some(if is_test(place) { Part::Test } else { Part::Train });
+        return Ok((0..frames.len()).map(part).collect());
+    }
+    let listed = |names: &Option<Vec<String>>| -> Option<BTreeSet<String>> {
+        names.as_ref().map(|names| names.iter().map(|name| plain(name).to_owned()).collect())
     };
-    let names: BTreeSet<&str> = frames.iter().map(|frame| frame.name.as_str()).collect();
-    if let Some(unknown) = train.iter().chain(test).find(|name| !names.contains(name.as_str())) {
+    let (train, test) = (listed(&transforms.train), listed(&transforms.test));
+    let known: BTreeSet<&str> = frames.iter().map(|frame| plain(&frame.name)).collect();
+    if let Some(unknown) = train.iter().chain(&test).flatten().find(|name| !known.contains(name.as_str())) {
         return Err(DataError::Content {
             path: transforms.path.clone(),
             reason: format!("its split names {unknown}, which is no frame"),
-            advice: "Names in train_filenames and test_filenames must be those of file_path",
+            advice: "Names in train_filenames, val_filenames and test_filenames must be those of file_path",
         });
     }
     let part = |frame: &&Frame| {
-        if test.contains(&frame.name) {
-            Part::Test
-        } else if train.contains(&frame.name) {
-            Part::Train
-        } else {
-            Part::Neither
+        let is_in = |list: &Option<BTreeSet<String>>| list.as_ref().map(|names| names.contains(plain(&frame.name)));
+        match (is_in(&train), is_in(&test)) {
+            (_, Some(true)) | (Some(false), None) => Some(Part::Test),
+            (Some(true), _) | (None, _) => Some(Part::Train),
+            (Some(false), Some(false)) => None,
         }
     };
     Ok(frames.iter().map(part).collect())
@@ -121,13 +130,14 @@ fn held_out(transforms: &Transforms, frames: &[&Frame], test_every: usize) -> Re
 
 /// How the scene was captured, and the time of each frame.
 fn moments(transforms: &Transforms, frames: &[&Frame]) -> Result<(Capture, Vec<f64>), DataError> {
-    let raw: Vec<Option<f64>> = frames.iter().map(|frame| frame.time.or(frame.timestamp)).collect();
-    let Some(times) = raw.iter().copied().collect::<Option<Vec<f64>>>() else {
-        if let Some(at) = raw.iter().position(Option::is_some) {
+    // One unit for all: a `time` of 0.5 is no nanosecond.
+    let all = |of: fn(&Frame) -> Option<f64>| frames.iter().map(|frame| of(frame)).collect::<Option<Vec<f64>>>();
+    let Some(times) = all(|frame| frame.time).or_else(|| all(|frame| frame.timestamp)) else {
+        if let Some(frame) = frames.iter().find(|frame| is_timed(frame)) {
             return Err(DataError::Content {
                 path: transforms.path.clone(),
-                reason: format!("{} has a time, but other frames have none", frames[at].name),
-                advice: "Give every frame a `time` or a `timestamp`, or none",
+                reason: format!("{} has a time, but other frames have none of the kind", frame.name),
+                advice: "Give every frame a `time`, or every frame a `timestamp`, or none either",
             });
         }
         let count = frames.len() as f64;
@@ -137,6 +147,8 @@ fn moments(transforms: &Transforms, frames: &[&Frame]) -> Result<(Capture, Vec<f
     if first >= 0.0 && last <= 1.0 {
         return Ok((Capture::Video, times));
     }
-    let length = if last > first { last - first } else { 1.0 };
-    Ok((Capture::Video, times.into_iter().map(|time| (time - first) / length).collect()))
+    // By halves, since the span between the largest numbers is none.
+    let since_first = |time: f64| 0.5 * time - 0.5 * first;
+    let length = Some(since_first(last)).filter(|length| *length > 0.0).unwrap_or(1.0);
+    Ok((Capture::Video, times.into_iter().map(|time| since_first(time) / length).collect()))
 }

@@ -75,7 +75,9 @@ pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
         points.len(),
         names[0]
     );
-    let bounds: Option<Vec<f64>> = rows[1..].iter().map(near_bound).collect();
+    // With other cameras held out (see `open`) the first one trains.
+    let training = if options.test_cameras.is_some() { &rows[..] } else { &rows[1..] };
+    let bounds: Option<Vec<f64>> = training.iter().map(near_bound).collect();
     let near = bounds.map(|bounds| bounds.into_iter().fold(f64::INFINITY, f64::min));
     Ok(Scene { name, capture: Capture::Video, train, test, points, near })
 }

@@ -1,7 +1,6 @@
 //! Tables of numbers in NumPy's files, `.npy` and `.npz`. Their headers are not believed: no memory is asked for that the
 //! file does not fill.
 
-use std::fs::File;
 use std::io::{BufReader, Read};
 use std::ops::RangeInclusive;
 use std::path::Path;
@@ -10,6 +9,8 @@ use npyz::{NpyFile, NpyHeader, Order};
 use zip::ZipArchive;
 use zip::result::ZipError;
 
+use crate::paths::open_file;
+
 /// What every `.npy` begins with.
 const MAGIC: &[u8; 6] = b"\x93NUMPY";
 
@@ -17,8 +18,12 @@ const MAGIC: &[u8; 6] = b"\x93NUMPY";
 /// which goes by recursion.
 const LONGEST_HEADER: usize = 512;
 
-/// Most bytes that are unpacked from an `.npz`: a packed file can be a thousand times smaller than what it unpacks to.
-const MOST_UNPACKED: u64 = 1 << 30;
+/// Most bytes of numbers in memory for a byte of a packed file, which could unpack to a thousand times its size. Arrays of
+/// points pack to a half or a third of theirs.
+const MOST_TIMES: u64 = 6;
+
+/// Packed files below this size may unpack to as much as one of it: a few hundred equal points pack well.
+const LEAST_PACKED: u64 = 1 << 16;
 
 /// Numbers in rows of equal length.
 #[derive(Debug, PartialEq)]
@@ -40,9 +45,10 @@ impl Table {
 /// # Errors
 /// If the file cannot be read, or holds no table whose number of columns is among `columns`.
 pub(crate) fn read_npy(path: &Path, columns: RangeInclusive<usize>) -> Result<Table, String> {
-    let file = File::open(path).map_err(|e| e.to_string())?;
+    let file = open_file(path)?;
     let room = file.metadata().map_err(|e| e.to_string())?.len();
-    read_table(BufReader::new(file), columns, room)
+    // Single precision becomes double.
+    read_table(BufReader::new(file), columns, room.saturating_mul(2))
 }
 
 /// The table of the name `name` in an `.npz` file.
@@ -50,18 +56,19 @@ pub(crate) fn read_npy(path: &Path, columns: RangeInclusive<usize>) -> Result<Ta
 /// # Errors
 /// As [`read_npy`], and if there is no array of that name.
 pub(crate) fn read_npz(path: &Path, name: &str, columns: RangeInclusive<usize>) -> Result<Table, String> {
-    let file = File::open(path).map_err(|e| e.to_string())?;
+    let file = open_file(path)?;
+    let packed = file.metadata().map_err(|e| e.to_string())?.len();
     let mut archive = ZipArchive::new(BufReader::new(file)).map_err(|e| e.to_string())?;
     let names = archive.file_names().take(5).collect::<Vec<_>>().join(", ");
     let entry = archive.by_name(&format!("{name}.npy")).map_err(|error| match error {
         ZipError::FileNotFound => format!("it holds no array `{name}`, but: {names}"),
         error => error.to_string(),
     })?;
-    read_table(BufReader::new(entry.take(MOST_UNPACKED)), columns, MOST_UNPACKED)
-        .map_err(|reason| format!("its array `{name}` is of no use: {reason}"))
+    let room = packed.max(LEAST_PACKED).saturating_mul(MOST_TIMES);
+    read_table(entry, columns, room).map_err(|reason| format!("its array `{name}` is of no use: {reason}"))
 }
 
-/// The table that `reader` gives, which has no more than `room` bytes.
+/// The table that `reader` gives, which may take `room` bytes of memory.
 fn read_table(mut reader: impl Read, columns: RangeInclusive<usize>, room: u64) -> Result<Table, String> {
     let header = read_header(&mut reader)?;
     let (order, kind) = (header.order(), header.dtype());
@@ -69,21 +76,21 @@ fn read_table(mut reader: impl Read, columns: RangeInclusive<usize>, room: u64) 
         [rows, width] if columns.contains(&(width as usize)) => (rows, width),
         _ => return Err(format!("its shape is {:?}, not [rows, {}]", header.shape(), shown(&columns))),
     };
-    let bytes = kind.num_bytes().map_or(u128::MAX, |size| u128::from(rows) * u128::from(width) * size as u128);
-    if bytes > u128::from(room) {
-        return Err(format!("it announces {rows} rows of {width} numbers, and has room for {room} bytes"));
+    let count = u128::from(rows) * u128::from(width);
+    if count.saturating_mul(size_of::<f64>() as u128) > u128::from(room) {
+        return Err(format!("it announces {rows} rows of {width} numbers, which is too much for its size"));
     }
+    let (rows, columns, count) = (rows as usize, width as usize, count as usize);
     let npy = NpyFile::with_header(header, reader);
-    // Collecting results does not ask for the memory of all of them at once.
-    let values: Vec<f64> = match npy.try_data::<f64>() {
-        Ok(data) => data.collect::<Result<_, _>>(),
+    let mut values = Vec::with_capacity(count);
+    match npy.try_data::<f64>() {
+        Ok(data) => data.take(count).try_for_each(|value| value.map(|value| values.push(value))),
         Err(npy) => match npy.try_data::<f32>() {
-            Ok(data) => data.map(|v| v.map(f64::from)).collect::<Result<_, _>>(),
+            Ok(data) => data.take(count).try_for_each(|value| value.map(|value| values.push(f64::from(value)))),
             Err(_) => return Err(format!("its type is {}, not float64 or float32", kind.descr())),
         },
     }
     .map_err(|e| e.to_string())?;
-    let (rows, columns) = (rows as usize, width as usize);
     let values = match order {
         Order::C => values,
         Order::Fortran => (0..rows * columns).map(|at| values[(at % columns) * rows + at / columns]).collect(),
@@ -118,6 +125,7 @@ fn shown(columns: &RangeInclusive<usize>) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::fs::File;
     use std::io::{Cursor, Write};
 
     use npyz::WriterBuilder;
@@ -140,7 +148,7 @@ mod tests {
     }
 
     fn read(bytes: &[u8], columns: RangeInclusive<usize>) -> Result<Table, String> {
-        read_table(bytes, columns, bytes.len() as u64)
+        read_table(bytes, columns, 2 * bytes.len() as u64)
     }
 
     #[test]
@@ -180,6 +188,8 @@ mod tests {
             let reason = read(&shaped(shape), 3..=3).expect_err(shape);
             assert!(reason.contains("announces"), "{reason}");
         }
+        let largest = "18446744073709551615, 18446744073709551615";
+        assert!(read(&shaped(largest), 6..=usize::MAX).expect_err(largest).contains("announces"));
         assert!(read(&shaped("-1, 3"), 3..=3).is_err());
         assert!(read(&shaped("1, 3"), 3..=3).is_err());
         assert!(read(&head("(".repeat(LONGEST_HEADER)), 3..=3).is_err());
@@ -204,6 +214,18 @@ mod tests {
         assert!(reason.contains("no array `points`, but: data.npy, seg.npy"), "{reason}");
         std::fs::write(&path, "no archive").expect("written");
         assert!(read_npz(&path, "data", 3..=3).is_err());
+    }
+
+    #[test]
+    fn an_archive_may_not_unpack_to_many_times_its_size() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("bomb.npz");
+        let mut archive = ZipWriter::new(File::create(&path).expect("file"));
+        archive.start_file("data.npy", SimpleFileOptions::default()).expect("entry");
+        archive.write_all(&written(&[100_000, 7], Order::C, vec![0.0f64; 700_000])).expect("written");
+        archive.finish().expect("written");
+        let reason = read_npz(&path, "data", 6..=9).expect_err("refused");
+        assert!(reason.contains("announces 100000 rows of 7 numbers"), "{reason}");
     }
 
     #[test]

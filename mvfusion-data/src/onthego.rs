@@ -22,7 +22,7 @@ use crate::reader::scene_name;
 use crate::reduced::{listing_folder, views_of_pictures};
 use crate::shot::Shot;
 use crate::transforms::{Frame, Transforms};
-use crate::{Capture, DataError, PictureSource, ReadOptions, Scene};
+use crate::{Capture, DataError, ReadOptions, Scene};
 
 /// Name of the format, for messages.
 pub const FORMAT: &str = "NeRF On-the-go";
@@ -113,15 +113,7 @@ impl<'a> Cameras<'a> {
             let name = Path::new(photo.file_stem().unwrap_or_default());
             let Some(frame) = self.frames.get(name) else { continue };
             let number = number_of(photo).ok_or_else(|| no_number(photo))?;
-            shots.push(Shot {
-                name: frame.view_name(),
-                source: PictureSource::Image(frame.file.clone()),
-                mask: frame.mask.clone(),
-                lens: frame.lens,
-                rotation: frame.rotation,
-                translation: frame.translation,
-                time: f64::from(number) / f64::from(self.largest),
-            });
+            shots.push(frame.shot(f64::from(number) / f64::from(self.largest)));
         }
         Ok(shots)
     }

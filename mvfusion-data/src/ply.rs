@@ -1,18 +1,24 @@
 //! Point clouds in PLY files, read by the names of their fields.
 
-use std::fs::File;
-use std::io::{BufReader, Read};
+use std::fmt;
+use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 use glam::Vec3;
-use serde::Deserialize;
-use serde_ply::{ElementDef, PlyReader, PropertyType, ScalarType};
+use serde::de::{SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer};
+use serde_ply::{ElementDef, PlyFormat, PlyReader, PropertyType, ScalarType};
 use tracing::warn;
 
+use crate::paths::open_file;
 use crate::{DataError, PointCloud};
 
 /// Colour of the points of a file without colours.
 pub(crate) const GREY: f32 = 0.5;
+
+/// Floating-point colours reach up to 1 or up to 255. Those that were made from spherical harmonics or rounded exceed 1 a
+/// little; a cloud whose brightest point has 16 of 255 would be black.
+const BRIGHTEST_OF_ONE: f32 = 16.0;
 
 /// A vertex as it stands in the file; a colour's unit depends on the field's type.
 #[derive(Deserialize)]
@@ -28,13 +34,44 @@ struct Vertex {
     blue: f32,
 }
 
+/// The vertices, their colours in the unit of the file. Reads one after the other: a list of them would take more memory than
+/// the file.
+struct Vertices(PointCloud);
+
+impl<'de> Deserialize<'de> for Vertices {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Rows;
+
+        impl<'de> Visitor<'de> for Rows {
+            type Value = Vertices;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("vertices")
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut rows: A) -> Result<Vertices, A::Error> {
+                // The number in the header, which `check_room` has compared with the size of the file.
+                let count = rows.size_hint().unwrap_or(0);
+                let [positions, colours] = [(); 2].map(|()| Vec::with_capacity(count));
+                let mut points = PointCloud { positions, colours };
+                while let Some(Vertex { x, y, z, red, green, blue }) = rows.next_element()? {
+                    points.push(Vec3::new(x, y, z), Vec3::new(red, green, blue));
+                }
+                Ok(Vertices(points))
+            }
+        }
+
+        deserializer.deserialize_seq(Rows)
+    }
+}
+
 /// A row of an element that does not interest us.
 #[derive(Deserialize)]
 struct Ignored {}
 
 /// Reads the vertices of a PLY file, text or binary: positions from `x`, `y`, `z`, colours from `red`, `green`, `blue`
-/// (integers are divided by the largest value of their type; floating-point colours above 1 are taken as 0 to 255).
-/// Points without colours are grey.
+/// (integers are divided by 255, those of 16 bits by 65535; floating-point colours are taken as 0 to 255 where the brightest
+/// is far above 1). Points without colours are grey.
 ///
 /// # Errors
 /// [`DataError::Content`] if the file cannot be read, has no vertices with positions, ends early or holds a number
@@ -45,8 +82,9 @@ pub fn read_points(path: &Path) -> Result<PointCloud, DataError> {
         reason,
         advice: "Export the point cloud again, or remove the file to start without points",
     };
-    let file = File::open(path).map_err(|e| fail(e.to_string()))?;
-    read_vertices(BufReader::new(file)).map_err(fail)
+    let file = open_file(path).map_err(fail)?;
+    let room = file.metadata().map_err(|e| fail(e.to_string()))?.len();
+    read_vertices(BufReader::new(file), room).map_err(fail)
 }
 
 /// The points of the first of the named files that is in `folder`.
@@ -64,8 +102,10 @@ pub(crate) fn warn_of_none(folder: &Path, names: &[&str]) {
     warn!(folder = %folder.display(), "no point cloud ({names}): training starts from random points");
 }
 
-fn read_vertices(reader: BufReader<impl Read>) -> Result<PointCloud, String> {
-    let mut ply = PlyReader::from_reader(reader).map_err(|e| e.to_string())?;
+/// The vertices in a file of `room` bytes.
+fn read_vertices(reader: impl BufRead, room: u64) -> Result<PointCloud, String> {
+    // The parser wants a line to end, and in some files the last one does not.
+    let mut ply = PlyReader::from_reader(reader.chain(&b"\n"[..])).map_err(|e| e.to_string())?;
     let vertex = loop {
         let element = ply.current_element().ok_or("it has no element `vertex`")?.clone();
         if element.name == "vertex" {
@@ -82,19 +122,39 @@ fn read_vertices(reader: BufReader<impl Read>) -> Result<PointCloud, String> {
         scalar(&vertex, name).ok_or_else(|| format!("its vertices have no number `{name}`"))?;
     }
     let unit = colour_unit(&vertex)?;
-    let vertices: Vec<Vertex> = ply.next_element().map_err(|e| e.to_string())?;
-    let largest = vertices.iter().map(|v| v.red.max(v.green).max(v.blue)).fold(0.0, f32::max);
-    let unit = unit.map(|unit| if unit == 1.0 && largest > 1.0 { 255.0 } else { unit });
-    let mut points = PointCloud::default();
-    for (index, v) in vertices.iter().enumerate() {
-        let position = Vec3::new(v.x, v.y, v.z);
-        let colour = unit.map_or(Vec3::splat(GREY), |unit| Vec3::new(v.red, v.green, v.blue) / unit);
+    check_room(&vertex, ply.header().format, room)?;
+    let Vertices(mut points) = ply.next_element().map_err(|e| e.to_string())?;
+    let largest = points.colours.iter().map(|colour| colour.max_element()).fold(0.0, f32::max);
+    let unit = unit.map(|unit| if unit == 1.0 && largest > BRIGHTEST_OF_ONE { 255.0 } else { unit });
+    for (index, (position, colour)) in points.positions.iter().zip(&mut points.colours).enumerate() {
+        *colour = unit.map_or(Vec3::splat(GREY), |unit| *colour / unit);
         if !position.is_finite() || !colour.is_finite() {
             return Err(format!("vertex {index} holds a number that is not finite"));
         }
-        points.push(position, colour.clamp(Vec3::ZERO, Vec3::ONE));
+        *colour = colour.clamp(Vec3::ZERO, Vec3::ONE);
     }
     Ok(points)
+}
+
+/// Makes sure that a file of `room` bytes can hold as many vertices as it announces.
+fn check_room(vertex: &ElementDef, format: PlyFormat, room: u64) -> Result<(), String> {
+    let bytes = |kind: ScalarType| match (format, kind) {
+        (PlyFormat::Ascii, _) => 2, // A digit and a space.
+        (_, ScalarType::I8 | ScalarType::U8) => 1,
+        (_, ScalarType::I16 | ScalarType::U16) => 2,
+        (_, ScalarType::I32 | ScalarType::U32 | ScalarType::F32) => 4,
+        (_, ScalarType::F64) => 8,
+    };
+    let kinds = vertex.properties.iter().map(|property| match property.property_type {
+        PropertyType::Scalar(kind) => kind,
+        PropertyType::List { count_type, .. } => count_type,
+    });
+    let row: u64 = kinds.map(bytes).sum();
+    let most = room / row.max(1);
+    match vertex.count as u64 > most {
+        true => Err(format!("it announces {} vertices, and has room for {most} at most", vertex.count)),
+        false => Ok(()),
+    }
 }
 
 /// The value that means full brightness, or `None` if there are no colours.
@@ -124,7 +184,7 @@ mod tests {
     use super::*;
 
     fn points(text: &[u8]) -> Result<PointCloud, String> {
-        read_vertices(BufReader::new(text))
+        read_vertices(text, text.len() as u64)
     }
 
     const HEAD: &str = "ply\nformat ascii 1.0\n";
@@ -156,9 +216,12 @@ mod tests {
     #[test]
     fn floating_point_colours_may_reach_one_or_255() {
         let colours = "property float red\nproperty float green\nproperty float blue\n";
-        for (row, expected) in
-            [("0 0 0 1 0.5 0", Vec3::new(1.0, 0.5, 0.0)), ("0 0 0 255 51 0", Vec3::new(1.0, 0.2, 0.0))]
-        {
+        for (row, expected) in [
+            ("0 0 0 1 0.5 0", Vec3::new(1.0, 0.5, 0.0)),
+            ("0 0 0 255 51 0", Vec3::new(1.0, 0.2, 0.0)),
+            // Brighter than white, as colours that were rounded or made of spherical harmonics may be.
+            ("0 0 0 1.5 0.5 0", Vec3::new(1.0, 0.5, 0.0)),
+        ] {
             let text = format!("{HEAD}element vertex 1\n{XYZ}{colours}end_header\n{row}\n");
             assert_eq!(points(text.as_bytes()).expect("read").colours, [expected]);
         }
@@ -171,10 +234,18 @@ mod tests {
     }
 
     #[test]
+    fn the_last_line_of_a_text_need_not_end() {
+        let text = format!("{HEAD}element vertex 2\n{XYZ}end_header\n1 2 3\n4 5 6");
+        assert_eq!(points(text.as_bytes()).expect("read").positions[1], Vec3::new(4.0, 5.0, 6.0));
+    }
+
+    #[test]
     fn malformed_files_are_refused_with_a_reason() {
         let cases = [
             ("not a ply\n".to_string(), "ply"),
-            (format!("{HEAD}element vertex 1\n{XYZ}end_header\n"), ""),
+            (format!("{HEAD}element vertex 1\n{XYZ}end_header\n1 2"), ""),
+            (format!("{HEAD}element vertex 99\n{XYZ}end_header\n1 2 3\n"), "announces 99 vertices"),
+            (format!("{HEAD}element vertex {}\n{XYZ}end_header\n1 2 3\n", u64::MAX), "announces"),
             (format!("{HEAD}element face 0\nproperty int a\nend_header\n"), "no element `vertex`"),
             (format!("{HEAD}element face 9\nend_header\n"), "no properties"),
             (format!("{HEAD}element vertex 1\nproperty float x\nproperty float y\nend_header\n1 2\n"), "`z`"),

@@ -1,102 +1,14 @@
 //! Opens a scene's folder with the reader that knows its format.
 
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::collections::BTreeSet;
+use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
 use crate::error::Refusal;
-use crate::{DataError, Scene, View, colmap, dnerf, hypernerf, multipleview, nerfstudio, neu3d, onthego, panoptic};
-
-/// How a scene is read.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ReadOptions {
-    /// The format; tried in turn if absent.
-    pub format: Option<Format>,
-    /// Pictures are made smaller by this factor, at least 1. Default 1.
-    pub downscale: f64,
-    /// How many frames of each camera of a video are used, from the first on; all if absent. Default 300, as DeGauss.
-    pub frames: Option<usize>,
-    /// How a frame's index becomes a time.
-    pub time: TimeRule,
-    /// Where nothing says what a photo is for, every so many of the sorted photos is held out, from the first on; 0 holds
-    /// none out. Default 8, LLFF's rule.
-    pub test_every: usize,
-    /// Names of the cameras to hold out instead of those that the format holds out; for formats whose views are named
-    /// `camera/frame`.
-    pub test_cameras: Option<Vec<String>>,
-    /// RGB that shows where pictures are transparent. Default black.
-    pub backdrop: [u8; 3],
-    /// Whether black counts in masks, not white.
-    pub invert_masks: bool,
-    /// Folder in which the decoded frames of videos stay; a temporary one if absent.
-    pub frame_store: Option<PathBuf>,
-}
-
-/// Number of frames by which the original divides a frame's index (METHOD §5.1).
-const ORIGINAL_FRAMES: usize = 300;
-
-impl Default for ReadOptions {
-    fn default() -> Self {
-        Self {
-            format: None,
-            downscale: 1.0,
-            frames: Some(ORIGINAL_FRAMES),
-            time: TimeRule::default(),
-            test_every: 8,
-            test_cameras: None,
-            backdrop: [0; 3],
-            invert_masks: false,
-            frame_store: None,
-        }
-    }
-}
-
-/// How a frame's index becomes a time in `[0, 1]`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum TimeRule {
-    /// Index / number of frames used; the same as the original for 300 frames. The default.
-    #[default]
-    FrameOverCount,
-    /// Index / 300, as in the original (METHOD §5.1), however many frames there are.
-    #[serde(rename = "frame-over-300")]
-    FrameOver300,
-}
-
-impl ReadOptions {
-    /// How many frames of each camera are used at most.
-    ///
-    /// # Errors
-    /// [`DataError::Setting`] for none.
-    pub(crate) fn frame_limit(&self) -> Result<usize, DataError> {
-        match self.frames {
-            Some(0) => {
-                let reason = "at least one frame is needed; leave it out for all".into();
-                Err(DataError::Setting { option: "frames", value: "0".into(), reason })
-            }
-            limit => Ok(limit.unwrap_or(usize::MAX)),
-        }
-    }
-
-    /// What the index of one of `count` frames is divided by to become a time.
-    ///
-    /// # Errors
-    /// [`DataError::Setting`] if a time would lie beyond 1.
-    pub(crate) fn times_divisor(&self, count: usize) -> Result<f64, DataError> {
-        match self.time {
-            TimeRule::FrameOverCount => Ok(count as f64),
-            TimeRule::FrameOver300 if count <= ORIGINAL_FRAMES => Ok(ORIGINAL_FRAMES as f64),
-            TimeRule::FrameOver300 => Err(DataError::Setting {
-                option: "time",
-                value: "frame-over-300".into(),
-                reason: format!(
-                    "{count} frames would reach beyond time 1; set frames = 300 or time = \"frame-over-count\""
-                ),
-            }),
-        }
-    }
-}
+use crate::{
+    DataError, ReadOptions, Scene, View, colmap, dnerf, hypernerf, multipleview, nerfstudio, neu3d, onthego, panoptic,
+};
 
 /// The formats that are read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -234,19 +146,23 @@ pub fn open(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     }
 }
 
-/// Parts the views anew: those of the named cameras are held out, all others train.
+/// Parts the views anew: those of the named cameras are held out, all others train. They stand camera by camera and in the
+/// order of time, whatever the frames are called.
 fn hold_out(scene: Scene, folder: &Path, cameras: &[String]) -> Result<Scene, DataError> {
-    let of_camera =
-        |view: &View, camera: &str| view.name.strip_prefix(camera).is_some_and(|rest| rest.starts_with('/'));
-    let mut views: BTreeMap<String, View> = BTreeMap::new();
-    views.extend(scene.train.into_iter().chain(scene.test).map(|view| (view.name.clone(), view)));
-    if let Some(unknown) = cameras.iter().find(|camera| !views.values().any(|view| of_camera(view, camera))) {
-        let example = views.keys().next().map_or("", String::as_str);
+    // Where frames are trained on and looked at, they are in both parts.
+    let mut known = BTreeSet::new();
+    let views = scene.train.into_iter().chain(scene.test);
+    let mut views: Vec<View> = views.filter(|view| known.insert(view.name.clone())).collect();
+    let camera_of = |view: &View| view.name.rsplit_once('/').map_or(String::new(), |(camera, _)| camera.to_owned());
+    views.sort_by(|a, b| camera_of(a).cmp(&camera_of(b)).then(a.time.total_cmp(&b.time)));
+    let is_of = |view: &View, camera: &str| view.name.strip_prefix(camera).is_some_and(|rest| rest.starts_with('/'));
+    if let Some(unknown) = cameras.iter().find(|camera| !views.iter().any(|view| is_of(view, camera))) {
+        let example = views.first().map_or("", |view| view.name.as_str());
         let reason = format!("no view is named `{unknown}/…`; the first is `{example}`");
         return Err(DataError::Setting { option: "test_cameras", value: format!("{cameras:?}"), reason });
     }
     let (test, train): (Vec<_>, Vec<_>) =
-        views.into_values().partition(|view| cameras.iter().any(|camera| of_camera(view, camera)));
+        views.into_iter().partition(|view| cameras.iter().any(|camera| is_of(view, camera)));
     if train.is_empty() {
         let advice = "Name fewer cameras in the option test_cameras".into();
         return Err(DataError::Missing { what: "camera to train on".into(), folder: folder.to_owned(), advice });

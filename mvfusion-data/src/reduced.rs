@@ -11,14 +11,12 @@ use std::path::{Path, PathBuf};
 
 use tracing::{info, warn};
 
+use crate::frames::picture_named;
 use crate::shot::{Shot, views};
 use crate::{DataError, PictureSource, ReadOptions, View};
 
 /// Folder of the pictures in full size.
 const IMAGES: &str = "images";
-
-/// Extensions of the smaller pictures, in the order in which they are looked for; some tools write PNG whatever they read.
-const EXTENSIONS: [&str; 6] = ["png", "jpg", "JPG", "jpeg", "JPEG", "PNG"];
 
 /// Whether a scene has a folder of pictures, in full size or smaller.
 pub(crate) fn has_pictures(scene: &Path) -> bool {
@@ -125,12 +123,12 @@ fn folder_of(scene: &Path, factor: u32) -> PathBuf {
     scene.join(format!("{IMAGES}_{factor}"))
 }
 
-/// The file of that name in `folder`, or the one that differs in its extension alone.
+/// The file of that name in `folder`, or the one that differs in its extension alone: some tools write PNG whatever they read.
 fn copy_of(folder: &Path, name: &Path) -> PathBuf {
     let exact = folder.join(name);
     if exact.is_file() {
         return exact;
     }
-    let others = EXTENSIONS.map(|extension| exact.with_extension(extension));
-    others.into_iter().find(|path| path.is_file()).unwrap_or(exact)
+    let stem = name.with_extension("");
+    stem.to_str().and_then(|stem| picture_named(folder, stem)).unwrap_or(exact)
 }

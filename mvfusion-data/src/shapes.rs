@@ -46,11 +46,13 @@ fn is_scaled(one: (f64, f64), other: (f64, f64)) -> bool {
     /// How far a side before rounding may lie below and above the one after it.
     const ROUNDING: [(f64, f64); 2] = [(0.5, 0.5), (0.0, 1.0)];
     let (full, scaled) = if one.0 < other.0 { (other, one) } else { (one, other) };
-    ROUNDING.iter().any(|(below, above)| {
-        let factors = |full: f64, scaled: f64| ((scaled - below) / full, (scaled + above) / full);
-        let (x, y) = (factors(full.0, scaled.0), factors(full.1, scaled.1));
-        x.0.max(y.0) < x.1.min(y.1)
-    })
+    // A fraction of a pixel is within the rounding of any shape.
+    scaled.0.min(scaled.1) >= 1.0
+        && ROUNDING.iter().any(|(below, above)| {
+            let factors = |full: f64, scaled: f64| ((scaled - below) / full, (scaled + above) / full);
+            let (x, y) = (factors(full.0, scaled.0), factors(full.1, scaled.1));
+            x.0.max(y.0) < x.1.min(y.1)
+        })
 }
 
 #[cfg(test)]
@@ -71,9 +73,12 @@ mod tests {
 
     #[test]
     fn other_shapes_are_refused() {
-        for (full, scaled) in
-            [((1000.0, 667.0), (125.0, 85.0)), ((48.0, 32.0), (32.0, 48.0)), ((1352.0, 1014.0), (1350.0, 1014.0))]
-        {
+        for (full, scaled) in [
+            ((1000.0, 667.0), (125.0, 85.0)),
+            ((48.0, 32.0), (32.0, 48.0)),
+            ((1352.0, 1014.0), (1350.0, 1014.0)),
+            ((48.0, 32.0), (0.3, 0.1)),
+        ] {
             assert!(!is_scaled(full, scaled), "{full:?} -> {scaled:?}");
         }
     }

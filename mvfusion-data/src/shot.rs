@@ -14,6 +14,9 @@ use crate::shapes::check_shapes;
 use crate::undistort::pinhole_within;
 use crate::{Camera, DataError, Mask, Picture, PictureFile, PictureSource, ReadOptions, Truth, View};
 
+/// Longest side of a picture in pixels, as JPEG has it: a header that lies must not cost the time for its claim.
+const LONGEST_SIDE: u32 = 65_535;
+
 /// A picture, its camera and its moment.
 #[derive(Clone, Debug)]
 pub(crate) struct Shot {
@@ -56,9 +59,10 @@ impl FrameLens {
 /// of the pictures are read.
 ///
 /// # Errors
-/// [`DataError::Missing`] if a picture is not there, [`DataError::Image`] if a header cannot be read,
+/// [`DataError::Missing`] if a picture or mask is not there, [`DataError::Image`] if a header cannot be read,
 /// [`DataError::Disagreement`] if sizes or shapes differ, [`DataError::Setting`] if `downscale` makes no sense,
-/// [`DataError::Content`] if two views have one name or a lens shows nothing that a pinhole could.
+/// [`DataError::Content`] if two views have one name, a lens shows nothing that a pinhole could, or a camera's numbers are
+/// none to compute with.
 pub(crate) fn views(folder: &Path, shots: Vec<Shot>, options: &ReadOptions) -> Result<Vec<View>, DataError> {
     if shots.is_empty() {
         return Ok(Vec::new());
@@ -95,18 +99,22 @@ fn view(
     let file =
         |source, backdrop| Picture::File(PictureFile { source, width, height, backdrop, lenses: lenses.clone() });
     let mask = |path| Mask { picture: file(PictureSource::Image(path), None), inverted: options.invert_masks };
+    let camera = Camera {
+        width: width as usize,
+        height: height as usize,
+        fx: pinhole.focal.x,
+        fy: pinhole.focal.y,
+        cx: pinhole.principal.x,
+        cy: pinhole.principal.y,
+        rotation: shot.rotation,
+        translation: shot.translation,
+    };
+    if !is_computable(&camera) {
+        return Err(no_camera(&shot, &camera));
+    }
     Ok(View {
         name: shot.name,
-        camera: Camera {
-            width: width as usize,
-            height: height as usize,
-            fx: pinhole.focal.x,
-            fy: pinhole.focal.y,
-            cx: pinhole.principal.x,
-            cy: pinhole.principal.y,
-            rotation: shot.rotation,
-            translation: shot.translation,
-        },
+        camera,
         time: shot.time,
         image: file(shot.source, Some(options.backdrop)),
         mask: shot.mask.map(mask),
@@ -131,19 +139,38 @@ impl Pinholes {
     }
 }
 
+/// Whether single precision, in which training computes, can hold the camera. Files have numbers that cannot be, and products
+/// of those that can.
+fn is_computable(camera: &Camera) -> bool {
+    let focal = DVec2::new(camera.fx, camera.fy).as_vec2();
+    let principal = DVec2::new(camera.cx, camera.cy).as_vec2();
+    let places = [camera.translation, camera.centre()].map(|place| place.as_vec3());
+    focal.is_finite()
+        && focal.min_element() > 0.0
+        && principal.is_finite()
+        && camera.rotation.is_finite()
+        && places.iter().all(|place| place.is_finite())
+}
+
+/// Pictures and masks must be there.
 fn check_presence(folder: &Path, shots: &[Shot]) -> Result<(), DataError> {
-    let absent: Vec<&Path> = shots.iter().map(|shot| shot.source.path()).filter(|path| !path.is_file()).collect();
-    let Some(first) = absent.first() else { return Ok(()) };
-    let path = first.strip_prefix(folder).unwrap_or(first);
-    Err(DataError::Missing {
-        what: format!("picture {}", path.display()),
-        folder: folder.to_owned(),
-        advice: format!(
-            "{} of {} pictures that the scene lists are not there: put them there under the names that it has for them",
-            absent.len(),
-            shots.len()
-        ),
-    })
+    let pictures: Vec<&Path> = shots.iter().map(|shot| shot.source.path()).collect();
+    let masks: Vec<&Path> = shots.iter().filter_map(|shot| shot.mask.as_deref()).collect();
+    for (what, paths) in [("picture", pictures), ("mask", masks)] {
+        let absent: Vec<&Path> = paths.iter().copied().filter(|path| !path.is_file()).collect();
+        let Some(first) = absent.first() else { continue };
+        let path = first.strip_prefix(folder).unwrap_or(first);
+        return Err(DataError::Missing {
+            what: format!("{what} {}", path.display()),
+            folder: folder.to_owned(),
+            advice: format!(
+                "{} of {} {what}s that the scene lists are not there: put them there under the names that it has for them",
+                absent.len(),
+                paths.len()
+            ),
+        });
+    }
+    Ok(())
 }
 
 /// Views are named without extension, and results and masks go by the names.
@@ -169,6 +196,12 @@ fn common_size(folder: &Path, shots: &[Shot]) -> Result<(u32, u32), DataError> {
         .collect::<Vec<_>>()
         .into_iter() // The first error in the order of the shots, whichever thread met one first.
         .collect::<Result<_, _>>()?;
+    if let Some(huge) = sizes.iter().position(|&(width, height)| width.max(height) > LONGEST_SIDE) {
+        let (width, height) = sizes[huge];
+        let path = shots[huge].source.path().to_owned();
+        let reason = format!("its header tells of {width} x {height} pixels, and a side has {LONGEST_SIDE} at most");
+        return Err(DataError::Image { path, reason });
+    }
     let Some(other) = sizes.iter().position(|size| *size != sizes[0]) else { return Ok(sizes[0]) };
     let shown = |i: usize| {
         let path = shots[i].source.path();
@@ -188,5 +221,18 @@ fn no_pinhole(shot: &Shot) -> DataError {
         path: shot.source.path().to_owned(),
         reason: "its lens, as the scene describes it, shows nothing in front of the camera".into(),
         advice: "Check the distortion coefficients, or undistort the pictures with another program",
+    }
+}
+
+fn no_camera(shot: &Shot, camera: &Camera) -> DataError {
+    let &Camera { fx, fy, cx, cy, translation, .. } = camera;
+    DataError::Content {
+        path: shot.source.path().to_owned(),
+        reason: format!(
+            "its camera has focal lengths {fx:?}, {fy:?}, principal point {cx:?}, {cy:?} and translation {:?}, which are too \
+             large or too small to compute with",
+            translation.to_array()
+        ),
+        advice: "Check the entry of the picture in the scene's files",
     }
 }

@@ -21,14 +21,20 @@ pub(crate) fn pinhole_within(lens: &Lens, width: u32, height: u32) -> Option<Len
         return Some(*lens);
     }
     let (w, h) = (f64::from(width), f64::from(height));
-    // What is not seen through the edge of a picture lies beyond the widest field of view.
     let seen = |x: f64, y: f64| lens.direction_of(DVec2::new(x, y));
     let rows = || (0..=height).map(f64::from);
     let columns = || (0..=width).map(f64::from);
-    let left = rows().map(|y| seen(0.0, y).map_or(-WIDEST, |p| p.x)).fold(-WIDEST, f64::max);
-    let right = rows().map(|y| seen(w, y).map_or(WIDEST, |p| p.x)).fold(WIDEST, f64::min);
-    let top = columns().map(|x| seen(x, 0.0).map_or(-WIDEST, |p| p.y)).fold(-WIDEST, f64::max);
-    let bottom = columns().map(|x| seen(x, h).map_or(WIDEST, |p| p.y)).fold(WIDEST, f64::min);
+    let left = rows().filter_map(|y| seen(0.0, y)).map(|p| p.x).reduce(f64::max);
+    let right = rows().filter_map(|y| seen(w, y)).map(|p| p.x).reduce(f64::min);
+    let top = columns().filter_map(|x| seen(x, 0.0)).map(|p| p.y).reduce(f64::max);
+    let bottom = columns().filter_map(|x| seen(x, h)).map(|p| p.y).reduce(f64::min);
+    // What a fisheye does not see through the edge of a picture lies beyond the widest field of view. Through that of a
+    // perspective lens something is seen, or else its coefficients are not those of the picture.
+    if [left, right, top, bottom].contains(&None) && matches!(lens.bend, Bend::Perspective { .. }) {
+        return None;
+    }
+    let [left, top] = [left, top].map(|edge| edge.unwrap_or(-WIDEST).max(-WIDEST));
+    let [right, bottom] = [right, bottom].map(|edge| edge.unwrap_or(WIDEST).min(WIDEST));
     if !(left < right && top < bottom) {
         return None;
     }
@@ -50,7 +56,7 @@ pub(crate) fn straighten(image: &RgbImage, lens: &Lens, pinhole: &Lens) -> RgbIm
     straight
 }
 
-/// The mask of a picture that is straightened: no blending, and black where the lens saw nothing.
+/// The mask of a picture that is straightened, without blending.
 pub(crate) fn straighten_mask(mask: &GrayImage, lens: &Lens, pinhole: &Lens) -> GrayImage {
     let (width, height) = mask.dimensions();
     GrayImage::from_fn(width, height, |x, y| {
@@ -63,6 +69,9 @@ pub(crate) fn straighten_mask(mask: &GrayImage, lens: &Lens, pinhole: &Lens) -> 
 
 /// The colour at a pixel position by Catmull and Rom's cubic; what lies beyond the border counts as on it.
 fn cubic(image: &RgbImage, at: DVec2) -> Rgb<u8> {
+    // A few pixels out nothing but the border counts, and further out there are places that no integer can count.
+    let size = DVec2::new(f64::from(image.width()), f64::from(image.height()));
+    let at = at.clamp(DVec2::splat(-2.0), size + 2.0);
     let (x, y) = (at.x - 0.5, at.y - 0.5);
     let (weights_x, weights_y) = (cubic_weights(x - x.floor()), cubic_weights(y - y.floor()));
     let (first_x, first_y) = (x.floor() as i64 - 1, y.floor() as i64 - 1);
@@ -147,6 +156,26 @@ mod tests {
             }
         }
         assert!(reach.iter().all(|&room| room < 0.3), "{reach:?} pixels of the border were given away");
+    }
+
+    #[test]
+    fn coefficients_that_are_no_lens_give_no_pinhole() {
+        for k1 in [-5.0, 1e300] {
+            let bend = Bend::Perspective { radial: [k1, 0.0, 0.0, 0.0, 0.0, 0.0], tangential: [0.0; 2] };
+            assert_eq!(pinhole_within(&Lens { bend, ..barrel() }, SIZE.0, SIZE.1), None, "{k1}");
+        }
+    }
+
+    #[test]
+    fn places_far_outside_show_the_border() {
+        let image = taken_through(&barrel());
+        for (at, corner) in [
+            (DVec2::splat(f64::INFINITY), (95, 63)),
+            (DVec2::splat(f64::NEG_INFINITY), (0, 0)),
+            (DVec2::new(-1.6, 1e300), (0, 63)),
+        ] {
+            assert_eq!(cubic(&image, at), *image.get_pixel(corner.0, corner.1), "{at}");
+        }
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Files that nobody should have written: whole scenes of every layout with one damaged file in them. Whatever its bytes
 //! are, a reader answers with a scene or an error, without panic, without hanging, and without taking memory that the
-//! files do not warrant.
+//! files do not warrant. If it is a scene, it is one that training can compute with.
 //!
 //! Each file of [`targets`] is damaged `PROPTEST_CASES` times, [`CASES`] unless that is set. Damage is drawn by proptest, which
 //! shrinks what it finds.
@@ -12,8 +12,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
-use mvfusion_data::{BuiltinKind, BuiltinOptions, Capture, ReadOptions, builtin, open};
-use mvfusion_data::{Layout, write};
+use mvfusion_data::{BuiltinKind, BuiltinOptions, Capture, Layout, ReadOptions, Scene, View, builtin, open, write};
 use peak_alloc::PeakAlloc;
 use proptest::collection::vec;
 use proptest::test_runner::{Config, TestCaseError, TestRunner};
@@ -112,14 +111,36 @@ fn read(folder: &Path, file: &Path, content: &[u8]) -> Result<(), TestCaseError>
     if taken > MOST_TIMES * files + FIXED {
         return Err(TestCaseError::fail(format!("{taken} bytes were taken for files of {files}")));
     }
-    if let Err(error) = outcome {
-        let message = error.to_string();
+    match outcome {
+        Ok(scene) => sound(&scene).map_err(TestCaseError::fail),
         // A message repeats names and numbers of the file, never the file itself.
-        if message.trim().is_empty() || message.len() > 20_000 {
-            return Err(TestCaseError::fail(format!("a message of {} bytes", message.len())));
+        Err(error) => match error.to_string() {
+            message if message.trim().is_empty() || message.len() > 20_000 => {
+                Err(TestCaseError::fail(format!("a message of {} bytes", message.len())))
+            }
+            _ => Ok(()),
+        },
+    }
+}
+
+/// Whether single precision can hold all numbers of a scene, times are in `[0, 1]`, and something trains.
+fn sound(scene: &Scene) -> Result<(), String> {
+    if scene.train.is_empty() {
+        return Err("nothing to train on".into());
+    }
+    for View { name, camera, time, .. } in scene.train.iter().chain(&scene.test) {
+        let intrinsics = [camera.fx, camera.fy, camera.cx, camera.cy].map(|v| v as f32);
+        let places = [camera.centre(), camera.translation].map(|place| place.as_vec3());
+        let is_finite = intrinsics.iter().all(|v| v.is_finite()) && places.iter().all(|place| place.is_finite());
+        let turned = (camera.rotation.determinant() - 1.0).abs() < 0.01;
+        if !is_finite || !turned || intrinsics[0] <= 0.0 || intrinsics[1] <= 0.0 || !(0.0..=1.0).contains(time) {
+            return Err(format!("the view {name} at the time {time} has {camera:?}"));
         }
     }
-    Ok(())
+    match scene.points.positions.iter().chain(&scene.points.colours).find(|point| !point.is_finite()) {
+        Some(point) => Err(format!("a point holds {point}")),
+        None => Ok(()),
+    }
 }
 
 /// Ends the process if nothing is said for too long: a test that hangs cannot fail.

@@ -23,7 +23,7 @@ const MOVING_GAUSSIAN: f64 = 94.0;
 /// A number of the planes: itself, its gradient, the optimiser's moments and what the penalties need.
 const GRID_NUMBER: f64 = 26.0;
 
-/// A pixel of the views that are rendered for a step, whose layers are kept for the backward pass.
+/// A pixel of one of the views that are rendered for a step: all of them keep their layers for the backward pass.
 const PIXEL: f64 = 900.0;
 
 /// The memory of a training, in bytes.
@@ -53,7 +53,8 @@ impl MemoryNeed {
             dynamic as f64 * (STILL_GAUSSIAN + network) + static_ as f64 * STILL_GAUSSIAN
         };
         let pixels = scene.train.first().map_or(0.0, |view| (view.camera.width * view.camera.height) as f64);
-        let rest = GRID_NUMBER * numbers(&config.model.grid.layout()) + PIXEL * pixels;
+        let batch = config.train.batch_size as f64;
+        let rest = GRID_NUMBER * numbers(&config.model.grid.layout()) + PIXEL * batch * pixels;
         Self {
             program: PROGRAM,
             pictures: pictures(scene).min(image_cache as f64),
@@ -112,6 +113,10 @@ mod tests {
         let mut one = config.clone();
         one.model.branches = Branches::Dynamic;
         assert!(MemoryNeed::of(&one, &scene, 0).most < need.most);
+        let mut batch = config.clone();
+        batch.train.batch_size += 3;
+        let views = MemoryNeed::of(&batch, &scene, 0).start - MemoryNeed::of(&config, &scene, 0).start;
+        assert!((views - 3.0 * PIXEL * 64.0 * 48.0).abs() < 1.0, "every view of a step keeps its layers");
         let mut more = config;
         more.init.static_points = 100_000;
         assert!(MemoryNeed::of(&more, &scene, 0).start > need.start + 2e8);

@@ -54,7 +54,10 @@ pub fn check(args: &CheckArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Resul
     if pictures == Pictures::Decoded {
         talk.note("decoding every picture (--quick decodes a few)");
     }
-    let (inspection, scene) = inspect(&folder, &scene::read_options(&resolved.config), pictures);
+    let (mut inspection, mut scene) = inspect(&folder, &scene::read_options(&resolved.config), pictures);
+    if let (Some(scene), Some(masks)) = (&mut scene, &resolved.config.eval.dynamic_masks) {
+        inspection.attach_masks(scene, masks);
+    }
     let memory = scene.as_ref().map(|scene| need(&resolved.config, scene));
     let wanted = scene.as_ref().filter(|_| inspection.can_train() && !args.no_picture);
     let drawn = wanted.map(|scene| draw(scene, args.picture.clone().unwrap_or_else(|| default_picture(&folder))));

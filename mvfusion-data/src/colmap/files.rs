@@ -8,6 +8,7 @@ use tracing::warn;
 use super::lens::CameraRecord;
 use super::model::ImageRecord;
 use super::{binary, text};
+use crate::paths::read_text;
 use crate::{DataError, PointCloud};
 
 /// What to do about a file that is damaged.
@@ -132,7 +133,7 @@ impl ModelFiles {
         }
         let parsed = match self.encoding {
             Encoding::Binary => fs::read(&path).map_err(|e| e.to_string().into()).and_then(|b| from_bytes(&b)),
-            Encoding::Text => fs::read_to_string(&path).map_err(|e| e.to_string().into()).and_then(|t| from_text(&t)),
+            Encoding::Text => read_text(&path).map_err(Complaint::from).and_then(|text| from_text(&text)),
         };
         parsed.map_err(|complaint| self.blame(part, complaint))
     }

@@ -2,13 +2,13 @@
 //! a line, perhaps with its folder and perhaps without its extension.
 
 use std::collections::BTreeMap;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::IMAGES;
 use super::model::Photo;
 use super::split::Purpose;
 use crate::DataError;
+use crate::paths::read_text;
 
 /// The files, and what the photos that they list are for.
 pub(super) const LISTS: [(&str, Purpose); 2] = [("train_list.txt", Purpose::Train), ("test_list.txt", Purpose::Test)];
@@ -40,7 +40,7 @@ impl Lists {
             }
         }
         let text = |path: PathBuf, purpose| -> Result<_, DataError> {
-            let text = fs::read_to_string(&path).map_err(|e| fail(&path, e.to_string()))?;
+            let text = read_text(&path).map_err(|reason| fail(&path, reason))?;
             Ok((path, purpose, text))
         };
         Ok(Some(Self([text(train, Purpose::Train)?, text(test, Purpose::Test)?])))

@@ -5,6 +5,7 @@ use std::path::Path;
 use super::lists::{LISTS, Lists};
 use super::model::Photo;
 use crate::DataError;
+use crate::options::every_so_many;
 
 /// The photos, parted. Each part keeps the order of the names.
 #[derive(Debug)]
@@ -118,14 +119,10 @@ fn by_name(photos: Vec<Photo>, images: &Path) -> Result<Split, DataError> {
 
 /// LLFF's rule: every so many are held out. A photo's time is its position, divided by the number of photos.
 fn by_position(photos: Vec<Photo>, test_every: usize) -> Result<Split, DataError> {
-    if test_every == 1 {
-        let reason = "it would hold out every photo; 8 is usual, 0 holds none out".into();
-        return Err(DataError::Setting { option: "test_every", value: test_every.to_string(), reason });
-    }
+    let is_test = every_so_many(test_every)?;
     let count = photos.len() as f64;
     let moments = photos.into_iter().enumerate().map(|(index, photo)| Moment { photo, time: index as f64 / count });
-    let (test, train): (Vec<_>, Vec<_>) =
-        moments.enumerate().partition(|(index, _)| test_every > 0 && index.is_multiple_of(test_every));
+    let (test, train): (Vec<_>, Vec<_>) = moments.enumerate().partition(|(index, _)| is_test(*index));
     let moments = |part: Vec<(usize, Moment)>| part.into_iter().map(|(_, moment)| moment).collect();
     let rule = match test_every {
         0 => "test_every = 0".to_owned(),

@@ -141,6 +141,8 @@ fn binary_and_text_agree_and_binary_comes_first() {
     assert_eq!(content(&fixture.read().expect("read")), binary);
     fixture.write("sparse/0/images.txt", sample.images_text().replace('\n', "\r\n"));
     assert_eq!(content(&fixture.read().expect("read")), binary);
+    fixture.write("sparse/0/images.txt", sample.images_text().replace(' ', "\t"));
+    assert_eq!(content(&fixture.read().expect("read")), binary);
     fixture.write_binary(&Sample::new(&NAMES));
     assert_ne!(content(&fixture.read().expect("read")), binary);
 }

@@ -62,7 +62,7 @@ fn image(fields: &mut Fields) -> Result<ImageRecord, Complaint> {
 /// Makes sure that a line holds observations: where empty second lines were lost, every other image would be.
 fn observations(fields: &mut Fields) -> Result<(), Complaint> {
     let line = fields.rest();
-    let ends_with_a_point = || line.rsplit(' ').next().is_some_and(|word| word.parse::<i64>().is_ok());
+    let ends_with_a_point = || line.split_whitespace().next_back().is_some_and(|word| word.parse::<i64>().is_ok());
     if line.is_empty() || (line.split_whitespace().count().is_multiple_of(3) && ends_with_a_point()) {
         return Ok(());
     }

@@ -196,7 +196,7 @@ fn lists_that_do_not_fit_are_refused() {
         (with(dataset(), "ids", json!(["../a"])), &["dataset.json", "`../a`", "`..`"]),
         (with(dataset(), "ids", json!(["/a"])), &["dataset.json", "`/a`"]),
         (with(dataset(), "ids", json!([""])), &["dataset.json", "``"]),
-        (with(dataset(), "ids", json!([[1]])), &["dataset.json", "untagged"]),
+        (with(dataset(), "ids", json!([[1]])), &["dataset.json", "neither a text nor a whole number"]),
         (with(dataset(), "val_ids", json!(["up_3"])), &["dataset.json", "names up_3"]),
         (with(dataset(), "train_ids", json!([])), &["no picture to train on"]),
         (json!({}), &["no picture to train on"]),

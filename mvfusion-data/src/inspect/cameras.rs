@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
-use super::problem::{Problem, Subject, count, few, median};
+use super::problem::{Problem, Severity, Subject, count, few, median};
 use super::rig::{all_views, by_camera};
 use crate::{Camera, Scene, View};
 
@@ -11,7 +11,8 @@ const NARROW: f64 = 5.0;
 const WIDE: f64 = 150.0;
 /// Distance of the cameras from the origin, in extents, from which on single precision is coarser than a thousandth of one.
 const REMOTE: f64 = 1e4;
-/// Extent, in distances of the points, below which cameras stand in one spot; and in distances from the origin.
+/// Extent, in distances of the points, below which cameras nearly stand in one spot; and in distances of the points or the
+/// origin, below which single precision does not tell them apart.
 const ONE_SPOT: f64 = 1e-3;
 const ROUNDING: f64 = 1e-7;
 /// Length of the mean viewing direction below which cameras surround something, or stand in the middle of it.
@@ -74,7 +75,10 @@ fn places(scene: &Scene) -> Option<Problem> {
         let what =
             format!("all training cameras stand in one spot (extent {extent:.2e}): depths cannot be told from it");
         let remedy = "Train on pictures from several places. If these are, the translations of the poses are lost.";
-        return Some(Problem::warning(Subject::Cameras, what, remedy));
+        let problem = Problem::warning(Subject::Cameras, what, remedy);
+        // Losses and rates are measured by the extent (METHOD §3).
+        let is_nothing = extent <= ROUNDING * distance.max(centre.length());
+        return Some(if is_nothing { Problem { severity: Severity::Error, ..problem } } else { problem });
     }
     (centre.length() > REMOTE * extent).then(|| {
         let what = format!(

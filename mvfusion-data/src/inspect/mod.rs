@@ -27,8 +27,8 @@ pub use problem::{Problem, Severity, Subject};
 pub use sheet::{ContactSheet, points_over_photos};
 pub use summary::Summary;
 
-use crate::reader::{Format, ReadOptions, open, recognise};
-use crate::{DataError, Scene, View, dnerf};
+use crate::reader::{Format, open, recognise};
+use crate::{DataError, ReadOptions, Scene, View, dnerf, masks};
 use pictures::Looked;
 use sight::{Cloud, Witness};
 
@@ -47,6 +47,16 @@ impl Inspection {
     /// Whether nothing stands in the way of training.
     pub fn can_train(&self) -> bool {
         self.problems.iter().all(|problem| problem.severity != Severity::Error)
+    }
+
+    /// Attaches the masks of what moves that lie in `folder`, as training does, and adds what is wrong with them. Those of the
+    /// held-out views, which are scored with them, are decoded.
+    pub fn attach_masks(&mut self, scene: &mut Scene, folder: &Path) {
+        let decoded = |view: &View| view.truth.dynamic_mask.as_ref().map_or(Ok(()), |mask| mask.mask().map(drop));
+        let attached = masks::attach_masks(scene, folder);
+        if let Err(error) = attached.and_then(|_| scene.test.iter().try_for_each(decoded)) {
+            self.problems.insert(0, refusal::problem(&error));
+        }
     }
 }
 

@@ -107,7 +107,7 @@ fn broken(looks: &BTreeMap<usize, Looked<'_>>) -> Option<Problem> {
     // A broken video breaks each of its frames; it is named once.
     let mut reasons: BTreeMap<&Path, String> = BTreeMap::new();
     for error in looks.values().filter_map(|looked| looked.look.as_ref().err()).flatten() {
-        if let DataError::Image { path, reason } = error {
+        if let DataError::Image { path, reason } | DataError::Content { path, reason, .. } = error {
             reasons.entry(path).or_insert_with(|| reason.clone());
         } else {
             reasons.entry(Path::new("a picture")).or_insert_with(|| error.to_string());
@@ -140,7 +140,8 @@ fn twins(scene: &Scene, looks: &BTreeMap<usize, Looked<'_>>) -> Option<Problem> 
         let Some(look) = look.as_ref().ok().filter(|look| !look.blank) else { continue };
         let is_test = number >= scene.train.len();
         match first.get(&look.digest) {
-            Some(&(twin, twin_is_test)) if !twin_is_test => {
+            // A view that is trained on and held out is a matter of the split.
+            Some(&(twin, twin_is_test)) if !twin_is_test && twin != view.name => {
                 pairs.push((twin, view.name.as_str()));
                 held_out += usize::from(is_test);
             }

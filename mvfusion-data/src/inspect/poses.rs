@@ -48,26 +48,30 @@ fn explanation(cloud: &Cloud, witnesses: &[Witness<'_>], own: Fit) -> Option<(Mi
         .into_iter()
         .filter_map(|mistake| sight::fit(cloud, witnesses, &mistake.warp).map(|fit| (mistake, fit)))
         .collect();
-    let by_colours = |fit: &Fit| match fit.agreement {
+    let by_colours = |_: &Mistake, fit: &Fit| match fit.agreement {
         Some(agreement) if fit.seen >= SEEN => agreement,
         _ => f64::NEG_INFINITY,
     };
-    let needed = AGREEMENT.max(by_colours(&own) + GAIN);
+    // On a long walk a camera sees few of the points, but these in the right colours.
+    let own_agreement = own.agreement.unwrap_or(f64::NEG_INFINITY);
+    let needed = AGREEMENT.max(own_agreement + GAIN);
     let found = likeliest(&tried, by_colours, needed).or_else(|| {
-        // What colours speak against is not an explanation.
-        let by_share = |fit: &Fit| if fit.agreement.is_some_and(|a| a < DISAGREEMENT) { 0.0 } else { fit.seen };
+        // What colours speak against is not an explanation, and cameras that are moved far away see everything.
+        let by_share = |mistake: &Mistake, fit: &Fit| {
+            let is_none = mistake.warp.scale > 1.0 || fit.agreement.is_some_and(|a| a < DISAGREEMENT);
+            if is_none { 0.0 } else { fit.seen }
+        };
         let needed = WELL_SEEN.max(MORE * own.seen);
-        (own.seen < SEEN).then(|| likeliest(&tried, by_share, needed)).flatten()
+        (own.seen < SEEN && own_agreement < AGREEMENT).then(|| likeliest(&tried, by_share, needed)).flatten()
     });
     tried.into_iter().nth(found?)
 }
 
-/// The first of those that score nearly as well as the best, if that scores as much as is needed. Another unit comes last:
-/// cameras that are moved far away see everything.
-fn likeliest(tried: &[(Mistake, Fit)], score: impl Fn(&Fit) -> f64, needed: f64) -> Option<usize> {
+/// The first of those that score nearly as well as the best, if that scores as much as is needed. Another unit comes last.
+fn likeliest(tried: &[(Mistake, Fit)], score: impl Fn(&Mistake, &Fit) -> f64, needed: f64) -> Option<usize> {
     let among = |units: bool| {
         let tried = tried.iter().enumerate().filter(move |(_, (mistake, _))| (mistake.warp.scale != 1.0) == units);
-        let scores: Vec<(usize, f64)> = tried.map(|(index, (_, fit))| (index, score(fit))).collect();
+        let scores: Vec<(usize, f64)> = tried.map(|(index, (mistake, fit))| (index, score(mistake, fit))).collect();
         let best = scores.iter().map(|(_, score)| *score).fold(f64::NEG_INFINITY, f64::max);
         let first = scores.into_iter().find(|(_, score)| *score >= best - NEARLY)?;
         (best >= needed).then_some(first.0)
@@ -95,7 +99,7 @@ fn mistaken(mistake: &Mistake, own: Fit, undone: Fit, format: Option<Format>) ->
 /// A poor fit without a known reason.
 fn unexplained(witnesses: &[Witness<'_>], fit: Fit, format: Option<Format>) -> Option<Problem> {
     let share = percent(fit.seen);
-    if fit.seen < HARDLY_SEEN {
+    if fit.seen < HARDLY_SEEN && fit.agreement.is_none_or(|agreement| agreement < AGREEMENT) {
         let what = format!(
             "a camera sees {share} of the points (the median over the cameras): poses and points do not seem to belong \
              together"

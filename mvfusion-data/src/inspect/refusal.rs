@@ -65,7 +65,8 @@ fn where_to_look(folder: &Path) -> String {
 /// The first folder right below that holds a scene; or the one above, for who gave `images` itself.
 fn scene_within(folder: &Path) -> Option<(String, Format)> {
     let below = std::fs::read_dir(folder).ok()?.filter_map(|entry| Some(entry.ok()?.path()));
-    let mut candidates: Vec<_> = below.filter(|path| path.is_dir()).take(LOOKED_INTO).collect();
+    let hidden = |path: &Path| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
+    let mut candidates: Vec<_> = below.filter(|path| path.is_dir() && !hidden(path)).take(LOOKED_INTO).collect();
     candidates.sort();
     candidates.extend(std::path::absolute(folder).ok().and_then(|path| Some(path.parent()?.to_owned())));
     candidates.into_iter().find_map(|path| Some((path.display().to_string(), recognise(&path, None).ok()?)))

@@ -1,6 +1,8 @@
 //! Whether there is enough to learn from, and something to score on.
 
-use super::problem::{Problem, Subject};
+use std::collections::BTreeSet;
+
+use super::problem::{Problem, Subject, few};
 use super::rig::by_camera;
 use crate::Scene;
 
@@ -12,12 +14,13 @@ pub(super) fn problems(scene: &Scene) -> Vec<Problem> {
             "there is no view to train on",
             "Hold out fewer views, or add pictures with cameras.",
         )),
-        1 => problems.push(Problem::warning(
+        // Losses and rates are measured by the distance between cameras (METHOD §3), which is 0 here.
+        1 => problems.push(Problem::error(
             Subject::Split,
             "there is one view to train on: shapes cannot be learned from it",
             "Hold out fewer views, or add pictures with cameras.",
         )),
-        many if by_camera(scene.train.iter()).len() == 1 => problems.push(Problem::warning(
+        many if by_camera(scene.train.iter()).len() == 1 => problems.push(Problem::error(
             Subject::Split,
             format!(
                 "all {many} training views are from one camera that stands still: depths cannot be learned from it"
@@ -33,5 +36,23 @@ pub(super) fn problems(scene: &Scene) -> Vec<Problem> {
             "Hold some out, for example every 8th with `--set scene.test_every=8`, or a camera with scene.test_cameras.",
         ));
     }
+    problems.extend(shared(scene));
     problems
+}
+
+/// Held-out views that are trained on as well.
+fn shared(scene: &Scene) -> Option<Problem> {
+    let trained: BTreeSet<&str> = scene.train.iter().map(|view| view.name.as_str()).collect();
+    let names: Vec<&str> =
+        scene.test.iter().map(|view| view.name.as_str()).filter(|name| trained.contains(name)).collect();
+    (!names.is_empty()).then(|| {
+        let what = format!(
+            "{} of {} held-out views are trained on as well, so their scores say nothing about other places ({})",
+            names.len(),
+            scene.test.len(),
+            few(&names)
+        );
+        let remedy = "Hold whole cameras out, for example with `--set 'scene.test_cameras=[\"cam00\"]'`.";
+        Problem::warning(Subject::Split, what, remedy)
+    })
 }

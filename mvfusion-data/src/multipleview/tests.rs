@@ -69,6 +69,22 @@ fn cameras_can_be_held_out_and_frames_left_out() {
 }
 
 #[test]
+fn frames_of_cameras_that_are_held_out_stay_in_the_order_of_time() {
+    let folder = SceneFolder::new();
+    for (camera, frame) in ["cam1", "cam2"].into_iter().flat_map(|camera| [9, 10, 11].map(|frame| (camera, frame))) {
+        folder.write_picture(&format!("{camera}/frame_{frame}.png"), (48, 32), 1);
+    }
+    folder.write("sparse_/cameras.txt", "1 PINHOLE 96 64 80 84 46 33\n");
+    folder.write("sparse_/images.txt", images(&["image1.jpg", "image2.jpg"]));
+    folder.write("sparse_/points3D.txt", "");
+    let options = ReadOptions { test_cameras: Some(vec!["cam2".into()]), ..Default::default() };
+    let scene = folder.open_with(options).expect("read");
+    let names = |views: &[View]| views.iter().map(|view| view.name.clone()).collect::<Vec<_>>();
+    assert_eq!(names(&scene.test), ["cam2/frame_9", "cam2/frame_10", "cam2/frame_11"]);
+    assert_eq!(names(&scene.train), ["cam1/frame_9", "cam1/frame_10", "cam1/frame_11"]);
+}
+
+#[test]
 fn cameras_without_a_pose_and_images_without_a_camera_are_left_out() {
     let folder = scene();
     folder.write("sparse_/images.txt", images(&["image2.jpg", "image77.jpg"]));

@@ -200,8 +200,11 @@ fn a_camera_without_frames_is_named_and_so_is_a_video_that_is_none() {
     fs::remove_dir_all(fixture.at("cam05/images")).expect("removed");
     assert_says(&fixture.complaint(), &["no frame of the camera cam05", "png or jpg"]);
     fs::remove_dir_all(fixture.at("cam05")).expect("removed");
-    fs::write(fixture.at("cam05.mp4"), b"video").expect("written");
-    assert_says(&fixture.complaint(), &["cam05.mp4"]);
+    for video in ["cam05.mp4", "cam05.MP4"] {
+        fs::write(fixture.at(video), b"video").expect("written");
+        assert_says(&fixture.complaint(), &[video]);
+        fs::remove_file(fixture.at(video)).expect("removed");
+    }
 }
 
 #[test]
@@ -213,6 +216,9 @@ fn the_near_bound_is_the_least_of_the_training_cameras_if_all_have_one() {
     }
     fixture.write_poses(&rows);
     assert_eq!(fixture.read().expect("read").near, Some(1.5));
+    // Where another camera is held out, the first one trains.
+    let other = ReadOptions { test_cameras: Some(vec!["cam05".into()]), ..Default::default() };
+    assert_eq!(open(fixture.0.path(), &other).expect("read").near, Some(0.5));
     rows[1][15] = 0.0;
     fixture.write_poses(&rows);
     assert_eq!(fixture.read().expect("read").near, None);

@@ -39,7 +39,8 @@ fn check_names(scene: &Scene) -> Result<(), Misfit> {
     for view in scene.train.iter().chain(&scene.test) {
         let path = Path::new(&view.name);
         let inside = path.components().all(|part| matches!(part, Component::Normal(_)));
-        if !inside || path.file_name().is_none() || !names.insert(&view.name) {
+        // As paths, because `a/b` and `a//b` are one file.
+        if !inside || path.file_name().is_none() || !names.insert(path) {
             return Err(format!("the name of its view `{}` cannot be that of a file, or two views have it", view.name));
         }
     }

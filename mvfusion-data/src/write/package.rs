@@ -1,7 +1,8 @@
 //! What a layout makes of a scene, and how it gets to the disk.
 
-use std::fs;
+use std::fmt::Display;
 use std::path::Path;
+use std::{fs, io};
 
 use image::{ImageError, ImageFormat};
 use rayon::prelude::*;
@@ -18,6 +19,9 @@ pub const BACKGROUND_TRUTH: &str = "background_truth";
 
 /// Folder of the depths along the camera's axis: `.npy` files, float32, `[height, width]`.
 pub const DEPTH_TRUTH: &str = "depth_truth";
+
+/// Beginning of the name of the folder in which everything lies until all of it is written.
+const DRAFT: &str = ".unfinished-";
 
 /// Everything that will lie in the folder; paths are relative to it.
 #[derive(Default)]
@@ -39,14 +43,24 @@ pub(super) struct PictureEntry<'a> {
 }
 
 impl Package<'_> {
-    /// Writes everything to `folder`.
+    /// Writes everything to `folder`, where nothing appears before all of it is written: what a program leaves behind that
+    /// was stopped must not look like a scene, and an error leaves nothing.
     pub(super) fn store(&self, folder: &Path) -> Result<(), WriteError> {
         make_room(folder)?;
-        for (name, bytes) in &self.files {
-            save(&folder.join(name), |path| fs::write(path, bytes).map_err(ImageError::IoError))?;
-        }
+        // Within the folder, because that may be a link or the place where a disk is mounted.
+        let draft = tempfile::Builder::new().prefix(DRAFT).tempdir_in(folder).map_err(|e| unwritable(folder, &e))?;
+        self.store_draft(draft.path())?;
+        publish(draft.path(), folder).map_err(|e| unwritable(folder, &e))
+    }
+
+    /// The pictures come first: without the files that describe them they are no scene.
+    fn store_draft(&self, folder: &Path) -> Result<(), WriteError> {
         let stored: Vec<Result<(), WriteError>> = self.pictures.par_iter().map(|entry| entry.store(folder)).collect();
-        stored.into_iter().collect() // The first error in the order of the views, whichever thread met one first.
+        // The first error in the order of the views, whichever thread met one first.
+        stored.into_iter().collect::<Result<(), _>>()?;
+        self.files.iter().try_for_each(|(name, bytes)| {
+            save(&folder.join(name), |path| fs::write(path, bytes).map_err(ImageError::IoError))
+        })
     }
 }
 
@@ -85,7 +99,7 @@ impl PictureEntry<'_> {
 
 /// Makes the folder, which must not hold anything.
 fn make_room(folder: &Path) -> Result<(), WriteError> {
-    let fail = |e: std::io::Error| WriteError::Unwritable { path: folder.to_owned(), reason: e.to_string() };
+    let fail = |e: io::Error| unwritable(folder, &e);
     fs::create_dir_all(folder).map_err(fail)?;
     match fs::read_dir(folder).map_err(fail)?.next() {
         None => Ok(()),
@@ -93,8 +107,20 @@ fn make_room(folder: &Path) -> Result<(), WriteError> {
     }
 }
 
+/// Moves what is in `draft` to `folder`: a few renames, the folders first and then the files that describe them.
+fn publish(draft: &Path, folder: &Path) -> io::Result<()> {
+    let entry = |entry: io::Result<fs::DirEntry>| entry.map(|entry| (entry.path().is_file(), entry.file_name()));
+    let mut entries = fs::read_dir(draft)?.map(entry).collect::<io::Result<Vec<_>>>()?;
+    entries.sort();
+    entries.iter().try_for_each(|(_, name)| fs::rename(draft.join(name), folder.join(name)))
+}
+
 /// Writes a file, and the folders that it lies in.
 fn save(path: &Path, write: impl FnOnce(&Path) -> Result<(), ImageError>) -> Result<(), WriteError> {
     let made = path.parent().map_or(Ok(()), fs::create_dir_all).map_err(ImageError::IoError);
-    made.and_then(|()| write(path)).map_err(|e| WriteError::Unwritable { path: path.to_owned(), reason: e.to_string() })
+    made.and_then(|()| write(path)).map_err(|e| unwritable(path, &e))
+}
+
+fn unwritable(path: &Path, reason: &dyn Display) -> WriteError {
+    WriteError::Unwritable { path: path.to_owned(), reason: reason.to_string() }
 }

@@ -98,6 +98,24 @@ mod tests {
     }
 
     #[test]
+    fn numbers_that_were_worked_out_by_hand_come_out() {
+        // It looks along the world's x, with right = -z and down = y: -90 degrees about y by COLMAP's formula.
+        let aside = DMat3::from_cols(DVec3::NEG_Z, DVec3::Y, DVec3::X);
+        let half = 0.5f64.sqrt();
+        let found = quaternion(&Camera::centred(600, 400, 300.0, aside, DVec3::ZERO));
+        assert!(found.iter().zip([half, 0.0, -half, 0.0]).all(|(a, b)| (a - b).abs() < ROUNDING), "{found:?}");
+
+        // It looks along the world's -z with y up, so its axes are those of OpenGL.
+        let upright = DMat3::from_cols(DVec3::X, DVec3::NEG_Y, DVec3::NEG_Z);
+        let camera = Camera::centred(600, 400, 300.0, upright, DVec3::new(1.0, 2.0, 3.0));
+        let (x, y, z) = ([1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 2.0], [0.0, 0.0, 1.0, 3.0]);
+        assert_eq!(opengl_to_world(&camera), [x, y, z, [0.0, 0.0, 0.0, 1.0]]);
+        let (x, y, z) = ([0.0, 1.0, 0.0, 1.0, 400.0], [-1.0, 0.0, 0.0, 2.0, 600.0], [0.0, 0.0, 1.0, 3.0, 300.0]);
+        let row = llff_row(&camera, Depths { near: 0.1, far: 9.0 });
+        assert_eq!(row.as_slice(), [x.as_slice(), &y, &z, &[0.1, 9.0]].concat());
+    }
+
+    #[test]
     fn a_row_of_llff_is_read_back_as_the_same_camera() {
         let camera = camera(0.7);
         let row = llff_row(&camera, Depths { near: 0.5, far: 9.0 });

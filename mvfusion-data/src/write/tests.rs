@@ -9,6 +9,7 @@ use tempfile::TempDir;
 
 use super::*;
 use crate::builtin::builtin;
+use crate::inspect::{Pictures, inspect};
 use crate::{
     BuiltinKind, BuiltinOptions, Camera, Format, Mask, Picture, PointCloud, ReadOptions, View, attach_masks, open,
 };
@@ -124,6 +125,20 @@ fn every_layout_is_read_back_as_the_scene_that_was_written() {
             }
         }
         assert_same_points(&scene.points, &read.points);
+    }
+}
+
+#[test]
+fn what_is_written_raises_no_problem() {
+    for layout in Layout::ALL {
+        let kind = match layout.capture() {
+            Capture::Video => BuiltinKind::Video,
+            Capture::Photos => BuiltinKind::Casual,
+        };
+        let sizes = BuiltinOptions { width: 64, height: 48, frames: 4, photos: 8, test_photos: 10, seed: 1, kind };
+        let folder = written(&builtin(&sizes), layout);
+        let (inspection, _) = inspect(folder.path(), &options_for(layout), Pictures::Decoded);
+        assert_eq!(inspection.problems, [], "{layout:?}");
     }
 }
 

@@ -91,19 +91,16 @@ fn layouts_agree(folder: &Path) -> Result<()> {
     for (part, a, b) in [("training", &one.train, &other.train), ("held-out", &one.test, &other.test)] {
         ensure!(a.len() == b.len(), "{} and {} {part} views", a.len(), b.len());
         // The names differ; the pictures are the same files, byte by byte.
+        let decoded = b.iter().map(|view| Ok((view.image.rgb()?, view))).collect::<Result<Vec<_>>>()?;
         for view in a {
-            let twin = b.iter().map(|twin| Ok((same_picture(view, twin)?, twin)));
-            let twin = twin.collect::<Result<Vec<_>>>()?.into_iter().find_map(|(same, twin)| same.then_some(twin));
+            let picture = view.image.rgb()?;
+            let twin = decoded.iter().find(|(other, _)| *other == picture).map(|(_, twin)| *twin);
             let twin = twin.with_context(|| format!("{} is not in the other layout", view.name))?;
             let off = difference(&view.camera, &twin.camera);
             ensure!(off < 1e-3, "the cameras of {} and {} differ by {off}", view.name, twin.name);
         }
     }
     Ok(())
-}
-
-fn same_picture(a: &View, b: &View) -> Result<bool> {
-    Ok(a.image.rgb()?.as_raw() == b.image.rgb()?.as_raw())
 }
 
 /// Largest difference of two cameras' numbers; lengths in pixels as shares of the width.
@@ -126,7 +123,9 @@ fn videos_equal_frames(folder: &Path) -> Result<()> {
         }
     }
     let (frames, video) = (read(folder)?, read(bare.path())?);
-    ensure!(frames.train.len() == video.train.len(), "{} and {} views", frames.train.len(), video.train.len());
+    for (part, a, b) in [("training", &frames.train, &video.train), ("held-out", &frames.test, &video.test)] {
+        ensure!(a.len() == b.len(), "{} and {} {part} views", a.len(), b.len());
+    }
     for (frame, decoded) in frames.test.iter().chain(&frames.train).zip(video.test.iter().chain(&video.train)) {
         ensure!(frame.camera == decoded.camera && frame.time == decoded.time, "{}: another camera", frame.name);
         let agreement = psnr(frame, decoded)?;

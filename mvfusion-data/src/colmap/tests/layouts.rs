@@ -5,7 +5,7 @@ use super::*;
 #[test]
 fn lists_win_over_names_and_name_the_photos_as_they_like() {
     let fixture = Fixture::new(&NAMES);
-    fixture.write("train_list.txt", "1extra000.png\r\nimages/2clutter002\n\n");
+    fixture.write("train_list.txt", "\u{feff}1extra000.png\r\nimages/2clutter002\n\n");
     fixture.write("test_list.txt", "./images/0clean003.PNG\n");
     let scene = fixture.read().expect("read");
     let shown = |views: &[View]| views.iter().map(|v| (v.name.clone(), v.time)).collect::<Vec<_>>();

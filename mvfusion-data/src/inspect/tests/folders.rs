@@ -32,6 +32,13 @@ fn the_folder_that_was_meant_is_proposed() {
 }
 
 #[test]
+fn a_scene_that_was_not_written_to_its_end_is_not_proposed() {
+    let folder = tempfile::tempdir().expect("folder");
+    fs::create_dir_all(folder.path().join(".unfinished-x/cam00")).expect("folders");
+    assert!(!refusal(folder.path()).remedy.contains("unfinished"));
+}
+
+#[test]
 fn pictures_without_cameras_need_structure_from_motion() {
     let folder = tempfile::tempdir().expect("folder");
     fs::create_dir_all(folder.path().join("images")).expect("folder");

@@ -84,6 +84,25 @@ fn repeated_pictures_are_named_and_held_out_ones_counted() {
 }
 
 #[test]
+fn masks_of_what_moves_that_training_would_stop_at_are_errors() {
+    let masks = tempfile::tempdir().expect("folder");
+    let problems = |scene: &mut Scene| {
+        let mut inspection = inspect_scene(scene, &Origin::default(), Pictures::Headers);
+        inspection.attach_masks(scene, masks.path());
+        assert_eq!(inspection.can_train(), inspection.problems.is_empty());
+        inspection.problems
+    };
+    let mut scene = video();
+    assert!(problems(&mut scene)[0].what.contains("no mask of any view"));
+    fs::create_dir(masks.path().join("cam00")).expect("folder");
+    let file = masks.path().join("cam00/0003.png");
+    GrayImage::new(SIZE.0, SIZE.1).save(&file).expect("written");
+    assert_eq!(problems(&mut scene), []);
+    cut(&file, 0.7);
+    assert!(problems(&mut scene)[0].what.contains("0003.png"));
+}
+
+#[test]
 fn masks_that_leave_little_are_told() {
     let masked = |width: u32| {
         let mut scene = video();

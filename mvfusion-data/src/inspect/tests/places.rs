@@ -18,10 +18,13 @@ fn a_scene_without_held_out_views_is_told() {
 fn too_few_training_views_are_told() {
     let mut scene = sound(BuiltinKind::Casual);
     scene.train.truncate(1);
-    assert!(only_problem(&scene).what.contains("one view"));
+    let problem = only_problem(&scene);
+    assert!(problem.severity == Severity::Error && problem.what.contains("one view"), "{problem:?}");
     let mut scene = video();
     scene.train.truncate(8);
-    assert!(only_problem(&scene).what.contains("8 training views are from one camera"));
+    let problem = only_problem(&scene);
+    assert_eq!(problem.severity, Severity::Error);
+    assert!(problem.what.contains("8 training views are from one camera"), "{problem:?}");
     scene.train.clear();
     assert!(!inspect_scene(&scene, &Origin::default(), Pictures::Decoded).can_train());
 }
@@ -67,14 +70,29 @@ fn implausible_lenses_are_told() {
 }
 
 #[test]
+fn held_out_views_that_are_trained_on_are_told_once() {
+    let mut scene = video();
+    scene.test = scene.train[..3].to_vec();
+    let problem = only_problem(&scene);
+    assert_eq!((problem.severity, problem.subject), (Severity::Warning, Subject::Split));
+    assert!(problem.what.contains("3 of 3 held-out views are trained on as well"), "{problem:?}");
+    assert!(problem.remedy.contains("scene.test_cameras"), "{problem:?}");
+}
+
+#[test]
 fn cameras_in_one_spot_are_told() {
-    let mut scene = sound(BuiltinKind::Casual);
-    let spot = scene.training_centre();
-    for view in all_mut(&mut scene) {
-        view.camera.translation = -(view.camera.rotation * spot);
+    // Nothing can be measured by the extent of the first; that of the second is merely small.
+    for (share, severity) in [(0.0, Severity::Error), (1e-4, Severity::Warning)] {
+        let mut scene = sound(BuiltinKind::Casual);
+        let spot = scene.training_centre();
+        for view in all_mut(&mut scene) {
+            let centre = spot + share * (view.camera.centre() - spot);
+            view.camera.translation = -(view.camera.rotation * centre);
+        }
+        let problems = problems_in(&scene, Format::Colmap);
+        let told = |problem: &Problem| problem.severity == severity && problem.what.contains("stand in one spot");
+        assert!(problems.iter().any(told), "{share}: {problems:#?}");
     }
-    let problems = problems_in(&scene, Format::Colmap);
-    assert!(problems.iter().any(|problem| problem.what.contains("stand in one spot")), "{problems:#?}");
 }
 
 #[test]

@@ -100,6 +100,30 @@ fn photos_that_are_mostly_blocked_raise_no_doubt() {
     assert_eq!(problems_in(&scene, Format::Colmap), []);
 }
 
+/// The scene at the beginning of a street with so many more houses, each as large as it.
+fn street(mut scene: Scene, houses: usize) -> Scene {
+    let first = scene.points.clone();
+    for house in 1..=houses {
+        for (position, colour) in first.positions.iter().zip(&first.colours) {
+            scene.points.push(*position + 30.0 * house as f32 * glam::Vec3::X, *colour);
+        }
+    }
+    scene
+}
+
+#[test]
+fn a_long_walk_on_which_cameras_see_few_of_the_points_raises_no_doubt() {
+    for houses in [10, 40] {
+        let scene = street(sound(BuiltinKind::Casual), houses);
+        let inspection = inspect_scene(&scene, &Origin::default(), Pictures::Decoded);
+        let seen = inspection.summary.expect("read").points_seen.expect("points");
+        assert!(seen < 0.1, "{seen} of the points are seen");
+        let mut problems = inspection.problems;
+        problems.retain(|problem| problem.subject == Subject::Poses && problem.severity != Severity::Note);
+        assert_eq!(problems, [], "{houses} houses");
+    }
+}
+
 #[test]
 fn points_of_another_scene_are_told() {
     let mut scene = video();

@@ -91,7 +91,7 @@ fn pictures_of_two_sizes_and_names_that_lead_elsewhere_are_refused() {
     let mut uneven = scene(Capture::Photos);
     uneven.test[0].camera = uneven.test[0].camera.resized(96, 64);
     assert!(refused(&uneven, Layout::Colmap).contains("extra000 is 96x64"));
-    for name in ["../escape", "/root", "", "cam01/0001"] {
+    for name in ["../escape", "/root", "", "cam01/0001", "cam01//0001"] {
         let mut scene = scene(Capture::Video);
         scene.train[0].name = name.into();
         assert!(refused(&scene, Layout::Nerfstudio).contains(&format!("`{name}`")));
@@ -120,6 +120,18 @@ fn numbers_of_cameras_may_have_gaps() {
     let folder = written(&scene, Layout::Neu3d);
     let read = open(folder.path(), &ReadOptions::default()).expect("read");
     assert_eq!(read.train[FRAMES].name, "cam04/0000");
+}
+
+#[test]
+fn a_scene_that_cannot_be_written_to_its_end_leaves_nothing() {
+    for layout in Layout::ALL {
+        let mut scene = scene(layout.capture());
+        scene.test[0].image = Picture::file("no/such/picture.png".into(), (48, 32));
+        let folder = tempfile::tempdir().expect("folder");
+        let error = write(&scene, layout, folder.path()).expect_err("a picture is not there");
+        assert!(matches!(error, WriteError::Picture(_)), "{error}");
+        assert_eq!(std::fs::read_dir(folder.path()).expect("listed").count(), 0, "{layout:?}");
+    }
 }
 
 #[test]

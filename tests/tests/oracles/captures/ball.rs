@@ -31,7 +31,7 @@ struct Sighting<'a> {
 pub fn distances(scene: &Scene) -> Result<Vec<f64>> {
     let mut moments: BTreeMap<u64, Vec<Sighting<'_>>> = BTreeMap::new();
     for view in scene.train.iter().chain(&scene.test) {
-        if let Some(at) = ball(&view.image.rgb()?) {
+        if let Some(at) = ball(view.image.rgb()?.as_ref()) {
             moments.entry(view.time.to_bits()).or_default().push(Sighting { view, at });
         }
     }

@@ -1,0 +1,73 @@
+//! Scenes whose files are something else: folders, devices, links that lead in a circle or nowhere. Scenes are passed on as
+//! archives, and those can hold all of it.
+#![cfg(unix)]
+
+use std::fs;
+use std::os::unix::fs::symlink;
+use std::path::Path;
+
+use mvfusion_data::{BuiltinKind, BuiltinOptions, Capture, Layout, ReadOptions, builtin, open, write};
+
+/// What a file or a folder is replaced by.
+const REPLACEMENTS: [(&str, fn(&Path)); 4] = [
+    ("a folder", |path| fs::create_dir(path).expect("made")),
+    ("a device", |path| symlink("/dev/null", path).expect("linked")),
+    ("a circle", |path| symlink(path, path).expect("linked")),
+    ("a link to its own folder", |path| symlink(".", path).expect("linked")),
+];
+
+/// What a layout cannot do without, and what it can: points and bounds.
+const PARTS: [(Layout, &[&str], &[&str]); 8] = [
+    (Layout::Neu3d, &["poses_bounds.npy", "cam01/images", "cam01/images/0000.png"], &["points3D.ply"]),
+    (Layout::Panoptic, &["train_meta.json", "test_meta.json", "ims"], &["init_pt_cld.npz"]),
+    (Layout::Nerfstudio, &["transforms.json", "images", "points3D.ply"], &[]),
+    (Layout::MultipleView, &["sparse_", "sparse_/cameras.bin", "sparse_/images.bin"], &["points3D_multipleview.ply"]),
+    (Layout::DNerf, &["transforms_train.json", "transforms_test.json", "train"], &["fused.ply"]),
+    (
+        Layout::HyperNerf,
+        &["dataset.json", "metadata.json", "camera/000000.json", "rgb/1x"],
+        &["points.npy", "scene.json"],
+    ),
+    (Layout::Colmap, &["images", "sparse", "sparse/0/images.bin", "sparse/0/points3D.bin"], &[]),
+    (Layout::OnTheGo, &["images", "transforms.json", "split.json"], &["points3D.ply"]),
+];
+
+fn written(layout: Layout, folder: &Path) {
+    let kind = match layout.capture() {
+        Capture::Video => BuiltinKind::Video,
+        Capture::Photos => BuiltinKind::Casual,
+    };
+    let options = BuiltinOptions { kind, width: 16, height: 16, frames: 2, photos: 2, test_photos: 1, seed: 1 };
+    write(&builtin::builtin(&options), layout, folder).expect("written");
+}
+
+#[test]
+fn what_is_no_file_is_an_error_or_is_not_there() {
+    let place = tempfile::tempdir().expect("folder");
+    for (layout, needed, spare) in PARTS {
+        let folder = place.path().join(layout.key());
+        written(layout, &folder);
+        for (part, is_needed) in needed.iter().map(|part| (part, true)).chain(spare.iter().map(|part| (part, false))) {
+            let (path, aside) = (folder.join(part), place.path().join("aside"));
+            fs::rename(&path, &aside).unwrap_or_else(|error| panic!("{part} of {}: {error}", layout.key()));
+            for (what, replace) in REPLACEMENTS {
+                replace(&path);
+                let outcome = open(&folder, &ReadOptions::default());
+                match outcome {
+                    Ok(_) => assert!(!is_needed, "{what} in the place of {part} of {}", layout.key()),
+                    Err(error) => {
+                        let message = error.to_string();
+                        assert!(
+                            is_needed && message.contains(layout.key()),
+                            "{what} in the place of {part}: {message}"
+                        );
+                    }
+                }
+                let is_folder = path.symlink_metadata().expect("there").is_dir();
+                if is_folder { fs::remove_dir(&path) } else { fs::remove_file(&path) }.expect("removed");
+            }
+            fs::rename(&aside, &path).expect("restored");
+        }
+        open(&folder, &ReadOptions::default()).expect("whole again");
+    }
+}
