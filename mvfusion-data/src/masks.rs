@@ -1,4 +1,4 @@
-//! Masks of what moves, kept in a folder of their own beside a scene.
+//! Masks: which pixels of a picture count, and which show what moves.
 
 use std::path::{Path, PathBuf};
 

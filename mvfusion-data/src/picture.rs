@@ -1,6 +1,6 @@
 //! A picture in memory or on disk, decoded when it is asked for.
 
-use std::io::Cursor;
+use std::io::{Cursor, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -10,6 +10,7 @@ use image::{DynamicImage, GrayImage, ImageReader, RgbImage};
 use crate::jpeg;
 use crate::lens::Lens;
 use crate::masks::{black_and_white, check_shape};
+use crate::paths::open_file;
 use crate::undistort::{straighten, straighten_mask};
 use crate::{DataError, Video};
 
@@ -216,11 +217,9 @@ pub(crate) fn reduced_size((width, height): (u32, u32), downscale: f64) -> Resul
 }
 
 fn decode(path: &Path) -> Result<DynamicImage, DataError> {
-    // To read what is no file, such as a pipe, could take for ever.
-    if !std::fs::metadata(path).map_err(|e| unreadable(path, &e))?.is_file() {
-        return Err(unreadable(path, &"it is no file"));
-    }
-    let bytes = std::fs::read(path).map_err(|e| unreadable(path, &e))?;
+    let mut bytes = Vec::new();
+    let mut file = open_file(path).map_err(|e| unreadable(path, &e))?;
+    file.read_to_end(&mut bytes).map_err(|e| unreadable(path, &e))?;
     if jpeg::is_broken_off(&bytes) {
         return Err(unreadable(path, &"the file ends before the picture does"));
     }
