@@ -6,18 +6,20 @@
 //! shrinks what it finds.
 
 mod damage;
+mod small;
 
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
-use mvfusion_data::{BuiltinKind, BuiltinOptions, Capture, Layout, ReadOptions, Scene, View, builtin, open, write};
+use mvfusion_data::{Layout, ReadOptions, Scene, View, open};
 use peak_alloc::PeakAlloc;
 use proptest::collection::vec;
 use proptest::test_runner::{Config, TestCaseError, TestRunner};
 
 use damage::{Damage, any_damage};
+use small::write_small;
 
 #[global_allocator]
 static ALLOCATOR: PeakAlloc = PeakAlloc;
@@ -66,12 +68,7 @@ fn targets() -> Vec<(Layout, &'static [&'static str])> {
 
 /// A small sound scene of a layout.
 fn written(layout: Layout, folder: &Path) {
-    let kind = match layout.capture() {
-        Capture::Video => BuiltinKind::Video,
-        Capture::Photos => BuiltinKind::Casual,
-    };
-    let options = BuiltinOptions { kind, width: 16, height: 16, frames: 2, photos: 2, test_photos: 1, seed: 1 };
-    write(&builtin::builtin(&options), layout, folder).expect("written");
+    write_small(layout, folder);
     match layout {
         Layout::RobustNerf => {
             let model = folder.join("0/sparse/0");

@@ -1,11 +1,15 @@
 //! Files that are large, and whose entries are as short as can be: what is read of them may not take many times their
 //! size.
 
+mod small;
+
 use std::fs;
 use std::path::Path;
 
-use mvfusion_data::{BuiltinKind, BuiltinOptions, Capture, Layout, ReadOptions, builtin, open, write};
+use mvfusion_data::{Layout, ReadOptions, open};
 use peak_alloc::PeakAlloc;
+
+use small::write_small;
 
 #[global_allocator]
 static ALLOCATOR: PeakAlloc = PeakAlloc;
@@ -69,12 +73,7 @@ fn inflated() -> Vec<Inflated> {
 
 /// A small sound scene of a layout.
 fn written(layout: Layout, folder: &Path) {
-    let kind = match layout.capture() {
-        Capture::Video => BuiltinKind::Video,
-        Capture::Photos => BuiltinKind::Casual,
-    };
-    let options = BuiltinOptions { kind, width: 16, height: 16, frames: 2, photos: 2, test_photos: 1, seed: 1 };
-    write(&builtin::builtin(&options), layout, folder).expect("written");
+    write_small(layout, folder);
     if layout == Layout::OnTheGoColmap {
         fs::write(folder.join("test_list.txt"), "1extra000.png\n").expect("written");
     }

@@ -2,11 +2,14 @@
 //! on as archives, and those can hold all of it.
 #![cfg(unix)]
 
+mod small;
+
 use std::fs;
 use std::os::unix::fs::symlink;
 use std::path::Path;
 
-use mvfusion_data::{BuiltinKind, BuiltinOptions, Capture, Layout, ReadOptions, builtin, open, write};
+use mvfusion_data::{Layout, ReadOptions, open};
+use small::write_small;
 
 /// Puts something at a path.
 type Replace = fn(&Path);
@@ -35,21 +38,12 @@ const PARTS: [(Layout, &[&str], &[&str]); 8] = [
     (Layout::OnTheGo, &["images", "transforms.json"], &["points3D.ply"]),
 ];
 
-fn written(layout: Layout, folder: &Path) {
-    let kind = match layout.capture() {
-        Capture::Video => BuiltinKind::Video,
-        Capture::Photos => BuiltinKind::Casual,
-    };
-    let options = BuiltinOptions { kind, width: 16, height: 16, frames: 2, photos: 2, test_photos: 1, seed: 1 };
-    write(&builtin::builtin(&options), layout, folder).expect("written");
-}
-
 #[test]
 fn what_is_no_file_is_an_error_or_is_not_there() {
     let place = tempfile::tempdir().expect("folder");
     for (layout, needed, spare) in PARTS {
         let folder = place.path().join(layout.key());
-        written(layout, &folder);
+        write_small(layout, &folder);
         for (part, is_needed) in needed.iter().map(|part| (part, true)).chain(spare.iter().map(|part| (part, false))) {
             let (path, aside) = (folder.join(part), place.path().join("aside"));
             fs::rename(&path, &aside).unwrap_or_else(|error| panic!("{part} of {}: {error}", layout.key()));
