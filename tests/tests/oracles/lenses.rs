@@ -52,10 +52,10 @@ pub fn check(archive: &Archive, _device: &Device) -> Result<()> {
         // Theirs leads from the camera to the world, row by row: the columns of ours.
         let rotation = view.camera.rotation.to_cols_array().to_vec();
         let [r, t] = [archive.array("out.R")?, archive.array("out.T")?];
-        checks.close(&format!("{name} R"), &Array::new([9], part(r, 9)), &Array::new([9], rotation), EXACT);
+        checks.close(format!("{name} R"), &Array::new([9], part(r, 9)), &Array::new([9], rotation), EXACT);
         let translation = view.camera.translation.to_array().to_vec();
-        checks.close(&format!("{name} T"), &Array::new([3], part(t, 3)), &Array::new([3], translation), EXACT);
-        checks.close_number(&format!("{name} time"), archive.array("out.time")?.values[index], view.time, EXACT);
+        checks.close(format!("{name} T"), &Array::new([3], part(t, 3)), &Array::new([3], translation), EXACT);
+        checks.close_number(format!("{name} time"), archive.array("out.time")?.values[index], view.time, EXACT);
         compare_pinhole(view, &pinhole)?;
     }
     checks.finish()
