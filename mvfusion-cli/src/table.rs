@@ -61,8 +61,8 @@ mod tests {
         let results = Results {
             protocol: String::new(),
             test: Scores {
-                composed: LayerScores { psnr: Some(27.345), ssim: Some(0.9) },
-                dynamic_region: Some(LayerScores { psnr: Some(21.0), ssim: None }),
+                composed: LayerScores { psnr: Some(27.345), ssim: Some(0.9), ..Default::default() },
+                dynamic_region: Some(LayerScores { psnr: Some(21.0), ..Default::default() }),
                 ..Default::default()
             },
             training_views: None,

@@ -65,4 +65,19 @@ pub enum ModelError {
         /// What is missing or of the wrong shape.
         reason: String,
     },
+    /// Weights of LPIPS that are not those of the network.
+    #[error(
+        "the LPIPS weights {path} do not fit: `{tensor}` should have the shape {expected:?} and is {found}. Use the \
+         files that docs/evaluation.md describes."
+    )]
+    Weights {
+        /// The file.
+        path: PathBuf,
+        /// Name of the tensor.
+        tensor: String,
+        /// Its shape in the network.
+        expected: Vec<usize>,
+        /// What is wrong with it: that it is missing, its shape, or its numbers.
+        found: String,
+    },
 }

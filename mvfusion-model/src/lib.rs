@@ -20,6 +20,8 @@ pub mod network;
 pub mod optim;
 pub mod random;
 mod tensors;
+#[cfg(test)]
+mod test_support;
 pub mod timeline;
 pub mod train;
 

@@ -2,14 +2,17 @@
 
 use std::time::Instant;
 
-use mvfusion_data::Scene;
+use mvfusion_data::{Scene, View};
 use mvfusion_model::Config;
-use mvfusion_model::evaluation::{Evaluation, PROTOCOL, Split, evaluate};
+use mvfusion_model::evaluation::{Evaluation, Judge, Protocol, Split, ViewPictures, evaluate};
 use mvfusion_model::model::{Model, Surroundings};
 use mvfusion_model::train::{final_movement, parameter_hash};
 
 use crate::progress::{Progress, Talk};
 use crate::run::{EvalTime, GaussianCounts, PicturesWriter, Results, TrainTime};
+
+/// Whose figures are computed.
+const PROTOCOL: Protocol = Protocol::Mvfusion;
 
 /// A trained model with all that is needed to score it.
 pub(super) struct Trained<'a> {
@@ -44,7 +47,7 @@ impl Trained<'_> {
             false => None,
         };
         let results = Results {
-            protocol: PROTOCOL.to_owned(),
+            protocol: PROTOCOL.statement().to_owned(),
             test: evaluation.mean,
             training_views,
             gaussians: GaussianCounts::of(&model),
@@ -68,15 +71,16 @@ impl Trained<'_> {
         let surroundings = Surroundings::new(self.config, self.scene);
         let movement = final_movement(self.config);
         let mut progress = Progress::new("evaluation", split.views(self.scene).len(), talk);
-        let evaluation =
-            evaluate::<anyhow::Error>(model, self.scene, split, movement, &surroundings, |index, view, layers| {
-                if let Some(pictures) = pictures {
-                    pictures.write(index, view, layers)?;
-                }
-                progress.say(view.name.clone());
-                progress.advance();
-                Ok(())
-            })?;
+        let judge = Judge::without_lpips(PROTOCOL);
+        let sink = |index, view: &View, layers: &ViewPictures| {
+            if let Some(pictures) = pictures {
+                pictures.write(index, view, layers)?;
+            }
+            progress.say(view.name.clone());
+            progress.advance();
+            anyhow::Ok(())
+        };
+        let evaluation = evaluate(model, self.scene, split, movement, &surroundings, &judge, sink)?;
         progress.finish();
         Ok(evaluation)
     }

@@ -145,7 +145,7 @@ mod tests {
         Results {
             protocol: "p".into(),
             test: Scores {
-                composed: LayerScores { psnr: Some(1.0 / 0.3), ssim: Some(0.1 + 0.2) },
+                composed: LayerScores { psnr: Some(1.0 / 0.3), ssim: Some(0.1 + 0.2), ..Default::default() },
                 ..Default::default()
             },
             training_views: None,

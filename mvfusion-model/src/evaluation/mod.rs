@@ -1,9 +1,19 @@
 //! Evaluation on held-out views: render, compare, average.
 
+mod evaluate;
+mod judge;
 mod metrics;
 mod protocol;
 mod render;
+mod scores;
 
-pub use metrics::{MaskOverlap, Psnr, masked_psnr, psnr, quantise, ssim};
-pub use protocol::{Evaluation, LayerScores, PROTOCOL, Scores, Split, ViewScores, evaluate};
+pub use evaluate::{Split, evaluate};
+pub use judge::{Judge, Pair, Regions, Verdict};
+pub use metrics::lpips::{Backbone, Distance, InputRange, Lpips, LpipsVariant};
+pub use metrics::{
+    MaskOverlap, PixelMap, Psnr, RegionSource, SSIM_BORDER, TemporalDeviation, TemporalScores, decibels, dilate,
+    dissimilarity, masked_psnr, ms_ssim, psnr, quantise, sequences, squared_errors, ssim_map,
+};
+pub use protocol::{Column, Precision, Protocol};
 pub use render::{BranchLayers, ViewPictures, render_view};
+pub use scores::{Evaluation, Figure, LayerScores, Scores, ViewScores};

@@ -1,215 +1,194 @@
-//! The evaluation protocol `mvfusion`: which pictures are compared with which, and how figures are averaged.
+//! The protocols of evaluation: which variant of each figure the people report with whom one compares.
 
-use std::sync::Arc;
+use std::str::FromStr;
 
-use burn::tensor::Tensor;
-use image::{GrayImage, RgbImage};
-use mvfusion_data::{Capture, Scene, View};
-use serde::{Deserialize, Serialize};
+use super::metrics::lpips::LpipsVariant;
+use super::scores::Figure;
 
-use super::metrics::{MaskOverlap, masked_psnr, psnr, ssim};
-use super::render::{ViewPictures, render_view};
-use crate::ModelError;
-use crate::model::{Model, Movement, Surroundings};
-use crate::train::{mask_tensor, picture_tensor};
-
-/// Name of the protocol, written beside every figure: last iteration, PSNR after an 8-bit round trip and averaged over
-/// views, SSIM with zero padding on unrounded pictures, static branch against the clean background.
-pub const PROTOCOL: &str = "mvfusion-1: last iteration; PSNR of 8-bit pictures, mean over views; SSIM 11x11 sigma 1.5 zero-padded; \
-     dynamic region and mask IoU where masks are known, IoU pooled at 0.5; pixels that a view's mask ignores are black";
-
-/// Figures of a layer. A figure that is not known is absent.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct LayerScores {
-    /// Mean PSNR in dB.
-    #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub psnr: Option<f64>,
-    /// Mean SSIM.
-    #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub ssim: Option<f64>,
+/// A way of scoring pictures that some body of results shares. All of them average figures of single views (never
+/// errors of all views together), and score the last iteration.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Protocol {
+    /// This program's own: every figure.
+    ///
+    /// PSNR of 8-bit pictures; SSIM with zero padding, MS-SSIM and LPIPS on unrounded pictures; LPIPS by AlexNet on
+    /// `[-1, 1]` in front, by VGG-16 and on `[0, 1]` beside it; T-LPIPS of consecutive frames.
+    #[default]
+    Mvfusion,
+    /// DeGauss' test script.
+    ///
+    /// PSNR of unrounded pictures; SSIM of torchmetrics, which crops the border; three LPIPS, of which its paper does
+    /// not say which one the table has: AlexNet on `[-1, 1]`, AlexNet and VGG-16 on `[0, 1]`.
+    DeGauss,
+    /// The `metrics.py` of 3DGS.
+    ///
+    /// Everything on 8-bit pictures, which it reads back from files; SSIM with zero padding; LPIPS by VGG-16 on
+    /// `[0, 1]`, for which that network was not made.
+    ThreeDgs,
+    /// nerfbaselines.
+    ///
+    /// Everything on 8-bit pictures; SSIM without padding; LPIPS by AlexNet on `[-1, 1]`, and by VGG-16 for the scenes
+    /// of NeRF. Pixels that a mask ignores are black in both pictures, here as in all protocols of this program.
+    NerfBaselines,
 }
 
-/// Figures of a set of views.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Scores {
-    /// The blended picture against the photo.
-    pub composed: LayerScores,
-    /// The static branch against the clean background.
-    #[serde(rename = "static", skip_serializing_if = "Option::is_none", default)]
-    pub static_: Option<LayerScores>,
-    /// The blended picture against the photo, inside the true dynamic mask.
-    #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub dynamic_region: Option<LayerScores>,
-    /// Overlap of predicted and true mask.
-    #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub mask_iou: Option<f64>,
-}
-
-/// Figures of one view.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ViewScores {
-    /// The view's name.
-    pub view: String,
-    /// Its figures.
-    #[serde(flatten)]
-    pub scores: Scores,
-}
-
-/// The result of an evaluation.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Evaluation {
-    /// Means over the views.
-    pub mean: Scores,
-    /// Each view.
-    pub views: Vec<ViewScores>,
-}
-
-/// Which views of a scene are scored.
+/// What pictures SSIM and LPIPS are taken of. PSNR has a [`Figure`] for each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Split {
-    /// Those held out.
-    Test,
-    /// Those trained on: how well what moves there was understood, not how well the model generalises.
-    Training,
+pub enum Precision {
+    /// As rendered.
+    Full,
+    /// Rounded to 8 bits.
+    EightBit,
 }
 
-impl Split {
-    /// The views.
-    pub fn views(self, scene: &Scene) -> &[View] {
+/// A column of a protocol's table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Column {
+    /// Its head, as the protocol's own tables have it.
+    pub label: &'static str,
+    /// What stands in it.
+    pub figure: Figure,
+}
+
+const fn column(label: &'static str, figure: Figure) -> Column {
+    Column { label, figure }
+}
+
+const MVFUSION: &[Column] = &[
+    column("PSNR", Figure::Psnr),
+    column("SSIM", Figure::Ssim),
+    column("LPIPS-alex", Figure::Lpips(LpipsVariant::ALEX)),
+    column("LPIPS-vgg", Figure::Lpips(LpipsVariant::VGG)),
+    column("MS-SSIM", Figure::MsSsim),
+    column("D-SSIM", Figure::DSsim),
+    column("PSNR (unrounded)", Figure::PsnrExact),
+    column("SSIM (scikit-image)", Figure::SsimValid),
+    column("LPIPS-alex on [0,1]", Figure::Lpips(LpipsVariant::ALEX_RAW)),
+    column("LPIPS-vgg on [0,1]", Figure::Lpips(LpipsVariant::VGG_RAW)),
+];
+
+const DEGAUSS: &[Column] = &[
+    column("PSNR", Figure::PsnrExact),
+    column("SSIM", Figure::SsimValid),
+    column("LPIPS", Figure::Lpips(LpipsVariant::ALEX)),
+    column("LPIPS-alex", Figure::Lpips(LpipsVariant::ALEX_RAW)),
+    column("LPIPS-vgg", Figure::Lpips(LpipsVariant::VGG_RAW)),
+];
+
+const THREE_DGS: &[Column] = &[
+    column("PSNR", Figure::Psnr),
+    column("SSIM", Figure::Ssim),
+    column("LPIPS", Figure::Lpips(LpipsVariant::VGG_RAW)),
+];
+
+const NERF_BASELINES: &[Column] = &[
+    column("PSNR", Figure::Psnr),
+    column("SSIM", Figure::SsimValid),
+    column("LPIPS", Figure::Lpips(LpipsVariant::ALEX)),
+    column("LPIPS (VGG)", Figure::Lpips(LpipsVariant::VGG)),
+];
+
+impl Protocol {
+    /// All protocols.
+    pub const ALL: [Self; 4] = [Self::Mvfusion, Self::DeGauss, Self::ThreeDgs, Self::NerfBaselines];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
         match self {
-            Self::Test => &scene.test,
-            Self::Training => &scene.train,
+            Self::Mvfusion => "mvfusion",
+            Self::DeGauss => "degauss",
+            Self::ThreeDgs => "3dgs",
+            Self::NerfBaselines => "nerfbaselines",
         }
     }
 
-    /// What the static branch should show: the known background, or the photo itself where test views are clean.
-    fn clean_background(self, view: &View, capture: Capture) -> Result<Option<Arc<RgbImage>>, ModelError> {
-        Ok(match (&view.truth.background, self, capture) {
-            (Some(background), ..) => Some(background.rgb()?),
-            (None, Self::Test, Capture::Photos) => Some(view.image.rgb()?),
-            (None, ..) => None,
-        })
-    }
-}
-
-/// Renders and scores views of a scene with a model without autodiff. `sink` gets every view's pictures, to show or to
-/// keep.
-///
-/// # Errors
-/// If a picture cannot be read, the device fails, or the sink does.
-pub fn evaluate<E: From<ModelError>>(
-    model: &Model,
-    scene: &Scene,
-    split: Split,
-    movement: Movement,
-    surroundings: &Surroundings,
-    mut sink: impl FnMut(usize, &View, &ViewPictures) -> Result<(), E>,
-) -> Result<Evaluation, E> {
-    let mut views = Vec::with_capacity(split.views(scene).len());
-    let mut overlap = MaskOverlap::default();
-    for (index, view) in split.views(scene).iter().enumerate() {
-        let pictures = render_view(model, view, movement, surroundings)?;
-        let clean = split.clean_background(view, scene.capture)?;
-        let scores = score(&pictures, view, clean.as_deref(), &mut overlap)?;
-        sink(index, view, &pictures)?;
-        views.push(ViewScores { view: view.name.clone(), scores });
-    }
-    let mut mean = average(&views);
-    mean.mask_iou = overlap.ratio();
-    Ok(Evaluation { mean, views })
-}
-
-fn score(
-    pictures: &ViewPictures,
-    view: &View,
-    clean: Option<&RgbImage>,
-    overlap: &mut MaskOverlap,
-) -> Result<Scores, ModelError> {
-    let photo = view.image.rgb()?;
-    let counted = Counted::of(view)?;
-    let mask = view.truth.dynamic_mask.as_ref().map(|mask| mask.mask()).transpose()?;
-    let mask = mask.map(|mask| counted.within(mask));
-    let composed = counted.compare(&pictures.composed, &pictures.composed_tensor, &photo)?;
-    let dynamic_region = mask.as_ref().and_then(|mask| region(&pictures.composed, &photo, mask));
-    let mut mask_iou = None;
-    if let (Some(mask), Some(layers)) = (&mask, &pictures.branches) {
-        overlap.add(&layers.mask, mask);
-        let mut own = MaskOverlap::default();
-        own.add(&layers.mask, mask);
-        mask_iou = own.ratio();
-    }
-    let static_ = match (&pictures.branches, clean) {
-        (Some(layers), Some(clean)) => Some(counted.compare(&layers.static_, &layers.static_tensor, clean)?),
-        _ => None,
-    };
-    Ok(Scores { composed, static_, dynamic_region, mask_iou })
-}
-
-fn region(picture: &RgbImage, photo: &RgbImage, mask: &GrayImage) -> Option<LayerScores> {
-    masked_psnr(picture, photo, mask).map(|psnr| LayerScores { psnr: Some(psnr), ssim: None })
-}
-
-/// Which pixels of a view count; both pictures are black elsewhere, as nerfbaselines has it.
-struct Counted(Option<GrayImage>);
-
-impl Counted {
-    fn of(view: &View) -> Result<Self, ModelError> {
-        Ok(Self(view.mask.as_ref().map(|mask| mask.read()).transpose()?))
-    }
-
-    /// The figures of a picture, given in 8 bits and in full precision.
-    fn compare(&self, picture: &RgbImage, exact: &Tensor<4>, reference: &RgbImage) -> Result<LayerScores, ModelError> {
-        let device = exact.device();
-        let reference_tensor = picture_tensor(reference, &device);
-        let Some(mask) = &self.0 else {
-            return Ok(LayerScores {
-                psnr: psnr(picture, reference),
-                ssim: Some(ssim(exact.clone(), reference_tensor)?),
-            });
-        };
-        let counted = mask_tensor(mask, &device);
-        Ok(LayerScores {
-            psnr: psnr(&blackened(picture, mask), &blackened(reference, mask)),
-            ssim: Some(ssim(exact.clone() * counted.clone(), reference_tensor * counted)?),
-        })
-    }
-
-    /// A mask, black where pixels do not count.
-    fn within(&self, mut mask: GrayImage) -> GrayImage {
-        if let Some(counted) = &self.0 {
-            for (pixel, counted) in mask.pixels_mut().zip(counted.pixels()) {
-                pixel.0[0] = pixel.0[0].min(counted.0[0]);
+    /// What its figures mean, in a sentence to be written beside them.
+    pub fn statement(self) -> &'static str {
+        match self {
+            Self::Mvfusion => {
+                "mvfusion-2: last iteration; PSNR of 8-bit pictures, mean over views; SSIM 11x11 sigma 1.5 zero-padded \
+                 and LPIPS on unrounded pictures, LPIPS of networks fed [-1,1] but where raw ([0,1]) is said; \
+                 MS-SSIM of pytorch-msssim; T-LPIPS = mean |LPIPS(pictures) - LPIPS(photos)| of consecutive frames; \
+                 dynamic region from given masks, else temporal standard deviation > 0.02 grown by 3 px, figures \
+                 inside and outside are means of maps; mask IoU pooled at 0.5; pixels that a view's mask ignores are \
+                 black"
+            }
+            Self::DeGauss => {
+                "degauss: last iteration; PSNR of unrounded pictures, mean over views; SSIM 11x11 sigma 1.5 without \
+                 the 5-pixel border (torchmetrics); LPIPS by alex fed [-1,1], LPIPS-alex and LPIPS-vgg fed [0,1]"
+            }
+            Self::ThreeDgs => {
+                "3dgs: last iteration; everything on 8-bit pictures, mean over views; SSIM 11x11 sigma 1.5 zero-padded; \
+                 LPIPS by vgg fed [0,1]"
+            }
+            Self::NerfBaselines => {
+                "nerfbaselines: last iteration; everything on 8-bit pictures, mean over views; SSIM 11x11 sigma 1.5 \
+                 without the 5-pixel border; LPIPS by alex and by vgg fed [-1,1]; pixels that a view's mask ignores \
+                 are black"
             }
         }
-        mask
     }
-}
 
-fn blackened(picture: &RgbImage, mask: &GrayImage) -> RgbImage {
-    let mut picture = picture.clone();
-    for (pixel, counted) in picture.pixels_mut().zip(mask.pixels()) {
-        if counted.0[0] == 0 {
-            pixel.0 = [0; 3];
+    /// What it reports, in the order of its tables.
+    pub fn columns(self) -> &'static [Column] {
+        match self {
+            Self::Mvfusion => MVFUSION,
+            Self::DeGauss => DEGAUSS,
+            Self::ThreeDgs => THREE_DGS,
+            Self::NerfBaselines => NERF_BASELINES,
         }
     }
-    picture
+
+    /// The pictures that SSIM and LPIPS are taken of.
+    pub fn precision(self) -> Precision {
+        match self {
+            Self::Mvfusion | Self::DeGauss => Precision::Full,
+            Self::ThreeDgs | Self::NerfBaselines => Precision::EightBit,
+        }
+    }
+
+    /// The kinds of LPIPS that it reports.
+    pub fn lpips(self) -> impl Iterator<Item = LpipsVariant> {
+        self.columns().iter().filter_map(|column| match column.figure {
+            Figure::Lpips(variant) => Some(variant),
+            _ => None,
+        })
+    }
+
+    /// Whether it reports flicker.
+    pub fn compares_frames(self) -> bool {
+        self == Self::Mvfusion
+    }
 }
 
-/// Means over the views that have the figure; absent if none has.
-fn average(views: &[ViewScores]) -> Scores {
-    let mean = |figure: &dyn Fn(&Scores) -> Option<f64>| -> Option<f64> {
-        let known: Vec<f64> = views.iter().filter_map(|view| figure(&view.scores)).collect();
-        (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
-    };
-    let layer = |layer: &dyn Fn(&Scores) -> Option<LayerScores>| LayerScores {
-        psnr: mean(&|scores| layer(scores)?.psnr),
-        ssim: mean(&|scores| layer(scores)?.ssim),
-    };
-    let known = |scores: LayerScores| (scores != LayerScores::default()).then_some(scores);
-    Scores {
-        composed: layer(&|scores| Some(scores.composed)),
-        static_: known(layer(&|scores| scores.static_)),
-        dynamic_region: known(layer(&|scores| scores.dynamic_region)),
-        mask_iou: None,
+impl FromStr for Protocol {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, Self::Err> {
+        Self::ALL.into_iter().find(|protocol| protocol.name() == name).ok_or_else(|| {
+            let known = Self::ALL.map(Self::name).join(", ");
+            format!("there is no protocol `{name}`; there are: {known}")
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn protocols_are_found_by_name_and_say_it_first() {
+        for protocol in Protocol::ALL {
+            assert_eq!(protocol.name().parse(), Ok(protocol));
+            assert!(protocol.statement().starts_with(protocol.name()));
+        }
+        let said = "psnr".parse::<Protocol>().expect_err("no such protocol");
+        assert!(said.contains("nerfbaselines"), "{said}");
+    }
+
+    #[test]
+    fn our_own_protocol_reports_every_figure() {
+        let reported = |figure| MVFUSION.iter().any(|column| column.figure == figure);
+        assert!(Figure::ALL.into_iter().all(reported));
     }
 }

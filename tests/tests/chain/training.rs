@@ -11,7 +11,7 @@ use mvfusion_model::config::{
     BranchDensifyConfig, Config, DensifyConfig, GridConfig, InitConfig, ModelConfig, MotionConfig, StageConfig,
     TrainConfig,
 };
-use mvfusion_model::evaluation::{Evaluation, Split, evaluate};
+use mvfusion_model::evaluation::{Evaluation, Judge, Protocol, Split, evaluate};
 use mvfusion_model::train::{TrainState, Trainer, parameter_hash};
 use mvfusion_tests::{backends, numbers};
 
@@ -81,7 +81,8 @@ pub fn train(trainer: &mut Trainer) {
 fn figures(trainer: &Trainer, scene: &Scene) -> Evaluation {
     let model = trainer.state().model.plain();
     let nothing = |_, _: &_, _: &_| Ok::<(), ModelError>(());
-    evaluate(&model, scene, Split::Test, trainer.final_movement(), trainer.surroundings(), nothing)
+    let judge = Judge::without_lpips(Protocol::Mvfusion);
+    evaluate(&model, scene, Split::Test, trainer.final_movement(), trainer.surroundings(), &judge, nothing)
         .expect("the views can be scored")
 }
 

@@ -3,7 +3,7 @@
 use burn::tensor::Tensor;
 use mvfusion_model::ModelError;
 use mvfusion_model::config::{Branches, Config, StillRule};
-use mvfusion_model::evaluation::{Split, evaluate};
+use mvfusion_model::evaluation::{Judge, Protocol, Split, evaluate};
 use mvfusion_model::gaussians::Attribute;
 use mvfusion_model::model::Movement;
 use mvfusion_model::train::{TrainState, Trainer};
@@ -42,7 +42,9 @@ fn one_branch_trains_refines_and_is_scored_without_a_static_picture() {
 
     let nothing = |_, _: &_, _: &_| Ok::<(), ModelError>(());
     let model = state.model.plain();
-    let figures = evaluate(&model, &scene(), Split::Test, trainer.final_movement(), trainer.surroundings(), nothing)
+    let (movement, surroundings) = (trainer.final_movement(), trainer.surroundings());
+    let judge = Judge::without_lpips(Protocol::Mvfusion);
+    let figures = evaluate(&model, &scene(), Split::Test, movement, surroundings, &judge, nothing)
         .expect("the views can be scored");
     assert!(figures.mean.composed.psnr.is_some() && figures.mean.dynamic_region.is_some());
     assert!(figures.mean.static_.is_none() && figures.mean.mask_iou.is_none());

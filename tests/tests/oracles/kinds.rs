@@ -5,8 +5,8 @@ use burn::tensor::Device;
 
 use crate::archive::Archive;
 use crate::{
-    cameras, clouds, composition, densify, hexplane, images, lenses, losses, network, refinement, schedule, splat,
-    statistics,
+    cameras, clouds, composition, densify, hexplane, images, lenses, losses, metrics, network, refinement, schedule,
+    splat, statistics,
 };
 
 /// A check of one file on one device (without autodiff).
@@ -20,27 +20,16 @@ pub const FOLDERS: [&str; 3] = ["oracle_gsplat", "oracle_method", "oracle_metric
 pub struct Kind {
     /// Name in trials, and what files of the kind are called but for their seed.
     pub name: &'static str,
-    /// Whether and how it is checked.
-    pub scope: Scope,
+    /// What checks it.
+    pub check: Check,
     /// Outputs that are not compared, by a part of their name, and why not.
     pub left_out: &'static [(&'static str, &'static str)],
-}
-
-/// Whether a kind is checked.
-#[derive(Clone, Copy, Debug)]
-pub enum Scope {
-    /// By this function.
-    Checked(Check),
-    /// Not yet, for this reason.
-    Later(&'static str),
+    /// A folder beside the file's that the check reads as well.
+    pub needs: Option<&'static str>,
 }
 
 const fn checked(name: &'static str, check: Check, left_out: &'static [(&'static str, &'static str)]) -> Kind {
-    Kind { name, scope: Scope::Checked(check), left_out }
-}
-
-const fn later(name: &'static str, reason: &'static str) -> Kind {
-    Kind { name, scope: Scope::Later(reason), left_out: &[] }
+    Kind { name, check, left_out, needs: None }
 }
 
 /// Every kind.
@@ -63,7 +52,7 @@ pub const KINDS: &[Kind] = &[
     checked("loss_coarse", losses::check_geometry, &[]),
     checked("loss_fine", losses::check_deformation, &[]),
     checked("undistort", lenses::check, lenses::LEFT_OUT),
-    later("grads", "LPIPS comes with the evaluation protocols"),
+    Kind { needs: Some(metrics::WEIGHTS), ..checked("grads", metrics::check_gradients, &[]) },
 ];
 
 /// The kind of a file, from its folder and its name without extension; `None` if no check knows it.

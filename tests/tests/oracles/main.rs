@@ -1,8 +1,9 @@
 //! Comparison with reference numbers that were computed elsewhere.
 //!
 //! Every `.npz` file in `$MVFUSION_ORACLES/{oracle_gsplat,oracle_method,oracle_metrics}` is one trial a backend, named
-//! `oracle::<backend>::<kind>::<file>`; without the folder each kind is one ignored trial. The project's own small
-//! oracle (`tests/oracles/own.npz`, made by `make.py` beside it) always runs.
+//! `oracle::<backend>::<kind>::<file>`; without the folder each kind is one ignored trial. So are the pairs of pictures in
+//! `oracle_metrics/metrics.json`. The project's own small oracle (`tests/oracles/own.npz`, made by `make.py` beside it)
+//! always runs.
 #![recursion_limit = "256"]
 
 mod archive;
@@ -16,6 +17,7 @@ mod images;
 mod kinds;
 mod lenses;
 mod losses;
+mod metrics;
 mod network;
 mod own;
 mod parity;
@@ -33,7 +35,7 @@ use libtest_mimic::{Arguments, Completion, Failed, Trial};
 use mvfusion_tests::{Backend, every_backend, gpu_backends, is_there};
 
 use archive::Archive;
-use kinds::{Kind, Scope, kind_of};
+use kinds::{Kind, kind_of};
 
 /// The variable that names the folder of the oracles.
 const FOLDER: &str = "MVFUSION_ORACLES";
@@ -45,6 +47,7 @@ fn main() -> ExitCode {
         trials.extend(own::trials(backend));
         trials.extend(parity::trials(backend));
         trials.extend(shared(backend));
+        trials.extend(metrics::trials(backend));
     }
     trials.extend(captures::trials(root().as_deref()));
     for backend in gpu_backends() {
@@ -89,9 +92,11 @@ fn trial(backend: Backend, folder: &'static str, path: &Path) -> Trial {
     let stem = stem(path);
     let kind = kind_of(folder, &stem);
     let name = format!("oracle::{}::{}::{stem}", backend.name, kind.map_or("unknown", |kind| kind.name));
-    match kind.map(|kind| (kind, kind.scope)) {
-        Some((_, Scope::Later(reason))) => ignored(name, reason.to_owned()),
-        Some((kind, Scope::Checked(_))) => {
+    match kind {
+        Some(Kind { needs: Some(other), .. }) if !beside(path, other).is_dir() => {
+            ignored(name, format!("there is no folder {other}"))
+        }
+        Some(kind) => {
             let path = path.to_owned();
             Trial::test(name, move || check(kind, &path, backend).map_err(failed))
         }
@@ -104,15 +109,19 @@ fn trial(backend: Backend, folder: &'static str, path: &Path) -> Trial {
 
 /// Checks a file, and that the check has looked at all its outputs but those that are left out for a reason.
 fn check(kind: &Kind, path: &Path, backend: Backend) -> Result<()> {
-    let Scope::Checked(body) = kind.scope else { bail!("{} is not checked yet", kind.name) };
     let archive = Archive::open(path)?;
-    body(&archive, &(backend.device)()).with_context(|| path.display().to_string())?;
+    (kind.check)(&archive, &(backend.device)()).with_context(|| path.display().to_string())?;
     let left_out = |name: &str| kind.left_out.iter().any(|(part, _reason)| name.contains(part));
     let unseen = archive.unseen(|name| !name.starts_with("in.") && !left_out(name));
     if !unseen.is_empty() {
         bail!("{}: {} outputs were not compared: {unseen:?}", path.display(), unseen.len());
     }
     Ok(())
+}
+
+/// Another folder of the oracles than the one of a file.
+fn beside(path: &Path, folder: &str) -> PathBuf {
+    path.parent().and_then(Path::parent).unwrap_or(Path::new(".")).join(folder)
 }
 
 fn failed(error: anyhow::Error) -> Failed {

@@ -1,5 +1,6 @@
 //! Benchmarks: what an op costs on each device of this machine, printed and, if asked for, written as JSON.
 
+mod lpips;
 mod net;
 mod scene;
 mod splat;
@@ -41,6 +42,8 @@ enum Subject {
     Net(net::NetArguments),
     /// A whole refined training step with two views.
     Step(step::StepArguments),
+    /// LPIPS of a pair of pictures. Its figure does not depend on the weights, which are random here.
+    Lpips(lpips::LpipsArguments),
 }
 
 /// One measurement; times in seconds, medians over the repetitions.
@@ -60,7 +63,7 @@ struct Row {
 enum Seconds {
     /// Both passes, and the forward pass where nothing is kept for another.
     Passes { render: Option<f64>, forward: f64, backward: f64 },
-    /// A step.
+    /// A step, or a comparison.
     Step(f64),
 }
 
@@ -96,6 +99,7 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
         Subject::Splat(subject) => splat::measure(subject, &devices, arguments.repeat, &mut note)?,
         Subject::Net(subject) => net::measure(subject, &devices, arguments.repeat, &mut note)?,
         Subject::Step(subject) => step::measure(subject, &devices, arguments.repeat, &mut note)?,
+        Subject::Lpips(subject) => lpips::measure(subject, &devices, arguments.repeat, &mut note)?,
     }
     if let Some(path) = &arguments.json {
         let text = serde_json::to_string_pretty(&rows)?;

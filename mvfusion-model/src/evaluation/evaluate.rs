@@ -1,0 +1,218 @@
+//! Renders views, has them judged, and averages.
+
+use std::sync::Arc;
+
+use burn::tensor::Tensor;
+use image::{GrayImage, RgbImage};
+use mvfusion_data::{Capture, Scene, View};
+
+use super::judge::{Judge, Pair, Regions, Verdict};
+use super::metrics::{MaskOverlap, RegionSource, TemporalDeviation, sequences};
+use super::render::{ViewPictures, render_view};
+use super::scores::{Evaluation, Scores, ViewScores};
+use crate::ModelError;
+use crate::model::{Model, Movement, Surroundings};
+use crate::train::mask_tensor;
+
+/// Which views of a scene are scored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Split {
+    /// Those held out.
+    Test,
+    /// Those trained on: how well what moves there was understood, not how well the model generalises.
+    Training,
+}
+
+impl Split {
+    /// The views.
+    pub fn views(self, scene: &Scene) -> &[View] {
+        match self {
+            Self::Test => &scene.test,
+            Self::Training => &scene.train,
+        }
+    }
+
+    /// What the static branch should show: the known background, or the photo itself where test views are clean.
+    fn clean_background(self, view: &View, capture: Capture) -> Result<Option<Arc<RgbImage>>, ModelError> {
+        Ok(match (&view.truth.background, self, capture) {
+            (Some(background), ..) => Some(background.rgb()?),
+            (None, Self::Test, Capture::Photos) => Some(view.image.rgb()?),
+            (None, ..) => None,
+        })
+    }
+}
+
+/// Renders and scores views of a scene with a model without autodiff. The frames of a camera come one after another, in
+/// order of time; `sink` gets every view's pictures, to show or to keep, with the view's index.
+///
+/// # Errors
+/// If a picture cannot be read, the device fails, or the sink does.
+pub fn evaluate<E: From<ModelError>>(
+    model: &Model,
+    scene: &Scene,
+    split: Split,
+    movement: Movement,
+    surroundings: &Surroundings,
+    judge: &Judge,
+    mut sink: impl FnMut(usize, &View, &ViewPictures) -> Result<(), E>,
+) -> Result<Evaluation, E> {
+    let views = split.views(scene);
+    let mut scoring =
+        Scoring { split, capture: scene.capture, judge, source: region_source(views), overlap: MaskOverlap::default() };
+    let mut scored: Vec<(usize, ViewScores)> = Vec::with_capacity(views.len());
+    for sequence in sequences(views) {
+        let varying = scoring.varying_pixels(sequence.iter().map(|&index| &views[index]))?;
+        let mut before = None;
+        for index in sequence {
+            let view = &views[index];
+            let pictures = render_view(model, view, movement, surroundings)?;
+            let (scores, pair) = scoring.score(view, &pictures, varying.as_ref(), before.as_ref())?;
+            sink(index, view, &pictures)?;
+            scored.push((index, ViewScores { view: view.name.clone(), scores }));
+            before = Some(pair);
+        }
+    }
+    scored.sort_by_key(|&(index, _)| index);
+    let views: Vec<ViewScores> = scored.into_iter().map(|(_, view)| view).collect();
+    let mut mean = Scores::mean(&views);
+    mean.mask_iou = scoring.overlap.ratio();
+    Ok(Evaluation { mean, views })
+}
+
+/// Given masks, if any view has one; else what varies.
+fn region_source(views: &[View]) -> RegionSource {
+    match views.iter().any(|view| view.truth.dynamic_mask.is_some()) {
+        true => RegionSource::GivenMasks,
+        false => RegionSource::TemporalDeviation,
+    }
+}
+
+/// What the scores of all views have in common.
+struct Scoring<'a> {
+    split: Split,
+    capture: Capture,
+    judge: &'a Judge,
+    source: RegionSource,
+    overlap: MaskOverlap,
+}
+
+impl Scoring<'_> {
+    /// The dynamic region of a camera's frames, where it is taken from these.
+    fn varying_pixels<'v>(&self, frames: impl Iterator<Item = &'v View>) -> Result<Option<GrayImage>, ModelError> {
+        if self.source == RegionSource::GivenMasks {
+            return Ok(None);
+        }
+        let frames: Vec<&View> = frames.collect();
+        let mut deviation = TemporalDeviation::default();
+        // The photo of a camera that moves is alone and says nothing; it need not be decoded.
+        if frames.len() > 1 {
+            for view in frames {
+                let photo = view.image.rgb()?;
+                deviation.add(&photo);
+            }
+        }
+        Ok(deviation.region())
+    }
+
+    /// The figures of a view, and the pair that its successor is compared with.
+    fn score(
+        &mut self,
+        view: &View,
+        pictures: &ViewPictures,
+        varying: Option<&GrayImage>,
+        before: Option<&Pair>,
+    ) -> Result<(Scores, Pair), ModelError> {
+        let counted = Counted::of(view)?;
+        let given = view.truth.dynamic_mask.as_ref().map(|mask| mask.mask()).transpose()?;
+        let regions = given.as_ref().or(varying).map(|mask| counted.regions(mask));
+        let photo = view.image.rgb()?;
+        let pair = counted.pair(&pictures.composed, &pictures.composed_tensor, &photo);
+        let Verdict { whole, dynamic, still, temporal } = self.judge.judge(&pair, before, regions.as_ref())?;
+        let mut scores = Scores {
+            composed: whole,
+            dynamic_region: dynamic,
+            still_region: still,
+            region_source: regions.is_some().then_some(self.source),
+            temporal,
+            ..Scores::default()
+        };
+        if let Some(layers) = &pictures.branches {
+            if let (Some(_), Some(regions)) = (&given, &regions) {
+                self.overlap.add(&layers.mask, &regions.dynamic);
+                let mut own = MaskOverlap::default();
+                own.add(&layers.mask, &regions.dynamic);
+                scores.mask_iou = own.ratio();
+            }
+            if let Some(clean) = self.split.clean_background(view, self.capture)? {
+                let pair = counted.pair(&layers.static_, &layers.static_tensor, &clean);
+                scores.static_ = Some(self.judge.judge(&pair, None, None)?.whole);
+            }
+        }
+        Ok((scores, pair))
+    }
+}
+
+/// Which pixels of a view count; both pictures are black elsewhere, as nerfbaselines has it.
+struct Counted(Option<GrayImage>);
+
+impl Counted {
+    fn of(view: &View) -> Result<Self, ModelError> {
+        Ok(Self(view.mask.as_ref().map(|mask| mask.read()).transpose()?))
+    }
+
+    /// A picture, given in 8 bits and in full precision, and its reference, both black where they do not count.
+    fn pair(&self, picture: &RgbImage, exact: &Tensor<4>, reference: &RgbImage) -> Pair {
+        let Some(mask) = &self.0 else {
+            return Pair::new(picture.clone(), exact.clone(), reference.clone());
+        };
+        let counted = mask_tensor(mask, &exact.device());
+        let mut pair = Pair::new(blackened(picture, mask), exact.clone() * counted.clone(), reference.clone());
+        pair.reference_exact = pair.reference_exact * counted;
+        pair.reference = blackened(&pair.reference, mask);
+        pair
+    }
+
+    /// The parts of the picture that a mask (white = dynamic) divides it into.
+    fn regions(&self, mask: &GrayImage) -> Regions {
+        let divide = |is_white: fn(u8) -> bool| {
+            let mut part = mask.clone();
+            for pixel in part.pixels_mut() {
+                pixel.0[0] = if is_white(pixel.0[0]) { u8::MAX } else { 0 };
+            }
+            if let Some(counted) = &self.0 {
+                for (pixel, counted) in part.pixels_mut().zip(counted.pixels()) {
+                    pixel.0[0] = pixel.0[0].min(counted.0[0]);
+                }
+            }
+            part
+        };
+        Regions { dynamic: divide(|level| level >= 128), still: divide(|level| level < 128) }
+    }
+}
+
+fn blackened(picture: &RgbImage, mask: &GrayImage) -> RgbImage {
+    let mut picture = picture.clone();
+    for (pixel, counted) in picture.pixels_mut().zip(mask.pixels()) {
+        if counted.0[0] == 0 {
+            pixel.0 = [0; 3];
+        }
+    }
+    picture
+}
+
+#[cfg(test)]
+mod tests {
+    use image::Luma;
+
+    use super::*;
+
+    #[test]
+    fn pixels_that_do_not_count_are_in_neither_region() {
+        let row = |levels: [u8; 4]| GrayImage::from_raw(4, 1, levels.to_vec()).expect("four pixels");
+        let counted = Counted(Some(row([255, 255, 0, 0])));
+        let regions = counted.regions(&row([128, 127, 255, 0]));
+        let white = |mask: &GrayImage| mask.pixels().map(|pixel| *pixel == Luma([255])).collect::<Vec<_>>();
+        assert_eq!(white(&regions.dynamic), [true, false, false, false]);
+        assert_eq!(white(&regions.still), [false, true, false, false]);
+    }
+}

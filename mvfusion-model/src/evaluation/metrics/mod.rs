@@ -1,0 +1,20 @@
+//! Picture metrics, one file each. Which of them a protocol reports: [`super::Protocol`].
+
+pub mod lpips;
+mod ms_ssim;
+mod overlap;
+mod picture;
+mod pixel_map;
+mod psnr;
+mod region;
+mod ssim;
+mod temporal;
+
+pub use ms_ssim::{dissimilarity, ms_ssim};
+pub use overlap::MaskOverlap;
+pub use picture::quantise;
+pub use pixel_map::PixelMap;
+pub use psnr::{Psnr, decibels, masked_psnr, psnr, squared_errors};
+pub use region::{RegionSource, TemporalDeviation, dilate};
+pub use ssim::{SSIM_BORDER, ssim_map};
+pub use temporal::{TemporalScores, sequences};

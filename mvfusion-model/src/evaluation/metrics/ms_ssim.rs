@@ -1,0 +1,142 @@
+//! Structural similarity over five scales, as the package pytorch-msssim 1.0.0 defines it.
+
+use burn::tensor::Tensor;
+use burn::tensor::module::avg_pool2d;
+use burn::tensor::ops::AvgPoolOptions;
+use mvfusion_render::window::{Window, blur};
+
+use super::{PixelMap, SSIM_BORDER};
+use crate::ModelError;
+
+/// Exponents of the scales, finest first (Wang, Simoncelli, Bovik 2003).
+const WEIGHTS: [f64; 5] = [0.0448, 0.2856, 0.3001, 0.2363, 0.1333];
+
+/// Both sides must exceed this, so that the window fits into the coarsest scale.
+pub const LEAST_SIDE: usize = 160;
+
+/// Constants of SSIM for numbers in `[0, 1]`.
+const LUMINANCE: f64 = 0.01 * 0.01;
+const CONTRAST: f64 = 0.03 * 0.03;
+
+/// MS-SSIM of two pictures `[1, 3, H, W]` in `[0, 1]`; `None` unless both sides exceed 160 pixels.
+///
+/// Each scale has an 11-pixel Gaussian window of sigma 1.5 where that lies wholly inside; between scales, blocks of 2
+/// by 2 pixels are averaged, with a zero row or column on both sides of an odd length that count as pixels. A channel's
+/// value is the product of the contrast terms of the first four scales and the SSIM of the fifth, none below 0, to the
+/// power of their weights; the result is the mean over channels.
+///
+/// # Errors
+/// If the device cannot hand its numbers back.
+pub fn ms_ssim(picture: Tensor<4>, reference: Tensor<4>) -> Result<Option<f64>, ModelError> {
+    let [_, channels, height, width] = picture.dims();
+    if height.min(width) <= LEAST_SIDE {
+        return Ok(None);
+    }
+    let mut products = vec![1.0; channels];
+    let [mut a, mut b] = [picture, reference];
+    for (scale, weight) in WEIGHTS.into_iter().enumerate() {
+        let is_last = scale + 1 == WEIGHTS.len();
+        let terms = PixelMap::read(similarity(&a, &b, if is_last { Term::Whole } else { Term::Contrast }))?;
+        for (product, term) in products.iter_mut().zip(terms.channel_means()) {
+            *product *= term.max(0.0).powf(weight);
+        }
+        if !is_last {
+            [a, b] = [halved(a), halved(b)];
+        }
+    }
+    Ok(Some(products.iter().sum::<f64>() / products.len() as f64))
+}
+
+/// D-SSIM as dynamic-scene papers print it: `(1 - MS-SSIM) / 2`.
+pub fn dissimilarity(ms_ssim: f64) -> f64 {
+    (1.0 - ms_ssim) / 2.0
+}
+
+/// What is taken of a scale.
+#[derive(Clone, Copy, PartialEq)]
+enum Term {
+    /// Contrast and structure.
+    Contrast,
+    /// These and luminance: SSIM.
+    Whole,
+}
+
+/// A term at each pixel whose window lies inside: `[1, C, H - 10, W - 10]`.
+fn similarity(a: &Tensor<4>, b: &Tensor<4>, term: Term) -> Tensor<4> {
+    let mean = |image: Tensor<4>| inside(blur(image, &Window::gaussian(11, 1.5)));
+    let (mean_a, mean_b) = (mean(a.clone()), mean(b.clone()));
+    let (squared_a, squared_b) = (mean_a.clone().square(), mean_b.clone().square());
+    let product = mean_a * mean_b;
+    let variances = mean(a.clone().square()) - squared_a.clone() + mean(b.clone().square()) - squared_b.clone();
+    let covariance = mean(a.clone() * b.clone()) - product.clone();
+    let contrast = (covariance * 2.0 + CONTRAST) / (variances + CONTRAST);
+    match term {
+        Term::Contrast => contrast,
+        Term::Whole => (product * 2.0 + LUMINANCE) / (squared_a + squared_b + LUMINANCE) * contrast,
+    }
+}
+
+/// A blurred picture without the pixels whose window reached beyond it.
+fn inside(image: Tensor<4>) -> Tensor<4> {
+    let [_, _, height, width] = image.dims();
+    image.narrow(2, SSIM_BORDER, height - 2 * SSIM_BORDER).narrow(3, SSIM_BORDER, width - 2 * SSIM_BORDER)
+}
+
+/// Means of blocks of 2 by 2 pixels.
+fn halved(image: Tensor<4>) -> Tensor<4> {
+    let [_, _, height, width] = image.dims();
+    let options = AvgPoolOptions::new([2, 2]).with_stride([2, 2]).with_padding([height % 2, width % 2]);
+    avg_pool2d(image, options.with_count_include_pad(true))
+}
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::TensorData;
+
+    use super::super::ssim_map;
+    use super::*;
+    use crate::random::Stream;
+    use crate::test_support::{for_each_device, picture, values};
+
+    #[test]
+    fn small_pictures_have_none() {
+        for_each_device(|device| {
+            let mut stream = Stream::new(1, 0);
+            for (size, known) in [([160, 200], false), ([200, 160], false), ([161, 161], true)] {
+                let image = picture(&mut stream, size, &device);
+                assert_eq!(ms_ssim(image.clone(), image).expect("numbers").is_some(), known, "{size:?}");
+            }
+        });
+    }
+
+    #[test]
+    fn a_picture_is_like_itself_and_less_like_another() {
+        for_each_device(|device| {
+            let mut stream = Stream::new(2, 0);
+            let [a, b] = [0; 2].map(|_| picture(&mut stream, [163, 170], &device));
+            let same = ms_ssim(a.clone(), a.clone()).expect("numbers").expect("large enough");
+            assert!((same - 1.0).abs() < 1e-5, "{same}");
+            let other = ms_ssim(a, b).expect("numbers").expect("large enough");
+            assert!(other < 0.6 && dissimilarity(other) > 0.2, "{other}");
+        });
+    }
+
+    #[test]
+    fn a_scale_is_the_inner_part_of_ssim() {
+        for_each_device(|device| {
+            let mut stream = Stream::new(3, 0);
+            let [a, b] = [0; 2].map(|_| picture(&mut stream, [21, 34], &device));
+            let found = PixelMap::read(similarity(&a, &b, Term::Whole)).expect("numbers").mean();
+            let wanted = ssim_map(a, b).expect("numbers").inner_mean(SSIM_BORDER).expect("it has an inner part");
+            assert!((found - wanted).abs() < 1e-5, "{found} instead of {wanted}");
+        });
+    }
+
+    #[test]
+    fn an_odd_length_is_halved_with_zeros_on_both_sides() {
+        for_each_device(|device| {
+            let image = Tensor::<4>::from_data(TensorData::new(vec![4.0f32; 6], [1, 1, 2, 3]), &device);
+            assert_eq!(values(halved(image)), [2.0, 4.0]);
+        });
+    }
+}

@@ -1,0 +1,81 @@
+//! A figure at each pixel, and its means over parts of the picture.
+
+use burn::tensor::Tensor;
+use image::GrayImage;
+
+use crate::ModelError;
+use crate::tensors;
+
+/// Numbers at each channel and pixel of a picture, on the host. Sums run in double precision and in row-major order.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PixelMap {
+    width: usize,
+    height: usize,
+    values: Vec<f64>,
+}
+
+impl PixelMap {
+    /// The numbers of a map `[1, C, H, W]`.
+    ///
+    /// # Errors
+    /// If the device cannot hand its numbers back.
+    pub fn read(map: Tensor<4>) -> Result<Self, ModelError> {
+        let [_, _, height, width] = map.dims();
+        Ok(Self { width, height, values: tensors::read(map)? })
+    }
+
+    /// Mean over all channels and pixels.
+    pub fn mean(&self) -> f64 {
+        self.values.iter().sum::<f64>() / self.values.len().max(1) as f64
+    }
+
+    /// Mean of each channel.
+    pub fn channel_means(&self) -> Vec<f64> {
+        let plane = (self.width * self.height).max(1);
+        self.values.chunks(plane).map(|channel| channel.iter().sum::<f64>() / plane as f64).collect()
+    }
+
+    /// Mean without the `border` outermost pixels on each side; `None` if nothing is left.
+    pub fn inner_mean(&self, border: usize) -> Option<f64> {
+        let inside = |position: usize, length: usize| position >= border && position + border < length;
+        self.mean_where(|x, y| inside(x, self.width) && inside(y, self.height))
+    }
+
+    /// Mean where a mask of the same size is white (128 or more); `None` where it is black everywhere.
+    pub fn mean_over(&self, mask: &GrayImage) -> Option<f64> {
+        self.mean_where(|x, y| mask.get_pixel(x as u32, y as u32).0[0] >= 128)
+    }
+
+    fn mean_where(&self, counts: impl Fn(usize, usize) -> bool) -> Option<f64> {
+        let plane = self.width * self.height;
+        let pixels: Vec<usize> = (0..plane).filter(|&pixel| counts(pixel % self.width, pixel / self.width)).collect();
+        let channels = self.values.chunks(plane.max(1));
+        let sum: f64 = channels.map(|channel| pixels.iter().map(|&pixel| channel[pixel]).sum::<f64>()).sum();
+        let count = pixels.len() * self.values.len() / plane.max(1);
+        (count > 0).then(|| sum / count as f64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two channels of 4 by 3 pixels: 0 to 11, and 100 to 111.
+    fn map() -> PixelMap {
+        PixelMap { width: 4, height: 3, values: (0..12).chain(100..112).map(f64::from).collect() }
+    }
+
+    #[test]
+    fn means_of_parts_are_those_counted_by_hand() {
+        assert_eq!(map().mean(), (5.5 + 105.5) / 2.0);
+        assert_eq!(map().channel_means(), [5.5, 105.5]);
+        // Pixels 5 and 6 of each channel.
+        assert_eq!(map().inner_mean(1), Some(55.5));
+        assert_eq!(map().inner_mean(2), None);
+        let mut mask = GrayImage::new(4, 3);
+        assert_eq!(map().mean_over(&mask), None);
+        mask.put_pixel(3, 2, image::Luma([128]));
+        mask.put_pixel(0, 0, image::Luma([127]));
+        assert_eq!(map().mean_over(&mask), Some(61.0));
+    }
+}
