@@ -21,9 +21,14 @@ pub fn ndarray() -> Device {
 pub(crate) fn takes(device: &Device, dtype: DType) -> bool {
     match dtype {
         DType::F32 => true,
-        DType::F64 => buffer_limit(device).is_none(),
+        DType::F64 => !is_gpu(device),
         _ => false,
     }
+}
+
+/// Whether a device is a GPU, or a driver that imitates one.
+pub fn is_gpu(device: &Device) -> bool {
+    buffer_limit(device).is_some()
 }
 
 /// Bytes of the largest buffer of a device; `None` for a CPU, which has no such limit.

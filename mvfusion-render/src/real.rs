@@ -75,8 +75,7 @@ impl Real for f64 {
     }
 }
 
-/// Evaluates `$body` with `$T` standing for the float type of `$dtype`; other types panic, the public border of each
-/// op having refused them.
+/// Evaluates `$body` with `$T` standing for the float type of `$dtype`; other types panic.
 macro_rules! with_real {
     ($dtype:expr, $T:ident => $body:expr) => {
         match $dtype {
@@ -88,7 +87,7 @@ macro_rules! with_real {
                 type $T = f64;
                 $body
             }
-            // The border of every op refuses other dtypes first.
+            // Proof: the border of an op refuses other dtypes, or says under `Panics` that it does not take them.
             other => panic!("CPU twins run in f32 and f64, not in {other:?}"),
         }
     };

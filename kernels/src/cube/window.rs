@@ -63,34 +63,46 @@ pub fn blur_rows(sums: &[f32], weights: &[f32], blurred: &mut [f32], size: Plane
     }
 }
 
-/// The moments of two images, a, b, a² + b² and ab, summed down the columns: `[4, planes, height, width]`.
+/// The moments of two images down the columns, mean a, mean b, variance of a + variance of b, covariance:
+/// `[4, planes, height, width]`. Sums count from the pixel in the middle, so that variances of bright and flat pictures
+/// are not small differences of large numbers. Outside the images is black.
 #[cube(launch_unchecked)]
 pub fn moment_columns(a: &[f32], b: &[f32], weights: &[f32], sums: &mut [f32], size: PlaneSize) {
     let pixel = ABSOLUTE_POS as u32;
     let pixels = size.planes * size.height * size.width;
     if pixel < pixels {
         let (first, count, tap) = taps_down(pixel, weights, &size);
-        let mut mean_a = 0.0f32;
-        let mut mean_b = 0.0f32;
-        let mut square = 0.0f32;
-        let mut cross = 0.0f32;
+        let (middle_a, middle_b) = (a[pixel as usize], b[pixel as usize]);
+        let mut sum_a = 0.0f32;
+        let mut sum_b = 0.0f32;
+        let mut squares = 0.0f32;
+        let mut product = 0.0f32;
+        let mut inside = 0.0f32;
         for i in 0..count {
             let at = (first + i * size.width) as usize;
             let weight = weights[(tap + i) as usize];
-            mean_a += weight * a[at];
-            mean_b += weight * b[at];
-            square += weight * (a[at] * a[at] + b[at] * b[at]);
-            cross += weight * (a[at] * b[at]);
+            let (from_a, from_b) = (a[at] - middle_a, b[at] - middle_b);
+            sum_a += weight * from_a;
+            sum_b += weight * from_b;
+            squares += weight * (from_a * from_a + from_b * from_b);
+            product += weight * (from_a * from_b);
+            inside += weight;
         }
-        sums[pixel as usize] = mean_a;
-        sums[(pixels + pixel) as usize] = mean_b;
-        sums[(2u32 * pixels + pixel) as usize] = square;
-        sums[(3u32 * pixels + pixel) as usize] = cross;
+        let outside = 1.0f32 - inside;
+        sum_a -= outside * middle_a;
+        sum_b -= outside * middle_b;
+        squares += outside * (middle_a * middle_a + middle_b * middle_b);
+        product += outside * (middle_a * middle_b);
+        sums[pixel as usize] = middle_a + sum_a;
+        sums[(pixels + pixel) as usize] = middle_b + sum_b;
+        sums[(2u32 * pixels + pixel) as usize] = squares - (sum_a * sum_a + sum_b * sum_b);
+        sums[(3u32 * pixels + pixel) as usize] = product - sum_a * sum_b;
     }
 }
 
-/// The similarity from the moments' column sums; with its slopes `[4, planes, height, width]` with respect to the
-/// moments if they are `wanted`.
+/// The similarity from the moments of the columns; with its slopes `[4, planes, height, width]` with respect to mean a,
+/// mean b, mean a² + b² and mean ab if they are `wanted`. A variance is the mean of the columns' variances and the
+/// variance of their means; sums count from the column in the middle.
 #[cube(launch_unchecked)]
 pub fn similarity_rows(
     sums: &[f32],
@@ -106,14 +118,33 @@ pub fn similarity_rows(
     let pixels = size.planes * size.height * size.width;
     if pixel < pixels {
         let (first, count, tap) = taps_along(pixel, weights, &size);
-        let mean_a = sum_along(sums, weights, first, count, tap);
-        let mean_b = sum_along(sums, weights, first + pixels, count, tap);
-        let square = sum_along(sums, weights, first + 2u32 * pixels, count, tap);
-        let cross = sum_along(sums, weights, first + 3u32 * pixels, count, tap);
+        let (middle_a, middle_b) = (sums[pixel as usize], sums[(pixels + pixel) as usize]);
+        let mut sum_a = 0.0f32;
+        let mut sum_b = 0.0f32;
+        let mut squares = 0.0f32;
+        let mut product = 0.0f32;
+        let mut inside = 0.0f32;
+        for i in 0..count {
+            let at = first + i;
+            let weight = weights[(tap + i) as usize];
+            let (from_a, from_b) = (sums[at as usize] - middle_a, sums[(pixels + at) as usize] - middle_b);
+            sum_a += weight * from_a;
+            sum_b += weight * from_b;
+            squares += weight * (sums[(2u32 * pixels + at) as usize] + (from_a * from_a + from_b * from_b));
+            product += weight * (sums[(3u32 * pixels + at) as usize] + from_a * from_b);
+            inside += weight;
+        }
+        let outside = 1.0f32 - inside;
+        sum_a -= outside * middle_a;
+        sum_b -= outside * middle_b;
+        squares += outside * (middle_a * middle_a + middle_b * middle_b);
+        product += outside * (middle_a * middle_b);
+        let variances = squares - (sum_a * sum_a + sum_b * sum_b);
+        let covariance = product - sum_a * sum_b;
         let trace = if comptime!(kind == SimilarityKind::Ssim) {
-            ssim(mean_a, mean_b, square, cross, &constants)
+            ssim(middle_a + sum_a, middle_b + sum_b, variances, covariance, &constants)
         } else {
-            structure(mean_a, mean_b, square, cross, &constants)
+            structure(middle_a + sum_a, middle_b + sum_b, variances, covariance, &constants)
         };
         map[pixel as usize] = trace.value;
         if comptime!(wanted) {
@@ -209,12 +240,12 @@ struct Trace {
 }
 
 #[cube]
-fn ssim(mean_a: f32, mean_b: f32, square: f32, cross: f32, constants: &SimilarityConstants) -> Trace {
+fn ssim(mean_a: f32, mean_b: f32, variances: f32, covariance: f32, constants: &SimilarityConstants) -> Trace {
     let squared_means = mean_a * mean_a + mean_b * mean_b;
     let luminance = 2.0f32 * mean_a * mean_b + constants.c1;
-    let contrast = 2.0f32 * (cross - mean_a * mean_b) + constants.c2;
+    let contrast = 2.0f32 * covariance + constants.c2;
     let means = squared_means + constants.c1;
-    let variances = max(square - squared_means, 0.0f32) + constants.c2;
+    let variances = max(variances, 0.0f32) + constants.c2;
     let inverse = 1.0f32 / (means * variances);
     let value = luminance * contrast * inverse;
     let (by_means, by_variances) = (value * variances * inverse, value * means * inverse);
@@ -230,9 +261,9 @@ fn ssim(mean_a: f32, mean_b: f32, square: f32, cross: f32, constants: &Similarit
 }
 
 #[cube]
-fn structure(mean_a: f32, mean_b: f32, square: f32, cross: f32, constants: &SimilarityConstants) -> Trace {
-    let covariance = cross - mean_a * mean_b + constants.c3;
-    let variances = max(square - (mean_a * mean_a + mean_b * mean_b), 0.0f32) + constants.c3;
+fn structure(mean_a: f32, mean_b: f32, variances: f32, covariance: f32, constants: &SimilarityConstants) -> Trace {
+    let covariance = covariance + constants.c3;
+    let variances = max(variances, 0.0f32) + constants.c3;
     let inverse = 1.0f32 / variances.sqrt();
     let value = covariance * inverse;
     let clipped = clamp(value, 0.0f32, constants.structure_max);

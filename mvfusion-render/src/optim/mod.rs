@@ -57,7 +57,7 @@ impl<const D: usize> AdamMoments<D> {
 /// is changed in place, so hand the tensors over rather than clones of them.
 ///
 /// # Panics
-/// If the shapes differ, or a GPU is handed double precision.
+/// If the shapes differ, or the numbers are not f32, or f64 on a CPU.
 pub fn adam_step<const D: usize>(
     value: Tensor<D>,
     gradient: Tensor<D>,

@@ -54,8 +54,8 @@ pub(super) fn similarity_backward<T: Lanes>(
     windowed(SimilarityAdjoint, [v_map, mean_a, mean_b, square, cross], pair, size, window)
 }
 
-/// `work.finish(window sums of work.product(maps), own)` for every pixel of every plane; `own` are maps that are read at
-/// the pixel itself alone.
+/// What `work` makes of the window around every pixel of every plane; `own` are maps that are read at the pixel itself
+/// alone.
 fn windowed<T: Lanes, W: Windowed<M, P, K, O>, const M: usize, const P: usize, const K: usize, const O: usize>(
     work: W,
     maps: [&[T]; M],
@@ -135,6 +135,20 @@ impl<T: Lanes, W: Windowed<M, P, K, O>, const M: usize, const P: usize, const K:
         (0..width).step_by(block).map(move |start| start.min(width - block))
     }
 
+    /// The pixels of all maps in a block of a row.
+    #[inline(always)]
+    fn pixels<S: Simd>(&self, simd: S, row: usize, start: usize) -> [[Wide<S, T>; M]; VECTORS] {
+        let (lanes, width) = (Wide::<S, T>::LANES, self.out[0].len());
+        let mut pixels = [[Wide::<S, T>::splat(simd, T::zero()); M]; VECTORS];
+        for m in 0..M {
+            let row = &self.planes[m][row * width + start..][..VECTORS * lanes];
+            for vector in 0..VECTORS {
+                pixels[vector][m] = Wide::load(simd, row, vector * lanes);
+            }
+        }
+        pixels
+    }
+
     /// The weighted column sums around the row, written behind a margin of one window radius that stays zero.
     #[inline(always)]
     fn sum_columns<S: Simd>(&mut self, simd: S) {
@@ -144,31 +158,41 @@ impl<T: Lanes, W: Windowed<M, P, K, O>, const M: usize, const P: usize, const K:
             (self.row.saturating_sub(radius), (self.row + radius + 1).min(self.planes[0].len() / width));
         let weights = &self.weights[top + radius - self.row..][..bottom - top];
         let zero = Wide::<S, T>::splat(simd, T::zero());
+        let outside = Wide::<S, T>::splat(simd, T::one() - weights.iter().copied().sum::<T>());
         for start in Self::blocks(width, block) {
-            let mut totals = [[zero; VECTORS]; K];
+            let middle = self.pixels(simd, self.row, start);
+            let mut totals = [[zero; K]; VECTORS];
             for (source, &weight) in (top..bottom).zip(weights) {
                 let weight = Wide::splat(simd, weight);
-                let mut pixels = [[zero; M]; VECTORS];
-                for m in 0..M {
-                    let row = &self.planes[m][source * width + start..][..block];
-                    for vector in 0..VECTORS {
-                        pixels[vector][m] = Wide::load(simd, row, vector * lanes);
-                    }
-                }
+                let pixels = self.pixels(simd, source, start);
                 for vector in 0..VECTORS {
-                    let values = self.work.product(pixels[vector]);
+                    let values = self.work.product(pixels[vector], middle[vector]);
                     for k in 0..K {
-                        totals[k][vector] = totals[k][vector] + weight * values[k];
+                        totals[vector][k] = totals[vector][k] + weight * values[k];
                     }
                 }
             }
-            for k in 0..K {
-                let sums = &mut self.sums[k][radius + start..][..block];
-                for vector in 0..VECTORS {
-                    totals[k][vector].store(sums, vector * lanes);
+            for vector in 0..VECTORS {
+                let black = self.work.product([zero; M], middle[vector]);
+                for k in 0..K {
+                    totals[vector][k] = totals[vector][k] + outside * black[k];
+                }
+                let column = self.work.column(totals[vector], middle[vector]);
+                for k in 0..K {
+                    column[k].store(&mut self.sums[k][radius + start..][..block], vector * lanes);
                 }
             }
         }
+    }
+
+    /// The column sums that lie `offset` columns to the right of the margin's beginning.
+    #[inline(always)]
+    fn columns<S: Simd>(&self, simd: S, offset: usize) -> [Wide<S, T>; K] {
+        let mut columns = [Wide::<S, T>::splat(simd, T::zero()); K];
+        for k in 0..K {
+            columns[k] = Wide::load(simd, &self.sums[k], offset);
+        }
+        columns
     }
 
     /// Sums the column sums along the row, and writes what the work makes of each pixel's sums.
@@ -178,36 +202,38 @@ impl<T: Lanes, W: Windowed<M, P, K, O>, const M: usize, const P: usize, const K:
         let (lanes, block) = (Wide::<S, T>::LANES, VECTORS * Wide::<S, T>::LANES);
         let zero = Wide::<S, T>::splat(simd, T::zero());
         for start in Self::blocks(width, block) {
-            let mut totals = [[zero; K]; VECTORS];
-            for k in 0..K {
-                let sums = &self.sums[k][start..][..block + 2 * radius];
-                // The window is symmetric: two taps of one weight are multiplied together.
-                for tap in 0..radius {
-                    let (left, right) = (&sums[tap..][..block], &sums[2 * radius - tap..][..block]);
-                    let weight = self.weights[tap];
-                    for vector in 0..VECTORS {
-                        let at = vector * lanes;
-                        let pair = Wide::load(simd, left, at) + Wide::load(simd, right, at);
-                        totals[vector][k] = totals[vector][k] + Wide::splat(simd, weight) * pair;
-                    }
-                }
-                let (middle, weight) = (&sums[radius..][..block], self.weights[radius]);
-                for vector in 0..VECTORS {
-                    let middle = Wide::load(simd, middle, vector * lanes);
-                    totals[vector][k] = totals[vector][k] + Wide::splat(simd, weight) * middle;
-                }
-            }
             for vector in 0..VECTORS {
                 let at = start + vector * lanes;
-                let mut own = [zero; P];
-                for p in 0..P {
-                    own[p] = Wide::load(simd, self.own[p], at);
+                let middle = self.columns(simd, at + radius);
+                let mut totals = [zero; K];
+                // The window is symmetric: two taps of one weight are multiplied together.
+                for tap in 0..radius {
+                    let weight = Wide::splat(simd, self.weights[tap]);
+                    let left = self.work.along(self.columns(simd, at + tap), middle);
+                    let right = self.work.along(self.columns(simd, at + 2 * radius - tap), middle);
+                    for k in 0..K {
+                        totals[k] = totals[k] + weight * (left[k] + right[k]);
+                    }
                 }
-                let finished = self.work.finish(totals[vector], own);
-                for o in 0..O {
-                    finished[o].store(self.out[o], at);
+                let (weight, own) = (Wide::splat(simd, self.weights[radius]), self.work.along(middle, middle));
+                for k in 0..K {
+                    totals[k] = totals[k] + weight * own[k];
                 }
+                self.finish(simd, at, totals, middle);
             }
+        }
+    }
+
+    /// Writes what the work makes of the sums of a vector of pixels.
+    #[inline(always)]
+    fn finish<S: Simd>(&mut self, simd: S, at: usize, totals: [Wide<S, T>; K], middle: [Wide<S, T>; K]) {
+        let mut own = [Wide::<S, T>::splat(simd, T::zero()); P];
+        for p in 0..P {
+            own[p] = Wide::load(simd, self.own[p], at);
+        }
+        let finished = self.work.finish(totals, middle, own);
+        for o in 0..O {
+            finished[o].store(self.out[o], at);
         }
     }
 }

@@ -12,14 +12,32 @@ pub(crate) const C3: f64 = C2 / 2.0;
 /// Where the structure map is cut off (METHOD §4.4 item 4).
 pub(crate) const STRUCTURE_MAX: f64 = 0.98;
 
-/// A computation around window sums: of `M` maps it sums `K` products, and of the sums and `P` numbers of the pixel
-/// itself it makes `O` results.
+/// A computation around window sums: of `M` maps it sums `K` products down each column, sums these along the row, and of
+/// that and `P` numbers of the pixel itself it makes `O` results. What is not linear in the maps is given the middle of
+/// each sum, from which to count.
 pub(super) trait Windowed<const M: usize, const P: usize, const K: usize, const O: usize>: Copy + Sync {
-    /// What is summed.
-    fn product<S: Simd, T: Lanes>(self, maps: [Wide<S, T>; M]) -> [Wide<S, T>; K];
+    /// What is summed down a column, of a pixel and of the one in the middle. Outside the picture maps are zero.
+    fn product<S: Simd, T: Lanes>(self, maps: [Wide<S, T>; M], middle: [Wide<S, T>; M]) -> [Wide<S, T>; K];
 
-    /// What is made of the sums.
-    fn finish<S: Simd, T: Lanes>(self, sums: [Wide<S, T>; K], own: [Wide<S, T>; P]) -> [Wide<S, T>; O];
+    /// What a column hands on.
+    #[inline(always)]
+    fn column<S: Simd, T: Lanes>(self, sums: [Wide<S, T>; K], _: [Wide<S, T>; M]) -> [Wide<S, T>; K] {
+        sums
+    }
+
+    /// What is summed along a row, of a column and of the one in the middle. Outside the picture a column is zero.
+    #[inline(always)]
+    fn along<S: Simd, T: Lanes>(self, column: [Wide<S, T>; K], _: [Wide<S, T>; K]) -> [Wide<S, T>; K] {
+        column
+    }
+
+    /// What is made of the sums, of the column in the middle, and of the pixel.
+    fn finish<S: Simd, T: Lanes>(
+        self,
+        sums: [Wide<S, T>; K],
+        middle: [Wide<S, T>; K],
+        own: [Wide<S, T>; P],
+    ) -> [Wide<S, T>; O];
 }
 
 /// The sums themselves.
@@ -28,12 +46,17 @@ pub(super) struct Blur;
 
 impl Windowed<1, 0, 1, 1> for Blur {
     #[inline(always)]
-    fn product<S: Simd, T: Lanes>(self, maps: [Wide<S, T>; 1]) -> [Wide<S, T>; 1] {
+    fn product<S: Simd, T: Lanes>(self, maps: [Wide<S, T>; 1], _: [Wide<S, T>; 1]) -> [Wide<S, T>; 1] {
         maps
     }
 
     #[inline(always)]
-    fn finish<S: Simd, T: Lanes>(self, sums: [Wide<S, T>; 1], _: [Wide<S, T>; 0]) -> [Wide<S, T>; 1] {
+    fn finish<S: Simd, T: Lanes>(
+        self,
+        sums: [Wide<S, T>; 1],
+        _: [Wide<S, T>; 1],
+        _: [Wide<S, T>; 0],
+    ) -> [Wide<S, T>; 1] {
         sums
     }
 }
@@ -47,15 +70,38 @@ pub(crate) enum Similarity {
     Structure,
 }
 
-/// The windowed moments of two pictures at one pixel: mean a, mean b, mean a² + b², mean ab.
+/// The windowed moments of two pictures at one pixel: mean a, mean b, variance of a + variance of b, covariance.
+///
+/// A variance as `mean a² - (mean a)²` is a small difference of large numbers where a picture is bright and flat: single
+/// precision leaves SSIM three digits. So pixels count from the middle of their column, columns from the middle of their
+/// row, and the variance is the mean of the columns' variances plus the variance of their means. That holds exactly,
+/// because the weights sum to 1 exactly; black outside the picture counts like every other pixel.
 type Moments<S, T> = [Wide<S, T>; 4];
 
-/// A similarity, and its slopes with respect to the moments.
+/// A similarity, and its slopes with respect to mean a, mean b, mean a² + b² and mean ab.
 type Trace<S, T> = [Wide<S, T>; 5];
 
+/// A pixel's part in the sums down its column.
 #[inline(always)]
-fn products<S: Simd, T: Lanes>([a, b]: [Wide<S, T>; 2]) -> Moments<S, T> {
+fn of_pixel<S: Simd, T: Lanes>([a, b]: [Wide<S, T>; 2], [middle_a, middle_b]: [Wide<S, T>; 2]) -> Moments<S, T> {
+    let (a, b) = (a - middle_a, b - middle_b);
     [a, b, a * a + b * b, a * b]
+}
+
+/// A column's part in the sums along the row.
+#[inline(always)]
+fn of_column<S: Simd, T: Lanes>(column: Moments<S, T>, middle: Moments<S, T>) -> Moments<S, T> {
+    let (a, b) = (column[0] - middle[0], column[1] - middle[1]);
+    [a, b, column[2] + (a * a + b * b), column[3] + a * b]
+}
+
+/// Moments from sums that count from the middle.
+#[inline(always)]
+fn from_middle<S: Simd, T: Lanes>(
+    [a, b, squares, product]: Moments<S, T>,
+    [middle_a, middle_b]: [Wide<S, T>; 2],
+) -> Moments<S, T> {
+    [middle_a + a, middle_b + b, squares - (a * a + b * b), product - a * b]
 }
 
 impl Similarity {
@@ -70,13 +116,28 @@ impl Similarity {
 
 impl Windowed<2, 0, 4, 1> for Similarity {
     #[inline(always)]
-    fn product<S: Simd, T: Lanes>(self, maps: [Wide<S, T>; 2]) -> Moments<S, T> {
-        products(maps)
+    fn product<S: Simd, T: Lanes>(self, maps: [Wide<S, T>; 2], middle: [Wide<S, T>; 2]) -> Moments<S, T> {
+        of_pixel(maps, middle)
     }
 
     #[inline(always)]
-    fn finish<S: Simd, T: Lanes>(self, sums: Moments<S, T>, _: [Wide<S, T>; 0]) -> [Wide<S, T>; 1] {
-        [self.trace(sums)[0]]
+    fn column<S: Simd, T: Lanes>(self, sums: Moments<S, T>, middle: [Wide<S, T>; 2]) -> Moments<S, T> {
+        from_middle(sums, middle)
+    }
+
+    #[inline(always)]
+    fn along<S: Simd, T: Lanes>(self, column: Moments<S, T>, middle: Moments<S, T>) -> Moments<S, T> {
+        of_column(column, middle)
+    }
+
+    #[inline(always)]
+    fn finish<S: Simd, T: Lanes>(
+        self,
+        sums: Moments<S, T>,
+        middle: Moments<S, T>,
+        _: [Wide<S, T>; 0],
+    ) -> [Wide<S, T>; 1] {
+        [self.trace(from_middle(sums, [middle[0], middle[1]]))[0]]
     }
 }
 
@@ -86,13 +147,23 @@ pub(super) struct Traced(pub(super) Similarity);
 
 impl Windowed<2, 0, 4, 5> for Traced {
     #[inline(always)]
-    fn product<S: Simd, T: Lanes>(self, maps: [Wide<S, T>; 2]) -> Moments<S, T> {
-        products(maps)
+    fn product<S: Simd, T: Lanes>(self, maps: [Wide<S, T>; 2], middle: [Wide<S, T>; 2]) -> Moments<S, T> {
+        of_pixel(maps, middle)
     }
 
     #[inline(always)]
-    fn finish<S: Simd, T: Lanes>(self, sums: Moments<S, T>, _: [Wide<S, T>; 0]) -> Trace<S, T> {
-        self.0.trace(sums)
+    fn column<S: Simd, T: Lanes>(self, sums: Moments<S, T>, middle: [Wide<S, T>; 2]) -> Moments<S, T> {
+        from_middle(sums, middle)
+    }
+
+    #[inline(always)]
+    fn along<S: Simd, T: Lanes>(self, column: Moments<S, T>, middle: Moments<S, T>) -> Moments<S, T> {
+        of_column(column, middle)
+    }
+
+    #[inline(always)]
+    fn finish<S: Simd, T: Lanes>(self, sums: Moments<S, T>, middle: Moments<S, T>, _: [Wide<S, T>; 0]) -> Trace<S, T> {
+        self.0.trace(from_middle(sums, [middle[0], middle[1]]))
     }
 }
 
@@ -103,13 +174,13 @@ fn positive<S: Simd, T: Lanes>(variance: Wide<S, T>) -> Wide<S, T> {
 }
 
 #[inline(always)]
-fn ssim<S: Simd, T: Lanes>([mean_a, mean_b, square, cross]: Moments<S, T>) -> Trace<S, T> {
-    let [two, one, zero] = [2.0, 1.0, 0.0].map(|value| square.value(value));
-    let [c1, c2] = [C1, C2].map(|value| square.value(value));
+fn ssim<S: Simd, T: Lanes>([mean_a, mean_b, variances, covariance]: Moments<S, T>) -> Trace<S, T> {
+    let [two, one, zero] = [2.0, 1.0, 0.0].map(|value| mean_a.value(value));
+    let [c1, c2] = [C1, C2].map(|value| mean_a.value(value));
     let squared_means = mean_a * mean_a + mean_b * mean_b;
     let luminance = two * mean_a * mean_b + c1;
-    let contrast = two * (cross - mean_a * mean_b) + c2;
-    let (means, variances) = (squared_means + c1, positive(square - squared_means) + c2);
+    let contrast = two * covariance + c2;
+    let (means, variances) = (squared_means + c1, positive(variances) + c2);
     let inverse = one / (means * variances);
     let value = luminance * contrast * inverse;
     let (by_means, by_variances) = (value * variances * inverse, value * means * inverse);
@@ -124,14 +195,13 @@ fn ssim<S: Simd, T: Lanes>([mean_a, mean_b, square, cross]: Moments<S, T>) -> Tr
 }
 
 #[inline(always)]
-fn structure<S: Simd, T: Lanes>([mean_a, mean_b, square, cross]: Moments<S, T>) -> Trace<S, T> {
-    let [half, one, zero] = [0.5, 1.0, 0.0].map(|value| square.value(value));
-    let c3 = square.value(C3);
-    let covariance = cross - mean_a * mean_b + c3;
-    let variances = positive(square - (mean_a * mean_a + mean_b * mean_b)) + c3;
+fn structure<S: Simd, T: Lanes>([mean_a, mean_b, variances, covariance]: Moments<S, T>) -> Trace<S, T> {
+    let [half, one, zero] = [0.5, 1.0, 0.0].map(|value| mean_a.value(value));
+    let c3 = mean_a.value(C3);
+    let (covariance, variances) = (covariance + c3, positive(variances) + c3);
     let inverse = one / variances.sqrt();
     let value = covariance * inverse;
-    let clipped = value.max(zero).min(square.value(STRUCTURE_MAX));
+    let clipped = value.max(zero).min(mean_a.value(STRUCTURE_MAX));
     let open = inverse.where_equal(value, clipped);
     let by_variances = value * inverse * open;
     [
@@ -150,7 +220,11 @@ pub(super) struct SimilarityAdjoint;
 
 impl Windowed<5, 2, 4, 2> for SimilarityAdjoint {
     #[inline(always)]
-    fn product<S: Simd, T: Lanes>(self, [v_map, mean_a, mean_b, square, cross]: [Wide<S, T>; 5]) -> [Wide<S, T>; 4] {
+    fn product<S: Simd, T: Lanes>(
+        self,
+        [v_map, mean_a, mean_b, square, cross]: [Wide<S, T>; 5],
+        _: [Wide<S, T>; 5],
+    ) -> [Wide<S, T>; 4] {
         [v_map * mean_a, v_map * mean_b, v_map * square, v_map * cross]
     }
 
@@ -158,6 +232,7 @@ impl Windowed<5, 2, 4, 2> for SimilarityAdjoint {
     fn finish<S: Simd, T: Lanes>(
         self,
         [v_mean_a, v_mean_b, v_square, v_cross]: [Wide<S, T>; 4],
+        _: [Wide<S, T>; 4],
         [a, b]: [Wide<S, T>; 2],
     ) -> [Wide<S, T>; 2] {
         let v_square = v_square + v_square;
