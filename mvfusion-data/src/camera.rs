@@ -77,6 +77,13 @@ impl Camera {
         let (sx, sy) = (width as f64 / self.width as f64, height as f64 / self.height as f64);
         Self { width, height, fx: self.fx * sx, fy: self.fy * sy, cx: self.cx * sx, cy: self.cy * sy, ..*self }
     }
+
+    /// The same camera for a picture of another format: it sees as much from top to bottom, and more or less to the sides.
+    pub fn reframed(&self, width: usize, height: usize) -> Self {
+        let scale = height as f64 / self.height as f64;
+        let cx = (self.cx - self.width as f64 / 2.0) * scale + width as f64 / 2.0;
+        Self { width, height, fx: self.fx * scale, fy: self.fy * scale, cx, cy: self.cy * scale, ..*self }
+    }
 }
 
 #[cfg(test)]
@@ -107,5 +114,15 @@ mod tests {
         let p = c.centre() + c.rotation.transpose() * DVec3::new(0.3, -0.2, 2.0);
         let (full, half) = (c.project(p).expect("in front"), c.resized(80, 60).project(p).expect("in front"));
         assert!((full * 0.5 - half).length() < 1e-9);
+    }
+
+    #[test]
+    fn another_format_shows_the_same_from_top_to_bottom() {
+        let c = Camera { cx: 90.0, ..camera() };
+        let wide = c.reframed(480, 240);
+        let p = c.centre() + c.rotation.transpose() * DVec3::new(0.3, -0.2, 2.0);
+        let (old, new) = (c.project(p).expect("in front"), wide.project(p).expect("in front"));
+        // Twice the size, and half of the 160 pixels that were gained on the left.
+        assert!((new - (2.0 * old + DVec2::new(80.0, 0.0))).length() < 1e-9);
     }
 }

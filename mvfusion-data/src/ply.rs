@@ -1,5 +1,7 @@
 //! Point clouds in PLY files, read by the names of their fields.
 
+mod gaussians;
+
 use std::fmt;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -9,6 +11,8 @@ use serde::de::{SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use serde_ply::{ElementDef, PlyFormat, PlyReader, PropertyType, ScalarType};
 use tracing::warn;
+
+pub use gaussians::read_gaussians;
 
 use crate::paths::open_file;
 use crate::{DataError, PointCloud};
@@ -106,18 +110,7 @@ pub(crate) fn warn_of_none(folder: &Path, names: &[&str]) {
 fn read_vertices(reader: impl BufRead, room: u64) -> Result<PointCloud, String> {
     // The parser wants a line to end, and in some files the last one does not.
     let mut ply = PlyReader::from_reader(reader.chain(&b"\n"[..])).map_err(|e| e.to_string())?;
-    let vertex = loop {
-        let element = ply.current_element().ok_or("it has no element `vertex`")?.clone();
-        if element.name == "vertex" {
-            break element;
-        }
-        // Rows of no bytes would never meet the end of the file.
-        if !element.properties.is_empty() {
-            ply.next_element::<Vec<Ignored>>().map_err(|e| e.to_string())?;
-        } else {
-            return Err(format!("its element `{}` has no properties", element.name));
-        }
-    };
+    let vertex = vertex_element(&mut ply)?;
     for name in ["x", "y", "z"] {
         scalar(&vertex, name).ok_or_else(|| format!("its vertices have no number `{name}`"))?;
     }
@@ -134,6 +127,21 @@ fn read_vertices(reader: impl BufRead, room: u64) -> Result<PointCloud, String> 
         *colour = colour.clamp(Vec3::ZERO, Vec3::ONE);
     }
     Ok(points)
+}
+
+/// Goes to the element `vertex`, past those before it.
+fn vertex_element(ply: &mut PlyReader<impl BufRead>) -> Result<ElementDef, String> {
+    loop {
+        let element = ply.current_element().ok_or("it has no element `vertex`")?.clone();
+        if element.name == "vertex" {
+            return Ok(element);
+        }
+        // Rows of no bytes would never meet the end of the file.
+        if element.properties.is_empty() {
+            return Err(format!("its element `{}` has no properties", element.name));
+        }
+        ply.next_element::<Vec<Ignored>>().map_err(|e| e.to_string())?;
+    }
 }
 
 /// Makes sure that a file of `room` bytes can hold as many vertices as it announces.

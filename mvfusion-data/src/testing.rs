@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 
 use image::{Rgb, RgbImage};
 use npyz::WriterBuilder;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -63,6 +65,24 @@ impl SceneFolder {
         let message = self.open().expect_err("the scene is damaged").to_string();
         assert!(message.contains(self.path().to_str().expect("utf-8")), "the place is missing: {message}");
         parts.iter().for_each(|part| assert!(message.contains(part), "`{part}` is missing: {message}"));
+    }
+
+    /// Writes a file with one wrong character after another: each leaves an error, or a scene of finite numbers.
+    pub(crate) fn survives_wrong_characters(&self, name: &str, whole: &str) {
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        for _ in 0..150 {
+            let mut text = whole.as_bytes().to_vec();
+            let place = random.random_range(0..text.len());
+            text[place] = b"0123456789.-e[]{},\"x"[random.random_range(0..20)];
+            self.write(name, &text);
+            let Ok(scene) = self.open() else { continue };
+            for view in scene.train.iter().chain(&scene.test) {
+                let camera = &view.camera;
+                assert!(camera.rotation.is_finite() && camera.translation.is_finite());
+                assert!(camera.fx > 0.0 && camera.fy > 0.0 && camera.fx.is_finite() && camera.cx.is_finite());
+                assert!((0.0..=1.0).contains(&view.time));
+            }
+        }
     }
 }
 

@@ -5,6 +5,7 @@
 
 #[cfg(feature = "h264")]
 mod colour;
+mod encode;
 mod ffmpeg;
 #[cfg(feature = "h264")]
 mod h264;
@@ -28,6 +29,7 @@ use crate::DataError;
 
 use permit::Permit;
 
+pub use encode::{VideoWriter, can_write_videos};
 pub(crate) use store::FrameStore;
 
 /// Frames with more pixels are refused: a header that lies must not cost the memory for its claim.

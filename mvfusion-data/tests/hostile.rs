@@ -1,6 +1,6 @@
-//! Files that nobody should have written: whole scenes of every layout with one damaged file in them. Whatever its bytes
-//! are, a reader answers with a scene or an error, without panic, without hanging, and without taking memory that the
-//! files do not warrant. If it is a scene, it is one that training can compute with.
+//! Files that nobody should have written: whole scenes of every layout with one damaged file in them, and damaged files
+//! of Gaussians. Whatever its bytes are, a reader answers with a scene or an error, without panic, without hanging, and
+//! without taking memory that the files do not warrant. If it is a scene, it is one that training can compute with.
 //!
 //! Each file of [`targets`] is damaged `PROPTEST_CASES` times, [`CASES`] unless that is set. Damage is drawn by proptest, which
 //! shrinks what it finds.
@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
-use mvfusion_data::{Layout, ReadOptions, Scene, View, open};
+use mvfusion_data::{DataError, GaussianCloud, Layout, ReadOptions, Scene, View, open, read_gaussians, rest_width};
 use peak_alloc::PeakAlloc;
 use proptest::collection::vec;
 use proptest::test_runner::{Config, TestCaseError, TestRunner};
@@ -26,6 +26,9 @@ static ALLOCATOR: PeakAlloc = PeakAlloc;
 
 /// Cases of each file where `PROPTEST_CASES` does not say otherwise.
 const CASES: u32 = 800;
+
+/// Gaussians in a file of them: enough that its rows weigh more than what reading holds in any case.
+const GAUSSIANS: usize = 600;
 
 /// Most changes to a file at once.
 const MOST_CHANGES: usize = 4;
@@ -87,6 +90,9 @@ fn written(layout: Layout, folder: &Path) {
     open(folder, &ReadOptions::default()).unwrap_or_else(|error| panic!("{}: {error}", layout.key()));
 }
 
+/// Reads a file; inside is what is wrong with its content, which should have been refused.
+type Reading<'a> = dyn Fn() -> Result<Result<(), String>, DataError> + 'a;
+
 /// Bytes of all files below a folder.
 fn bytes_below(folder: &Path) -> usize {
     let entries = fs::read_dir(folder).expect("listed").map(|entry| entry.expect("listed").path());
@@ -97,19 +103,19 @@ fn bytes_below(folder: &Path) -> usize {
     entries.map(size).sum()
 }
 
-/// Reads a scene with the damaged file in it; a panic is proptest's to catch.
-fn read(folder: &Path, file: &Path, content: &[u8]) -> Result<(), TestCaseError> {
+/// Reads with the damaged file in the folder; a panic is proptest's to catch.
+fn read(folder: &Path, file: &Path, content: &[u8], reading: &Reading<'_>) -> Result<(), TestCaseError> {
     fs::write(file, content).expect("written");
     let files = bytes_below(folder);
     let before = ALLOCATOR.current_usage();
     ALLOCATOR.reset_peak_usage();
-    let outcome = open(folder, &ReadOptions::default());
+    let outcome = reading();
     let taken = ALLOCATOR.peak_usage().saturating_sub(before);
     if taken > MOST_TIMES * files + FIXED {
         return Err(TestCaseError::fail(format!("{taken} bytes were taken for files of {files}")));
     }
     match outcome {
-        Ok(scene) => sound(&scene).map_err(TestCaseError::fail),
+        Ok(soundness) => soundness.map_err(TestCaseError::fail),
         // A message repeats names and numbers of the file, never the file itself.
         Err(error) => match error.to_string() {
             message if message.trim().is_empty() || message.len() > 20_000 => {
@@ -140,6 +146,25 @@ fn sound(scene: &Scene) -> Result<(), String> {
     }
 }
 
+/// Whether all lists of a cloud have an entry for each Gaussian, and all numbers and sizes are finite.
+fn whole(cloud: &GaussianCloud) -> Result<(), String> {
+    let count = cloud.len();
+    let lengths = [cloud.sh_dc.len(), cloud.opacity_logits.len(), cloud.log_scales.len(), cloud.quaternions.len()];
+    let masks = cloud.mask_logits.as_ref().map_or(count, Vec::len);
+    if lengths != [count; 4] || masks != count || cloud.sh_rest.len() != count * rest_width(cloud.sh_degree) {
+        return Err(format!("{count} Gaussians with {lengths:?}, {masks}, {}", cloud.sh_rest.len()));
+    }
+    if let Some(sizes) = cloud.log_scales.iter().find(|sizes| !sizes.iter().all(|size| size.exp().is_finite())) {
+        return Err(format!("a Gaussian has the sizes {sizes:?}"));
+    }
+    let threes = [&cloud.means, &cloud.sh_dc, &cloud.log_scales].into_iter().chain(&cloud.mask_logits);
+    let numbers = threes.flat_map(|rows| rows.as_flattened()).chain(&cloud.sh_rest).chain(&cloud.opacity_logits);
+    match numbers.chain(cloud.quaternions.as_flattened()).find(|value| !value.is_finite()) {
+        Some(value) => Err(format!("a Gaussian holds {value}")),
+        None => Ok(()),
+    }
+}
+
 /// Ends the process if nothing is said for too long: a test that hangs cannot fail.
 fn watched(body: impl FnOnce(&mpsc::Sender<String>)) {
     let (alive, watch) = mpsc::channel::<String>();
@@ -161,6 +186,49 @@ fn watched(body: impl FnOnce(&mpsc::Sender<String>)) {
     watchdog.join().expect("the watchdog ends");
 }
 
+/// Gaussians as 3DGS writes them, in binary and as text; the second file has masks, which only our program writes.
+fn gaussians() -> [Vec<u8>; 2] {
+    let header = |format: &str, names: &[String]| {
+        let fields: String = names.iter().map(|name| format!("property float {name}\n")).collect();
+        format!("ply\nformat {format} 1.0\nelement vertex {GAUSSIANS}\n{fields}end_header\n")
+    };
+    let names = |before: &[&str], rest: usize, after: &[&str]| -> Vec<String> {
+        let own = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
+        [own(before), (0..rest).map(|index| format!("f_rest_{index}")).collect(), own(after)].concat()
+    };
+    let before = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"];
+    let after = ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"];
+    let masks = ["mask_static", "mask_brightness", "mask_dynamic"];
+    let value = |place: usize| (place % 97) as f32 / 10.0 - 4.0;
+
+    let standard = names(&before, 45, &after);
+    let mut binary = header("binary_little_endian", &standard).into_bytes();
+    binary.extend((0..GAUSSIANS * standard.len()).flat_map(|place| value(place).to_le_bytes()));
+    let masked = names(&before, 9, &[after.as_slice(), &masks].concat());
+    let mut text = header("ascii", &masked);
+    for row in 0..GAUSSIANS {
+        let words: Vec<String> = (0..masked.len()).map(|column| value(row + column).to_string()).collect();
+        text.push_str(&words.join(" "));
+        text.push('\n');
+    }
+    [binary, text.into_bytes()]
+}
+
+/// Damages a file `cases` times; each time it must be answered.
+fn damaged(folder: &Path, name: &str, cases: &Config, alive: &mpsc::Sender<String>, reading: &Reading<'_>) {
+    let (file, shown) = (folder.join(name), folder.display());
+    let sound = fs::read(&file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+    let mut runner = TestRunner::new(cases.clone());
+    let outcome = runner.run(&vec(any_damage(), 1..=MOST_CHANGES), |changes: Vec<Damage>| {
+        let _ = alive.send(format!("{name} in {shown}: {changes:?}"));
+        let mut content = sound.clone();
+        changes.iter().for_each(|change| change.apply(&mut content));
+        read(folder, &file, &content, reading)
+    });
+    outcome.unwrap_or_else(|failure| panic!("{name} in {shown}: {failure}"));
+    fs::write(&file, &sound).expect("restored");
+}
+
 // One test, one thread: memory is counted for the whole process.
 #[test]
 fn damaged_files_are_answered_whatever_they_hold() {
@@ -172,18 +240,18 @@ fn damaged_files_are_answered_whatever_they_hold() {
             let folder = place.path().join(layout.key());
             written(layout, &folder);
             for name in files {
-                let file = folder.join(name);
-                let sound = fs::read(&file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
-                let mut runner = TestRunner::new(config.clone());
-                let outcome = runner.run(&vec(any_damage(), 1..=MOST_CHANGES), |changes: Vec<Damage>| {
-                    let _ = alive.send(format!("{} in {}: {changes:?}", name, layout.key()));
-                    let mut content = sound.clone();
-                    changes.iter().for_each(|change| change.apply(&mut content));
-                    read(&folder, &file, &content)
+                damaged(&folder, name, &config, alive, &|| {
+                    open(&folder, &ReadOptions::default()).map(|scene| sound(&scene))
                 });
-                outcome.unwrap_or_else(|failure| panic!("{} in {}: {failure}", name, layout.key()));
-                fs::write(&file, &sound).expect("restored");
             }
+        }
+        for (kind, content) in ["binary", "text"].into_iter().zip(gaussians()) {
+            let folder = place.path().join(kind);
+            let file = folder.join("gaussians.ply");
+            fs::create_dir(&folder).expect("made");
+            fs::write(&file, content).expect("written");
+            assert_eq!(read_gaussians(&file).expect("a sound file").len(), GAUSSIANS);
+            damaged(&folder, "gaussians.ply", &config, alive, &|| read_gaussians(&file).map(|cloud| whole(&cloud)));
         }
     });
 }

@@ -1,8 +1,6 @@
 //! A tiny capture, whole and damaged in every way that users meet.
 
 use glam::{DVec2, DVec3, Vec3};
-use rand::{RngExt, SeedableRng};
-use rand_chacha::ChaCha8Rng;
 use serde_json::{Value, json};
 
 use super::*;
@@ -221,20 +219,5 @@ fn lists_that_do_not_fit_are_refused() {
 
 #[test]
 fn damaged_text_is_an_error_or_a_scene_of_finite_numbers() {
-    let folder = capture();
-    let whole = camera().to_string().into_bytes();
-    let mut random = ChaCha8Rng::seed_from_u64(1);
-    for _ in 0..150 {
-        let mut text = whole.clone();
-        let place = random.random_range(0..text.len());
-        text[place] = b"0123456789.-e[]{},\"x"[random.random_range(0..20)];
-        folder.write("camera/left_1.json", &text);
-        let Ok(scene) = folder.open() else { continue };
-        for view in scene.train.iter().chain(&scene.test) {
-            let camera = &view.camera;
-            assert!(camera.rotation.is_finite() && camera.translation.is_finite());
-            assert!(camera.fx > 0.0 && camera.fy > 0.0 && camera.fx.is_finite() && camera.cx.is_finite());
-            assert!((0.0..=1.0).contains(&view.time));
-        }
-    }
+    capture().survives_wrong_characters("camera/left_1.json", &camera().to_string());
 }

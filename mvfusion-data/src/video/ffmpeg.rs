@@ -113,7 +113,7 @@ fn stream(stream: &Value) -> Option<((u32, u32), usize)> {
 }
 
 /// A file name that cannot be mistaken for an option or an address.
-fn local(path: &Path) -> OsString {
+pub(super) fn local(path: &Path) -> OsString {
     let mut name = OsString::from("file:");
     name.push(path);
     name

@@ -41,7 +41,7 @@ pub(super) fn json(value: &impl Serialize) -> Result<Vec<u8>, Misfit> {
 }
 
 /// A point cloud as a binary PLY file. It has normals, all zero, because 3DGS and its kin demand them.
-pub(super) fn ply(points: &PointCloud) -> Vec<u8> {
+pub fn ply(points: &PointCloud) -> Vec<u8> {
     let mut bytes = format!("ply\nformat binary_little_endian 1.0\nelement vertex {}\n", points.len()).into_bytes();
     for name in ["x", "y", "z", "nx", "ny", "nz"] {
         bytes.extend(format!("property float {name}\n").bytes());

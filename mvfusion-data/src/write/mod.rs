@@ -31,6 +31,7 @@ use std::path::Path;
 
 use tracing::{info, warn};
 
+pub use encode::ply;
 pub use error::WriteError;
 pub use layout::Layout;
 pub use package::{BACKGROUND_TRUTH, DEPTH_TRUTH, MASKS_TRUTH};

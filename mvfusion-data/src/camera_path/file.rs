@@ -1,0 +1,238 @@
+//! Camera paths in files: what nerfstudio's viewer exports, and the `cameras.json` of 3DGS.
+//!
+//! * nerfstudio: `{"camera_path": [{"camera_to_world": 16 numbers by rows, "fov": vertical, in degrees}, …],
+//!   "render_width", "render_height", "fps"}`; the camera looks along -z with y up (OpenGL). `render_time` of an entry is
+//!   its moment.
+//! * 3DGS: `[{"position", "rotation": camera-to-world by rows, "fx", "fy", "width", "height"}, …]` in OpenCV axes.
+//!
+//! In both, `time` of an entry is its moment in `[0, 1]` as well, which is ours.
+
+use std::path::Path;
+
+use glam::{DMat3, DVec3};
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
+use crate::paths::read_json;
+use crate::rotation::rotation_of;
+use crate::{Camera, DataError};
+
+const ADVICE: &str = "Camera paths are what nerfstudio's viewer exports, or lists like the cameras.json of 3DGS: export \
+                      it again, or mend the entry by hand.";
+/// Most entries of a path: an hour at 30 frames a second.
+const MOST_ENTRIES: usize = 108_000;
+/// Longest side of a picture.
+const LONGEST_SIDE: usize = 16_384;
+
+/// A path that was read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraPath {
+    /// The cameras, in their order. Never empty.
+    pub entries: Vec<PathEntry>,
+    /// Frames a second, where the file says so.
+    pub fps: Option<f64>,
+}
+
+/// A camera of a path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PathEntry {
+    /// The camera.
+    pub camera: Camera,
+    /// Its moment in `[0, 1]`, where the file says so.
+    pub time: Option<f64>,
+}
+
+/// The file of nerfstudio.
+#[derive(Deserialize)]
+struct Export {
+    camera_path: Vec<Value>,
+    render_width: usize,
+    render_height: usize,
+    fps: Option<f64>,
+    camera_type: Option<String>,
+}
+
+/// An entry of nerfstudio's file.
+#[derive(Deserialize)]
+struct Key {
+    camera_to_world: Vec<f64>,
+    fov: f64,
+    #[serde(alias = "render_time")]
+    time: Option<f64>,
+}
+
+/// An entry of 3DGS' file.
+#[derive(Deserialize)]
+struct Listed {
+    position: [f64; 3],
+    rotation: [[f64; 3]; 3],
+    fx: f64,
+    fy: f64,
+    width: usize,
+    height: usize,
+    time: Option<f64>,
+}
+
+/// Reads a path.
+///
+/// # Errors
+/// [`DataError::Content`] that names the entry, counted from 0.
+pub fn read_camera_path(path: &Path) -> Result<CameraPath, DataError> {
+    let value: Value = read_json(path, ADVICE)?;
+    let parsed = if value.is_array() { parse_list(value) } else { parse_export(value) };
+    parsed.map_err(|reason| DataError::Content { path: path.to_owned(), reason, advice: ADVICE })
+}
+
+fn parse_export(value: Value) -> Result<CameraPath, String> {
+    let export: Export = serde_json::from_value(value).map_err(|e| e.to_string())?;
+    if let Some(kind) = export.camera_type.as_ref().filter(|kind| *kind != "perspective") {
+        return Err(format!("its camera_type is `{kind}`, and only `perspective` can be rendered"));
+    }
+    if let Some(fps) = export.fps.filter(|fps| !(fps.is_finite() && *fps > 0.0)) {
+        return Err(format!("its fps is {fps}"));
+    }
+    let (width, height) = (export.render_width, export.render_height);
+    let entries = entries(export.camera_path, |key: Key| key.entry(width, height))?;
+    Ok(CameraPath { entries, fps: export.fps })
+}
+
+fn parse_list(value: Value) -> Result<CameraPath, String> {
+    let list: Vec<Value> = serde_json::from_value(value).map_err(|e| e.to_string())?;
+    Ok(CameraPath { entries: entries(list, |listed: Listed| listed.entry())?, fps: None })
+}
+
+/// The entries of a list, checked; a complaint names the entry.
+fn entries<R: DeserializeOwned>(
+    list: Vec<Value>,
+    entry: impl Fn(R) -> Result<PathEntry, String>,
+) -> Result<Vec<PathEntry>, String> {
+    if list.is_empty() {
+        return Err("it has no camera".into());
+    }
+    if list.len() > MOST_ENTRIES {
+        return Err(format!("it has {} cameras, more than {MOST_ENTRIES}", list.len()));
+    }
+    let read = |value: Value| check(entry(serde_json::from_value(value).map_err(|e| e.to_string())?)?);
+    let named = |(index, value)| read(value).map_err(|reason| format!("camera {index}: {reason}"));
+    list.into_iter().enumerate().map(named).collect()
+}
+
+fn check(entry: PathEntry) -> Result<PathEntry, String> {
+    let Camera { width, height, fx, fy, translation, .. } = entry.camera;
+    if width == 0 || height == 0 || width.max(height) > LONGEST_SIDE {
+        return Err(format!("its picture has {width} x {height} pixels, and a side has 1 to {LONGEST_SIDE}"));
+    }
+    if ![fx, fy].iter().all(|focal| focal.is_finite() && *focal > 0.0) {
+        return Err(format!("its focal lengths are {fx} and {fy} pixels, and both must be above zero"));
+    }
+    if !translation.is_finite() {
+        return Err("its position is not finite".into());
+    }
+    match entry.time {
+        Some(time) if !(0.0..=1.0).contains(&time) => Err(format!("its time is {time}, and times lie in [0, 1]")),
+        _ => Ok(entry),
+    }
+}
+
+impl Key {
+    fn entry(self, width: usize, height: usize) -> Result<PathEntry, String> {
+        let matrix = self.camera_to_world;
+        if matrix.len() != 16 {
+            return Err(format!("its camera_to_world has {} numbers and not 16", matrix.len()));
+        }
+        let column = |c: usize| DVec3::new(matrix[c], matrix[4 + c], matrix[8 + c]);
+        let axes = rotation_of(DMat3::from_cols(column(0), -column(1), -column(2)));
+        let axes = axes.ok_or("its camera_to_world has axes that are no rotation")?;
+        if !(self.fov > 0.0 && self.fov < 180.0) {
+            return Err(format!("its fov is {} degrees, and must lie between 0 and 180", self.fov));
+        }
+        let focal = height as f64 / (2.0 * (self.fov.to_radians() / 2.0).tan());
+        Ok(PathEntry { camera: Camera::centred(width, height, focal, axes, column(3)), time: self.time })
+    }
+}
+
+impl Listed {
+    fn entry(self) -> Result<PathEntry, String> {
+        let axes = rotation_of(DMat3::from_cols_array_2d(&self.rotation).transpose());
+        let axes = axes.ok_or("its rotation is none")?;
+        let camera = Camera::centred(self.width, self.height, self.fx, axes, DVec3::from_array(self.position));
+        Ok(PathEntry { camera: Camera { fy: self.fy, ..camera }, time: self.time })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    fn read(text: &str) -> Result<CameraPath, String> {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("path.json");
+        fs::write(&path, text).expect("written");
+        read_camera_path(&path).map_err(|error| error.to_string())
+    }
+
+    fn times(path: &CameraPath) -> Vec<Option<f64>> {
+        path.entries.iter().map(|entry| entry.time).collect()
+    }
+
+    /// The identity in OpenGL axes, at (1, 2, 3).
+    const MATRIX: &str = "[1,0,0,1, 0,1,0,2, 0,0,1,3, 0,0,0,1]";
+
+    #[test]
+    fn an_export_of_nerfstudio_looks_along_minus_z_with_y_up() {
+        let path = read(&format!(
+            r#"{{"camera_type":"perspective","render_height":100,"render_width":200,"fps":24,"seconds":4,"camera_path":[
+                {{"camera_to_world":{MATRIX},"fov":90,"aspect":2}},
+                {{"camera_to_world":{MATRIX},"fov":90,"aspect":2,"render_time":0.25}}]}}"#
+        ))
+        .expect("read");
+        assert_eq!((path.fps, path.entries.len()), (Some(24.0), 2));
+        let camera = path.entries[0].camera;
+        assert_eq!((camera.width, camera.height), (200, 100));
+        // Half the height is as far away as the picture, for 90 degrees.
+        assert!((camera.fx - 50.0).abs() < 1e-12 && (camera.fy - 50.0).abs() < 1e-12);
+        assert!(camera.centre().distance(DVec3::new(1.0, 2.0, 3.0)) < 1e-12);
+        assert!(
+            camera.forward().distance(DVec3::NEG_Z) < 1e-12 && camera.rotation.row(1).distance(DVec3::NEG_Y) < 1e-12
+        );
+        assert_eq!(times(&path), [None, Some(0.25)]);
+    }
+
+    #[test]
+    fn a_list_of_3dgs_has_rotations_to_the_world_by_rows() {
+        // Right is the world's y, down its z, forward its x.
+        let path = read(
+            r#"[{"id":0,"img_name":"a","width":64,"height":48,"position":[1,2,3],"rotation":[[0,0,1],[1,0,0],[0,1,0]],
+                "fx":60,"fy":61,"time":1}]"#,
+        )
+        .expect("read");
+        let camera = path.entries[0].camera;
+        assert!(camera.forward().distance(DVec3::X) < 1e-12 && camera.rotation.row(0).distance(DVec3::Y) < 1e-12);
+        assert_eq!((camera.fx, camera.fy, camera.cx, camera.cy), (60.0, 61.0, 32.0, 24.0));
+        assert!(camera.centre().distance(DVec3::new(1.0, 2.0, 3.0)) < 1e-12);
+        assert_eq!((times(&path), path.fps), (vec![Some(1.0)], None));
+    }
+
+    #[test]
+    fn complaints_name_the_file_and_the_entry() {
+        let good =
+            r#"{"width":64,"height":48,"position":[0,0,0],"rotation":[[1,0,0],[0,1,0],[0,0,1]],"fx":60,"fy":60}"#;
+        let with = |from: &str, to: &str| format!("[{good}, {}]", good.replace(from, to));
+        for (text, words) in [
+            (with("\"fx\":60", "\"fx\":0"), ["camera 1", "focal lengths"]),
+            (with("[[1,0,0]", "[[2,0,0]"), ["camera 1", "rotation"]),
+            (with("\"width\":64", "\"width\":999999"), ["camera 1", "pixels"]),
+            (with("\"fy\":60", "\"fy\":60,\"time\":2"), ["camera 1", "time"]),
+            (with("\"position\":[0,0,0],", ""), ["camera 1", "position"]),
+            ("[]".into(), ["path.json", "no camera"]),
+            ("{\"camera_path\": 7".into(), ["path.json", "line 1"]),
+            ("{\"frames\": []}".into(), ["path.json", "camera_path"]),
+        ] {
+            let error = read(&text).expect_err("refused");
+            assert!(words.iter().all(|word| error.contains(word)), "{error}");
+        }
+    }
+}
