@@ -7,6 +7,8 @@ use mvfusion_render::grid::GridError;
 use mvfusion_render::splat::SplatError;
 use thiserror::Error;
 
+use crate::evaluation::Layer;
+
 /// Why a run cannot go on. Each message says what, where and what to do.
 #[derive(Debug, Error)]
 pub enum ModelError {
@@ -30,6 +32,14 @@ pub enum ModelError {
         /// Its value.
         value: String,
         /// What is wrong with it and what would be right.
+        reason: &'static str,
+    },
+    /// A layer that the model cannot be shown in.
+    #[error("there is no layer `{layer}` to render: {reason}. Ask for other layers.")]
+    Layer {
+        /// The layer.
+        layer: Layer,
+        /// What the model lacks.
         reason: &'static str,
     },
     /// A number that is not finite.

@@ -1,7 +1,8 @@
-//! Files that are either whole or not there.
+//! Files that are either whole or not there, and what tells them apart.
 
 use std::path::Path;
 
+use sha2::{Digest, Sha256};
 use tempfile::NamedTempFile;
 
 /// A temporary file in the folder of `path`, to be renamed onto it, with the permissions of an ordinary new file.
@@ -19,4 +20,14 @@ pub fn beside(path: &Path) -> std::io::Result<NamedTempFile> {
     }
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     builder.tempfile_in(folder)
+}
+
+/// SHA-256 of bytes, in hexadecimal.
+pub fn sha256(bytes: &[u8]) -> String {
+    hexadecimal(Sha256::new_with_prefix(bytes))
+}
+
+/// A finished SHA-256 in hexadecimal.
+pub(crate) fn hexadecimal(hash: Sha256) -> String {
+    hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }

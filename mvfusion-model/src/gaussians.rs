@@ -4,18 +4,22 @@ use std::fmt;
 
 use burn::module::{Module, Param, ParamId};
 use burn::tensor::{DType, Device, Int, Tensor, TensorData, activation::sigmoid};
-use mvfusion_data::Camera;
+use mvfusion_data::{Camera, GaussianCloud};
 use mvfusion_render::profile::{Part, measure};
 use mvfusion_render::splat::{self, SplatInputs, SplatPicture, SplatSettings};
 use serde::{Deserialize, Serialize};
 
 use crate::network::Offsets;
+use crate::{ModelError, tensors};
 
 /// Colour of a Gaussian is `0.5 + SH_C0 * dc` where no direction counts.
 pub const SH_C0: f64 = 0.282_094_791_773_878_14;
 
 /// Background of the features: "near black" (METHOD §1.2).
 const FEATURE_BACKGROUND: f64 = 1e-7;
+
+/// Opacities nearer to 0 or 1 than this are written as this, so that their logits are finite; no 8-bit picture tells.
+const OPACITY_MARGIN: f64 = 1e-6;
 
 /// Gaussians as raw numbers, before any activation; one row each.
 #[derive(Module, Debug)]
@@ -216,6 +220,39 @@ impl RawGaussians {
         Some(share.clamp(1e-9, 1.0 - 1e-9) * sigmoid(self.opacity_logits.clone().inner()))
     }
 
+    /// The same Gaussians for a viewer that knows no masks: the share of the foreground in a Gaussian's own mask
+    /// weighs its opacity ([`RawGaussians::foreground_probability`]), so that what the mask gives to the static
+    /// branch fades. That is how the branches are blended where opaque Gaussians of one mask cover a pixel; the
+    /// brightness control of the static branch is lost.
+    pub fn without_masks(self) -> Self {
+        let Some(probability) = self.foreground_probability() else { return self };
+        let opacity = probability.clamp(OPACITY_MARGIN, 1.0 - OPACITY_MARGIN);
+        let logits = opacity.clone().log() - (-opacity + 1.0).log();
+        Self { opacity_logits: logits, mask_logits: None, ..self }
+    }
+
+    /// The numbers of these Gaussians, for a file.
+    ///
+    /// # Errors
+    /// If the device cannot hand them back.
+    pub fn to_cloud(&self) -> Result<GaussianCloud, ModelError> {
+        let [_, coefficients, _] = self.sh.dims();
+        let width = 3 * coefficients;
+        let sh: Vec<f32> = tensors::read(self.sh.clone())?;
+        let read = |tensor: &Tensor<2>| tensors::read::<2, f32>(tensor.clone());
+        let masks = self.mask_logits.as_ref().map(read).transpose()?;
+        Ok(GaussianCloud {
+            sh_degree: coefficients.isqrt().saturating_sub(1),
+            means: rows(&read(&self.means)?, 3).collect(),
+            sh_dc: rows(&sh, width).collect(),
+            sh_rest: sh.chunks_exact(width.max(1)).flat_map(|row| &row[3..]).copied().collect(),
+            opacity_logits: read(&self.opacity_logits)?,
+            log_scales: rows(&read(&self.log_scales)?, 3).collect(),
+            quaternions: rows(&read(&self.quaternions)?, 4).collect(),
+            mask_logits: masks.map(|masks| rows(&masks, 3).collect()),
+        })
+    }
+
     /// The picture of these Gaussians and `features` (`[N, F]`, activated), over a grey of the given level.
     ///
     /// # Errors
@@ -283,6 +320,11 @@ fn plus<const D: usize>(values: Tensor<D>, offsets: Option<Tensor<D>>) -> Tensor
         Some(offsets) => values + offsets,
         None => values,
     }
+}
+
+/// The first `N` numbers of every `stride` of them.
+fn rows<const N: usize>(values: &[f32], stride: usize) -> impl Iterator<Item = [f32; N]> {
+    values.chunks_exact(stride.max(1)).filter_map(|row| row.first_chunk().copied())
 }
 
 /// A `[rows, columns]` parameter tensor of `f64` numbers, in the given precision, on the device with autodiff.

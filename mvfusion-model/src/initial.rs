@@ -1,56 +1,158 @@
-//! The two clouds of Gaussians before the first step (METHOD §3).
+//! The two clouds of Gaussians before the first step: on points (METHOD §3), or from files of other programs.
 
-use burn::tensor::{DType, Device};
+use std::path::Path;
+
+use burn::tensor::{DType, Device, Tensor};
 use glam::{DVec3, Vec3};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
-use mvfusion_data::{Bounds, PointCloud, Scene};
+use mvfusion_data::{Bounds, GaussianCloud, PointCloud, Scene, rest_width};
 use rayon::prelude::*;
 
-use crate::config::{Branches, InitConfig};
+use crate::ModelError;
+use crate::config::{Branches, Config, InitConfig};
 use crate::gaussians::{Attribute, Gaussians, SH_C0, attribute_tensor};
 use crate::random::Stream;
 
 /// Mean squared distances below this are taken as this, so that a scale has a logarithm (3DGS).
 const MIN_SQUARED_DISTANCE: f64 = 1e-7;
 
-/// The initial clouds of a scene.
+/// What a branch starts from.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Seeds {
+    /// Points, on each of which a round Gaussian is put.
+    Points(PointCloud),
+    /// Gaussians from a file.
+    Gaussians(GaussianCloud),
+}
+
+/// What the branches of a scene start from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InitialClouds {
     /// Seeds of the static branch, if there is one.
-    pub static_: Option<PointCloud>,
+    pub static_: Option<Seeds>,
     /// Seeds of the dynamic branch.
-    pub dynamic: PointCloud,
+    pub dynamic: Seeds,
+}
+
+impl Seeds {
+    /// How many Gaussians there will be.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Points(points) => points.len(),
+            Self::Gaussians(gaussians) => gaussians.len(),
+        }
+    }
+
+    /// Whether there will be none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Smallest and largest coordinate along each axis, or `None` if there are no seeds.
+    pub fn bounds(&self) -> Option<(Vec3, Vec3)> {
+        match self {
+            Self::Points(points) => points.bounds(),
+            Self::Gaussians(gaussians) => gaussians.bounds(),
+        }
+    }
 }
 
 impl InitialClouds {
-    /// Draws the clouds of a scene. Where the dynamic branch is the only one, it starts from the points that would
-    /// otherwise be the static one's as well.
-    pub fn draw(scene: &Scene, branches: Branches, config: &InitConfig, stream: &mut Stream) -> Self {
-        let region = region(scene, config);
-        let mut known = scene.points.clone();
-        strew(&mut known, config.static_points, &region, stream);
-        sky(&mut known, config.sky_points, scene, stream);
-        if branches == Branches::Dynamic {
-            strew(&mut known, config.dynamic_points, &region, stream);
-            return Self { static_: None, dynamic: known };
-        }
-
-        let mut dynamic = PointCloud::default();
-        let most = (scene.points.len() as f64 * config.dynamic_cloud_share) as usize;
-        for index in stream.permutation(scene.points.len()).into_iter().take(config.dynamic_from_cloud.min(most)) {
-            let colour = if config.dynamic_cloud_colours { scene.points.colours[index] } else { random_colour(stream) };
-            dynamic.push(scene.points.positions[index], colour);
-        }
-        // What was to be put on points is strewn as well where there are none.
-        let strewn = config.dynamic_points + if scene.points.is_empty() { config.dynamic_from_cloud } else { 0 };
-        strew(&mut dynamic, strewn, &region, stream);
-        if known.is_empty() {
-            // Without points from structure from motion, the static branch starts from random ones as well.
-            tracing::warn!("the scene has no points; the static branch starts from {} random ones", dynamic.len());
-            known = dynamic.clone();
-        }
-        Self { static_: Some(known), dynamic }
+    /// Draws the clouds of a scene, or reads those of which the configuration names a file. Where the dynamic branch
+    /// is the only one, it starts from the points that would otherwise be the static one's as well.
+    ///
+    /// # Errors
+    /// If a file of Gaussians cannot be read, holds none, or more than the configuration allows.
+    pub fn draw(scene: &Scene, config: &Config, stream: &mut Stream) -> Result<Self, ModelError> {
+        let (init, densify) = (&config.init, &config.densify);
+        // Drawn in any case, so that a branch which is drawn does not depend on where the other one comes from.
+        let (static_, dynamic) = draw_points(scene, config.model.branches, init, stream);
+        let dynamic = match &init.dynamic_ply {
+            Some(path) => DYNAMIC_FILE.read(path, densify.dynamic.max_gaussians, config.model.sh_degree)?,
+            None => Seeds::Points(dynamic),
+        };
+        let static_ = match (static_, &init.static_ply) {
+            (Some(_), Some(path)) => {
+                Some(STATIC_FILE.read(path, densify.static_.max_gaussians, config.model.sh_degree)?)
+            }
+            (points, _) => points.map(Seeds::Points),
+        };
+        Ok(Self { static_, dynamic })
     }
+}
+
+/// A key that names a file of Gaussians.
+struct FileKey {
+    key: &'static str,
+    /// What to do about a file of too many.
+    too_many: &'static str,
+}
+
+const STATIC_FILE: FileKey = FileKey {
+    key: "init.static_ply",
+    too_many: "that is more than `densify.static.max_gaussians`; raise that, or thin the file out",
+};
+
+const DYNAMIC_FILE: FileKey = FileKey {
+    key: "init.dynamic_ply",
+    too_many: "that is more than `densify.dynamic.max_gaussians`; raise that, or thin the file out",
+};
+
+impl FileKey {
+    /// The Gaussians of a file.
+    fn read(&self, path: &Path, most: usize, sh_degree: usize) -> Result<Seeds, ModelError> {
+        let cloud = mvfusion_data::read_gaussians(path)?;
+        let count = cloud.len();
+        let refuse = |reason| ModelError::Config {
+            key: self.key,
+            value: format!("{} with {count} Gaussians", path.display()),
+            reason,
+        };
+        if count == 0 {
+            return Err(refuse("a branch needs at least one to start from"));
+        }
+        if count > most {
+            return Err(refuse(self.too_many));
+        }
+        if cloud.sh_degree > sh_degree {
+            let (has, file) = (cloud.sh_degree, path.display());
+            tracing::warn!("{file} has colours of degree {has}, `model.sh_degree` is {sh_degree}: the rest is dropped");
+        }
+        Ok(Seeds::Gaussians(cloud))
+    }
+}
+
+/// The points that the static branch starts from, if there is one, and those of the dynamic branch.
+fn draw_points(
+    scene: &Scene,
+    branches: Branches,
+    config: &InitConfig,
+    stream: &mut Stream,
+) -> (Option<PointCloud>, PointCloud) {
+    let region = region(scene, config);
+    let mut known = scene.points.clone();
+    strew(&mut known, config.static_points, &region, stream);
+    sky(&mut known, config.sky_points, scene, stream);
+    if branches == Branches::Dynamic {
+        strew(&mut known, config.dynamic_points, &region, stream);
+        return (None, known);
+    }
+
+    let mut dynamic = PointCloud::default();
+    let most = (scene.points.len() as f64 * config.dynamic_cloud_share) as usize;
+    for index in stream.permutation(scene.points.len()).into_iter().take(config.dynamic_from_cloud.min(most)) {
+        let colour = if config.dynamic_cloud_colours { scene.points.colours[index] } else { random_colour(stream) };
+        dynamic.push(scene.points.positions[index], colour);
+    }
+    // What was to be put on points is strewn as well where there are none.
+    let strewn = config.dynamic_points + if scene.points.is_empty() { config.dynamic_from_cloud } else { 0 };
+    strew(&mut dynamic, strewn, &region, stream);
+    if known.is_empty() && config.static_ply.is_none() {
+        // Without points from structure from motion, the static branch starts from random ones as well.
+        tracing::warn!("the scene has no points; the static branch starts from {} random ones", dynamic.len());
+        known = dynamic.clone();
+    }
+    (Some(known), dynamic)
 }
 
 /// The box that random points are strewn in: the cloud's with its margin, but not farther from the cameras than
@@ -121,7 +223,6 @@ pub fn gaussians_on(
     dtype: DType,
 ) -> Gaussians {
     let count = cloud.len();
-    let rest = 3 * ((sh_degree + 1).pow(2) - 1);
     let flat = |values: &[Vec3]| -> Vec<f64> { values.iter().flat_map(|v| v.to_array().map(f64::from)).collect() };
     let logit = (opacity / (1.0 - opacity)).ln();
     let log_scales = mean_squared_distances(&cloud.positions)
@@ -134,7 +235,9 @@ pub fn gaussians_on(
     Gaussians::from_tensors(|attribute| match attribute {
         Attribute::Means => Some(tensor(flat(&cloud.positions), 3)),
         Attribute::ShDc => Some(tensor(flat(&cloud.colours).into_iter().map(|c| (c - 0.5) / SH_C0).collect(), 3)),
-        Attribute::ShRest => Some(tensor(vec![0.0; count * rest], rest)),
+        Attribute::ShRest => {
+            Some(rest_tensor(vec![0.0; count * rest_width(sh_degree)], count, sh_degree, device, dtype))
+        }
         Attribute::OpacityLogits => Some(tensor(vec![logit; count], 1)),
         Attribute::LogScales => Some(tensor(Vec::clone(&log_scales), 3)),
         Attribute::Quaternions => Some(tensor([1.0, 0.0, 0.0, 0.0].repeat(count), 4)),
@@ -147,6 +250,47 @@ pub fn gaussians_on(
     .expect("every attribute but the mask logits is given above")
 }
 
+/// The Gaussians of a cloud, with colours of the given degree. Masks are the cloud's; where it has none, or they are
+/// of no use, it is as on points.
+pub fn gaussians_of(
+    cloud: &GaussianCloud,
+    masking: Masking,
+    sh_degree: usize,
+    device: &Device,
+    dtype: DType,
+) -> Gaussians {
+    let cloud = cloud.clone().at_degree(sh_degree);
+    let masks = match (masking, &cloud.mask_logits) {
+        (Masking::Absent, _) => None,
+        (Masking::Blended { .. }, Some(logits)) => Some(doubles(logits.as_flattened())),
+        (Masking::Blended { dynamic_logit }, None) => Some([0.0, 0.0, dynamic_logit].repeat(cloud.len())),
+    };
+    let tensor = |values, columns| attribute_tensor(values, columns, device, dtype);
+    Gaussians::from_tensors(|attribute| match attribute {
+        Attribute::Means => Some(tensor(doubles(cloud.means.as_flattened()), 3)),
+        Attribute::ShDc => Some(tensor(doubles(cloud.sh_dc.as_flattened()), 3)),
+        Attribute::ShRest => Some(rest_tensor(doubles(&cloud.sh_rest), cloud.len(), sh_degree, device, dtype)),
+        Attribute::OpacityLogits => Some(tensor(doubles(&cloud.opacity_logits), 1)),
+        Attribute::LogScales => Some(tensor(doubles(cloud.log_scales.as_flattened()), 3)),
+        Attribute::Quaternions => Some(tensor(doubles(cloud.quaternions.as_flattened()), 4)),
+        Attribute::MaskLogits => masks.clone().map(|masks| tensor(masks, 3)),
+    })
+    // Proof: each arm above is `Some` but that of the mask logits, which a cloud without masking may lack.
+    .expect("every attribute but the mask logits is given above")
+}
+
+/// The higher colour coefficients of `count` Gaussians. No numbers would not tell how many rows there are.
+fn rest_tensor(values: Vec<f64>, count: usize, sh_degree: usize, device: &Device, dtype: DType) -> Tensor<2> {
+    match rest_width(sh_degree) {
+        0 => Tensor::zeros([count, 0], (device, dtype)),
+        width => attribute_tensor(values, width, device, dtype),
+    }
+}
+
+fn doubles(values: &[f32]) -> Vec<f64> {
+    values.iter().map(|&value| f64::from(value)).collect()
+}
+
 /// Mean of the squared distances to the three nearest other points, in double precision. Fewer than four points count the
 /// points there are; a single point has distance 0.
 pub fn mean_squared_distances(positions: &[Vec3]) -> Vec<f64> {
@@ -156,7 +300,8 @@ pub fn mean_squared_distances(positions: &[Vec3]) -> Vec<f64> {
     if points.len() < 2 {
         return vec![0.0; points.len()];
     }
-    // Proof: a cloud of 2^32 points would need 48 GiB for its positions alone; no machine that trains on it is in sight.
+    // Proof: a leaf of this tree takes however many points coincide, and 2^32 Gaussians with the two moments of each of
+    // their 59 numbers would need 3 TB.
     let tree: ImmutableKdTree<f64, 3> =
         ImmutableKdTree::new_from_slice(&points).expect("only more than 2^32 points cannot be indexed");
     let wanted = std::num::NonZeroUsize::MIN.saturating_add(NEIGHBOURS);

@@ -7,6 +7,7 @@ use mvfusion_data::{Picture, Scene};
 use mvfusion_render::grid::GridLayout;
 use serde::Serialize;
 
+use crate::ModelError;
 use crate::config::{Branches, Config};
 use crate::initial::InitialClouds;
 use crate::random::Streams;
@@ -41,8 +42,11 @@ pub struct MemoryNeed {
 
 impl MemoryNeed {
     /// The need of a training on `scene` that keeps at most `image_cache` bytes of decoded pictures.
-    pub fn of(config: &Config, scene: &Scene, image_cache: u64) -> Self {
-        let [dynamic, static_] = initial_counts(config, scene);
+    ///
+    /// # Errors
+    /// If a file of Gaussians to start from cannot be used.
+    pub fn of(config: &Config, scene: &Scene, image_cache: u64) -> Result<Self, ModelError> {
+        let [dynamic, static_] = initial_counts(config, scene)?;
         let densify = &config.densify;
         let most_static = match config.model.branches {
             Branches::Both => densify.static_.max_gaussians.max(static_),
@@ -55,19 +59,19 @@ impl MemoryNeed {
         let pixels = scene.train.first().map_or(0.0, |view| (view.camera.width * view.camera.height) as f64);
         let batch = config.train.batch_size as f64;
         let rest = GRID_NUMBER * numbers(&config.model.grid.layout()) + PIXEL * batch * pixels;
-        Self {
+        Ok(Self {
             program: PROGRAM,
             pictures: pictures(scene).min(image_cache as f64),
             start: rest + gaussians(dynamic, static_),
             most: rest + gaussians(densify.dynamic.max_gaussians.max(dynamic), most_static),
-        }
+        })
     }
 }
 
 /// Numbers of dynamic and static Gaussians before the first step.
-fn initial_counts(config: &Config, scene: &Scene) -> [usize; 2] {
-    let clouds = InitialClouds::draw(scene, config.model.branches, &config.init, &mut Streams::new(config.seed).clouds);
-    [clouds.dynamic.len(), clouds.static_.map_or(0, |cloud| cloud.len())]
+fn initial_counts(config: &Config, scene: &Scene) -> Result<[usize; 2], ModelError> {
+    let clouds = InitialClouds::draw(scene, config, &mut Streams::new(config.seed).clouds)?;
+    Ok([clouds.dynamic.len(), clouds.static_.map_or(0, |cloud| cloud.len())])
 }
 
 /// Numbers in the planes of a grid.
@@ -106,19 +110,20 @@ mod tests {
     fn more_gaussians_and_pixels_need_more_and_pictures_no_more_than_their_budget() {
         let scene = builtin::builtin(&BuiltinOptions { width: 64, height: 48, frames: 2, ..Default::default() });
         let config = Config::default();
-        let need = MemoryNeed::of(&config, &scene, u64::MAX);
-        assert_eq!(need.pictures, f64::from(3 * 64 * 48 * 14));
-        assert_eq!(MemoryNeed::of(&config, &scene, 1000).pictures, 1000.0);
-        assert!(need.most > need.start);
+        let need = |config: &Config, cache| MemoryNeed::of(config, &scene, cache).expect("no files are needed");
+        let whole = need(&config, u64::MAX);
+        assert_eq!(whole.pictures, f64::from(3 * 64 * 48 * 14));
+        assert_eq!(need(&config, 1000).pictures, 1000.0);
+        assert!(whole.most > whole.start);
         let mut one = config.clone();
         one.model.branches = Branches::Dynamic;
-        assert!(MemoryNeed::of(&one, &scene, 0).most < need.most);
+        assert!(need(&one, 0).most < whole.most);
         let mut batch = config.clone();
         batch.train.batch_size += 3;
-        let views = MemoryNeed::of(&batch, &scene, 0).start - MemoryNeed::of(&config, &scene, 0).start;
+        let views = need(&batch, 0).start - need(&config, 0).start;
         assert!((views - 3.0 * PIXEL * 64.0 * 48.0).abs() < 1.0, "every view of a step keeps its layers");
         let mut more = config;
         more.init.static_points = 100_000;
-        assert!(MemoryNeed::of(&more, &scene, 0).start > need.start + 2e8);
+        assert!(need(&more, 0).start > whole.start + 2e8);
     }
 }

@@ -144,17 +144,32 @@ impl Model {
         let settings = surroundings.splat_settings(self.dynamic.sh_degree, surroundings.mask_gradient);
         let dynamic = moved.splat(features, probes.map(|p| p.dynamic.clone()), camera, &settings, background)?;
 
-        let render_static = |branch: &Branch| {
-            let settings = surroundings.splat_settings(branch.sh_degree, false);
-            let still = branch.gaussians.canonical();
-            still.splat(None, probes.map(|p| p.static_.clone()), camera, &settings, background)
-        };
-        let static_ = self.static_.as_ref().map(render_static).transpose()?;
+        let static_ = self.static_picture(camera, probes.map(|p| p.static_.clone()), surroundings)?;
         Ok(BranchPictures { dynamic, static_, foreground })
+    }
+
+    /// Renders the static branch, if there is one.
+    pub(crate) fn static_picture(
+        &self,
+        camera: &Camera,
+        probe: Option<Tensor<2>>,
+        surroundings: &Surroundings,
+    ) -> Result<Option<SplatPicture>, ModelError> {
+        let Some(branch) = &self.static_ else { return Ok(None) };
+        let settings = surroundings.splat_settings(branch.sh_degree, false);
+        let still = branch.gaussians.canonical();
+        Ok(Some(still.splat(None, probe, camera, &settings, surroundings.background)?))
     }
 }
 
 impl Surroundings {
+    /// The same but for MFTA: the paper's cheaper inference. `None` where the model makes no use of it anyway.
+    pub fn without_mfta(&self, model: &Model, movement: Movement) -> Option<Self> {
+        let is_used = movement == Movement::Refined && self.motion.mfta && model.motion.is_some();
+        let motion = MotionConfig { mfta: false, ..self.motion.clone() };
+        is_used.then(|| Self { motion, ..self.clone() })
+    }
+
     /// Settings of a branch's splat.
     pub(crate) fn splat_settings(&self, sh_degree: usize, mask_gradient: bool) -> SplatSettings {
         let statistic = if mask_gradient { Statistic::AllChannels } else { Statistic::ColourAndDepth };

@@ -71,6 +71,13 @@ impl Config {
             format!("{:?}", motion.still),
             "what does not move needs a static branch to be in; keep it",
         )?;
+        let static_ply = self.init.static_ply.as_ref().filter(|_| model.branches == Branches::Dynamic);
+        refuse(
+            static_ply.is_some(),
+            "init.static_ply",
+            static_ply.map_or(String::new(), |path| path.display().to_string()),
+            "a model of one branch has no static one; use `init.dynamic_ply`",
+        )?;
         let still_below = motion.still_below.to_string();
         refuse(
             !(0.0..=1.0).contains(&motion.still_below),

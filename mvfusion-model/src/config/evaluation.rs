@@ -11,6 +11,9 @@ pub struct EvalConfig {
     /// A folder of masks (white = dynamic), one a view and named as the views: `cam00/0000.png`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dynamic_masks: Option<PathBuf>,
+    /// A folder with the weights of LPIPS; without it the figures are absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lpips_weights: Option<PathBuf>,
     /// Side-by-side pictures are written for this many test views, evenly spread; 0 for none.
     pub strips: usize,
     /// Whether every layer of every test view is written as a PNG of its own.
@@ -22,6 +25,6 @@ pub struct EvalConfig {
 
 impl Default for EvalConfig {
     fn default() -> Self {
-        Self { dynamic_masks: None, strips: 6, pictures: true, training_views: false }
+        Self { dynamic_masks: None, lpips_weights: None, strips: 6, pictures: true, training_views: false }
     }
 }

@@ -63,6 +63,14 @@ impl Default for SceneConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct InitConfig {
+    /// File of Gaussians that the static branch starts from, instead of points: a PLY file in the layout of 3DGS, of
+    /// any degree of colours, such as `mvfusion export` writes. The keys below do not count for this branch then.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub static_ply: Option<PathBuf>,
+    /// The same for the dynamic branch, and for the only one of a model that has one. Its mask logits are those of
+    /// the file if it has them. The HexPlane grid spans its centres.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dynamic_ply: Option<PathBuf>,
     /// Dynamic Gaussians strewn uniformly over the scene's box. DeGauss: 10 000 for video, 30 000 for photos.
     pub dynamic_points: usize,
     /// Dynamic Gaussians put on random points of the cloud. DeGauss: 100 for video, none for photos.
@@ -91,6 +99,8 @@ pub struct InitConfig {
 impl Default for InitConfig {
     fn default() -> Self {
         Self {
+            static_ply: None,
+            dynamic_ply: None,
             dynamic_points: 10_000,
             dynamic_from_cloud: 100,
             dynamic_cloud_share: 0.1,

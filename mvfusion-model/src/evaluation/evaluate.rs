@@ -138,9 +138,10 @@ impl Scoring<'_> {
         };
         if let Some(layers) = &pictures.branches {
             if let (Some(_), Some(regions)) = (&given, &regions) {
-                self.overlap.add(&layers.mask, &regions.dynamic);
+                let predicted = counted.visible(&layers.mask);
+                self.overlap.add(&predicted, &regions.dynamic);
                 let mut own = MaskOverlap::default();
-                own.add(&layers.mask, &regions.dynamic);
+                own.add(&predicted, &regions.dynamic);
                 scores.mask_iou = own.ratio();
             }
             if let Some(clean) = self.split.clean_background(view, self.capture)? {
@@ -170,6 +171,14 @@ impl Counted {
         pair.reference_exact = pair.reference_exact * counted;
         pair.reference = blackened(&pair.reference, mask);
         pair
+    }
+
+    /// A picture that is black where pixels do not count.
+    fn visible(&self, picture: &RgbImage) -> RgbImage {
+        match &self.0 {
+            Some(mask) => blackened(picture, mask),
+            None => picture.clone(),
+        }
     }
 
     /// The parts of the picture that a mask (white = dynamic) divides it into.
@@ -214,5 +223,14 @@ mod tests {
         let white = |mask: &GrayImage| mask.pixels().map(|pixel| *pixel == Luma([255])).collect::<Vec<_>>();
         assert_eq!(white(&regions.dynamic), [true, false, false, false]);
         assert_eq!(white(&regions.still), [false, true, false, false]);
+    }
+
+    #[test]
+    fn what_is_predicted_where_pixels_do_not_count_is_no_mistake() {
+        let counted = Counted(Some(GrayImage::from_raw(2, 1, vec![255, 0]).expect("two pixels")));
+        let regions = counted.regions(&GrayImage::from_pixel(2, 1, Luma([255])));
+        let mut overlap = MaskOverlap::default();
+        overlap.add(&counted.visible(&RgbImage::from_pixel(2, 1, image::Rgb([255; 3]))), &regions.dynamic);
+        assert_eq!(overlap.ratio(), Some(1.0));
     }
 }

@@ -2,10 +2,11 @@
 //!
 //! Figures of a part of the picture (inside or outside the dynamic region) are means over its pixels of the same maps
 //! whose means over all pixels are the figures of the whole picture: squared errors for PSNR, the SSIM map, and for
-//! LPIPS the maps of all layers enlarged to the picture and added (`spatial=True` of the package lpips). Windows and
-//! receptive fields so look across the border of the region. The other way, blackening both pictures outside the
-//! region, is not taken, because what is black in both counts as perfect: the figure would depend on the region's size
-//! first, and its outline would be an edge that neither picture has.
+//! LPIPS the maps of all layers enlarged to the picture and added (`spatial=True` of the package lpips), whose mean is
+//! nearly the figure: enlarging by a fraction weighs pixels unequally. Windows and receptive fields so look across the
+//! border of the region. The other way, blackening both pictures outside the region, is not taken, because what is
+//! black in both counts as perfect: the figure would depend on the region's size first, and its outline would be an edge
+//! that neither picture has.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -21,6 +22,7 @@ use super::metrics::{
 use super::protocol::{Precision, Protocol};
 use super::scores::{Figure, LayerScores};
 use crate::ModelError;
+use crate::files::sha256;
 use crate::tensors;
 use crate::train::picture_tensor;
 
@@ -30,7 +32,14 @@ use crate::train::picture_tensor;
 pub struct Judge {
     protocol: Protocol,
     /// The networks that the protocol needs, or why one is not there.
-    networks: BTreeMap<Backbone, Result<Lpips, String>>,
+    networks: BTreeMap<Backbone, Result<Loaded, String>>,
+}
+
+/// A network and the file that it came from.
+#[derive(Debug)]
+struct Loaded {
+    network: Lpips,
+    sha256: String,
 }
 
 /// A picture and what it should look like, both in 8 bits and as tensors `[1, 3, H, W]` in `[0, 1]`.
@@ -66,6 +75,18 @@ pub struct Verdict {
     pub still: Option<LayerScores>,
     /// Of the picture and the one before it.
     pub temporal: Option<TemporalScores>,
+}
+
+impl Loaded {
+    fn open(backbone: Backbone, path: &Path, device: &Device) -> Result<Self, ModelError> {
+        let read = |error: std::io::Error| ModelError::File {
+            action: "read",
+            path: path.to_owned(),
+            reason: error.to_string(),
+        };
+        let sha256 = sha256(&std::fs::read(path).map_err(read)?);
+        Ok(Self { network: Lpips::load(backbone, path, device)?, sha256 })
+    }
 }
 
 impl Pair {
@@ -116,7 +137,7 @@ impl Judge {
             reason: error.to_string(),
         })?;
         let network = |backbone: Backbone| match backbone.file_in(weights) {
-            Some(path) => Lpips::load(backbone, &path, device).map(Ok),
+            Some(path) => Loaded::open(backbone, &path, device).map(Ok),
             None => {
                 Ok(Err(format!("{} has no lpips_{}_f32.safetensors or the like", weights.display(), backbone.name())))
             }
@@ -128,6 +149,11 @@ impl Judge {
     /// Whose figures it gives.
     pub fn protocol(&self) -> Protocol {
         self.protocol
+    }
+
+    /// The networks that compare, each with the SHA-256 of its file of weights.
+    pub fn weights(&self) -> impl Iterator<Item = (Backbone, &str)> {
+        self.networks.iter().filter_map(|(&backbone, network)| Some((backbone, network.as_ref().ok()?.sha256.as_str())))
     }
 
     /// The networks that the protocol wants and that are not there, each with the reason.
@@ -164,7 +190,7 @@ impl Judge {
         let mut distances = Vec::new();
         let mut temporal = TemporalScores::default();
         for variant in self.protocol.lpips() {
-            let Some(Ok(network)) = self.networks.get(&variant.backbone) else { continue };
+            let Some(Ok(Loaded { network, .. })) = self.networks.get(&variant.backbone) else { continue };
             // Flicker is told by networks that are fed what they were made for.
             let before = before.filter(|_| variant.range == InputRange::Signed);
             let mut pictures = pair.seen(precision).to_vec();
@@ -184,7 +210,7 @@ impl Judge {
     }
 }
 
-/// The networks that a protocol needs, each once or more often.
+/// The networks that a protocol needs, each once.
 fn wanted(protocol: Protocol) -> impl Iterator<Item = Backbone> {
     Backbone::ALL.into_iter().filter(move |&backbone| protocol.lpips().any(|variant| variant.backbone == backbone))
 }
@@ -261,7 +287,7 @@ mod tests {
     fn judge(protocol: Protocol, device: &Device) -> Judge {
         let mut judge = Judge::without_lpips(protocol);
         let network = Lpips::random(Backbone::Alex, &mut Stream::new(1, 0), device);
-        judge.networks.insert(Backbone::Alex, Ok(network));
+        judge.networks.insert(Backbone::Alex, Ok(Loaded { network, sha256: String::new() }));
         judge
     }
 

@@ -2,13 +2,19 @@
 
 mod evaluate;
 mod judge;
+mod layer;
+mod layers;
 mod metrics;
 mod protocol;
 mod render;
 mod scores;
+mod speed;
+mod tone;
 
 pub use evaluate::{Split, evaluate};
 pub use judge::{Judge, Pair, Regions, Verdict};
+pub use layer::Layer;
+pub use layers::{LayerRenderer, RenderedLayer};
 pub use metrics::lpips::{Backbone, Distance, InputRange, Lpips, LpipsVariant};
 pub use metrics::{
     MaskOverlap, PixelMap, Psnr, RegionSource, SSIM_BORDER, TemporalDeviation, TemporalScores, decibels, dilate,
@@ -17,3 +23,5 @@ pub use metrics::{
 pub use protocol::{Column, Precision, Protocol};
 pub use render::{BranchLayers, ViewPictures, render_view};
 pub use scores::{Evaluation, Figure, LayerScores, Scores, ViewScores};
+pub use speed::{Speed, WARM_UP, measure_speed};
+pub use tone::DepthRange;

@@ -15,10 +15,11 @@ pub enum Protocol {
     /// `[-1, 1]` in front, by VGG-16 and on `[0, 1]` beside it; T-LPIPS of consecutive frames.
     #[default]
     Mvfusion,
-    /// DeGauss' test script.
+    /// DeGauss' test scripts.
     ///
-    /// PSNR of unrounded pictures; SSIM of torchmetrics, which crops the border; three LPIPS, of which its paper does
-    /// not say which one the table has: AlexNet on `[-1, 1]`, AlexNet and VGG-16 on `[0, 1]`.
+    /// Everything on 8-bit pictures, which they read back from files (and had truncated, where this program rounds);
+    /// SSIM of torchmetrics, whose releases differ in whether the border counts: here it does not; three LPIPS, of
+    /// which its paper does not say which one the table has: AlexNet on `[-1, 1]`, AlexNet and VGG-16 on `[0, 1]`.
     DeGauss,
     /// The `metrics.py` of 3DGS.
     ///
@@ -68,11 +69,13 @@ const MVFUSION: &[Column] = &[
 ];
 
 const DEGAUSS: &[Column] = &[
-    column("PSNR", Figure::PsnrExact),
+    column("PSNR", Figure::Psnr),
     column("SSIM", Figure::SsimValid),
-    column("LPIPS", Figure::Lpips(LpipsVariant::ALEX)),
+    column("LPIPS-alex normalized", Figure::Lpips(LpipsVariant::ALEX)),
     column("LPIPS-alex", Figure::Lpips(LpipsVariant::ALEX_RAW)),
     column("LPIPS-vgg", Figure::Lpips(LpipsVariant::VGG_RAW)),
+    column("MS-SSIM", Figure::MsSsim),
+    column("D-SSIM", Figure::DSsim),
 ];
 
 const THREE_DGS: &[Column] = &[
@@ -114,8 +117,9 @@ impl Protocol {
                  black"
             }
             Self::DeGauss => {
-                "degauss: last iteration; PSNR of unrounded pictures, mean over views; SSIM 11x11 sigma 1.5 without \
-                 the 5-pixel border (torchmetrics); LPIPS by alex fed [-1,1], LPIPS-alex and LPIPS-vgg fed [0,1]"
+                "degauss: last iteration; everything on 8-bit pictures, rounded, mean over views; SSIM 11x11 sigma 1.5 \
+                 without the 5-pixel border (torchmetrics); LPIPS-alex normalized fed [-1,1], LPIPS-alex and LPIPS-vgg \
+                 fed [0,1]; MS-SSIM of pytorch-msssim"
             }
             Self::ThreeDgs => {
                 "3dgs: last iteration; everything on 8-bit pictures, mean over views; SSIM 11x11 sigma 1.5 zero-padded; \
@@ -142,8 +146,8 @@ impl Protocol {
     /// The pictures that SSIM and LPIPS are taken of.
     pub fn precision(self) -> Precision {
         match self {
-            Self::Mvfusion | Self::DeGauss => Precision::Full,
-            Self::ThreeDgs | Self::NerfBaselines => Precision::EightBit,
+            Self::Mvfusion => Precision::Full,
+            Self::DeGauss | Self::ThreeDgs | Self::NerfBaselines => Precision::EightBit,
         }
     }
 

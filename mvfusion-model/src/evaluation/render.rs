@@ -1,14 +1,13 @@
-//! One view in all its layers, without autodiff.
+//! One view in the layers that an evaluation scores and shows.
 
 use burn::tensor::Tensor;
 use image::RgbImage;
 use mvfusion_data::View;
 
-use super::metrics::quantise;
+use super::layer::Layer;
+use super::layers::LayerRenderer;
 use crate::ModelError;
-use crate::composition::{Blending, Composition, Layers};
-use crate::model::{BranchPictures, Model, Movement, Surroundings};
-use crate::tensors;
+use crate::model::{Model, Movement, Surroundings};
 
 /// The layers of a view as 8-bit pictures.
 #[derive(Clone, Debug)]
@@ -36,9 +35,6 @@ pub struct BranchLayers {
     pub static_tensor: Tensor<4>,
 }
 
-/// Quantile of the motion intensity that is shown as white.
-const BRIGHTEST_QUANTILE: f64 = 0.98;
-
 /// Renders a view of a model without autodiff (see [`Model::plain`]).
 ///
 /// # Errors
@@ -49,66 +45,27 @@ pub fn render_view(
     movement: Movement,
     surroundings: &Surroundings,
 ) -> Result<ViewPictures, ModelError> {
-    let pictures = model.render(&view.camera, view.time, movement, None, surroundings)?;
-    let (composed, branches) = match compose(&pictures) {
-        Some(blend) => (blend.composed.clone(), Some(BranchLayers::of(blend)?)),
-        None => (pictures.dynamic.main().colour.unsqueeze_dim(0).clamp(0.0, 1.0), None),
-    };
-    Ok(ViewPictures {
-        composed: quantise(composed.clone())?,
-        branches,
-        motion: motion_picture(model, view, movement, surroundings)?,
-        composed_tensor: composed,
-    })
-}
-
-/// Blends the branches, if there are two.
-fn compose(pictures: &BranchPictures) -> Option<Composition> {
-    let (dynamic, static_) = (pictures.dynamic.main(), pictures.static_.as_ref()?.main());
-    let batch = |layer: Tensor<3>| -> Tensor<4> { layer.unsqueeze_dim(0) };
-    let layers =
-        Layers { dynamic: batch(dynamic.colour), static_: batch(static_.colour), mask: batch(dynamic.features?) };
-    Some(layers.compose(Blending::Evaluation))
-}
-
-impl BranchLayers {
-    fn of(blend: Composition) -> Result<Self, ModelError> {
-        Ok(Self {
-            static_: quantise(blend.static_.clone())?,
-            dynamic: quantise(blend.dynamic)?,
-            mask: quantise(blend.mask)?,
-            static_tensor: blend.static_.clamp(0.0, 1.0),
-        })
+    let wanted = [Layer::Composed, Layer::Static, Layer::Dynamic, Layer::Mask, Layer::Motion];
+    let mut wanted = wanted.to_vec();
+    if model.static_.is_none() {
+        // It would be the composed picture again.
+        wanted.retain(|&layer| layer != Layer::Dynamic);
     }
-}
+    let renderer = LayerRenderer::as_trained(model, movement, surroundings, &wanted)?;
+    let rendered = renderer.render(&view.camera, view.time)?;
+    let of = |layer: Layer| rendered.iter().find(|rendered| rendered.layer == layer);
+    let picture = |layer: Layer| of(layer).map(|rendered| renderer.picture(rendered)).transpose();
+    let tensor = |layer: Layer| of(layer).map(|rendered| rendered.values.clone().unsqueeze_dim::<4>(0));
 
-/// The motion intensity of the dynamic Gaussians, splatted, as a heat map.
-fn motion_picture(
-    model: &Model,
-    view: &View,
-    movement: Movement,
-    surroundings: &Surroundings,
-) -> Result<Option<RgbImage>, ModelError> {
-    let Some(cache) = &model.motion else { return Ok(None) };
-    let mut sorted: Vec<f64> = tensors::read(cache.intensity.clone())?;
-    sorted.sort_by(f64::total_cmp);
-    let brightest = sorted[((sorted.len() - 1) as f64 * BRIGHTEST_QUANTILE) as usize].max(f64::MIN_POSITIVE);
-    // Intensities are variances, spread over decades; the root shows the faint ones as well.
-    let scaled = (cache.intensity.clone() / brightest).clamp(0.0, 1.0).sqrt();
-
-    let moved = model.dynamic_at(view.time, movement, surroundings);
-    let settings = surroundings.splat_settings(model.dynamic.sh_degree, false);
-    let picture = moved.splat(Some(scaled), None, &view.camera, &settings, surroundings.background)?;
-    // Proof: the op gives back as many features as it was given, and it was given one.
-    let intensity = picture.main().features.expect("one feature was splatted");
-    let [_, height, width] = intensity.dims();
-    let values: Vec<f32> = tensors::read(intensity)?;
-    let pixel = |x: u32, y: u32| heat(values[y as usize * width + x as usize]);
-    Ok(Some(RgbImage::from_fn(width as u32, height as u32, pixel)))
-}
-
-/// Black, red, yellow, white.
-fn heat(value: f32) -> image::Rgb<u8> {
-    let level = |offset: f32| ((3.0 * value - offset).clamp(0.0, 1.0) * 255.0).round() as u8;
-    image::Rgb([level(0.0), level(1.0), level(2.0)])
+    let branches =
+        match (picture(Layer::Static)?, picture(Layer::Dynamic)?, picture(Layer::Mask)?, tensor(Layer::Static)) {
+            (Some(static_), Some(dynamic), Some(mask), Some(values)) => {
+                Some(BranchLayers { static_, dynamic, mask, static_tensor: values.clamp(0.0, 1.0) })
+            }
+            _ => None,
+        };
+    // Proof: every model can be shown composed, and it was asked for.
+    let composed_tensor = tensor(Layer::Composed).expect("composed");
+    let composed = super::metrics::quantise(composed_tensor.clone())?;
+    Ok(ViewPictures { composed, branches, motion: picture(Layer::Motion)?, composed_tensor })
 }

@@ -118,6 +118,24 @@ impl Figure {
         Self::Lpips(LpipsVariant::VGG_RAW),
     ];
 
+    /// Its name in files: that of its field in [`LayerScores`].
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Psnr => "psnr",
+            Self::PsnrExact => "psnr_exact",
+            Self::Ssim => "ssim",
+            Self::SsimValid => "ssim_valid",
+            Self::MsSsim => "ms_ssim",
+            Self::DSsim => "d_ssim",
+            Self::Lpips(variant) => match (variant.backbone, variant.range) {
+                (Backbone::Alex, InputRange::Signed) => "lpips_alex",
+                (Backbone::Vgg, InputRange::Signed) => "lpips_vgg",
+                (Backbone::Alex, InputRange::Raw) => "lpips_alex_raw",
+                (Backbone::Vgg, InputRange::Raw) => "lpips_vgg_raw",
+            },
+        }
+    }
+
     /// Its value in a layer's figures.
     pub fn of(self, scores: &LayerScores) -> Option<f64> {
         // A copy, so that one list of fields does for reading and writing.
@@ -144,6 +162,14 @@ impl Figure {
 }
 
 impl Scores {
+    /// The layers and parts that were scored, by their names in files.
+    pub fn layers(&self) -> impl Iterator<Item = (&'static str, &LayerScores)> {
+        let optional =
+            [("static", &self.static_), ("dynamic_region", &self.dynamic_region), ("still_region", &self.still_region)];
+        let known = optional.into_iter().filter_map(|(name, scores)| Some((name, scores.as_ref()?)));
+        std::iter::once(("composed", &self.composed)).chain(known)
+    }
+
     /// Means over the views that have the figure; absent if none has. The overlap of masks is not averaged but pooled,
     /// elsewhere.
     pub(super) fn mean(views: &[ViewScores]) -> Self {
@@ -210,5 +236,8 @@ mod tests {
         }
         let found = Figure::ALL.map(|figure| figure.of(&scores));
         assert_eq!(found, std::array::from_fn(|number| Some(number as f64)));
+        let file = serde_json::to_value(scores).expect("written");
+        let written = Figure::ALL.map(|figure| file[figure.name()].as_f64());
+        assert_eq!(written, found);
     }
 }

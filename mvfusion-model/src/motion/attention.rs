@@ -51,18 +51,25 @@ impl TemporalAttention {
     }
 
     /// Centre tokens `[N, T]` and the `K` tokens that each attends to, `[N, K, T]`, to a residual `[N, H]`.
+    ///
+    /// # Panics
+    /// As [`TemporalAttention::attend`].
     pub fn forward(&self, centre: Tensor<2>, neighbours: Tensor<3>) -> Tensor<2> {
         self.mlp.forward(self.attend(centre, neighbours))
     }
 
     /// The attention's output before the MLP: `[N, attention width]`.
+    ///
+    /// # Panics
+    /// If the shapes do not fit the layers, or the heads do not divide the attention's width.
     pub fn attend(&self, centre: Tensor<2>, neighbours: Tensor<3>) -> Tensor<2> {
         let [count, keys, token] = neighbours.dims();
         let project = |layers: &[&[Linear]], tokens| side_by_side(layers, tokens, Rectified::No);
         let queries = project(&[from_ref(&self.query)], centre);
         let memory = project(&[from_ref(&self.key), from_ref(&self.value)], neighbours.reshape([count * keys, token]));
         let memory = memory.reshape([count, keys, 2 * queries.dims()[1]]);
-        // Widths and heads are ours: a mismatch is a mistake in this crate, not in its input.
+        // Proof: `Config::check` sees to it that the heads divide the width, which query, key and value share, and
+        // `neighbours` has as many rows as `centre`, each with at least one key.
         attention::forward(queries, memory, self.heads).unwrap_or_else(|error| panic!("MFTA: {error}"))
     }
 }

@@ -13,5 +13,5 @@ pub use cache::{MotionCache, Normalisers};
 pub use encoder::MotionEncoder;
 pub use normaliser::MovingNormaliser;
 pub use refinement::{MotionRefinement, RefinementConfig};
-pub use statistics::{SIGNATURE_WIDTH, Trajectories, TrajectoryStatistics};
+pub use statistics::{AttributeSpread, SIGNATURE_WIDTH, Trajectories, TrajectoryStatistics};
 pub use token::GEOMETRY_WIDTH;

@@ -3,7 +3,7 @@
 use burn::tensor::{Tensor, TensorData};
 use rayon::prelude::*;
 
-use crate::config::{MotionConfig, Spread};
+use crate::config::{FusionWeights, MotionConfig, Spread};
 use crate::network::DeformationNetwork;
 use crate::timeline::{Timeline, spread, strided};
 use crate::{ModelError, tensors};
@@ -98,6 +98,33 @@ fn length(rows: Tensor<2>) -> Tensor<2> {
     rows.powf_scalar(2.0).sum_dim(1).sqrt()
 }
 
+/// How far the attributes of a Gaussian spread over its trajectory.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AttributeSpread {
+    /// Of the position, averaged over the axes; square extents, unless configured otherwise (A9, A9b).
+    pub position: f64,
+    /// Of the magnitude of the rotation offset.
+    pub rotation: f64,
+    /// Of the scale: the mean of isotropic and anisotropic part.
+    pub scale: f64,
+}
+
+impl AttributeSpread {
+    /// What a signature says of it.
+    fn of(signature: &[f64]) -> Self {
+        Self {
+            position: signature[3..6].iter().sum::<f64>() / 3.0,
+            rotation: signature[7],
+            scale: 0.5 * (signature[9] + signature[11]),
+        }
+    }
+
+    /// The motion intensity: weighted sum of position, scale and rotation variance (paper, eq. of the intensity score).
+    pub fn fused(self, weights: FusionWeights) -> f64 {
+        weights.position * self.position + weights.scale * self.scale + weights.rotation * self.rotation
+    }
+}
+
 /// How one trajectory is summed up. In double precision: variances of small motions drown in `f32`.
 struct Summary<'a> {
     config: &'a MotionConfig,
@@ -123,19 +150,10 @@ impl Summary<'_> {
             signature[6 + 2 * pair] = moments.mean;
             signature[7 + 2 * pair] = moments.spread;
         }
-        signature[12] = self.intensity(&moments);
+        signature[12] = AttributeSpread::of(&signature).fused(self.config.weights);
 
         let local = self.knots.iter().map(|&knot| self.local_variance(&columns, knot)).collect();
         (signature, local)
-    }
-
-    /// The motion intensity: weighted sum of position, scale and rotation variance (paper, eq. of the intensity score).
-    fn intensity(&self, moments: &[Moments; RECORD]) -> f64 {
-        let weights = self.config.weights;
-        let position = moments[..3].iter().map(|m| m.spread).sum::<f64>() / 3.0;
-        let rotation = moments[3].spread;
-        let scale = 0.5 * (moments[4].spread + moments[5].spread);
-        weights.position * position + weights.scale * scale + weights.rotation * rotation
     }
 
     /// Variance of the displacement, averaged over the axes, among the samples around `knot` (A8).
@@ -169,6 +187,11 @@ impl TrajectoryStatistics {
     /// The motion intensity of every Gaussian.
     pub fn intensities(&self) -> Vec<f64> {
         self.signatures.chunks_exact(SIGNATURE_WIDTH).map(|signature| signature[SIGNATURE_WIDTH - 1]).collect()
+    }
+
+    /// How far every Gaussian's attributes spread.
+    pub fn spreads(&self) -> Vec<AttributeSpread> {
+        self.signatures.chunks_exact(SIGNATURE_WIDTH).map(AttributeSpread::of).collect()
     }
 
     /// Number of Gaussians.
@@ -209,6 +232,19 @@ mod tests {
         assert_eq!((signature[0], signature[3], signature[6], signature[7]), (1.0, 0.5, 0.25, 0.0));
         assert!((signature[12] - 0.7 * 0.5 / 3.0).abs() < 1e-15);
         assert!((local[0] - 0.5 / 3.0).abs() < 1e-15, "the window covers all five samples");
+    }
+
+    #[test]
+    fn the_intensity_weighs_what_each_attribute_spreads() {
+        // Rotation 0, 1; isotropic scale 0, 2; anisotropic scale 0, 4: population variances 0.25, 1 and 4.
+        let records = [[0.0; RECORD], [0.0, 0.0, 0.0, 1.0, 2.0, 4.0]].concat();
+        let (signature, local) = Summary { config: &windowed(5), knots: &[0] }.of(&records, 0, 1);
+        let statistics = TrajectoryStatistics { signatures: signature.to_vec(), local, knot_times: vec![0.0] };
+        let spreads = statistics.spreads();
+        assert_eq!(spreads, [AttributeSpread { position: 0.0, rotation: 0.25, scale: 2.5 }]);
+        let weights = FusionWeights { position: 7.0, scale: 2.0, rotation: 4.0 };
+        assert_eq!(spreads[0].fused(weights), 6.0);
+        assert_eq!(spreads[0].fused(FusionWeights::default()), statistics.intensities()[0]);
     }
 
     #[test]

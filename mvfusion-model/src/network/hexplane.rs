@@ -47,8 +47,12 @@ impl HexPlane {
     }
 
     /// Features `[N, scales * features]` of points `[N, 3]` at times `[N, 1]`, or `[1, 1]` for one time for all.
+    ///
+    /// # Panics
+    /// If planes or arguments do not have these shapes, or the features are more than a buffer of the device holds.
     pub fn forward(&self, points: Tensor<2>, times: Tensor<2>) -> Tensor<2> {
-        // The shapes are ours: a mismatch is a mistake in this crate, not in its input.
+        // Proof: the planes are made by `layout` and the points by our own branches. What is left is a buffer that the
+        // device does not have: that ends the run here, with the op's advice, as in `Gpu::room`.
         grid::look_up(self.planes.val(), points, times, &self.bounds, &self.layout)
             .unwrap_or_else(|error| panic!("HexPlane: {error}"))
     }

@@ -78,7 +78,8 @@ pub(crate) fn side_by_side(chains: &[&[Linear]], input: Tensor<2>, rectified: Re
         let bias = layer.bias.as_ref().expect("every layer of ours has a bias");
         [layer.weight.val().flatten(0, 1), bias.val()]
     });
-    // The widths are ours: a mismatch is a mistake in this crate, not in its input.
+    // Proof: the layout is read off the weights that are handed over, and `input` has their dtype. What is left is a
+    // buffer that the device does not have: that ends the run here, with the op's advice, as in `Gpu::room`.
     mlp::forward(input, Tensor::cat(parameters.collect(), 0), &layout).unwrap_or_else(|error| panic!("MLP: {error}"))
 }
 

@@ -18,6 +18,7 @@ use super::{Contribution, Sampler, TrainState};
 use crate::ModelError;
 use crate::config::{Branches, Config};
 use crate::densify::{Branch, Census, DensifyStatistics};
+use crate::files::hexadecimal;
 use crate::gaussians::{Attribute, Gaussians};
 use crate::model::Model;
 use crate::motion::{MotionCache, MotionRefinement, Normalisers};
@@ -147,7 +148,7 @@ pub fn parameter_hash(model: &Model) -> Result<String, ModelError> {
         hash.update(name.as_bytes());
         hash.update(&data.bytes()[..]);
     }
-    Ok(hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
+    Ok(hexadecimal(hash))
 }
 
 /// Every learned parameter by name.

@@ -63,7 +63,8 @@ enum Term {
 
 /// A term at each pixel whose window lies inside: `[1, C, H - 10, W - 10]`.
 fn similarity(a: &Tensor<4>, b: &Tensor<4>, term: Term) -> Tensor<4> {
-    let mean = |image: Tensor<4>| inside(blur(image, &Window::gaussian(11, 1.5)));
+    let window = Window::gaussian(11, 1.5);
+    let mean = |image: Tensor<4>| inside(blur(image, &window));
     let (mean_a, mean_b) = (mean(a.clone()), mean(b.clone()));
     let (squared_a, squared_b) = (mean_a.clone().square(), mean_b.clone().square());
     let product = mean_a * mean_b;

@@ -10,7 +10,7 @@ pub struct MaskOverlap {
 }
 
 impl MaskOverlap {
-    /// Takes in a view: a predicted mask in 0..255, white from 128 on as in the true one.
+    /// Takes in a view: a predicted mask in `0..=255`, white from 128 on as in the true one, and of its size.
     pub fn add(&mut self, predicted: &RgbImage, truth: &GrayImage) {
         for (p, t) in predicted.pixels().zip(truth.pixels()) {
             let (p, t) = (p.0[0] >= 128, t.0[0] >= 128);

@@ -41,7 +41,10 @@ impl PixelMap {
         self.mean_where(|x, y| inside(x, self.width) && inside(y, self.height))
     }
 
-    /// Mean where a mask of the same size is white (128 or more); `None` where it is black everywhere.
+    /// Mean where a mask is white (128 or more); `None` where it is black everywhere.
+    ///
+    /// # Panics
+    /// If the mask is smaller than the map.
     pub fn mean_over(&self, mask: &GrayImage) -> Option<f64> {
         self.mean_where(|x, y| mask.get_pixel(x as u32, y as u32).0[0] >= 128)
     }

@@ -20,7 +20,7 @@ pub fn psnr(picture: &RgbImage, reference: &RgbImage) -> Psnr {
     decibels(errors.sum::<f64>() / picture.as_raw().len().max(1) as f64)
 }
 
-/// PSNR over the pixels where the mask is white (128 or more).
+/// PSNR over the pixels where the mask, of the pictures' size, is white (128 or more).
 pub fn masked_psnr(picture: &RgbImage, reference: &RgbImage, mask: &GrayImage) -> Psnr {
     let mut sum = 0.0;
     let mut count = 0usize;

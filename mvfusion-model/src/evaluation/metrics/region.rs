@@ -58,7 +58,7 @@ impl TemporalDeviation {
         let varies = |[sum, squares]: &[u64; 2]| (self.frames * squares - sum * sum) as f64 > least;
         let white = |pixel: &[[u64; 2]]| if pixel.iter().any(varies) { u8::MAX } else { 0 };
         let mask = self.sums.chunks(3).map(white).collect();
-        // Proof: there is one number a pixel, because `sums` has three.
+        // Proof: `sums` has three entries for each pixel of the first frame, whose size this is.
         let mask = GrayImage::from_raw(self.width, self.height, mask).expect("a mask of the frames' size");
         Some(dilate(&mask, DILATION))
     }

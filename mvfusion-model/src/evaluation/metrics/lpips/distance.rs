@@ -18,7 +18,7 @@ impl Distance {
 
     /// LPIPS, `[1]`: the sum of the stages' means. Gradients reach both pictures.
     pub fn value(&self) -> Tensor<1> {
-        // Proof: every network has stages, and each leaves a map.
+        // Proof: only `Lpips::distances` makes these, with a map of each stage, and every network has stages.
         self.stages().reduce(|sum, stage| sum + stage).expect("a network has stages")
     }
 
@@ -30,7 +30,7 @@ impl Distance {
             true => map.clone(),
             false => interpolate(map.clone(), options.clone().with_output_size(size)),
         };
-        // Proof: every network has stages, and each leaves a map.
+        // Proof: only `Lpips::distances` makes these, with a map of each stage, and every network has stages.
         self.maps.iter().map(large).reduce(|sum, map| sum + map).expect("a network has stages")
     }
 }

@@ -7,6 +7,8 @@ use burn::nn::conv::Conv2d;
 use burn::nn::pool::MaxPool2d;
 use burn::tensor::activation::relu;
 use burn::tensor::{Tensor, TensorData};
+use mvfusion_render::device::is_gpu;
+use rayon::prelude::*;
 
 use super::distance::Distance;
 use super::layout::InputRange;
@@ -102,7 +104,7 @@ fn windows(side: usize, kernel: usize, stride: usize) -> Option<usize> {
 
 /// Kernel, stride and padding of a convolution, which are the same along both sides.
 fn along_rows(convolution: &Conv2d) -> [usize; 3] {
-    // Proof: `Lpips::load` gives explicit paddings.
+    // Proof: `Lpips::build` makes every convolution, with explicit padding.
     let burn::nn::PaddingConfig2d::Explicit(padding, ..) = convolution.padding else {
         unreachable!("paddings are explicit")
     };
@@ -150,13 +152,25 @@ impl Stage {
             true => features.clone(),
             false => features.clone().narrow(2, seen.start, seen.len()),
         };
-        for convolution in &self.convolutions {
-            output = relu(convolution.forward(output));
-        }
+        output = self.convolve(output);
         if seen != rows {
             output = output.narrow(2, rows.start - seen.start, rows.len());
         }
         Output { maps: self.compare(&output, pairs), pooled: self.pool(output) }
+    }
+
+    /// The convolutions of features `[K, C, H, W]`. On a CPU each picture has a thread: Burn's convolutions rearrange
+    /// their input on one alone.
+    fn convolve(&self, features: Tensor<4>) -> Tensor<4> {
+        let through = |features: Tensor<4>| {
+            self.convolutions.iter().fold(features, |features, convolution| relu(convolution.forward(features)))
+        };
+        if is_gpu(&features.device()) {
+            return through(features);
+        }
+        let count = features.dims()[0];
+        let pictures: Vec<Tensor<4>> = features.chunk(count, 0);
+        Tensor::cat(pictures.into_par_iter().map(through).collect(), 0)
     }
 
     /// Squared differences of unit-length features, weighted and summed over channels.

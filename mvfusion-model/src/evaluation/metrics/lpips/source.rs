@@ -32,7 +32,7 @@ impl Lpips {
 
     /// A network with random weights, which says nothing of pictures but takes as long as one with true ones.
     pub fn random(backbone: Backbone, stream: &mut Stream, device: &Device) -> Self {
-        // Random numbers never fail to be there.
+        // Proof: `build` fails only where its source does, and `Noise` always has numbers.
         Self::build(&backbone.layout(), &mut Noise { stream, device }).unwrap_or_else(|error| panic!("{error}"))
     }
 }

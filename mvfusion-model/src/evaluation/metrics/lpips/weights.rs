@@ -27,8 +27,8 @@ impl Lpips {
     /// A network with the weights of a file, onto `device`, in single precision.
     ///
     /// The file holds `features.<number>.weight` `[out, in, k, k]` and `features.<number>.bias` `[out]` under
-    /// torchvision's layer numbers, and `lin<stage>.weight` `[1, C, 1, 1]`, as 32-bit or 16-bit floats. Other tensors
-    /// are passed over.
+    /// torchvision's layer numbers, and `lin<stage>.weight` `[1, C, 1, 1]`, as floats of 16, 32 or 64 bits. Other
+    /// tensors are passed over.
     ///
     /// # Errors
     /// If the file cannot be read, or a tensor is missing, of another shape, or not finite.

@@ -1,0 +1,129 @@
+//! The layers that a model can be shown in.
+
+use std::fmt;
+
+use crate::model::{Model, Movement};
+
+/// What is shown of a model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Layer {
+    /// What the whole model shows: the branches blended, or the only one.
+    Composed,
+    /// The static branch alone, without brightness control.
+    Static,
+    /// The dynamic branch alone.
+    Dynamic,
+    /// The share of the dynamic branch.
+    Mask,
+    /// What the static branch adds to the composed picture: under the brightness control, times its share.
+    MaskedStatic,
+    /// What the dynamic branch adds to the composed picture. The two together are the composed picture.
+    MaskedDynamic,
+    /// Depth of the composed picture along the camera's axis, world units: sum of weighted depths divided by the sum of
+    /// weights, both blended by the mask as the colours are; 0 where there is nothing.
+    Depth,
+    /// How much of the background is hidden in the composed picture.
+    Alpha,
+    /// Motion intensity: the spreads of position, scale and rotation, weighted and added, as the dynamic branch shows it.
+    Motion,
+    /// Spread of the positions over the trajectories, as the dynamic branch shows it.
+    PositionVariance,
+    /// Spread of the rotations.
+    RotationVariance,
+    /// Spread of the scales.
+    ScaleVariance,
+}
+
+impl Layer {
+    /// All layers.
+    pub const ALL: [Self; 12] = [
+        Self::Composed,
+        Self::Static,
+        Self::Dynamic,
+        Self::Mask,
+        Self::MaskedStatic,
+        Self::MaskedDynamic,
+        Self::Depth,
+        Self::Alpha,
+        Self::Motion,
+        Self::PositionVariance,
+        Self::RotationVariance,
+        Self::ScaleVariance,
+    ];
+
+    /// Name on command lines and in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Composed => "composed",
+            Self::Static => "static",
+            Self::Dynamic => "dynamic",
+            Self::Mask => "mask",
+            Self::MaskedStatic => "masked_static",
+            Self::MaskedDynamic => "masked_dynamic",
+            Self::Depth => "depth",
+            Self::Alpha => "alpha",
+            Self::Motion => "motion",
+            Self::PositionVariance => "position_variance",
+            Self::RotationVariance => "rotation_variance",
+            Self::ScaleVariance => "scale_variance",
+        }
+    }
+
+    /// The layer of a name.
+    pub fn of_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|layer| layer.name() == name)
+    }
+
+    /// Names of its channels, as OpenEXR has them.
+    pub fn channels(self) -> &'static [&'static str] {
+        match self {
+            Self::Composed | Self::Static | Self::Dynamic | Self::MaskedStatic | Self::MaskedDynamic => {
+                &["R", "G", "B"]
+            }
+            Self::Depth => &["Z"],
+            Self::Alpha => &["A"],
+            Self::Mask | Self::Motion | Self::PositionVariance | Self::RotationVariance | Self::ScaleVariance => &["Y"],
+        }
+    }
+
+    /// Whether it shows how things move.
+    pub fn is_motion(self) -> bool {
+        matches!(self, Self::Motion | Self::PositionVariance | Self::RotationVariance | Self::ScaleVariance)
+    }
+
+    /// Why a model cannot be shown in this layer; `None` if it can.
+    pub fn lacking(self, model: &Model, movement: Movement) -> Option<&'static str> {
+        let of_two = matches!(self, Self::Static | Self::Mask | Self::MaskedStatic | Self::MaskedDynamic);
+        if of_two && model.static_.is_none() {
+            return Some("the model has no static branch and no mask");
+        }
+        (self.is_motion() && movement == Movement::Still).then_some("nothing moves in the model")
+    }
+
+    /// The layers that a model is shown in unless somebody asks for others.
+    pub fn usual(model: &Model, movement: Movement) -> Vec<Self> {
+        let two = [Self::Composed, Self::Static, Self::Dynamic, Self::Mask, Self::Depth, Self::Motion];
+        let one = [Self::Composed, Self::Depth, Self::Motion];
+        let usual: &[Self] = if model.static_.is_some() { &two } else { &one };
+        usual.iter().copied().filter(|layer| layer.lacking(model, movement).is_none()).collect()
+    }
+}
+
+impl fmt::Display for Layer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_layer_is_found_by_its_name_and_no_other() {
+        for layer in Layer::ALL {
+            assert_eq!(Layer::of_name(layer.name()), Some(layer));
+        }
+        assert_eq!(Layer::of_name("gt"), None);
+    }
+}

@@ -1,0 +1,371 @@
+//! Renders a model in layers, without autodiff.
+
+use burn::tensor::{Tensor, TensorData};
+use image::RgbImage;
+use mvfusion_data::Camera;
+use mvfusion_render::splat::SplatLayers;
+
+use super::layer::Layer;
+use super::metrics::quantise;
+use super::tone::{DepthRange, depth_picture, heat_picture};
+use crate::composition::{Blending, Composition, Layers};
+use crate::config::FusionWeights;
+use crate::model::{Model, Movement, Surroundings};
+use crate::motion::{AttributeSpread, Trajectories};
+use crate::{ModelError, tensors};
+
+/// Quantile, over the dynamic Gaussians, of what is shown as white in a layer of motion.
+const BRIGHTEST_QUANTILE: f64 = 0.98;
+/// Channels of the mask among the features of the dynamic branch.
+const MASK_CHANNELS: usize = 3;
+/// Features that a layer of motion takes: as it is shown, and as it is.
+const HEAT_CHANNELS: usize = 2;
+/// Alpha below which there is nothing to tell the depth of: no more than 8 bits resolve.
+const LEAST_ALPHA: f64 = 0.5 / 255.0;
+
+/// Renders a model (see [`Model::plain`]) in some layers.
+#[derive(Clone, Debug)]
+pub struct LayerRenderer<'a> {
+    model: &'a Model,
+    movement: Movement,
+    surroundings: &'a Surroundings,
+    layers: Vec<Layer>,
+    heats: Vec<Heat>,
+    depths: Option<DepthRange>,
+}
+
+/// A number of each dynamic Gaussian that a layer shows.
+#[derive(Clone, Debug)]
+struct Heat {
+    layer: Layer,
+    /// Root of the number as a share of the brightest, in `[0, 1]`; the number as that share: `[N, 2]`.
+    features: Tensor<2>,
+    brightest: f64,
+}
+
+/// A layer of a moment, on the device.
+#[derive(Clone, Debug)]
+pub struct RenderedLayer {
+    /// Which one.
+    pub layer: Layer,
+    /// Its channels in full precision, `[C, H, W]`. Colours of the static branch may exceed 1; layers of motion are in the
+    /// units of the motion statistics.
+    pub values: Tensor<3>,
+    /// What a heat map is made of, `[1, H, W]`; in layers of motion.
+    heat: Option<Tensor<3>>,
+}
+
+impl<'a> LayerRenderer<'a> {
+    /// A renderer of `layers`. If one of them shows motion, the trajectories are measured first; `weights` are those of the
+    /// motion intensity.
+    ///
+    /// # Errors
+    /// If the model cannot be shown in one of the layers, or the device fails.
+    pub fn new(
+        model: &'a Model,
+        movement: Movement,
+        surroundings: &'a Surroundings,
+        layers: &[Layer],
+        weights: FusionWeights,
+    ) -> Result<Self, ModelError> {
+        for &layer in layers {
+            if let Some(reason) = layer.lacking(model, movement) {
+                return Err(ModelError::Layer { layer, reason });
+            }
+        }
+        let heats = match layers.iter().any(|layer| layer.is_motion()) {
+            true => measured(model, surroundings, layers, weights)?,
+            false => Vec::new(),
+        };
+        Ok(Self { model, movement, surroundings, layers: layers.to_vec(), heats, depths: None })
+    }
+
+    /// A renderer of those among `layers` that the model has, with the motion intensity as it was last measured in
+    /// training, if it was.
+    pub(super) fn as_trained(
+        model: &'a Model,
+        movement: Movement,
+        surroundings: &'a Surroundings,
+        layers: &[Layer],
+    ) -> Result<Self, ModelError> {
+        let known = |layer: Layer| match layer {
+            Layer::Motion => model.motion.is_some(),
+            _ => layer.lacking(model, movement).is_none(),
+        };
+        let layers: Vec<Layer> = layers.iter().copied().filter(|&layer| known(layer)).collect();
+        let heats = match &model.motion {
+            Some(cache) if layers.contains(&Layer::Motion) => {
+                vec![Heat::new(Layer::Motion, tensors::read(cache.intensity.clone())?, &cache.intensity)]
+            }
+            _ => Vec::new(),
+        };
+        Ok(Self { model, movement, surroundings, layers, heats, depths: None })
+    }
+
+    /// Takes the scale of depth pictures from these cameras and times, so that all pictures have the same; without, each
+    /// has its own.
+    ///
+    /// # Errors
+    /// As [`LayerRenderer::render`].
+    pub fn with_depths_of(mut self, frames: impl IntoIterator<Item = (Camera, f64)>) -> Result<Self, ModelError> {
+        let only_depth = Self { layers: vec![Layer::Depth], heats: Vec::new(), ..self.clone() };
+        for (camera, time) in frames {
+            for layer in only_depth.render(&camera, time)? {
+                let found = DepthRange::of(&tensors::read::<3, f32>(layer.values)?);
+                self.depths = match (self.depths, found) {
+                    (Some(a), Some(b)) => Some(a.and(b)),
+                    (a, b) => a.or(b),
+                };
+            }
+        }
+        Ok(self)
+    }
+
+    /// The layers, in the order in which they were asked for.
+    pub fn layers(&self) -> &[Layer] {
+        &self.layers
+    }
+
+    /// Renders a moment.
+    ///
+    /// # Errors
+    /// If the splat op refuses its input.
+    pub fn render(&self, camera: &Camera, time: f64) -> Result<Vec<RenderedLayer>, ModelError> {
+        let moved = self.model.dynamic_at(time, self.movement, self.surroundings);
+        let masks = moved.mask_features();
+        let first_heat = if masks.is_some() { MASK_CHANNELS } else { 0 };
+        let features: Vec<_> = masks.into_iter().chain(self.heats.iter().map(|heat| heat.features.clone())).collect();
+        let features = (!features.is_empty()).then(|| Tensor::cat(features, 1));
+        let settings = self.surroundings.splat_settings(self.model.dynamic.sh_degree, false);
+        let dynamic = moved.splat(features, None, camera, &settings, self.surroundings.background)?;
+        let static_ = self.model.static_picture(camera, None, self.surroundings)?;
+        let seen = Seen::new(dynamic.main(), static_.map(|picture| picture.main()), first_heat);
+
+        let rendered = |&layer: &Layer| match self.heats.iter().position(|heat| heat.layer == layer) {
+            Some(place) => {
+                let [shown, share] = seen.heat(place);
+                RenderedLayer { layer, values: share * self.heats[place].brightest, heat: Some(shown) }
+            }
+            None => RenderedLayer { layer, values: seen.layer(layer), heat: None },
+        };
+        Ok(self.layers.iter().map(rendered).collect())
+    }
+
+    /// A layer in 8 bits: colours, mask and alpha as they are, depths as grey by their inverse (near is white), motion as a
+    /// heat map from black by red and yellow to white, which is the root of what 2 % of the dynamic Gaussians exceed.
+    ///
+    /// # Errors
+    /// If the device cannot hand its numbers back.
+    pub fn picture(&self, rendered: &RenderedLayer) -> Result<RgbImage, ModelError> {
+        let [_, _, width] = rendered.values.dims();
+        if let Some(heat) = &rendered.heat {
+            return Ok(heat_picture(&tensors::read::<3, f32>(heat.clone())?, width));
+        }
+        if rendered.layer != Layer::Depth {
+            return quantise(rendered.values.clone().unsqueeze_dim(0));
+        }
+        let depths = rendered.pixels()?;
+        let nothing = DepthRange { near: 1.0, far: 1.0 };
+        let range = self.depths.or_else(|| DepthRange::of(&depths)).unwrap_or(nothing);
+        Ok(depth_picture(&depths, width, range))
+    }
+}
+
+impl RenderedLayer {
+    /// The numbers, channel by channel, row by row.
+    ///
+    /// # Errors
+    /// If the device cannot hand its numbers back.
+    pub fn pixels(&self) -> Result<Vec<f32>, ModelError> {
+        tensors::read(self.values.clone())
+    }
+
+    /// Width and height.
+    pub fn size(&self) -> (usize, usize) {
+        let [_, height, width] = self.values.dims();
+        (width, height)
+    }
+}
+
+/// The layers of motion, from trajectories that are measured now.
+fn measured(
+    model: &Model,
+    surroundings: &Surroundings,
+    layers: &[Layer],
+    weights: FusionWeights,
+) -> Result<Vec<Heat>, ModelError> {
+    let trajectories = Trajectories {
+        network: &model.network,
+        timeline: &surroundings.timeline,
+        config: &surroundings.motion,
+        extent: surroundings.extent,
+    };
+    let means = model.dynamic.gaussians.means.val();
+    let spreads = trajectories.measure(&means)?.spreads();
+    let heat = |&layer: &Layer| {
+        let number: fn(&AttributeSpread, FusionWeights) -> f64 = match layer {
+            Layer::Motion => |spread, weights| spread.fused(weights),
+            Layer::PositionVariance => |spread, _| spread.position,
+            Layer::RotationVariance => |spread, _| spread.rotation,
+            Layer::ScaleVariance => |spread, _| spread.scale,
+            _ => return None,
+        };
+        Some(Heat::new(layer, spreads.iter().map(|spread| number(spread, weights)).collect(), &means))
+    };
+    Ok(layers.iter().filter_map(heat).collect())
+}
+
+impl Heat {
+    /// A number for each Gaussian; `like` gives device and dtype.
+    fn new(layer: Layer, numbers: Vec<f64>, like: &Tensor<2>) -> Self {
+        let mut sorted = numbers.clone();
+        sorted.sort_by(f64::total_cmp);
+        let place = (sorted.len().saturating_sub(1) as f64 * BRIGHTEST_QUANTILE) as usize;
+        // Where hardly anything moves the quantile is zero, and the brightest of all has to do.
+        let is_scale = |number: &&f64| **number >= f64::from(f32::MIN_POSITIVE);
+        let brightest = sorted.get(place).filter(is_scale).or(sorted.last().filter(is_scale)).copied().unwrap_or(1.0);
+        // Variances are spread over decades; the root shows the faint ones as well.
+        let shares = numbers.iter().map(|number| number / brightest);
+        let features: Vec<f64> = shares.flat_map(|share| [share.clamp(0.0, 1.0).sqrt(), share]).collect();
+        let data = TensorData::new(features, [numbers.len(), HEAT_CHANNELS]);
+        Self { layer, features: tensors::from_data_like(data, like), brightest }
+    }
+}
+
+/// What both branches show, blended where there are two.
+struct Seen {
+    dynamic: SplatLayers,
+    static_: Option<SplatLayers>,
+    blend: Option<Composition>,
+    first_heat: usize,
+}
+
+impl Seen {
+    fn new(dynamic: SplatLayers, static_: Option<SplatLayers>, first_heat: usize) -> Self {
+        let blend = match (&static_, &dynamic.features) {
+            (Some(static_), Some(features)) if first_heat > 0 => {
+                let layers = Layers {
+                    dynamic: dynamic.colour.clone().unsqueeze_dim(0),
+                    static_: static_.colour.clone().unsqueeze_dim(0),
+                    mask: features.clone().narrow(0, 0, MASK_CHANNELS).unsqueeze_dim(0),
+                };
+                Some(layers.compose(Blending::Evaluation))
+            }
+            _ => None,
+        };
+        Self { dynamic, static_, blend, first_heat }
+    }
+
+    /// A layer that is no motion.
+    fn layer(&self, layer: Layer) -> Tensor<3> {
+        let single = || self.dynamic.colour.clone().clamp(0.0, 1.0);
+        match (layer, &self.blend) {
+            (Layer::Depth, _) => self.depth(),
+            (Layer::Alpha, _) => self.blended(|branch| branch.alpha.clone()),
+            // A model of one branch shows this alone; the other layers it does not have.
+            (_, None) => single(),
+            (Layer::Static, Some(blend)) => blend.static_.clone().squeeze_dim(0),
+            (Layer::Dynamic, Some(blend)) => blend.dynamic.clone().squeeze_dim(0),
+            (Layer::Mask, Some(blend)) => blend.mask.clone().squeeze_dim(0),
+            (Layer::MaskedStatic, Some(blend)) => (blend.static_mask.clone() * blend.lit.clone()).squeeze_dim(0),
+            (Layer::MaskedDynamic, Some(blend)) => (blend.mask.clone() * blend.dynamic.clone()).squeeze_dim(0),
+            (_, Some(blend)) => blend.composed.clone().squeeze_dim(0),
+        }
+    }
+
+    /// A plane of both branches, `[1, H, W]`, blended as their colours are.
+    fn blended(&self, plane: impl Fn(&SplatLayers) -> Tensor<3>) -> Tensor<3> {
+        match (&self.static_, &self.blend) {
+            (Some(static_), Some(blend)) => {
+                let share = |mask: &Tensor<4>| -> Tensor<3> { mask.clone().squeeze_dim(0) };
+                plane(&self.dynamic) * share(&blend.mask) + plane(static_) * share(&blend.static_mask)
+            }
+            _ => plane(&self.dynamic),
+        }
+    }
+
+    fn depth(&self) -> Tensor<3> {
+        let alpha = self.blended(|branch| branch.alpha.clone());
+        let sum = self.blended(|branch| branch.depth.clone());
+        let nothing = alpha.clone().lower_elem(LEAST_ALPHA);
+        (sum / alpha.clamp_min(LEAST_ALPHA)).mask_fill(nothing, 0.0)
+    }
+
+    /// The two planes of a layer of motion, `[1, H, W]`: as it is shown, and as it is.
+    fn heat(&self, place: usize) -> [Tensor<3>; HEAT_CHANNELS] {
+        // Proof: a layer of motion has splatted its features.
+        let features = self.dynamic.features.as_ref().expect("features were splatted");
+        let first = self.first_heat + HEAT_CHANNELS * place;
+        [first, first + 1].map(|channel| features.clone().narrow(0, channel, 1))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::Device;
+
+    use super::*;
+    use crate::test_support::{for_each_device, values};
+
+    /// Room for rounding in single precision.
+    const ROUNDING: f64 = 1e-5;
+
+    /// A row of pixels.
+    fn row<const W: usize>(numbers: [f32; W], device: &Device) -> Tensor<3> {
+        Tensor::from_data(TensorData::new(numbers.to_vec(), [1, 1, W]), device)
+    }
+
+    /// A branch that shows these alphas and depths; `features` are brightness, static and dynamic probability.
+    fn branch(alpha: [f32; 3], depth: [f32; 3], features: Option<[f32; 3]>, device: &Device) -> SplatLayers {
+        let sum: [f32; 3] = std::array::from_fn(|i| alpha[i] * depth[i]);
+        let features = features.map(|levels| Tensor::cat(levels.map(|level| row([level; 3], device)).to_vec(), 0));
+        let colour = row([0.5; 3], device).repeat_dim(0, 3);
+        SplatLayers { colour, features, alpha: row(alpha, device), depth: row(sum, device) }
+    }
+
+    fn assert_close(found: Tensor<3>, expected: [f64; 3]) {
+        let found = values(found);
+        assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < ROUNDING), "{found:?} {expected:?}");
+    }
+
+    #[test]
+    fn depth_is_that_of_what_is_there_however_thin_and_nothing_where_nothing_is() {
+        for_each_device(|device| {
+            let seen = Seen::new(branch([1.0, 0.5, 0.0001], [3.0, 2.0, 7.0], None, &device), None, 0);
+            assert_close(seen.layer(Layer::Depth), [3.0, 2.0, 0.0]);
+            assert_close(seen.layer(Layer::Alpha), [1.0, 0.5, 0.0001]);
+        });
+    }
+
+    #[test]
+    fn depths_of_both_branches_are_blended_by_share_and_weight() {
+        for_each_device(|device| {
+            // A quarter of the picture is the dynamic branch's.
+            let dynamic = branch([1.0, 0.5, 0.0], [2.0; 3], Some([0.5, 0.75, 0.25]), &device);
+            let static_ = branch([1.0; 3], [4.0; 3], None, &device);
+            let seen = Seen::new(dynamic, Some(static_), MASK_CHANNELS);
+            assert_close(seen.layer(Layer::Mask), [0.25; 3]);
+            assert_close(seen.layer(Layer::Alpha), [1.0, 0.875, 0.75]);
+            // (0.25 a 2 + 0.75 4) / (0.25 a + 0.75) for the alphas 1, 0.5 and 0.
+            assert_close(seen.layer(Layer::Depth), [3.5, 3.25 / 0.875, 4.0]);
+        });
+    }
+
+    #[test]
+    fn what_a_gaussian_shows_as_heat_is_its_share_of_the_brightest_and_its_root() {
+        for_each_device(|device| {
+            let like = Tensor::<2>::zeros([1, 1], &device);
+            let numbers: Vec<f64> = (0..=100).map(|i| 1e-8 * f64::from(i)).collect();
+            let heat = Heat::new(Layer::Motion, numbers, &like);
+            assert!((heat.brightest - 98e-8).abs() < 1e-15);
+            let features = values(heat.features);
+            let of = |row: usize| [features[HEAT_CHANNELS * row], features[HEAT_CHANNELS * row + 1]];
+            let expected = [(0, [0.0, 0.0]), (49, [0.5f64.sqrt(), 0.5]), (100, [1.0, 100.0 / 98.0])];
+            for (row, [root, share]) in expected {
+                assert!((of(row)[0] - root).abs() < ROUNDING && (of(row)[1] - share).abs() < ROUNDING, "{row}");
+            }
+            let still = Heat::new(Layer::Motion, vec![0.0; 4], &like);
+            assert!(values(still.features).iter().all(|&feature| feature == 0.0), "nothing moves");
+        });
+    }
+}
