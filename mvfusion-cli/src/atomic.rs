@@ -33,20 +33,29 @@ pub fn write_json(path: &Path, value: &impl Serialize) -> anyhow::Result<()> {
     write(path, text.as_bytes())
 }
 
-/// Writes a picture as PNG. There are many of them and each can be made again, so nobody waits for the disk.
+/// Writes a file of which there are many and each can be made again, so nobody waits for the disk.
 ///
 /// # Errors
 /// As [`write()`].
-pub fn write_png(path: &Path, picture: impl Into<DynamicImage>) -> anyhow::Result<()> {
+pub fn write_again(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     let attempt = || -> anyhow::Result<()> {
-        let mut bytes = std::io::Cursor::new(Vec::new());
-        picture.into().write_to(&mut bytes, ImageFormat::Png)?;
         let mut file = beside(path)?;
-        file.write_all(bytes.get_ref())?;
+        file.write_all(bytes)?;
         file.persist(path)?;
         Ok(())
     };
     attempt().with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// Writes a picture as PNG, as [`write_again`] does.
+///
+/// # Errors
+/// As [`write()`].
+pub fn write_png(path: &Path, picture: impl Into<DynamicImage>) -> anyhow::Result<()> {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    let coded = picture.into().write_to(&mut bytes, ImageFormat::Png);
+    coded.with_context(|| format!("cannot write {}", path.display()))?;
+    write_again(path, bytes.get_ref())
 }
 
 #[cfg(test)]

@@ -33,9 +33,11 @@ impl std::error::Error for UsageError {}
 
 /// The exit code that belongs to an error.
 pub fn exit_code(error: &anyhow::Error) -> u8 {
-    let usage = error
-        .chain()
-        .any(|cause| cause.is::<UsageError>() || matches!(cause.downcast_ref(), Some(ModelError::Config { .. })));
+    let is_usage = |cause: &(dyn std::error::Error + 'static)| {
+        let of_model = matches!(cause.downcast_ref(), Some(ModelError::Config { .. } | ModelError::Layer { .. }));
+        of_model || cause.is::<UsageError>()
+    };
+    let usage = error.chain().any(is_usage);
     if usage { USAGE } else { FAILED }
 }
 

@@ -48,8 +48,11 @@ Configuration:
   program is started.
 
 The run's folder:
-  strips/NNNNN.png               look here first: ground truth, composed, static,
-                                 dynamic, mask, motion intensity
+  report.html                    look here first: figures, curves, pictures with
+                                 sliders, on one page that any browser shows;
+                                 `mvfusion report DIR` makes it again
+  strips/NNNNN.png               ground truth, composed, static, dynamic, mask,
+                                 motion intensity
   results.json, per_view.json    the figures, in full precision; a figure that is
                                  not known is absent
   metrics.jsonl                  a line for every log step, while training runs
@@ -70,7 +73,36 @@ Exit codes:
 /// `mvfusion eval --help`.
 pub const EVAL: &str = "\
 Reads configuration and last checkpoint of a run, renders the held-out views, and prints the table that training ended \
-with. Says so when a figure differs from the run's results.json. Writes nothing unless --write is given.";
+with, and how many frames a second are rendered. Says so when a figure differs from the run's results.json. Writes \
+nothing unless --write is given; then figures, pictures and report.html.
+
+Figures of one name are computed in many ways. A protocol is the way of one body of results: mvfusion has every figure; \
+degauss, 3dgs and nerfbaselines have those that these report. docs/evaluation.md tells the differences. LPIPS needs weights \
+that are not part of this program.";
+
+/// `mvfusion export --help`, above the options.
+pub const EXPORT: &str = "\
+Reads the last checkpoint of a run and writes its Gaussians for viewers and other programs: each branch as a PLY file \
+in the layout of 3DGS, both together as .splat, as the folder of 3DGS, or as a sequence of PLY files that SuperSplat \
+plays (drop the files of the folder `frames` onto it). cameras.json is always written.
+
+All numbers are those before activation: sizes as logarithms, opacities as logits, quaternions w, x, y, z. A branch's \
+file holds them as they were trained, or as they are moved at --time; dynamic.ply keeps the logits of the learned mask \
+as extra fields. Where both branches lie in one file (.splat, inria, frames) there is no mask, which no viewer knows: \
+a dynamic Gaussian's opacity is multiplied by the share of the foreground in its own mask. The brightness that the mask \
+gives to the static branch is left out.";
+
+/// `mvfusion export --help`, below the options.
+pub const EXPORT_MORE: &str = "\
+Examples:
+  mvfusion export runs/quickstart-0 --out gaussians
+          static.ply, dynamic.ply (before they are moved), cameras.json
+  mvfusion export runs/quickstart-0 --out sequence --frames 60
+          the same, and frames/frame0001.ply to frame0060.ply
+  mvfusion export runs/quickstart-0 --out viewer --format inria,splat --time 0.5
+          both branches together, half way through
+  mvfusion train --set init.static_ply=gaussians/static.ply
+          trains with a static branch that starts from such a file";
 
 /// `mvfusion check --help`.
 pub const CHECK: &str = "\
@@ -90,3 +122,52 @@ beside it: masks of what moves, the background, depths. For trying programs, and
 pub const CONFIG: &str = "\
 Merges preset, --config, --set, --seed and --data as `train` would and prints the result as TOML, every key with its \
 value. The output is a file for --config.";
+
+/// `mvfusion render --help`, above the options.
+pub const RENDER: &str = "\
+Renders a trained run from its checkpoint, in any of its layers, as pictures and animations. The scene must still be there: \
+its cameras and times are needed.";
+
+/// `mvfusion render --help`, below the options; lines of at most 80 characters, which no terminal breaks.
+pub const RENDER_MORE: &str = "\
+Views:
+  train, test  the views of the scene, at their times
+  spiral       a spiral about the middle of the training cameras
+  orbit        around what they look at; between the outermost of them, where they
+               stand on less than half of the circle
+  still        one camera (--camera), while the time runs
+  FILE.json    a camera path: what nerfstudio's viewer exports, or a list like the
+               cameras.json of 3DGS. `time` (or `render_time`) of an entry is its
+               moment, 0 to 1; without, the time runs through once
+
+Layers:
+  composed, static, dynamic       the blended picture and its two branches
+  mask                            share of the dynamic branch
+  masked_static, masked_dynamic   what each branch adds to the composed picture
+  depth                           along the axis, world units; as a picture grey by
+                                  its inverse, near is white, black is nothing
+  alpha                           how much of the background is hidden
+  motion                          motion intensity under --motion-weights
+  position_variance, rotation_variance, scale_variance
+                                  what it is made of; as pictures heat maps, white
+                                  is what 2 % of the dynamic Gaussians exceed
+
+Files, in RUN/renders/VIEWS or --out:
+  LAYER/NNNNN.png   8 bits
+  exr/NNNNN.exr     all layers as 32-bit floats, in channels such as composed.R,
+                    depth.Z, mask.Y; values as rendered, not linearised. The
+                    first layer of colours is there as R, G, B as well, for
+                    viewers that know no layers
+  LAYER.gif         at most 640 pixels wide
+  video_LAYER.mp4   H.264, by ffmpeg; an odd size loses its last column or row
+
+Examples:
+  mvfusion render runs/quickstart-0
+  mvfusion render runs/quickstart-0 --views orbit --time 0.5 --layers composed
+  mvfusion render runs/quickstart-0 --views still --camera cam00 --format exr
+  mvfusion render runs/quickstart-0 --layers motion --motion-weights 1,0,0";
+/// `mvfusion report --help`.
+pub const REPORT: &str = "\
+Makes report.html from what lies in a run's folder: figures with their protocol, curves of the training, sliders between \
+photo and picture, every layer of a few views, heat maps of motion, record and configuration. Needs no device and no \
+scene. Whatever is missing is named in its place. The page needs no other file and no network.";

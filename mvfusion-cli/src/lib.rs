@@ -1,8 +1,8 @@
 //! The inside of the `mvfusion` program: everything but `main`, so that it can be tested.
 //!
-//! [`command`] holds a file for each command; [`config`] merges the layers of the configuration; [`mod@run`] knows the
-//! files of a run's folder; [`progress`] and [`table`] are what the user sees. No mathematics here: that is
-//! `mvfusion-model`.
+//! [`command`] holds a file for each command; [`config`] merges the layers of the configuration; [`mod@run`] knows
+//! the files of a run's folder, [`report`] makes a page of them; [`export`] writes those for other programs, [`render`]
+//! films; [`progress`] and [`table`] are what the user sees. No mathematics here: that is `mvfusion-model`.
 
 pub mod args;
 pub mod atomic;
@@ -10,10 +10,13 @@ pub mod clock;
 pub mod command;
 pub mod config;
 pub mod device;
+pub mod export;
 pub mod failure;
 mod help;
 mod logs;
 pub mod progress;
+pub mod render;
+pub mod report;
 pub mod run;
 pub mod scene;
 pub mod table;
@@ -36,10 +39,13 @@ pub fn run(cli: &Cli, threads: usize, out: &mut dyn Write) -> anyhow::Result<()>
     match &cli.command {
         Command::Train(args) => command::train(args, talk, out),
         Command::Eval(args) => command::eval(args, talk, out),
+        Command::Export(args) => command::export(args, talk, out),
         Command::Check(args) => command::check(args, talk, out),
         Command::Synth(args) => command::synth(args, talk, out),
         Command::Config(args) => command::config(args, talk, out),
         Command::Presets => command::presets(out),
         Command::Devices => command::devices(out),
+        Command::Render(args) => command::render(args, talk, out),
+        Command::Report(args) => command::report(args, out),
     }
 }

@@ -4,6 +4,9 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
+#[path = "program/render.rs"]
+mod render;
+
 /// Exit codes of the manual.
 const FAILED: i32 = 1;
 const USAGE: i32 = 2;
@@ -92,6 +95,7 @@ fn a_config_file_that_is_not_there_is_a_usage_error() {
 fn a_missing_data_folder_is_a_failure_that_names_it() {
     refuses(&["train", "--data", "no/scene/here", "--quiet"], FAILED, &["no/scene/here"]);
     refuses(&["eval", "no/run/here"], FAILED, &["no/run/here"]);
+    refuses(&["report", "no/run/here"], FAILED, &["no/run/here"]);
 }
 
 #[test]
@@ -144,21 +148,149 @@ fn a_run_leaves_all_its_files_and_can_be_evaluated_again() {
     let output = train_tiny(folder.path(), &["--seed", "7", "--set", "train.checkpoint_interval=4"]);
     let table = text(&output.stdout);
     assert!(output.status.success(), "{}", text(&output.stderr));
-    for word in ["composed", "static", "dynamic region", "mask IoU", "Gaussians", "runs/quickstart-7", "strips/"] {
+    for word in
+        ["composed", "static", "dynamic region", "mask IoU", "Gaussians", "runs/quickstart-7", "strips/", "report.html"]
+    {
         assert!(table.contains(word), "`{word}` is missing: {table}");
     }
     let run = folder.path().join("runs/quickstart-7");
     check_files(&run);
     check_results(&run);
 
-    let again = mvfusion(folder.path(), &["eval", "runs/quickstart-7"]);
+    let again = mvfusion(folder.path(), &["eval", "runs/quickstart-7", "--speed-frames", "2"]);
     let said = text(&again.stdout);
     assert!(again.status.success(), "{}", text(&again.stderr));
-    assert!(said.contains("The figures are those of results.json."), "{said}");
+    assert!(said.contains("The figures are those of runs/quickstart-7/results.json."), "{said}");
+    assert!(said.contains("without MFTA, of 160x120 pixels, over 2 frames"), "{said}");
+
+    let report = fs::read(run.join("report.html")).expect("read");
+    fs::remove_file(run.join("report.html")).expect("removed");
+    let made = mvfusion(folder.path(), &["report", "runs/quickstart-7"]);
+    assert!(made.status.success() && text(&made.stdout) == "runs/quickstart-7/report.html\n", "{}", text(&made.stderr));
+    assert!(fs::read(run.join("report.html")).expect("read") == report, "made again, the report is another");
 
     let config = run.join("config.toml");
     let printed = mvfusion(folder.path(), &["config", "--config", config.to_str().expect("UTF-8")]);
     assert_eq!(text(&printed.stdout), fs::read_to_string(config).expect("read"));
+}
+
+#[test]
+fn another_protocol_has_a_folder_of_its_own() {
+    let folder = tempfile::tempdir().expect("folder");
+    assert!(train_tiny(folder.path(), &["--out", "run", "--quiet"]).status.success());
+    let own = fs::read(folder.path().join("run/results.json")).expect("read");
+    let eval = ["eval", "run", "--protocol", "nerfbaselines", "--speed-frames", "1", "--write", "--quiet"];
+    let first = text(&mvfusion(folder.path(), &eval).stdout);
+    assert!(first.contains("There is no run/protocols/nerfbaselines/results.json"), "{first}");
+    assert!(first.contains("absent (alex, vgg): no folder of weights was given"), "{first}");
+    let read = |path: &str| {
+        let text = fs::read_to_string(folder.path().join(path)).expect("read");
+        serde_json::from_str::<serde_json::Value>(&text).expect("JSON")
+    };
+    let results = read("run/protocols/nerfbaselines/results.json");
+    assert!(results["protocol"].as_str().is_some_and(|said| said.starts_with("nerfbaselines")), "{results}");
+    assert_eq!(results["lpips"]["vgg"]["absent"], "no folder of weights was given");
+    assert!(results["test"]["composed"].get("lpips_alex").is_none(), "never a made-up figure");
+    assert_eq!(results["speed"]["frames"], 1);
+    assert!(results["train"]["seconds"].is_number(), "the time of training is taken over");
+    let composed = &results["test"]["composed"];
+    assert_eq!((&results["ours_6"]["PSNR"], &results["ours_6"]["SSIM"]), (&composed["psnr"], &composed["ssim"]));
+    let views = read("run/protocols/nerfbaselines/per_view.json");
+    assert_eq!(views["ours_6"]["PSNR"]["00003.png"], views["test"]["00003.png"]["composed"]["psnr"]);
+    for hash in ["params_sha256", "config_sha256", "predictions_sha256", "photos_sha256"] {
+        let now = results[hash].as_str().expect("a hash");
+        assert_eq!((now.len(), now), (64, read("run/results.json")[hash].as_str().expect("a hash")), "{hash}");
+    }
+    let second = text(&mvfusion(folder.path(), &eval).stdout);
+    assert!(second.contains("The figures are those of run/protocols/nerfbaselines/results.json."), "{second}");
+    assert_eq!(fs::read(folder.path().join("run/results.json")).expect("read"), own, "ours are left alone");
+}
+
+#[test]
+fn weights_that_cannot_be_used_are_found_before_training() {
+    let folder = tempfile::tempdir().expect("folder");
+    refuses(&["train", "--lpips-weights", "no/weights", "--quiet"], FAILED, &["no/weights", "--lpips-weights"]);
+    let path = folder.path().to_str().expect("UTF-8");
+    fs::write(folder.path().join("lpips_vgg_f32.safetensors"), "nonsense").expect("written");
+    refuses(&["train", "--lpips-weights", path, "--quiet"], FAILED, &["lpips_vgg_f32.safetensors"]);
+    let setting = format!("eval.lpips_weights={path}");
+    refuses(&["train", "--set", &setting, "--quiet"], FAILED, &["lpips_vgg_f32.safetensors"]);
+}
+
+#[test]
+fn a_run_is_exported_once_and_again_only_when_told_so_and_training_starts_from_it() {
+    let folder = tempfile::tempdir().expect("folder");
+    let trained = train_tiny(folder.path(), &["--out", "run", "--quiet"]);
+    assert!(trained.status.success(), "{}", text(&trained.stderr));
+    let export =
+        |more: &[&str]| mvfusion(folder.path(), &[["export", "run", "--out", "out"].as_slice(), more].concat());
+    let exported = export(&["--format", "ply,splat,inria", "--frames", "2"]);
+    let said = text(&exported.stdout);
+    assert!(exported.status.success(), "{}", text(&exported.stderr));
+    assert!(said.contains("static.ply") && said.contains("Gaussians") && said.contains("out"), "{said}");
+    for file in ["static.ply", "dynamic.ply", "scene.splat", "frames/frame0002.ply", "cameras.json", "cfg_args"] {
+        assert!(folder.path().join("out").join(file).is_file(), "{file} is missing");
+    }
+    let written = |file: &str| fs::read(folder.path().join(file)).expect("read");
+    assert_eq!(written("out/static.ply"), written("run/point_cloud/iteration_6/static.ply"));
+    assert_eq!(written("out/dynamic.ply"), written("run/point_cloud/iteration_6/dynamic.ply"));
+
+    let again = export(&[]);
+    assert_eq!(again.status.code(), Some(FAILED));
+    assert!(text(&again.stderr).contains("--force"), "{}", text(&again.stderr));
+    assert!(folder.path().join("out/frames/frame0002.ply").is_file(), "the export stays as it was");
+    assert!(export(&["--force"]).status.success());
+    let names = fs::read_dir(folder.path().join("out")).expect("listed").count();
+    assert_eq!(names, 3, "static.ply, dynamic.ply and cameras.json alone are left");
+
+    let files = ["init.static_ply=out/static.ply", "init.dynamic_ply=out/dynamic.ply"];
+    let settings: Vec<&str> = files.iter().flat_map(|&setting| ["--set", setting]).collect();
+    let further = train_tiny(folder.path(), &[settings.as_slice(), &["--out", "further", "--quiet"]].concat());
+    assert!(further.status.success(), "{}", text(&further.stderr));
+}
+
+#[test]
+fn what_cannot_be_exported_is_refused() {
+    let out = ["--out", "out"];
+    refuses(&[["export", "no/run/here"].as_slice(), &out].concat(), FAILED, &["no/run/here"]);
+    let empty = tempfile::tempdir().expect("folder");
+    let path = empty.path().to_str().expect("UTF-8");
+    refuses(&[["export", path].as_slice(), &out].concat(), FAILED, &[path, "it is no run"]);
+    for time in ["1.5", "-0.1", "NaN", "soon"] {
+        misused(&["export", path, "--out", "out", &format!("--time={time}")], &[time, "from 0 to 1"]);
+    }
+    misused(&["export", path, "--out", "out", "--frames", "0"], &["--frames"]);
+    misused(&["export", path, "--out", "out", "--format", "obj"], &["obj", "splat"]);
+    misused(&["export", path], &["--out"]);
+}
+
+/// Runs a command that the parser of the command line must refuse with these words; it adds a hint as a further
+/// paragraph.
+fn misused(arguments: &[&str], words: &[&str]) {
+    let folder = tempfile::tempdir().expect("folder");
+    let output = mvfusion(folder.path(), arguments);
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(USAGE), "{arguments:?}: {said}");
+    assert!(words.iter().all(|word| said.contains(word)), "{words:?}: {said}");
+    assert_eq!(fs::read_dir(folder.path()).expect("listed").count(), 0, "{arguments:?} left something behind");
+}
+
+#[test]
+fn a_file_of_gaussians_that_cannot_be_used_is_found_before_training() {
+    refuses(&["train", "--quiet", "--set", "init.static_ply=no/such.ply"], FAILED, &["no/such.ply"]);
+    let folder = tempfile::tempdir().expect("folder");
+    let file = folder.path().join("points.ply");
+    let points =
+        "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
+    fs::write(&file, points).expect("written");
+    let setting = format!("init.dynamic_ply={}", file.display());
+    refuses(&["train", "--quiet", "--set", &setting], FAILED, &["points.ply", "`f_dc_0`"]);
+    let branches = ["--preset", "quickstart-4dgs", "--set", "init.static_ply=a.ply"];
+    refuses(
+        &[["train", "--quiet"].as_slice(), &branches].concat(),
+        USAGE,
+        &["`init.static_ply`", "`init.dynamic_ply`"],
+    );
 }
 
 fn check_files(run: &Path) {
@@ -176,6 +308,7 @@ fn check_files(run: &Path) {
         "renders/test/motion/00023.png",
         "strips/00000.png",
         "strips/00023.png",
+        "report.html",
     ] {
         assert!(run.join(file).is_file(), "{file} is missing");
     }
@@ -337,4 +470,9 @@ fn check_finds_what_train_would_refuse() {
     assert_eq!(output.status.code(), Some(FAILED));
     assert!(text(&output.stdout).contains("no/masks"), "{}", text(&output.stdout));
     assert_eq!(train_tiny(folder.path(), &[["--data", "scene"], masks].concat()).status.code(), Some(FAILED));
+    let gaussians = ["--set", "init.static_ply=no/such.ply", "--json"];
+    let output = mvfusion(folder.path(), &[["check", "scene", "--quick"].as_slice(), &gaussians].concat());
+    assert_eq!(output.status.code(), Some(FAILED));
+    assert!(text(&output.stderr).contains("no/such.ply"), "{}", text(&output.stderr));
+    assert!(text(&output.stdout).contains("\"can_train\": false"), "{}", text(&output.stdout));
 }

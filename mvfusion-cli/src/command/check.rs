@@ -9,9 +9,9 @@ use mvfusion_data::Scene;
 use mvfusion_data::inspect::{
     ContactSheet, Inspection, Pictures, Problem, Severity, Summary, inspect, points_over_photos,
 };
-use mvfusion_model::Config;
 use mvfusion_model::memory::MemoryNeed;
 use mvfusion_model::train::IMAGE_CACHE;
+use mvfusion_model::{Config, ModelError};
 use serde::Serialize;
 
 use crate::args::CheckArgs;
@@ -58,19 +58,25 @@ pub fn check(args: &CheckArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Resul
     if let (Some(scene), Some(masks)) = (&mut scene, &resolved.config.eval.dynamic_masks) {
         inspection.attach_masks(scene, masks);
     }
-    let memory = scene.as_ref().map(|scene| need(&resolved.config, scene));
+    let memory = scene.as_ref().map(|scene| need(&resolved.config, scene)).transpose();
     let wanted = scene.as_ref().filter(|_| inspection.can_train() && !args.no_picture);
     let drawn = wanted.map(|scene| draw(scene, args.picture.clone().unwrap_or_else(|| default_picture(&folder))));
     if args.json {
-        let can_train = inspection.can_train();
+        let can_train = inspection.can_train() && memory.is_ok();
         let picture = drawn.as_ref().and_then(|drawn| Some(drawn.as_ref().ok()?.path.as_path()));
-        let report = Report { folder: &folder, inspection: &inspection, can_train, memory, picture };
+        let report = Report {
+            folder: &folder,
+            inspection: &inspection,
+            can_train,
+            memory: memory.as_ref().ok().copied().flatten(),
+            picture,
+        };
         serde_json::to_writer_pretty(&mut *out, &report)?;
         writeln!(out)?;
     } else {
         tell(&inspection, &folder, out)?;
-        if let Some(memory) = memory {
-            line(out, "memory", &memory_sentence(&memory))?;
+        if let Ok(Some(memory)) = &memory {
+            line(out, "memory", &memory_sentence(memory))?;
             line(out, "preset", resolved.preset.name)?;
         }
         if let Some(Ok(drawn)) = &drawn {
@@ -78,8 +84,9 @@ pub fn check(args: &CheckArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Resul
         }
         inspection.problems.iter().try_for_each(|problem| tell_problem(problem, out))?;
     }
-    // What was found is told, whatever becomes of the picture.
+    // What was found is told, whatever becomes of the picture and of the Gaussians to start from.
     drawn.transpose()?;
+    memory?;
     let errors = inspection.problems.iter().filter(|problem| problem.severity == Severity::Error).count();
     if errors > 0 {
         bail!("training could not start on {}: {errors} of the problems above are errors", folder.display());
@@ -87,7 +94,7 @@ pub fn check(args: &CheckArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Resul
     Ok(())
 }
 
-fn need(config: &Config, scene: &Scene) -> MemoryNeed {
+fn need(config: &Config, scene: &Scene) -> Result<MemoryNeed, ModelError> {
     MemoryNeed::of(&config.scaled(), scene, IMAGE_CACHE)
 }
 

@@ -3,82 +3,77 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
-use mvfusion_model::Config;
-use mvfusion_model::train::TrainState;
+use anyhow::Context;
+use mvfusion_model::evaluation::Protocol;
+use mvfusion_model::files::sha256;
 
-use super::score::{Scored, Trained};
+use super::score::{self, Trained};
 use crate::args::EvalArgs;
 use crate::progress::Talk;
-use crate::run::{self, PerView, PicturesWriter, Results};
-use crate::{atomic, config, device, scene, table};
+use crate::run::{self, MasksRequest, OpenRun, PicturesWriter, Results, RunRequest, TrainTime};
+use crate::{report, table};
 
 /// Scores a run again from its checkpoint and compares with what it had found.
 ///
 /// # Errors
 /// If the run is not complete, its data are gone, the device fails, or a file cannot be written.
 pub fn eval(args: &EvalArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<()> {
-    let checkpoint = find_checkpoint(&args.run)?;
-    let config = configuration(args)?;
-    let device = device::open(&args.compute.device)?;
-    let scene = scene::open(&config).context(
-        "cannot open the scene of the run; if it has moved, give its folder with --data and that of the masks with --masks",
-    )?;
-    talk.note(&format!("device: {}", device.reason));
-    talk.note(&format!("scene:  {}", scene::describe(&scene)));
-
-    let scaled = config.scaled();
-    let state = TrainState::load(&checkpoint, &scaled, &device.device.clone().autodiff())?;
-    let before = earlier_results(&args.run)?;
+    let masks = args.masks.as_deref().map_or(MasksRequest::AsConfigured, MasksRequest::Folder);
+    let request = RunRequest { run: &args.run, data: args.data.as_deref(), masks, device: &args.compute.device };
+    let folder = figures_folder(&args.run, args.protocol);
+    let before = earlier_results(&folder)?;
+    let OpenRun { config, device, scene, state } = OpenRun::open(&request, talk)?;
+    let weights = args.lpips_weights.as_deref().or(config.eval.lpips_weights.as_deref());
     let trained = Trained {
-        model: &state.model,
+        state: &state,
         scene: &scene,
-        config: &scaled,
-        time: before.as_ref().and_then(|results| results.train),
+        config: &config,
+        config_sha256: config_hash(&args.run)?,
+        judge: &score::judge(args.protocol, weights, &device.device)?,
+        speed_frames: args.speed_frames,
+        time: training_time(&args.run, before.as_ref())?,
         device: &device.name,
     };
-    let pictures = args.write.then(|| PicturesWriter::new(&args.run, &scaled.eval, scene.test.len()));
+    // The pictures are the same whatever the protocol.
+    let is_own = args.protocol == Protocol::Mvfusion;
+    let pictures = (args.write && is_own).then(|| PicturesWriter::new(&args.run, &config.eval, scene.test.len()));
     let scored = trained.score(pictures.as_ref(), talk)?;
     if args.write {
-        write(&args.run, &scored)?;
+        std::fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+        scored.write(&folder)?;
+        report::write(&args.run)?;
     }
-    table::write(&scored.results, out)?;
+    table::write(&scored.results, args.protocol, out)?;
     if let Some(strip) = pictures.and_then(|pictures| pictures.strip_to_see()) {
         writeln!(out, "{:16}{} ({})", "look first at", strip.display(), run::legend(&state.model))?;
     }
-    compare(&scored.results, before.as_ref(), out)
+    compare(&scored.results, before.as_ref(), &folder, out)
 }
 
-fn find_checkpoint(run: &Path) -> anyhow::Result<PathBuf> {
-    let checkpoint = run.join(run::CHECKPOINTS).join(run::FINAL);
-    if !run.is_dir() {
-        bail!("there is no folder {}. Give the folder of a run, such as runs/quickstart-0.", run.display());
+/// Where a run's figures by a protocol lie.
+fn figures_folder(run: &Path, protocol: Protocol) -> PathBuf {
+    match protocol {
+        Protocol::Mvfusion => run.to_owned(),
+        other => run.join(run::PROTOCOLS).join(other.name()),
     }
-    if !checkpoint.is_file() {
-        bail!(
-            "{} holds no {}/{}: it is no run, or its training did not end.",
-            run.display(),
-            run::CHECKPOINTS,
-            run::FINAL
-        );
-    }
-    Ok(checkpoint)
 }
 
-/// The run's configuration, with what has moved since.
-fn configuration(args: &EvalArgs) -> anyhow::Result<Config> {
-    let mut config = config::read(&args.run.join(run::CONFIG))?;
-    if args.data.is_some() {
-        config.scene.data = args.data.clone();
-    }
-    if args.masks.is_some() {
-        config.eval.dynamic_masks = args.masks.clone();
-    }
-    Ok(config)
+fn config_hash(run: &Path) -> anyhow::Result<String> {
+    let path = run.join(run::CONFIG);
+    let bytes = std::fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+    Ok(sha256(&bytes))
 }
 
-fn earlier_results(run: &Path) -> anyhow::Result<Option<Results>> {
-    let path = run.join(run::RESULTS);
+/// How long the run was trained: that is told by its own figures alone, if not yet by those of the protocol.
+fn training_time(run: &Path, before: Option<&Results>) -> anyhow::Result<Option<TrainTime>> {
+    match before {
+        Some(results) => Ok(results.train),
+        None => Ok(earlier_results(run)?.and_then(|results| results.train)),
+    }
+}
+
+fn earlier_results(folder: &Path) -> anyhow::Result<Option<Results>> {
+    let path = folder.join(run::RESULTS);
     if !path.is_file() {
         return Ok(None);
     }
@@ -88,21 +83,17 @@ fn earlier_results(run: &Path) -> anyhow::Result<Option<Results>> {
         .with_context(|| format!("cannot read {}; remove it to evaluate without comparison", path.display()))
 }
 
-fn write(run: &Path, scored: &Scored) -> anyhow::Result<()> {
-    atomic::write_json(&run.join(run::PER_VIEW), &PerView::of(&scored.results.protocol, &scored.evaluation))?;
-    atomic::write_json(&run.join(run::RESULTS), &scored.results)
-}
-
 /// Says whether the figures are those that the run had found.
-fn compare(now: &Results, before: Option<&Results>, out: &mut dyn Write) -> anyhow::Result<()> {
+fn compare(now: &Results, before: Option<&Results>, folder: &Path, out: &mut dyn Write) -> anyhow::Result<()> {
+    let path = folder.join(run::RESULTS);
     let Some(before) = before else {
-        return Ok(writeln!(out, "The run has no {} to compare with.", run::RESULTS)?);
+        return Ok(writeln!(out, "There is no {} to compare with.", path.display())?);
     };
     let differences = now.differences(before);
     if differences.is_empty() {
-        return Ok(writeln!(out, "The figures are those of {}.", run::RESULTS)?);
+        return Ok(writeln!(out, "The figures are those of {}.", path.display())?);
     }
-    writeln!(out, "These figures differ from {}:", run::RESULTS)?;
+    writeln!(out, "These figures differ from {}:", path.display())?;
     for difference in differences {
         writeln!(out, "  {difference}")?;
     }

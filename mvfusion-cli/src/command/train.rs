@@ -5,18 +5,20 @@ use std::path::{Path, PathBuf};
 
 use mvfusion_data::{BuiltinKind, Scene};
 use mvfusion_model::ModelError;
+use mvfusion_model::evaluation::{Judge, Protocol};
+use mvfusion_model::files::sha256;
 use mvfusion_model::train::{Position, StepLoss, Trainer};
 
-use super::score::Trained;
+use super::score::{self, Trained};
 use crate::args::TrainArgs;
 use crate::config::{self, Resolved};
 use crate::device::{self, OpenDevice};
 use crate::progress::{Pace, Progress, Talk};
 use crate::run::{
-    self, Existing, GaussianCounts, MetricsLine, MetricsLog, PerView, PicturesWriter, RunFolder, RunPlan, RunRecord,
-    TrainTime, milliseconds, write_ply,
+    self, Existing, GaussianCounts, MetricsLine, MetricsLog, PicturesWriter, RunFolder, RunPlan, RunRecord, TrainTime,
+    milliseconds, write_ply,
 };
-use crate::{atomic, scene, table};
+use crate::{atomic, report, scene, table};
 
 /// Where runs lie unless `--out` says otherwise.
 const RUNS: &str = "runs";
@@ -27,9 +29,12 @@ const RUNS: &str = "runs";
 /// For a command line that cannot be carried out, before anything is written; later if the device fails, the loss is no
 /// longer finite, or a file cannot be written.
 pub fn train(args: &TrainArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<()> {
-    let resolved = config::resolve(&args.layers, args.data.as_deref())?;
+    let mut resolved = config::resolve(&args.layers, args.data.as_deref())?;
     if let Some(note) = &resolved.note {
         talk.note(note);
+    }
+    if let Some(weights) = &args.lpips_weights {
+        resolved.config.eval.lpips_weights = Some(std::path::absolute(weights)?);
     }
     let device = device::open(&args.compute.device)?;
     let path = args.out.clone().unwrap_or_else(|| default_folder(&resolved));
@@ -38,12 +43,14 @@ pub fn train(args: &TrainArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Resul
     let scene = scene::open(&resolved.config)?;
     let trainer = Trainer::new(resolved.config.scaled(), &scene, &device.device)?
         .with_image_cache(&scene, args.image_cache.as_u64())?;
+    let weights = resolved.config.eval.lpips_weights.as_deref();
+    let judge = score::judge(Protocol::Mvfusion, weights, &device.device)?;
     talk.note(&format!("device: {}", device.reason));
     talk.note(&format!("scene:  {}", scene::describe(&scene)));
     talk.note(&format!("run:    {}", path.display()));
 
     let folder = plan.create()?;
-    Session { resolved, device, scene, trainer, folder, talk }.run(out)
+    Session { resolved, device, scene, trainer, judge, folder, talk }.run(out)
 }
 
 /// `runs/NAME-SEED`: the name of the scene's folder, or of the preset and, unless it is the first, of the built-in
@@ -64,6 +71,7 @@ struct Session {
     device: OpenDevice,
     scene: Scene,
     trainer: Trainer,
+    judge: Judge,
     folder: RunFolder,
     talk: Talk,
 }
@@ -72,14 +80,18 @@ impl Session {
     fn run(mut self, out: &mut dyn Write) -> anyhow::Result<()> {
         let seed = self.resolved.config.seed;
         let record = RunRecord::begin(self.resolved.preset.name, &self.scene, seed, &self.device.name);
-        atomic::write(&self.folder.place(&[run::CONFIG])?, config::to_toml(&self.resolved.config)?.as_bytes())?;
+        let written = config::to_toml(&self.resolved.config)?;
+        atomic::write(&self.folder.place(&[run::CONFIG])?, written.as_bytes())?;
         atomic::write_json(&self.folder.place(&[run::RECORD])?, &record)?;
 
         let time = self.train()?;
         self.save(run::FINAL)?;
         self.write_gaussians(time.steps)?;
-        self.evaluate(time, out)?;
-        atomic::write_json(&self.folder.place(&[run::RECORD])?, &record.finished())
+        self.evaluate(time, sha256(written.as_bytes()), out)?;
+        atomic::write_json(&self.folder.place(&[run::RECORD])?, &record.finished())?;
+        // Last, because it is made from all the other files.
+        let report = report::write(self.folder.path())?;
+        Ok(writeln!(out, "{:16}{}", "report", report.display())?)
     }
 
     /// All steps of all stages.
@@ -118,30 +130,32 @@ impl Session {
 
     fn write_gaussians(&self, steps: usize) -> anyhow::Result<()> {
         let iteration = format!("iteration_{steps}");
-        let model = &self.trainer.state().model;
+        let model = self.trainer.state().model.plain();
         for (name, branch) in model.branches() {
             let file = format!("{name}.ply");
-            write_ply(&branch.gaussians, &self.folder.place(&[run::POINT_CLOUD, &iteration, &file])?)?;
+            let cloud = branch.gaussians.canonical().to_cloud()?;
+            write_ply(&cloud, &self.folder.place(&[run::POINT_CLOUD, &iteration, &file])?)?;
         }
         Ok(())
     }
 
     /// Scores the model, writes figures and pictures, and shows the table.
-    fn evaluate(&self, time: TrainTime, out: &mut dyn Write) -> anyhow::Result<()> {
+    fn evaluate(&self, time: TrainTime, config_sha256: String, out: &mut dyn Write) -> anyhow::Result<()> {
         let config = self.trainer.config();
         let pictures = PicturesWriter::new(self.folder.path(), &config.eval, self.scene.test.len());
         let trained = Trained {
-            model: &self.trainer.state().model,
+            state: self.trainer.state(),
             scene: &self.scene,
             config,
+            config_sha256,
+            judge: &self.judge,
+            speed_frames: 0,
             time: Some(time),
             device: &self.device.name,
         };
         let scored = trained.score(Some(&pictures), self.talk)?;
-        let results = &scored.results;
-        atomic::write_json(&self.folder.place(&[run::PER_VIEW])?, &PerView::of(&results.protocol, &scored.evaluation))?;
-        atomic::write_json(&self.folder.place(&[run::RESULTS])?, results)?;
-        table::write(results, out)?;
+        scored.write(self.folder.path())?;
+        table::write(&scored.results, self.judge.protocol(), out)?;
         writeln!(out, "{:16}{}", "run", self.folder.path().display())?;
         if let Some(strip) = pictures.strip_to_see() {
             writeln!(out, "{:16}{}", "look first at", strip.display())?;

@@ -34,7 +34,10 @@ impl KnownKeys {
         specimen.scene.format = Some(Format::Neu3d);
         specimen.scene.test_cameras = Some(vec!["cam00".to_owned()]);
         specimen.scene.frame_store = Some(PathBuf::new());
+        specimen.init.static_ply = Some(PathBuf::new());
+        specimen.init.dynamic_ply = Some(PathBuf::new());
         specimen.eval.dynamic_masks = Some(PathBuf::new());
+        specimen.eval.lpips_weights = Some(PathBuf::new());
         let table = |config: &Config| Table::try_from(config).context("the defaults cannot be written as TOML");
         Ok(Self { defaults: table(&Config::default())?, specimen: table(&specimen)? })
     }

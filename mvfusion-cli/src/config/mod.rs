@@ -150,8 +150,15 @@ fn overlay(below: &mut Table, above: &Table) {
 
 /// Paths are written down absolute, so that a run finds its data again wherever the program is started.
 fn make_absolute(config: &mut Config) -> anyhow::Result<()> {
-    let paths: [&mut Option<PathBuf>; 3] =
-        [&mut config.scene.data, &mut config.scene.frame_store, &mut config.eval.dynamic_masks];
+    let Config { scene, init, eval, .. } = config;
+    let paths: [&mut Option<PathBuf>; 6] = [
+        &mut scene.data,
+        &mut scene.frame_store,
+        &mut init.static_ply,
+        &mut init.dynamic_ply,
+        &mut eval.dynamic_masks,
+        &mut eval.lpips_weights,
+    ];
     for path in paths.into_iter().flatten() {
         *path = std::path::absolute(&*path).with_context(|| format!("cannot use the path {}", path.display()))?;
     }

@@ -1,4 +1,4 @@
-//! Making and unmaking a run's folder.
+//! Making and unmaking a run's folder, or another one that a command fills.
 
 use std::ffi::OsString;
 use std::fs;
@@ -19,10 +19,23 @@ pub enum Existing {
     Replace,
 }
 
+/// What a folder is for, and all that may be written at its top.
+#[derive(Clone, Copy, Debug)]
+pub struct Contents {
+    /// What lies in it, for messages: `run`.
+    pub what: &'static str,
+    /// Names of files and folders.
+    pub entries: &'static [&'static str],
+}
+
+/// A run.
+const RUN: Contents = Contents { what: "run", entries: &ENTRIES };
+
 /// A folder that could be made: nothing was written yet.
 #[derive(Clone, Debug)]
 pub struct RunPlan {
     path: PathBuf,
+    contents: Contents,
 }
 
 /// A run's folder. Unless [`RunFolder::keep`] was called it is removed again when dropped, and what it replaced comes
@@ -30,6 +43,7 @@ pub struct RunPlan {
 #[derive(Debug)]
 pub struct RunFolder {
     path: PathBuf,
+    contents: Contents,
     /// Whether the folder was there before.
     existed: bool,
     /// Parent folders that were made for this one, outermost first.
@@ -47,21 +61,29 @@ impl RunPlan {
     /// # Errors
     /// If there is something already that must not be replaced, or nothing can be written there.
     pub fn new(path: &Path, existing: Existing) -> anyhow::Result<Self> {
-        let shown = path.display();
+        Self::for_contents(path, existing, RUN)
+    }
+
+    /// The same for a folder of other contents.
+    ///
+    /// # Errors
+    /// As [`RunPlan::new`].
+    pub fn for_contents(path: &Path, existing: Existing, contents: Contents) -> anyhow::Result<Self> {
+        let (shown, what) = (path.display(), contents.what);
         if path.exists() {
-            check_existing(path, existing)?;
+            check_existing(path, existing, contents)?;
         }
         let ground = path.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new("."));
         if let Some(file) = path.ancestors().find(|folder| folder.is_file()) {
-            bail!("cannot make the run's folder {shown}: {} is a file. Give another --out.", file.display());
+            bail!("cannot make the {what}'s folder {shown}: {} is a file. Give another --out.", file.display());
         }
         tempfile::tempfile_in(ground).with_context(|| {
             format!(
-                "cannot write into {}, where the run's folder {shown} would lie; give another --out",
+                "cannot write into {}, where the {what}'s folder {shown} would lie; give another --out",
                 ground.display()
             )
         })?;
-        Ok(Self { path: path.to_owned() })
+        Ok(Self { path: path.to_owned(), contents })
     }
 
     /// Makes the folder; a run that lies there moves aside.
@@ -69,17 +91,18 @@ impl RunPlan {
     /// # Errors
     /// If the system refuses.
     pub fn create(self) -> anyhow::Result<RunFolder> {
-        let path = self.path;
+        let Self { path, contents } = self;
         let existed = path.exists();
         let missing = |folder: &&Path| !folder.as_os_str().is_empty() && !folder.exists();
         let mut parents: Vec<PathBuf> = path.ancestors().skip(1).take_while(missing).map(Path::to_owned).collect();
         parents.reverse();
-        let folder = RunFolder { path, existed, parents, kept: false };
+        let folder = RunFolder { path, contents, existed, parents, kept: false };
         fs::create_dir_all(&folder.path)
             .with_context(|| format!("cannot make the folder {}", folder.path.display()))?;
         if existed {
-            let moved = move_aside(&folder.path);
-            moved.with_context(|| format!("cannot move the old run in {} aside", folder.path.display()))?;
+            let moved = move_aside(&folder.path, contents.entries);
+            let what = contents.what;
+            moved.with_context(|| format!("cannot move the old {what} in {} aside", folder.path.display()))?;
         }
         Ok(folder)
     }
@@ -106,15 +129,15 @@ impl RunFolder {
         if aside.exists()
             && let Err(error) = fs::remove_dir_all(&aside)
         {
-            warn!("cannot remove the replaced run {}: {error}", aside.display());
+            warn!("cannot remove the replaced {} {}: {error}", self.contents.what, aside.display());
         }
     }
 
     /// Leaves the place as it was found.
     fn undo(&self) -> io::Result<()> {
         if self.existed {
-            remove_entries(&self.path)?;
-            return move_back(&self.path);
+            remove_entries(&self.path, self.contents.entries)?;
+            return move_back(&self.path, self.contents.entries);
         }
         fs::remove_dir_all(&self.path)?;
         self.parents.iter().rev().try_for_each(fs::remove_dir)
@@ -138,15 +161,15 @@ impl Drop for RunFolder {
         if !self.kept
             && let Err(error) = self.undo()
         {
-            warn!("cannot tidy up the failed run {}: {error}", self.path.display());
+            warn!("cannot tidy up the failed {} {}: {error}", self.contents.what, self.path.display());
         }
     }
 }
 
-fn check_existing(path: &Path, existing: Existing) -> anyhow::Result<()> {
-    let shown = path.display();
+fn check_existing(path: &Path, existing: Existing, contents: Contents) -> anyhow::Result<()> {
+    let (shown, what) = (path.display(), contents.what);
     if !path.is_dir() {
-        bail!("cannot make the run's folder {shown}: there is a file of that name. Give another --out.");
+        bail!("cannot make the {what}'s folder {shown}: there is a file of that name. Give another --out.");
     }
     let entries: Vec<OsString> = fs::read_dir(path)
         .and_then(|entries| entries.map(|entry| entry.map(|entry| entry.file_name())).collect())
@@ -155,13 +178,15 @@ fn check_existing(path: &Path, existing: Existing) -> anyhow::Result<()> {
         return Ok(());
     }
     if existing == Existing::Keep {
-        bail!("the folder {shown} is not empty. Give --force to replace the run in it, or another folder with --out.");
+        bail!(
+            "the folder {shown} is not empty. Give --force to replace the {what} in it, or another folder with --out."
+        );
     }
     // Whatever no run wrote was put there by somebody who may want it back.
-    match entries.iter().find(|name| *name != ASIDE && !ENTRIES.iter().any(|&known| *name == known)) {
+    match entries.iter().find(|name| *name != ASIDE && !contents.entries.iter().any(|&known| *name == known)) {
         Some(other) => bail!(
-            "the folder {shown} holds `{}`, which is no part of a run, so --force does not replace it. Move it away, or \
-             give another folder with --out.",
+            "the folder {shown} holds `{}`, which is no part of such a {what}, so --force does not replace it. Move it \
+             away, or give another folder with --out.",
             other.display()
         ),
         None => Ok(()),
@@ -170,32 +195,32 @@ fn check_existing(path: &Path, existing: Existing) -> anyhow::Result<()> {
 
 /// Moves the files of a run aside. If a run waits there already, an earlier replacement was cut short: that run is the one
 /// to come back, and what lies in the folder is the remains of its successor.
-fn move_aside(run: &Path) -> io::Result<()> {
+fn move_aside(run: &Path, known: &'static [&'static str]) -> io::Result<()> {
     let aside = run.join(ASIDE);
     if aside.exists() {
-        return remove_entries(run);
+        return remove_entries(run, known);
     }
-    let entries: Vec<&str> = ENTRIES.into_iter().filter(|name| run.join(name).exists()).collect();
+    let entries: Vec<&str> = known.iter().copied().filter(|name| run.join(name).exists()).collect();
     if !entries.is_empty() {
         fs::create_dir(&aside)?;
     }
     entries.into_iter().try_for_each(|name| fs::rename(run.join(name), aside.join(name)))
 }
 
-fn move_back(run: &Path) -> io::Result<()> {
+fn move_back(run: &Path, known: &[&str]) -> io::Result<()> {
     let aside = run.join(ASIDE);
     if !aside.exists() {
         return Ok(());
     }
-    for name in ENTRIES.into_iter().filter(|name| aside.join(name).exists()) {
+    for name in known.iter().filter(|name| aside.join(name).exists()) {
         fs::rename(aside.join(name), run.join(name))?;
     }
     fs::remove_dir(aside)
 }
 
 /// Removes what a run has written.
-fn remove_entries(run: &Path) -> io::Result<()> {
-    for path in ENTRIES.map(|name| run.join(name)) {
+fn remove_entries(run: &Path, known: &[&str]) -> io::Result<()> {
+    for path in known.iter().map(|name| run.join(name)) {
         if path.is_dir() {
             fs::remove_dir_all(path)?;
         } else if path.exists() {

@@ -1,18 +1,26 @@
 //! A run's folder: which files there are, and what stands in them.
 
+mod field;
 mod folder;
 mod metrics;
+mod open;
 mod pictures;
+mod pictures_hash;
 mod ply;
 mod record;
 mod results;
 
-pub use folder::{Existing, RunFolder, RunPlan};
+pub use field::{FieldPerView, FieldScores};
+pub use folder::{Contents, Existing, RunFolder, RunPlan};
 pub use metrics::{MetricsLine, MetricsLog, milliseconds};
+pub use open::{MasksRequest, OpenRun, RunRequest};
 pub use pictures::{PicturesWriter, legend};
+pub use pictures_hash::PicturesHash;
 pub use ply::write_ply;
 pub use record::{RunRecord, SceneRecord};
-pub use results::{EvalTime, GaussianCounts, PerView, Results, TrainTime};
+#[cfg(test)]
+pub(crate) use results::specimen;
+pub use results::{EvalTime, GaussianCounts, LpipsWeights, PerView, RenderSpeed, Results, TrainTime};
 
 /// The resolved configuration.
 pub const CONFIG: &str = "config.toml";
@@ -32,8 +40,13 @@ pub const FINAL: &str = "final.safetensors";
 pub const POINT_CLOUD: &str = "point_cloud";
 /// Folder of the pictures.
 pub const RENDERS: &str = "renders";
+/// Folder of what other protocols than ours say, a folder each.
+pub const PROTOCOLS: &str = "protocols";
 /// Folder of the side-by-side pictures.
 pub const STRIPS: &str = "strips";
+/// All of it on one page.
+pub const REPORT: &str = "report.html";
 
 /// All that a run writes at the top of its folder.
-pub const ENTRIES: [&str; 9] = [CONFIG, RECORD, METRICS, RESULTS, PER_VIEW, CHECKPOINTS, POINT_CLOUD, RENDERS, STRIPS];
+pub const ENTRIES: [&str; 11] =
+    [CONFIG, RECORD, METRICS, RESULTS, PER_VIEW, PROTOCOLS, CHECKPOINTS, POINT_CLOUD, RENDERS, STRIPS, REPORT];

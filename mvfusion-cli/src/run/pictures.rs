@@ -50,6 +50,24 @@ impl PicturesWriter {
         Some(self.run.join(STRIPS).join(file_name(*middle)))
     }
 
+    /// Whether a strip is made of the view of this number.
+    pub fn makes_strip(&self, index: usize) -> bool {
+        self.strips.contains(&index)
+    }
+
+    /// Writes a layer of a view, if layers become files.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn write_layer(&self, index: usize, layer: &str, picture: &RgbImage) -> anyhow::Result<()> {
+        match self.layers {
+            true => {
+                atomic::write_png(&place(&self.run, &[RENDERS, "test", layer, &file_name(index)])?, picture.clone())
+            }
+            false => Ok(()),
+        }
+    }
+
     /// Writes what is wanted of a view.
     ///
     /// # Errors
@@ -58,7 +76,7 @@ impl PicturesWriter {
         if self.layers {
             self.write_layers(index, view, pictures)?;
         }
-        if self.strips.contains(&index) {
+        if self.makes_strip(index) {
             let photo = view.image.rgb()?;
             let mut panels = vec![&*photo, &pictures.composed];
             if let Some(layers) = &pictures.branches {
@@ -71,21 +89,23 @@ impl PicturesWriter {
     }
 
     fn write_layers(&self, index: usize, view: &View, pictures: &ViewPictures) -> anyhow::Result<()> {
-        let path = |layer: &str| place(&self.run, &[RENDERS, "test", layer, &file_name(index)]);
-        let mut layers = vec![("composed", &pictures.composed)];
+        let write = |layer: &str, picture: &RgbImage| self.write_layer(index, layer, picture);
+        write("composed", &pictures.composed)?;
         if let Some(branches) = &pictures.branches {
-            layers.extend([("static", &branches.static_), ("dynamic", &branches.dynamic), ("mask", &branches.mask)]);
+            write("static", &branches.static_)?;
+            write("dynamic", &branches.dynamic)?;
+            write("mask", &branches.mask)?;
         }
-        layers.extend(pictures.motion.iter().map(|motion| ("motion", motion)));
-        for (layer, picture) in layers {
-            atomic::write_png(&path(layer)?, picture.clone())?;
+        if let Some(motion) = &pictures.motion {
+            write("motion", motion)?;
         }
-        atomic::write_png(&path("gt")?, (*view.image.rgb()?).clone())?;
+        write("gt", &*view.image.rgb()?)?;
         if let Some(background) = &view.truth.background {
-            atomic::write_png(&path("true_background")?, (*background.rgb()?).clone())?;
+            write("true_background", &*background.rgb()?)?;
         }
         if let Some(mask) = &view.truth.dynamic_mask {
-            atomic::write_png(&path("true_mask")?, mask.mask()?)?;
+            let path = place(&self.run, &[RENDERS, "test", "true_mask", &file_name(index)])?;
+            atomic::write_png(&path, mask.mask()?)?;
         }
         Ok(())
     }

@@ -2,82 +2,61 @@
 
 use std::path::Path;
 
-use anyhow::{Context, anyhow};
-use mvfusion_model::gaussians::{Attribute, Gaussians};
+use mvfusion_data::{GaussianCloud, rest_width};
 
 use crate::atomic;
 
 /// Colour channels.
 const CHANNELS: usize = 3;
 
-/// A group of columns, row-major.
-struct Columns {
-    names: Vec<String>,
-    values: Vec<f32>,
-}
+/// What follows the colours in the standard order.
+const SHAPE: [&str; 8] = ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"];
+
+/// Logits of the learned mask.
+const MASKS: [&str; 3] = ["mask_static", "mask_brightness", "mask_dynamic"];
 
 /// Writes Gaussians as they are stored, before any activation: opacity as logit, scales as logarithms, rotation w, x, y,
-/// z. The mask logits of the dynamic branch follow the standard properties as `mask_static`, `mask_brightness` and
+/// z, zeros for normals. Mask logits follow the standard properties as `mask_static`, `mask_brightness` and
 /// `mask_dynamic`; readers go by name and pass over them. The header has no comments, because some readers count lines.
 ///
 /// # Errors
-/// If the device fails or the file cannot be written.
-pub fn write_ply(gaussians: &Gaussians, path: &Path) -> anyhow::Result<()> {
-    let count = gaussians.count();
-    let read = |attribute: Attribute| -> anyhow::Result<Option<Vec<f32>>> {
-        let Some(tensor) = gaussians.plain(attribute) else { return Ok(None) };
-        let values = tensor.try_into_vec_as::<f32>();
-        values.map(Some).map_err(|error| anyhow!("the device failed to hand over the {attribute}: {error}"))
-    };
-    let columns = columns(count, read).with_context(|| format!("cannot write {}", path.display()))?;
-    atomic::write(path, &encode(count, &columns))
+/// If the file cannot be written.
+pub fn write_ply(gaussians: &GaussianCloud, path: &Path) -> anyhow::Result<()> {
+    atomic::write(path, &encode(gaussians))
 }
 
-/// The columns of `count` Gaussians in the file's order; `read` hands over an attribute, row-major.
-fn columns(count: usize, read: impl Fn(Attribute) -> anyhow::Result<Option<Vec<f32>>>) -> anyhow::Result<Vec<Columns>> {
-    let mut columns = vec![group(&["x", "y", "z"], read(Attribute::Means)?)];
-    columns.push(group(&["nx", "ny", "nz"], Some(vec![0.0; 3 * count])));
-    columns.push(group(&["f_dc_0", "f_dc_1", "f_dc_2"], read(Attribute::ShDc)?));
-    columns.push(higher_colour(count, read(Attribute::ShRest)?.unwrap_or_default()));
-    columns.push(group(&["opacity"], read(Attribute::OpacityLogits)?));
-    columns.push(group(&["scale_0", "scale_1", "scale_2"], read(Attribute::LogScales)?));
-    columns.push(group(&["rot_0", "rot_1", "rot_2", "rot_3"], read(Attribute::Quaternions)?));
-    if let Some(masks) = read(Attribute::MaskLogits)? {
-        columns.push(group(&["mask_static", "mask_brightness", "mask_dynamic"], Some(masks)));
-    }
-    Ok(columns)
+/// The names of the properties in the file's order.
+fn names(gaussians: &GaussianCloud) -> Vec<String> {
+    let before = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"].map(str::to_owned);
+    let rest = (0..rest_width(gaussians.sh_degree)).map(|index| format!("f_rest_{index}"));
+    let masks = gaussians.mask_logits.as_ref().map(|_| MASKS).into_iter().flatten();
+    before.into_iter().chain(rest).chain(SHAPE.into_iter().chain(masks).map(str::to_owned)).collect()
 }
 
-fn group(names: &[&str], values: Option<Vec<f32>>) -> Columns {
-    Columns { names: names.iter().map(|&name| name.to_owned()).collect(), values: values.unwrap_or_default() }
-}
-
-/// The higher colour coefficients: ours go coefficient by coefficient, the file's channel by channel.
-fn higher_colour(count: usize, values: Vec<f32>) -> Columns {
-    let width = values.len() / count.max(1);
-    let coefficients = width / CHANNELS;
-    let names = (0..width).map(|index| format!("f_rest_{index}")).collect();
-    let transposed = values
-        .chunks_exact(width.max(1))
-        .flat_map(|row| {
-            (0..CHANNELS).flat_map(move |channel| (0..coefficients).map(move |k| row[k * CHANNELS + channel]))
-        })
-        .collect();
-    Columns { names, values: transposed }
-}
-
-fn encode(count: usize, columns: &[Columns]) -> Vec<u8> {
-    let mut header = format!("ply\nformat binary_little_endian 1.0\nelement vertex {count}\n");
-    for name in columns.iter().flat_map(|group| &group.names) {
+fn encode(gaussians: &GaussianCloud) -> Vec<u8> {
+    let names = names(gaussians);
+    let mut header = format!("ply\nformat binary_little_endian 1.0\nelement vertex {}\n", gaussians.len());
+    for name in &names {
         header.push_str(&format!("property float {name}\n"));
     }
     header.push_str("end_header\n");
     let mut bytes = header.into_bytes();
-    for row in 0..count {
-        for group in columns {
-            let width = group.names.len();
-            let values = &group.values[row * width..(row + 1) * width];
-            bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+    bytes.reserve(gaussians.len() * names.len() * size_of::<f32>());
+    for index in 0..gaussians.len() {
+        let mut put = |values: &[f32]| bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+        put(&gaussians.means[index]);
+        put(&[0.0; 3]);
+        put(&gaussians.sh_dc[index]);
+        // Ours go coefficient by coefficient, the file's channel by channel.
+        let rest = gaussians.rest(index);
+        for channel in 0..CHANNELS {
+            rest.iter().skip(channel).step_by(CHANNELS).for_each(|&value| put(&[value]));
+        }
+        put(&[gaussians.opacity_logits[index]]);
+        put(&gaussians.log_scales[index]);
+        put(&gaussians.quaternions[index]);
+        if let Some(masks) = &gaussians.mask_logits {
+            put(&masks[index]);
         }
     }
     bytes
@@ -107,20 +86,28 @@ mod tests {
     }
 
     /// Two Gaussians; every number tells its attribute (hundreds of thousands), row (thousands) and column.
-    fn attribute(attribute: Attribute, sh_degree: usize) -> Option<Vec<f32>> {
-        let width = match attribute {
-            Attribute::Means | Attribute::ShDc | Attribute::LogScales | Attribute::MaskLogits => 3,
-            Attribute::ShRest => CHANNELS * ((sh_degree + 1).pow(2) - 1),
-            Attribute::OpacityLogits => 1,
-            Attribute::Quaternions => 4,
+    fn cloud(sh_degree: usize) -> GaussianCloud {
+        let flat = |place: usize, width: usize| {
+            (0..2 * width).map(move |i| (100_000 * place + 1000 * (i / width) + i % width) as f32)
         };
-        let place = Attribute::ALL.iter().position(|&other| other == attribute).expect("listed");
-        Some((0..2 * width).map(|i| (100_000 * place + 1000 * (i / width) + i % width) as f32).collect())
+        fn rows<const N: usize>(values: impl Iterator<Item = f32>) -> Vec<[f32; N]> {
+            values.collect::<Vec<_>>().as_chunks().0.to_vec()
+        }
+        GaussianCloud {
+            sh_degree,
+            means: rows(flat(0, 3)),
+            sh_dc: rows(flat(1, 3)),
+            sh_rest: flat(2, rest_width(sh_degree).max(1)).take(2 * rest_width(sh_degree)).collect(),
+            opacity_logits: flat(3, 1).collect(),
+            log_scales: rows(flat(4, 3)),
+            quaternions: rows(flat(5, 4)),
+            mask_logits: Some(rows(flat(6, 3))),
+        }
     }
 
     #[test]
     fn every_number_is_found_again_by_its_name() {
-        let properties = read(&encode(2, &columns(2, |name| Ok(attribute(name, 3))).expect("columns")));
+        let properties = read(&encode(&cloud(3)));
         assert_eq!(properties.len(), 62 + 3);
         assert_eq!(properties["y"], [1.0, 1001.0]);
         assert_eq!(properties["nz"], [0.0, 0.0]);
@@ -137,10 +124,8 @@ mod tests {
     }
 
     #[test]
-    fn the_static_branch_has_the_standard_properties_in_the_standard_order() {
-        let without_masks = |name| Ok(attribute(name, 3).filter(|_| name != Attribute::MaskLogits));
-        let columns = columns(2, without_masks).expect("columns");
-        let names: Vec<&str> = columns.iter().flat_map(|group| &group.names).map(String::as_str).collect();
+    fn without_masks_there_are_the_standard_properties_in_the_standard_order() {
+        let names = names(&GaussianCloud { mask_logits: None, ..cloud(3) });
         assert_eq!(names[..10], ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "f_rest_0"]);
         assert_eq!(
             names[53..],
@@ -151,7 +136,7 @@ mod tests {
     #[test]
     fn lower_degrees_have_fewer_coefficients() {
         for (degree, count) in [(0, 0), (1, 9), (2, 24)] {
-            let properties = read(&encode(2, &columns(2, |name| Ok(attribute(name, degree))).expect("columns")));
+            let properties = read(&encode(&cloud(degree)));
             assert_eq!(properties.keys().filter(|name| name.starts_with("f_rest_")).count(), count);
         }
     }

@@ -1,12 +1,13 @@
 //! `results.json` and `per_view.json`: the figures of a run.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use mvfusion_model::densify::Branch;
-use mvfusion_model::evaluation::{Evaluation, Scores, ViewScores};
+use mvfusion_model::evaluation::{Evaluation, Figure, Judge, LayerScores, Scores, ViewScores};
 use mvfusion_model::model::Model;
 use serde::{Deserialize, Serialize};
 
+use super::field::{FieldPerView, FieldScores};
 use super::pictures::file_name;
 
 /// Relative difference below which two figures are the same: the JSON reader may miss the last bit of a number.
@@ -29,14 +30,61 @@ pub struct Results {
     pub train: Option<TrainTime>,
     /// The evaluation.
     pub eval: EvalTime,
+    /// How fast pictures are rendered; absent unless it was measured.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub speed: Option<RenderSpeed>,
+    /// By the name of each network that the protocol wants: its weights, or why there are none.
+    #[serde(default)]
+    pub lpips: BTreeMap<String, LpipsWeights>,
     /// SHA-256 of all learned parameters.
     pub params_sha256: String,
+    /// SHA-256 of the run's `config.toml`.
+    #[serde(default)]
+    pub config_sha256: String,
+    /// SHA-256 of the composed pictures of all held-out views, see [`PicturesHash`](super::PicturesHash).
+    #[serde(default)]
+    pub predictions_sha256: String,
+    /// SHA-256 of the photos that they were compared with.
+    #[serde(default)]
+    pub photos_sha256: String,
     /// Device.
     pub device: String,
     /// CPU threads.
     pub threads: usize,
     /// Seed of the run.
     pub seed: u64,
+    /// The figures under the names that the field's scripts look for.
+    #[serde(flatten, skip_deserializing)]
+    pub field: BTreeMap<String, FieldScores>,
+}
+
+/// What a network of LPIPS was given.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LpipsWeights {
+    /// A file of this SHA-256.
+    WeightsSha256(String),
+    /// Nothing, for this reason; its figures are absent.
+    Absent(String),
+}
+
+/// How fast the held-out views are rendered, in turn and over and over (METHOD A35): all of deformation, refinement and
+/// rasterisation, nothing read or written, no picture handed back.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RenderSpeed {
+    /// Pixels of the first view.
+    pub width: usize,
+    /// Pixels of the first view.
+    pub height: usize,
+    /// Frames before the clock started.
+    pub warm_up: usize,
+    /// Frames under the clock.
+    pub frames: usize,
+    /// Frames a second.
+    pub fps: f64,
+    /// Frames a second without MFTA, the cheaper inference; absent where there is none anyway.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub fps_without_mfta: Option<f64>,
 }
 
 /// Numbers of Gaussians.
@@ -79,11 +127,20 @@ impl GaussianCounts {
     }
 }
 
+impl LpipsWeights {
+    /// Those of a judge, by the networks' names.
+    pub fn of(judge: &Judge) -> BTreeMap<String, Self> {
+        let there = judge.weights().map(|(network, hash)| (network, Self::WeightsSha256(hash.to_owned())));
+        let missing = judge.missing().map(|(network, reason)| (network, Self::Absent(reason.to_owned())));
+        there.chain(missing).map(|(network, weights)| (network.name().to_owned(), weights)).collect()
+    }
+}
+
 impl Results {
     /// The names of the figures in which `other` is not the same, each with both values.
     pub fn differences(&self, other: &Self) -> Vec<String> {
         let (own, others) = (self.figures(), other.figures());
-        let names: std::collections::BTreeSet<_> = own.keys().chain(others.keys()).copied().collect();
+        let names: BTreeSet<_> = own.keys().chain(others.keys()).collect();
         names
             .into_iter()
             .filter_map(|name| {
@@ -99,23 +156,28 @@ impl Results {
     }
 
     /// The figures that are known, by the names they have in the file.
-    fn figures(&self) -> BTreeMap<&'static str, f64> {
-        let (static_, region) = (self.test.static_.unwrap_or_default(), self.test.dynamic_region.unwrap_or_default());
-        let training = self.training_views.unwrap_or_default();
-        let all = [
-            ("training_views.composed.psnr", training.composed.psnr),
-            ("training_views.dynamic_region.psnr", training.dynamic_region.and_then(|scores| scores.psnr)),
-            ("test.composed.psnr", self.test.composed.psnr),
-            ("test.composed.ssim", self.test.composed.ssim),
-            ("test.static.psnr", static_.psnr),
-            ("test.static.ssim", static_.ssim),
-            ("test.dynamic_region.psnr", region.psnr),
-            ("test.mask_iou", self.test.mask_iou),
-            ("gaussians.static", self.gaussians.static_.map(|count| count as f64)),
-            ("gaussians.dynamic", Some(self.gaussians.dynamic as f64)),
-        ];
-        all.into_iter().filter_map(|(name, figure)| Some((name, figure?))).collect()
+    fn figures(&self) -> BTreeMap<String, f64> {
+        let sets =
+            std::iter::once(("test", &self.test)).chain(self.training_views.iter().map(|set| ("training_views", set)));
+        let mut figures: BTreeMap<String, f64> = sets.flat_map(|(name, set)| figures_of(name, set)).collect();
+        figures.extend(self.gaussians.static_.map(|count| ("gaussians.static".to_owned(), count as f64)));
+        figures.insert("gaussians.dynamic".to_owned(), self.gaussians.dynamic as f64);
+        figures
     }
+}
+
+/// The known figures of a set of views.
+fn figures_of(set: &str, scores: &Scores) -> BTreeMap<String, f64> {
+    let of_layer = |(layer, scores): (&'static str, &LayerScores)| {
+        let known = Figure::ALL.into_iter().filter_map(|figure| Some((figure.name(), figure.of(scores)?)));
+        known.map(|(figure, value)| (format!("{set}.{layer}.{figure}"), value)).collect::<Vec<_>>()
+    };
+    let mut figures: BTreeMap<String, f64> = scores.layers().flat_map(of_layer).collect();
+    figures.extend(scores.mask_iou.map(|overlap| (format!("{set}.mask_iou"), overlap)));
+    let temporal = scores.temporal.unwrap_or_default();
+    figures.extend(temporal.t_lpips_alex.map(|flicker| (format!("{set}.temporal.t_lpips_alex"), flicker)));
+    figures.extend(temporal.t_lpips_vgg.map(|flicker| (format!("{set}.temporal.t_lpips_vgg"), flicker)));
+    figures
 }
 
 /// `per_view.json`: the figures of every held-out view, by the name of its pictures.
@@ -125,47 +187,65 @@ pub struct PerView {
     pub protocol: String,
     /// The held-out views.
     pub test: BTreeMap<String, ViewScores>,
+    /// The figures under the names that the field's scripts look for.
+    #[serde(flatten, skip_deserializing)]
+    pub field: BTreeMap<String, FieldPerView>,
 }
 
 impl PerView {
-    /// The views of an evaluation.
-    pub fn of(protocol: &str, evaluation: &Evaluation) -> Self {
-        let test = evaluation.views.iter().enumerate().map(|(index, view)| (file_name(index), view.clone())).collect();
-        Self { protocol: protocol.to_owned(), test }
+    /// The views of an evaluation after so many `steps` of training.
+    pub fn of(protocol: &str, evaluation: &Evaluation, steps: usize) -> Self {
+        let test: BTreeMap<_, _> =
+            evaluation.views.iter().enumerate().map(|(index, view)| (file_name(index), view.clone())).collect();
+        let field = FieldPerView::of(steps, &test);
+        Self { protocol: protocol.to_owned(), test, field }
+    }
+}
+
+/// Results for tests, of a run without weights of LPIPS.
+#[cfg(test)]
+pub(crate) fn specimen(test: Scores) -> Results {
+    use mvfusion_model::evaluation::Protocol;
+
+    Results {
+        protocol: "p".into(),
+        test,
+        training_views: None,
+        gaussians: GaussianCounts { static_: Some(12), dynamic: 3 },
+        train: Some(TrainTime { seconds: 171.2, steps: 1400 }),
+        eval: EvalTime { seconds: 9.0 },
+        speed: None,
+        lpips: LpipsWeights::of(&Judge::without_lpips(Protocol::Mvfusion)),
+        params_sha256: "0".into(),
+        config_sha256: "1".into(),
+        predictions_sha256: "2".into(),
+        photos_sha256: "3".into(),
+        device: "flex".into(),
+        threads: 2,
+        seed: 0,
+        field: BTreeMap::new(),
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use mvfusion_model::evaluation::LayerScores;
-
     use super::*;
 
     fn results() -> Results {
-        Results {
-            protocol: "p".into(),
-            test: Scores {
-                composed: LayerScores { psnr: Some(1.0 / 0.3), ssim: Some(0.1 + 0.2), ..Default::default() },
-                ..Default::default()
-            },
-            training_views: None,
-            gaussians: GaussianCounts { static_: Some(2), dynamic: 1 },
-            train: None,
-            eval: EvalTime { seconds: 1.0 },
-            params_sha256: "0".into(),
-            device: "flex".into(),
-            threads: 1,
-            seed: 0,
-        }
+        specimen(Scores {
+            composed: LayerScores { psnr: Some(1.0 / 0.3), ssim: Some(0.1 + 0.2), ..Default::default() },
+            ..Default::default()
+        })
     }
 
     #[test]
     fn unknown_figures_are_absent_and_known_ones_are_whole() {
         let json = serde_json::to_value(results()).expect("written");
         assert_eq!(json["test"]["composed"]["ssim"], 0.1 + 0.2);
-        assert_eq!(json["gaussians"]["static"], 2);
+        assert_eq!(json["gaussians"]["static"], 12);
         assert!(json["test"].get("static").is_none() && json["test"].get("mask_iou").is_none());
-        assert!(json.get("train").is_none());
+        assert!(json.get("speed").is_none());
+        assert_eq!(json["lpips"]["vgg"]["absent"], "no folder of weights was given");
         assert_eq!(serde_json::from_value::<Results>(json).expect("read"), results());
     }
 
@@ -176,9 +256,11 @@ mod tests {
         other.eval.seconds = 7.0;
         other.test.composed.psnr = Some(3.0);
         other.test.mask_iou = Some(0.5);
+        other.test.static_ = Some(LayerScores { lpips_vgg_raw: Some(0.25), ..Default::default() });
         let differences = results().differences(&other);
-        assert_eq!(differences.len(), 2);
+        assert_eq!(differences.len(), 3);
         assert!(differences[0].starts_with("test.composed.psnr 3.33"), "{differences:?}");
         assert_eq!(differences[1], "test.mask_iou unknown instead of 0.5");
+        assert_eq!(differences[2], "test.static.lpips_vgg_raw unknown instead of 0.25");
     }
 }

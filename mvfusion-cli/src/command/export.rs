@@ -1,0 +1,104 @@
+//! `mvfusion export`.
+
+use std::io::Write;
+
+use mvfusion_data::GaussianCloud;
+use mvfusion_model::train::final_movement;
+
+use crate::args::{ExportArgs, ExportFormat};
+use crate::export::{self, Exporter, InriaModel, Moment};
+use crate::progress::{Progress, Talk};
+use crate::run::{Existing, MasksRequest, OpenRun, RunFolder, RunPlan, RunRequest, write_ply};
+
+/// Width of the first column.
+const LABEL: usize = 16;
+
+/// Writes a run's Gaussians and cameras for other programs.
+///
+/// # Errors
+/// If the run is not complete, its data are gone, something lies in the folder already, the device fails, or a file
+/// cannot be written.
+pub fn export(args: &ExportArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<()> {
+    let existing = if args.force { Existing::Replace } else { Existing::Keep };
+    let plan = RunPlan::for_contents(&args.out, existing, export::CONTENTS)?;
+    let data = args.data.as_deref();
+    let request = RunRequest { run: &args.run, data, masks: MasksRequest::Unused, device: &args.compute.device };
+    let run = OpenRun::open(&request, talk)?;
+    let exporter = exporter(args, &run, talk);
+    let mut folder = plan.create()?;
+    Session { args, run: &run, exporter, folder: &folder }.write(talk, out)?;
+    folder.keep();
+    Ok(())
+}
+
+/// The model as it is to be shown.
+fn exporter(args: &ExportArgs, run: &OpenRun, talk: Talk) -> Exporter {
+    let movement = final_movement(&run.config);
+    Exporter { model: run.state.model.plain(), movement, surroundings: run.surroundings(args.no_mfta, talk) }
+}
+
+/// An export under way.
+struct Session<'a> {
+    args: &'a ExportArgs,
+    run: &'a OpenRun,
+    exporter: Exporter,
+    folder: &'a RunFolder,
+}
+
+impl Session<'_> {
+    fn write(&self, talk: Talk, out: &mut dyn Write) -> anyhow::Result<()> {
+        export::write_cameras(&self.run.scene, &self.folder.place(&[export::CAMERAS])?)?;
+        let wanted = |format| self.args.format.contains(&format);
+        if wanted(ExportFormat::Ply) {
+            self.write_branches(out)?;
+        }
+        // What shows the scene shows a moment: canonical Gaussians are none.
+        let moment = Moment::At(self.args.time.unwrap_or(0.0));
+        if wanted(ExportFormat::Splat) {
+            let gaussians = self.exporter.scene(moment)?;
+            export::write_splat(&gaussians, &self.folder.place(&[export::SPLAT])?)?;
+            tell(out, export::SPLAT, &gaussians)?;
+        }
+        if wanted(ExportFormat::Inria) {
+            let gaussians = &self.exporter.scene(moment)?;
+            let OpenRun { config, scene, state, .. } = self.run;
+            let model = InriaModel { gaussians, scene, config, steps: state.completed };
+            export::write_inria(&model, self.folder)?;
+            tell(out, "point_cloud", gaussians)?;
+        }
+        if let Some(frames) = self.args.frames {
+            self.write_frames(frames.get(), talk)?;
+            writeln!(out, "{:LABEL$}{frames}", export::FRAMES)?;
+        }
+        writeln!(out, "{:LABEL$}{}", "written to", self.folder.path().display())?;
+        Ok(())
+    }
+
+    /// The Gaussians of each branch in a file of its own.
+    fn write_branches(&self, out: &mut dyn Write) -> anyhow::Result<()> {
+        let moment = self.args.time.map_or(Moment::Canonical, Moment::At);
+        let static_ = self.exporter.static_()?.map(|gaussians| (export::STATIC, gaussians));
+        for (name, gaussians) in static_.into_iter().chain([(export::DYNAMIC, self.exporter.dynamic(moment)?)]) {
+            write_ply(&gaussians, &self.folder.place(&[name])?)?;
+            tell(out, name, &gaussians)?;
+        }
+        Ok(())
+    }
+
+    /// The whole scene at times that are evenly spread.
+    fn write_frames(&self, frames: usize, talk: Talk) -> anyhow::Result<()> {
+        let last = self.exporter.surroundings.timeline.times().last().copied().unwrap_or(0.0);
+        let mut progress = Progress::new("frames", frames, talk);
+        for (frame, time) in export::frame_times(frames, last).into_iter().enumerate() {
+            let gaussians = self.exporter.scene(Moment::At(time))?;
+            write_ply(&gaussians, &self.folder.place(&[export::FRAMES, &export::frame_name(frame)])?)?;
+            progress.advance();
+        }
+        progress.finish();
+        Ok(())
+    }
+}
+
+fn tell(out: &mut dyn Write, name: &str, gaussians: &GaussianCloud) -> std::io::Result<()> {
+    writeln!(out, "{name:LABEL$}{} Gaussians", gaussians.len())
+}

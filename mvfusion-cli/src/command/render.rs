@@ -1,0 +1,122 @@
+//! `mvfusion render`.
+
+use std::io::Write;
+
+use mvfusion_model::evaluation::{Layer, LayerRenderer};
+use mvfusion_model::model::{Model, Movement};
+use mvfusion_model::timeline::spread;
+use mvfusion_model::train::final_movement;
+
+use crate::args::RenderArgs;
+use crate::progress::{Pace, Progress, Talk};
+use crate::render::{FileFormat, Film, LayerChoice, OutputsPlan, Reframing, Selection};
+use crate::run::{self, MasksRequest, OpenRun, RunRequest};
+
+/// Frames whose depths decide about the scale of all depth pictures.
+const DEPTH_FRAMES: usize = 8;
+
+/// Renders a trained run in layers.
+///
+/// # Errors
+/// If the run is not complete, its scene is gone, a camera path cannot be used, the model lacks a layer, files would be
+/// overwritten, the device fails, or a file cannot be written.
+pub fn render(args: &RenderArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<()> {
+    let request = RunRequest {
+        run: &args.run,
+        data: args.data.as_deref(),
+        masks: MasksRequest::Unused,
+        device: &args.compute.device,
+    };
+    let run = OpenRun::open(&request, talk)?;
+    let surroundings = run.surroundings(args.no_mfta, talk);
+    let OpenRun { config, scene, state, .. } = run;
+    let film = args.views.film(&scene, &selection(args))?;
+    let film = Film { fps: args.fps.unwrap_or(film.fps), ..film };
+
+    let (model, movement) = (state.model.plain(), final_movement(&config));
+    let layers = layers(&args.layers, &model, movement);
+    let weights = args.motion_weights.unwrap_or(config.motion.weights);
+    let renderer = LayerRenderer::new(&model, movement, &surroundings, &layers, weights)?;
+
+    let folder = args.out.clone().unwrap_or_else(|| args.run.join(run::RENDERS).join(args.views.name()));
+    let plan = OutputsPlan::new(&folder, &layers, &FileFormat::choose(&args.format, film.frames.len(), talk)?);
+    if !args.force {
+        plan.check_free()?;
+    }
+    let renderer = if plan.has_pictures() { with_depths(renderer, &film)? } else { renderer };
+    let plan = write(&film, &renderer, plan, talk)?;
+    tell(&film, &layers, &plan, out)
+}
+
+/// What the command line says of the frames.
+fn selection(args: &RenderArgs) -> Selection {
+    let reframing = match (args.size, args.downscale) {
+        (Some((width, height)), _) => Reframing::Size(width, height),
+        (None, Some(times)) => Reframing::Downscale(times),
+        (None, None) => Reframing::AsItIs,
+    };
+    Selection { frames: args.frames, time: args.time, camera: args.camera.clone(), reframing }
+}
+
+/// The layers that were asked for, each once.
+fn layers(asked: &[LayerChoice], model: &Model, movement: Movement) -> Vec<Layer> {
+    if asked.is_empty() {
+        return Layer::usual(model, movement);
+    }
+    let mut layers = Vec::new();
+    for choice in asked {
+        match choice {
+            LayerChoice::One(layer) => layers.push(*layer),
+            LayerChoice::All => {
+                layers.extend(Layer::ALL.iter().filter(|layer| layer.lacking(model, movement).is_none()))
+            }
+        }
+    }
+    let mut seen = Vec::new();
+    layers.retain(|layer| {
+        let new = !seen.contains(layer);
+        seen.push(*layer);
+        new
+    });
+    layers
+}
+
+/// The renderer with one scale for the depths of all frames.
+fn with_depths<'a>(renderer: LayerRenderer<'a>, film: &Film) -> anyhow::Result<LayerRenderer<'a>> {
+    if !renderer.layers().contains(&Layer::Depth) {
+        return Ok(renderer);
+    }
+    let chosen = spread(film.frames.len(), DEPTH_FRAMES);
+    let frames = chosen.into_iter().map(|index| (film.frames[index].camera, film.frames[index].time));
+    Ok(renderer.with_depths_of(frames)?)
+}
+
+/// Renders frame after frame.
+fn write(film: &Film, renderer: &LayerRenderer<'_>, plan: OutputsPlan, talk: Talk) -> anyhow::Result<OutputsPlan> {
+    let camera = &film.frames[0].camera;
+    let mut outputs = plan.create((camera.width, camera.height), film.fps)?;
+    let mut progress = Progress::new("rendering", film.frames.len(), talk);
+    let mut pace = Pace::default();
+    for (done, frame) in film.frames.iter().enumerate() {
+        let rendered = renderer.render(&frame.camera, frame.time)?;
+        outputs.add(frame.number, &rendered, renderer)?;
+        pace.mark(done + 1);
+        progress.say(format!("{:.1} frames/s  {}", pace.steps_per_second(), pace.left(film.frames.len() - done - 1)));
+        progress.advance();
+    }
+    let plan = outputs.finish()?;
+    progress.finish();
+    Ok(plan)
+}
+
+/// Says what lies where.
+fn tell(film: &Film, layers: &[Layer], plan: &OutputsPlan, out: &mut dyn Write) -> anyhow::Result<()> {
+    let camera = &film.frames[0].camera;
+    writeln!(out, "{:16}{} of {}x{}", "frames", film.frames.len(), camera.width, camera.height)?;
+    let names: Vec<&str> = layers.iter().map(|layer| layer.name()).collect();
+    writeln!(out, "{:16}{}", "layers", names.join(", "))?;
+    for (kind, place) in plan.describe() {
+        writeln!(out, "{kind:16}{place}")?;
+    }
+    Ok(())
+}

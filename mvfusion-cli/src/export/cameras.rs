@@ -1,0 +1,50 @@
+//! `cameras.json` as 3DGS writes it.
+
+use std::path::Path;
+
+use mvfusion_data::{Camera, Scene, View};
+use serde::Serialize;
+
+use crate::atomic;
+
+/// A camera of 3DGS. It has no principal point: viewers take the middle of the picture.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+struct Entry<'a> {
+    id: usize,
+    img_name: &'a str,
+    width: usize,
+    height: usize,
+    /// Centre in the world.
+    position: [f64; 3],
+    /// Camera to world, row by row; columns are right, down, forward.
+    rotation: [[f64; 3]; 3],
+    fx: f64,
+    fy: f64,
+}
+
+impl<'a> Entry<'a> {
+    fn new(id: usize, view: &'a View) -> Self {
+        let Camera { width, height, fx, fy, rotation, .. } = view.camera;
+        let to_world = rotation.transpose();
+        Self {
+            id,
+            img_name: &view.name,
+            width,
+            height,
+            position: view.camera.centre().to_array(),
+            rotation: [0, 1, 2].map(|row| to_world.row(row).to_array()),
+            fx,
+            fy,
+        }
+    }
+}
+
+/// Writes the cameras of all views: those held out, then those trained on, as 3DGS orders them.
+///
+/// # Errors
+/// If the file cannot be written.
+pub fn write_cameras(scene: &Scene, path: &Path) -> anyhow::Result<()> {
+    let views = scene.test.iter().chain(&scene.train).enumerate();
+    let entries: Vec<Entry<'_>> = views.map(|(id, view)| Entry::new(id, view)).collect();
+    atomic::write_json(path, &entries)
+}

@@ -1,0 +1,148 @@
+//! Words and numbers of the command line.
+
+use clap::ValueEnum;
+use mvfusion_data::can_write_videos;
+use mvfusion_model::config::FusionWeights;
+use mvfusion_model::evaluation::Layer;
+
+use crate::failure::UsageError;
+use crate::progress::Talk;
+
+/// A layer that was asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LayerChoice {
+    /// All that the model has.
+    All,
+    /// This one.
+    One(Layer),
+}
+
+/// A kind of files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum FileFormat {
+    /// A picture of 8 bits for each layer and frame.
+    Png,
+    /// A picture of float layers for each frame.
+    Exr,
+    /// An animation for each layer.
+    Gif,
+    /// A video for each layer.
+    Mp4,
+}
+
+impl FileFormat {
+    /// The kinds to write: those `asked` for, or what suits `frames`.
+    ///
+    /// # Errors
+    /// If videos are asked for and nothing is there to write them.
+    pub fn choose(asked: &[Self], frames: usize, talk: Talk) -> Result<Vec<Self>, UsageError> {
+        if asked.contains(&Self::Mp4) && !can_write_videos() {
+            return Err(UsageError::new(
+                "--format mp4 needs the program ffmpeg, and there is none. Install it, or ask for gif or png.",
+            ));
+        }
+        if !asked.is_empty() {
+            return Ok(Self::value_variants().iter().copied().filter(|format| asked.contains(format)).collect());
+        }
+        if frames == 1 {
+            return Ok(vec![Self::Png]);
+        }
+        let mut formats = vec![Self::Png, Self::Gif];
+        if can_write_videos() {
+            formats.push(Self::Mp4);
+        } else {
+            talk.note("note:   no mp4 is written, because there is no program ffmpeg");
+        }
+        Ok(formats)
+    }
+}
+
+/// Takes a layer by its name, with hyphens or underscores, or all of them.
+///
+/// # Errors
+/// If there is no such layer.
+pub fn parse_layer(text: &str) -> Result<LayerChoice, String> {
+    if text == "all" {
+        return Ok(LayerChoice::All);
+    }
+    let names = || Layer::ALL.map(Layer::name).join(", ");
+    let layer = Layer::of_name(&text.replace('-', "_"));
+    layer.map(LayerChoice::One).ok_or_else(|| format!("layers are {}, and all", names()))
+}
+
+/// Takes a moment, 0 to 1.
+///
+/// # Errors
+/// If it is none.
+pub fn parse_time(text: &str) -> Result<f64, String> {
+    let time = text.parse().ok().filter(|time| (0.0..=1.0).contains(time));
+    time.ok_or_else(|| "a moment is a number from 0 to 1, the first to the last".to_owned())
+}
+
+/// Takes a number of frames a second.
+///
+/// # Errors
+/// If it is none.
+pub fn parse_fps(text: &str) -> Result<f64, String> {
+    let fps = text.parse().ok().filter(|fps| (0.1..=240.0).contains(fps));
+    fps.ok_or_else(|| "frames a second lie between 0.1 and 240".to_owned())
+}
+
+/// Takes the weights of the motion intensity, `0.7,0.2,0.1` for position, scale, rotation.
+///
+/// # Errors
+/// If they are none.
+pub fn parse_weights(text: &str) -> Result<FusionWeights, String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[position, scale, rotation])
+            if [position, scale, rotation].iter().all(|weight| weight.is_finite() && *weight >= 0.0)
+                && position + scale + rotation > 0.0 =>
+        {
+            Ok(FusionWeights { position, scale, rotation })
+        }
+        _ => Err(
+            "weights are written as 0.7,0.2,0.1 for position, scale and rotation; none is below 0, and not all are 0"
+                .to_owned(),
+        ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_are_three_numbers_not_below_zero() {
+        let weights = FusionWeights { position: 1.0, scale: 0.5, rotation: 0.0 };
+        assert_eq!(parse_weights("1, 0.5,0"), Ok(weights));
+        for bad in ["1,2", "1,2,3,4", "1,-2,3", "0,0,0", "a,b,c", "1,nan,0", "inf,0,0"] {
+            assert!(parse_weights(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn layers_are_named_with_hyphens_or_underscores() {
+        let masked = Ok(LayerChoice::One(Layer::MaskedStatic));
+        assert_eq!([parse_layer("masked-static"), parse_layer("masked_static")], [masked.clone(), masked]);
+        assert_eq!(parse_layer("all"), Ok(LayerChoice::All));
+        assert!(parse_layer("gt").is_err_and(|error| error.contains("scale_variance")));
+    }
+
+    #[test]
+    fn moments_and_rates_have_bounds() {
+        assert_eq!((parse_time("0.25"), parse_fps("29.97")), (Ok(0.25), Ok(29.97)));
+        assert!(["1.01", "-0.1", "nan", ""].iter().all(|bad| parse_time(bad).is_err()));
+        assert!(["0", "-1", "inf", "x"].iter().all(|bad| parse_fps(bad).is_err()));
+    }
+
+    #[test]
+    fn a_single_frame_is_a_picture_and_what_is_asked_for_is_written() {
+        let choose = |asked: &[FileFormat], frames| FileFormat::choose(asked, frames, Talk::Silent).expect("chosen");
+        assert_eq!(choose(&[], 1), [FileFormat::Png]);
+        assert_eq!(choose(&[], 2)[..2], [FileFormat::Png, FileFormat::Gif]);
+        assert_eq!(choose(&[FileFormat::Exr], 9), [FileFormat::Exr]);
+        let twice = [FileFormat::Gif, FileFormat::Png, FileFormat::Gif];
+        assert_eq!(choose(&twice, 9), [FileFormat::Png, FileFormat::Gif]);
+    }
+}

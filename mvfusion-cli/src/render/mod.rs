@@ -1,0 +1,12 @@
+//! What `mvfusion render` renders, and the files that it writes.
+
+mod choices;
+mod exr;
+mod gif;
+mod mp4;
+mod outputs;
+mod views;
+
+pub use choices::{FileFormat, LayerChoice, parse_fps, parse_layer, parse_time, parse_weights};
+pub use outputs::{Outputs, OutputsPlan};
+pub use views::{Film, Frame, Reframing, Selection, Views};

@@ -1,0 +1,219 @@
+//! The files of a rendering: one stream a layer and kind.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use image::RgbImage;
+use mvfusion_model::evaluation::{Layer, LayerRenderer, RenderedLayer};
+
+use super::FileFormat;
+use super::exr::{self, LayerPixels};
+use super::gif::GifWriter;
+use super::mp4::Mp4Writer;
+use crate::atomic;
+
+/// Folder of the pictures in floats.
+const EXR: &str = "exr";
+
+/// Files that could be written: nothing was yet.
+#[derive(Clone, Debug)]
+pub struct OutputsPlan {
+    folder: PathBuf,
+    layers: Vec<Layer>,
+    formats: Vec<FileFormat>,
+}
+
+/// Takes frames in and writes their files.
+pub struct Outputs {
+    plan: OutputsPlan,
+    size: (u32, u32),
+    gifs: Vec<GifWriter>,
+    videos: Vec<Mp4Writer>,
+}
+
+impl OutputsPlan {
+    /// The files of some layers in a folder.
+    pub fn new(folder: &Path, layers: &[Layer], formats: &[FileFormat]) -> Self {
+        Self { folder: folder.to_owned(), layers: layers.to_vec(), formats: formats.to_vec() }
+    }
+
+    /// Makes sure that nothing is overwritten.
+    ///
+    /// # Errors
+    /// If files of the same names are there.
+    pub fn check_free(&self) -> anyhow::Result<()> {
+        match self.existing()?.first() {
+            Some(file) => bail!(
+                "there is {} already. Give --force to replace what was rendered there, or another folder with --out.",
+                file.display()
+            ),
+            None => Ok(()),
+        }
+    }
+
+    /// Makes the folders, removes what an earlier rendering of the same layers left, and starts the animations of frames
+    /// of `size`.
+    ///
+    /// # Errors
+    /// If the system refuses.
+    pub fn create(self, size: (usize, usize), fps: f64) -> anyhow::Result<Outputs> {
+        let size = (u32::try_from(size.0)?, u32::try_from(size.1)?);
+        for file in self.existing()? {
+            fs::remove_file(&file).with_context(|| format!("cannot remove {}", file.display()))?;
+        }
+        for folder in [self.folder.clone()].into_iter().chain(self.folders()) {
+            fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+        }
+        let gifs = self.files(FileFormat::Gif).into_iter().map(|path| GifWriter::create(&path, size, fps));
+        let gifs = gifs.collect::<anyhow::Result<_>>()?;
+        let videos = self.files(FileFormat::Mp4).into_iter().map(|path| Mp4Writer::create(&path, size, fps));
+        let videos = videos.collect::<anyhow::Result<_>>()?;
+        Ok(Outputs { plan: self, size, gifs, videos })
+    }
+
+    /// Whether pictures of 8 bits are made.
+    pub fn has_pictures(&self) -> bool {
+        self.formats.iter().any(|format| *format != FileFormat::Exr)
+    }
+
+    /// What lies where, a line a kind.
+    pub fn describe(&self) -> Vec<(&'static str, String)> {
+        let within = |name: &str| self.folder.join(name).display().to_string();
+        let describe = |format: &FileFormat| match format {
+            FileFormat::Png => ("png", within("LAYER/NNNNN.png")),
+            FileFormat::Exr => ("exr", within("exr/NNNNN.exr")),
+            FileFormat::Gif => ("gif", within("LAYER.gif")),
+            FileFormat::Mp4 => ("mp4", within("video_LAYER.mp4")),
+        };
+        self.formats.iter().map(describe).collect()
+    }
+
+    fn has(&self, format: FileFormat) -> bool {
+        self.formats.contains(&format)
+    }
+
+    /// The folders of numbered files.
+    fn folders(&self) -> Vec<PathBuf> {
+        let layers =
+            self.layers.iter().filter(|_| self.has(FileFormat::Png)).map(|layer| self.folder.join(layer.name()));
+        layers.chain(self.has(FileFormat::Exr).then(|| self.folder.join(EXR))).collect()
+    }
+
+    /// The animations of a kind, one a layer.
+    fn files(&self, format: FileFormat) -> Vec<PathBuf> {
+        let name = |layer: &Layer| match format {
+            FileFormat::Gif => Some(format!("{layer}.gif")),
+            FileFormat::Mp4 => Some(format!("video_{layer}.mp4")),
+            FileFormat::Png | FileFormat::Exr => None,
+        };
+        let layers = self.layers.iter().filter(|_| self.has(format));
+        layers.filter_map(name).map(|name| self.folder.join(name)).collect()
+    }
+
+    /// Files that an earlier rendering left, and no others: whatever has another name is somebody else's.
+    fn existing(&self) -> anyhow::Result<Vec<PathBuf>> {
+        let mut found = Vec::new();
+        for folder in self.folders().into_iter().filter(|folder| folder.is_dir()) {
+            let context = || format!("cannot list the folder {}", folder.display());
+            for entry in fs::read_dir(&folder).with_context(context)? {
+                let path = entry.with_context(context)?.path();
+                if is_numbered(&path) {
+                    found.push(path);
+                }
+            }
+        }
+        found.sort();
+        let animations = [FileFormat::Gif, FileFormat::Mp4].into_iter().flat_map(|format| self.files(format));
+        found.extend(animations.filter(|path| path.exists()));
+        Ok(found)
+    }
+}
+
+impl Outputs {
+    /// Writes a frame.
+    ///
+    /// # Errors
+    /// If the device fails, or a file cannot be written.
+    pub fn add(
+        &mut self,
+        number: usize,
+        rendered: &[RenderedLayer],
+        renderer: &LayerRenderer<'_>,
+    ) -> anyhow::Result<()> {
+        if self.plan.has(FileFormat::Exr) {
+            let pixels = |layer: &RenderedLayer| Ok(LayerPixels { layer: layer.layer, values: layer.pixels()? });
+            let layers: Vec<LayerPixels> = rendered.iter().map(pixels).collect::<anyhow::Result<_>>()?;
+            let bytes = exr::encode(self.size.0 as usize, self.size.1 as usize, &layers)?;
+            atomic::write_again(&self.plan.folder.join(EXR).join(format!("{number:05}.exr")), &bytes)?;
+        }
+        if self.plan.has_pictures() {
+            for (place, layer) in rendered.iter().enumerate() {
+                self.add_picture(number, place, renderer.picture(layer)?)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes the picture of the layer at a place of the list.
+    fn add_picture(&mut self, number: usize, place: usize, picture: RgbImage) -> anyhow::Result<()> {
+        if let Some(gif) = self.gifs.get_mut(place) {
+            gif.add(&picture)?;
+        }
+        if let Some(video) = self.videos.get_mut(place) {
+            video.add(&picture)?;
+        }
+        if self.plan.has(FileFormat::Png) {
+            let folder = self.plan.folder.join(self.plan.layers[place].name());
+            atomic::write_png(&folder.join(format!("{number:05}.png")), picture)?;
+        }
+        Ok(())
+    }
+
+    /// Ends the animations.
+    ///
+    /// # Errors
+    /// If one cannot be written.
+    pub fn finish(self) -> anyhow::Result<OutputsPlan> {
+        self.gifs.into_iter().try_for_each(GifWriter::finish)?;
+        self.videos.into_iter().try_for_each(Mp4Writer::finish)?;
+        Ok(self.plan)
+    }
+}
+
+/// Whether a file has a name such as 00012.png.
+fn is_numbered(path: &Path) -> bool {
+    let is = |part: Option<&std::ffi::OsStr>, test: &dyn Fn(&str) -> bool| {
+        part.and_then(|part| part.to_str()).is_some_and(test)
+    };
+    is(path.extension(), &|ending| ending == "png" || ending == EXR)
+        && is(path.file_stem(), &|stem| stem.len() >= 5 && stem.bytes().all(|byte| byte.is_ascii_digit()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_rendered_before_is_found_and_what_others_put_there_is_left_alone() {
+        let folder = tempfile::tempdir().expect("folder");
+        let plan = OutputsPlan::new(folder.path(), &[Layer::Mask], &[FileFormat::Png, FileFormat::Gif]);
+        plan.check_free().expect("nothing is there");
+        let write = |name: &str| {
+            let path = folder.path().join(name);
+            fs::create_dir_all(path.parent().expect("a folder")).expect("made");
+            fs::write(path, "x").expect("written");
+        };
+        ["mask/notes.png", "mask/1.png", "composed/00000.png", "composed.gif"].into_iter().for_each(write);
+        plan.check_free().expect("nothing of this rendering is there");
+        ["mask/00007.png", "mask.gif"].into_iter().for_each(write);
+        let error = plan.check_free().expect_err("refused").to_string();
+        assert!(error.contains("00007.png") && error.contains("--force") && error.contains("--out"), "{error}");
+
+        plan.create((16, 16), 30.0).expect("made");
+        for (name, stays) in [("mask/notes.png", true), ("composed/00000.png", true), ("mask/00007.png", false)] {
+            assert_eq!(folder.path().join(name).exists(), stays, "{name}");
+        }
+        assert!(!folder.path().join("mask.gif").exists(), "an animation that was not finished leaves nothing");
+    }
+}

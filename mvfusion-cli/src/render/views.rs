@@ -1,0 +1,312 @@
+//! From where and when is rendered.
+
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use anyhow::bail;
+use mvfusion_data::camera_path::{find_view, orbit, read_camera_path, running_times, spiral};
+use mvfusion_data::{Camera, Scene, View};
+use mvfusion_model::timeline::spread;
+
+use crate::failure::UsageError;
+
+/// Frames of a path unless somebody asks for another number.
+const PATH_FRAMES: usize = 120;
+/// Most frames of a still camera unless somebody asks for more.
+const MOST_MOMENTS: usize = 300;
+/// Frames a second unless somebody asks for another number.
+const FPS: f64 = 30.0;
+/// Smallest side of a picture.
+const LEAST_SIDE: usize = 16;
+
+/// A kind of views.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Views {
+    /// Those that were trained on.
+    Train,
+    /// Those held out.
+    Test,
+    /// A spiral about the middle of the training cameras.
+    Spiral,
+    /// Around what these look at.
+    Orbit,
+    /// One camera.
+    Still,
+    /// Those of a file.
+    File(PathBuf),
+}
+
+impl FromStr for Views {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        Ok(match text {
+            "train" => Self::Train,
+            "test" => Self::Test,
+            "spiral" => Self::Spiral,
+            "orbit" => Self::Orbit,
+            "still" => Self::Still,
+            _ if Path::new(text).extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json")) => {
+                Self::File(text.into())
+            }
+            _ => return Err("views are train, test, spiral, orbit, still, or a camera path FILE.json".to_owned()),
+        })
+    }
+}
+
+/// Which of the views, and of which size.
+#[derive(Clone, Debug, Default)]
+pub struct Selection {
+    /// How many; evenly spread, where there is a list of them.
+    pub frames: Option<NonZeroUsize>,
+    /// The moment of all of them.
+    pub time: Option<f64>,
+    /// The camera that stands still.
+    pub camera: Option<String>,
+    /// The size.
+    pub reframing: Reframing,
+}
+
+/// The size of pictures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Reframing {
+    /// That of the camera.
+    #[default]
+    AsItIs,
+    /// Width and height.
+    Size(usize, usize),
+    /// So many times smaller.
+    Downscale(NonZeroUsize),
+}
+
+/// A picture to be rendered.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frame {
+    /// Number of its files.
+    pub number: usize,
+    /// The camera.
+    pub camera: Camera,
+    /// The moment.
+    pub time: f64,
+}
+
+/// Frames of one size. There is one at least.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Film {
+    /// The frames.
+    pub frames: Vec<Frame>,
+    /// How many of them are shown in a second.
+    pub fps: f64,
+}
+
+impl Views {
+    /// Name of their folder.
+    pub fn name(&self) -> String {
+        match self {
+            Self::Train => "train".into(),
+            Self::Test => "test".into(),
+            Self::Spiral => "spiral".into(),
+            Self::Orbit => "orbit".into(),
+            Self::Still => "still".into(),
+            Self::File(path) => path.file_stem().map_or("path".into(), |stem| stem.to_string_lossy().into_owned()),
+        }
+    }
+
+    /// The frames to render of a scene.
+    ///
+    /// # Errors
+    /// If a file cannot be used, there is no such camera, or the pictures would have several sizes or next to none.
+    pub fn film(&self, scene: &Scene, selection: &Selection) -> anyhow::Result<Film> {
+        if selection.camera.is_some() && *self != Self::Still {
+            bail!(UsageError::new("--camera is for --views still alone; the other views have their own cameras."));
+        }
+        let path_frames = selection.frames.map_or(PATH_FRAMES, usize::from);
+        let mut film = Film { frames: Vec::new(), fps: FPS };
+        film.frames = match self {
+            Self::Train => listed(&scene.train, selection),
+            Self::Test if scene.test.is_empty() => bail!("the scene holds no views out. Give --views train."),
+            Self::Test => listed(&scene.test, selection),
+            Self::Spiral => running(scene, spiral(scene, path_frames)),
+            Self::Orbit => running(scene, orbit(scene, path_frames)),
+            Self::Still => running(scene, still(scene, selection)?),
+            Self::File(path) => {
+                let (frames, fps) = from_file(path, scene, selection)?;
+                film.fps = fps.unwrap_or(FPS);
+                frames
+            }
+        };
+        for frame in &mut film.frames {
+            frame.camera = selection.reframing.apply(&frame.camera);
+            frame.time = selection.time.unwrap_or(frame.time);
+        }
+        check_sizes(&film.frames)?;
+        Ok(film)
+    }
+}
+
+/// Views of the scene, evenly spread, with the numbers that they have there.
+fn listed(views: &[View], selection: &Selection) -> Vec<Frame> {
+    let chosen = spread(views.len(), selection.frames.map_or(usize::MAX, usize::from));
+    chosen.into_iter().map(|number| Frame { number, camera: views[number].camera, time: views[number].time }).collect()
+}
+
+/// Cameras one after another while the time runs through once.
+fn running(scene: &Scene, cameras: Vec<Camera>) -> Vec<Frame> {
+    let times = running_times(scene, cameras.len());
+    let moments = cameras.into_iter().zip(times).enumerate();
+    moments.map(|(number, (camera, time))| Frame { number, camera, time }).collect()
+}
+
+/// One camera, again and again.
+fn still(scene: &Scene, selection: &Selection) -> anyhow::Result<Vec<Camera>> {
+    let wanted = selection.camera.as_deref().unwrap_or("0");
+    let Some(view) = find_view(scene, wanted) else {
+        let (first, last) = (&scene.train[0].name, &scene.train[scene.train.len() - 1].name);
+        bail!(UsageError::new(format!(
+            "the scene has no view or camera `{wanted}`. Views are named as {first} and {last}, or give the number of a \
+             held-out view, of which there are {}.",
+            scene.test.len()
+        )));
+    };
+    let moments = scene.training_times().len().min(MOST_MOMENTS);
+    Ok(vec![view.camera; selection.frames.map_or(moments, usize::from)])
+}
+
+/// The frames of a camera path, evenly spread, and how many of them are shown in a second.
+fn from_file(path: &Path, scene: &Scene, selection: &Selection) -> anyhow::Result<(Vec<Frame>, Option<f64>)> {
+    let read = read_camera_path(path)?;
+    let chosen = spread(read.entries.len(), selection.frames.map_or(usize::MAX, usize::from));
+    let entries: Vec<_> = chosen.into_iter().map(|index| read.entries[index]).collect();
+    let mut frames = running(scene, entries.iter().map(|entry| entry.camera).collect());
+    for (frame, entry) in frames.iter_mut().zip(&entries) {
+        frame.time = entry.time.unwrap_or(frame.time);
+    }
+    Ok((frames, read.fps))
+}
+
+/// All pictures have one size, because a video has.
+fn check_sizes(frames: &[Frame]) -> anyhow::Result<()> {
+    let size = |frame: &Frame| (frame.camera.width, frame.camera.height);
+    let Some(first) = frames.first() else { return Ok(()) };
+    let (width, height) = size(first);
+    if width.min(height) < LEAST_SIDE {
+        bail!("the pictures would have {width} x {height} pixels. Give a smaller --downscale, or a larger --size.");
+    }
+    match frames.iter().find(|frame| size(frame) != (width, height)) {
+        Some(other) => {
+            let (w, h) = size(other);
+            bail!(
+                "frame {} has {width} x {height} pixels and frame {} has {w} x {h}. Give them one --size.",
+                first.number,
+                other.number
+            )
+        }
+        None => Ok(()),
+    }
+}
+
+impl Reframing {
+    fn apply(self, camera: &Camera) -> Camera {
+        match self {
+            Self::AsItIs => *camera,
+            Self::Size(width, height) => camera.reframed(width, height),
+            Self::Downscale(times) => {
+                let smaller = |side: usize| (side as f64 / times.get() as f64).round() as usize;
+                camera.resized(smaller(camera.width).max(1), smaller(camera.height).max(1))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use mvfusion_data::{BuiltinKind, BuiltinOptions, builtin};
+
+    use super::*;
+
+    fn scene() -> Scene {
+        builtin::builtin(&BuiltinOptions { width: 48, height: 36, ..BuiltinOptions::of_kind(BuiltinKind::Video) })
+    }
+
+    fn frames(count: usize) -> Selection {
+        Selection { frames: NonZeroUsize::new(count), ..Selection::default() }
+    }
+
+    #[test]
+    fn views_are_told_by_their_words_and_files_by_their_ending() {
+        assert_eq!("orbit".parse(), Ok(Views::Orbit));
+        assert_eq!("a/Path.JSON".parse(), Ok(Views::File("a/Path.JSON".into())));
+        assert!("circle".parse::<Views>().is_err_and(|error| error.contains("FILE.json")));
+        assert_eq!(Views::File("a/fly.json".into()).name(), "fly");
+    }
+
+    #[test]
+    fn views_of_the_scene_keep_their_numbers_and_times() {
+        let scene = scene();
+        let film = Views::Test.film(&scene, &frames(3)).expect("frames");
+        let last = scene.test.len() - 1;
+        assert_eq!(film.frames.iter().map(|frame| frame.number).collect::<Vec<_>>(), [0, last / 2 + last % 2, last]);
+        assert!(film.frames.iter().all(|frame| frame.time == scene.test[frame.number].time));
+        assert_eq!(Views::Train.film(&scene, &Selection::default()).expect("frames").frames.len(), scene.train.len());
+    }
+
+    #[test]
+    fn time_runs_on_paths_and_stands_when_told_to() {
+        let scene = scene();
+        for views in [Views::Spiral, Views::Orbit, Views::Still] {
+            let film = views.film(&scene, &frames(5)).expect("frames");
+            assert_eq!(film.frames.len(), 5);
+            assert!(film.frames.is_sorted_by(|a, b| a.time < b.time), "{views:?}");
+            let stopped = Views::film(&views, &scene, &Selection { time: Some(0.3), ..frames(5) }).expect("frames");
+            assert!(stopped.frames.iter().all(|frame| frame.time == 0.3));
+        }
+        let still = Views::Still.film(&scene, &Selection::default()).expect("frames");
+        assert_eq!(still.frames.len(), scene.training_times().len());
+        assert!(still.frames.iter().all(|frame| frame.camera == scene.test[0].camera));
+    }
+
+    #[test]
+    fn pictures_become_smaller_or_of_the_size_that_is_asked_for() {
+        let scene = scene();
+        let size = |reframing| {
+            let film = Views::Orbit.film(&scene, &Selection { reframing, ..frames(2) })?;
+            anyhow::Ok((film.frames[0].camera.width, film.frames[0].camera.height))
+        };
+        assert_eq!(size(Reframing::Size(64, 20)).expect("frames"), (64, 20));
+        assert_eq!(size(Reframing::Downscale(NonZeroUsize::MIN.saturating_add(1))).expect("frames"), (24, 18));
+        let error = size(Reframing::Downscale(NonZeroUsize::MIN.saturating_add(8))).expect_err("refused");
+        assert!(error.to_string().contains("--downscale"), "{error}");
+    }
+
+    #[test]
+    fn a_camera_is_found_or_the_names_are_told() {
+        let scene = scene();
+        let with = |camera: &str| Selection { camera: Some(camera.into()), ..frames(1) };
+        let name = scene.train[0].name.clone();
+        assert_eq!(Views::Still.film(&scene, &with(&name)).expect("frames").frames[0].camera, scene.train[0].camera);
+        let error = Views::Still.film(&scene, &with("cam77")).expect_err("refused").to_string();
+        assert!(error.contains("`cam77`") && error.contains(&name), "{error}");
+        assert!(Views::Orbit.film(&scene, &with("0")).expect_err("refused").to_string().contains("--views still"));
+    }
+
+    #[test]
+    fn a_camera_path_has_its_own_times_and_rate_and_one_size() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("fly.json");
+        let entry = |width: usize, more: &str| {
+            format!(
+                r#"{{"width":{width},"height":48,"position":[0,0,0],"rotation":[[1,0,0],[0,1,0],[0,0,1]],"fx":60,"fy":60{more}}}"#
+            )
+        };
+        let (scene, views) = (scene(), Views::File(path.clone()));
+        std::fs::write(&path, format!("[{}, {}]", entry(64, ""), entry(64, ",\"time\":0.125"))).expect("written");
+        let film = views.film(&scene, &Selection::default()).expect("frames");
+        assert_eq!((film.frames[0].time, film.frames[1].time, film.fps), (scene.training_times()[0], 0.125, FPS));
+        std::fs::write(&path, format!("[{}, {}]", entry(64, ""), entry(32, ""))).expect("written");
+        let error = views.film(&scene, &Selection::default()).expect_err("refused").to_string();
+        assert!(error.contains("frame 1 has 32 x 48") && error.contains("--size"), "{error}");
+        let one = Selection { reframing: Reframing::Size(40, 30), ..Selection::default() };
+        assert_eq!(views.film(&scene, &one).expect("frames").frames.len(), 2);
+    }
+}

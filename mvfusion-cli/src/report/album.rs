@@ -1,0 +1,228 @@
+//! The pictures of a run that stand in its report: which views, which layers, how large.
+
+use std::path::Path;
+
+use mvfusion_model::timeline;
+use rayon::prelude::*;
+
+use super::files::{Found, Lack, RunFiles};
+use super::picture::{Embedded, embed};
+use crate::run;
+
+/// Most views.
+const MOST_VIEWS: usize = 12;
+
+/// So many views are taken where the run has chosen none by a strip.
+const VIEWS: usize = 6;
+
+/// Widths that pictures are bounded to, largest first: the first that keeps the page below [`BUDGET`].
+const WIDTHS: [u32; 4] = [960, 640, 480, 320];
+
+/// Bytes of all pictures, as they stand in the page.
+const BUDGET: usize = 14_000_000;
+
+/// A strip has several pictures side by side, so it may be wider than one.
+const STRIP: u32 = 2;
+
+/// What a layer of pictures is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Layer {
+    /// Its folder.
+    pub folder: &'static str,
+    /// Name for people.
+    pub name: &'static str,
+}
+
+const fn layer(folder: &'static str, name: &'static str) -> Layer {
+    Layer { folder, name }
+}
+
+/// The photo and what the model makes of it, in the order of a row.
+pub(super) const LAYERS: [Layer; 7] = [
+    layer("gt", "ground truth"),
+    layer("composed", "composed"),
+    layer("static", "static branch"),
+    layer("dynamic", "dynamic branch"),
+    layer("mask", "mask"),
+    layer("true_background", "true background"),
+    layer("true_mask", "true mask"),
+];
+
+/// The heat maps, in the order of a row.
+pub(super) const HEAT_MAPS: [Layer; 4] = [
+    layer("motion", "motion intensity"),
+    layer("position_variance", "variance of position"),
+    layer("rotation_variance", "variance of rotation"),
+    layer("scale_variance", "variance of scale"),
+];
+
+/// A layer of a view.
+#[derive(Debug)]
+pub(super) struct LayerPicture {
+    /// Which.
+    pub layer: Layer,
+    /// The picture.
+    pub picture: Found<Embedded>,
+}
+
+/// A view.
+#[derive(Debug)]
+pub(super) struct AlbumView {
+    /// Its number in the album, which names its pictures within the page.
+    pub number: usize,
+    /// Its name.
+    pub name: String,
+    /// Photo and layers that the run has.
+    pub layers: Vec<LayerPicture>,
+    /// Heat maps that the run has.
+    pub heat_maps: Vec<LayerPicture>,
+}
+
+/// The pictures.
+#[derive(Debug, Default)]
+pub(super) struct Album {
+    /// The views.
+    pub views: Vec<AlbumView>,
+    /// Side-by-side pictures, by the names of their views, where there are no layers.
+    pub strips: Vec<(String, Found<Embedded>)>,
+    /// The width that pictures are bounded to.
+    pub widest: u32,
+    /// How many views have pictures in the folder.
+    pub in_folder: usize,
+}
+
+impl Album {
+    /// Chooses and reads the pictures: of the views that have a strip, every layer; where there are no layers, the
+    /// strips.
+    pub fn read(files: &RunFiles) -> Self {
+        for widest in WIDTHS {
+            let album = Self::at(files, widest);
+            if album.bytes() <= BUDGET || Some(&widest) == WIDTHS.last() {
+                return album;
+            }
+        }
+        Self::default()
+    }
+
+    fn at(files: &RunFiles, widest: u32) -> Self {
+        let renders = files.folder.join(run::RENDERS).join("test");
+        let (strips, rendered) = (names(&files.folder.join(run::STRIPS)), names(&renders.join("composed")));
+        let in_folder = rendered.len().max(strips.len());
+        let with_layers: Vec<String> = strips.iter().filter(|name| rendered.contains(name)).cloned().collect();
+        let chosen = match with_layers.is_empty() {
+            true => spread(rendered, VIEWS),
+            false => spread(with_layers, MOST_VIEWS),
+        };
+        let views: Vec<AlbumView> =
+            chosen.iter().enumerate().map(|(number, name)| view(files, &renders, number, name, widest)).collect();
+        let strips = if views.is_empty() { read_strips(files, spread(strips, MOST_VIEWS), widest) } else { Vec::new() };
+        Self { views, strips, widest, in_folder }
+    }
+
+    fn bytes(&self) -> usize {
+        let layers = self.views.iter().flat_map(|view| view.layers.iter().chain(&view.heat_maps));
+        let pictures = layers.map(|layer| &layer.picture).chain(self.strips.iter().map(|(_, strip)| strip));
+        pictures.flatten().map(|picture| picture.uri.len()).sum()
+    }
+}
+
+/// The PNG files of a folder, by name; none if it cannot be listed.
+fn names(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
+    let mut names: Vec<String> = names.filter(|name| name.ends_with(".png")).collect();
+    names.sort();
+    names
+}
+
+fn spread(names: Vec<String>, most: usize) -> Vec<String> {
+    timeline::spread(names.len(), most).into_iter().map(|index| names[index].clone()).collect()
+}
+
+fn view(files: &RunFiles, renders: &Path, number: usize, file: &str, widest: u32) -> AlbumView {
+    let read = |layers: &[Layer]| -> Vec<LayerPicture> {
+        // Layers of which the run has no picture at all are not missed: a model of one branch has no mask.
+        let present: Vec<Layer> = layers.iter().copied().filter(|layer| renders.join(layer.folder).is_dir()).collect();
+        let picture = |layer: Layer| {
+            let name = format!("{}/test/{}/{file}", run::RENDERS, layer.folder);
+            LayerPicture { layer, picture: embed(&renders.join(layer.folder).join(file), &name, widest) }
+        };
+        present.into_par_iter().map(picture).collect()
+    };
+    let (layers, heat_maps) = (read(&LAYERS), read(&HEAT_MAPS));
+    AlbumView { number, name: view_name(files, file), layers, heat_maps }
+}
+
+fn read_strips(files: &RunFiles, strips: Vec<String>, widest: u32) -> Vec<(String, Found<Embedded>)> {
+    let folder = files.folder.join(run::STRIPS);
+    let strip = |file: String| {
+        let picture = embed(&folder.join(&file), &format!("{}/{file}", run::STRIPS), STRIP * widest);
+        (view_name(files, &file), picture)
+    };
+    strips.into_par_iter().map(strip).collect()
+}
+
+/// The name of the view whose pictures have this file name.
+fn view_name(files: &RunFiles, file: &str) -> String {
+    let known = files.per_view.as_ref().ok().and_then(|per_view| per_view.test.get(file));
+    known.map_or_else(|| file.trim_end_matches(".png").to_owned(), |view| view.view.clone())
+}
+
+/// Why there are no sliders, for a run whose evaluation wrote no layers.
+pub(super) fn without_layers(files: &RunFiles) -> Lack {
+    let unwanted = files.config.as_ref().is_ok_and(|config| !config.eval.pictures);
+    Lack::new(match unwanted {
+        true => "The run was evaluated with eval.pictures=false, so its layers are not there to be compared.",
+        false => "The run has no pictures of its layers (renders/test); `mvfusion eval RUN --write` writes them.",
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use image::{Rgb, RgbImage};
+
+    use super::*;
+
+    /// A run's folder with pictures of these layers, and strips, of so many views.
+    fn run(layers: &[&str], views: usize, strips: &[usize]) -> (tempfile::TempDir, RunFiles) {
+        let folder = tempfile::tempdir().expect("folder");
+        let save = |path: std::path::PathBuf| {
+            std::fs::create_dir_all(path.parent().expect("a folder")).expect("made");
+            RgbImage::from_pixel(8, 6, Rgb([90, 20, 10])).save(path).expect("saved");
+        };
+        for layer in layers {
+            (0..views).for_each(|k| save(folder.path().join(format!("renders/test/{layer}/{k:05}.png"))));
+        }
+        strips.iter().for_each(|k| save(folder.path().join(format!("strips/{k:05}.png"))));
+        std::fs::write(folder.path().join("config.toml"), "[eval]\npictures = false\n").expect("written");
+        let files = RunFiles::read(folder.path()).expect("read");
+        (folder, files)
+    }
+
+    #[test]
+    fn views_with_a_strip_are_shown_in_all_their_layers() {
+        let (folder, files) = run(&["gt", "composed", "motion"], 9, &[2, 7]);
+        std::fs::remove_file(folder.path().join("renders/test/gt/00007.png")).expect("removed");
+        let album = Album::read(&files);
+        let names: Vec<&str> = album.views.iter().map(|view| view.name.as_str()).collect();
+        assert_eq!((names, album.in_folder, album.widest), (vec!["00002", "00007"], 9, 960));
+        assert!(album.strips.is_empty());
+        let folders = |view: &AlbumView| view.layers.iter().map(|layer| layer.layer.folder).collect::<Vec<_>>();
+        assert_eq!(folders(&album.views[0]), ["gt", "composed"]);
+        assert_eq!(album.views[0].heat_maps.len(), 1);
+        let gone = album.views[1].layers[0].picture.as_ref().expect_err("a lack");
+        assert_eq!(gone.to_string(), "There is no renders/test/gt/00007.png.");
+    }
+
+    #[test]
+    fn without_strips_some_views_are_shown_and_without_layers_the_strips() {
+        let (_folder, files) = run(&["composed"], 30, &[]);
+        assert_eq!(Album::read(&files).views.len(), VIEWS);
+        let (_folder, files) = run(&[], 0, &[0, 1, 2]);
+        let album = Album::read(&files);
+        assert_eq!((album.views.len(), album.strips.len()), (0, 3));
+        assert!(without_layers(&files).to_string().contains("eval.pictures=false"));
+        let (_folder, files) = run(&["composed"], 40, &(0..40).collect::<Vec<_>>());
+        assert_eq!(Album::read(&files).views.len(), MOST_VIEWS);
+    }
+}

@@ -1,0 +1,278 @@
+//! A chart: axes, curves and marks as inline SVG, whose colours are the page's.
+
+use std::fmt::Write;
+
+use maud::{Markup, html};
+
+use super::axis::{Axis, Spacing};
+use super::thin::{Point, thin};
+
+/// Size of the drawing in its own units; the page scales it.
+const SIZE: [f64; 2] = [560.0, 250.0];
+/// Room around the curves: left, top, right, bottom.
+const MARGINS: [f64; 4] = [54.0, 30.0, 14.0, 36.0];
+/// Most points of a curve.
+const MOST_POINTS: usize = 1000;
+/// Up to so many points each is marked by a dot.
+const DOTTED: usize = 40;
+/// Ticks that are aimed at along x and y.
+const TICKS: [usize; 2] = [6, 5];
+/// Width of a letter of a mark's name, a little too wide rather than too narrow.
+const LETTER: f64 = 6.2;
+
+/// How strongly a curve is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Weight {
+    /// As what is to be read.
+    Bold,
+    /// As what stands behind it.
+    Faint,
+}
+
+/// A curve.
+#[derive(Clone, Debug)]
+pub struct Series {
+    /// What it shows, for the legend; curves without a name are not in it.
+    pub name: Option<&'static str>,
+    /// Which of the page's colours it has, from 0.
+    pub colour: usize,
+    /// How strongly it is drawn.
+    pub weight: Weight,
+    /// Its points, by x.
+    pub points: Vec<Point>,
+}
+
+/// A vertical line with a name: where something begins.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mark {
+    /// Where.
+    pub x: f64,
+    /// What begins.
+    pub name: String,
+}
+
+/// What is drawn.
+#[derive(Clone, Debug)]
+pub struct Chart<'a> {
+    /// What the values are, with their unit.
+    pub title: &'a str,
+    /// What x is.
+    pub x_title: &'a str,
+    /// The curves.
+    pub series: Vec<Series>,
+    /// The marks, by x.
+    pub marks: &'a [Mark],
+    /// Axis of the values.
+    pub values: Axis,
+}
+
+impl<'a> Chart<'a> {
+    /// A chart whose axis fits the values: logarithmic where they are spread over a decade or more.
+    pub fn fitting(title: &'a str, series: Vec<Series>, marks: &'a [Mark]) -> Self {
+        let values = Axis::fitting(series.iter().flat_map(|series| series.points.iter().map(|point| point.y)));
+        Self { title, x_title: "step", series, marks, values }
+    }
+
+    /// A chart with a linear axis.
+    pub fn linear(title: &'a str, series: Vec<Series>, marks: &'a [Mark]) -> Self {
+        let values = Axis::linear(series.iter().flat_map(|series| series.points.iter().map(|point| point.y)));
+        Self { title, x_title: "step", series, marks, values }
+    }
+
+    /// A chart of amounts: a linear axis from zero.
+    pub fn amounts(title: &'a str, series: Vec<Series>, marks: &'a [Mark]) -> Self {
+        let chart = Self::linear(title, series, marks);
+        Self { values: chart.values.down_to_zero(), ..chart }
+    }
+
+    /// The chart as a figure with title, legend and drawing; a sentence where there is nothing to draw.
+    pub fn draw(&self) -> Markup {
+        let is_empty = self.series.iter().all(|series| series.points.iter().all(|point| !point.y.is_finite()));
+        let logarithmic = self.values.spacing() == Spacing::Logarithmic;
+        html! {
+            figure.chart {
+                figcaption {
+                    b { (self.title) }
+                    @if logarithmic { " (logarithmic)" }
+                    @for series in &self.series {
+                        @if let Some(name) = series.name { " " span class={ "key c" (series.colour) } { (name) } }
+                    }
+                }
+                @if is_empty {
+                    p.lack { "Nothing was recorded." }
+                } @else {
+                    (self.drawing())
+                }
+            }
+        }
+    }
+
+    fn drawing(&self) -> Markup {
+        let xs = self.series.iter().flat_map(|series| series.points.iter().map(|point| point.x));
+        let frame = Frame { x: Axis::linear(xs.chain(self.marks.iter().map(|mark| mark.x))), y: self.values };
+        let [left, top, right, bottom] = Frame::box_();
+        html! {
+            svg viewBox=(format!("0 0 {} {}", SIZE[0], SIZE[1])) role="img" aria-label=(self.summary()) {
+                @for tick in frame.y.ticks(TICKS[1]) {
+                    @let y = shown(frame.down(tick.value));
+                    line.grid x1=(left) x2=(right) y1=(y) y2=(y) {}
+                    text.tick x=(left - 6.0) y=(y) text-anchor="end" dominant-baseline="middle" { (tick.label) }
+                }
+                @for tick in frame.x.ticks(TICKS[0]) {
+                    @let x = shown(frame.right(tick.value));
+                    line.grid x1=(x) x2=(x) y1=(bottom) y2=(bottom + 4.0) {}
+                    text.tick x=(x) y=(bottom + 15.0) text-anchor="middle" { (tick.label) }
+                }
+                text.tick x=((left + right) / 2.0) y=(SIZE[1] - 4.0) text-anchor="middle" { (self.x_title) }
+                line.axis x1=(left) x2=(right) y1=(bottom) y2=(bottom) {}
+                line.axis x1=(left) x2=(left) y1=(top) y2=(bottom) {}
+                (self.marks(&frame))
+                @for series in &self.series { (curve(series, &frame)) }
+            }
+        }
+    }
+
+    /// The marks; a name that would run into the one before it stands a line higher.
+    fn marks(&self, frame: &Frame) -> Markup {
+        let [_, top, right, bottom] = Frame::box_();
+        let mut ends = [f64::NEG_INFINITY; 2];
+        let placed = self.marks.iter().map(|mark| {
+            let x = frame.right(mark.x);
+            let width = LETTER * mark.name.chars().count() as f64;
+            let start = (x + 3.0).min(right - width);
+            let row = usize::from(start < ends[0] && ends[1] < ends[0]);
+            ends[row] = start + width + LETTER;
+            (mark, x, start, top - 5.0 - 12.0 * row as f64)
+        });
+        html! {
+            @for (mark, x, start, y) in placed {
+                line.mark x1=(shown(x)) x2=(shown(x)) y1=(y + 2.0) y2=(bottom) {}
+                text.stage x=(shown(start)) y=(y) { (mark.name) }
+            }
+        }
+    }
+
+    /// What the chart shows, for those who do not see it.
+    fn summary(&self) -> String {
+        let mut text = self.title.to_owned();
+        for series in self.series.iter().filter(|series| series.weight == Weight::Bold) {
+            let finite = || series.points.iter().filter(|point| point.y.is_finite());
+            if let (Some(first), Some(last)) = (finite().next(), finite().next_back()) {
+                let name = series.name.map_or(String::new(), |name| format!(" {name}"));
+                // Writing to a string cannot fail.
+                let _ = write!(
+                    text,
+                    ";{name} from {:.4} at {1} {2} to {3:.4} at {1} {4}",
+                    first.y, self.x_title, first.x, last.y, last.x
+                );
+            }
+        }
+        text
+    }
+}
+
+/// Where values stand in the drawing.
+struct Frame {
+    x: Axis,
+    y: Axis,
+}
+
+impl Frame {
+    /// Left, top, right and bottom of the part with the curves.
+    fn box_() -> [f64; 4] {
+        [MARGINS[0], MARGINS[1], SIZE[0] - MARGINS[2], SIZE[1] - MARGINS[3]]
+    }
+
+    fn right(&self, x: f64) -> f64 {
+        let [left, _, right, _] = Self::box_();
+        left + (right - left) * self.x.place(x)
+    }
+
+    fn down(&self, y: f64) -> f64 {
+        let [_, top, _, bottom] = Self::box_();
+        bottom - (bottom - top) * self.y.place(y)
+    }
+}
+
+/// A curve's line, interrupted at its gaps, and its dots where they are few.
+fn curve(series: &Series, frame: &Frame) -> Markup {
+    let points: Vec<[f64; 2]> = thin(&series.points, MOST_POINTS)
+        .iter()
+        .map(|point| [frame.right(point.x), if point.y.is_finite() { frame.down(point.y) } else { f64::NAN }])
+        .collect();
+    let dots = points.iter().filter(|[_, y]| y.is_finite()).filter(|_| points.len() <= DOTTED);
+    let weight = if series.weight == Weight::Bold { "bold" } else { "faint" };
+    let colour = format!("c{}", series.colour);
+    html! {
+        path class={ "curve " (weight) " " (colour) } d=(path(&points)) {}
+        @if series.weight == Weight::Bold {
+            @for [x, y] in dots { circle class={ "dot " (colour) } cx=(shown(*x)) cy=(shown(*y)) r="2.5" {} }
+        }
+    }
+}
+
+/// The line through points, anew after each whose y is not finite.
+fn path(points: &[[f64; 2]]) -> String {
+    let mut path = String::new();
+    let mut is_down = false;
+    for [x, y] in points {
+        if y.is_finite() {
+            // Writing to a string cannot fail.
+            let _ = write!(path, "{}{} {}", if is_down { 'L' } else { 'M' }, shown(*x), shown(*y));
+        }
+        is_down = y.is_finite();
+    }
+    path
+}
+
+/// A coordinate, to a tenth of a unit.
+fn shown(coordinate: f64) -> String {
+    format!("{coordinate:.1}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn series(values: &[f64]) -> Series {
+        let points = values.iter().enumerate().map(|(x, &y)| Point { x: x as f64, y }).collect();
+        Series { name: None, colour: 0, weight: Weight::Bold, points }
+    }
+
+    #[test]
+    fn the_line_stops_at_a_gap_and_goes_on_behind_it() {
+        let gap = f64::NAN;
+        assert_eq!(path(&[[0.0, 1.0], [1.0, 2.0], [2.0, gap], [3.0, 0.25]]), "M0.0 1.0L1.0 2.0M3.0 0.2");
+        assert_eq!(path(&[[0.0, gap]]), "");
+    }
+
+    #[test]
+    fn no_number_of_a_drawing_is_not_finite() {
+        for values in [vec![f64::NAN, 1.0], vec![f64::INFINITY, 2.0, 0.0], vec![5.0], vec![1e-300, 1e300]] {
+            let drawn = Chart::fitting("loss", vec![series(&values)], &[]).draw().into_string();
+            assert!(drawn.contains("<svg") && !drawn.contains("NaN") && !drawn.contains("inf"), "{values:?}: {drawn}");
+        }
+    }
+
+    #[test]
+    fn without_values_it_says_so() {
+        for values in [vec![], vec![f64::NAN]] {
+            let drawn = Chart::linear("PSNR", vec![series(&values)], &[]).draw().into_string();
+            assert!(drawn.contains("Nothing was recorded") && !drawn.contains("<svg"), "{drawn}");
+        }
+    }
+
+    #[test]
+    fn names_of_marks_do_not_run_into_each_other() {
+        let mark = |x, name: &str| Mark { x, name: name.to_owned() };
+        let marks = [mark(0.0, "geometry"), mark(1.0, "deformation"), mark(50.0, "<b>&")];
+        let drawn = Chart::linear("loss", vec![series(&[1.0; 100])], &marks).draw().into_string();
+        let rows: Vec<&str> = drawn
+            .split("<text class=\"stage\"")
+            .skip(1)
+            .filter_map(|rest| rest.split("y=\"").nth(1)?.split('"').next())
+            .collect();
+        assert_eq!(rows, ["25", "13", "25"], "{drawn}");
+        assert!(drawn.contains("&lt;b&gt;&amp;"), "{drawn}");
+    }
+}

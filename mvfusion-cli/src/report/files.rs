@@ -1,0 +1,153 @@
+//! What a run's folder holds, read as far as it can be read.
+
+use std::fmt;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use anyhow::bail;
+use mvfusion_model::Config;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
+use super::log::Log;
+use crate::config;
+use crate::run::{self, PerView, Results};
+
+/// Something of a run, or why it is not there.
+pub type Found<T> = Result<T, Lack>;
+
+/// Why a part of a run cannot be shown: a sentence that names the file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Lack(String);
+
+impl Lack {
+    /// A lack, as a sentence.
+    pub fn new(sentence: impl Into<String>) -> Self {
+        Self(sentence.into())
+    }
+}
+
+impl fmt::Display for Lack {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+/// The files of a run but for its pictures.
+#[derive(Debug)]
+pub struct RunFiles {
+    /// The folder.
+    pub folder: PathBuf,
+    /// The configuration as it is written there.
+    pub config_text: Found<String>,
+    /// The configuration, before `train.scale`.
+    pub config: Found<Config>,
+    /// `run.json`; versions differ in what they note there.
+    pub record: Found<Value>,
+    /// `metrics.jsonl`.
+    pub log: Found<Log>,
+    /// `results.json`, whole.
+    pub results_value: Found<Value>,
+    /// The figures in it.
+    pub results: Found<Results>,
+    /// `per_view.json`.
+    pub per_view: Found<PerView>,
+}
+
+impl RunFiles {
+    /// Reads what there is.
+    ///
+    /// # Errors
+    /// If the folder does not exist, or holds nothing that a run has written.
+    pub fn read(folder: &Path) -> anyhow::Result<Self> {
+        if !folder.is_dir() {
+            bail!("there is no folder {}. Give the folder of a run, such as runs/quickstart-0.", folder.display());
+        }
+        if !run::ENTRIES.iter().any(|&name| name != run::REPORT && folder.join(name).exists()) {
+            bail!("{} is no run: it holds neither {} nor {}.", folder.display(), run::CONFIG, run::RESULTS);
+        }
+        Ok(Self {
+            folder: folder.to_owned(),
+            config_text: text(folder, run::CONFIG),
+            config: text(folder, run::CONFIG).and_then(|_| configuration(folder)),
+            record: json(folder, run::RECORD),
+            log: text(folder, run::METRICS).map(|text| Log::parse(&text)),
+            results_value: json(folder, run::RESULTS),
+            results: json(folder, run::RESULTS),
+            per_view: json(folder, run::PER_VIEW),
+        })
+    }
+
+    /// A text of `run.json`, by the names that lead to it.
+    pub fn recorded(&self, path: &[&str]) -> Option<String> {
+        let value = path.iter().try_fold(self.record.as_ref().ok()?, |value, name| value.get(name))?;
+        match value {
+            Value::Null | Value::Array(_) | Value::Object(_) => None,
+            Value::String(text) => Some(text.clone()),
+            other => Some(other.to_string()),
+        }
+    }
+}
+
+fn configuration(folder: &Path) -> Found<Config> {
+    let read = || -> anyhow::Result<Config> {
+        let config = config::read(&folder.join(run::CONFIG))?;
+        config.check()?;
+        Ok(config)
+    };
+    read().map_err(|error| Lack::new(format!("{} is of another version: {error:#}", run::CONFIG)))
+}
+
+fn text(folder: &Path, name: &str) -> Found<String> {
+    std::fs::read_to_string(folder.join(name)).map_err(|error| match error.kind() {
+        io::ErrorKind::NotFound => Lack::new(format!("The run has no {name}.")),
+        _ => Lack::new(format!("{name} cannot be read: {error}.")),
+    })
+}
+
+fn json<T: DeserializeOwned>(folder: &Path, name: &str) -> Found<T> {
+    // Evaluation writes all but the record.
+    let remedy = if name == run::RECORD { "" } else { " `mvfusion eval RUN --write` writes it anew." };
+    let wrong = |error| Lack::new(format!("{name} cannot be read: {error}.{remedy}"));
+    serde_json::from_str(&text(folder, name)?).map_err(wrong)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_no_run_is_refused_and_named() {
+        let folder = tempfile::tempdir().expect("folder");
+        let error = RunFiles::read(folder.path()).expect_err("refused").to_string();
+        assert!(error.contains("is no run") && error.contains("results.json"), "{error}");
+        let error = RunFiles::read(&folder.path().join("gone")).expect_err("refused").to_string();
+        assert!(error.contains("there is no folder") && error.contains("gone"), "{error}");
+        // A report alone is what is left of a run, not a run.
+        std::fs::write(folder.path().join(run::REPORT), "x").expect("written");
+        RunFiles::read(folder.path()).expect_err("refused");
+    }
+
+    #[test]
+    fn each_file_that_is_missing_or_broken_is_named_and_costs_no_other() {
+        let folder = tempfile::tempdir().expect("folder");
+        let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).expect("written");
+        write(run::RECORD, br#"{"preset": "a", "seed": 7, "git": null}"#);
+        write(run::RESULTS, b"{\"protocol\": ");
+        write(run::METRICS, &[0xff, 0xfe]);
+        write(run::CONFIG, b"[train]\nno_such_key = 1\n");
+        let files = RunFiles::read(folder.path()).expect("read");
+        assert_eq!(files.recorded(&["seed"]).as_deref(), Some("7"));
+        assert_eq!(files.recorded(&["git"]), None);
+        assert_eq!(files.recorded(&["scene", "name"]), None);
+        let lack = |found: Option<Lack>, words: [&str; 2]| {
+            let lack = found.expect("a lack").to_string();
+            assert!(words.iter().all(|word| lack.contains(word)), "{lack}");
+        };
+        lack(files.results.err(), ["results.json", "EOF"]);
+        lack(files.per_view.err(), ["no per_view.json", ""]);
+        lack(files.log.err(), ["metrics.jsonl", "UTF-8"]);
+        lack(files.config.err(), ["config.toml", "no_such_key"]);
+        assert!(files.config_text.is_ok());
+    }
+}

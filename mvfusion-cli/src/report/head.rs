@@ -1,0 +1,133 @@
+//! The head of the page: which run this is, and its figures in front.
+
+use maud::{Markup, html};
+use mvfusion_model::evaluation::{Figure, LpipsVariant};
+use serde_json::Value;
+
+use super::files::RunFiles;
+use super::meaning::{decimals, meaning};
+use super::scores::number;
+use crate::clock::spoken;
+use crate::run::Results;
+
+/// The scene's name, or the folder's.
+pub(super) fn title(files: &RunFiles) -> String {
+    files.recorded(&["scene", "name"]).unwrap_or_else(|| {
+        let name = files.folder.file_name().map(|name| name.to_string_lossy().into_owned());
+        name.unwrap_or_else(|| "run".to_owned())
+    })
+}
+
+/// Title, and the circumstances in a line each.
+pub(super) fn head(files: &RunFiles) -> Markup {
+    let of = |path: &[&str]| files.recorded(path);
+    let views = of(&["scene", "train_views"]).zip(of(&["scene", "test_views"]));
+    let what = [
+        of(&["preset"]).map(|preset| ("preset", preset)),
+        of(&["seed"]).map(|seed| ("seed", seed)),
+        views.map(|(train, test)| ("views", format!("{train} trained on, {test} held out"))),
+        of(&["device"]).map(|device| ("device", device)),
+    ];
+    let when = [
+        of(&["started"]).map(|time| ("started", legible(&time))),
+        of(&["finished"]).map(|time| ("finished", legible(&time))),
+        of(&["version"]).map(|version| ("mvfusion", version)),
+        git(files).map(|state| ("git", state)),
+    ];
+    html! {
+        header {
+            p.kind { "MVFusion-GS run" }
+            h1 { (title(files)) }
+            @for facts in [what, when] {
+                p.facts { @for (name, value) in facts.into_iter().flatten() { span { (name) " " b { (value) } } } }
+            }
+        }
+    }
+}
+
+/// A time of the record, `2026-03-09T17:04:05Z`, as people write it.
+fn legible(time: &str) -> String {
+    time.strip_suffix('Z').map_or(time.to_owned(), |time| format!("{} UTC", time.replace('T', " ")))
+}
+
+/// The state of the sources, if the run has noted it: a text, or a commit with what is said of it.
+fn git(files: &RunFiles) -> Option<String> {
+    match files.record.as_ref().ok()?.get("git")? {
+        Value::String(text) => Some(text.clone()),
+        Value::Object(parts) => {
+            let commit: String = parts.get("commit")?.as_str()?.chars().take(12).collect();
+            let is_dirty = parts.get("dirty").and_then(Value::as_bool).unwrap_or(false);
+            Some(if is_dirty { format!("{commit} with changes") } else { commit })
+        }
+        _ => None,
+    }
+}
+
+/// A figure in front.
+struct Card {
+    name: &'static str,
+    title: &'static str,
+    value: String,
+    unit: &'static str,
+}
+
+/// The figures that one asks for first.
+pub(super) fn headline(files: &RunFiles) -> Markup {
+    let Ok(results) = &files.results else { return html! {} };
+    html! {
+        div.cards {
+            @for card in cards(results) {
+                div.card title=(card.title) {
+                    span.name { (card.name) }
+                    span.value { (card.value) @if !card.unit.is_empty() { small { " " (card.unit) } } }
+                }
+            }
+        }
+    }
+}
+
+fn cards(results: &Results) -> Vec<Card> {
+    let test = &results.test;
+    let figure = |name, figure: Figure, value: Option<f64>| {
+        let unit = if decimals(figure) == 2 { "dB" } else { "" };
+        value.map(|value| Card { name, title: meaning(figure), value: number(value, decimals(figure)), unit })
+    };
+    let lpips = Figure::Lpips(LpipsVariant::ALEX);
+    let (static_, region) = (test.static_.unwrap_or_default(), test.dynamic_region.unwrap_or_default());
+    let overlap = test.mask_iou.map(|value| Card {
+        name: "mask IoU",
+        title: "overlap of predicted and given mask",
+        value: number(value, 3),
+        unit: "",
+    });
+    let time = results.train.map(|train| Card {
+        name: "training",
+        title: "time of all steps",
+        value: spoken(train.seconds),
+        unit: "",
+    });
+    let gaussians = Card {
+        name: "Gaussians",
+        title: "of both branches",
+        value: (results.gaussians.static_.unwrap_or(0).saturating_add(results.gaussians.dynamic)).to_string(),
+        unit: "",
+    };
+    let speed = results.speed.map(|speed| Card {
+        name: "rendering",
+        title: "frames a second of the held-out views, all parts, nothing handed back to the host",
+        value: number(speed.fps, 1),
+        unit: "fps",
+    });
+    let cards = [
+        figure("PSNR", Figure::Psnr, test.composed.psnr),
+        figure("SSIM", Figure::Ssim, test.composed.ssim),
+        figure("LPIPS-alex", lpips, test.composed.lpips_alex),
+        figure("static PSNR", Figure::Psnr, static_.psnr),
+        figure("dynamic region PSNR", Figure::Psnr, region.psnr),
+        overlap,
+        Some(gaussians),
+        time,
+        speed,
+    ];
+    cards.into_iter().flatten().collect()
+}

@@ -1,0 +1,102 @@
+//! What the figures are, in the words of docs/evaluation.md, and why one may be absent.
+
+use mvfusion_model::evaluation::{Backbone, Figure, InputRange, Protocol};
+
+/// Which of two figures is the better one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Better {
+    /// The higher.
+    Higher,
+    /// The lower.
+    Lower,
+}
+
+impl Better {
+    /// As an arrow.
+    pub fn arrow(self) -> &'static str {
+        match self {
+            Self::Higher => "\u{2191}",
+            Self::Lower => "\u{2193}",
+        }
+    }
+}
+
+/// What a figure is, in a sentence.
+pub(super) fn meaning(figure: Figure) -> &'static str {
+    match figure {
+        Figure::Psnr => "PSNR in dB of pictures rounded to 8 bits, all pixels and channels",
+        Figure::PsnrExact => "PSNR in dB of pictures as rendered",
+        Figure::Ssim => {
+            "SSIM, 11-pixel Gaussian window of sigma 1.5, zeros outside the picture, mean of the map (3DGS)"
+        }
+        Figure::SsimValid => "SSIM without the 5 outermost pixels (scikit-image, torchmetrics, nerfbaselines)",
+        Figure::MsSsim => "MS-SSIM of pytorch-msssim, five scales",
+        Figure::DSsim => "(1 - MS-SSIM) / 2",
+        Figure::Lpips(variant) => match (variant.backbone, variant.range) {
+            (Backbone::Alex, InputRange::Signed) => "LPIPS v0.1 by AlexNet, fed [-1, 1] as it should be",
+            (Backbone::Vgg, InputRange::Signed) => "LPIPS v0.1 by VGG-16, fed [-1, 1] as it should be",
+            (Backbone::Alex, InputRange::Raw) => {
+                "LPIPS v0.1 by AlexNet, fed [0, 1] as by the code of 3DGS\u{2019} descendants"
+            }
+            (Backbone::Vgg, InputRange::Raw) => "LPIPS v0.1 by VGG-16, fed [0, 1] as by the code of 3DGS",
+        },
+    }
+}
+
+/// Which way a figure is better.
+pub(super) fn better(figure: Figure) -> Better {
+    match figure {
+        Figure::Psnr | Figure::PsnrExact | Figure::Ssim | Figure::SsimValid | Figure::MsSsim => Better::Higher,
+        Figure::DSsim | Figure::Lpips(_) => Better::Lower,
+    }
+}
+
+/// Why no layer has a figure.
+pub(super) fn why_absent(figure: Figure) -> &'static str {
+    match figure {
+        Figure::MsSsim | Figure::DSsim => "of pictures of more than 160 pixels a side",
+        Figure::Lpips(_) => "by networks whose weights were not given, see docs/evaluation.md",
+        _ => "not written by this run\u{2019}s version",
+    }
+}
+
+/// Decimals of a figure.
+pub(super) fn decimals(figure: Figure) -> usize {
+    match figure {
+        Figure::Psnr | Figure::PsnrExact => 2,
+        _ => 4,
+    }
+}
+
+/// The protocol that a run followed, by what its figures are said to mean; where that is of another version, the one of
+/// the same name, and where there is none, this program's own, which names every figure.
+pub(super) fn protocol_of(statement: &str) -> Protocol {
+    let named = |protocol: &Protocol| {
+        let rest = statement.strip_prefix(protocol.name());
+        rest.is_some_and(|rest| rest.starts_with(['-', ':']))
+    };
+    Protocol::ALL.into_iter().find(named).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn protocols_are_known_by_what_they_say() {
+        for protocol in Protocol::ALL {
+            assert_eq!(protocol_of(protocol.statement()), protocol);
+        }
+        assert_eq!(protocol_of("mvfusion-1: an older sentence"), Protocol::Mvfusion);
+        assert_eq!(protocol_of("3dgs: an older sentence"), Protocol::ThreeDgs);
+        assert_eq!(protocol_of("<script>"), Protocol::Mvfusion);
+    }
+
+    #[test]
+    fn every_figure_means_something_else() {
+        let mut meanings: Vec<&str> = Figure::ALL.into_iter().map(meaning).collect();
+        meanings.sort_unstable();
+        meanings.dedup();
+        assert_eq!(meanings.len(), Figure::ALL.len());
+    }
+}

@@ -1,0 +1,96 @@
+//! The sections of what was done: the record, the figures as they were written, the configuration.
+
+use maud::{Markup, html};
+use serde_json::Value;
+
+use super::files::RunFiles;
+use super::page::{lack, section};
+use crate::run;
+
+/// `run.json` as a table, and `results.json` as it is.
+pub(super) fn record(files: &RunFiles) -> Markup {
+    let body = html! {
+        @match &files.record {
+            Ok(record) => div.scroll { table.record { tbody {
+                @for (name, value) in entries(record) { tr { th scope="row" { (name) } td { (value) } } }
+            } } },
+            Err(missing) => (lack(missing)),
+        }
+        @match &files.results_value {
+            Ok(results) => details {
+                summary { (run::RESULTS) ", in full precision" }
+                pre { (serde_json::to_string_pretty(results).unwrap_or_else(|error| error.to_string())) }
+            },
+            Err(missing) => (lack(missing)),
+        }
+    };
+    section("record", "Record", body)
+}
+
+/// The configuration, every key.
+pub(super) fn config(files: &RunFiles) -> Markup {
+    let body = html! {
+        @match &files.config_text {
+            Ok(text) => {
+                p.note { code { "mvfusion train --config " (run::CONFIG) } " does the run again." }
+                details { summary { (run::CONFIG) ", " (text.lines().count()) " lines" } pre { (text) } }
+            },
+            Err(missing) => (lack(missing)),
+        }
+        @if let (Err(missing), Ok(_)) = (&files.config, &files.config_text) { (lack(missing)) }
+    };
+    section("config", "Configuration", body)
+}
+
+/// The values of a record by dotted name; lists of plain values in one line.
+fn entries(record: &Value) -> Vec<(String, String)> {
+    let mut found = Vec::new();
+    collect(record, "", &mut found);
+    found
+}
+
+fn collect(value: &Value, name: &str, found: &mut Vec<(String, String)>) {
+    match value {
+        Value::Object(parts) => {
+            for (key, part) in parts {
+                let name = if name.is_empty() { key.clone() } else { format!("{name}.{key}") };
+                collect(part, &name, found);
+            }
+        }
+        Value::Array(items) => {
+            let shown: Vec<String> = items.iter().map(plain).collect();
+            found.push((name.to_owned(), shown.join(" ")));
+        }
+        other => found.push((name.to_owned(), plain(other))),
+    }
+}
+
+fn plain(value: &Value) -> String {
+    match value {
+        // An argument of a command line with a blank in it is still one argument.
+        Value::String(text) if text.contains(char::is_whitespace) => format!("\"{text}\""),
+        Value::String(text) => text.clone(),
+        other => other.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn records_of_any_version_become_lines() {
+        let record = json!({"command": ["mvfusion", "a b"], "git": {"commit": "c0ffee", "dirty": true}, "seed": 7});
+        let line = |name: &str, value: &str| (name.to_owned(), value.to_owned());
+        let expected = [
+            line("command", "mvfusion \"a b\""),
+            line("git.commit", "c0ffee"),
+            line("git.dirty", "true"),
+            line("seed", "7"),
+        ];
+        assert_eq!(entries(&record), expected);
+        assert_eq!(entries(&json!("text")), [line("", "text")]);
+    }
+}

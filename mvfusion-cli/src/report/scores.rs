@@ -1,0 +1,274 @@
+//! The section of the figures: means by layer and region, and every view.
+
+use maud::{Markup, html};
+use mvfusion_model::evaluation::{Column, Figure, LayerScores, LpipsVariant, RegionSource, Scores, ViewScores};
+
+use super::curve::{Chart, Point, Series, Weight};
+use super::files::RunFiles;
+use super::meaning::{better, decimals, meaning, protocol_of, why_absent};
+use super::page::{lack, section};
+use crate::run::{PerView, Results};
+
+/// Views from which their figures are drawn as well, and beyond which the table is folded up.
+const DRAWN: usize = 8;
+const FOLDED: usize = 12;
+
+/// The figures of a run.
+pub(super) fn scores(files: &RunFiles) -> Markup {
+    let means = match &files.results {
+        Ok(results) => means(results),
+        Err(missing) => lack(missing),
+    };
+    let views = match &files.per_view {
+        Ok(per_view) => views(per_view),
+        Err(missing) => lack(missing),
+    };
+    section("figures", "Figures", html! { (means) h3 { "View by view" } (views) })
+}
+
+/// A row of the table: what is compared, its figures, and if there are none, why.
+struct Row {
+    name: &'static str,
+    title: &'static str,
+    scores: Option<LayerScores>,
+    absent: &'static str,
+}
+
+fn rows(scores: &Scores, results: &Results) -> [Row; 4] {
+    let no_static = match results.gaussians.static_ {
+        None => "the model has no static branch",
+        Some(_) => "no clean background is known",
+    };
+    const NO_REGION: &str = "no masks were given, and no camera stands still";
+    [
+        Row {
+            name: "composed",
+            title: "the blended picture against the photo",
+            scores: Some(scores.composed),
+            absent: "not scored",
+        },
+        Row {
+            name: "static",
+            title: "the static branch against the clean background",
+            scores: scores.static_,
+            absent: no_static,
+        },
+        Row {
+            name: "dynamic region",
+            title: "the blended picture against the photo, where something moves",
+            scores: scores.dynamic_region,
+            absent: NO_REGION,
+        },
+        Row {
+            name: "still region",
+            title: "the blended picture against the photo, where nothing moves",
+            scores: scores.still_region,
+            absent: NO_REGION,
+        },
+    ]
+}
+
+fn means(results: &Results) -> Markup {
+    html! {
+        (layers("Held-out views", &results.test, results))
+        @if let Some(training) = &results.training_views {
+            (layers("Training views", training, results))
+        }
+        p.protocol { b { "Protocol. " } (results.protocol) "." }
+    }
+}
+
+/// The table of a set of views, and what belongs to none of its cells.
+fn layers(caption: &str, scores: &Scores, results: &Results) -> Markup {
+    let rows = rows(scores, results);
+    let is_known = |column: &&Column| rows.iter().any(|row| row.scores.is_some_and(|s| column.figure.of(&s).is_some()));
+    let columns = protocol_of(&results.protocol).columns();
+    let (known, unknown): (Vec<&Column>, Vec<&Column>) = columns.iter().partition(is_known);
+    html! {
+        div.scroll {
+            table.scores {
+                caption { (caption) }
+                thead { tr {
+                    th scope="col" {}
+                    @for column in &known {
+                        th scope="col" title=(meaning(column.figure)) {
+                            (column.label) " " (better(column.figure).arrow())
+                        }
+                    }
+                } }
+                tbody {
+                    @for row in &rows { tr {
+                        th scope="row" title=(row.title) { (row.name) }
+                        @for column in &known { (cell(row, column.figure)) }
+                    } }
+                }
+            }
+        }
+        (beside(scores))
+        @if !unknown.is_empty() {
+            p.note { "Not known: " (excuses(&unknown)) "." }
+        }
+    }
+}
+
+/// The figures that no layer has, those with the same reason together.
+fn excuses(unknown: &[&Column]) -> String {
+    let mut excuses: Vec<(&str, Vec<&str>)> = Vec::new();
+    for column in unknown {
+        let why = why_absent(column.figure);
+        match excuses.iter_mut().find(|(other, _)| *other == why) {
+            Some((_, labels)) => labels.push(column.label),
+            None => excuses.push((why, vec![column.label])),
+        }
+    }
+    excuses.iter().map(|(why, labels)| format!("{} ({why})", labels.join(", "))).collect::<Vec<_>>().join("; ")
+}
+
+fn cell(row: &Row, figure: Figure) -> Markup {
+    let reason = match (row.scores, figure) {
+        (None, _) => row.absent,
+        (Some(_), Figure::MsSsim | Figure::DSsim) => "a part of a picture has no such figure",
+        (Some(_), _) => "no view has it",
+    };
+    match row.scores.and_then(|scores| figure.of(&scores)) {
+        Some(value) => html! { td title=(value) { (number(value, decimals(figure))) } },
+        None => html! { td.absent title=(reason) { "\u{2013}" } },
+    }
+}
+
+/// The figures that no layer has: overlap of masks, and flicker.
+fn beside(scores: &Scores) -> Markup {
+    let source = scores.region_source.map(|source| match source {
+        RegionSource::GivenMasks => "given masks",
+        RegionSource::TemporalDeviation => "the photos\u{2019} deviation over time",
+    });
+    let temporal = scores.temporal.unwrap_or_default();
+    let figures = [
+        ("mask IoU \u{2191}", "overlap of predicted and given mask, pixels of all views pooled", scores.mask_iou),
+        (
+            "T-LPIPS-alex \u{2193}",
+            "mean |LPIPS(pictures) - LPIPS(photos)| of consecutive frames",
+            temporal.t_lpips_alex,
+        ),
+        ("T-LPIPS-vgg \u{2193}", "the same by VGG-16", temporal.t_lpips_vgg),
+        (
+            "consecutive LPIPS-alex",
+            "LPIPS of each picture and the one before; motion counts",
+            temporal.consecutive_lpips_alex,
+        ),
+        ("consecutive LPIPS-vgg", "the same by VGG-16", temporal.consecutive_lpips_vgg),
+    ];
+    let known: Vec<_> = figures.into_iter().filter_map(|(name, title, value)| Some((name, title, value?))).collect();
+    html! {
+        @if !known.is_empty() || source.is_some() {
+            ul.beside {
+                @for (name, title, value) in known { li title=(title) { (name) " " b { (number(value, 4)) } } }
+                @if let Some(source) = source { li { "regions from " b { (source) } } }
+            }
+        }
+    }
+}
+
+/// A column of the table of views.
+struct ViewColumn {
+    name: &'static str,
+    title: &'static str,
+    decimals: usize,
+    of: fn(&Scores) -> Option<f64>,
+}
+
+const VIEW_COLUMNS: [ViewColumn; 9] = [
+    ViewColumn { name: "PSNR", title: "composed, dB", decimals: 2, of: |scores| scores.composed.psnr },
+    ViewColumn { name: "SSIM", title: "composed", decimals: 4, of: |scores| scores.composed.ssim },
+    ViewColumn {
+        name: "LPIPS-alex",
+        title: "composed",
+        decimals: 4,
+        of: |scores| Figure::Lpips(LpipsVariant::ALEX).of(&scores.composed),
+    },
+    ViewColumn {
+        name: "LPIPS-vgg",
+        title: "composed, network fed [0, 1]",
+        decimals: 4,
+        of: |scores| Figure::Lpips(LpipsVariant::VGG_RAW).of(&scores.composed),
+    },
+    ViewColumn {
+        name: "static PSNR",
+        title: "static branch against the clean background, dB",
+        decimals: 2,
+        of: |scores| scores.static_?.psnr,
+    },
+    ViewColumn {
+        name: "dynamic region PSNR",
+        title: "composed, where something moves, dB",
+        decimals: 2,
+        of: |scores| scores.dynamic_region?.psnr,
+    },
+    ViewColumn {
+        name: "still region PSNR",
+        title: "composed, where nothing moves, dB",
+        decimals: 2,
+        of: |scores| scores.still_region?.psnr,
+    },
+    ViewColumn { name: "mask IoU", title: "overlap with the given mask", decimals: 4, of: |scores| scores.mask_iou },
+    ViewColumn {
+        name: "T-LPIPS-alex",
+        title: "flicker since the frame before",
+        decimals: 4,
+        of: |scores| scores.temporal?.t_lpips_alex,
+    },
+];
+
+fn views(per_view: &PerView) -> Markup {
+    let views: Vec<&ViewScores> = per_view.test.values().collect();
+    let is_known = |column: &ViewColumn| views.iter().any(|view| (column.of)(&view.scores).is_some());
+    let columns: Vec<ViewColumn> = VIEW_COLUMNS.into_iter().filter(is_known).collect();
+    html! {
+        @if views.len() >= DRAWN { div.charts.single { (chart(&views).draw()) } }
+        details open[views.len() <= FOLDED] {
+            summary { (views.len()) " held-out views" }
+            div.scroll {
+                table.views.sortable {
+                    thead { tr {
+                        th scope="col" { "view" }
+                        @for column in &columns { th scope="col" title=(column.title) { (column.name) } }
+                    } }
+                    tbody {
+                        @for view in &views { tr {
+                            th scope="row" { (view.view) }
+                            @for column in &columns { @match (column.of)(&view.scores) {
+                                Some(value) => td { (number(value, column.decimals)) },
+                                None => td.absent { "\u{2013}" },
+                            } }
+                        } }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// PSNR over the views, in their order.
+fn chart(views: &[&ViewScores]) -> Chart<'static> {
+    let curve = |name, colour, of: fn(&Scores) -> Option<f64>| {
+        let point =
+            |(index, view): (usize, &&ViewScores)| Point { x: index as f64, y: of(&view.scores).unwrap_or(f64::NAN) };
+        let points = views.iter().enumerate().map(point).collect();
+        Series { name: Some(name), colour, weight: Weight::Bold, points }
+    };
+    let series = vec![
+        curve("composed", 0, |scores| scores.composed.psnr),
+        curve("static", 1, |scores| scores.static_?.psnr),
+        curve("dynamic region", 2, |scores| scores.dynamic_region?.psnr),
+    ];
+    let known = series.into_iter().filter(|series| series.points.iter().any(|point| point.y.is_finite())).collect();
+    Chart { x_title: "held-out view", ..Chart::linear("PSNR of each view, dB", known, &[]) }
+}
+
+/// A figure; one that is not finite, as of a perfect picture, is said in words.
+pub(super) fn number(value: f64, decimals: usize) -> String {
+    match value.is_finite() {
+        true => format!("{value:.decimals$}"),
+        false => "not finite".to_owned(),
+    }
+}

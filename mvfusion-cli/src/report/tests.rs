@@ -1,0 +1,169 @@
+//! The page of runs that were made up: whole ones, those with gaps, and those that mean harm.
+
+use std::fs;
+use std::path::Path;
+
+use image::{Rgb, RgbImage};
+use mvfusion_model::evaluation::{LayerScores, Protocol, RegionSource, Scores, ViewScores};
+
+use super::*;
+use crate::run::{GaussianCounts, PerView, Results, specimen};
+
+/// What would run, close an element or leave an attribute, if it were not escaped.
+const HOSTILE: &str = "</style><script>alert('x')</script>\"'><img src=x onerror=alert(1)>&amp;";
+
+fn write(folder: &Path, name: &str, text: impl AsRef<[u8]>) {
+    let path = folder.join(name);
+    fs::create_dir_all(path.parent().expect("a folder")).expect("made");
+    fs::write(path, text).expect("written");
+}
+
+fn picture(folder: &Path, layer: &str, name: &str) {
+    let path = folder.join("renders/test").join(layer).join(name);
+    fs::create_dir_all(path.parent().expect("a folder")).expect("made");
+    RgbImage::from_fn(16, 12, |x, y| Rgb([x as u8 * 9, y as u8 * 9, layer.len() as u8 * 20]))
+        .save(path)
+        .expect("saved");
+}
+
+fn scores() -> Scores {
+    let layer = |psnr| LayerScores { psnr: Some(psnr), ssim: Some(0.98765), ..LayerScores::default() };
+    Scores {
+        composed: layer(27.345),
+        dynamic_region: Some(LayerScores { psnr: Some(21.0), ..LayerScores::default() }),
+        region_source: Some(RegionSource::GivenMasks),
+        mask_iou: Some(0.625),
+        ..Scores::default()
+    }
+}
+
+fn results(protocol: &str) -> Results {
+    let gaussians = GaussianCounts { static_: Some(1200), dynamic: 34 };
+    Results { protocol: protocol.to_owned(), gaussians, ..specimen(scores()) }
+}
+
+/// A whole run of one view, whose every text is `text`.
+fn run(text: &str) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().expect("folder");
+    let record = serde_json::json!({
+        "version": "0.1.0", "preset": text, "seed": 7, "scene": {"name": text}, "git": {"commit": text, "dirty": true},
+        text: text,
+    });
+    write(folder.path(), "run.json", record.to_string());
+    write(folder.path(), "results.json", json(&results(text)));
+    let view = ViewScores { view: text.to_owned(), scores: scores() };
+    let per_view =
+        PerView { protocol: text.to_owned(), test: [("00000.png".to_owned(), view)].into(), field: [].into() };
+    write(folder.path(), "per_view.json", json(&per_view));
+    write(folder.path(), "config.toml", format!("# {text}\n[train]\nseed = 1\n"));
+    let line = serde_json::json!({
+        "step": 1, "stage": text, "stage_step": 1, "loss": 2.0, "psnr": 9.0, "gaussians": {"dynamic": 1},
+        "steps_per_second": 3.5,
+    });
+    write(folder.path(), "metrics.jsonl", format!("{line}\n"));
+    for layer in ["gt", "composed", "static", "mask", "motion"] {
+        picture(folder.path(), layer, "00000.png");
+    }
+    write(folder.path(), "strips/00000.png", "never read where there are layers");
+    folder
+}
+
+fn json(value: &impl serde::Serialize) -> String {
+    serde_json::to_string(value).expect("written")
+}
+
+fn count(page: &str, what: &str) -> usize {
+    page.matches(what).count()
+}
+
+#[test]
+fn a_run_becomes_a_page_with_all_its_sections() {
+    let folder = run("kitchen");
+    let page = fs::read_to_string(write_report(folder.path())).expect("read");
+    for anchor in ["figures", "training", "sliders", "layers", "motion", "record", "config"] {
+        assert_eq!(count(&page, &format!("<section id=\"{anchor}\"")), 1, "{anchor}");
+        assert_eq!(count(&page, &format!("<a href=\"#{anchor}\">")), 2, "{anchor}");
+    }
+    for words in ["<h1>kitchen</h1>", "27.34", "0.9876", "0.625", "2 min 51 s", "1234", "given masks", "commit"] {
+        assert!(page.contains(words), "{words} is missing");
+    }
+    // Each picture once: five layers, and two of the slider and the photo of the heat map are copied.
+    assert_eq!((count(&page, "src=\"data:image/png"), count(&page, "data-copy=\"v0-gt\"")), (5, 2));
+    assert_eq!(count(&page, "class=\"lack\""), 2, "the noscript's, and the one of the unknown key");
+}
+
+fn write_report(run: &Path) -> PathBuf {
+    super::write(run).expect("a report")
+}
+
+#[test]
+fn a_figure_that_is_not_known_is_a_dash_with_its_reason() {
+    let folder = run(Protocol::Mvfusion.statement());
+    let page = html(folder.path()).expect("a page");
+    assert!(page.contains("<td class=\"absent\" title=\"no clean background is known\">\u{2013}</td>"));
+    assert!(page.contains("LPIPS-alex, LPIPS-vgg, LPIPS-alex on [0,1], LPIPS-vgg on [0,1] (by networks"), "{page}");
+    let statement = maud::html! { (Protocol::Mvfusion.statement()) }.into_string();
+    assert!(page.contains(&statement), "{statement}");
+    assert!(!page.contains(">0.00<") && !page.contains(">0.0000<"));
+}
+
+#[test]
+fn no_text_of_a_file_becomes_part_of_the_page() {
+    let folder = run(HOSTILE);
+    let page = html(folder.path()).expect("a page");
+    assert_eq!((count(&page, "<script"), count(&page, "<style"), count(&page, "</style")), (1, 1, 1));
+    for harm in ["<img src=x", "alert('x')</script>", "\"'>", "=alert(1)>"] {
+        assert!(!page.contains(harm), "{harm}");
+    }
+    // It is there all the same, as text: title, heading, preset, commit's beginning, protocol, view, record, files …
+    assert!(count(&page, "&lt;script&gt;alert('x')&lt;/script&gt;&quot;'&gt;") >= 10, "{page}");
+}
+
+#[test]
+fn the_page_asks_for_nothing() {
+    let page = html(run("kitchen").path()).expect("a page");
+    let policy = page.split("Content-Security-Policy\" content=\"").nth(1).and_then(|rest| rest.split('"').next());
+    assert!(policy.is_some_and(|policy| policy.starts_with("default-src 'none'; img-src data:;")), "{policy:?}");
+    for address in ["http://", "https://", "url(h", "@import", "src=\"/", "href=\"/"] {
+        assert!(!page.contains(address), "{address}");
+    }
+}
+
+#[test]
+fn a_run_of_one_file_names_all_that_is_missing() {
+    let folder = tempfile::tempdir().expect("folder");
+    write(folder.path(), "config.toml", "seed = 3\n");
+    let page = html(folder.path()).expect("a page");
+    for missing in ["metrics.jsonl", "results.json", "per_view.json", "run.json"] {
+        assert!(page.contains(&format!("The run has no {missing}.")), "{missing}");
+    }
+    assert!(page.contains("mvfusion eval RUN --write") && page.contains("seed = 3") && !page.contains("<img"));
+}
+
+#[test]
+fn broken_files_and_pictures_cost_their_places_alone() {
+    let folder = run("kitchen");
+    write(folder.path(), "results.json", "{\"protocol\": 7}");
+    write(folder.path(), "per_view.json", "[]");
+    write(folder.path(), "renders/test/composed/00000.png", "no picture");
+    let page = html(folder.path()).expect("a page");
+    for lack in
+        ["results.json cannot be read", "per_view.json cannot be read", "renders/test/composed/00000.png is no picture"]
+    {
+        assert!(page.contains(lack), "{lack}");
+    }
+    // The others are there, and the slider compares what is left.
+    assert_eq!(count(&page, "src=\"data:image/png"), 4);
+    assert_eq!(count(&page, "<figure class=\"slider script\""), 1);
+}
+
+#[test]
+fn without_layers_the_strips_are_shown_and_the_reason_is_given() {
+    let folder = run("kitchen");
+    fs::remove_dir_all(folder.path().join("renders")).expect("removed");
+    write(folder.path(), "config.toml", "[eval]\npictures = false\n");
+    RgbImage::from_pixel(60, 10, Rgb([5; 3])).save(folder.path().join("strips/00000.png")).expect("saved");
+    let page = html(folder.path()).expect("a page");
+    assert!(page.contains("eval.pictures=false") && !page.contains("type=\"range\""));
+    assert_eq!(count(&page, "src=\"data:image/png"), 1);
+}

@@ -1,0 +1,103 @@
+//! The section of the training's curves.
+
+use maud::{Markup, html};
+use mvfusion_model::Config;
+use mvfusion_model::train::Stage;
+
+use super::curve::{Chart, Mark, Point, Series, Weight, running_mean};
+use super::files::RunFiles;
+use super::log::Log;
+use super::page::{lack, section};
+
+/// Curves of more points than this are drawn with their mean over [`WINDOW`].
+const NOISY: usize = 60;
+/// Share of a curve's points over which a mean is taken: enough to be read, too few to hide a stage's begin.
+const WINDOW: usize = 30;
+
+/// Loss, PSNR, numbers of Gaussians and pace over the steps.
+pub(super) fn training(files: &RunFiles) -> Markup {
+    let body = match &files.log {
+        Ok(log) => curves(log, &marks(files, log)),
+        Err(missing) => lack(missing),
+    };
+    section("training", "Training", body)
+}
+
+fn curves(log: &Log, marks: &[Mark]) -> Markup {
+    let count = |name, colour, points| Series { name: Some(name), colour, weight: Weight::Bold, points };
+    let gaussians = vec![
+        count("static", 0, log.curve(|line| line.gaussians.static_)),
+        count("dynamic", 1, log.curve(|line| line.gaussians.dynamic)),
+    ];
+    let pace = noisy(log.curve(|line| line.steps_per_second));
+    html! {
+        div.charts {
+            (Chart::fitting("Loss", noisy(log.curve(|line| line.loss)), marks).draw())
+            (Chart::linear("PSNR of the step\u{2019}s photos, dB", noisy(log.curve(|line| line.psnr)), marks).draw())
+            (Chart::amounts("Gaussians", known(gaussians), marks).draw())
+            (Chart::amounts("Steps a second", pace, marks).draw())
+        }
+        p.note {
+            "From metrics.jsonl, " (log.lines.len()) " lines. "
+            @if log.lines.len() > NOISY {
+                "Pale: as noted, for each step\u{2019}s few photos; strong: running mean of them. "
+            }
+            @if log.unreadable > 0 { b { (log.unreadable) " of its lines could not be read and are left out." } }
+        }
+    }
+}
+
+/// A curve, and before it, if it is long, the same unsmoothed.
+fn noisy(points: Vec<Point>) -> Vec<Series> {
+    let series = |weight, points| Series { name: None, colour: 0, weight, points };
+    if points.len() <= NOISY {
+        return vec![series(Weight::Bold, points)];
+    }
+    let mean = running_mean(&points, points.len() / WINDOW);
+    vec![series(Weight::Faint, points), series(Weight::Bold, mean)]
+}
+
+/// The curves that have a value; models of one branch have no static one.
+fn known(series: Vec<Series>) -> Vec<Series> {
+    series.into_iter().filter(|series| series.points.iter().any(|point| point.y.is_finite())).collect()
+}
+
+/// Where the stages begin: by the configuration, which knows those that left no line, else by the lines.
+fn marks(files: &RunFiles, log: &Log) -> Vec<Mark> {
+    match &files.config {
+        Ok(config) => planned(config),
+        Err(_) => log.stages(),
+    }
+}
+
+fn planned(config: &Config) -> Vec<Mark> {
+    let stages = config.scaled().train.stages;
+    let lengths = [
+        (Stage::Geometry, stages.geometry),
+        (Stage::Deformation, stages.deformation),
+        (Stage::Refinement, stages.refinement),
+    ];
+    let mut start = 0usize;
+    let mut marks = Vec::new();
+    for (stage, length) in lengths {
+        if length > 0 {
+            marks.push(Mark { x: start as f64, name: stage.name().to_owned() });
+        }
+        start = start.saturating_add(length);
+    }
+    marks
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stages_without_steps_have_no_mark() {
+        let mut config = Config::default();
+        let stages = &mut config.train.stages;
+        (stages.geometry, stages.deformation, stages.refinement) = (10, 0, 5);
+        let mark = |x, name: &str| Mark { x, name: name.to_owned() };
+        assert_eq!(planned(&config), [mark(0.0, "geometry"), mark(10.0, "refinement")]);
+    }
+}

@@ -1,0 +1,75 @@
+//! Figures under the names that the scripts of 3DGS and its descendants look for in `results.json` and `per_view.json`:
+//! `{"ours_14000": {"PSNR": ..}}`.
+
+use std::collections::BTreeMap;
+
+use mvfusion_model::evaluation::{Figure, LayerScores, LpipsVariant, ViewScores};
+use serde::Serialize;
+
+/// The field's name of a figure, and what it is here: both kinds of LPIPS are fed `[0, 1]`.
+const FIGURES: [(&str, Figure); 6] = [
+    ("SSIM", Figure::Ssim),
+    ("PSNR", Figure::Psnr),
+    ("LPIPS-vgg", Figure::Lpips(LpipsVariant::VGG_RAW)),
+    ("LPIPS-alex", Figure::Lpips(LpipsVariant::ALEX_RAW)),
+    ("MS-SSIM", Figure::MsSsim),
+    ("D-SSIM", Figure::DSsim),
+];
+
+/// Means of the composed pictures, by the field's names.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[serde(transparent)]
+pub struct FieldScores(BTreeMap<&'static str, f64>);
+
+/// Figures of every composed picture, by the field's names and the pictures'.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[serde(transparent)]
+pub struct FieldPerView(BTreeMap<&'static str, BTreeMap<String, f64>>);
+
+/// Under what name a training of so many steps stands there.
+fn method(steps: usize) -> String {
+    format!("ours_{steps}")
+}
+
+impl FieldScores {
+    /// The figures of a layer that are known.
+    pub fn of(steps: usize, scores: &LayerScores) -> BTreeMap<String, Self> {
+        let known = FIGURES.into_iter().filter_map(|(name, figure)| Some((name, figure.of(scores)?)));
+        BTreeMap::from([(method(steps), Self(known.collect()))])
+    }
+}
+
+impl FieldPerView {
+    /// The figures of views that are known, by the names of their pictures.
+    pub fn of(steps: usize, views: &BTreeMap<String, ViewScores>) -> BTreeMap<String, Self> {
+        let column = |figure: Figure| -> BTreeMap<String, f64> {
+            let value = |view: &ViewScores| figure.of(&view.scores.composed);
+            views.iter().filter_map(|(picture, view)| Some((picture.clone(), value(view)?))).collect()
+        };
+        let columns = FIGURES.into_iter().map(|(name, figure)| (name, column(figure)));
+        BTreeMap::from([(method(steps), Self(columns.filter(|(_, column)| !column.is_empty()).collect()))])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use mvfusion_model::evaluation::Scores;
+
+    use super::*;
+
+    #[test]
+    fn figures_stand_under_the_names_that_scripts_look_for() {
+        let composed = LayerScores {
+            psnr: Some(30.0),
+            ssim: Some(0.9),
+            lpips_vgg: Some(0.3),
+            lpips_vgg_raw: Some(0.2),
+            ..Default::default()
+        };
+        let json = serde_json::to_value(FieldScores::of(14, &composed)).expect("written");
+        assert_eq!(json, serde_json::json!({"ours_14": {"PSNR": 30.0, "SSIM": 0.9, "LPIPS-vgg": 0.2}}));
+        let view = ViewScores { view: "cam00/0000".into(), scores: Scores { composed, ..Default::default() } };
+        let json = serde_json::to_value(FieldPerView::of(14, &BTreeMap::from([("00000.png".into(), view)])));
+        assert_eq!(json.expect("written")["ours_14"]["LPIPS-vgg"]["00000.png"], 0.2);
+    }
+}
