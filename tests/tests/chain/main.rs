@@ -1,10 +1,11 @@
 //! The whole chain, from parameters to pictures and back: gradients against finite differences, the start of the last
-//! stage, sameness of runs, checkpoints, memory.
+//! stage, sameness of runs, checkpoints, memory, exports and imports.
 #![recursion_limit = "256"]
 
 mod allocations;
 mod child;
 mod differences;
+mod exports;
 mod layouts;
 mod margins;
 mod memory;

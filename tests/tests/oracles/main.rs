@@ -3,7 +3,7 @@
 //! Every `.npz` file in `$MVFUSION_ORACLES/{oracle_gsplat,oracle_method,oracle_metrics}` is one trial a backend, named
 //! `oracle::<backend>::<kind>::<file>`; without the folder each kind is one ignored trial. So are the pairs of pictures in
 //! `oracle_metrics/metrics.json`. The project's own small oracle (`tests/oracles/own.npz`, made by `make.py` beside it)
-//! always runs.
+//! always runs. The report of a run is opened in a real browser ([`report`]).
 #![recursion_limit = "256"]
 
 mod archive;
@@ -22,6 +22,7 @@ mod network;
 mod own;
 mod parity;
 mod refinement;
+mod report;
 mod schedule;
 mod splat;
 mod statistics;
@@ -50,6 +51,7 @@ fn main() -> ExitCode {
         trials.extend(metrics::trials(backend));
     }
     trials.extend(captures::trials(root().as_deref()));
+    trials.extend(report::trials(root().as_deref()));
     for backend in gpu_backends() {
         if is_there(backend) {
             trials.extend(training::trials(backend));

@@ -72,6 +72,8 @@ pub struct Cell {
     pub scene: &'static SceneEntry,
     /// The scene's folder, if it has one.
     data: Option<PathBuf>,
+    /// Folder with the weights of LPIPS.
+    weights: Option<PathBuf>,
     /// The method.
     pub method: Method,
     /// The seed.
@@ -79,7 +81,7 @@ pub struct Cell {
 }
 
 /// Every run whose data are there. Seeds vary slowest, so that a table is complete early, if with few seeds.
-pub fn all(data_root: Option<&Path>, seeds: &[u64]) -> Vec<Cell> {
+pub fn all(data_root: Option<&Path>, weights: Option<&Path>, seeds: &[u64]) -> Vec<Cell> {
     let mut cells = Vec::new();
     for &seed in seeds {
         for scene in SCENES {
@@ -87,7 +89,13 @@ pub fn all(data_root: Option<&Path>, seeds: &[u64]) -> Vec<Cell> {
             if scene.real && data.is_none() {
                 continue;
             }
-            cells.extend(METHODS.map(|method| Cell { scene, data: data.clone(), method, seed }));
+            cells.extend(METHODS.map(|method| Cell {
+                scene,
+                data: data.clone(),
+                weights: weights.map(Path::to_owned),
+                method,
+                seed,
+            }));
         }
     }
     cells
@@ -115,6 +123,9 @@ impl Cell {
             if let Some(masks) = self.scene.masks {
                 set(format!("eval.dynamic_masks={}", data.join(masks).display()));
             }
+        }
+        if let Some(weights) = &self.weights {
+            set(format!("eval.lpips_weights={}", weights.display()));
         }
         options
     }

@@ -6,27 +6,30 @@ use std::path::Path;
 use anyhow::Context;
 use serde_json::Value;
 
+/// The figures of a layer, or of a part of it. One that is not known is absent.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Layer {
+    /// PSNR in dB.
+    pub psnr: Option<f64>,
+    /// SSIM.
+    pub ssim: Option<f64>,
+    /// LPIPS by AlexNet on `[-1, 1]`.
+    pub lpips: Option<f64>,
+}
+
 /// The figures of a run. One that is not known is absent.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Figures {
-    /// Composed picture of the held-out views: PSNR in dB.
-    pub composed_psnr: Option<f64>,
-    /// The same: SSIM.
-    pub composed_ssim: Option<f64>,
-    /// Static branch against the clean background: PSNR in dB.
-    pub static_psnr: Option<f64>,
-    /// The same: SSIM.
-    pub static_ssim: Option<f64>,
-    /// Composed picture inside the true dynamic masks: PSNR in dB; of the training views where they were scored.
-    pub dynamic_psnr: Option<f64>,
+    /// Composed picture of the held-out views.
+    pub composed: Layer,
+    /// Static branch against the clean background.
+    pub static_: Layer,
+    /// Composed picture inside the true dynamic masks; of the training views where they were scored.
+    pub dynamic: Layer,
     /// Number of dynamic Gaussians.
     pub dynamic_gaussians: Option<f64>,
     /// Seconds of training a step.
     pub seconds_a_step: Option<f64>,
-    /// Seconds of training.
-    pub seconds: Option<f64>,
-    /// Steps of training.
-    pub steps: Option<f64>,
 }
 
 impl Figures {
@@ -40,20 +43,19 @@ impl Figures {
 
     fn of(json: &Value) -> Self {
         let number = |pointer: &str| json.pointer(pointer).and_then(Value::as_f64);
+        let layer = |pointer: &str| Layer {
+            psnr: number(&format!("{pointer}/psnr")),
+            ssim: number(&format!("{pointer}/ssim")),
+            lpips: number(&format!("{pointer}/lpips_alex")),
+        };
+        let moving = if json.get("training_views").is_some() { "/training_views" } else { "/test" };
         let (seconds, steps) = (number("/train/seconds"), number("/train/steps"));
         Self {
-            composed_psnr: number("/test/composed/psnr"),
-            composed_ssim: number("/test/composed/ssim"),
-            static_psnr: number("/test/static/psnr"),
-            static_ssim: number("/test/static/ssim"),
-            dynamic_psnr: match json.get("training_views") {
-                Some(_) => number("/training_views/dynamic_region/psnr"),
-                None => number("/test/dynamic_region/psnr"),
-            },
+            composed: layer("/test/composed"),
+            static_: layer("/test/static"),
+            dynamic: layer(&format!("{moving}/dynamic_region")),
             dynamic_gaussians: number("/gaussians/dynamic"),
             seconds_a_step: seconds.zip(steps).map(|(seconds, steps)| seconds / steps),
-            seconds,
-            steps,
         }
     }
 }
@@ -65,13 +67,15 @@ mod tests {
     #[test]
     fn figures_are_found_by_their_names_and_unknown_ones_are_absent() {
         let json = serde_json::json!({
-            "test": { "composed": { "psnr": 27.5, "ssim": 0.9 }, "dynamic_region": { "psnr": 15.0 } },
+            "test": { "composed": { "psnr": 27.5, "ssim": 0.9 }, "dynamic_region": { "psnr": 15.0, "lpips_alex": 0.3 } },
             "gaussians": { "dynamic": 40 },
             "train": { "seconds": 10.0, "steps": 4 },
         });
         let figures = Figures::of(&json);
-        assert_eq!((figures.composed_psnr, figures.static_psnr), (Some(27.5), None));
-        assert_eq!((figures.dynamic_psnr, figures.seconds_a_step), (Some(15.0), Some(2.5)));
+        assert_eq!(figures.composed, Layer { psnr: Some(27.5), ssim: Some(0.9), lpips: None });
+        assert_eq!(figures.static_, Layer::default());
+        assert_eq!(figures.dynamic, Layer { psnr: Some(15.0), ssim: None, lpips: Some(0.3) });
+        assert_eq!((figures.dynamic_gaussians, figures.seconds_a_step), (Some(40.0), Some(2.5)));
     }
 
     #[test]
@@ -80,6 +84,6 @@ mod tests {
             "test": { "dynamic_region": { "psnr": 15.0 } },
             "training_views": { "dynamic_region": { "psnr": 20.0 } },
         });
-        assert_eq!(Figures::of(&json).dynamic_psnr, Some(20.0));
+        assert_eq!(Figures::of(&json).dynamic.psnr, Some(20.0));
     }
 }

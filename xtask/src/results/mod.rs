@@ -33,6 +33,9 @@ pub struct ResultsArguments {
     /// Folder that holds the real scenes, each under the name that `--list` shows.
     #[arg(long, value_name = "DIR")]
     data_root: Option<PathBuf>,
+    /// Folder with the weights of LPIPS; without it there are no such figures.
+    #[arg(long, value_name = "DIR")]
+    lpips_weights: Option<PathBuf>,
     /// Where the runs lie.
     #[arg(long, value_name = "DIR", default_value = "runs/results")]
     out: PathBuf,
@@ -52,7 +55,7 @@ pub struct ResultsArguments {
 
 /// Carries out the chore.
 pub fn run(arguments: &ResultsArguments) -> anyhow::Result<()> {
-    let cells = cells::all(arguments.data_root.as_deref(), &arguments.seeds);
+    let cells = cells::all(arguments.data_root.as_deref(), arguments.lpips_weights.as_deref(), &arguments.seeds);
     build()?;
     if arguments.list {
         for scene in SCENES {

@@ -9,21 +9,27 @@ use super::figures::Figures;
 type Figure = fn(&Figures) -> Option<f64>;
 
 /// The columns of the main table: head, figure, digits.
-const COLUMNS: [(&str, Figure, usize); 7] = [
-    ("composed PSNR", |f| f.composed_psnr, 2),
-    ("composed SSIM", |f| f.composed_ssim, 4),
-    ("static PSNR", |f| f.static_psnr, 2),
-    ("static SSIM", |f| f.static_ssim, 4),
-    ("dynamic region PSNR", |f| f.dynamic_psnr, 2),
+const COLUMNS: [(&str, Figure, usize); 11] = [
+    ("composed PSNR", |f| f.composed.psnr, 2),
+    ("SSIM", |f| f.composed.ssim, 4),
+    ("LPIPS", |f| f.composed.lpips, 4),
+    ("static PSNR", |f| f.static_.psnr, 2),
+    ("SSIM", |f| f.static_.ssim, 4),
+    ("LPIPS", |f| f.static_.lpips, 4),
+    ("dynamic region PSNR", |f| f.dynamic.psnr, 2),
+    ("SSIM", |f| f.dynamic.ssim, 4),
+    ("LPIPS", |f| f.dynamic.lpips, 4),
     ("dynamic Gaussians", |f| f.dynamic_gaussians, 0),
     ("ms a step", |f| f.seconds_a_step.map(|seconds| 1000.0 * seconds), 0),
 ];
 
-/// What the claim of the paper is about.
-const CLAIMS: [(&str, Figure); 3] = [
-    ("composed PSNR", |f| f.composed_psnr),
-    ("static PSNR", |f| f.static_psnr),
-    ("dynamic region PSNR", |f| f.dynamic_psnr),
+/// What the claim of the paper is about, with its digits.
+const CLAIMS: [(&str, Figure, usize); 5] = [
+    ("composed PSNR", |f| f.composed.psnr, 2),
+    ("static PSNR", |f| f.static_.psnr, 2),
+    ("LPIPS", |f| f.static_.lpips, 4),
+    ("dynamic region PSNR", |f| f.dynamic.psnr, 2),
+    ("LPIPS", |f| f.dynamic.lpips, 4),
 ];
 
 /// The methods that are compared: the refined one first.
@@ -44,7 +50,7 @@ pub fn write(runs: &[(Cell, Figures)]) -> String {
         }
     }
     text.push('\n');
-    head(&mut text, &["scene", "difference, same seeds", "seeds"], CLAIMS.map(|(name, _)| name));
+    head(&mut text, &["scene", "difference, same seeds", "seeds"], CLAIMS.map(|(name, ..)| name));
     for scene in SCENES {
         for (refined, base) in PAIRS {
             let pairs: Vec<(Figures, Figures)> = of(runs, scene.name, refined)
@@ -56,7 +62,7 @@ pub fn write(runs: &[(Cell, Figures)]) -> String {
             if pairs.is_empty() {
                 continue;
             }
-            let cells = CLAIMS.map(|(_, figure)| difference(&pairs, figure));
+            let cells = CLAIMS.map(|(_, figure, digits)| difference(&pairs, figure, digits));
             let name = format!("{} - {}", refined.name, base.name);
             line(&mut text, &[scene.name.into(), name, pairs.len().to_string()], cells);
         }
@@ -79,12 +85,12 @@ fn mean(values: impl Iterator<Item = f64>, digits: usize) -> String {
     }
 }
 
-fn difference(pairs: &[(Figures, Figures)], figure: Figure) -> String {
+fn difference(pairs: &[(Figures, Figures)], figure: Figure, digits: usize) -> String {
     let differences: Vec<f64> =
         pairs.iter().filter_map(|(refined, base)| Some(figure(refined)? - figure(base)?)).collect();
     match spread(&differences) {
-        Some((mean, Some(deviation))) => format!("{mean:+.2} ± {deviation:.2}"),
-        Some((mean, None)) => format!("{mean:+.2}"),
+        Some((mean, Some(deviation))) => format!("{mean:+.digits$} ± {deviation:.digits$}"),
+        Some((mean, None)) => format!("{mean:+.digits$}"),
         None => "-".to_owned(),
     }
 }
@@ -113,20 +119,21 @@ fn line<const N: usize>(text: &mut String, labels: &[String], cells: [String; N]
 mod tests {
     use super::*;
     use crate::results::cells::all;
+    use crate::results::figures::Layer;
 
     #[test]
     fn runs_become_means_with_spread_and_paired_differences() {
         let psnr = |cell: &Cell| 20.0 + cell.seed as f64 + if cell.method == FULL { 0.5 } else { 0.0 };
-        let runs: Vec<(Cell, Figures)> = all(None, &[1, 3])
+        let runs: Vec<(Cell, Figures)> = all(None, None, &[1, 3])
             .into_iter()
             .map(|cell| {
-                let figures = Figures { composed_psnr: Some(psnr(&cell)), ..Figures::default() };
-                (cell, figures)
+                let composed = Layer { psnr: Some(psnr(&cell)), ..Layer::default() };
+                (cell, Figures { composed, ..Figures::default() })
             })
             .collect();
         let text = write(&runs);
         assert!(text.contains("| video | MVFusion-GS | 2 | 22.50 ± 1.41 | - |"), "{text}");
-        assert!(text.contains("| casual | MVFusion-GS - DeGauss | 2 | +0.50 ± 0.00 | - | - |"), "{text}");
-        assert!(write(&runs[..8]).contains("| casual | MVFusion-GS - DeGauss | 1 | +0.50 | - | - |"));
+        assert!(text.contains("| casual | MVFusion-GS - DeGauss | 2 | +0.50 ± 0.00 | - | - | - | - |"), "{text}");
+        assert!(write(&runs[..8]).contains("| casual | MVFusion-GS - DeGauss | 1 | +0.50 | - | - | - | - |"));
     }
 }

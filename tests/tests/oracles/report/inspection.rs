@@ -1,0 +1,273 @@
+//! What a report must be in a browser.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use anyhow::{Context, Result, ensure};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use image::RgbImage;
+use serde_json::{Value, json};
+
+use super::browser::Browser;
+use super::devtools::Connection;
+
+/// Size of the window, and the width of a narrow one, CSS pixels.
+const WINDOW: [u32; 2] = [1280, 900];
+const NARROW: u32 = 390;
+
+/// Least number of colours (in steps of 16 levels) of a page that shows something.
+const COLOURS: usize = 40;
+
+/// Least share of a slider's pixels that change as it moves over a tenth of its width and more.
+const CHANGED: f64 = 0.01;
+
+/// Opens the page and checks all that is asked of a report.
+///
+/// # Errors
+/// If anything is wrong with it, with what.
+pub fn inspect(page: &Path, screenshot: Option<&Path>) -> Result<()> {
+    let mut browser = Browser::start()?;
+    let connection = &mut browser.connection;
+    connection.open_page()?;
+    resize(connection, WINDOW[0])?;
+    let address = address(page)?;
+    connection.call("Page.navigate", json!({"url": address}))?;
+    connection.evaluate(
+        "new Promise(done => document.readyState === 'complete' ? done() : addEventListener('load', done))",
+    )?;
+    pictures_are_loaded(connection)?;
+    charts_are_drawn(connection)?;
+    sliders_move(connection)?;
+    layers_can_be_chosen(connection)?;
+    tables_can_be_sorted(connection)?;
+    pictures_can_be_enlarged(connection)?;
+    let picture = whole_page(connection)?;
+    if let Some(path) = screenshot {
+        picture.save(path).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    is_not_blank(&picture)?;
+    is_dark_where_wanted(connection)?;
+    fits_a_narrow_window(connection)?;
+    // Last, because everything above may have left an error.
+    nothing_was_reported(connection, &address)
+}
+
+fn resize(connection: &mut Connection, width: u32) -> Result<()> {
+    let metrics = json!({"width": width, "height": WINDOW[1], "deviceScaleFactor": 1, "mobile": false});
+    connection.call("Emulation.setDeviceMetricsOverride", metrics).map(drop)
+}
+
+/// The address of a file, whatever its name.
+fn address(page: &Path) -> Result<String> {
+    let path = page.canonicalize()?;
+    let bytes = path.to_str().context("a path that is text")?.bytes();
+    let safe = |byte: u8| byte.is_ascii_alphanumeric() || b"/-_.~".contains(&byte);
+    let shown = bytes.map(|byte| if safe(byte) { char::from(byte).to_string() } else { format!("%{byte:02X}") });
+    Ok(format!("file://{}", shown.collect::<String>()))
+}
+
+/// Every picture has pixels, and there are some.
+fn pictures_are_loaded(connection: &mut Connection) -> Result<()> {
+    let sizes = connection.evaluate(
+        "Promise.all([...document.images].map(async picture => {
+            await picture.decode().catch(() => 0);
+            return { name: picture.alt, width: picture.naturalWidth };
+        }))",
+    )?;
+    let pictures = sizes.as_array().context("a list")?;
+    ensure!(!pictures.is_empty(), "the page has no picture");
+    let broken: Vec<&Value> =
+        pictures.iter().filter(|picture| picture["width"].as_u64().is_none_or(|w| w == 0)).collect();
+    ensure!(broken.is_empty(), "pictures were not loaded: {broken:?}");
+    Ok(())
+}
+
+/// Every chart has a curve of some length within its drawing.
+fn charts_are_drawn(connection: &mut Connection) -> Result<()> {
+    let lengths = connection.evaluate(
+        "[...document.querySelectorAll('figure.chart svg')].map(chart => Math.max(0,
+            ...[...chart.querySelectorAll('path')].map(path => path.getTotalLength())))",
+    )?;
+    let lengths = lengths.as_array().context("a list")?;
+    ensure!(lengths.len() >= 4, "the page has {} charts", lengths.len());
+    ensure!(lengths.iter().all(|length| length.as_f64() > Some(100.0)), "curves have lengths {lengths:?}");
+    Ok(())
+}
+
+/// Each slider follows the pointer and the arrow keys, and what is seen changes with it.
+fn sliders_move(connection: &mut Connection) -> Result<()> {
+    let count =
+        connection.evaluate("document.querySelectorAll('figure.slider').length")?.as_u64().context("a count")?;
+    ensure!(count > 0, "the page has no slider");
+    for index in 0..count {
+        slider_moves(connection, index).with_context(|| format!("slider {index}"))?;
+    }
+    Ok(())
+}
+
+fn slider_moves(connection: &mut Connection, index: u64) -> Result<()> {
+    let find = format!("document.querySelectorAll('figure.slider')[{index}]");
+    // The line itself moves anyhow; the pictures must.
+    connection.evaluate(&format!("{find}.querySelector('.line').style.visibility = 'hidden'"))?;
+    connection.evaluate(&format!("{find}.scrollIntoView({{ behavior: 'instant', block: 'center' }})"))?;
+    let place = connection.evaluate(&format!("{find}.querySelector('.stack').getBoundingClientRect().toJSON()"))?;
+    let at = |name: &str| place[name].as_f64().with_context(|| format!("no {name} of the slider"));
+    let (left, width, middle) = (at("left")?, at("width")?, at("top")? + at("height")? / 2.0);
+    let edge = |connection: &mut Connection| -> Result<f64> {
+        let clip = connection.evaluate(&format!("getComputedStyle({find}.querySelector('img.right')).clipPath"))?;
+        let clip = clip.as_str().unwrap_or_default().to_owned();
+        let share = clip.strip_suffix("%)").and_then(|rest| rest.rsplit(' ').next()?.parse::<f64>().ok());
+        share.with_context(|| format!("the right picture is cut by `{clip}`"))
+    };
+    let mouse = |connection: &mut Connection, kind: &str, share: f64| {
+        let x = left + share * width;
+        let event = json!({"type": kind, "x": x, "y": middle, "button": "left", "buttons": 1, "clickCount": 1});
+        connection.call("Input.dispatchMouseEvent", event).map(drop)
+    };
+
+    let before = view(connection, &place)?;
+    mouse(connection, "mousePressed", 0.5)?;
+    mouse(connection, "mouseMoved", 0.3)?;
+    mouse(connection, "mouseMoved", 0.1)?;
+    mouse(connection, "mouseReleased", 0.1)?;
+    let dragged = edge(connection)?;
+    ensure!((dragged - 10.0).abs() < 2.0, "dragged to a tenth of the width, the edge stands at {dragged} %");
+    let changed = difference(&before, &view(connection, &place)?)?;
+    ensure!(changed > CHANGED, "the pointer changed {changed} of the pixels");
+
+    for _ in 0..4 {
+        for kind in ["rawKeyDown", "keyUp"] {
+            let key = json!({"type": kind, "key": "ArrowRight", "code": "ArrowRight", "windowsVirtualKeyCode": 39});
+            connection.call("Input.dispatchKeyEvent", key)?;
+        }
+    }
+    let stepped = edge(connection)?;
+    ensure!((stepped - dragged - 2.0).abs() < 0.1, "four keys moved the edge from {dragged} to {stepped} %");
+    connection.evaluate(&format!("{find}.querySelector('.line').style.visibility = ''")).map(drop)
+}
+
+/// Another layer on the right is another picture.
+fn layers_can_be_chosen(connection: &mut Connection) -> Result<()> {
+    let differs = connection.evaluate(
+        "(() => {
+            const figure = document.querySelector('figure.slider');
+            const choice = figure.querySelector('select[data-side=right]');
+            const picture = figure.querySelector('img.right');
+            const before = picture.src;
+            choice.value = choice.options[0].value;
+            choice.dispatchEvent(new Event('change'));
+            const chosen = document.getElementById(choice.value).src;
+            return picture.src !== before && picture.src === chosen;
+        })()",
+    )?;
+    ensure!(differs == true, "choosing another layer does not show it");
+    Ok(())
+}
+
+/// A click on a column's head sorts by it, another one the other way round.
+fn tables_can_be_sorted(connection: &mut Connection) -> Result<()> {
+    let orders = connection.evaluate(
+        "(() => {
+            const table = document.querySelector('table.sortable');
+            const column = () => [...table.tBodies[0].rows].map(row => parseFloat(row.cells[1].textContent));
+            return [0, 1].map(() => { table.tHead.rows[0].cells[1].querySelector('button').click(); return column(); });
+        })()",
+    )?;
+    let orders: Vec<Vec<f64>> = serde_json::from_value(orders)?;
+    let [up, down] = &orders[..] else { anyhow::bail!("two orders: {orders:?}") };
+    ensure!(up.len() > 1 && up.is_sorted() && up.iter().rev().eq(down), "the views are in the orders {orders:?}");
+    Ok(())
+}
+
+/// A click on a small picture makes it large, another one small again.
+fn pictures_can_be_enlarged(connection: &mut Connection) -> Result<()> {
+    let widths = connection.evaluate(
+        "(() => {
+            const figure = document.querySelector('.row figure');
+            const width = () => figure.getBoundingClientRect().width;
+            return [width(), (figure.click(), width()), (figure.click(), width())];
+        })()",
+    )?;
+    let widths: Vec<f64> = serde_json::from_value(widths)?;
+    ensure!(widths[1] > 2.0 * widths[0] && widths[2] == widths[0], "clicks make the picture {widths:?} pixels wide");
+    Ok(())
+}
+
+/// Nothing but the page itself was asked for, and no error or warning was reported.
+fn nothing_was_reported(connection: &mut Connection, address: &str) -> Result<()> {
+    // What the page did just now is reported before this is answered.
+    connection.evaluate("new Promise(resolve => requestAnimationFrame(() => setTimeout(resolve, 0)))")?;
+    let complaint = |event: &Value| -> Option<String> {
+        let parameters = &event["params"];
+        match event["method"].as_str()? {
+            "Runtime.exceptionThrown" => Some(parameters["exceptionDetails"].to_string()),
+            "Runtime.consoleAPICalled" if parameters["type"] != "log" => Some(parameters.to_string()),
+            "Log.entryAdded" => Some(parameters["entry"].to_string()),
+            "Network.requestWillBeSent" => {
+                let asked = parameters["request"]["url"].as_str().unwrap_or_default();
+                (asked != address && !asked.starts_with("data:")).then(|| format!("asks for {asked}"))
+            }
+            _ => None,
+        }
+    };
+    let complaints: Vec<String> = connection.events().iter().filter_map(complaint).collect();
+    ensure!(complaints.is_empty(), "the browser complains: {}", complaints.join("; "));
+    Ok(())
+}
+
+/// The part of the window that a rectangle covers.
+fn view(connection: &mut Connection, place: &Value) -> Result<RgbImage> {
+    let scroll = connection.evaluate("[scrollX, scrollY]")?;
+    let at = |name: &str| place[name].as_f64().unwrap_or(0.0);
+    let (x, y) = (at("x") + scroll[0].as_f64().unwrap_or(0.0), at("y") + scroll[1].as_f64().unwrap_or(0.0));
+    let clip = json!({"x": x, "y": y, "width": at("width"), "height": at("height"), "scale": 1});
+    capture(connection, json!({"format": "png", "clip": clip}))
+}
+
+fn whole_page(connection: &mut Connection) -> Result<RgbImage> {
+    connection.evaluate("scrollTo(0, 0)")?;
+    let size = connection.call("Page.getLayoutMetrics", json!({}))?["cssContentSize"].clone();
+    let clip = json!({"x": 0, "y": 0, "width": size["width"], "height": size["height"], "scale": 1});
+    capture(connection, json!({"format": "png", "captureBeyondViewport": true, "clip": clip}))
+}
+
+fn capture(connection: &mut Connection, parameters: Value) -> Result<RgbImage> {
+    let answer = connection.call("Page.captureScreenshot", parameters)?;
+    let bytes = STANDARD.decode(answer["data"].as_str().context("a picture")?)?;
+    Ok(image::load_from_memory(&bytes)?.into_rgb8())
+}
+
+/// The share of pixels that differ visibly.
+fn difference(a: &RgbImage, b: &RgbImage) -> Result<f64> {
+    ensure!(a.dimensions() == b.dimensions(), "{:?} and {:?} pixels", a.dimensions(), b.dimensions());
+    let differs = |(a, b): &(&image::Rgb<u8>, &image::Rgb<u8>)| a.0.iter().zip(b.0).any(|(&a, b)| a.abs_diff(b) > 8);
+    Ok(a.pixels().zip(b.pixels()).filter(differs).count() as f64 / f64::from(a.width() * a.height()))
+}
+
+fn is_not_blank(picture: &RgbImage) -> Result<()> {
+    let colours: BTreeSet<[u8; 3]> = picture.pixels().map(|pixel| pixel.0.map(|level| level / 16)).collect();
+    ensure!(colours.len() > COLOURS, "the page has {} colours", colours.len());
+    Ok(())
+}
+
+/// The page's ground follows the colours that the reader prefers.
+fn is_dark_where_wanted(connection: &mut Connection) -> Result<()> {
+    for (preference, is_dark) in [("light", false), ("dark", true)] {
+        let features = json!([{"name": "prefers-color-scheme", "value": preference}]);
+        connection.call("Emulation.setEmulatedMedia", json!({"features": features}))?;
+        connection.evaluate("scrollTo(0, 0)")?;
+        let corner = view(connection, &json!({"x": 0, "y": 0, "width": 8, "height": 8}))?;
+        let level = corner.get_pixel(2, 2).0[0];
+        ensure!((level < 64) == is_dark && (level > 192) != is_dark, "with {preference} colours the ground is {level}");
+    }
+    Ok(())
+}
+
+/// On a telephone nothing stands out to the right.
+fn fits_a_narrow_window(connection: &mut Connection) -> Result<()> {
+    resize(connection, NARROW)?;
+    let width = connection.evaluate("document.documentElement.scrollWidth")?.as_u64().context("a width")?;
+    ensure!(width <= u64::from(NARROW), "the page is {width} pixels wide in a window of {NARROW}");
+    Ok(())
+}
