@@ -205,13 +205,14 @@ pub struct EvalArgs {
     /// Whose figures are computed: mvfusion (all of them), or those of degauss, 3dgs or nerfbaselines
     #[arg(long, value_name = "NAME", default_value = Protocol::default().name(), value_parser = protocols())]
     pub protocol: Protocol,
-    /// Frames over which the speed of rendering is measured, after 20 that are not; 0 measures nothing
+    /// Frames over which the speed of rendering is measured, after 20 that are not, with MFTA and without; 0 measures nothing,
+    /// which saves minutes for large pictures on a CPU
     #[arg(long, value_name = "N", default_value_t = 300)]
     pub speed_frames: usize,
     /// Device and threads.
     #[command(flatten)]
     pub compute: ComputeArgs,
-    /// Write figures and pictures into the run's folder; without it nothing is written
+    /// Write figures, pictures and report into the run's folder; without it nothing is written
     #[arg(long)]
     pub write: bool,
 }

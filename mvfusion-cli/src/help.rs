@@ -12,9 +12,8 @@ pub const TRAIN: &str = "\
 Trains MVFusion-GS on a scene, scores it on the held-out views and writes everything into one folder.
 
 Without --data a small scene that ships inside the program is made: a room in which things move, with the truth known \
-about everything. With --data a folder is read. Two layouts are understood: Neu3D (cam00/images/*, cam01/images/*, \u{2026}, \
-poses_bounds.npy, points3D.ply; the first camera is held out), and photos with a COLMAP model (images/*, sparse/0/*; \
-names with clutter train, names with extra are held out, or else every 8th).
+about everything. With --data a folder is read: Neu3D, photos with a COLMAP model, NeRF On-the-go, RobustNeRF, D-NeRF, \
+HyperNeRF, nerfstudio, Panoptic Sports, MultipleView (docs/data.md); `mvfusion check DIR` tells what is found there.
 
 Training has three stages: base geometry (nothing moves), base deformation (the network learns to move the dynamic \
 Gaussians), motion-aware refinement. A line of progress tells stage, step, steps a second, loss, PSNR, the numbers of \
@@ -74,7 +73,8 @@ Exit codes:
 pub const EVAL: &str = "\
 Reads configuration and last checkpoint of a run, renders the held-out views, and prints the table that training ended \
 with, and how many frames a second are rendered. Says so when a figure differs from the run's results.json. Writes \
-nothing unless --write is given; then figures, pictures and report.html.
+nothing unless --write is given; then figures, pictures and report.html, or, of another protocol than ours, figures in \
+protocols/NAME.
 
 Figures of one name are computed in many ways. A protocol is the way of one body of results: mvfusion has every figure; \
 degauss, 3dgs and nerfbaselines have those that these report. docs/evaluation.md tells the differences. LPIPS needs weights \
@@ -86,7 +86,7 @@ Reads the last checkpoint of a run and writes its Gaussians for viewers and othe
 in the layout of 3DGS, both together as .splat, as the folder of 3DGS, or as a sequence of PLY files that SuperSplat \
 plays (drop the files of the folder `frames` onto it). cameras.json is always written.
 
-All numbers are those before activation: sizes as logarithms, opacities as logits, quaternions w, x, y, z. A branch's \
+In PLY files all numbers are those before activation: sizes as logarithms, opacities as logits, quaternions w, x, y, z. A branch's \
 file holds them as they were trained, or as they are moved at --time; dynamic.ply keeps the logits of the learned mask \
 as extra fields. Where both branches lie in one file (.splat, inria, frames) there is no mask, which no viewer knows: \
 a dynamic Gaussian's opacity is multiplied by the share of the foreground in its own mask. The brightness that the mask \

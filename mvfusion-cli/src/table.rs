@@ -1,5 +1,6 @@
 //! The table at the end of a run.
 
+use std::collections::BTreeMap;
 use std::io::{self, Write};
 
 use mvfusion_model::evaluation::{Column, Figure, LayerScores, Protocol, Scores};
@@ -78,11 +79,21 @@ fn cell(column: &Column, scores: &LayerScores) -> String {
     format!("{figure:>width$}", width = width(column))
 }
 
+/// T-LPIPS, and the mean LPIPS of consecutive pictures, of which motion is a part.
 fn write_flicker(results: &Results, out: &mut dyn Write) -> io::Result<()> {
     let Some(temporal) = results.test.temporal else { return Ok(()) };
-    let known = [("alex", temporal.t_lpips_alex), ("vgg", temporal.t_lpips_vgg)];
-    let figures = known.into_iter().filter_map(|(network, figure)| Some(format!("{:.4} ({network})", figure?)));
-    writeln!(out, "{:LABEL$}{}", "T-LPIPS", figures.collect::<Vec<_>>().join(", "))
+    for (label, alex, vgg) in [
+        ("T-LPIPS", temporal.t_lpips_alex, temporal.t_lpips_vgg),
+        ("plain mean", temporal.consecutive_lpips_alex, temporal.consecutive_lpips_vgg),
+    ] {
+        let known = [("alex", alex), ("vgg", vgg)];
+        let figures = known.into_iter().filter_map(|(network, figure)| Some(format!("{:.4} ({network})", figure?)));
+        let figures: Vec<String> = figures.collect();
+        if !figures.is_empty() {
+            writeln!(out, "{label:LABEL$}{}", figures.join(", "))?;
+        }
+    }
+    Ok(())
 }
 
 /// Says which networks gave no figures and why.
@@ -91,10 +102,13 @@ fn write_absent(results: &Results, out: &mut dyn Write) -> io::Result<()> {
         LpipsWeights::Absent(reason) => Some((network, reason)),
         LpipsWeights::WeightsSha256(_) => None,
     });
-    let absent: Vec<_> = absent.collect();
-    let Some((_, reason)) = absent.first() else { return Ok(()) };
-    let networks: Vec<&str> = absent.iter().map(|(network, _)| network.as_str()).collect();
-    writeln!(out, "{:LABEL$}absent ({}): {reason}; see --lpips-weights", "LPIPS", networks.join(", "))
+    let mut by_reason: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    for (network, reason) in absent {
+        by_reason.entry(reason).or_default().push(network);
+    }
+    by_reason.into_iter().try_for_each(|(reason, networks)| {
+        writeln!(out, "{:LABEL$}absent ({}): {reason}; see --lpips-weights", "LPIPS", networks.join(", "))
+    })
 }
 
 fn speed_sentence(speed: &RenderSpeed) -> String {
@@ -107,8 +121,6 @@ fn speed_sentence(speed: &RenderSpeed) -> String {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
-
     use mvfusion_model::evaluation::TemporalScores;
 
     use super::*;

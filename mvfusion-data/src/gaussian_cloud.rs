@@ -27,6 +27,9 @@ pub struct GaussianCloud {
     pub mask_logits: Option<Vec<[f32; 3]>>,
 }
 
+/// Names of the mask's logits in files, which this program alone writes.
+pub const MASK_FIELDS: [&str; 3] = ["mask_static", "mask_brightness", "mask_dynamic"];
+
 /// Higher colour coefficients of a Gaussian, three colours each, at a degree: 0, 9, 24 or 45 numbers up to degree 3.
 pub fn rest_width(sh_degree: usize) -> usize {
     CHANNELS * ((sh_degree + 1).pow(2) - 1)

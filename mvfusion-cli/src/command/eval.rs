@@ -4,6 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use mvfusion_model::Config;
 use mvfusion_model::evaluation::Protocol;
 use mvfusion_model::files::sha256;
 
@@ -23,7 +24,7 @@ pub fn eval(args: &EvalArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<
     let folder = figures_folder(&args.run, args.protocol);
     let before = earlier_results(&folder)?;
     let OpenRun { config, device, scene, state } = OpenRun::open(&request, talk)?;
-    let weights = args.lpips_weights.as_deref().or(config.eval.lpips_weights.as_deref());
+    let weights = args.lpips_weights.as_deref().or(configured_weights(&config, talk));
     let trained = Trained {
         state: &state,
         scene: &scene,
@@ -37,7 +38,10 @@ pub fn eval(args: &EvalArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<
     // The pictures are the same whatever the protocol.
     let is_own = args.protocol == Protocol::Mvfusion;
     let pictures = (args.write && is_own).then(|| PicturesWriter::new(&args.run, &config.eval, scene.test.len()));
-    let scored = trained.score(pictures.as_ref(), talk)?;
+    let mut scored = trained.score(pictures.as_ref(), talk)?;
+    if args.speed_frames == 0 {
+        scored.results.speed = before.as_ref().and_then(|before| before.speed_of(&scored.results));
+    }
     if args.write {
         std::fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
         scored.write(&folder)?;
@@ -56,6 +60,19 @@ fn figures_folder(run: &Path, protocol: Protocol) -> PathBuf {
         Protocol::Mvfusion => run.to_owned(),
         other => run.join(run::PROTOCOLS).join(other.name()),
     }
+}
+
+/// The weights of LPIPS that the training had, if they are still there.
+fn configured_weights(config: &Config, talk: Talk) -> Option<&Path> {
+    let folder = config.eval.lpips_weights.as_deref()?;
+    if !folder.is_dir() {
+        let folder = folder.display();
+        talk.note(&format!(
+            "note:   the weights of LPIPS are no longer in {folder}; --lpips-weights gives another folder"
+        ));
+        return None;
+    }
+    Some(folder)
 }
 
 fn config_hash(run: &Path) -> anyhow::Result<String> {

@@ -4,7 +4,8 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::Context;
-use mvfusion_data::{Scene, View};
+use image::RgbImage;
+use mvfusion_data::{DataError, Scene, View};
 use mvfusion_model::evaluation::{Evaluation, Judge, Layer, LayerRenderer, Protocol, Split, ViewPictures, evaluate};
 use mvfusion_model::model::{Model, Movement, Surroundings};
 use mvfusion_model::train::{TrainState, final_movement, parameter_hash};
@@ -29,7 +30,7 @@ pub(super) fn judge(protocol: Protocol, weights: Option<&Path>, device: &Device)
     match weights {
         None => Ok(Judge::without_lpips(protocol)),
         Some(folder) => Judge::with_lpips(protocol, folder, device)
-            .context("cannot use the weights of LPIPS; give their folder with --lpips-weights, or none"),
+            .context("cannot use the weights of LPIPS; give their folder with --lpips-weights"),
     }
 }
 
@@ -69,11 +70,28 @@ impl Scored {
     }
 }
 
-/// Figures of a set of views, and what tells its pictures from others.
-struct ScoredViews {
-    evaluation: Evaluation,
+/// What tells the pictures of an evaluation from others.
+struct Hashes {
     predictions: PicturesHash,
     photos: PicturesHash,
+    masks: Option<PicturesHash>,
+}
+
+impl Hashes {
+    fn new(views: &[View]) -> Self {
+        let is_masked = views.iter().any(|view| view.truth.dynamic_mask.is_some());
+        let hash = || PicturesHash::new(views.len());
+        Self { predictions: hash(), photos: hash(), masks: is_masked.then(hash) }
+    }
+
+    fn add(&mut self, index: usize, view: &View, composed: &RgbImage) -> Result<(), DataError> {
+        self.predictions.add(index, composed);
+        self.photos.add(index, &*view.image.rgb()?);
+        if let (Some(hash), Some(mask)) = (&mut self.masks, &view.truth.dynamic_mask) {
+            hash.add(index, &mask.mask()?);
+        }
+        Ok(())
+    }
 }
 
 impl Trained<'_> {
@@ -82,19 +100,26 @@ impl Trained<'_> {
         let started = Instant::now();
         let model = self.state.model.plain();
         let surroundings = Surroundings::new(self.config, self.scene);
-        let test = self.score_views(&model, Split::Test, &surroundings, pictures, talk)?;
+        let mut hashes = Hashes::new(&self.scene.test);
+        let add = |index, view: &View, composed: &RgbImage| Ok(hashes.add(index, view, composed)?);
+        let test = self.score_views(&model, Split::Test, &surroundings, pictures, talk, add)?;
         let training_views = match self.config.eval.training_views {
-            true => Some(self.score_views(&model, Split::Training, &surroundings, None, talk)?.evaluation.mean),
+            true => Some(self.score_views(&model, Split::Training, &surroundings, None, talk, |_, _, _| Ok(()))?.mean),
             false => None,
         };
         let seconds = started.elapsed().as_secs_f64();
         let movement = final_movement(self.config);
-        let speed = speed::measure(&model, &self.scene.test, movement, &surroundings, self.speed_frames, talk)?;
+        let speed = speed::measure(&model, &self.scene.test, movement, &surroundings, self.speed_frames, talk);
+        let speed = speed.unwrap_or_else(|error| {
+            // The figures are there, and took longer.
+            talk.note(&format!("the speed could not be measured: {error}"));
+            None
+        });
         let protocol = self.judge.protocol().statement();
         let steps = self.state.completed;
         let results = Results {
             protocol: protocol.to_owned(),
-            test: test.evaluation.mean,
+            test: test.mean,
             training_views,
             gaussians: GaussianCounts::of(&model),
             train: self.time,
@@ -103,16 +128,18 @@ impl Trained<'_> {
             lpips: LpipsWeights::of(self.judge),
             params_sha256: parameter_hash(&self.state.model)?,
             config_sha256: self.config_sha256,
-            predictions_sha256: test.predictions.finish(),
-            photos_sha256: test.photos.finish(),
+            predictions_sha256: hashes.predictions.finish(),
+            photos_sha256: hashes.photos.finish(),
+            masks_sha256: hashes.masks.map(PicturesHash::finish),
             device: self.device.to_owned(),
             threads: rayon::current_num_threads(),
             seed: self.config.seed,
-            field: FieldScores::of(steps, &test.evaluation.mean.composed),
+            field: FieldScores::of(steps, &test.mean.composed),
         };
-        Ok(Scored { results, per_view: PerView::of(protocol, &test.evaluation, steps) })
+        Ok(Scored { results, per_view: PerView::of(protocol, &test, steps) })
     }
 
+    /// Renders and scores a set of views; `add` takes in each composed picture.
     fn score_views(
         &self,
         model: &Model,
@@ -120,18 +147,16 @@ impl Trained<'_> {
         surroundings: &Surroundings,
         pictures: Option<&PicturesWriter>,
         talk: Talk,
-    ) -> anyhow::Result<ScoredViews> {
-        let count = split.views(self.scene).len();
-        let mut progress = Progress::new("evaluation", count, talk);
-        let (mut predictions, mut photos) = (PicturesHash::new(count), PicturesHash::new(count));
+        mut add: impl FnMut(usize, &View, &RgbImage) -> anyhow::Result<()>,
+    ) -> anyhow::Result<Evaluation> {
+        let mut progress = Progress::new("evaluation", split.views(self.scene).len(), talk);
         let movement = final_movement(self.config);
-        let variances = match pictures {
+        let variances = match pictures.filter(|pictures| pictures.writes_layers()) {
             Some(_) => self.variances(model, movement, surroundings)?,
             None => None,
         };
         let sink = |index, view: &View, layers: &ViewPictures| {
-            predictions.add(index, &layers.composed);
-            photos.add(index, &*view.image.rgb()?);
+            add(index, view, &layers.composed)?;
             if let Some(pictures) = pictures {
                 pictures.write(index, view, layers)?;
                 if let Some(renderer) = variances.as_ref().filter(|_| pictures.makes_strip(index)) {
@@ -144,7 +169,7 @@ impl Trained<'_> {
         };
         let evaluation = evaluate(model, self.scene, split, movement, surroundings, self.judge, sink)?;
         progress.finish();
-        Ok(ScoredViews { evaluation, predictions, photos })
+        Ok(evaluation)
     }
 
     /// What shows how the attributes vary, as in the paper's figure of variances; `None` where nothing moves.

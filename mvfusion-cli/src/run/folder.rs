@@ -96,13 +96,17 @@ impl RunPlan {
         let missing = |folder: &&Path| !folder.as_os_str().is_empty() && !folder.exists();
         let mut parents: Vec<PathBuf> = path.ancestors().skip(1).take_while(missing).map(Path::to_owned).collect();
         parents.reverse();
-        let folder = RunFolder { path, contents, existed, parents, kept: false };
+        let mut folder = RunFolder { path, contents, existed, parents, kept: false };
         fs::create_dir_all(&folder.path)
             .with_context(|| format!("cannot make the folder {}", folder.path.display()))?;
-        if existed {
-            let moved = move_aside(&folder.path, contents.entries);
+        if existed && let Err(error) = move_aside(&folder.path, contents.entries) {
+            // What has not moved yet is the old one's, and must not be tidied up.
+            folder.kept = true;
+            let back = move_back(&folder.path, contents.entries);
+            let place = if back.is_ok() { String::new() } else { format!("; some of it lies in its {ASIDE}") };
             let what = contents.what;
-            moved.with_context(|| format!("cannot move the old {what} in {} aside", folder.path.display()))?;
+            return Err(error)
+                .with_context(|| format!("cannot move the old {what} in {} aside{place}", folder.path.display()));
         }
         Ok(folder)
     }

@@ -50,6 +50,11 @@ impl PicturesWriter {
         Some(self.run.join(STRIPS).join(file_name(*middle)))
     }
 
+    /// Whether every layer becomes a file.
+    pub fn writes_layers(&self) -> bool {
+        self.layers
+    }
+
     /// Whether a strip is made of the view of this number.
     pub fn makes_strip(&self, index: usize) -> bool {
         self.strips.contains(&index)

@@ -1,6 +1,6 @@
 //! What tells one set of pictures from another.
 
-use image::RgbImage;
+use image::{ImageBuffer, Pixel};
 use mvfusion_model::files::sha256;
 
 /// The SHA-256 of a set of pictures: that of those of its pictures in hexadecimal, one after another. Of a picture it is
@@ -17,7 +17,7 @@ impl PicturesHash {
     }
 
     /// Takes in the picture of an index.
-    pub fn add(&mut self, index: usize, picture: &RgbImage) {
+    pub fn add<P: Pixel<Subpixel = u8>>(&mut self, index: usize, picture: &ImageBuffer<P, Vec<u8>>) {
         let (width, height) = picture.dimensions();
         self.digests[index] = sha256(&[&width.to_le_bytes(), &height.to_le_bytes(), &picture.as_raw()[..]].concat());
     }
@@ -30,6 +30,8 @@ impl PicturesHash {
 
 #[cfg(test)]
 mod tests {
+    use image::RgbImage;
+
     use super::*;
 
     #[test]

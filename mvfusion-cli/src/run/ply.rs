@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use mvfusion_data::{GaussianCloud, rest_width};
+use mvfusion_data::{GaussianCloud, MASK_FIELDS, rest_width};
 
 use crate::atomic;
 
@@ -11,9 +11,6 @@ const CHANNELS: usize = 3;
 
 /// What follows the colours in the standard order.
 const SHAPE: [&str; 8] = ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"];
-
-/// Logits of the learned mask.
-const MASKS: [&str; 3] = ["mask_static", "mask_brightness", "mask_dynamic"];
 
 /// Writes Gaussians as they are stored, before any activation: opacity as logit, scales as logarithms, rotation w, x, y,
 /// z, zeros for normals. Mask logits follow the standard properties as `mask_static`, `mask_brightness` and
@@ -29,7 +26,7 @@ pub fn write_ply(gaussians: &GaussianCloud, path: &Path) -> anyhow::Result<()> {
 fn names(gaussians: &GaussianCloud) -> Vec<String> {
     let before = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"].map(str::to_owned);
     let rest = (0..rest_width(gaussians.sh_degree)).map(|index| format!("f_rest_{index}"));
-    let masks = gaussians.mask_logits.as_ref().map(|_| MASKS).into_iter().flatten();
+    let masks = gaussians.mask_logits.as_ref().map(|_| MASK_FIELDS).into_iter().flatten();
     before.into_iter().chain(rest).chain(SHAPE.into_iter().chain(masks).map(str::to_owned)).collect()
 }
 

@@ -47,6 +47,9 @@ pub struct Results {
     /// SHA-256 of the photos that they were compared with.
     #[serde(default)]
     pub photos_sha256: String,
+    /// SHA-256 of the masks that say where something moves; absent where none were given.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub masks_sha256: Option<String>,
     /// Device.
     pub device: String,
     /// CPU threads.
@@ -137,6 +140,12 @@ impl LpipsWeights {
 }
 
 impl Results {
+    /// The speed of rendering, if it is that of the same parameters on the same device as `other`'s.
+    pub fn speed_of(&self, other: &Self) -> Option<RenderSpeed> {
+        let is_same = self.params_sha256 == other.params_sha256 && self.device == other.device;
+        self.speed.filter(|_| is_same)
+    }
+
     /// The names of the figures in which `other` is not the same, each with both values.
     pub fn differences(&self, other: &Self) -> Vec<String> {
         let (own, others) = (self.figures(), other.figures());
@@ -175,8 +184,14 @@ fn figures_of(set: &str, scores: &Scores) -> BTreeMap<String, f64> {
     let mut figures: BTreeMap<String, f64> = scores.layers().flat_map(of_layer).collect();
     figures.extend(scores.mask_iou.map(|overlap| (format!("{set}.mask_iou"), overlap)));
     let temporal = scores.temporal.unwrap_or_default();
-    figures.extend(temporal.t_lpips_alex.map(|flicker| (format!("{set}.temporal.t_lpips_alex"), flicker)));
-    figures.extend(temporal.t_lpips_vgg.map(|flicker| (format!("{set}.temporal.t_lpips_vgg"), flicker)));
+    for (name, flicker) in [
+        ("t_lpips_alex", temporal.t_lpips_alex),
+        ("t_lpips_vgg", temporal.t_lpips_vgg),
+        ("consecutive_lpips_alex", temporal.consecutive_lpips_alex),
+        ("consecutive_lpips_vgg", temporal.consecutive_lpips_vgg),
+    ] {
+        figures.extend(flicker.map(|flicker| (format!("{set}.temporal.{name}"), flicker)));
+    }
     figures
 }
 
@@ -220,6 +235,7 @@ pub(crate) fn specimen(test: Scores) -> Results {
         config_sha256: "1".into(),
         predictions_sha256: "2".into(),
         photos_sha256: "3".into(),
+        masks_sha256: None,
         device: "flex".into(),
         threads: 2,
         seed: 0,

@@ -9,15 +9,12 @@ use serde::de::{DeserializeSeed, Deserializer, Error, IgnoredAny, MapAccess, Seq
 use serde_ply::{DeserializeError, ElementDef, PlyReader, ScalarType};
 
 use super::{check_room, scalar, vertex_element};
-use crate::gaussian_cloud::rest_width;
+use crate::gaussian_cloud::{MASK_FIELDS, rest_width};
 use crate::paths::open_file;
 use crate::{DataError, GaussianCloud};
 
 /// Beginning of the names of the higher colour coefficients.
 const REST: &str = "f_rest_";
-
-/// The logits of the learned mask, which this program alone writes.
-const MASKS: [&str; 3] = ["mask_static", "mask_brightness", "mask_dynamic"];
 
 /// Highest degree of the spherical harmonics that 3DGS knows.
 const HIGHEST_DEGREE: usize = 3;
@@ -97,7 +94,7 @@ impl Columns {
             let allowed = (0..=HIGHEST_DEGREE).map(|degree| rest_width(degree).to_string()).collect::<Vec<_>>();
             format!("its vertices have {rest} fields `{REST}*`; there can be {}", allowed.join(", "))
         })?;
-        let masks = MASKS.iter().any(|name| vertex.has_property(name));
+        let masks = MASK_FIELDS.iter().any(|name| vertex.has_property(name));
         Ok(Self {
             means: places(vertex, ["x", "y", "z"])?,
             sh_dc: places(vertex, ["f_dc_0", "f_dc_1", "f_dc_2"])?,
@@ -106,7 +103,7 @@ impl Columns {
             opacity: places(vertex, ["opacity"])?,
             scales: places(vertex, ["scale_0", "scale_1", "scale_2"])?,
             rotation: places(vertex, ["rot_0", "rot_1", "rot_2", "rot_3"])?,
-            masks: masks.then(|| places(vertex, MASKS)).transpose()?,
+            masks: masks.then(|| places(vertex, MASK_FIELDS)).transpose()?,
         })
     }
 }

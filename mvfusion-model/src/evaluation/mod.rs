@@ -24,4 +24,3 @@ pub use protocol::{Column, Precision, Protocol};
 pub use render::{BranchLayers, ViewPictures, render_view};
 pub use scores::{Evaluation, Figure, LayerScores, Scores, ViewScores};
 pub use speed::{Speed, WARM_UP, measure_speed};
-pub use tone::DepthRange;

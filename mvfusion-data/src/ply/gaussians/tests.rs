@@ -80,7 +80,7 @@ fn doubles_big_ends_and_other_elements_are_read() {
 #[test]
 fn masks_are_read_where_there_are_all_three() {
     let mut names = fields(0);
-    names.extend(MASKS.map(str::to_owned));
+    names.extend(MASK_FIELDS.map(str::to_owned));
     let cloud = read(&ascii(1, &names, &[&format!("{ROW} 4 5 6")])).expect("read");
     assert_eq!(cloud.mask_logits, Some(vec![[4.0, 5.0, 6.0]]));
     names.pop();
