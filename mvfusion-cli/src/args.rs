@@ -353,7 +353,7 @@ pub struct RenderArgs {
     /// Frames a second of animations [default: those of the camera path, or 30]
     #[arg(long, value_name = "N", value_parser = parse_fps)]
     pub fps: Option<f64>,
-    /// Folder of the pictures [default: RUN/renders/VIEWS]
+    /// Folder of the pictures [default: RUN/films/VIEWS]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Replace the pictures that lie in the folder

@@ -62,6 +62,7 @@ The run's folder:
                                  same figures from it
   point_cloud/iteration_N/       static.ply and dynamic.ply, for other viewers
   renders/test/LAYER/NNNNN.png   every layer of every held-out view
+  films/VIEWS/                   what `mvfusion render DIR` makes
 
 Exit codes:
   0  all went well
@@ -152,7 +153,7 @@ Layers:
                                   what it is made of; as pictures heat maps, white
                                   is what 2 % of the dynamic Gaussians exceed
 
-Files, in RUN/renders/VIEWS or --out:
+Files, in RUN/films/VIEWS or --out:
   LAYER/NNNNN.png   8 bits
   exr/NNNNN.exr     all layers as 32-bit floats, in channels such as composed.R,
                     depth.Z, mask.Y; values as rendered, not linearised. The

@@ -38,7 +38,7 @@ pub fn render(args: &RenderArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Res
     let weights = args.motion_weights.unwrap_or(config.motion.weights);
     let renderer = LayerRenderer::new(&model, movement, &surroundings, &layers, weights)?;
 
-    let folder = args.out.clone().unwrap_or_else(|| args.run.join(run::RENDERS).join(args.views.name()));
+    let folder = args.out.clone().unwrap_or_else(|| args.run.join(run::FILMS).join(args.views.name()));
     let plan = OutputsPlan::new(&folder, &layers, &FileFormat::choose(&args.format, film.frames.len(), talk)?);
     if !args.force {
         plan.check_free()?;
