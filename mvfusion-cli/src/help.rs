@@ -139,7 +139,9 @@ Views:
   still        one camera (--camera), while the time runs
   FILE.json    a camera path: what nerfstudio's viewer exports, or a list like the
                cameras.json of 3DGS. `time` (or `render_time`) of an entry is its
-               moment, 0 to 1; without, the time runs through once
+               moment, 0 to 1; without, the time runs through once. Poses must be in
+               the scene's own coordinates: nerfstudio turns, centres and scales the
+               world that its viewer shows, unless it is told not to
 
 Layers:
   composed, static, dynamic       the blended picture and its two branches

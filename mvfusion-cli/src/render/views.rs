@@ -17,8 +17,8 @@ const PATH_FRAMES: usize = 120;
 const MOST_MOMENTS: usize = 300;
 /// Frames a second unless somebody asks for another number.
 const FPS: f64 = 30.0;
-/// Smallest side of a picture.
-const LEAST_SIDE: usize = 16;
+/// Smallest side of a picture, pixels.
+pub const LEAST_SIDE: usize = 16;
 
 /// A kind of views.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -261,6 +261,9 @@ fn what_cannot_be_rendered_is_refused_before_anything_is_written() {
     parse(&["--views", "circle"], &["circle", "FILE.json"]);
     parse(&["--motion-weights", "1,2"], &["0.7,0.2,0.1"]);
     parse(&["--time", "2"], &["from 0 to 1"]);
+    parse(&["--size", "20000x100"], &["--size", "16 to 16384 pixels"]);
+    parse(&["--frames", "108001"], &["--frames", "from 1 to 108000"]);
+    parse(&["--fps", "1e300"], &["--fps", "between 0.1 and 240"]);
     refused(path, &["--views", "still", "--camera", "cam99"], USAGE, &["cam99", "cam01/"]);
     refused(path, &["--views", "fly.json"], FAILED, &["fly.json"]);
     fs::write(path.join("fly.json"), "[{\"position\": [0, 0").expect("written");

@@ -7,7 +7,7 @@ mod vantage;
 
 use glam::{DMat3, DVec3};
 
-pub use file::{CameraPath, PathEntry, read_camera_path};
+pub use file::{CameraPath, FRAME_RATES, LONGEST_SIDE, MOST_ENTRIES, PathEntry, read_camera_path};
 pub use orbit::orbit;
 pub use spiral::spiral;
 
