@@ -150,7 +150,7 @@ impl Outputs {
             let layers: Vec<LayerPixels> = rendered.iter().map(pixels).collect::<anyhow::Result<_>>()?;
             let bytes = exr::encode(self.size.0 as usize, self.size.1 as usize, &layers)?;
             let path = self.plan.folder.join(EXR).join(format!("{number:05}.exr"));
-            atomic::write_again(&path, &bytes)?;
+            atomic::write_unsynced(&path, &bytes)?;
             self.stale.remove(&path);
         }
         if self.plan.has_pictures() {
