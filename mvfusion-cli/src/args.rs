@@ -322,8 +322,8 @@ pub struct RenderArgs {
     /// From where: train, test, spiral, orbit, still, or a camera path FILE.json
     #[arg(long, value_name = "VIEWS", default_value = "spiral")]
     pub views: Views,
-    /// Layers, separated by commas, or all [default: composed, static, dynamic, mask, depth, motion, as far as the model has
-    /// them]
+    /// Layers, separated by commas, or all [default: composed, static, dynamic, mask, depth, motion, as far as the
+    /// model has them]
     #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = parse_layer)]
     pub layers: Vec<LayerChoice>,
     /// Kinds of files, separated by commas [default: png and gif, and mp4 if there is ffmpeg; png for a single frame]

@@ -148,7 +148,7 @@ Layers:
   mask                            share of the dynamic branch
   masked_static, masked_dynamic   what each branch adds to the composed picture
   depth                           along the axis, world units; as a picture grey
-                                  by its inverse, near is white and nothing black
+                                  by its inverse: near is white, nothing black
   alpha                           how much of the background is hidden
   motion                          motion intensity under --motion-weights
   position_variance, rotation_variance, scale_variance

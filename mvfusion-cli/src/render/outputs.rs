@@ -55,8 +55,8 @@ impl OutputsPlan {
         }
     }
 
-    /// Makes the folders and starts the animations of frames of `size`. What an earlier rendering of the same layers left
-    /// stays until it is replaced, or everything was written.
+    /// Makes the folders and starts the animations of frames of `size`. What an earlier rendering of the same layers
+    /// left stays until it is replaced, or everything was written.
     ///
     /// # Errors
     /// If the system refuses.

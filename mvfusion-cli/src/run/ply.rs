@@ -15,8 +15,8 @@ const SHAPE: [&str; 8] = ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "
 /// Logits of the learned mask.
 const MASKS: [&str; 3] = ["mask_static", "mask_brightness", "mask_dynamic"];
 
-/// Writes Gaussians as they are stored, before any activation: opacity as logit, scales as logarithms, rotation w, x, y,
-/// z, zeros for normals. Mask logits follow the standard properties as `mask_static`, `mask_brightness` and
+/// Writes Gaussians as they are stored, before any activation: opacity as logit, scales as logarithms, rotation w, x,
+/// y, z, zeros for normals. Mask logits follow the standard properties as `mask_static`, `mask_brightness` and
 /// `mask_dynamic`; readers go by name and pass over them. The header has no comments, because some readers count lines.
 ///
 /// # Errors
