@@ -14,7 +14,7 @@ use mvfusion_model::train::IMAGE_CACHE;
 use crate::command::parse_size;
 use crate::help;
 use crate::progress::Talk;
-use crate::render::{FileFormat, LayerChoice, Views, parse_fps, parse_layer, parse_time, parse_weights};
+use crate::render::{FileFormat, LayerChoice, Views, parse_fps, parse_frames, parse_layer, parse_time, parse_weights};
 
 /// Gaussian splatting of dynamic scenes: a static and a dynamic branch, told apart without supervision.
 #[derive(Debug, Parser)]
@@ -233,7 +233,7 @@ pub struct ExportArgs {
     #[arg(long, value_name = "T", value_parser = parse_time)]
     pub time: Option<f64>,
     /// Write a sequence of so many files as well, from time 0 to the last one that was trained on
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = parse_frames)]
     pub frames: Option<NonZeroUsize>,
     /// Move the dynamic Gaussians without temporal attention, as the paper's cheaper inference does
     #[arg(long)]
@@ -323,15 +323,15 @@ pub struct RenderArgs {
     /// From where: train, test, spiral, orbit, still, or a camera path FILE.json
     #[arg(long, value_name = "VIEWS", default_value = "spiral")]
     pub views: Views,
-    /// Layers, separated by commas, or all [default: composed, static, dynamic, mask, depth, motion, as far as the model has
-    /// them]
+    /// Layers, separated by commas, or all [default: composed, static, dynamic, mask, depth, motion, as far as the
+    /// model has them]
     #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = parse_layer)]
     pub layers: Vec<LayerChoice>,
     /// Kinds of files, separated by commas [default: png and gif, and mp4 if there is ffmpeg; png for a single frame]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub format: Vec<FileFormat>,
     /// Frames [default: 120 on a path; all views, moments, entries of a file]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = parse_frames)]
     pub frames: Option<NonZeroUsize>,
     /// Stop the time at this moment, 0 to 1 [default: it runs through once, or is that of the view]
     #[arg(long, value_name = "T", value_parser = parse_time)]
@@ -354,7 +354,7 @@ pub struct RenderArgs {
     /// Frames a second of animations [default: those of the camera path, or 30]
     #[arg(long, value_name = "N", value_parser = parse_fps)]
     pub fps: Option<f64>,
-    /// Folder of the pictures [default: RUN/renders/VIEWS]
+    /// Folder of the pictures [default: RUN/films/VIEWS]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Replace the pictures that lie in the folder

@@ -13,14 +13,15 @@ use serde::Serialize;
 /// # Errors
 /// If the file cannot be written; then whatever stood there before still does.
 pub fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
-    let attempt = || -> anyhow::Result<()> {
-        let mut file = beside(path)?;
-        file.write_all(bytes)?;
-        file.as_file().sync_all()?;
-        file.persist(path)?;
-        Ok(())
-    };
-    attempt().with_context(|| format!("cannot write {}", path.display()))
+    put(path, bytes, true)
+}
+
+/// Writes a file without waiting for the disk: one of many, each of which can be made again.
+///
+/// # Errors
+/// As [`write()`].
+pub fn write_unsynced(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    put(path, bytes, false)
 }
 
 /// Writes a value as indented JSON, numbers in full precision.
@@ -33,21 +34,7 @@ pub fn write_json(path: &Path, value: &impl Serialize) -> anyhow::Result<()> {
     write(path, text.as_bytes())
 }
 
-/// Writes a file of which there are many and each can be made again, so nobody waits for the disk.
-///
-/// # Errors
-/// As [`write()`].
-pub fn write_again(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
-    let attempt = || -> anyhow::Result<()> {
-        let mut file = beside(path)?;
-        file.write_all(bytes)?;
-        file.persist(path)?;
-        Ok(())
-    };
-    attempt().with_context(|| format!("cannot write {}", path.display()))
-}
-
-/// Writes a picture as PNG, as [`write_again`] does.
+/// Writes a picture as PNG, as [`write_unsynced`] does.
 ///
 /// # Errors
 /// As [`write()`].
@@ -55,7 +42,21 @@ pub fn write_png(path: &Path, picture: impl Into<DynamicImage>) -> anyhow::Resul
     let mut bytes = std::io::Cursor::new(Vec::new());
     let coded = picture.into().write_to(&mut bytes, ImageFormat::Png);
     coded.with_context(|| format!("cannot write {}", path.display()))?;
-    write_again(path, bytes.get_ref())
+    write_unsynced(path, bytes.get_ref())
+}
+
+/// Puts a file in its place, after waiting for the disk if `sync`.
+fn put(path: &Path, bytes: &[u8], sync: bool) -> anyhow::Result<()> {
+    let attempt = || -> anyhow::Result<()> {
+        let mut file = beside(path)?;
+        file.write_all(bytes)?;
+        if sync {
+            file.as_file().sync_all()?;
+        }
+        file.persist(path)?;
+        Ok(())
+    };
+    attempt().with_context(|| format!("cannot write {}", path.display()))
 }
 
 #[cfg(test)]

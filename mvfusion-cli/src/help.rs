@@ -52,8 +52,8 @@ The run's folder:
                                  `mvfusion report DIR` makes it again
   strips/NNNNN.png               ground truth, composed, static, dynamic, mask,
                                  motion intensity
-  results.json, per_view.json    the figures, in full precision; a figure that is
-                                 not known is absent
+  results.json, per_view.json    the figures, in full precision; a figure that
+                                 is not known is absent
   metrics.jsonl                  a line for every log step, while training runs
   config.toml, run.json          what was done; --config DIR/config.toml does it
                                  again
@@ -61,6 +61,7 @@ The run's folder:
                                  same figures from it
   point_cloud/iteration_N/       static.ply and dynamic.ply, for other viewers
   renders/test/LAYER/NNNNN.png   every layer of every held-out view
+  films/VIEWS/                   what `mvfusion render DIR` makes
 
 Exit codes:
   0  all went well
@@ -133,26 +134,29 @@ pub const RENDER_MORE: &str = "\
 Views:
   train, test  the views of the scene, at their times
   spiral       a spiral about the middle of the training cameras
-  orbit        around what they look at; between the outermost of them, where they
-               stand on less than half of the circle
+  orbit        around what they look at; between the outermost of them, where
+               they stand on less than half of the circle
   still        one camera (--camera), while the time runs
-  FILE.json    a camera path: what nerfstudio's viewer exports, or a list like the
-               cameras.json of 3DGS. `time` (or `render_time`) of an entry is its
-               moment, 0 to 1; without, the time runs through once
+  FILE.json    a camera path: what nerfstudio's viewer exports, or a list like
+               the cameras.json of 3DGS. `time` (or `render_time`) of an entry
+               is its moment, 0 to 1; without, the time runs through once. Poses
+               must be in the scene's own coordinates: nerfstudio turns, centres
+               and scales the world of its viewer unless it is told not to
 
 Layers:
   composed, static, dynamic       the blended picture and its two branches
   mask                            share of the dynamic branch
   masked_static, masked_dynamic   what each branch adds to the composed picture
-  depth                           along the axis, world units; as a picture grey by
-                                  its inverse, near is white, black is nothing
+  depth                           along the axis, world units; as a picture grey
+                                  by its inverse: near is white, nothing black
   alpha                           how much of the background is hidden
   motion                          motion intensity under --motion-weights
   position_variance, rotation_variance, scale_variance
-                                  what it is made of; as pictures heat maps, white
-                                  is what 2 % of the dynamic Gaussians exceed
+                                  what it is made of; as pictures heat maps,
+                                  white is what 2 % of the dynamic Gaussians
+                                  exceed
 
-Files, in RUN/renders/VIEWS or --out:
+Files, in RUN/films/VIEWS or --out:
   LAYER/NNNNN.png   8 bits
   exr/NNNNN.exr     all layers as 32-bit floats, in channels such as composed.R,
                     depth.Z, mask.Y; values as rendered, not linearised. The
@@ -166,6 +170,7 @@ Examples:
   mvfusion render runs/quickstart-0 --views orbit --time 0.5 --layers composed
   mvfusion render runs/quickstart-0 --views still --camera cam00 --format exr
   mvfusion render runs/quickstart-0 --layers motion --motion-weights 1,0,0";
+
 /// `mvfusion report --help`.
 pub const REPORT: &str = "\
 Makes report.html from what lies in a run's folder: figures with their protocol, curves of the training, sliders between \

@@ -259,7 +259,9 @@ fn what_cannot_be_exported_is_refused() {
     for time in ["1.5", "-0.1", "NaN", "soon"] {
         misused(&["export", path, "--out", "out", &format!("--time={time}")], &[time, "from 0 to 1"]);
     }
-    misused(&["export", path, "--out", "out", "--frames", "0"], &["--frames"]);
+    for frames in ["0", "108001"] {
+        misused(&["export", path, "--out", "out", "--frames", frames], &["--frames", "from 1 to 108000"]);
+    }
     misused(&["export", path, "--out", "out", "--format", "obj"], &["obj", "splat"]);
     misused(&["export", path], &["--out"]);
 }

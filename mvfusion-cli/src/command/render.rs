@@ -35,14 +35,14 @@ pub fn render(args: &RenderArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Res
 
     let (model, movement) = (state.model.plain(), final_movement(&config));
     let layers = layers(&args.layers, &model, movement);
-    let weights = args.motion_weights.unwrap_or(config.motion.weights);
-    let renderer = LayerRenderer::new(&model, movement, &surroundings, &layers, weights)?;
-
-    let folder = args.out.clone().unwrap_or_else(|| args.run.join(run::RENDERS).join(args.views.name()));
+    let folder = args.out.clone().unwrap_or_else(|| args.run.join(run::FILMS).join(args.views.name()));
     let plan = OutputsPlan::new(&folder, &layers, &FileFormat::choose(&args.format, film.frames.len(), talk)?);
     if !args.force {
         plan.check_free()?;
     }
+    // Only now: it may measure trajectories, which takes its time.
+    let weights = args.motion_weights.unwrap_or(config.motion.weights);
+    let renderer = LayerRenderer::new(&model, movement, &surroundings, &layers, weights)?;
     let renderer = if plan.has_pictures() { with_depths(renderer, &film)? } else { renderer };
     let plan = write(&film, &renderer, plan, talk)?;
     tell(&film, &layers, &plan, out)

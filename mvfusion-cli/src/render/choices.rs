@@ -1,6 +1,9 @@
 //! Words and numbers of the command line.
 
+use std::num::NonZeroUsize;
+
 use clap::ValueEnum;
+use mvfusion_data::camera_path::{FRAME_RATES, MOST_ENTRIES};
 use mvfusion_data::can_write_videos;
 use mvfusion_model::config::FusionWeights;
 use mvfusion_model::evaluation::Layer;
@@ -84,8 +87,18 @@ pub fn parse_time(text: &str) -> Result<f64, String> {
 /// # Errors
 /// If it is none.
 pub fn parse_fps(text: &str) -> Result<f64, String> {
-    let fps = text.parse().ok().filter(|fps| (0.1..=240.0).contains(fps));
-    fps.ok_or_else(|| "frames a second lie between 0.1 and 240".to_owned())
+    let fps = text.parse().ok().filter(|fps: &f64| FRAME_RATES.contains(fps));
+    let (least, most) = FRAME_RATES.into_inner();
+    fps.ok_or_else(|| format!("frames a second lie between {least} and {most}"))
+}
+
+/// Takes a number of frames.
+///
+/// # Errors
+/// If it is none, or more than a camera path may have.
+pub fn parse_frames(text: &str) -> Result<NonZeroUsize, String> {
+    let frames = text.parse().ok().filter(|frames: &NonZeroUsize| frames.get() <= MOST_ENTRIES);
+    frames.ok_or_else(|| format!("frames are a whole number from 1 to {MOST_ENTRIES}"))
 }
 
 /// Takes the weights of the motion intensity, `0.7,0.2,0.1` for position, scale, rotation.
@@ -133,7 +146,20 @@ mod tests {
     fn moments_and_rates_have_bounds() {
         assert_eq!((parse_time("0.25"), parse_fps("29.97")), (Ok(0.25), Ok(29.97)));
         assert!(["1.01", "-0.1", "nan", ""].iter().all(|bad| parse_time(bad).is_err()));
-        assert!(["0", "-1", "inf", "x"].iter().all(|bad| parse_fps(bad).is_err()));
+        for bad in ["0", "-1", "inf", "nan", "1e300", "1e-300", "240.5", "x"] {
+            assert_eq!(parse_fps(bad), Err("frames a second lie between 0.1 and 240".to_owned()), "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_film_has_a_frame_and_no_more_than_an_hour() {
+        assert_eq!(
+            [parse_frames("1"), parse_frames("108000")].map(|frames| frames.map(usize::from)),
+            [Ok(1), Ok(108_000)]
+        );
+        for bad in ["0", "-1", "1.5", "108001", "1e3", "many", "99999999999999999999"] {
+            assert_eq!(parse_frames(bad), Err("frames are a whole number from 1 to 108000".to_owned()), "{bad}");
+        }
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The files of a rendering: one stream a layer and kind.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -30,6 +31,8 @@ pub struct Outputs {
     size: (u32, u32),
     gifs: Vec<GifWriter>,
     videos: Vec<Mp4Writer>,
+    /// Pictures of an earlier rendering that were not replaced yet.
+    stale: BTreeSet<PathBuf>,
 }
 
 impl OutputsPlan {
@@ -52,16 +55,14 @@ impl OutputsPlan {
         }
     }
 
-    /// Makes the folders, removes what an earlier rendering of the same layers left, and starts the animations of frames
-    /// of `size`.
+    /// Makes the folders and starts the animations of frames of `size`. What an earlier rendering of the same layers
+    /// left stays until it is replaced, or everything was written.
     ///
     /// # Errors
     /// If the system refuses.
     pub fn create(self, size: (usize, usize), fps: f64) -> anyhow::Result<Outputs> {
         let size = (u32::try_from(size.0)?, u32::try_from(size.1)?);
-        for file in self.existing()? {
-            fs::remove_file(&file).with_context(|| format!("cannot remove {}", file.display()))?;
-        }
+        let stale = self.numbered()?;
         for folder in [self.folder.clone()].into_iter().chain(self.folders()) {
             fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
         }
@@ -69,7 +70,7 @@ impl OutputsPlan {
         let gifs = gifs.collect::<anyhow::Result<_>>()?;
         let videos = self.files(FileFormat::Mp4).into_iter().map(|path| Mp4Writer::create(&path, size, fps));
         let videos = videos.collect::<anyhow::Result<_>>()?;
-        Ok(Outputs { plan: self, size, gifs, videos })
+        Ok(Outputs { plan: self, size, gifs, videos, stale })
     }
 
     /// Whether pictures of 8 bits are made.
@@ -113,19 +114,22 @@ impl OutputsPlan {
 
     /// Files that an earlier rendering left, and no others: whatever has another name is somebody else's.
     fn existing(&self) -> anyhow::Result<Vec<PathBuf>> {
-        let mut found = Vec::new();
+        let animations = [FileFormat::Gif, FileFormat::Mp4].into_iter().flat_map(|format| self.files(format));
+        Ok(self.numbered()?.into_iter().chain(animations.filter(|path| path.exists())).collect())
+    }
+
+    /// The pictures among them.
+    fn numbered(&self) -> anyhow::Result<BTreeSet<PathBuf>> {
+        let mut found = BTreeSet::new();
         for folder in self.folders().into_iter().filter(|folder| folder.is_dir()) {
             let context = || format!("cannot list the folder {}", folder.display());
             for entry in fs::read_dir(&folder).with_context(context)? {
                 let path = entry.with_context(context)?.path();
                 if is_numbered(&path) {
-                    found.push(path);
+                    found.insert(path);
                 }
             }
         }
-        found.sort();
-        let animations = [FileFormat::Gif, FileFormat::Mp4].into_iter().flat_map(|format| self.files(format));
-        found.extend(animations.filter(|path| path.exists()));
         Ok(found)
     }
 }
@@ -145,7 +149,9 @@ impl Outputs {
             let pixels = |layer: &RenderedLayer| Ok(LayerPixels { layer: layer.layer, values: layer.pixels()? });
             let layers: Vec<LayerPixels> = rendered.iter().map(pixels).collect::<anyhow::Result<_>>()?;
             let bytes = exr::encode(self.size.0 as usize, self.size.1 as usize, &layers)?;
-            atomic::write_again(&self.plan.folder.join(EXR).join(format!("{number:05}.exr")), &bytes)?;
+            let path = self.plan.folder.join(EXR).join(format!("{number:05}.exr"));
+            atomic::write_unsynced(&path, &bytes)?;
+            self.stale.remove(&path);
         }
         if self.plan.has_pictures() {
             for (place, layer) in rendered.iter().enumerate() {
@@ -164,19 +170,23 @@ impl Outputs {
             video.add(&picture)?;
         }
         if self.plan.has(FileFormat::Png) {
-            let folder = self.plan.folder.join(self.plan.layers[place].name());
-            atomic::write_png(&folder.join(format!("{number:05}.png")), picture)?;
+            let path = self.plan.folder.join(self.plan.layers[place].name()).join(format!("{number:05}.png"));
+            atomic::write_png(&path, picture)?;
+            self.stale.remove(&path);
         }
         Ok(())
     }
 
-    /// Ends the animations.
+    /// Ends the animations, and removes the pictures of an earlier rendering that have no successor.
     ///
     /// # Errors
-    /// If one cannot be written.
+    /// If an animation cannot be written, or the system refuses.
     pub fn finish(self) -> anyhow::Result<OutputsPlan> {
         self.gifs.into_iter().try_for_each(GifWriter::finish)?;
         self.videos.into_iter().try_for_each(Mp4Writer::finish)?;
+        for file in &self.stale {
+            fs::remove_file(file).with_context(|| format!("cannot remove {}", file.display()))?;
+        }
         Ok(self.plan)
     }
 }
@@ -194,26 +204,52 @@ fn is_numbered(path: &Path) -> bool {
 mod tests {
     use super::*;
 
+    /// What stands in the files of an earlier rendering.
+    const OLD: &[u8] = b"old";
+
+    fn plan(folder: &Path) -> OutputsPlan {
+        OutputsPlan::new(folder, &[Layer::Mask], &[FileFormat::Png, FileFormat::Gif])
+    }
+
+    /// Writes files of an earlier rendering.
+    fn write(folder: &Path, names: &[&str]) {
+        for path in names.iter().map(|name| folder.join(name)) {
+            fs::create_dir_all(path.parent().expect("a folder")).expect("made");
+            fs::write(path, OLD).expect("written");
+        }
+    }
+
     #[test]
     fn what_was_rendered_before_is_found_and_what_others_put_there_is_left_alone() {
         let folder = tempfile::tempdir().expect("folder");
-        let plan = OutputsPlan::new(folder.path(), &[Layer::Mask], &[FileFormat::Png, FileFormat::Gif]);
+        let plan = plan(folder.path());
         plan.check_free().expect("nothing is there");
-        let write = |name: &str| {
-            let path = folder.path().join(name);
-            fs::create_dir_all(path.parent().expect("a folder")).expect("made");
-            fs::write(path, "x").expect("written");
-        };
-        ["mask/notes.png", "mask/1.png", "composed/00000.png", "composed.gif"].into_iter().for_each(write);
+        write(folder.path(), &["mask/notes.png", "mask/1.png", "composed/00000.png", "composed.gif"]);
         plan.check_free().expect("nothing of this rendering is there");
-        ["mask/00007.png", "mask.gif"].into_iter().for_each(write);
+        write(folder.path(), &["mask/00007.png", "mask.gif"]);
         let error = plan.check_free().expect_err("refused").to_string();
         assert!(error.contains("00007.png") && error.contains("--force") && error.contains("--out"), "{error}");
+    }
 
-        plan.create((16, 16), 30.0).expect("made");
-        for (name, stays) in [("mask/notes.png", true), ("composed/00000.png", true), ("mask/00007.png", false)] {
-            assert_eq!(folder.path().join(name).exists(), stays, "{name}");
-        }
-        assert!(!folder.path().join("mask.gif").exists(), "an animation that was not finished leaves nothing");
+    #[test]
+    fn old_files_stay_until_the_new_ones_are_whole() {
+        let folder = tempfile::tempdir().expect("folder");
+        let others = ["mask/notes.png", "composed/00001.png", "composed.gif"];
+        let ours = ["mask/00000.png", "mask/00001.png", "mask.gif"];
+        write(folder.path(), &[others, ours].concat());
+        let is_old = |name: &&str| fs::read(folder.path().join(name)).is_ok_and(|bytes| bytes == OLD);
+
+        let mut outputs = plan(folder.path()).create((16, 16), 30.0).expect("made");
+        outputs.add_picture(0, 0, RgbImage::new(16, 16)).expect("added");
+        drop(outputs);
+        assert_eq!(ours.each_ref().map(is_old), [false, true, true], "a rendering that failed");
+
+        let mut outputs = plan(folder.path()).create((16, 16), 30.0).expect("made");
+        outputs.add_picture(0, 0, RgbImage::new(16, 16)).expect("added");
+        assert!(is_old(&"mask/00001.png"), "it goes last");
+        outputs.finish().expect("finished");
+        let there = ours.map(|name| folder.path().join(name).exists());
+        assert_eq!(there, [true, false, true], "a film of one frame");
+        assert!(!ours.iter().any(is_old) && others.iter().all(is_old));
     }
 }

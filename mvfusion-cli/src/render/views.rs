@@ -17,8 +17,8 @@ const PATH_FRAMES: usize = 120;
 const MOST_MOMENTS: usize = 300;
 /// Frames a second unless somebody asks for another number.
 const FPS: f64 = 30.0;
-/// Smallest side of a picture.
-const LEAST_SIDE: usize = 16;
+/// Smallest side of a picture, pixels.
+pub const LEAST_SIDE: usize = 16;
 
 /// A kind of views.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -164,8 +164,8 @@ fn still(scene: &Scene, selection: &Selection) -> anyhow::Result<Vec<Camera>> {
     let Some(view) = find_view(scene, wanted) else {
         let (first, last) = (&scene.train[0].name, &scene.train[scene.train.len() - 1].name);
         bail!(UsageError::new(format!(
-            "the scene has no view or camera `{wanted}`. Views are named as {first} and {last}, or give the number of a \
-             held-out view, of which there are {}.",
+            "the scene has no view or camera `{wanted}`. Views are named as {first} and {last}, or give the number of \
+             a held-out view, of which there are {}.",
             scene.test.len()
         )));
     };
@@ -296,7 +296,8 @@ mod tests {
         let path = folder.path().join("fly.json");
         let entry = |width: usize, more: &str| {
             format!(
-                r#"{{"width":{width},"height":48,"position":[0,0,0],"rotation":[[1,0,0],[0,1,0],[0,0,1]],"fx":60,"fy":60{more}}}"#
+                r#"{{"width":{width},"height":48,"position":[0,0,0],"rotation":[[1,0,0],[0,1,0],[0,0,1]],
+                    "fx":60,"fy":60{more}}}"#
             )
         };
         let (scene, views) = (scene(), Views::File(path.clone()));

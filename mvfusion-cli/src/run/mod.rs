@@ -38,8 +38,10 @@ pub const CHECKPOINTS: &str = "checkpoints";
 pub const FINAL: &str = "final.safetensors";
 /// Folder of the Gaussians.
 pub const POINT_CLOUD: &str = "point_cloud";
-/// Folder of the pictures.
+/// Folder of the evaluation's pictures.
 pub const RENDERS: &str = "renders";
+/// Folder of what `mvfusion render` makes, a folder for each kind of views.
+pub const FILMS: &str = "films";
 /// Folder of what other protocols than ours say, a folder each.
 pub const PROTOCOLS: &str = "protocols";
 /// Folder of the side-by-side pictures.
@@ -48,5 +50,5 @@ pub const STRIPS: &str = "strips";
 pub const REPORT: &str = "report.html";
 
 /// All that a run writes at the top of its folder.
-pub const ENTRIES: [&str; 11] =
-    [CONFIG, RECORD, METRICS, RESULTS, PER_VIEW, PROTOCOLS, CHECKPOINTS, POINT_CLOUD, RENDERS, STRIPS, REPORT];
+pub const ENTRIES: [&str; 12] =
+    [CONFIG, RECORD, METRICS, RESULTS, PER_VIEW, PROTOCOLS, CHECKPOINTS, POINT_CLOUD, RENDERS, FILMS, STRIPS, REPORT];

@@ -62,7 +62,8 @@ impl OpenRun {
         let scene = scene::open(&config).context(match request.masks {
             MasksRequest::Unused => "cannot open the scene of the run; if it has moved, give its folder with --data",
             _ => {
-                "cannot open the scene of the run; if it has moved, give its folder with --data and that of the masks with --masks"
+                "cannot open the scene of the run; if it has moved, give its folder with --data and that of the masks \
+                 with --masks"
             }
         })?;
         talk.note(&format!("device: {}", device.reason));
@@ -71,9 +72,7 @@ impl OpenRun {
         let state = TrainState::load(&checkpoint, &config, &device.device.clone().autodiff())?;
         Ok(Self { config, device, scene, state })
     }
-}
 
-impl OpenRun {
     /// What the model needs to know to be rendered; without temporal attention if `no_mfta`, with a note where that
     /// changes nothing.
     pub fn surroundings(&self, no_mfta: bool, talk: Talk) -> Surroundings {

@@ -3,8 +3,8 @@
 use image::{ImageBuffer, Pixel};
 use mvfusion_model::files::sha256;
 
-/// The SHA-256 of a set of pictures: that of those of its pictures in hexadecimal, one after another. Of a picture it is
-/// that of width and height, in 4 bytes each, little endian, and its pixels in 8 bits.
+/// The SHA-256 of a set of pictures: that of those of its pictures in hexadecimal, one after another. Of a picture it
+/// is that of width and height, in 4 bytes each, little endian, and its pixels in 8 bits.
 #[derive(Clone, Debug)]
 pub struct PicturesHash {
     digests: Vec<String>,

@@ -12,8 +12,8 @@ const CHANNELS: usize = 3;
 /// What follows the colours in the standard order.
 const SHAPE: [&str; 8] = ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"];
 
-/// Writes Gaussians as they are stored, before any activation: opacity as logit, scales as logarithms, rotation w, x, y,
-/// z, zeros for normals. Mask logits follow the standard properties as `mask_static`, `mask_brightness` and
+/// Writes Gaussians as they are stored, before any activation: opacity as logit, scales as logarithms, rotation w, x,
+/// y, z, zeros for normals. Mask logits follow the standard properties as `mask_static`, `mask_brightness` and
 /// `mask_dynamic`; readers go by name and pass over them. The header has no comments, because some readers count lines.
 ///
 /// # Errors

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use image::RgbImage;
@@ -53,7 +53,7 @@ fn refused(folder: &Path, arguments: &[&str], code: i32, words: &[&str]) {
         assert!(said.contains(word), "`{word}` is missing: {said}");
     }
     for views in ["spiral", "fly"] {
-        assert!(!folder.join(RUN).join("renders").join(views).exists(), "{arguments:?} left something behind");
+        assert!(!folder.join(RUN).join("films").join(views).exists(), "{arguments:?} left something behind");
     }
 }
 
@@ -72,6 +72,16 @@ fn planes(path: &Path) -> BTreeMap<String, Vec<f32>> {
     channels.iter().map(|channel| (channel.name.to_string(), channel.sample_data.values_as_f32().collect())).collect()
 }
 
+/// All files of a folder and its subfolders.
+fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let entries = fs::read_dir(folder).expect("listed").map(|entry| entry.expect("entry").path());
+    let within = |path: PathBuf| match path.is_dir() {
+        true => files(&path),
+        false => BTreeMap::from([(path.clone(), fs::read(&path).expect("read"))]),
+    };
+    entries.flat_map(within).collect()
+}
+
 fn png(path: &Path) -> RgbImage {
     image::open(path).unwrap_or_else(|error| panic!("{}: {error}", path.display())).into_rgb8()
 }
@@ -86,7 +96,7 @@ fn a_run_is_rendered_in_every_layer_and_format() {
     let format = if videos { "png,exr,gif,mp4" } else { "png,exr,gif" };
     let said = rendered(folder.path(), &["--frames", "3", "--size", "48x36", "--layers", "all", "--format", format]);
     assert!(said.contains("3 of 48x36") && said.contains("masked_static") && said.contains("spiral"), "{said}");
-    let views = folder.path().join(RUN).join("renders/spiral");
+    let views = folder.path().join(RUN).join("films/spiral");
 
     for (layer, _) in LAYERS {
         for frame in ["00000", "00002"] {
@@ -198,10 +208,10 @@ fn another_reader_agrees(path: &Path, planes: &BTreeMap<String, Vec<f32>>) {
 
 #[test]
 fn views_times_weights_and_modules_are_as_asked_for() {
-    let folder = trained(&[]);
-    let renders = folder.path().join(RUN).join("renders");
+    let folder = trained(&["--set", "eval.pictures=true"]);
+    let films = folder.path().join(RUN).join("films");
     let small = ["--size", "48x36", "--layers", "composed,motion", "--format", "exr"];
-    let picture = |views: &str, frame: usize| planes(&renders.join(views).join(format!("exr/{frame:05}.exr")));
+    let picture = |views: &str, frame: usize| planes(&films.join(views).join(format!("exr/{frame:05}.exr")));
 
     rendered(folder.path(), &[&["--views", "still", "--frames", "2"][..], &small].concat());
     let (first, last) = (picture("still", 0), picture("still", 1));
@@ -218,10 +228,18 @@ fn views_times_weights_and_modules_are_as_asked_for() {
     let weighted = picture("still", 1);
     assert!(weighted["composed.R"] == whole["composed.R"] && weighted["motion.Y"] != whole["motion.Y"]);
 
+    // The held-out views were rendered by the evaluation already, whose pictures stay as they are.
+    let evaluated = folder.path().join(RUN).join("renders/test");
+    let before = files(&evaluated);
+    assert!(before.keys().any(|path| path.ends_with("composed/00001.png")), "the training writes pictures");
+    let test = ["--views", "test", "--frames", "2", "--layers", "composed", "--format", "png"];
+    rendered(folder.path(), &test);
+    rendered(folder.path(), &[&test[..], &["--force"]].concat());
+    assert!(files(&evaluated) == before, "the evaluation's pictures are others");
+
     // A view of the scene, and its camera standing still at its moment: the pictures are the same.
-    rendered(folder.path(), &["--views", "test", "--frames", "2", "--layers", "composed", "--format", "png"]);
-    let held_out = png(&renders.join("test/composed/00000.png"));
-    let all = fs::read_dir(renders.join("test/composed")).expect("listed").count();
+    let held_out = png(&films.join("test/composed/00000.png"));
+    let all = fs::read_dir(films.join("test/composed")).expect("listed").count();
     assert_eq!((held_out.dimensions(), all), ((160, 120), 2));
     let still = ["--views", "still", "--camera", "0", "--time", "0", "--frames", "1", "--out", "elsewhere"];
     rendered(folder.path(), &[&still[..], &["--layers", "composed"]].concat());
@@ -243,6 +261,9 @@ fn what_cannot_be_rendered_is_refused_before_anything_is_written() {
     parse(&["--views", "circle"], &["circle", "FILE.json"]);
     parse(&["--motion-weights", "1,2"], &["0.7,0.2,0.1"]);
     parse(&["--time", "2"], &["from 0 to 1"]);
+    parse(&["--size", "20000x100"], &["--size", "16 to 16384 pixels"]);
+    parse(&["--frames", "108001"], &["--frames", "from 1 to 108000"]);
+    parse(&["--fps", "1e300"], &["--fps", "between 0.1 and 240"]);
     refused(path, &["--views", "still", "--camera", "cam99"], USAGE, &["cam99", "cam01/"]);
     refused(path, &["--views", "fly.json"], FAILED, &["fly.json"]);
     fs::write(path.join("fly.json"), "[{\"position\": [0, 0").expect("written");
@@ -253,7 +274,7 @@ fn what_cannot_be_rendered_is_refused_before_anything_is_written() {
 
     let one = ["--views", "still", "--frames", "1", "--layers", "mask"];
     rendered(path, &one);
-    let file = path.join(RUN).join("renders/still/mask/00000.png");
+    let file = path.join(RUN).join("films/still/mask/00000.png");
     let before = fs::read(&file).expect("read");
     let output = render(path, &one);
     assert_eq!(output.status.code(), Some(FAILED));

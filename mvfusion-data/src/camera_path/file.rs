@@ -1,12 +1,16 @@
 //! Camera paths in files: what nerfstudio's viewer exports, and the `cameras.json` of 3DGS.
 //!
 //! * nerfstudio: `{"camera_path": [{"camera_to_world": 16 numbers by rows, "fov": vertical, in degrees}, …],
-//!   "render_width", "render_height", "fps"}`; the camera looks along -z with y up (OpenGL). `render_time` of an entry is
-//!   its moment.
+//!   "render_width", "render_height", "fps"}`; the camera looks along -z with y up (OpenGL). `render_time` of an entry
+//!   is its moment.
 //! * 3DGS: `[{"position", "rotation": camera-to-world by rows, "fx", "fy", "width", "height"}, …]` in OpenCV axes.
 //!
 //! In both, `time` of an entry is its moment in `[0, 1]` as well, which is ours.
+//!
+//! Poses are taken as they are, in the scene's own coordinates. nerfstudio's viewer exports those of the world that it
+//! shows, which nerfstudio has turned, centred and scaled unless it was told not to; nothing in the file says how.
 
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 use glam::{DMat3, DVec3};
@@ -18,12 +22,14 @@ use crate::paths::read_json;
 use crate::rotation::rotation_of;
 use crate::{Camera, DataError};
 
-const ADVICE: &str = "Camera paths are what nerfstudio's viewer exports, or lists like the cameras.json of 3DGS: export \
-                      it again, or mend the entry by hand.";
-/// Most entries of a path: an hour at 30 frames a second.
-const MOST_ENTRIES: usize = 108_000;
-/// Longest side of a picture.
-const LONGEST_SIDE: usize = 16_384;
+const ADVICE: &str = "Camera paths are what nerfstudio's viewer exports, or lists like the cameras.json of 3DGS: \
+                      export it again, or mend the entry by hand.";
+/// Most cameras of a path: an hour at 30 frames a second.
+pub const MOST_ENTRIES: usize = 108_000;
+/// Longest side of a picture, pixels.
+pub const LONGEST_SIDE: usize = 16_384;
+/// How many frames may be shown in a second.
+pub const FRAME_RATES: RangeInclusive<f64> = 0.1..=240.0;
 
 /// A path that was read.
 #[derive(Clone, Debug, PartialEq)]
@@ -89,8 +95,10 @@ fn parse_export(value: Value) -> Result<CameraPath, String> {
     if let Some(kind) = export.camera_type.as_ref().filter(|kind| *kind != "perspective") {
         return Err(format!("its camera_type is `{kind}`, and only `perspective` can be rendered"));
     }
-    if let Some(fps) = export.fps.filter(|fps| !(fps.is_finite() && *fps > 0.0)) {
-        return Err(format!("its fps is {fps}"));
+    if let Some(fps) = export.fps.filter(|fps| !FRAME_RATES.contains(fps)) {
+        let (least, most) = FRAME_RATES.into_inner();
+        // As a decimal, which `{fps}` is, it may have hundreds of digits.
+        return Err(format!("its fps is {fps:?}, and frames a second lie between {least} and {most}"));
     }
     let (width, height) = (export.render_width, export.render_height);
     let entries = entries(export.camera_path, |key: Key| key.entry(width, height))?;
@@ -214,6 +222,22 @@ mod tests {
         assert_eq!((camera.fx, camera.fy, camera.cx, camera.cy), (60.0, 61.0, 32.0, 24.0));
         assert!(camera.centre().distance(DVec3::new(1.0, 2.0, 3.0)) < 1e-12);
         assert_eq!((times(&path), path.fps), (vec![Some(1.0)], None));
+    }
+
+    #[test]
+    fn rates_at_which_no_film_is_shown_are_refused() {
+        let with = |fps: &str| {
+            read(&format!(
+                r#"{{"render_height":100,"render_width":200,"fps":{fps},
+                    "camera_path":[{{"camera_to_world":{MATRIX},"fov":90}}]}}"#
+            ))
+        };
+        assert_eq!(with("240").expect("read").fps, Some(240.0));
+        assert_eq!(with("null").expect("read").fps, None);
+        for fps in ["1e300", "1e-300", "0.0", "-1.0", "240.5"] {
+            let error = with(fps).expect_err("refused");
+            assert!(error.contains(&format!("its fps is {fps}")) && error.contains("between 0.1 and 240"), "{error}");
+        }
     }
 
     #[test]

@@ -7,7 +7,7 @@ mod vantage;
 
 use glam::{DMat3, DVec3};
 
-pub use file::{CameraPath, PathEntry, read_camera_path};
+pub use file::{CameraPath, FRAME_RATES, LONGEST_SIDE, MOST_ENTRIES, PathEntry, read_camera_path};
 pub use orbit::orbit;
 pub use spiral::spiral;
 
@@ -29,8 +29,9 @@ pub fn running_times(scene: &Scene, count: usize) -> Vec<f64> {
     (0..count).map(|i| first + (last - first) * (i as f64 / steps)).collect()
 }
 
-/// The view whose camera a user means: the name of a view (`cam00/0003`), that of a camera (`cam00`: its first view), or
-/// the number of a held-out view (of a training view, where none is held out). Held-out views are looked through first.
+/// The view whose camera a user means: the name of a view (`cam00/0003`), that of a camera (`cam00`: its first view),
+/// or the number of a held-out view (of a training view, where none is held out). Held-out views are looked through
+/// first.
 pub fn find_view<'a>(scene: &'a Scene, wanted: &str) -> Option<&'a View> {
     let all = || scene.test.iter().chain(&scene.train);
     let named = |view: &&View| view.name == wanted;

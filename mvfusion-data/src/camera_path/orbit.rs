@@ -14,8 +14,8 @@ const LEAST_SWING: f64 = 0.05;
 /// `count` cameras on a closed way around the point that the training cameras look at, at their median distance and
 /// height. The one after the last would be the first.
 ///
-/// If the training cameras stand on more than half of the circle, the way is the whole circle. Otherwise it swings to and
-/// fro between the outermost of them: nobody has seen the rest.
+/// If the training cameras stand on more than half of the circle, the way is the whole circle. Otherwise it swings to
+/// and fro between the outermost of them: nobody has seen the rest.
 pub fn orbit(scene: &Scene, count: usize) -> Vec<Camera> {
     let circle = Circle::of(scene);
     let camera = |i: usize| {

@@ -18,7 +18,8 @@ const LARGEST: f64 = 0.25;
 const SMALLEST: f64 = 0.02;
 
 /// `count` cameras on a closed spiral about the middle of the training cameras, all of them looking at the same point,
-/// which lies straight ahead of the middle at the depth of what is seen there. The one after the last would be the first.
+/// which lies straight ahead of the middle at the depth of what is seen there. The one after the last would be the
+/// first.
 ///
 /// The spiral is as wide as the training cameras are spread, on each axis of its own, within bounds.
 pub fn spiral(scene: &Scene, count: usize) -> Vec<Camera> {

@@ -7,8 +7,8 @@ use crate::{Camera, PointCloud, Scene};
 
 /// Length of the mean viewing direction above which the cameras look the same way: they stray by 37 degrees then.
 const ALIKE: f64 = 0.8;
-/// Determinant of the normal equations above which the optical axes meet somewhere. It is 0 for parallel ones, and this for
-/// axes that stray by about 2 degrees.
+/// Determinant of the normal equations above which the optical axes meet somewhere. It is 0 for parallel ones, and this
+/// for axes that stray by about 2 degrees.
 const MEETING: f64 = 1e-3;
 /// Points that must be in the picture for their depth to mean something.
 const FEWEST_POINTS: usize = 10;

@@ -11,8 +11,8 @@ use image::RgbImage;
 use super::ffmpeg::{is_installed, local};
 use crate::DataError;
 
-/// Colours as televisions have them, whose matrix players assume where there are many pixels, and say so in the file; sizes
-/// that the chroma can be halved to, by leaving out the last column or row.
+/// Colours as televisions have them, whose matrix players assume where there are many pixels, and say so in the file;
+/// sizes that the chroma can be halved to, by leaving out the last column or row.
 const FILTERS: &str = "crop=trunc(iw/2)*2:trunc(ih/2)*2,scale=out_color_matrix=bt709:out_range=tv,format=yuv420p";
 /// Constant quality of x264 at which no artefacts are seen.
 const QUALITY: &str = "18";
@@ -38,8 +38,8 @@ pub struct VideoWriter {
 }
 
 impl VideoWriter {
-    /// Starts a video of frames of `size`, at `fps` frames a second, in place of what lies at `path`. The last column or row
-    /// of an odd size is not shown.
+    /// Starts a video of frames of `size`, at `fps` frames a second, in place of what lies at `path`. The last column
+    /// or row of an odd size is not shown.
     ///
     /// # Errors
     /// If ffmpeg cannot be started, or a side has less than two pixels.

@@ -8,7 +8,7 @@ use mvfusion_data::{Capture, Scene, View};
 
 use super::judge::{Judge, Pair, Regions, Verdict};
 use super::metrics::{MaskOverlap, RegionSource, TemporalDeviation, sequences};
-use super::render::{ViewPictures, render_view};
+use super::render::{ViewPictures, render_view, view_renderer};
 use super::scores::{Evaluation, Scores, ViewScores};
 use crate::ModelError;
 use crate::model::{Model, Movement, Surroundings};
@@ -57,6 +57,7 @@ pub fn evaluate<E: From<ModelError>>(
     mut sink: impl FnMut(usize, &View, &ViewPictures) -> Result<(), E>,
 ) -> Result<Evaluation, E> {
     let views = split.views(scene);
+    let renderer = view_renderer(model, movement, surroundings)?;
     let mut scoring =
         Scoring { split, capture: scene.capture, judge, source: region_source(views), overlap: MaskOverlap::default() };
     let mut scored: Vec<(usize, ViewScores)> = Vec::with_capacity(views.len());
@@ -65,7 +66,7 @@ pub fn evaluate<E: From<ModelError>>(
         let mut before = None;
         for index in sequence {
             let view = &views[index];
-            let pictures = render_view(model, view, movement, surroundings)?;
+            let pictures = render_view(&renderer, view)?;
             let (scores, pair) = scoring.score(view, &pictures, varying.as_ref(), before.as_ref())?;
             sink(index, view, &pictures)?;
             scored.push((index, ViewScores { view: view.name.clone(), scores }));

@@ -5,8 +5,8 @@
 //! LPIPS the maps of all layers enlarged to the picture and added (`spatial=True` of the package lpips), whose mean is
 //! nearly the figure: enlarging by a fraction weighs pixels unequally. Windows and receptive fields so look across the
 //! border of the region. The other way, blackening both pictures outside the region, is not taken, because what is
-//! black in both counts as perfect: the figure would depend on the region's size first, and its outline would be an edge
-//! that neither picture has.
+//! black in both counts as perfect: the figure would depend on the region's size first, and its outline would be an
+//! edge that neither picture has.
 
 use std::collections::BTreeMap;
 use std::path::Path;

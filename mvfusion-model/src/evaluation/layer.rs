@@ -24,7 +24,8 @@ pub enum Layer {
     Depth,
     /// How much of the background is hidden in the composed picture.
     Alpha,
-    /// Motion intensity: the spreads of position, scale and rotation, weighted and added, as the dynamic branch shows it.
+    /// Motion intensity: the spreads of position, scale and rotation, weighted and added, as the dynamic branch shows
+    /// it.
     Motion,
     /// Spread of the positions over the trajectories, as the dynamic branch shows it.
     PositionVariance,

@@ -48,16 +48,16 @@ struct Heat {
 pub struct RenderedLayer {
     /// Which one.
     pub layer: Layer,
-    /// Its channels in full precision, `[C, H, W]`. Colours of the static branch may exceed 1; layers of motion are in the
-    /// units of the motion statistics.
+    /// Its channels in full precision, `[C, H, W]`. Colours of the static branch may exceed 1; layers of motion are in
+    /// the units of the motion statistics.
     pub values: Tensor<3>,
     /// What a heat map is made of, `[1, H, W]`; in layers of motion.
     heat: Option<Tensor<3>>,
 }
 
 impl<'a> LayerRenderer<'a> {
-    /// A renderer of `layers`. If one of them shows motion, the trajectories are measured first; `weights` are those of the
-    /// motion intensity.
+    /// A renderer of `layers`. If one of them shows motion, the trajectories are measured first; `weights` are those of
+    /// the motion intensity.
     ///
     /// # Errors
     /// If the model cannot be shown in one of the layers, or the device fails.
@@ -102,8 +102,8 @@ impl<'a> LayerRenderer<'a> {
         Ok(Self { model, movement, surroundings, layers, heats, depths: None })
     }
 
-    /// Takes the scale of depth pictures from these cameras and times, so that all pictures have the same; without, each
-    /// has its own.
+    /// Takes the scale of depth pictures from these cameras and times, so that all pictures have the same; without,
+    /// each has its own.
     ///
     /// # Errors
     /// As [`LayerRenderer::render`].
@@ -151,8 +151,9 @@ impl<'a> LayerRenderer<'a> {
         Ok(self.layers.iter().map(rendered).collect())
     }
 
-    /// A layer in 8 bits: colours, mask and alpha as they are, depths as grey by their inverse (near is white), motion as a
-    /// heat map from black by red and yellow to white, which is the root of what 2 % of the dynamic Gaussians exceed.
+    /// A layer in 8 bits: colours, mask and alpha as they are, depths as grey by their inverse (near is white), motion
+    /// as a heat map from black by red and yellow to white, which is the root of what 2 % of the dynamic Gaussians
+    /// exceed.
     ///
     /// # Errors
     /// If the device cannot hand its numbers back.

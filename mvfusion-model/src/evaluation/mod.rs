@@ -21,6 +21,6 @@ pub use metrics::{
     dissimilarity, masked_psnr, ms_ssim, psnr, quantise, sequences, squared_errors, ssim_map,
 };
 pub use protocol::{Column, Precision, Protocol};
-pub use render::{BranchLayers, ViewPictures, render_view};
+pub use render::{BranchLayers, ViewPictures};
 pub use scores::{Evaluation, Figure, LayerScores, Scores, ViewScores};
 pub use speed::{Speed, WARM_UP, measure_speed};

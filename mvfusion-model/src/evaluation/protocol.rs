@@ -122,8 +122,8 @@ impl Protocol {
                  fed [0,1]; MS-SSIM of pytorch-msssim"
             }
             Self::ThreeDgs => {
-                "3dgs: last iteration; everything on 8-bit pictures, mean over views; SSIM 11x11 sigma 1.5 zero-padded; \
-                 LPIPS by vgg fed [0,1]"
+                "3dgs: last iteration; everything on 8-bit pictures, mean over views; SSIM 11x11 sigma 1.5 \
+                 zero-padded; LPIPS by vgg fed [0,1]"
             }
             Self::NerfBaselines => {
                 "nerfbaselines: last iteration; everything on 8-bit pictures, mean over views; SSIM 11x11 sigma 1.5 \

@@ -35,23 +35,29 @@ pub struct BranchLayers {
     pub static_tensor: Tensor<4>,
 }
 
-/// Renders a view of a model without autodiff (see [`Model::plain`]).
+/// What renders the views of a model without autodiff (see [`Model::plain`]) for [`render_view`].
 ///
 /// # Errors
-/// If the device fails or an op refuses its input.
-pub fn render_view(
-    model: &Model,
-    view: &View,
+/// If the device fails.
+pub(super) fn view_renderer<'a>(
+    model: &'a Model,
     movement: Movement,
-    surroundings: &Surroundings,
-) -> Result<ViewPictures, ModelError> {
+    surroundings: &'a Surroundings,
+) -> Result<LayerRenderer<'a>, ModelError> {
     let wanted = [Layer::Composed, Layer::Static, Layer::Dynamic, Layer::Mask, Layer::Motion];
     let mut wanted = wanted.to_vec();
     if model.static_.is_none() {
         // It would be the composed picture again.
         wanted.retain(|&layer| layer != Layer::Dynamic);
     }
-    let renderer = LayerRenderer::as_trained(model, movement, surroundings, &wanted)?;
+    LayerRenderer::as_trained(model, movement, surroundings, &wanted)
+}
+
+/// Renders a view by what [`view_renderer`] made.
+///
+/// # Errors
+/// If the device fails or an op refuses its input.
+pub(super) fn render_view(renderer: &LayerRenderer<'_>, view: &View) -> Result<ViewPictures, ModelError> {
     let rendered = renderer.render(&view.camera, view.time)?;
     let of = |layer: Layer| rendered.iter().find(|rendered| rendered.layer == layer);
     let picture = |layer: Layer| of(layer).map(|rendered| renderer.picture(rendered)).transpose();
@@ -64,7 +70,7 @@ pub fn render_view(
             }
             _ => None,
         };
-    // Proof: every model can be shown composed, and it was asked for.
+    // Proof: every model can be shown composed, and `view_renderer` asks for it.
     let composed_tensor = tensor(Layer::Composed).expect("composed");
     let composed = super::metrics::quantise(composed_tensor.clone())?;
     Ok(ViewPictures { composed, branches, motion: picture(Layer::Motion)?, composed_tensor })
