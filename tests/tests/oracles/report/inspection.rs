@@ -218,18 +218,30 @@ fn layers_can_be_chosen(connection: &mut Connection) -> Result<()> {
     Ok(())
 }
 
-/// A click on a column's head sorts by it, another one the other way round.
+/// A click on a column's head sorts by it, another one the other way round; also where figures are below zero.
 fn tables_can_be_sorted(connection: &mut Connection) -> Result<()> {
     let orders = connection.evaluate(
         "(() => {
             const table = document.querySelector('table.sortable');
-            const column = () => [...table.tBodies[0].rows].map(row => parseFloat(row.cells[1].textContent));
-            return [0, 1].map(() => { table.tHead.rows[0].cells[1].querySelector('button').click(); return column(); });
+            const rows = [...table.tBodies[0].rows];
+            const order = () => {
+                table.tHead.rows[0].cells[1].querySelector('button').click();
+                return [...table.tBodies[0].rows].map(row => parseFloat(row.cells[1].textContent));
+            };
+            const found = [order(), order()];
+            const texts = rows.map(row => row.cells[1].textContent);
+            rows.forEach((row, index) => { row.cells[1].textContent = -9.5 - index; });
+            found.push(order(), order());
+            rows.forEach((row, index) => { row.cells[1].textContent = texts[index]; });
+            return found;
         })()",
     )?;
     let orders: Vec<Vec<f64>> = serde_json::from_value(orders)?;
-    let [up, down] = &orders[..] else { anyhow::bail!("two orders: {orders:?}") };
-    ensure!(up.len() > 1 && up.is_sorted() && up.iter().rev().eq(down), "the views are in the orders {orders:?}");
+    ensure!(orders.len() == 4, "four orders: {orders:?}");
+    for pair in orders.chunks(2) {
+        let [up, down] = pair else { bail!("two orders: {pair:?}") };
+        ensure!(up.len() > 1 && up.is_sorted() && up.iter().rev().eq(down), "the views are in the orders {pair:?}");
+    }
     Ok(())
 }
 
