@@ -6,7 +6,7 @@ use mvfusion_model::evaluation::{Column, Figure, LayerScores, LpipsVariant, Regi
 use super::curve::{Chart, Point, Series, Weight};
 use super::files::RunFiles;
 use super::meaning::{better, decimals, meaning, protocol_of, why_absent};
-use super::page::{lack, section};
+use super::page::lack;
 use crate::run::{PerView, Results};
 
 /// Views from which their figures are drawn as well, and beyond which the table is folded up.
@@ -23,7 +23,7 @@ pub(super) fn scores(files: &RunFiles) -> Markup {
         Ok(per_view) => views(per_view),
         Err(missing) => lack(missing),
     };
-    section("figures", "Figures", html! { (means) h3 { "View by view" } (views) })
+    html! { (means) h3 { "View by view" } (views) }
 }
 
 /// A row of the table: what is compared, its figures, and if there are none, why.
