@@ -15,8 +15,10 @@ const MOST_VIEWS: usize = 12;
 /// So many views are taken where the run has chosen none by a strip.
 const VIEWS: usize = 6;
 
-/// Widths that pictures are bounded to, largest first: the first that keeps the page below [`BUDGET`].
-const WIDTHS: [u32; 4] = [960, 640, 480, 320];
+/// Widths that pictures are bounded to, largest first: the first that keeps the page below [`BUDGET`], else the last
+/// resort.
+const WIDTHS: [u32; 3] = [960, 640, 480];
+const LAST_RESORT: u32 = 320;
 
 /// Bytes of all pictures, as they stand in the page.
 const BUDGET: usize = 14_000_000;
@@ -79,7 +81,7 @@ pub(super) struct AlbumView {
 }
 
 /// The pictures.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Album {
     /// The views.
     pub views: Vec<AlbumView>,
@@ -95,13 +97,9 @@ impl Album {
     /// Chooses and reads the pictures: of the views that have a strip, every layer; where there are no layers, the
     /// strips.
     pub fn read(files: &RunFiles) -> Self {
-        for widest in WIDTHS {
-            let album = Self::at(files, widest);
-            if album.bytes() <= BUDGET || Some(&widest) == WIDTHS.last() {
-                return album;
-            }
-        }
-        Self::default()
+        let mut albums = WIDTHS.into_iter().map(|widest| Self::at(files, widest));
+        let fitting = albums.find(|album| album.bytes() <= BUDGET);
+        fitting.unwrap_or_else(|| Self::at(files, LAST_RESORT))
     }
 
     fn at(files: &RunFiles, widest: u32) -> Self {

@@ -5,7 +5,7 @@ use maud::{Markup, html};
 
 use super::album::{Album, AlbumView, LayerPicture, without_layers};
 use super::files::{Found, RunFiles};
-use super::page::{lack, section};
+use super::page::lack;
 use super::picture::Embedded;
 
 /// What stands left and right of a slider at first, by their layers' folders.
@@ -16,7 +16,7 @@ const START: u32 = 50;
 
 /// A slider for each view, between any two of its layers.
 pub(super) fn sliders(files: &RunFiles, album: &Album) -> Markup {
-    let body = html! {
+    html! {
         @if album.views.is_empty() {
             (lack(&without_layers(files)))
         } @else {
@@ -27,8 +27,7 @@ pub(super) fn sliders(files: &RunFiles, album: &Album) -> Markup {
             noscript { p.lack { "The sliders need JavaScript; all pictures stand below as well." } }
             div.sliders { @for view in &album.views { (slider(view)) } }
         }
-    };
-    section("sliders", "Before and after", body)
+    }
 }
 
 fn slider(view: &AlbumView) -> Markup {
@@ -77,7 +76,7 @@ fn id(view: &AlbumView, layer: &LayerPicture) -> String {
 
 /// Every view in all its layers; the strips where there are none.
 pub(super) fn layers(files: &RunFiles, album: &Album) -> Markup {
-    let body = html! {
+    html! {
         @if album.views.is_empty() && album.strips.is_empty() {
             (lack(&without_layers(files)))
         } @else if album.views.is_empty() {
@@ -97,8 +96,7 @@ pub(super) fn layers(files: &RunFiles, album: &Album) -> Markup {
             p.note.script { "A click on a picture shows it large." }
             @for view in &album.views { (row(view, &view.layers)) }
         }
-    };
-    section("layers", "Branch decomposition", body)
+    }
 }
 
 /// Whether any view has a picture of this layer.
@@ -109,7 +107,7 @@ fn shows(album: &Album, folder: &str) -> bool {
 /// The heat maps of every view, beside its photo.
 pub(super) fn heat_maps(files: &RunFiles, album: &Album) -> Markup {
     let mapped: Vec<&AlbumView> = album.views.iter().filter(|view| !view.heat_maps.is_empty()).collect();
-    let body = html! {
+    html! {
         @if mapped.is_empty() {
             p.lack {
                 @if album.views.is_empty() { (without_layers(files)) }
@@ -129,8 +127,7 @@ pub(super) fn heat_maps(files: &RunFiles, album: &Album) -> Markup {
             @let few = mapped.iter().all(|view| view.heat_maps.len() == 1);
             div class=(if few { "pairs" } else { "" }) { @for view in mapped { (row_beside_photo(view)) } }
         }
-    };
-    section("motion", "Motion", body)
+    }
 }
 
 fn row_beside_photo(view: &AlbumView) -> Markup {

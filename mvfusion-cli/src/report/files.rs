@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use mvfusion_model::Config;
+use mvfusion_model::evaluation::Protocol;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
@@ -33,6 +34,9 @@ impl fmt::Display for Lack {
     }
 }
 
+/// How a file comes back that evaluation writes.
+const REMEDY: &str = " `mvfusion eval RUN --write` writes it anew.";
+
 /// The files of a run but for its pictures.
 #[derive(Debug)]
 pub struct RunFiles {
@@ -52,6 +56,8 @@ pub struct RunFiles {
     pub results: Found<Results>,
     /// `per_view.json`.
     pub per_view: Found<PerView>,
+    /// The figures by other protocols that the run was evaluated by, in the order of [`Protocol::ALL`].
+    pub others: Vec<(Protocol, Found<Results>)>,
 }
 
 impl RunFiles {
@@ -70,11 +76,13 @@ impl RunFiles {
             folder: folder.to_owned(),
             config_text: text(folder, run::CONFIG),
             config: text(folder, run::CONFIG).and_then(|_| configuration(folder)),
-            record: json(folder, run::RECORD),
+            // Evaluation writes all but the record.
+            record: json(folder, run::RECORD, ""),
             log: text(folder, run::METRICS).map(|text| Log::parse(&text)),
-            results_value: json(folder, run::RESULTS),
-            results: json(folder, run::RESULTS),
-            per_view: json(folder, run::PER_VIEW),
+            results_value: json(folder, run::RESULTS, REMEDY),
+            results: json(folder, run::RESULTS, REMEDY),
+            per_view: json(folder, run::PER_VIEW, REMEDY),
+            others: others(folder),
         })
     }
 
@@ -87,6 +95,17 @@ impl RunFiles {
             other => Some(other.to_string()),
         }
     }
+}
+
+/// What other protocols than the run's own say; one that was never asked is no lack.
+fn others(folder: &Path) -> Vec<(Protocol, Found<Results>)> {
+    let read = |protocol: Protocol| {
+        let name = format!("{}/{}/{}", run::PROTOCOLS, protocol.name(), run::RESULTS);
+        let remedy = format!(" `mvfusion eval RUN --protocol {} --write` writes it anew.", protocol.name());
+        folder.join(&name).exists().then(|| (protocol, json::<Results>(folder, &name, &remedy)))
+    };
+    let is_other = |protocol: &Protocol| *protocol != Protocol::default();
+    Protocol::ALL.into_iter().filter(is_other).filter_map(read).collect()
 }
 
 fn configuration(folder: &Path) -> Found<Config> {
@@ -105,9 +124,8 @@ fn text(folder: &Path, name: &str) -> Found<String> {
     })
 }
 
-fn json<T: DeserializeOwned>(folder: &Path, name: &str) -> Found<T> {
-    // Evaluation writes all but the record.
-    let remedy = if name == run::RECORD { "" } else { " `mvfusion eval RUN --write` writes it anew." };
+/// Reads a file of JSON; the `remedy` follows the sentence that says why it cannot be read.
+fn json<T: DeserializeOwned>(folder: &Path, name: &str, remedy: &str) -> Found<T> {
     let wrong = |error| Lack::new(format!("{name} cannot be read: {error}.{remedy}"));
     serde_json::from_str(&text(folder, name)?).map_err(wrong)
 }

@@ -1,7 +1,7 @@
 //! The head of the page: which run this is, and its figures in front.
 
 use maud::{Markup, html};
-use mvfusion_model::evaluation::{Figure, LpipsVariant};
+use mvfusion_model::evaluation::{Figure, LpipsVariant, Scores};
 use serde_json::Value;
 
 use super::files::RunFiles;
@@ -86,13 +86,16 @@ pub(super) fn headline(files: &RunFiles) -> Markup {
     }
 }
 
-fn cards(results: &Results) -> Vec<Card> {
-    let test = &results.test;
+fn cards(results: &Results) -> impl Iterator<Item = Card> {
+    quality(&results.test).into_iter().chain(cost(results)).flatten()
+}
+
+/// How good the pictures are.
+fn quality(test: &Scores) -> [Option<Card>; 6] {
     let figure = |name, figure: Figure, value: Option<f64>| {
         let unit = if decimals(figure) == 2 { "dB" } else { "" };
         value.map(|value| Card { name, title: meaning(figure), value: number(value, decimals(figure)), unit })
     };
-    let lpips = Figure::Lpips(LpipsVariant::ALEX);
     let (static_, region) = (test.static_.unwrap_or_default(), test.dynamic_region.unwrap_or_default());
     let overlap = test.mask_iou.map(|value| Card {
         name: "mask IoU",
@@ -100,34 +103,35 @@ fn cards(results: &Results) -> Vec<Card> {
         value: number(value, 3),
         unit: "",
     });
-    let time = results.train.map(|train| Card {
-        name: "training",
-        title: "time of all steps",
-        value: spoken(train.seconds),
-        unit: "",
-    });
+    [
+        figure("PSNR", Figure::Psnr, test.composed.psnr),
+        figure("SSIM", Figure::Ssim, test.composed.ssim),
+        figure("LPIPS-alex", Figure::Lpips(LpipsVariant::ALEX), test.composed.lpips_alex),
+        figure("static PSNR", Figure::Psnr, static_.psnr),
+        figure("dynamic region PSNR", Figure::Psnr, region.psnr),
+        overlap,
+    ]
+}
+
+/// What they cost.
+fn cost(results: &Results) -> [Option<Card>; 3] {
     let gaussians = Card {
         name: "Gaussians",
         title: "of both branches",
         value: (results.gaussians.static_.unwrap_or(0).saturating_add(results.gaussians.dynamic)).to_string(),
         unit: "",
     };
+    let time = results.train.map(|train| Card {
+        name: "training",
+        title: "time of all steps",
+        value: spoken(train.seconds),
+        unit: "",
+    });
     let speed = results.speed.map(|speed| Card {
         name: "rendering",
         title: "frames a second of the held-out views, all parts, nothing handed back to the host",
         value: number(speed.fps, 1),
         unit: "fps",
     });
-    let cards = [
-        figure("PSNR", Figure::Psnr, test.composed.psnr),
-        figure("SSIM", Figure::Ssim, test.composed.ssim),
-        figure("LPIPS-alex", lpips, test.composed.lpips_alex),
-        figure("static PSNR", Figure::Psnr, static_.psnr),
-        figure("dynamic region PSNR", Figure::Psnr, region.psnr),
-        overlap,
-        Some(gaussians),
-        time,
-        speed,
-    ];
-    cards.into_iter().flatten().collect()
+    [Some(gaussians), time, speed]
 }

@@ -1,6 +1,10 @@
 //! What the figures are, in the words of docs/evaluation.md, and why one may be absent.
 
+use std::collections::BTreeMap;
+
 use mvfusion_model::evaluation::{Backbone, Figure, InputRange, Protocol};
+
+use crate::run::LpipsWeights;
 
 /// Which of two figures is the better one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,12 +55,22 @@ pub(super) fn better(figure: Figure) -> Better {
     }
 }
 
-/// Why no layer has a figure.
-pub(super) fn why_absent(figure: Figure) -> &'static str {
+/// Why no layer has a figure; `lpips` is what the networks were given, as far as the run has noted it.
+pub(super) fn why_absent(figure: Figure, lpips: &BTreeMap<String, LpipsWeights>) -> String {
     match figure {
-        Figure::MsSsim | Figure::DSsim => "of pictures of more than 160 pixels a side",
-        Figure::Lpips(_) => "by networks whose weights were not given, see docs/evaluation.md",
-        _ => "not written by this run\u{2019}s version",
+        Figure::MsSsim | Figure::DSsim => "of pictures of more than 160 pixels a side".to_owned(),
+        Figure::Lpips(variant) => why_no_lpips(variant.backbone, lpips.get(variant.backbone.name())),
+        _ => "not written by this run\u{2019}s version".to_owned(),
+    }
+}
+
+fn why_no_lpips(backbone: Backbone, weights: Option<&LpipsWeights>) -> String {
+    match (weights, backbone) {
+        // A network that was there has been shown pictures that it shrinks to nothing.
+        (Some(LpipsWeights::WeightsSha256(_)), Backbone::Alex) => "of pictures of at least 31 pixels a side".to_owned(),
+        (Some(LpipsWeights::WeightsSha256(_)), Backbone::Vgg) => "of pictures of at least 16 pixels a side".to_owned(),
+        (Some(LpipsWeights::Absent(reason)), _) => format!("{reason}, see docs/evaluation.md"),
+        (None, _) => "by networks whose weights were not given, see docs/evaluation.md".to_owned(),
     }
 }
 
@@ -80,7 +94,23 @@ pub(super) fn protocol_of(statement: &str) -> Protocol {
 
 #[cfg(test)]
 mod tests {
+    use mvfusion_model::evaluation::LpipsVariant;
+
     use super::*;
+
+    #[test]
+    fn lpips_is_absent_for_want_of_weights_or_of_pixels() {
+        let given = LpipsWeights::WeightsSha256("0".to_owned());
+        let missing = LpipsWeights::Absent("/weights has no such file".to_owned());
+        let lpips = BTreeMap::from([("alex".to_owned(), given.clone()), ("vgg".to_owned(), missing)]);
+        let why = |variant, lpips: &BTreeMap<String, LpipsWeights>| why_absent(Figure::Lpips(variant), lpips);
+        assert_eq!(why(LpipsVariant::ALEX, &lpips), "of pictures of at least 31 pixels a side");
+        assert_eq!(why(LpipsVariant::VGG_RAW, &lpips), "/weights has no such file, see docs/evaluation.md");
+        let lpips = BTreeMap::from([("vgg".to_owned(), given)]);
+        assert_eq!(why(LpipsVariant::VGG, &lpips), "of pictures of at least 16 pixels a side");
+        // A run of a version that did not note it.
+        assert!(why(LpipsVariant::ALEX_RAW, &lpips).contains("weights were not given"));
+    }
 
     #[test]
     fn protocols_are_known_by_what_they_say() {

@@ -13,16 +13,38 @@ use super::{figures, head, record, scores, training};
 const STYLE: &str = include_str!("report.css");
 const SCRIPT: &str = include_str!("report.js");
 
-/// The sections, by anchor and name, in their order.
-const SECTIONS: [(&str, &str); 7] = [
-    ("figures", "Figures"),
-    ("training", "Training"),
-    ("sliders", "Before and after"),
-    ("layers", "Branches"),
-    ("motion", "Motion"),
-    ("record", "Record"),
-    ("config", "Configuration"),
+/// A section.
+struct Section {
+    /// Where links lead to.
+    anchor: &'static str,
+    /// Its heading, also above the page.
+    title: &'static str,
+    /// What stands in it.
+    body: fn(&RunFiles, &Album) -> Markup,
+}
+
+/// The sections, in their order.
+const SECTIONS: [Section; 7] = [
+    Section { anchor: "figures", title: "Figures", body: |files, _| scores::scores(files) },
+    Section { anchor: "training", title: "Training", body: |files, _| training::training(files) },
+    Section { anchor: "sliders", title: "Before and after", body: figures::sliders },
+    Section { anchor: "layers", title: "Branch decomposition", body: figures::layers },
+    Section { anchor: "motion", title: "Motion", body: figures::heat_maps },
+    Section { anchor: "record", title: "Record", body: |files, _| record::record(files) },
+    Section { anchor: "config", title: "Configuration", body: |files, _| record::config(files) },
 ];
+
+impl Section {
+    /// Its title, which leads to it.
+    fn link(&self) -> Markup {
+        html! { a href=(format!("#{}", self.anchor)) { (self.title) } }
+    }
+
+    fn draw(&self, files: &RunFiles, album: &Album) -> Markup {
+        let body = (self.body)(files, album);
+        html! { section id=(self.anchor) { h2 { (self.link()) } (body) } }
+    }
+}
 
 /// The whole page.
 pub(super) fn page(files: &RunFiles, album: &Album) -> Markup {
@@ -41,16 +63,10 @@ pub(super) fn page(files: &RunFiles, album: &Album) -> Markup {
             }
             body {
                 (head::head(files))
-                nav { @for (anchor, name) in SECTIONS { a href=(format!("#{anchor}")) { (name) } } }
+                nav { @for section in &SECTIONS { (section.link()) } }
                 main {
                     (head::headline(files))
-                    (scores::scores(files))
-                    (training::training(files))
-                    (figures::sliders(files, album))
-                    (figures::layers(files, album))
-                    (figures::heat_maps(files, album))
-                    (record::record(files))
-                    (record::config(files))
+                    @for section in &SECTIONS { (section.draw(files, album)) }
                 }
                 (foot(album))
                 script { (PreEscaped(SCRIPT)) }
@@ -67,11 +83,6 @@ fn policy() -> String {
         "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-{hash}'; base-uri 'none'; \
          form-action 'none'"
     )
-}
-
-/// A section with an anchor.
-pub(super) fn section(anchor: &str, title: &str, body: Markup) -> Markup {
-    html! { section id=(anchor) { h2 { a href=(format!("#{anchor}")) { (title) } } (body) } }
 }
 
 /// What is said in place of something that is missing.

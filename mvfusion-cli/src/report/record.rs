@@ -4,12 +4,12 @@ use maud::{Markup, html};
 use serde_json::Value;
 
 use super::files::RunFiles;
-use super::page::{lack, section};
+use super::page::lack;
 use crate::run;
 
 /// `run.json` as a table, and `results.json` as it is.
 pub(super) fn record(files: &RunFiles) -> Markup {
-    let body = html! {
+    html! {
         @match &files.record {
             Ok(record) => div.scroll { table.record { tbody {
                 @for (name, value) in entries(record) { tr { th scope="row" { (name) } td { (value) } } }
@@ -23,13 +23,12 @@ pub(super) fn record(files: &RunFiles) -> Markup {
             },
             Err(missing) => (lack(missing)),
         }
-    };
-    section("record", "Record", body)
+    }
 }
 
 /// The configuration, every key.
 pub(super) fn config(files: &RunFiles) -> Markup {
-    let body = html! {
+    html! {
         @match &files.config_text {
             Ok(text) => {
                 p.note { code { "mvfusion train --config " (run::CONFIG) } " does the run again." }
@@ -38,8 +37,7 @@ pub(super) fn config(files: &RunFiles) -> Markup {
             Err(missing) => (lack(missing)),
         }
         @if let (Err(missing), Ok(_)) = (&files.config, &files.config_text) { (lack(missing)) }
-    };
-    section("config", "Configuration", body)
+    }
 }
 
 /// The values of a record by dotted name; lists of plain values in one line.

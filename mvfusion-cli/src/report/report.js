@@ -42,7 +42,11 @@ for (const table of document.querySelectorAll('table.sortable')) {
       for (const other of table.tHead.rows[0].cells) other.ariaSort = null;
       head.ariaSort = descends ? 'descending' : 'ascending';
       const text = row => row.cells[head.cellIndex].textContent;
-      const order = (a, b) => text(a).localeCompare(text(b), 'en', { numeric: true });
+      const order = (a, b) => {
+        const [x, y] = [a, b].map(row => parseFloat(text(row)));
+        if (Number.isFinite(x) && Number.isFinite(y) && x !== y) return x - y;
+        return text(a).localeCompare(text(b), 'en', { numeric: true });
+      };
       const rows = [...body.rows].sort((a, b) => (descends ? order(b, a) : order(a, b)));
       body.append(...rows);
     });

@@ -1,13 +1,17 @@
-//! The section of the figures: means by layer and region, and every view.
+//! The section of the figures: means by layer and region, by each protocol, and every view.
+
+use std::collections::BTreeMap;
 
 use maud::{Markup, html};
-use mvfusion_model::evaluation::{Column, Figure, LayerScores, LpipsVariant, RegionSource, Scores, ViewScores};
+use mvfusion_model::evaluation::{
+    Column, Figure, LayerScores, LpipsVariant, Protocol, RegionSource, Scores, ViewScores,
+};
 
 use super::curve::{Chart, Point, Series, Weight};
-use super::files::RunFiles;
+use super::files::{Found, RunFiles};
 use super::meaning::{better, decimals, meaning, protocol_of, why_absent};
-use super::page::{lack, section};
-use crate::run::{PerView, Results};
+use super::page::lack;
+use crate::run::{LpipsWeights, PerView, Results};
 
 /// Views from which their figures are drawn as well, and beyond which the table is folded up.
 const DRAWN: usize = 8;
@@ -15,7 +19,7 @@ const FOLDED: usize = 12;
 
 /// The figures of a run.
 pub(super) fn scores(files: &RunFiles) -> Markup {
-    let means = match &files.results {
+    let own = match &files.results {
         Ok(results) => means(results),
         Err(missing) => lack(missing),
     };
@@ -23,7 +27,23 @@ pub(super) fn scores(files: &RunFiles) -> Markup {
         Ok(per_view) => views(per_view),
         Err(missing) => lack(missing),
     };
-    section("figures", "Figures", html! { (means) h3 { "View by view" } (views) })
+    html! {
+        (own)
+        @for (protocol, results) in &files.others { (by_another(*protocol, results)) }
+        h3 { "View by view" }
+        (views)
+    }
+}
+
+/// The same run's figures as another protocol has them.
+fn by_another(protocol: Protocol, results: &Found<Results>) -> Markup {
+    html! {
+        h3 { "By the protocol " (protocol.name()) }
+        @match results {
+            Ok(results) => (means(results)),
+            Err(missing) => (lack(missing)),
+        }
+    }
 }
 
 /// A row of the table: what is compared, its figures, and if there are none, why.
@@ -106,16 +126,16 @@ fn layers(caption: &str, scores: &Scores, results: &Results) -> Markup {
         }
         (beside(scores))
         @if !unknown.is_empty() {
-            p.note { "Not known: " (excuses(&unknown)) "." }
+            p.note { "Not known: " (excuses(&unknown, &results.lpips)) "." }
         }
     }
 }
 
 /// The figures that no layer has, those with the same reason together.
-fn excuses(unknown: &[&Column]) -> String {
-    let mut excuses: Vec<(&str, Vec<&str>)> = Vec::new();
+fn excuses(unknown: &[&Column], lpips: &BTreeMap<String, LpipsWeights>) -> String {
+    let mut excuses: Vec<(String, Vec<&str>)> = Vec::new();
     for column in unknown {
-        let why = why_absent(column.figure);
+        let why = why_absent(column.figure, lpips);
         match excuses.iter_mut().find(|(other, _)| *other == why) {
             Some((_, labels)) => labels.push(column.label),
             None => excuses.push((why, vec![column.label])),

@@ -101,10 +101,40 @@ fn a_figure_that_is_not_known_is_a_dash_with_its_reason() {
     let folder = run(Protocol::Mvfusion.statement());
     let page = html(folder.path()).expect("a page");
     assert!(page.contains("<td class=\"absent\" title=\"no clean background is known\">\u{2013}</td>"));
-    assert!(page.contains("LPIPS-alex, LPIPS-vgg, LPIPS-alex on [0,1], LPIPS-vgg on [0,1] (by networks"), "{page}");
+    assert!(page.contains("LPIPS-alex, LPIPS-vgg, LPIPS-alex on [0,1], LPIPS-vgg on [0,1] (no folder of"), "{page}");
     let statement = maud::html! { (Protocol::Mvfusion.statement()) }.into_string();
     assert!(page.contains(&statement), "{statement}");
     assert!(!page.contains(">0.00<") && !page.contains(">0.0000<"));
+}
+
+#[test]
+fn other_protocols_have_tables_of_their_own_in_a_fixed_order() {
+    let folder = run(Protocol::Mvfusion.statement());
+    assert!(!html(folder.path()).expect("a page").contains("By the protocol"));
+    for (protocol, psnr) in [(Protocol::NerfBaselines, 24.25), (Protocol::ThreeDgs, 23.75)] {
+        let composed = LayerScores { psnr: Some(psnr), ..LayerScores::default() };
+        let results =
+            Results { protocol: protocol.statement().to_owned(), ..specimen(Scores { composed, ..scores() }) };
+        write(folder.path(), &format!("protocols/{}/results.json", protocol.name()), json(&results));
+    }
+    write(folder.path(), "protocols/degauss/results.json", "{\"protocol\": ");
+    let page = html(folder.path()).expect("a page");
+    let places = [
+        "27.34",
+        "By the protocol degauss",
+        "protocols/degauss/results.json cannot be read",
+        "`mvfusion eval RUN --protocol degauss --write` writes it anew",
+        "By the protocol 3dgs",
+        "23.75",
+        "</b>3dgs: last iteration",
+        "By the protocol nerfbaselines",
+        "24.25",
+        "LPIPS (VGG)",
+        "</b>nerfbaselines: last iteration",
+        "View by view",
+    ];
+    let found = places.map(|words| page.find(words).unwrap_or_else(|| panic!("{words} is missing")));
+    assert!(found.is_sorted(), "{found:?}");
 }
 
 #[test]

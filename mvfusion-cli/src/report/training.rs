@@ -7,7 +7,7 @@ use mvfusion_model::train::Stage;
 use super::curve::{Chart, Mark, Point, Series, Weight, running_mean};
 use super::files::RunFiles;
 use super::log::Log;
-use super::page::{lack, section};
+use super::page::lack;
 
 /// Curves of more points than this are drawn with their mean over [`WINDOW`].
 const NOISY: usize = 60;
@@ -16,11 +16,10 @@ const WINDOW: usize = 30;
 
 /// Loss, PSNR, numbers of Gaussians and pace over the steps.
 pub(super) fn training(files: &RunFiles) -> Markup {
-    let body = match &files.log {
+    match &files.log {
         Ok(log) => curves(log, &marks(files, log)),
         Err(missing) => lack(missing),
-    };
-    section("training", "Training", body)
+    }
 }
 
 fn curves(log: &Log, marks: &[Mark]) -> Markup {

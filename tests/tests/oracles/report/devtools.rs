@@ -1,16 +1,20 @@
 //! The DevTools protocol: JSON messages, each ended by a zero byte.
 
 use std::io::{BufRead, BufReader, Write};
+use std::path::PathBuf;
 use std::process::{ChildStdin, ChildStdout};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use serde_json::{Value, json};
 
 /// A browser that says nothing for so long is taken to hang.
 const PATIENCE: Duration = Duration::from_secs(90);
+
+/// So many of the last lines that it has said are quoted when it goes.
+const LAST_LINES: usize = 8;
 
 /// A connection to a browser, and through it to one page once that is opened.
 pub struct Connection {
@@ -21,11 +25,13 @@ pub struct Connection {
     session: Option<String>,
     /// What the page has reported so far.
     events: Vec<Value>,
+    /// The file of what the browser says beside the protocol.
+    said: PathBuf,
 }
 
 impl Connection {
-    /// Over the pipes of a browser's process.
-    pub fn new(input: ChildStdin, output: ChildStdout) -> Self {
+    /// Over the pipes of a browser's process, whose standard error goes to the file `said`.
+    pub fn new(input: ChildStdin, output: ChildStdout, said: PathBuf) -> Self {
         let (sender, messages) = channel();
         thread::spawn(move || {
             for message in BufReader::new(output).split(0) {
@@ -36,7 +42,7 @@ impl Connection {
                 }
             }
         });
-        Self { input, messages, next: 0, session: None, events: Vec::new() }
+        Self { input, messages, next: 0, session: None, events: Vec::new(), said }
     }
 
     /// Opens an empty page, to which all later calls go.
@@ -58,6 +64,19 @@ impl Connection {
     /// # Errors
     /// If the browser refuses, is gone, or does not answer.
     pub fn call(&mut self, method: &str, parameters: Value) -> Result<Value> {
+        let id = self.send(method, parameters)?;
+        let answer = self.wait(method, |message| message["id"] == id)?;
+        match answer.get("error") {
+            Some(error) => bail!("{method}: {error}"),
+            None => Ok(answer["result"].clone()),
+        }
+    }
+
+    /// Calls a method without waiting; returns the number that the answer will bear.
+    ///
+    /// # Errors
+    /// If the browser is gone.
+    pub fn send(&mut self, method: &str, parameters: Value) -> Result<u64> {
         self.next += 1;
         let mut message = json!({"id": self.next, "method": method, "params": parameters});
         if let Some(session) = &self.session
@@ -67,16 +86,9 @@ impl Connection {
         }
         let mut bytes = serde_json::to_vec(&message)?;
         bytes.push(0);
-        self.input
-            .write_all(&bytes)
-            .and_then(|()| self.input.flush())
-            .with_context(|| format!("{method} was not sent"))?;
-        let id = self.next;
-        let answer = self.wait(method, |message| message["id"] == id)?;
-        match answer.get("error") {
-            Some(error) => bail!("{method}: {error}"),
-            None => Ok(answer["result"].clone()),
-        }
+        let sent = self.input.write_all(&bytes).and_then(|()| self.input.flush());
+        sent.with_context(|| format!("{method} was not sent{}", self.last_words()))?;
+        Ok(self.next)
     }
 
     /// What the page has reported so far.
@@ -103,8 +115,8 @@ impl Connection {
         loop {
             let left = until.saturating_duration_since(Instant::now());
             let message = self.messages.recv_timeout(left).map_err(|error| match error {
-                RecvTimeoutError::Timeout => anyhow::anyhow!("the browser does not answer {what}"),
-                RecvTimeoutError::Disconnected => anyhow::anyhow!("the browser has gone, at {what}"),
+                RecvTimeoutError::Timeout => anyhow!("the browser does not answer {what}{}", self.last_words()),
+                RecvTimeoutError::Disconnected => anyhow!("the browser has gone, at {what}{}", self.last_words()),
             })?;
             if message.get("method").is_some() {
                 self.events.push(message.clone());
@@ -113,5 +125,14 @@ impl Connection {
                 return Ok(message);
             }
         }
+    }
+
+    /// What the browser has said last, to follow an error's sentence.
+    fn last_words(&self) -> String {
+        let bytes = std::fs::read(&self.said).unwrap_or_default();
+        let text = String::from_utf8_lossy(&bytes);
+        let lines: Vec<&str> = text.lines().collect();
+        let last = &lines[lines.len().saturating_sub(LAST_LINES)..];
+        if last.is_empty() { String::new() } else { format!("; it said last:\n{}", last.join("\n")) }
     }
 }

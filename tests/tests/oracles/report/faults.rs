@@ -20,25 +20,42 @@ pub struct Fault {
     complaint: &'static str,
 }
 
+/// Where the policy begins: what stands before it is not subject to it.
+const POLICY: &str = "<meta http-equiv=\"Content-Security-Policy\"";
+
 /// The faults.
-pub const FAULTS: [Fault; 6] = [
+pub const FAULTS: [Fault; 8] = [
     Fault {
         name: "a_broken_picture_is_noticed",
         from: "src=\"data:image/png;base64,iVBOR",
         to: "src=\"data:image/png;base64,AAAA",
         complaint: "were not loaded",
     },
+    // Before the policy, which would hide them.
     Fault {
         name: "a_script_that_fails_is_noticed",
-        from: "<body>",
-        to: "<body><script>nowhere.to.be.found()</script>",
-        complaint: "complains",
+        from: POLICY,
+        to: "<script>nowhere.to.be.found()</script><meta http-equiv=\"Content-Security-Policy\"",
+        complaint: "ReferenceError",
     },
     Fault {
         name: "a_request_is_noticed",
+        from: POLICY,
+        to: "<link rel=\"stylesheet\" href=\"style.css\"><meta http-equiv=\"Content-Security-Policy\"",
+        complaint: "asks for",
+    },
+    // And after it, so that it must forbid them.
+    Fault {
+        name: "the_policy_forbids_another_script",
+        from: "<body>",
+        to: "<body><script>nowhere.to.be.found()</script>",
+        complaint: "Content Security Policy",
+    },
+    Fault {
+        name: "the_policy_forbids_a_request",
         from: "<footer>",
         to: "<footer><link rel=\"stylesheet\" href=\"style.css\">",
-        complaint: "complains",
+        complaint: "Content Security Policy",
     },
     Fault {
         name: "a_slider_that_does_not_move_is_noticed",

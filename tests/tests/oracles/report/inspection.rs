@@ -2,8 +2,10 @@
 
 use std::collections::BTreeSet;
 use std::path::Path;
+use std::thread;
+use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use image::RgbImage;
@@ -15,6 +17,10 @@ use super::devtools::Connection;
 /// Size of the window, and the width of a narrow one, CSS pixels.
 const WINDOW: [u32; 2] = [1280, 900];
 const NARROW: u32 = 390;
+
+/// A page may take so long to be loaded, and is asked so often.
+const PATIENCE: Duration = Duration::from_secs(60);
+const PAUSE: Duration = Duration::from_millis(20);
 
 /// Least number of colours (in steps of 16 levels) of a page that shows something.
 const COLOURS: usize = 40;
@@ -32,10 +38,7 @@ pub fn inspect(page: &Path, screenshot: Option<&Path>) -> Result<()> {
     connection.open_page()?;
     resize(connection, WINDOW[0])?;
     let address = address(page)?;
-    connection.call("Page.navigate", json!({"url": address}))?;
-    connection.evaluate(
-        "new Promise(done => document.readyState === 'complete' ? done() : addEventListener('load', done))",
-    )?;
+    open(connection, &address)?;
     pictures_are_loaded(connection)?;
     charts_are_drawn(connection)?;
     sliders_move(connection)?;
@@ -51,6 +54,26 @@ pub fn inspect(page: &Path, screenshot: Option<&Path>) -> Result<()> {
     fits_a_narrow_window(connection)?;
     // Last, because everything above may have left an error.
     nothing_was_reported(connection, &address)
+}
+
+/// Goes to a file's address, and waits until all of it is there.
+fn open(connection: &mut Connection, address: &str) -> Result<()> {
+    let answer = connection.call("Page.navigate", json!({"url": address}))?;
+    if let Some(error) = answer.get("errorText") {
+        bail!("{address} cannot be opened: {error}");
+    }
+    let until = Instant::now() + PATIENCE;
+    loop {
+        // The empty page before it is complete as well, and may go while it is asked, which is an error of no account.
+        let state = connection.evaluate("location.protocol === 'file:' && document.readyState === 'complete'");
+        if matches!(state, Ok(Value::Bool(true))) {
+            return Ok(());
+        }
+        if Instant::now() > until {
+            bail!("{address} was not loaded in time: {state:?}");
+        }
+        thread::sleep(PAUSE);
+    }
 }
 
 fn resize(connection: &mut Connection, width: u32) -> Result<()> {
@@ -107,44 +130,74 @@ fn sliders_move(connection: &mut Connection) -> Result<()> {
 }
 
 fn slider_moves(connection: &mut Connection, index: u64) -> Result<()> {
-    let find = format!("document.querySelectorAll('figure.slider')[{index}]");
+    let slider = Slider::show(connection, index)?;
     // The line itself moves anyhow; the pictures must.
-    connection.evaluate(&format!("{find}.querySelector('.line').style.visibility = 'hidden'"))?;
-    connection.evaluate(&format!("{find}.scrollIntoView({{ behavior: 'instant', block: 'center' }})"))?;
-    let place = connection.evaluate(&format!("{find}.querySelector('.stack').getBoundingClientRect().toJSON()"))?;
-    let at = |name: &str| place[name].as_f64().with_context(|| format!("no {name} of the slider"));
-    let (left, width, middle) = (at("left")?, at("width")?, at("top")? + at("height")? / 2.0);
-    let edge = |connection: &mut Connection| -> Result<f64> {
-        let clip = connection.evaluate(&format!("getComputedStyle({find}.querySelector('img.right')).clipPath"))?;
-        let clip = clip.as_str().unwrap_or_default().to_owned();
+    slider.set_line(connection, "hidden")?;
+    slider.follows_the_pointer(connection)?;
+    slider.follows_the_keys(connection)?;
+    slider.set_line(connection, "")
+}
+
+/// A slider, in the middle of the window.
+struct Slider {
+    /// The expression of its figure.
+    find: String,
+    /// The rectangle of its pictures in the window, CSS pixels.
+    place: Value,
+}
+
+impl Slider {
+    fn show(connection: &mut Connection, index: u64) -> Result<Self> {
+        let find = format!("document.querySelectorAll('figure.slider')[{index}]");
+        connection.evaluate(&format!("{find}.scrollIntoView({{ behavior: 'instant', block: 'center' }})"))?;
+        let place = connection.evaluate(&format!("{find}.querySelector('.stack').getBoundingClientRect().toJSON()"))?;
+        Ok(Self { find, place })
+    }
+
+    fn set_line(&self, connection: &mut Connection, visibility: &str) -> Result<()> {
+        let line = format!("{}.querySelector('.line').style.visibility", self.find);
+        connection.evaluate(&format!("{line} = '{visibility}'")).map(drop)
+    }
+
+    /// Where the right picture begins, per cent of the width.
+    fn edge(&self, connection: &mut Connection) -> Result<f64> {
+        let right = format!("{}.querySelector('img.right')", self.find);
+        let clip = connection.evaluate(&format!("getComputedStyle({right}).clipPath"))?;
+        let clip = clip.as_str().unwrap_or_default();
         let share = clip.strip_suffix("%)").and_then(|rest| rest.rsplit(' ').next()?.parse::<f64>().ok());
         share.with_context(|| format!("the right picture is cut by `{clip}`"))
-    };
-    let mouse = |connection: &mut Connection, kind: &str, share: f64| {
-        let x = left + share * width;
-        let event = json!({"type": kind, "x": x, "y": middle, "button": "left", "buttons": 1, "clickCount": 1});
+    }
+
+    /// Does something with the pointer at this share of the width.
+    fn point(&self, connection: &mut Connection, kind: &str, share: f64) -> Result<()> {
+        let at = |name: &str| self.place[name].as_f64().with_context(|| format!("no {name} of the slider"));
+        let (x, y) = (at("left")? + share * at("width")?, at("top")? + at("height")? / 2.0);
+        let event = json!({"type": kind, "x": x, "y": y, "button": "left", "buttons": 1, "clickCount": 1});
         connection.call("Input.dispatchMouseEvent", event).map(drop)
-    };
+    }
 
-    let before = view(connection, &place)?;
-    mouse(connection, "mousePressed", 0.5)?;
-    mouse(connection, "mouseMoved", 0.3)?;
-    mouse(connection, "mouseMoved", 0.1)?;
-    mouse(connection, "mouseReleased", 0.1)?;
-    let dragged = edge(connection)?;
-    ensure!((dragged - 10.0).abs() < 2.0, "dragged to a tenth of the width, the edge stands at {dragged} %");
-    let changed = difference(&before, &view(connection, &place)?)?;
-    ensure!(changed > CHANGED, "the pointer changed {changed} of the pixels");
+    fn follows_the_pointer(&self, connection: &mut Connection) -> Result<()> {
+        let before = view(connection, &self.place)?;
+        for (kind, share) in [("mousePressed", 0.5), ("mouseMoved", 0.3), ("mouseMoved", 0.1), ("mouseReleased", 0.1)] {
+            self.point(connection, kind, share)?;
+        }
+        let edge = self.edge(connection)?;
+        ensure!((edge - 10.0).abs() < 2.0, "dragged to a tenth of the width, the edge stands at {edge} %");
+        let changed = difference(&before, &view(connection, &self.place)?)?;
+        ensure!(changed > CHANGED, "the pointer changed {changed} of the pixels");
+        Ok(())
+    }
 
-    for _ in 0..4 {
-        for kind in ["rawKeyDown", "keyUp"] {
+    fn follows_the_keys(&self, connection: &mut Connection) -> Result<()> {
+        let before = self.edge(connection)?;
+        for kind in ["rawKeyDown", "keyUp"].repeat(4) {
             let key = json!({"type": kind, "key": "ArrowRight", "code": "ArrowRight", "windowsVirtualKeyCode": 39});
             connection.call("Input.dispatchKeyEvent", key)?;
         }
+        let edge = self.edge(connection)?;
+        ensure!((edge - before - 2.0).abs() < 0.1, "four keys moved the edge from {before} to {edge} %");
+        Ok(())
     }
-    let stepped = edge(connection)?;
-    ensure!((stepped - dragged - 2.0).abs() < 0.1, "four keys moved the edge from {dragged} to {stepped} %");
-    connection.evaluate(&format!("{find}.querySelector('.line').style.visibility = ''")).map(drop)
 }
 
 /// Another layer on the right is another picture.
@@ -165,18 +218,30 @@ fn layers_can_be_chosen(connection: &mut Connection) -> Result<()> {
     Ok(())
 }
 
-/// A click on a column's head sorts by it, another one the other way round.
+/// A click on a column's head sorts by it, another one the other way round; also where figures are below zero.
 fn tables_can_be_sorted(connection: &mut Connection) -> Result<()> {
     let orders = connection.evaluate(
         "(() => {
             const table = document.querySelector('table.sortable');
-            const column = () => [...table.tBodies[0].rows].map(row => parseFloat(row.cells[1].textContent));
-            return [0, 1].map(() => { table.tHead.rows[0].cells[1].querySelector('button').click(); return column(); });
+            const rows = [...table.tBodies[0].rows];
+            const order = () => {
+                table.tHead.rows[0].cells[1].querySelector('button').click();
+                return [...table.tBodies[0].rows].map(row => parseFloat(row.cells[1].textContent));
+            };
+            const found = [order(), order()];
+            const texts = rows.map(row => row.cells[1].textContent);
+            rows.forEach((row, index) => { row.cells[1].textContent = -9.5 - index; });
+            found.push(order(), order());
+            rows.forEach((row, index) => { row.cells[1].textContent = texts[index]; });
+            return found;
         })()",
     )?;
     let orders: Vec<Vec<f64>> = serde_json::from_value(orders)?;
-    let [up, down] = &orders[..] else { anyhow::bail!("two orders: {orders:?}") };
-    ensure!(up.len() > 1 && up.is_sorted() && up.iter().rev().eq(down), "the views are in the orders {orders:?}");
+    ensure!(orders.len() == 4, "four orders: {orders:?}");
+    for pair in orders.chunks(2) {
+        let [up, down] = pair else { bail!("two orders: {pair:?}") };
+        ensure!(up.len() > 1 && up.is_sorted() && up.iter().rev().eq(down), "the views are in the orders {pair:?}");
+    }
     Ok(())
 }
 
