@@ -86,6 +86,22 @@ impl Camera {
     }
 }
 
+/// The point with the least sum of squared distances to the optical axes. `None` if these do not meet: if the determinant
+/// of the mean normal equations is not above `least`; it is 0 for parallel axes, and at most 8/27.
+pub(crate) fn nearest_to_axes(cameras: &[&Camera], least: f64) -> Option<DVec3> {
+    let (mut normal, mut right) = (DMat3::ZERO, DVec3::ZERO);
+    for camera in cameras {
+        let axis = camera.forward();
+        // What is left of a vector across the axis.
+        let across = DMat3::IDENTITY - DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
+        normal += across;
+        right += across * camera.centre();
+    }
+    let share = (cameras.len().max(1) as f64).recip();
+    let (normal, right) = (normal * share, right * share);
+    (normal.determinant() > least).then(|| normal.inverse() * right)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

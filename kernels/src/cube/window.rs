@@ -88,15 +88,11 @@ pub fn moment_columns(a: &[f32], b: &[f32], weights: &[f32], sums: &mut [f32], s
             product += weight * (from_a * from_b);
             inside += weight;
         }
-        let outside = 1.0f32 - inside;
-        sum_a -= outside * middle_a;
-        sum_b -= outside * middle_b;
-        squares += outside * (middle_a * middle_a + middle_b * middle_b);
-        product += outside * (middle_a * middle_b);
-        sums[pixel as usize] = middle_a + sum_a;
-        sums[(pixels + pixel) as usize] = middle_b + sum_b;
-        sums[(2u32 * pixels + pixel) as usize] = squares - (sum_a * sum_a + sum_b * sum_b);
-        sums[(3u32 * pixels + pixel) as usize] = product - sum_a * sum_b;
+        let moments = from_middle(sum_a, sum_b, squares, product, inside, middle_a, middle_b);
+        sums[pixel as usize] = moments.mean_a;
+        sums[(pixels + pixel) as usize] = moments.mean_b;
+        sums[(2u32 * pixels + pixel) as usize] = moments.variances;
+        sums[(3u32 * pixels + pixel) as usize] = moments.covariance;
     }
 }
 
@@ -134,17 +130,11 @@ pub fn similarity_rows(
             product += weight * (sums[(3u32 * pixels + at) as usize] + from_a * from_b);
             inside += weight;
         }
-        let outside = 1.0f32 - inside;
-        sum_a -= outside * middle_a;
-        sum_b -= outside * middle_b;
-        squares += outside * (middle_a * middle_a + middle_b * middle_b);
-        product += outside * (middle_a * middle_b);
-        let variances = squares - (sum_a * sum_a + sum_b * sum_b);
-        let covariance = product - sum_a * sum_b;
+        let moments = from_middle(sum_a, sum_b, squares, product, inside, middle_a, middle_b);
         let trace = if comptime!(kind == SimilarityKind::Ssim) {
-            ssim(middle_a + sum_a, middle_b + sum_b, variances, covariance, &constants)
+            ssim(&moments, &constants)
         } else {
-            structure(middle_a + sum_a, middle_b + sum_b, variances, covariance, &constants)
+            structure(&moments, &constants)
         };
         map[pixel as usize] = trace.value;
         if comptime!(wanted) {
@@ -229,6 +219,39 @@ fn sum_along(sums: &[f32], weights: &[f32], first: u32, count: u32, tap: u32) ->
     sum
 }
 
+/// The windowed moments of two images: mean a, mean b, variance of a + variance of b, covariance.
+#[derive(CubeType, Clone, Copy)]
+struct Moments {
+    mean_a: f32,
+    mean_b: f32,
+    variances: f32,
+    covariance: f32,
+}
+
+/// Moments from sums that count from the middle and take in the weights `inside` the image; what lies outside is black.
+#[cube]
+fn from_middle(
+    sum_a: f32,
+    sum_b: f32,
+    squares: f32,
+    product: f32,
+    inside: f32,
+    middle_a: f32,
+    middle_b: f32,
+) -> Moments {
+    let outside = 1.0f32 - inside;
+    let sum_a = sum_a - outside * middle_a;
+    let sum_b = sum_b - outside * middle_b;
+    let squares = squares + outside * (middle_a * middle_a + middle_b * middle_b);
+    let product = product + outside * (middle_a * middle_b);
+    Moments {
+        mean_a: middle_a + sum_a,
+        mean_b: middle_b + sum_b,
+        variances: squares - (sum_a * sum_a + sum_b * sum_b),
+        covariance: product - sum_a * sum_b,
+    }
+}
+
 /// A similarity and its slopes.
 #[derive(CubeType, Clone, Copy)]
 struct Trace {
@@ -240,12 +263,13 @@ struct Trace {
 }
 
 #[cube]
-fn ssim(mean_a: f32, mean_b: f32, variances: f32, covariance: f32, constants: &SimilarityConstants) -> Trace {
+fn ssim(moments: &Moments, constants: &SimilarityConstants) -> Trace {
+    let (mean_a, mean_b) = (moments.mean_a, moments.mean_b);
     let squared_means = mean_a * mean_a + mean_b * mean_b;
     let luminance = 2.0f32 * mean_a * mean_b + constants.c1;
-    let contrast = 2.0f32 * covariance + constants.c2;
+    let contrast = 2.0f32 * moments.covariance + constants.c2;
     let means = squared_means + constants.c1;
-    let variances = max(variances, 0.0f32) + constants.c2;
+    let variances = max(moments.variances, 0.0f32) + constants.c2;
     let inverse = 1.0f32 / (means * variances);
     let value = luminance * contrast * inverse;
     let (by_means, by_variances) = (value * variances * inverse, value * means * inverse);
@@ -261,9 +285,10 @@ fn ssim(mean_a: f32, mean_b: f32, variances: f32, covariance: f32, constants: &S
 }
 
 #[cube]
-fn structure(mean_a: f32, mean_b: f32, variances: f32, covariance: f32, constants: &SimilarityConstants) -> Trace {
-    let covariance = covariance + constants.c3;
-    let variances = max(variances, 0.0f32) + constants.c3;
+fn structure(moments: &Moments, constants: &SimilarityConstants) -> Trace {
+    let (mean_a, mean_b) = (moments.mean_a, moments.mean_b);
+    let covariance = moments.covariance + constants.c3;
+    let variances = max(moments.variances, 0.0f32) + constants.c3;
     let inverse = 1.0f32 / variances.sqrt();
     let value = covariance * inverse;
     let clipped = clamp(value, 0.0f32, constants.structure_max);

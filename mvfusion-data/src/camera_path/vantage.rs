@@ -3,6 +3,7 @@
 use glam::{DMat3, DVec3};
 
 use super::axes;
+use crate::camera::nearest_to_axes;
 use crate::{Camera, PointCloud, Scene};
 
 /// Length of the mean viewing direction above which the cameras look the same way: they stray by 37 degrees then.
@@ -37,7 +38,7 @@ impl Vantage {
         let down: DVec3 = cameras.iter().map(|camera| camera.rotation.row(1)).sum();
         let up = (-down).try_normalize().unwrap_or_else(|| -cameras[0].rotation.row(1));
         let middle = middle(&cameras, scene.training_centre(), up);
-        let meeting = meeting_point(&cameras);
+        let meeting = nearest_to_axes(&cameras, MEETING);
         let ahead = meeting.map(|point| middle.to_camera(point).z).filter(|&z| z > 0.0);
         let depth = median_depth(&middle, &scene.points)
             .or(ahead)
@@ -70,21 +71,6 @@ pub(super) fn placed(like: &Camera, axes: DMat3, centre: DVec3) -> Camera {
     Camera { rotation, translation: -(rotation * centre), ..*like }
 }
 
-/// The point with the least sum of squared distances to the optical axes; `None` if these are parallel.
-fn meeting_point(cameras: &[&Camera]) -> Option<DVec3> {
-    let (mut normal, mut right) = (DMat3::ZERO, DVec3::ZERO);
-    for camera in cameras {
-        let d = camera.forward();
-        // What is left of a vector across the axis.
-        let across = DMat3::IDENTITY - DMat3::from_cols(d * d.x, d * d.y, d * d.z);
-        normal += across;
-        right += across * camera.centre();
-    }
-    let count = cameras.len().max(1) as f64;
-    let normal = normal * count.recip();
-    (normal.determinant() > MEETING).then(|| normal.inverse() * (right / count))
-}
-
 /// The median depth of the points in a camera's picture, if there are enough of them.
 fn median_depth(camera: &Camera, points: &PointCloud) -> Option<f64> {
     let inside = |point: DVec3| {
@@ -110,10 +96,10 @@ mod tests {
         let target = DVec3::new(0.3, -0.2, 1.0);
         let cameras = [DVec3::new(4.0, 0.0, 1.5), DVec3::new(0.0, 4.0, 2.0), DVec3::new(-3.0, 1.0, 0.0)]
             .map(|from| looking(from, target));
-        let meeting = meeting_point(&cameras.each_ref()).expect("they meet");
+        let meeting = nearest_to_axes(&cameras.each_ref(), MEETING).expect("they meet");
         assert!(meeting.distance(target) < 1e-12, "{meeting}");
         let parallel = [DVec3::ZERO, DVec3::Y].map(|from| looking(from, from + 5.0 * DVec3::X));
-        assert_eq!(meeting_point(&parallel.each_ref()), None);
+        assert_eq!(nearest_to_axes(&parallel.each_ref(), MEETING), None);
     }
 
     #[test]

@@ -1,9 +1,10 @@
 //! Whether lenses and places of the cameras make sense.
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
 use super::problem::{Problem, Severity, Subject, count, few, median};
 use super::rig::{all_views, by_camera};
+use crate::camera::nearest_to_axes;
 use crate::{Camera, Scene, View};
 
 /// Fields of view that a focal length for another picture size leads to, degrees.
@@ -17,6 +18,8 @@ const ONE_SPOT: f64 = 1e-3;
 const ROUNDING: f64 = 1e-7;
 /// Length of the mean viewing direction below which cameras surround something, or stand in the middle of it.
 const PARALLEL: f64 = 0.9;
+/// Determinant of the mean normal equations of a point near all optical axes above which there is one.
+const MEETING: f64 = 1e-9;
 /// Share of the cameras that look away from the others' common region before the user is told.
 const MOSTLY: f64 = 0.9;
 
@@ -96,7 +99,7 @@ fn directions(scene: &Scene) -> Option<Problem> {
     if mean.length() > PARALLEL {
         return None;
     }
-    let meeting = nearest_to_axes(&cameras)?;
+    let meeting = nearest_to_axes(&cameras, MEETING)?;
     let away = cameras.iter().filter(|camera| camera.to_camera(meeting).z < 0.0).count();
     (away as f64 > MOSTLY * cameras.len() as f64).then(|| {
         let what = format!("{away} of {} training cameras look away from where their axes meet", cameras.len());
@@ -104,17 +107,4 @@ fn directions(scene: &Scene) -> Option<Problem> {
                       another convention (OpenGL: y up, z backward; OpenCV: y down, z forward).";
         Problem::warning(Subject::Poses, what, remedy)
     })
-}
-
-/// The point that is nearest to all optical axes; `None` if they are parallel.
-fn nearest_to_axes(cameras: &[&Camera]) -> Option<DVec3> {
-    let (mut matrix, mut right) = (DMat3::ZERO, DVec3::ZERO);
-    for camera in cameras {
-        let axis = camera.forward();
-        let across = DMat3::IDENTITY - DMat3::from_cols(axis * axis.x, axis * axis.y, axis * axis.z);
-        matrix += across;
-        right += across * camera.centre();
-    }
-    let solvable = matrix.determinant() > 1e-9 * (cameras.len() as f64).powi(3);
-    solvable.then(|| matrix.inverse() * right)
 }

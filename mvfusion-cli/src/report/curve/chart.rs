@@ -110,7 +110,7 @@ impl<'a> Chart<'a> {
     fn drawing(&self) -> Markup {
         let xs = self.series.iter().flat_map(|series| series.points.iter().map(|point| point.x));
         let frame = Frame { x: Axis::linear(xs.chain(self.marks.iter().map(|mark| mark.x))), y: self.values };
-        let [left, top, right, bottom] = Frame::box_();
+        let [left, top, right, bottom] = Frame::edges();
         html! {
             svg viewBox=(format!("0 0 {} {}", SIZE[0], SIZE[1])) role="img" aria-label=(self.summary()) {
                 @for tick in frame.y.ticks(TICKS[1]) {
@@ -134,7 +134,7 @@ impl<'a> Chart<'a> {
 
     /// The marks; a name that would run into the one before it stands a line higher.
     fn marks(&self, frame: &Frame) -> Markup {
-        let [_, top, right, bottom] = Frame::box_();
+        let [_, top, right, bottom] = Frame::edges();
         let mut ends = [f64::NEG_INFINITY; 2];
         let placed = self.marks.iter().map(|mark| {
             let x = frame.right(mark.x);
@@ -179,17 +179,17 @@ struct Frame {
 
 impl Frame {
     /// Left, top, right and bottom of the part with the curves.
-    fn box_() -> [f64; 4] {
+    fn edges() -> [f64; 4] {
         [MARGINS[0], MARGINS[1], SIZE[0] - MARGINS[2], SIZE[1] - MARGINS[3]]
     }
 
     fn right(&self, x: f64) -> f64 {
-        let [left, _, right, _] = Self::box_();
+        let [left, _, right, _] = Self::edges();
         left + (right - left) * self.x.place(x)
     }
 
     fn down(&self, y: f64) -> f64 {
-        let [_, top, _, bottom] = Self::box_();
+        let [_, top, _, bottom] = Self::edges();
         bottom - (bottom - top) * self.y.place(y)
     }
 }
