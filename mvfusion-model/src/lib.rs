@@ -18,6 +18,7 @@ pub mod model;
 pub mod motion;
 pub mod network;
 pub mod optim;
+mod parameter_path;
 pub mod random;
 mod tensors;
 #[cfg(test)]

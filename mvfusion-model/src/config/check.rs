@@ -1,5 +1,6 @@
 //! Which configurations can be trained at all.
 
+use super::variants::Contradiction;
 use super::{Branches, Config, StillRule};
 use crate::ModelError;
 
@@ -64,6 +65,9 @@ impl Config {
         refuse(width, "motion.attention_width", "0".into(), "queries, keys and values need at least one column")?;
         refuse(motion.window == 0, "motion.window", "0".into(), "a neighbour is at least one frame away")?;
         refuse(motion.samples == 0, "motion.samples", "0".into(), "statistics need at least one sample")?;
+        if let Some(Contradiction { key, value, reason }) = motion.contradiction() {
+            return Err(ModelError::Config { key, value, reason });
+        }
         let alone = model.branches == Branches::Dynamic && motion.still != StillRule::Keep;
         refuse(
             alone,

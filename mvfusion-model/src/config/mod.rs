@@ -13,6 +13,7 @@ mod optim;
 mod scale;
 mod scene;
 mod train;
+mod variants;
 
 use serde::{Deserialize, Serialize};
 
@@ -20,10 +21,11 @@ pub use densify::{BranchDensifyConfig, DensifyConfig, OpacityReset};
 pub use evaluation::EvalConfig;
 pub use loss::LossConfig;
 pub use model::{Background, Branches, GridConfig, ModelConfig};
-pub use motion::{FusionWeights, MotionConfig, Refinement, Spread, StillRule, TokenMode};
+pub use motion::{FusionWeights, MotionConfig, Spread, StillRule};
 pub use optim::{Decay, OptimConfig};
 pub use scene::{InitConfig, SceneConfig, SceneKind};
 pub use train::{StageConfig, TrainConfig};
+pub use variants::{Descriptor, Refinement, Temporal, TokenMode};
 
 /// The configuration of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -2,15 +2,23 @@
 
 use serde::{Deserialize, Serialize};
 
-/// MVG and MFTA (METHOD §10; the readings A5 to A21 are named at the keys).
+use super::{Descriptor, Refinement, Temporal, TokenMode};
+
+/// MVG and MFTA (METHOD §10; the readings A5 to A30 are named at the keys). What the paper's tables compare is said at the
+/// keys as well, and gathered in docs/ablations.md.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MotionConfig {
-    /// Whether the motion-variance feature is added in the last stage.
+    /// Whether the motion-variance feature is added in the last stage. Without, tokens have no local variance either
+    /// (A26). Main paper, component ablation: "w/o MVG"; with `mfta` off as well, "w/o MVG & MFTA".
     pub mvg: bool,
-    /// Whether the temporal-attention feature is added in the last stage.
+    /// What MVG is shown (A27, A29). Main paper, component ablation; supplement, temporal consistency.
+    pub descriptor: Descriptor,
+    /// Whether the temporal feature is added in the last stage. Main paper, component ablation: "w/o MFTA".
     pub mfta: bool,
-    /// Steps between refreshes of the statistics, `E` (paper: 2000).
+    /// What MFTA makes of the tokens (A28, A30). Main paper, component ablation; supplement, temporal consistency.
+    pub temporal: Temporal,
+    /// Steps between refreshes of the statistics, `E` (paper: 2000). Supplement, update interval: 100, 500, 1000, 2000.
     pub interval: usize,
     /// Trajectory samples, `K` (paper: 64; A6).
     pub samples: usize,
@@ -25,8 +33,10 @@ pub struct MotionConfig {
     /// Whether displacements are measured in scene extents instead of world units (A9b).
     pub in_extents: bool,
     /// Half window of the local variance in samples, and distance of the neighbour tokens in frames, `w` (A7, A8).
+    /// Supplement, temporal window size: 3, 5, 7, 9.
     pub window: usize,
-    /// Weights of the motion intensity (A9c).
+    /// Weights of the motion intensity (A9c), which is the last column of the signature. Supplement, fusion weights: five
+    /// settings, among them `1, 0, 0`, which keeps the other columns and so is not `descriptor = "position_variance"`.
     pub weights: FusionWeights,
     /// Decay of the moving mean and variance of the descriptors (A10).
     pub decay: f64,
@@ -46,13 +56,13 @@ pub struct MotionConfig {
     pub attention_width: usize,
     /// Attention heads (A15).
     pub heads: usize,
-    /// Which frames the attention looks at (A7).
+    /// Which frames MFTA looks at beside the current one (A7).
     pub tokens: TokenMode,
-    /// Whether the current frame is a key as well (A14).
+    /// Whether the current frame is a key of the cross-attention as well (A14).
     pub include_self: bool,
     /// Whether gradients reach the network through the neighbours' tokens (A17); about three times the work.
     pub neighbour_gradient: bool,
-    /// How the refined offsets replace the base offsets (A3).
+    /// How base and refined offsets become one (A3).
     pub refinement: Refinement,
     /// Whether the mask heads see the refined feature as well (A23).
     pub refine_masks: bool,
@@ -70,7 +80,9 @@ impl Default for MotionConfig {
     fn default() -> Self {
         Self {
             mvg: true,
+            descriptor: Descriptor::default(),
             mfta: true,
+            temporal: Temporal::default(),
             interval: 2000,
             samples: 64,
             sample_stride: 1,
@@ -151,24 +163,4 @@ pub enum StillRule {
     Prune,
     /// They move to the static branch, as they are at the middle of the video.
     Reassign,
-}
-
-/// Which frames the attention of frame `i` looks at (A7).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum TokenMode {
-    /// The two frames `i - w` and `i + w`.
-    Triple,
-    /// All frames from `i - w` to `i + w`.
-    FullWindow,
-}
-
-/// How the fused feature turns into offsets (A3).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Refinement {
-    /// The heads of the fused feature replace those of the base feature; the identity at the start.
-    Replace,
-    /// The paper's literal sum of both; doubles the offsets at the start.
-    Sum,
 }

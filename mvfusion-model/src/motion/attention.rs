@@ -7,7 +7,7 @@ use burn::nn::Linear;
 use burn::tensor::Tensor;
 use mvfusion_render::attention;
 
-use super::token::GEOMETRY_WIDTH;
+use super::token::token_width;
 use crate::network::{LayerInit, Mlp, Rectified, side_by_side, zero_last_layer};
 
 /// The current token attends to tokens of neighbouring frames; an MLP that starts at zero turns the result into a residual
@@ -23,7 +23,7 @@ pub struct TemporalAttention {
     /// Two layers; the last one starts at zero.
     pub mlp: Mlp,
     #[module(skip)]
-    heads: usize,
+    pub(super) heads: usize,
 }
 
 impl TemporalAttention {
@@ -35,7 +35,7 @@ impl TemporalAttention {
         heads: usize,
         init: &mut LayerInit<'_>,
     ) -> Self {
-        let token = feature_width + GEOMETRY_WIDTH + 1;
+        let token = token_width(feature_width);
         Self {
             query: init.linear(token, attention_width),
             key: init.linear(token, attention_width),
@@ -50,15 +50,8 @@ impl TemporalAttention {
         Self { query, key, value, mlp, heads }
     }
 
-    /// Centre tokens `[N, T]` and the `K` tokens that each attends to, `[N, K, T]`, to a residual `[N, H]`.
-    ///
-    /// # Panics
-    /// As [`TemporalAttention::attend`].
-    pub fn forward(&self, centre: Tensor<2>, neighbours: Tensor<3>) -> Tensor<2> {
-        self.mlp.forward(self.attend(centre, neighbours))
-    }
-
-    /// The attention's output before the MLP: `[N, attention width]`.
+    /// Centre tokens `[N, T]` and the `K` tokens that each attends to, `[N, K, T]`, to the attention's output before the
+    /// MLP: `[N, attention width]`.
     ///
     /// # Panics
     /// If the shapes do not fit the layers, or the heads do not divide the attention's width.

@@ -4,7 +4,7 @@ use burn::tensor::{Int, Tensor};
 
 use super::normaliser::MovingNormaliser;
 use super::statistics::{SIGNATURE_WIDTH, TrajectoryStatistics};
-use crate::config::MotionConfig;
+use crate::config::{Descriptor, MotionConfig};
 use crate::tensors;
 use crate::timeline::between;
 
@@ -32,13 +32,19 @@ pub struct Normalisers {
 }
 
 impl MotionCache {
-    /// The cache of fresh statistics; `like` gives device and dtype.
+    /// The cache of fresh statistics, or of the part of them that MVG is to be shown; `like` gives device and dtype.
     pub fn new(
         statistics: TrajectoryStatistics,
         normalisers: &mut Normalisers,
         config: &MotionConfig,
         like: &Tensor<2>,
     ) -> Self {
+        let statistics = match config.descriptor {
+            // Before the normaliser, which makes zeros of columns of zeros.
+            Descriptor::PositionVariance => statistics.position_only(),
+            // Raw offsets are taken when they are needed. What is measured serves the tokens and the intensity.
+            Descriptor::Variances | Descriptor::Offsets => statistics,
+        };
         let signatures = normalisers.signatures.update_and_normalise(&statistics.signatures, SIGNATURE_WIDTH, config);
         let local = match config.normalise_local {
             true => normalisers.local.update_and_normalise(&statistics.local, 1, config),

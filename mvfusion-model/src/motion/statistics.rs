@@ -111,7 +111,7 @@ pub struct AttributeSpread {
 
 impl AttributeSpread {
     /// What a signature says of it.
-    fn of(signature: &[f64]) -> Self {
+    pub(super) fn of(signature: &[f64]) -> Self {
         Self {
             position: signature[3..6].iter().sum::<f64>() / 3.0,
             rotation: signature[7],

@@ -8,9 +8,14 @@ use crate::tensors;
 /// Numbers of a token beside feature and intensity: displacement, log-scale and quaternion offsets (A13).
 pub const GEOMETRY_WIDTH: usize = 10;
 
+/// Width `T` of the tokens of features of `feature_width`.
+pub(super) fn token_width(feature_width: usize) -> usize {
+    feature_width + GEOMETRY_WIDTH + 1
+}
+
 /// Makes tokens `z = [h, geometry(h), e]` of width `H + 11`; with gradient if network and centres have it.
 #[derive(Clone, Debug)]
-pub(super) struct Tokens<'a> {
+pub(super) struct TokenMaker<'a> {
     /// The network, without autodiff unless gradients are wanted.
     pub network: &'a DeformationNetwork,
     /// The scene's extent; displacements are divided by it.
@@ -19,7 +24,7 @@ pub(super) struct Tokens<'a> {
     pub chunk: usize,
 }
 
-impl Tokens<'_> {
+impl TokenMaker<'_> {
     /// The tokens `[N, K, H + 11]` of canonical centres `[N, 3]` at `K` times, with the local intensities `[N, K]` of these.
     pub fn at(&self, means: &Tensor<2>, times: &[f64], local: Tensor<2>) -> Tensor<3> {
         let count = means.dims()[0];

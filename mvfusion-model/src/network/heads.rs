@@ -6,8 +6,22 @@ use burn::tensor::Tensor;
 
 use super::{HeadChoice, LayerInit, Mlp, Rectified, side_by_side};
 
+/// Numbers of centre, log-scale and quaternion together.
+const GEOMETRY_OUTPUTS: usize = 10;
+
 /// Number of colour coefficients that are deformed: degree 3, three channels.
 const SH_OUTPUTS: usize = 48;
+
+/// Number of mask logits.
+const MASK_OUTPUTS: usize = 3;
+
+impl HeadChoice {
+    /// Numbers that the heads put out for a Gaussian; 62 with every head.
+    pub fn outputs(self) -> usize {
+        let of = |there: bool, outputs: usize| if there { outputs } else { 0 };
+        GEOMETRY_OUTPUTS + of(self.opacity, 1) + of(self.sh, SH_OUTPUTS) + of(self.masks, MASK_OUTPUTS)
+    }
+}
 
 /// What is added to the raw attributes of the dynamic Gaussians.
 #[derive(Clone, Debug)]
@@ -113,7 +127,17 @@ pub(super) fn decode(feature: Tensor<2>, heads: &AttributeHeads, masks: Option<&
         quaternions: next(4),
         opacity_logits: heads.opacity_logits.as_ref().map(|_| next(1)),
         sh: heads.sh.as_ref().map(|_| next(SH_OUTPUTS)),
-        mask_logits: masks.map(|_| next(3)),
+        mask_logits: masks.map(|_| next(MASK_OUTPUTS)),
+    }
+}
+
+impl Offsets {
+    /// All offsets side by side, `[N, outputs]`: centres, log-scales, quaternions, opacity, colour, then the mask logits
+    /// dynamic, brightness, static. Heads that are absent leave no gap.
+    pub fn joined(self) -> Tensor<2> {
+        let masks = self.mask_logits.map(|logits| logits.flip([1]));
+        let geometry = [self.means, self.log_scales, self.quaternions];
+        Tensor::cat(geometry.into_iter().chain(self.opacity_logits).chain(self.sh).chain(masks).collect(), 1)
     }
 }
 

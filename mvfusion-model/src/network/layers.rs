@@ -19,6 +19,11 @@ pub struct LayerInit<'a> {
 }
 
 impl LayerInit<'_> {
+    /// The same with another source of weights.
+    pub fn drawing_from<'s>(&'s self, stream: &'s mut Stream) -> LayerInit<'s> {
+        LayerInit { device: self.device, dtype: self.dtype, stream }
+    }
+
     /// A parameter of the given numbers.
     pub fn parameter<const D: usize>(&self, values: Vec<f64>, shape: [usize; D]) -> Param<Tensor<D>> {
         let data = TensorData::new(values, shape).convert_dtype(self.dtype);

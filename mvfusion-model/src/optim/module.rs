@@ -8,6 +8,7 @@ use mvfusion_render::optim::{AdamMoments, adam_step};
 
 use super::gaussian::{fresh, rule};
 use crate::config::OptimConfig;
+use crate::parameter_path::ParameterPath;
 
 /// Moments of every parameter of a module, by the parameter's path; flat, since Adam does not care for shapes.
 #[derive(Clone, Debug, Default)]
@@ -27,26 +28,26 @@ impl ModuleOptimiser {
         learning_rate: f64,
         config: &OptimConfig,
     ) -> M {
-        let mut stepper = Stepper { optimiser: self, path: vec![name.to_owned()], gradients, learning_rate, config };
+        let mut stepper = Stepper { optimiser: self, path: ParameterPath::new(name), gradients, learning_rate, config };
         module.map(&mut stepper)
     }
 }
 
 struct Stepper<'a> {
     optimiser: &'a mut ModuleOptimiser,
-    path: Vec<String>,
+    path: ParameterPath,
     gradients: &'a mut Gradients,
     learning_rate: f64,
     config: &'a OptimConfig,
 }
 
 impl ModuleMapper for Stepper<'_> {
-    fn enter_module(&mut self, name: &str, _container_type: &str) {
-        self.path.push(name.to_owned());
+    fn enter_module(&mut self, name: &str, container_type: &str) {
+        self.path.enter(name, container_type);
     }
 
-    fn exit_module(&mut self, _name: &str, _container_type: &str) {
-        self.path.pop();
+    fn exit_module(&mut self, _name: &str, container_type: &str) {
+        self.path.exit(container_type);
     }
 
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
@@ -57,7 +58,7 @@ impl ModuleMapper for Stepper<'_> {
         let shape = value.dims();
         let count = shape.iter().product::<usize>();
         let flat = value.inner().reshape([count]);
-        let path = self.path.join(".");
+        let path = self.path.name();
         let moments = self.optimiser.moments.remove(&path).unwrap_or_else(|| fresh(&flat));
         let rule = rule(self.learning_rate, self.config);
         let (flat, moments) = adam_step(flat, gradient.reshape([count]), moments, &rule);

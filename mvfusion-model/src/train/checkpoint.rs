@@ -24,6 +24,7 @@ use crate::model::Model;
 use crate::motion::{MotionCache, MotionRefinement, Normalisers};
 use crate::network::{DeformationConfig, LayerInit};
 use crate::optim::{GaussianOptimiser, ModuleOptimiser};
+use crate::parameter_path::ParameterPath;
 use crate::random::{Stream, Streams};
 
 /// Header key under which everything but the tensors is stored.
@@ -285,8 +286,9 @@ impl<'a> Reader<'a> {
         // The weights are overwritten below, so any will do.
         let mut stream = Stream::new(0, 0);
         let mut init = LayerInit { device: self.device, dtype: DType::F32, stream: &mut stream };
-        let network = DeformationConfig::of(&config.model, bounds).init(&mut init);
-        let refinement = MotionRefinement::new(config.model.width, &config.motion, &mut init);
+        let deformation = DeformationConfig::of(&config.model, bounds);
+        let network = deformation.init(&mut init);
+        let refinement = MotionRefinement::new(&deformation, &config.motion, &mut init);
         let (degrees, both) = (&header.sh_degrees, config.model.branches == Branches::Both);
         let static_degree = degrees.get(1).filter(|_| both);
         let (Some(&dynamic_degree), true) = (degrees.first(), both == static_degree.is_some()) else {
@@ -355,7 +357,7 @@ impl<'a> Reader<'a> {
 
     /// Puts the stored numbers into a module.
     fn fill<M: Module>(&mut self, name: &str, module: M) -> Result<M, ModelError> {
-        let mut filler = Filler { reader: self, path: vec![name.to_owned()], failure: None };
+        let mut filler = Filler { reader: self, path: ParameterPath::new(name), failure: None };
         let module = module.map(&mut filler);
         match filler.failure {
             Some(error) => Err(error),
@@ -366,21 +368,21 @@ impl<'a> Reader<'a> {
 
 struct Filler<'r, 'a> {
     reader: &'r mut Reader<'a>,
-    path: Vec<String>,
+    path: ParameterPath,
     failure: Option<ModelError>,
 }
 
 impl ModuleMapper for Filler<'_, '_> {
-    fn enter_module(&mut self, name: &str, _container_type: &str) {
-        self.path.push(name.to_owned());
+    fn enter_module(&mut self, name: &str, container_type: &str) {
+        self.path.enter(name, container_type);
     }
 
-    fn exit_module(&mut self, _name: &str, _container_type: &str) {
-        self.path.pop();
+    fn exit_module(&mut self, _name: &str, container_type: &str) {
+        self.path.exit(container_type);
     }
 
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        let name = self.path.join(".");
+        let name = self.path.name();
         let (id, value, mapper) = param.consume();
         let stored = self.reader.tensor::<D>(&name).and_then(|stored| match stored.dims() == value.dims() {
             true => Ok(stored),

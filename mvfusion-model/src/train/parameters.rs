@@ -5,6 +5,7 @@ use burn::tensor::Tensor;
 
 use crate::gaussians::Attribute;
 use crate::model::Model;
+use crate::parameter_path::ParameterPath;
 
 /// What takes the parameters.
 pub(super) trait Sink {
@@ -21,26 +22,26 @@ pub(super) fn walk(model: &Model, sink: &mut impl Sink) {
             }
         }
     }
-    model.network.visit(&mut Walk { sink, path: vec!["network".to_owned()] });
-    model.refinement.visit(&mut Walk { sink, path: vec!["refinement".to_owned()] });
+    model.network.visit(&mut Walk { sink, path: ParameterPath::new("network") });
+    model.refinement.visit(&mut Walk { sink, path: ParameterPath::new("refinement") });
 }
 
 /// Where in a module the walk is.
 struct Walk<'a, S> {
     sink: &'a mut S,
-    path: Vec<String>,
+    path: ParameterPath,
 }
 
 impl<S: Sink> ModuleVisitor for Walk<'_, S> {
-    fn enter_module(&mut self, name: &str, _container_type: &str) {
-        self.path.push(name.to_owned());
+    fn enter_module(&mut self, name: &str, container_type: &str) {
+        self.path.enter(name, container_type);
     }
 
-    fn exit_module(&mut self, _name: &str, _container_type: &str) {
-        self.path.pop();
+    fn exit_module(&mut self, _name: &str, container_type: &str) {
+        self.path.exit(container_type);
     }
 
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        self.sink.take(self.path.join("."), param.val().inner());
+        self.sink.take(self.path.name(), param.val().inner());
     }
 }

@@ -63,8 +63,9 @@ impl TrainState {
         let static_ = clouds.static_.as_ref().map(|seeds| first_branch(seeds, Masking::Absent, config, device, dtype));
 
         let mut init = LayerInit { device, dtype, stream: &mut streams.weights };
-        let network = DeformationConfig::of(&config.model, bounds).init(&mut init);
-        let refinement = MotionRefinement::new(config.model.width, &config.motion, &mut init);
+        let deformation = DeformationConfig::of(&config.model, bounds);
+        let network = deformation.init(&mut init);
+        let refinement = MotionRefinement::new(&deformation, &config.motion, &mut init);
         Ok(Self {
             completed: 0,
             model: Model { dynamic, static_, network, refinement, motion: None },
