@@ -13,6 +13,7 @@ mod network_gradients;
 mod pictures;
 mod splat_gradients;
 mod start;
+mod switches;
 mod training;
 mod variants;
 

@@ -27,6 +27,7 @@ mod schedule;
 mod splat;
 mod statistics;
 mod training;
+mod variants;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

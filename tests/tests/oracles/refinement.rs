@@ -1,18 +1,21 @@
 //! `motion_forward`: the refined forward pass, its ablations, and its gradients.
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use burn::module::Param;
 use burn::nn::Linear;
 use burn::tensor::{DType, Device, Gradients, Tensor};
-use mvfusion_model::config::{MotionConfig, Refinement, TokenMode};
-use mvfusion_model::motion::{MotionCache, MotionEncoder, MotionRefinement, RefinementConfig, TemporalAttention};
+use mvfusion_model::config::MotionConfig;
+use mvfusion_model::motion::{
+    Guidance, MotionCache, MotionEncoder, MotionRefinement, RefinementConfig, TemporalModule, Tokens,
+};
 use mvfusion_model::network::{DeformationNetwork, Mlp, zero_last_layer};
 use mvfusion_model::timeline::Timeline;
 use mvfusion_tests::{Array, Checklist, Tolerance, gradient, numbers, tensor};
 
 use crate::archive::Archive;
 use crate::hexplane::compare_planes;
-use crate::network::{chain_layers, compare_layers, deformation, in_file_order, layer_gradients, layers, linear, mlp};
+use crate::network::{compare_layers, deformation, in_file_order, layer_gradients, layers};
+use crate::variants::{self, Switch, VARIANTS, compare_taps, refinement};
 
 /// From the README of the oracle.
 const TOLERANCE: Tolerance = Tolerance::of_largest(1e-4).plus(1e-6);
@@ -24,26 +27,7 @@ const LOSS: f64 = 1e-6;
 const KEY_BIAS: f64 = 1e-5;
 
 /// Outputs that are not compared.
-pub const LEFT_OUT: &[(&str, &str)] = &[
-    ("out.self.", "the ablation with self-attention comes with the other switches of the paper's tables"),
-    ("out.average.", "the ablation with averaging comes with the other switches of the paper's tables"),
-    ("out.conv.", "the ablation with convolution comes with the other switches of the paper's tables"),
-    ("out.direct.", "the ablation without statistics comes with the other switches of the paper's tables"),
-    (".attn", "the weights inside the attention; its output is compared"),
-];
-
-/// Turns the switches of a variant.
-type Switch = fn(&mut MotionConfig);
-
-/// The variants that are switches of the configuration.
-const VARIANTS: [(&str, Switch); 6] = [
-    ("cross", |_| ()),
-    ("cross_include_self", |config| config.include_self = true),
-    ("sum", |config| config.refinement = Refinement::Sum),
-    ("no_mvg", |config| config.mvg = false),
-    ("no_mfta", |config| config.mfta = false),
-    ("full_window", |config| config.tokens = TokenMode::FullWindow),
-];
+pub const LEFT_OUT: &[(&str, &str)] = &[(".attn", "the weights inside the attention; its output is compared")];
 
 /// A file's modules and settings.
 struct Setting {
@@ -58,30 +42,22 @@ struct Setting {
 }
 
 impl Setting {
-    fn read(archive: &Archive, device: &Device) -> Result<Self> {
+    fn read(archive: &Archive, switch: Switch, device: &Device) -> Result<Self> {
         let plain = device;
         let device = device.clone().autodiff();
-        let motion = MotionConfig {
+        let mut motion = MotionConfig {
             window: archive.count("in.w")?,
             heads: archive.count("in.heads")?,
             // A chunk that does not divide the number of Gaussians.
             chunk: 5,
             ..MotionConfig::default()
         };
-        let layer = |name: &str| linear(archive, name, &device);
-        let attention = TemporalAttention::from_layers(
-            layer("mfta.q")?,
-            layer("mfta.k")?,
-            layer("mfta.v")?,
-            mlp(archive, &["mfta.l1", "mfta.l2"], &device)?,
-            motion.heads,
-        );
-        let encoder = MotionEncoder::from_layers(mlp(archive, &["mvg.l1", "mvg.l2"], &device)?, motion.octaves);
+        switch(&mut motion);
         let signatures = archive.tensor::<2>("in.V_norm", plain)?;
         let intensity = Tensor::zeros([signatures.dims()[0], 1], plain);
         Ok(Self {
             network: deformation(archive, &device)?,
-            refinement: MotionRefinement { encoder, attention },
+            refinement: refinement(archive, &motion, &device)?,
             cache: MotionCache {
                 signatures,
                 local: archive.tensor("in.e_norm", plain)?,
@@ -97,8 +73,13 @@ impl Setting {
     }
 
     /// The refined offsets `[N, 62]` at a time.
-    fn delta(&self, time: f64, motion: &MotionConfig) -> Tensor<2> {
-        let config = RefinementConfig { motion, timeline: &self.timeline, cache: &self.cache, extent: self.extent };
+    fn delta(&self, time: f64) -> Tensor<2> {
+        let config = RefinementConfig {
+            motion: &self.motion,
+            timeline: &self.timeline,
+            cache: &self.cache,
+            extent: self.extent,
+        };
         in_file_order(self.refinement.offsets(&self.network, self.means.val(), time, &config))
     }
 
@@ -118,45 +99,32 @@ impl Setting {
             .inner()
     }
 
-    /// Every layer under its name in the files.
+    /// Every layer under its name in the files, but for a convolution.
     fn layers(&self) -> Vec<(String, &Linear)> {
-        let attention = &self.refinement.attention;
-        let mut all = layers(&self.network);
-        all.extend(chain_layers("mvg", &self.refinement.encoder.mlp));
-        all.extend(chain_layers("mfta", &attention.mlp));
-        all.extend([
-            ("mfta.q".to_owned(), &attention.query),
-            ("mfta.k".to_owned(), &attention.key),
-            ("mfta.v".to_owned(), &attention.value),
-        ]);
-        all
+        [layers(&self.network), variants::layers(&self.refinement)].concat()
     }
 }
 
 /// All variants at all times of a file.
 pub fn check(archive: &Archive, device: &Device) -> Result<()> {
-    let setting = Setting::read(archive, device)?;
     let times = &archive.array("in.query_times")?.values;
     let mut checks = Checklist::default();
     for (variant, switch) in VARIANTS {
-        let mut motion = setting.motion.clone();
-        switch(&mut motion);
+        let setting = Setting::read(archive, switch, device)?;
         for (query, &time) in times.iter().enumerate() {
             let prefix = format!("out.{variant}.q{query}.");
             let Some(expected) = archive.find(&format!("{prefix}delta")) else { continue };
-            let delta = setting.delta(time, &motion);
+            let delta = setting.delta(time);
             checks.close(format!("{prefix}delta"), expected, &Array::of(delta.clone()), TOLERANCE);
             if archive.has(&format!("{prefix}loss")) {
                 check_gradients(&mut checks, archive, &setting, delta, &prefix)?;
             }
-            if variant == "cross" {
-                check_parts(&mut checks, archive, &setting, time, &prefix)?;
-            }
+            check_parts(&mut checks, archive, &setting, time, &prefix)?;
         }
     }
     let differentiated = (0..times.len()).find(|query| archive.has(&format!("out.cross.q{query}.loss")));
     let query = differentiated.context("the file has no gradients")?;
-    check_zero_start(&mut checks, archive, setting, times[query])?;
+    check_zero_start(&mut checks, archive, Setting::read(archive, |_| (), device)?, times[query])?;
     checks.finish()
 }
 
@@ -180,42 +148,38 @@ fn check_gradients(
     checks.close(&key, archive.array(&key)?, &gradient(&setting.means.val(), &gradients), TOLERANCE);
     let (key_layers, others): (Vec<_>, Vec<_>) = setting.layers().into_iter().partition(|(name, _)| name == "mfta.k");
     compare_layers(checks, archive, &prefix, &others, &gradients, TOLERANCE);
-    compare_key(checks, archive, &prefix, key_layers[0].1, &gradients)?;
+    if let [(_, key)] = key_layers[..] {
+        compare_key(checks, archive, &prefix, key, &gradients);
+    }
+    compare_taps(checks, archive, &prefix, &setting.refinement, &gradients, TOLERANCE)?;
     let planes = gradient(&setting.network.grid.planes.val(), &gradients);
     compare_planes(checks, archive, &prefix, &planes, setting.network.grid.layout(), TOLERANCE);
     Ok(())
 }
 
 /// The key layer's gradients, whose bias has a tolerance of its own.
-fn compare_key(
-    checks: &mut Checklist,
-    archive: &Archive,
-    prefix: &str,
-    layer: &Linear,
-    gradients: &Gradients,
-) -> Result<()> {
+fn compare_key(checks: &mut Checklist, archive: &Archive, prefix: &str, layer: &Linear, gradients: &Gradients) {
     let [weight, bias] = layer_gradients(layer, gradients);
-    let expected = archive.array(&format!("{prefix}mfta.k.weight"))?;
+    // Not stored for a variant whose own layers are others.
+    let Some(expected) = archive.find(&format!("{prefix}mfta.k.weight")) else { return };
     checks.close(format!("{prefix}mfta.k.weight"), expected, &weight, TOLERANCE);
     let tolerance = Tolerance::absolute(KEY_BIAS * expected.largest());
     let key = format!("{prefix}mfta.k.bias");
     let zeros = bias.zeros_like();
     checks.close(&key, archive.find(&key).unwrap_or(&zeros), &bias, tolerance);
-    Ok(())
 }
 
-/// What the refined feature is made of.
+/// What the refined feature is made of, as far as it is stored.
 fn check_parts(checks: &mut Checklist, archive: &Archive, setting: &Setting, time: f64, prefix: &str) -> Result<()> {
     let index = setting.timeline.nearest(time);
-    checks.same(format!("{prefix}index"), &[archive.count(&format!("{prefix}index"))?], &[index]);
     let window = setting.motion.window as isize;
     let neighbours = [-window, window].map(|offset| setting.timeline.neighbour(index, offset));
-    let expected: Vec<f64> = archive
-        .counts(&format!("{prefix}neighbour_index"))?
-        .into_iter()
-        .map(|neighbour| setting.timeline.times()[neighbour])
-        .collect();
-    checks.same(format!("{prefix}neighbour_index"), &expected, &neighbours);
+    if archive.has(&format!("{prefix}index")) {
+        checks.same(format!("{prefix}index"), &[archive.count(&format!("{prefix}index"))?], &[index]);
+        let expected = archive.counts(&format!("{prefix}neighbour_index"))?;
+        let expected: Vec<f64> = expected.into_iter().map(|index| setting.timeline.times()[index]).collect();
+        checks.same(format!("{prefix}neighbour_index"), &expected, &neighbours);
+    }
 
     let mut compare = |name: &str, found: Tensor<2>| {
         let key = format!("{prefix}{name}");
@@ -227,31 +191,37 @@ fn check_parts(checks: &mut Checklist, archive: &Archive, setting: &Setting, tim
     compare("e", local.clone());
     // An encoder without layers shows the encoding itself.
     let encoding = MotionEncoder::from_layers(Mlp { layers: Vec::new() }, setting.motion.octaves);
-    compare("posenc", encoding.forward(signatures.clone(), local.clone()));
-    compare("h_mvg", setting.refinement.encoder.forward(signatures, local));
+    compare("posenc", encoding.forward(signatures, local));
 
     let feature = setting.feature(time);
     compare("h", feature.clone());
-    compare("base", in_file_order(setting.network.decode(feature)));
+    compare("base", in_file_order(setting.network.decode(feature.clone())));
+    if let Some(guidance) = &setting.refinement.guidance {
+        compare("h_mvg", guidance.forward(&setting.network, &feature, time, &setting.cache));
+    }
     let centre = setting.token(time);
     let around = neighbours.map(|time| setting.token(time));
     compare("z_center", centre.clone());
     compare("z_prev", around[0].clone());
     compare("z_next", around[1].clone());
-    let attention = &setting.refinement.attention;
-    let around = Tensor::stack(around.to_vec(), 1);
-    compare("attn_out", attention.attend(centre.clone(), around.clone()));
-    compare("h_mfta", attention.forward(centre, around));
+    if let Some(temporal) = &setting.refinement.temporal {
+        let tokens = Tokens { centre, around: Tensor::stack(around.to_vec(), 1) };
+        compare("attn_out", temporal.mix(tokens.clone(), &setting.motion));
+        compare("h_mfta", temporal.forward(tokens, &setting.motion));
+    }
     Ok(())
 }
 
 /// With zeros in the last layers the refined offsets are the base offsets, bit for bit, and only those layers learn.
 fn check_zero_start(checks: &mut Checklist, archive: &Archive, mut setting: Setting, time: f64) -> Result<()> {
-    let MotionRefinement { mut encoder, mut attention } = setting.refinement;
-    encoder.mlp = zero_last_layer(encoder.mlp);
-    attention.mlp = zero_last_layer(attention.mlp);
-    setting.refinement = MotionRefinement { encoder, attention };
-    let delta = setting.delta(time, &setting.motion);
+    let MotionRefinement { guidance, temporal } = &mut setting.refinement;
+    let (Some(Guidance::Encoder(encoder)), Some(TemporalModule::Attention(attention))) = (guidance, temporal) else {
+        bail!("the default is not the paper's model");
+    };
+    for mlp in [&mut encoder.mlp, &mut attention.mlp] {
+        *mlp = zero_last_layer(mlp.clone());
+    }
+    let delta = setting.delta(time);
     let base = in_file_order(setting.network.decode(setting.feature(time)));
     let found = Array::of(delta.clone());
     checks.same("zeroinit, against the base", &Array::of(base).values, &found.values);

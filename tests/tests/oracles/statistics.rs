@@ -36,7 +36,6 @@ pub const LEFT_OUT: &[(&str, &str)] = &[
     ("out.theta", "an intermediate; its mean and variance are part of V_raw"),
     ("out.iso", "an intermediate; its mean and variance are part of V_raw"),
     ("out.aniso", "an intermediate; its mean and variance are part of V_raw"),
-    ("out.V_positiononly_raw", "an ablation that comes with the others"),
 ];
 
 /// A file's network and settings.
@@ -109,6 +108,12 @@ fn check_raw(checks: &mut Checklist, archive: &Archive, setting: &Setting, devic
     let statistics = setting.measure(&means, &setting.config)?;
     checks.close("V_raw", archive.array("out.V_raw")?, &signatures(&statistics), RAW);
     checks.close("e_knots_raw", archive.array("out.e_knots_raw")?, &local(&statistics), RAW);
+
+    let position = statistics.position_only();
+    let name = "out.V_positiononly_raw";
+    checks.close(name, archive.array(name)?, &signatures(&position), RAW);
+    let name = "out.intensity_position_only";
+    checks.close(name, archive.array(name)?, &Array::list(position.intensities()), RAW);
 
     let few = MotionConfig { knots: FEW_KNOTS, ..setting.config.clone() };
     let few = setting.measure(&means, &few)?;
