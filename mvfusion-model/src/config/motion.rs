@@ -4,8 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{Descriptor, Refinement, Temporal, TokenMode};
 
-/// MVG and MFTA (METHOD §10; the readings A5 to A30 are named at the keys). What the paper's tables compare is said at the
-/// keys as well, and gathered in docs/ablations.md.
+/// MVG and MFTA (METHOD §10; the readings A5 to A30 are named at the keys). What the paper's tables compare is said at
+/// the keys as well, and gathered in docs/ablations.md.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MotionConfig {
@@ -35,8 +35,9 @@ pub struct MotionConfig {
     /// Half window of the local variance in samples, and distance of the neighbour tokens in frames, `w` (A7, A8).
     /// Supplement, temporal window size: 3, 5, 7, 9.
     pub window: usize,
-    /// Weights of the motion intensity (A9c), which is the last column of the signature. Supplement, fusion weights: five
-    /// settings, among them `1, 0, 0`, which keeps the other columns and so is not `descriptor = "position_variance"`.
+    /// Weights of the motion intensity (A9c), which is the last column of the signature. Supplement, fusion weights:
+    /// five settings, among them `1, 0, 0`, which keeps the other columns and so is not
+    /// `descriptor = "position_variance"`.
     pub weights: FusionWeights,
     /// Decay of the moving mean and variance of the descriptors (A10).
     pub decay: f64,

@@ -50,8 +50,8 @@ impl TemporalAttention {
         Self { query, key, value, mlp, heads }
     }
 
-    /// Centre tokens `[N, T]` and the `K` tokens that each attends to, `[N, K, T]`, to the attention's output before the
-    /// MLP: `[N, attention width]`.
+    /// Centre tokens `[N, T]` and the `K` tokens that each attends to, `[N, K, T]`, to the attention's output before
+    /// the MLP: `[N, attention width]`.
     ///
     /// # Panics
     /// If the shapes do not fit the layers, or the heads do not divide the attention's width.

@@ -6,8 +6,8 @@ use burn::tensor::Tensor;
 use super::token::token_width;
 use crate::network::{LayerInit, Mlp, zero_last_layer};
 
-/// The mean of the tokens instead of attention. Its MLP reads tokens, which are wider than what attention puts out, so it
-/// has one of its own.
+/// The mean of the tokens instead of attention. Its MLP reads tokens, which are wider than what attention puts out, so
+/// it has one of its own.
 #[derive(Module, Debug)]
 pub struct TemporalAverage {
     /// Two layers; the last one starts at zero.

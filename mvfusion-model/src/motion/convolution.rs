@@ -12,8 +12,8 @@ use crate::network::{LayerInit, Mlp, Rectified, side_by_side, zero_last_layer};
 /// Taps of the convolution: previous, current and next frame.
 const TAPS: usize = 3;
 
-/// A convolution over the three tokens instead of attention, then MFTA's MLP. With three taps, three tokens and no padding
-/// there is one output, so the convolution is a linear layer of the tokens side by side.
+/// A convolution over the three tokens instead of attention, then MFTA's MLP. With three taps, three tokens and no
+/// padding there is one output, so the convolution is a linear layer of the tokens side by side.
 #[derive(Module, Debug)]
 pub struct TemporalConvolution {
     /// Previous, current and next token, one after another, to the width of the attention that it stands for.

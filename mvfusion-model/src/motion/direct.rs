@@ -5,8 +5,9 @@ use burn::tensor::Tensor;
 
 use crate::network::{HeadChoice, LayerInit, Mlp, Offsets, zero_last_layer};
 
-/// MVG that is shown raw offsets instead of statistics: `h_MVG = W2 relu(W1 heads(h))`, with `W2` zero at the start. There
-/// is no encoding, no normaliser and no local variance: that raw numbers differ by orders of magnitude is the point.
+/// MVG that is shown raw offsets instead of statistics: `h_MVG = W2 relu(W1 heads(h))`, with `W2` zero at the start.
+/// There is no encoding, no normaliser and no local variance: that raw numbers differ by orders of magnitude is the
+/// point.
 #[derive(Module, Debug)]
 pub struct DirectEncoder {
     /// Two layers; the last one starts at zero.

@@ -36,8 +36,9 @@ pub struct RefinementConfig<'a> {
 impl MotionRefinement {
     /// Fresh branches for the features of a network, those that the configuration asks for; both start without effect.
     ///
-    /// The stream goes on behind the paper's own two branches, whether they are kept or not, and another variant is drawn
-    /// from where the paper's own begins: so runs that differ in one branch start with the same weights in the other.
+    /// The stream goes on behind the paper's own two branches, whether they are kept or not, and another variant is
+    /// drawn from where the paper's own begins: so runs that differ in one branch start with the same weights in the
+    /// other.
     pub fn new(network: &DeformationConfig, config: &MotionConfig, init: &mut LayerInit<'_>) -> Self {
         let (width, hidden) = (network.width, config.hidden);
         let mut start = init.stream.clone();

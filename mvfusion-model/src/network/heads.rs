@@ -132,8 +132,8 @@ pub(super) fn decode(feature: Tensor<2>, heads: &AttributeHeads, masks: Option<&
 }
 
 impl Offsets {
-    /// All offsets side by side, `[N, outputs]`: centres, log-scales, quaternions, opacity, colour, then the mask logits
-    /// dynamic, brightness, static. Heads that are absent leave no gap.
+    /// All offsets side by side, `[N, outputs]`: centres, log-scales, quaternions, opacity, colour, then the mask
+    /// logits dynamic, brightness, static. Heads that are absent leave no gap.
     pub fn joined(self) -> Tensor<2> {
         let masks = self.mask_logits.map(|logits| logits.flip([1]));
         let geometry = [self.means, self.log_scales, self.quaternions];
