@@ -1,6 +1,6 @@
 //! A small network whose Gaussians move, and the refinement that given switches make of it.
 
-use burn::module::Param;
+use burn::module::{Module, Param};
 use burn::nn::Linear;
 use burn::tensor::{DType, Device, Tensor};
 use mvfusion_model::config::MotionConfig;
@@ -85,7 +85,9 @@ impl Bench {
             heads,
         };
         let mut stream = Stream::new(3, 0);
-        let mut network = deformation.init(&mut LayerInit { device, dtype: DType::F32, stream: &mut stream });
+        let learning = device.clone().autodiff();
+        let mut init = LayerInit { device: &learning, dtype: DType::F32, stream: &mut stream };
+        let mut network = deformation.init(&mut init).valid();
         // Time planes of ones, as a run has them at the start, would let nothing move.
         let shape = network.grid.planes.val().dims();
         network.grid.planes = Param::from_tensor(random(&mut stream, shape, 0.2, 1.6, device));
@@ -94,12 +96,13 @@ impl Bench {
         Self { network, timeline, deformation, means, device: device.clone() }
     }
 
-    /// The modules as a run starts with them, and the stream behind them.
+    /// The modules as a run starts with them, without autodiff, and the stream behind them.
     pub fn fresh(&self, motion: &MotionConfig) -> (MotionRefinement, Stream) {
         let mut stream = Stream::new(5, 0);
-        let mut init = LayerInit { device: &self.device, dtype: DType::F32, stream: &mut stream };
+        let learning = self.device.clone().autodiff();
+        let mut init = LayerInit { device: &learning, dtype: DType::F32, stream: &mut stream };
         let refinement = MotionRefinement::new(&self.deformation, motion, &mut init);
-        (refinement, stream)
+        (refinement.valid(), stream)
     }
 
     /// The modules with last layers that have an effect, the same in every variant.
