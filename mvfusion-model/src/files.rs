@@ -1,9 +1,19 @@
 //! Files that are either whole or not there, and what tells them apart.
 
+use std::ffi::OsStr;
 use std::path::Path;
 
 use sha2::{Digest, Sha256};
 use tempfile::NamedTempFile;
+
+/// How the names of files begin and end that are not yet in their place.
+const UNFINISHED: [&str; 2] = [".", ".part"];
+
+/// Whether a file of this name was being written when its process was killed; nobody needs it.
+pub fn is_unfinished(name: &OsStr) -> bool {
+    let name = name.as_encoded_bytes();
+    name.starts_with(UNFINISHED[0].as_bytes()) && name.ends_with(UNFINISHED[1].as_bytes())
+}
 
 /// A temporary file in the folder of `path`, to be renamed onto it, with the permissions of an ordinary new file.
 ///
@@ -11,7 +21,7 @@ use tempfile::NamedTempFile;
 /// If the folder cannot be written to.
 pub fn beside(path: &Path) -> std::io::Result<NamedTempFile> {
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".").suffix(".part");
+    builder.prefix(UNFINISHED[0]).suffix(UNFINISHED[1]);
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;

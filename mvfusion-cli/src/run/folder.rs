@@ -6,6 +6,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
+use mvfusion_model::files::is_unfinished;
 use tracing::warn;
 
 use super::ENTRIES;
@@ -69,20 +70,10 @@ impl RunPlan {
     /// # Errors
     /// As [`RunPlan::new`].
     pub fn for_contents(path: &Path, existing: Existing, contents: Contents) -> anyhow::Result<Self> {
-        let (shown, what) = (path.display(), contents.what);
         if path.exists() {
             check_existing(path, existing, contents)?;
         }
-        let ground = path.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new("."));
-        if let Some(file) = path.ancestors().find(|folder| folder.is_file()) {
-            bail!("cannot make the {what}'s folder {shown}: {} is a file. Give another --out.", file.display());
-        }
-        tempfile::tempfile_in(ground).with_context(|| {
-            format!(
-                "cannot write into {}, where the {what}'s folder {shown} would lie; give another --out",
-                ground.display()
-            )
-        })?;
+        trial_file(path, contents.what)?;
         Ok(Self { path: path.to_owned(), contents })
     }
 
@@ -98,6 +89,7 @@ impl RunPlan {
         parents.reverse();
         let mut folder = RunFolder { path, contents, existed, parents, kept: false };
         fs::create_dir_all(&folder.path)
+            .and_then(|()| remove_unfinished(&folder.path))
             .with_context(|| format!("cannot make the folder {}", folder.path.display()))?;
         if existed && let Err(error) = move_aside(&folder.path, contents.entries) {
             // What has not moved yet is the old one's, and must not be tidied up.
@@ -148,6 +140,35 @@ impl RunFolder {
     }
 }
 
+/// A nameless file where a folder lies or would lie, which proves that files can be written there.
+///
+/// # Errors
+/// If they cannot.
+pub(crate) fn trial_file(path: &Path, what: &str) -> anyhow::Result<fs::File> {
+    let shown = path.display();
+    if let Some(file) = path.ancestors().find(|folder| folder.is_file()) {
+        bail!("cannot make the {what}'s folder {shown}: {} is a file. Give another --out.", file.display());
+    }
+    let ground = path.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new("."));
+    tempfile::tempfile_in(ground).with_context(|| {
+        format!(
+            "cannot write into {}, where the {what}'s folder {shown} would lie; give another --out",
+            ground.display()
+        )
+    })
+}
+
+/// Removes what a killed process was writing at the top of a folder.
+fn remove_unfinished(folder: &Path) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        if is_unfinished(&entry.file_name()) {
+            fs::remove_file(entry.path())?;
+        }
+    }
+    Ok(())
+}
+
 /// A file or folder within a run's folder; the folders on the way are made.
 ///
 /// # Errors
@@ -175,9 +196,10 @@ fn check_existing(path: &Path, existing: Existing, contents: Contents) -> anyhow
     if !path.is_dir() {
         bail!("cannot make the {what}'s folder {shown}: there is a file of that name. Give another --out.");
     }
-    let entries: Vec<OsString> = fs::read_dir(path)
+    let mut entries: Vec<OsString> = fs::read_dir(path)
         .and_then(|entries| entries.map(|entry| entry.map(|entry| entry.file_name())).collect())
         .with_context(|| format!("cannot list the folder {shown}"))?;
+    entries.retain(|name| !is_unfinished(name));
     if entries.is_empty() {
         return Ok(());
     }
@@ -284,6 +306,19 @@ mod tests {
         fs::write(path.join("metrics.jsonl"), "half a run").expect("written");
         drop(RunPlan::new(&path, Existing::Replace).expect("planned").create().expect("made"));
         assert_eq!(names(&path), ["results.json"]);
+    }
+
+    #[test]
+    fn what_a_killed_process_was_writing_is_in_nobodys_way() {
+        let ground = tempfile::tempdir().expect("folder");
+        let path = ground.path().join("a");
+        fs::create_dir(&path).expect("made");
+        for existing in [Existing::Keep, Existing::Replace] {
+            fs::write(path.join(".x7Gh1s.part"), "half a file").expect("written");
+            let mut folder = RunPlan::new(&path, existing).expect("planned").create().expect("made");
+            assert!(names(&path).is_empty());
+            folder.keep();
+        }
     }
 
     #[test]

@@ -12,6 +12,7 @@ mod results;
 
 pub use field::{FieldPerView, FieldScores};
 pub use folder::{Contents, Existing, RunFolder, RunPlan};
+pub(crate) use folder::{place, trial_file};
 pub use metrics::{MetricsLine, MetricsLog, milliseconds};
 pub use open::{MasksRequest, OpenRun, RunRequest};
 pub use pictures::{PicturesWriter, legend};
