@@ -35,26 +35,74 @@ pub fn features() -> Vec<&'static str> {
     .collect()
 }
 
+/// What a device's name asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Wanted<'a> {
+    Auto,
+    Cpu,
+    Flex,
+    Ndarray,
+    Gpu { backend: &'a str, index: usize },
+}
+
+impl<'a> Wanted<'a> {
+    fn parse(name: &'a str) -> Result<Self, UsageError> {
+        let unknown = || UsageError::new(format!("there is no device `{name}`; --device takes one of {NAMES}."));
+        let (kind, number) = match name.split_once(':') {
+            Some((kind, number)) => (kind, Some(number)),
+            None => (name, None),
+        };
+        match (kind, number) {
+            ("auto", None) => Ok(Self::Auto),
+            ("cpu", None) => Ok(Self::Cpu),
+            ("flex", None) => Ok(Self::Flex),
+            ("ndarray", None) => Ok(Self::Ndarray),
+            ("wgpu" | "cuda", number) => {
+                let index = number.map_or(Ok(0), str::parse).map_err(|_| unknown())?;
+                Ok(Self::Gpu { backend: kind, index })
+            }
+            _ => Err(unknown()),
+        }
+    }
+}
+
+/// Whether a machine should have a GPU for a device of this name; `auto` takes one where this build can use it.
+///
+/// # Errors
+/// [`UsageError`] if there is no such device, or none in this build.
+pub fn wants_gpu(name: &str) -> Result<bool, UsageError> {
+    match Wanted::parse(name)? {
+        Wanted::Auto => Ok(cfg!(any(feature = "wgpu", feature = "cuda"))),
+        Wanted::Gpu { backend, .. } if features().contains(&backend) => Ok(true),
+        Wanted::Gpu { backend, .. } => Err(not_built(backend)),
+        // These take no memory of anybody.
+        Wanted::Cpu | Wanted::Flex | Wanted::Ndarray => open(name).map(|_| false),
+    }
+}
+
+/// Whether there is a device of this name. A GPU is not opened: another process is to have all of it.
+///
+/// # Errors
+/// [`UsageError`] if there is none.
+pub fn check(name: &str) -> Result<(), UsageError> {
+    match Wanted::parse(name)? {
+        Wanted::Auto => Ok(()),
+        Wanted::Gpu { backend, index } => gpu::check(backend, index),
+        Wanted::Cpu | Wanted::Flex | Wanted::Ndarray => open(name).map(|_| ()),
+    }
+}
+
 /// Opens the device of a name.
 ///
 /// # Errors
 /// [`UsageError`] if there is no such device, or none in this build.
 pub fn open(name: &str) -> Result<OpenDevice, UsageError> {
-    let (kind, number) = match name.split_once(':') {
-        Some((kind, number)) => (kind, Some(number)),
-        None => (name, None),
-    };
-    let unknown = || UsageError::new(format!("there is no device `{name}`; --device takes one of {NAMES}."));
-    match (kind, number) {
-        ("auto", None) => auto(),
-        ("cpu", None) => cpu("the CPU was asked for"),
-        ("flex", None) => flex("asked for by name").ok_or_else(|| not_built("flex")),
-        ("ndarray", None) => ndarray("asked for by name").ok_or_else(|| not_built("ndarray")),
-        ("wgpu" | "cuda", number) => {
-            let index = number.map_or(Ok(0), str::parse).map_err(|_| unknown())?;
-            gpu::open(kind, index)
-        }
-        _ => Err(unknown()),
+    match Wanted::parse(name)? {
+        Wanted::Auto => auto(),
+        Wanted::Cpu => cpu("the CPU was asked for"),
+        Wanted::Flex => flex("asked for by name").ok_or_else(|| not_built("flex")),
+        Wanted::Ndarray => ndarray("asked for by name").ok_or_else(|| not_built("ndarray")),
+        Wanted::Gpu { backend, index } => gpu::open(backend, index),
     }
 }
 
@@ -97,14 +145,23 @@ mod gpu {
 
     /// A GPU by its backend and its number there.
     pub fn open(backend: &str, index: usize) -> Result<OpenDevice, UsageError> {
+        opened(find(backend, index)?, "asked for by name").map_err(|error| {
+            UsageError::new(format!("{error}. Update its driver, or take another device or `--device cpu`."))
+        })
+    }
+
+    /// Whether there is such a GPU.
+    pub fn check(backend: &str, index: usize) -> Result<(), UsageError> {
+        find(backend, index).map(|_| ())
+    }
+
+    fn find(backend: &str, index: usize) -> Result<&'static Gpu, UsageError> {
         if !super::features().contains(&backend) {
             return Err(super::not_built(backend));
         }
         let found = gpus();
         match found.iter().find(|gpu| gpu.backend == backend && gpu.index == index) {
-            Some(gpu) => opened(gpu, "asked for by name").map_err(|error| {
-                UsageError::new(format!("{error}. Update its driver, or take another device or `--device cpu`."))
-            }),
+            Some(gpu) => Ok(gpu),
             None => {
                 let names: Vec<String> = found.iter().map(Gpu::label).collect();
                 let there = if names.is_empty() {
@@ -166,6 +223,10 @@ mod gpu {
         Err(UsageError::new(format!(
             "`--device {backend}`: this build has no GPU support; {WITH_GPU}, or take `--device cpu`."
         )))
+    }
+
+    pub fn check(backend: &str, index: usize) -> Result<(), UsageError> {
+        open(backend, index).map(|_| ())
     }
 
     pub fn list() -> Vec<String> {
@@ -235,6 +296,14 @@ mod tests {
         for name in ["tpu", "wgpu:first", "cpu:0", ""] {
             assert!(refusal(name).contains("auto, cpu, flex"), "{name}");
         }
+    }
+
+    #[test]
+    fn a_gpu_is_wanted_by_name() {
+        assert_eq!(wants_gpu("cpu"), Ok(false));
+        assert_eq!(wants_gpu("auto"), Ok(cfg!(any(feature = "wgpu", feature = "cuda"))));
+        assert_eq!(wants_gpu("cuda:3").is_ok(), cfg!(feature = "cuda"));
+        wants_gpu("gpu").expect_err("unknown");
     }
 
     #[test]

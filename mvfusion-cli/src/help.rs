@@ -176,3 +176,34 @@ pub const REPORT: &str = "\
 Makes report.html from what lies in a run's folder: figures with their protocol, curves of the training, sliders between \
 photo and picture, every layer of a few views, heat maps of motion, record and configuration. Needs no device and no \
 scene. Whatever is missing is named in its place. The page needs no other file and no network.";
+
+/// `mvfusion sweep --help`, above the options.
+pub const SWEEP: &str = "\
+Trains every cell of a grid: all of its scenes, with each variant, with each combination of the values of its swept keys, with \
+each seed. All cells are resolved and checked before the first one runs. A cell is a run like one of `mvfusion train`, in a \
+folder whose name follows from its whole configuration.
+
+Start the same command again after an interruption of any kind: finished cells are skipped, interrupted and failed ones start \
+again. A cell that fails is reported and does not stop the rest. At the end the table is printed and written: Markdown, LaTeX, \
+CSV and JSON, means and spreads over seeds, beside the paper's numbers where the grid has them, and plots of swept keys.";
+
+/// `mvfusion sweep --help`, below the options.
+pub const SWEEP_MORE: &str = "\
+Examples:
+  mvfusion sweep components-small --jobs 2
+          the paper's component ablation on the built-in scenes
+  mvfusion sweep neu3d --data-root ~/scenes --dry-run
+          the cells of the paper's main table, and how long they will take
+  mvfusion sweep grid.toml --launcher slurm --sbatch=--partition=gpu
+          a grid of your own as a job array; docs/sweeps.md tells its format
+  mvfusion sweep status runs/sweeps/grid
+  mvfusion sweep table runs/sweeps/grid
+          how far it is; the table of what has finished
+
+The sweep's folder:
+  table.md, .tex, .csv, .json   the table
+  plots/KEY_METRIC.svg          a swept key against a figure
+  cells/ID/                     the runs; ID.log beside each is what it said
+  grid.toml, sweep.json         the grid, and its cells with their ids
+
+Exit code 1 if a cell failed, 2 for a grid that cannot be run.";

@@ -2,7 +2,7 @@
 //!
 //! [`command`] holds a file for each command; [`config`] merges the layers of the configuration; [`mod@run`] knows
 //! the files of a run's folder, [`report`] makes a page of them; [`export`] writes those for other programs, [`render`]
-//! films; [`progress`] and [`table`] are what the user sees. No mathematics here: that is `mvfusion-model`.
+//! films; [`sweep`] runs many of them and makes tables; [`progress`] and [`table`] are what the user sees. No mathematics here: that is `mvfusion-model`.
 
 pub mod args;
 pub mod atomic;
@@ -19,6 +19,7 @@ pub mod render;
 pub mod report;
 pub mod run;
 pub mod scene;
+pub mod sweep;
 pub mod table;
 pub mod threads;
 
@@ -47,5 +48,6 @@ pub fn run(cli: &Cli, threads: usize, out: &mut dyn Write) -> anyhow::Result<()>
         Command::Devices => command::devices(out),
         Command::Render(args) => command::render(args, talk, out),
         Command::Report(args) => command::report(args, out),
+        Command::Sweep(args) => command::sweep(args, talk, out),
     }
 }

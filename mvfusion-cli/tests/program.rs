@@ -6,6 +6,9 @@ use std::process::{Command, Output};
 
 #[path = "program/render.rs"]
 mod render;
+#[cfg(unix)]
+#[path = "program/sweep.rs"]
+mod sweep;
 
 /// Exit codes of the manual.
 const FAILED: i32 = 1;

@@ -10,6 +10,7 @@ mod render;
 mod report;
 mod score;
 mod speed;
+mod sweep;
 mod synth;
 mod train;
 
@@ -21,5 +22,6 @@ pub use export::export;
 pub use presets::presets;
 pub use render::render;
 pub use report::report;
+pub use sweep::sweep;
 pub use synth::{parse_size, synth};
 pub use train::train;

@@ -144,7 +144,7 @@ fn list(table: &Table, prefix: &str, keys: &mut Vec<String>) {
 }
 
 /// The name most like `given`, as a whole or in its last part, if any is like it at all.
-pub(super) fn nearest<'a>(given: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+pub(crate) fn nearest<'a>(given: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     /// A match of last parts alone counts a little less than one of whole names.
     const LAST_PART: f64 = 0.9;
     let last = |name: &'a str| name.rsplit('.').next().unwrap_or(name);

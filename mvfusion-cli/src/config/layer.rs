@@ -30,6 +30,8 @@ pub enum Origin {
     Setting(String),
     /// An option of its own.
     Flag(&'static str),
+    /// A part of a grid, in words: ``components.toml, the variant `full` ``.
+    Grid(String),
 }
 
 impl Layer {
@@ -46,6 +48,11 @@ impl Layer {
         let mut lines = BTreeMap::new();
         collect_lines(text, DeTable::parse(text).map_err(wrong)?.get_ref(), "", &mut lines);
         Ok(Self { table, origin, lines })
+    }
+
+    /// A layer of keys that were read already.
+    pub fn of_table(table: Table, origin: Origin) -> Self {
+        Self { table, origin, lines: BTreeMap::new() }
     }
 
     /// A layer from `dotted.key=value`; a value that is no TOML is a text.
@@ -69,7 +76,7 @@ impl Layer {
         let last = parts.next().unwrap_or_default();
         let leaf = Table::from_iter([(last.to_owned(), value)]);
         let table = parts.fold(leaf, |inner, part| Table::from_iter([(part.to_owned(), Value::Table(inner))]));
-        Self { table, origin, lines: BTreeMap::new() }
+        Self::of_table(table, origin)
     }
 
     /// Where a key of this layer stands, for people.
@@ -88,6 +95,7 @@ impl Origin {
             Self::File(path) => path.display().to_string(),
             Self::Setting(setting) => format!("`--set {setting}`"),
             Self::Flag(flag) => format!("`{flag}`"),
+            Self::Grid(part) => part.clone(),
         }
     }
 }
@@ -111,7 +119,7 @@ fn collect_lines(text: &str, table: &DeTable<'_>, prefix: &str, lines: &mut BTre
 }
 
 /// The line, from 1, of a byte of a text.
-fn line_of(text: &str, byte: usize) -> usize {
+pub fn line_of(text: &str, byte: usize) -> usize {
     1 + text.bytes().take(byte).filter(|&byte| byte == b'\n').count()
 }
 

@@ -14,7 +14,8 @@ use toml::{Table, Value};
 use crate::args::LayerArgs;
 use crate::failure::UsageError;
 use keys::KnownKeys;
-use layer::{Layer, Origin};
+pub(crate) use keys::nearest;
+pub(crate) use layer::{Layer, Origin, line_of};
 pub use preset::{PRESETS, Preset};
 
 /// The preset for the built-in scene.
@@ -57,10 +58,19 @@ pub fn resolve(args: &LayerArgs, data: Option<&Path>) -> anyhow::Result<Resolved
     let note = (args.preset.is_none() && data.is_some())
         .then(|| format!("preset: {default} (the one for such a folder; --preset takes another)"));
 
-    let mut config = merge(&[preset_layers(preset)?, layers].concat())?;
+    let mut config = resolve_layers(preset, layers)?;
     make_absolute(&mut config)?;
-    config.check()?;
     Ok(Resolved { config, preset, note })
+}
+
+/// Lays layers over a preset, lowest first. Paths stay as they are given.
+///
+/// # Errors
+/// As [`resolve`].
+pub(crate) fn resolve_layers(preset: &'static Preset, layers: Vec<Layer>) -> anyhow::Result<Config> {
+    let config = merge(&[preset_layers(preset)?, layers].concat())?;
+    config.check()?;
+    Ok(config)
 }
 
 /// Reads the configuration that a run has written down.
@@ -149,7 +159,7 @@ fn overlay(below: &mut Table, above: &Table) {
 }
 
 /// Paths are written down absolute, so that a run finds its data again wherever the program is started.
-fn make_absolute(config: &mut Config) -> anyhow::Result<()> {
+pub(crate) fn make_absolute(config: &mut Config) -> anyhow::Result<()> {
     let Config { scene, init, eval, .. } = config;
     let paths: [&mut Option<PathBuf>; 6] = [
         &mut scene.data,

@@ -164,8 +164,8 @@ impl Results {
             .collect()
     }
 
-    /// The figures that are known, by the names they have in the file.
-    fn figures(&self) -> BTreeMap<String, f64> {
+    /// The figures that are known, by the names they have in the file; times and speeds are none.
+    pub fn figures(&self) -> BTreeMap<String, f64> {
         let sets =
             std::iter::once(("test", &self.test)).chain(self.training_views.iter().map(|set| ("training_views", set)));
         let mut figures: BTreeMap<String, f64> = sets.flat_map(|(name, set)| figures_of(name, set)).collect();

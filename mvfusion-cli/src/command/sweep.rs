@@ -1,0 +1,292 @@
+//! `mvfusion sweep`.
+
+use std::collections::BTreeSet;
+use std::io::Write;
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+use mvfusion_model::evaluation::Backbone;
+
+use crate::args::{Launcher, SweepAction, SweepArgs, SweepRunArgs};
+use crate::clock::spoken;
+use crate::failure::UsageError;
+use crate::progress::Talk;
+use crate::sweep::{
+    self, Additions, Cell, Estimate, Grid, Index, Local, Plan, SHIPPED, Slurm, Source, State, SweepFolder, table,
+};
+use crate::{device, threads};
+
+/// Where sweeps lie unless `--out` says otherwise.
+const SWEEPS: &str = "runs/sweeps";
+
+/// Threads of a cell on a cluster, unless `--threads` says otherwise.
+const CLUSTER_THREADS: usize = 4;
+
+/// Runs a sweep, or tells how one stands.
+///
+/// # Errors
+/// For a grid that cannot be run, before anything is; later if cells failed or the folder cannot be used.
+pub fn sweep(args: &SweepArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<()> {
+    match &args.action {
+        Some(SweepAction::Status(args)) => status(&args.folder, out),
+        Some(SweepAction::Table(args)) => table_of(&args.folder, out),
+        Some(SweepAction::List) => list(out),
+        Some(SweepAction::Show(args)) => show(&args.name, out),
+        Some(SweepAction::RunCell(args)) => sweep::run_cell(args, talk, out),
+        None => Session::new(&args.run, talk)?.run(out),
+    }
+}
+
+fn status(folder: &Path, out: &mut dyn Write) -> anyhow::Result<()> {
+    let folder = SweepFolder::new(folder)?;
+    let index = Index::read(folder.path())?;
+    let mut counts = [0; 5];
+    for cell in &index.cells {
+        let state = folder.state(&cell.id, &index.wanted)?;
+        counts[rank(&state)] += 1;
+        let words = match &state {
+            State::Failed(words) => format!(": {words}"),
+            _ => String::new(),
+        };
+        writeln!(out, "{:12} {}  {}{words}", state.word(), cell.id, cell.name(&index.axes))?;
+    }
+    let words = ["finished", "running", "interrupted", "failed", "to do"];
+    let counts = counts.iter().zip(words).filter(|(count, _)| **count > 0);
+    let counts: Vec<String> = counts.map(|(count, word)| format!("{count} {word}")).collect();
+    Ok(writeln!(out, "{} cells: {}", index.cells.len(), counts.join(", "))?)
+}
+
+/// The place of a state in the sum.
+fn rank(state: &State) -> usize {
+    match state {
+        State::Finished => 0,
+        State::Running => 1,
+        State::Interrupted => 2,
+        State::Failed(_) => 3,
+        State::ToDo => 4,
+    }
+}
+
+fn table_of(folder: &Path, out: &mut dyn Write) -> anyhow::Result<()> {
+    let folder = SweepFolder::new(folder)?;
+    write_table(&folder, &Index::read(folder.path())?, out)
+}
+
+fn write_table(folder: &SweepFolder, index: &Index, out: &mut dyn Write) -> anyhow::Result<()> {
+    let outcomes = folder.outcomes(index)?;
+    let written = table::write(index, &outcomes, folder.path())?;
+    write!(out, "{}", table::Table::of(index, &outcomes).markdown())?;
+    writeln!(out)?;
+    written.iter().try_for_each(|path| writeln!(out, "written: {}", path.display()))?;
+    Ok(())
+}
+
+fn list(out: &mut dyn Write) -> anyhow::Result<()> {
+    for shipped in SHIPPED {
+        let grid = Grid::read(Path::new(shipped.name))?.grid;
+        writeln!(out, "{:24}{}", shipped.name, grid.title)?;
+    }
+    Ok(())
+}
+
+fn show(name: &str, out: &mut dyn Write) -> anyhow::Result<()> {
+    match sweep::find_shipped(name) {
+        Some(shipped) => Ok(write!(out, "{}", shipped.text)?),
+        None => {
+            let all = sweep::shipped_names();
+            Err(UsageError::new(format!("no grid `{name}` ships with the program. The grids are: {all}.")).into())
+        }
+    }
+}
+
+/// A sweep that is about to be run.
+struct Session<'a> {
+    args: &'a SweepRunArgs,
+    source: Source,
+    plan: Plan,
+    folder: SweepFolder,
+    talk: Talk,
+}
+
+impl<'a> Session<'a> {
+    /// Reads and checks everything; nothing is written.
+    fn new(args: &'a SweepRunArgs, talk: Talk) -> anyhow::Result<Self> {
+        let grid = args.grid.as_deref().context("a grid is needed")?;
+        let source = Grid::read(grid)?;
+        let additions = Additions {
+            data_root: args.data_root.clone(),
+            lpips_weights: args.lpips_weights.clone(),
+            set: args.set.clone(),
+        };
+        let plan = Plan::new(&source, &additions)?;
+        // A device that is not there is found here, and not by every cell; the nodes of a cluster have others.
+        match args.launcher {
+            Launcher::Local => device::check(&args.device)?,
+            Launcher::Slurm => device::wants_gpu(&args.device).map(|_| ())?,
+        }
+        let out = args.out.clone().unwrap_or_else(|| PathBuf::from(SWEEPS).join(&source.name));
+        let folder = SweepFolder::new(&out)?;
+        let session = Self { args, source, plan, folder, talk };
+        session.check_options()?;
+        session.check_choice()?;
+        session.check_folders()?;
+        session.folder.check()?;
+        Ok(session)
+    }
+
+    fn run(&self, out: &mut dyn Write) -> anyhow::Result<()> {
+        let index = &self.plan.index;
+        let to_do = self.to_do()?;
+        if self.args.dry_run {
+            return self.show(&to_do, out);
+        }
+        self.folder.prepare(&self.source.text, &self.plan)?;
+        let count = index.cells.len();
+        self.talk.note(&format!("sweep:  {count} cells, {} to do, in {}", to_do.len(), self.folder.path().display()));
+        if index.wanted.speed_frames > 0 && self.args.jobs.is_some_and(|jobs| jobs.get() > 1) {
+            self.talk.note("note:   frames a second and seconds are those of cells that share the machine");
+        }
+        let failed = match self.args.launcher {
+            _ if to_do.is_empty() => 0,
+            Launcher::Local => self.local(to_do.len()).run(&to_do, Estimate::new(&self.folder, index)?)?,
+            Launcher::Slurm => {
+                let job = self.slurm().submit(&to_do, self.args.wait)?;
+                writeln!(out, "job {job}: {} cells", to_do.len())?;
+                if !self.args.wait {
+                    let folder = self.folder.path().display();
+                    return Ok(writeln!(out, "`mvfusion sweep status {folder}` tells how far they are.")?);
+                }
+                self.to_do()?.len()
+            }
+        };
+        write_table(&self.folder, index, out)?;
+        if failed > 0 {
+            let (count, folder) = (to_do.len(), self.folder.path().display());
+            bail!("{failed} of {count} cells have not finished; `mvfusion sweep status {folder}` tells why");
+        }
+        Ok(())
+    }
+
+    /// Refuses options that would be ignored.
+    fn check_options(&self) -> Result<(), UsageError> {
+        let is_local = self.args.launcher == Launcher::Local;
+        let ignored = [("--sbatch", !self.args.sbatch.is_empty()), ("--wait", self.args.wait)];
+        match ignored.into_iter().find(|(_, given)| is_local && *given) {
+            Some((option, _)) => Err(UsageError::new(format!("{option} is for --launcher slurm."))),
+            None => Ok(()),
+        }
+    }
+
+    /// Whether `--scenes` and `--seeds` name what there is.
+    fn check_choice(&self) -> Result<(), UsageError> {
+        let cells = &self.plan.index.cells;
+        let stray = self.args.scenes.iter().find(|name| !cells.iter().any(|cell| cell.scene == **name));
+        if let Some(scene) = stray {
+            let known: BTreeSet<&str> = cells.iter().map(|cell| cell.scene.as_str()).collect();
+            let known = known.into_iter().collect::<Vec<_>>().join(", ");
+            return Err(UsageError::new(format!("--scenes: the grid has no scene `{scene}`; it has {known}.")));
+        }
+        match self.args.seeds.iter().find(|seed| !cells.iter().any(|cell| cell.seed == **seed)) {
+            Some(seed) => Err(UsageError::new(format!("--seeds: the grid has no seed {seed}."))),
+            None => Ok(()),
+        }
+    }
+
+    /// Whether the folders of the scenes that are to be trained, and of the weights, are there.
+    fn check_folders(&self) -> anyhow::Result<()> {
+        let has_weights = |folder: &Path| Backbone::ALL.iter().any(|backbone| backbone.file_in(folder).is_some());
+        if let Some(folder) = self.args.lpips_weights.as_deref().filter(|folder| !has_weights(folder)) {
+            let folder = folder.display();
+            bail!("--lpips-weights {folder}: there is no lpips_alex_f32.safetensors or the like (docs/evaluation.md)");
+        }
+        let chosen = self.plan.index.cells.iter().zip(&self.plan.configs).filter(|(cell, _)| self.is_chosen(cell));
+        let folders = chosen.flat_map(|(cell, config)| {
+            [&config.scene.data, &config.eval.dynamic_masks].map(|folder| (cell, folder.as_deref()))
+        });
+        let mut missing: Vec<String> = folders
+            .filter_map(|(cell, folder)| Some((cell, folder?)))
+            .filter(|(_, folder)| !folder.is_dir())
+            .map(|(cell, folder)| format!("{} ({})", folder.display(), cell.scene))
+            .collect();
+        missing.sort();
+        missing.dedup();
+        if missing.is_empty() {
+            return Ok(());
+        }
+        bail!(
+            "these folders of the grid's scenes are not there: {}. Give --data-root, or --scenes to train some alone.",
+            missing.join(", ")
+        )
+    }
+
+    fn is_chosen(&self, cell: &Cell) -> bool {
+        let (scenes, seeds) = (&self.args.scenes, &self.args.seeds);
+        (scenes.is_empty() || scenes.contains(&cell.scene)) && (seeds.is_empty() || seeds.contains(&cell.seed))
+    }
+
+    /// The chosen cells that have not finished.
+    fn to_do(&self) -> anyhow::Result<Vec<&Cell>> {
+        let index = &self.plan.index;
+        let chosen = index.cells.iter().filter(|cell| self.is_chosen(cell));
+        Ok(chosen.filter(|cell| !self.folder.is_finished(&cell.id, &index.wanted)).collect())
+    }
+
+    fn local(&self, cells: usize) -> Local<'_> {
+        let jobs = self.args.jobs.map_or(1, NonZeroUsize::get).min(cells.max(1));
+        let threads = (threads::count(self.args.threads) / jobs).max(1);
+        let (folder, index, device) = (&self.folder, &self.plan.index, self.args.device.as_str());
+        Local { folder, index, device, jobs, threads, talk: self.talk }
+    }
+
+    fn slurm(&self) -> Slurm<'_> {
+        Slurm {
+            folder: &self.folder,
+            index: &self.plan.index,
+            device: &self.args.device,
+            jobs: self.args.jobs.map(NonZeroUsize::get),
+            threads: self.args.threads.map_or(CLUSTER_THREADS, NonZeroUsize::get),
+            options: &self.args.sbatch,
+        }
+    }
+
+    /// What would be done.
+    fn show(&self, to_do: &[&Cell], out: &mut dyn Write) -> anyhow::Result<()> {
+        let index = &self.plan.index;
+        for cell in index.cells.iter().filter(|cell| self.is_chosen(cell)) {
+            let state = self.folder.state(&cell.id, &index.wanted)?;
+            let name = cell.name(&index.axes);
+            writeln!(out, "{:12} {}  {name}, {} steps", state.word(), cell.id, cell.steps)?;
+        }
+        if self.args.launcher == Launcher::Slurm && !to_do.is_empty() {
+            write!(out, "\n{}\n", self.slurm().script(to_do)?)?;
+        }
+        let jobs = match self.args.launcher {
+            Launcher::Local => self.local(to_do.len()).jobs,
+            Launcher::Slurm => self.args.jobs.map_or(to_do.len(), NonZeroUsize::get),
+        };
+        let mut estimate = Estimate::new(&self.folder, index)?;
+        if self.args.probe {
+            self.probe(to_do, &mut estimate)?;
+        }
+        let steps: usize = to_do.iter().map(|cell| cell.steps).sum();
+        let time = estimate.seconds(to_do.iter().copied(), jobs).map_or("unknown".to_owned(), spoken);
+        let ground = estimate.ground();
+        writeln!(out, "{} cells to do, {steps} steps, {jobs} at a time: {time} ({ground})", to_do.len())?;
+        Ok(())
+    }
+
+    /// Tries a few steps of a cell of each scene and variant.
+    fn probe(&self, to_do: &[&Cell], estimate: &mut Estimate) -> anyhow::Result<()> {
+        let mut tried = BTreeSet::new();
+        let Plan { index, configs } = &self.plan;
+        for (cell, config) in index.cells.iter().zip(configs).filter(|(cell, _)| to_do.contains(cell)) {
+            if tried.insert((&cell.scene, &cell.variant)) {
+                self.talk.note(&format!("probe:  {}", cell.name(&index.axes)));
+                let threads = self.local(to_do.len()).threads;
+                estimate.add_probe(cell, sweep::probe_seconds(cell, config, &self.args.device, threads)?);
+            }
+        }
+        Ok(())
+    }
+}

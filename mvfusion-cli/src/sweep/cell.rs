@@ -1,0 +1,78 @@
+//! One cell as a process: what a job of this machine and a task of SLURM both run.
+
+use std::io::Write;
+
+use anyhow::bail;
+use bytesize::ByteSize;
+use mvfusion_model::evaluation::Protocol;
+use mvfusion_model::train::IMAGE_CACHE;
+use tracing::warn;
+
+use super::folder::{Order, State, SweepFolder};
+use crate::args::{ComputeArgs, EvalArgs, LayerArgs, RunCellArgs, TrainArgs};
+use crate::command;
+use crate::progress::Talk;
+
+/// Trains a cell, evaluates it, and measures what else is wanted; does nothing if it is finished.
+///
+/// # Errors
+/// If another process works on it; what training or evaluation fails with, in words that are left beside the cell's folder
+/// as well.
+pub fn run_cell(args: &RunCellArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<()> {
+    let (folder, id) = (SweepFolder::new(&args.out)?, args.cell.as_str());
+    let order = folder.order(id)?;
+    let name = &order.name;
+    // A task that ended well for this reason would never be run again.
+    let Some(_lock) = folder.lock(id)? else { bail!("{name}: another process works on it") };
+    if folder.is_finished(id, &order.wanted) {
+        return Ok(writeln!(out, "{name}: {}", State::Finished.word())?);
+    }
+    writeln!(out, "{name}")?;
+    folder.forget_failure(id)?;
+    let result = work(&folder, id, &order, &args.compute, talk, out);
+    if let Err(error) = &result
+        && let Err(note) = folder.note_failure(id, &format!("{error:#}"))
+    {
+        warn!("{note:#}");
+    }
+    result
+}
+
+fn work(
+    folder: &SweepFolder,
+    id: &str,
+    order: &Order,
+    compute: &ComputeArgs,
+    talk: Talk,
+    out: &mut dyn Write,
+) -> anyhow::Result<()> {
+    if !folder.is_trained(id) {
+        let layers =
+            LayerArgs { preset: Some(order.preset.clone()), config: Some(folder.config(id)), ..LayerArgs::default() };
+        let run = TrainArgs {
+            data: None,
+            layers,
+            compute: compute.clone(),
+            image_cache: ByteSize(IMAGE_CACHE),
+            lpips_weights: None,
+            out: Some(folder.run(id)),
+            // What lies there is the remains of an interrupted run.
+            force: true,
+        };
+        command::train(&run, talk, out)?;
+    }
+    if !folder.is_finished(id, &order.wanted) {
+        let eval = EvalArgs {
+            run: folder.run(id),
+            data: None,
+            masks: None,
+            lpips_weights: order.wanted.lpips_weights.clone(),
+            protocol: Protocol::Mvfusion,
+            speed_frames: order.wanted.speed_frames,
+            compute: compute.clone(),
+            write: true,
+        };
+        command::eval(&eval, talk, out)?;
+    }
+    Ok(())
+}

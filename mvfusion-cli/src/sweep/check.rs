@@ -1,0 +1,287 @@
+//! What is refused about a grid before any of its cells is made.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use mvfusion_model::Config;
+use mvfusion_model::evaluation::Figure;
+use toml::{Table, Value};
+
+use super::grid::{Axis, ColumnGroup, Grid, PaperRow, is_same, leaves};
+use super::index::{Cell, Index};
+use super::plan::columns_of;
+use crate::config::{self, Layer, nearest};
+use crate::failure::UsageError;
+
+/// Keys that the grid says elsewhere, and where.
+const ELSEWHERE: [(&str, &str); 4] = [
+    ("seed", "list it in `seeds`"),
+    ("scene.data", "give the scene a `data`"),
+    ("eval.dynamic_masks", "give the scene `masks`"),
+    ("eval.lpips_weights", "give --lpips-weights on the command line"),
+];
+
+/// How figures of the views that were trained on begin.
+const TRAINING_VIEWS: &str = "training_views.";
+
+/// Layers and parts of results.json that have figures.
+const LAYERS: [&str; 4] = ["composed", "static", "dynamic_region", "still_region"];
+
+/// Figures of a run beside those of layers.
+const OTHERS: [&str; 13] = [
+    "mask_iou",
+    "temporal.t_lpips_alex",
+    "temporal.t_lpips_vgg",
+    "temporal.consecutive_lpips_alex",
+    "temporal.consecutive_lpips_vgg",
+    "gaussians.static",
+    "gaussians.dynamic",
+    "train.seconds",
+    "train.ms_per_step",
+    "eval.seconds",
+    "speed.fps",
+    "speed.fps_without_mfta",
+    "training_views.mask_iou",
+];
+
+/// Lists, names, and keys that contradict each other; `settings` are those of the command line.
+pub(super) fn grid(grid: &Grid, axes: &[Axis], settings: &[Layer], origin: &str) -> Result<(), UsageError> {
+    let wrong = |what: String| UsageError::new(format!("{origin}: {what}"));
+    lists(grid, axes).map_err(wrong)?;
+    presets(grid).map_err(wrong)?;
+    keys(grid, axes, settings).map_err(wrong)?;
+    exclusion_keys(grid, axes).map_err(wrong)?;
+    columns(grid).map_err(wrong)?;
+    grid.paper.iter().try_for_each(|row| paper(grid, axes, row)).map_err(wrong)
+}
+
+/// Empty and repeated entries.
+fn lists(grid: &Grid, axes: &[Axis]) -> Result<(), String> {
+    let empty = |what: &str| Err(format!("{what} is empty: there would be nothing to train."));
+    if grid.scenes.is_empty() {
+        return empty("`scenes`");
+    }
+    if grid.seeds.is_empty() {
+        return empty("`seeds`");
+    }
+    once("the scene", grid.scenes.iter().map(|scene| &scene.name))?;
+    once("the variant", grid.variants.iter().map(|variant| &variant.name))?;
+    once("the seed", grid.seeds.iter())?;
+    for axis in axes {
+        if axis.values.is_empty() {
+            return empty(&format!("`{}` in [grid]", axis.key));
+        }
+        once(&format!("`{}` in [grid]: the value", axis.key), axis.values.iter())?;
+    }
+    match grid.variants.iter().find(|variant| variant.name.trim().is_empty()) {
+        Some(_) => Err("a variant has no name.".to_owned()),
+        None => Ok(()),
+    }
+}
+
+/// Refuses what is in a list twice.
+fn once(what: &str, entries: impl Iterator<Item = impl ToString>) -> Result<(), String> {
+    let mut seen = BTreeSet::new();
+    match entries.map(|entry| entry.to_string()).find(|entry| !seen.insert(entry.clone())) {
+        Some(entry) => Err(format!("{what} `{entry}` is there twice.")),
+        None => Ok(()),
+    }
+}
+
+/// A scene and a variant cannot both say where a cell starts from.
+fn presets(grid: &Grid) -> Result<(), String> {
+    let scene = grid.scenes.iter().find(|scene| scene.preset.is_some());
+    let variant = grid.variants.iter().find(|variant| variant.preset.is_some());
+    match (scene, variant) {
+        (Some(scene), Some(variant)) => Err(format!(
+            "the scene `{}` and the variant `{}` both name a preset, and their cells can start from one only. Give one of \
+             them keys under `set` instead.",
+            scene.name, variant.name
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// Keys that are given in two places of which one would hide the other, or in the wrong one.
+fn keys(grid: &Grid, axes: &[Axis], settings: &[Layer]) -> Result<(), String> {
+    let own = [("[set]".to_owned(), &grid.set), ("[grid]".to_owned(), &grid.grid)];
+    let scenes: Vec<Place> =
+        grid.scenes.iter().map(|scene| (format!("the scene `{}`", scene.name), &scene.set)).collect();
+    let variants: Vec<Place> =
+        grid.variants.iter().map(|variant| (format!("the variant `{}`", variant.name), &variant.set)).collect();
+    let given: Vec<Place> = settings.iter().map(|layer| ("--set".to_owned(), &layer.table)).collect();
+    for (place, table) in own.iter().chain(&scenes).chain(&variants).chain(&given) {
+        for (key, _) in leaves(table) {
+            if let Some((_, remedy)) = ELSEWHERE.iter().find(|(known, _)| *known == key) {
+                return Err(format!("`{key}` stands in {place}; {remedy}."));
+            }
+        }
+    }
+    for (index, axis) in axes.iter().enumerate() {
+        if let Some(other) = axes[..index].iter().find(|other| overlap(&other.key, &axis.key)) {
+            return Err(format!("`{}` and `{}` in [grid] are about the same key.", other.key, axis.key));
+        }
+    }
+    let swept = [("[grid]".to_owned(), &grid.grid)];
+    let elsewhere: Vec<Place> = [&own[..1], &scenes, &variants, &given].concat();
+    apart(&swept, &elsewhere)?;
+    apart(&variants, &[&scenes[..], &given].concat())
+}
+
+/// Keys and where they stand.
+type Place<'a> = (String, &'a Table);
+
+/// Refuses a key that stands in a place of each kind.
+fn apart(some: &[Place<'_>], others: &[Place<'_>]) -> Result<(), String> {
+    for ((place, table), (other_place, other_table)) in some.iter().flat_map(|a| others.iter().map(move |b| (a, b))) {
+        for (key, _) in leaves(table) {
+            if let Some((other, _)) = leaves(other_table).into_iter().find(|(other, _)| overlap(&key, other)) {
+                return Err(format!(
+                    "`{key}` in {place} and `{other}` in {other_place} would hide one another. Remove one of them."
+                ));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Whether two dotted keys are the same, or one a part of the other.
+fn overlap(a: &str, b: &str) -> bool {
+    let within = |inner: &str, outer: &str| inner.strip_prefix(outer).is_some_and(|rest| rest.starts_with('.'));
+    a == b || within(a, b) || within(b, a)
+}
+
+fn exclusion_keys(grid: &Grid, axes: &[Axis]) -> Result<(), String> {
+    let known: Vec<&str> =
+        ["scene", "variant", "seed"].into_iter().chain(axes.iter().map(|a| a.key.as_str())).collect();
+    for entry in &grid.exclude {
+        if entry.is_empty() {
+            return Err("an entry of `exclude` is empty, and would leave out everything.".to_owned());
+        }
+        if let Some((key, _)) = leaves(entry).into_iter().find(|(key, _)| !known.contains(&key.as_str())) {
+            return Err(format!("`exclude` knows {}, not `{key}`.", listed(&known)));
+        }
+    }
+    Ok(())
+}
+
+fn columns(grid: &Grid) -> Result<(), String> {
+    let scenes: Vec<&str> = grid.scenes.iter().map(|scene| scene.name.as_str()).collect();
+    let known = metrics();
+    once("the column", grid.columns.iter().map(|column| &column.title))?;
+    for column in &grid.columns {
+        let wrong = |what: String| Err(format!("the column `{}` {what}", column.title));
+        if let Some(scene) = column.scenes.iter().find(|scene| !scenes.contains(&scene.as_str())) {
+            return wrong(format!("names the scene `{scene}`; there are {}.", listed(&scenes)));
+        }
+        if column.metrics.is_empty() {
+            return wrong("has no metrics.".to_owned());
+        }
+        once(&format!("the column `{}`: the scene", column.title), column.scenes.iter())?;
+        once(&format!("the column `{}`: the figure", column.title), column.metrics.iter())?;
+        if let Some(metric) = column.metrics.iter().find(|metric| !known.contains(*metric)) {
+            let meant = nearest(metric, known.iter().map(String::as_str))
+                .map_or(String::new(), |near| format!(" The nearest is `{near}`."));
+            return wrong(format!("names the figure `{metric}`, which there is not.{meant}"));
+        }
+        if grid.speed_frames == 0 && column.metrics.iter().any(|metric| metric.starts_with("speed.")) {
+            return wrong("wants the speed of rendering, which `speed_frames` = 0 does not measure.".to_owned());
+        }
+    }
+    Ok(())
+}
+
+/// The names of all figures that a run may have.
+fn metrics() -> BTreeSet<String> {
+    let of_layers = |prefix: &'static str| {
+        LAYERS.into_iter().flat_map(move |layer| {
+            Figure::ALL.into_iter().map(move |figure| format!("{prefix}{layer}.{}", figure.name()))
+        })
+    };
+    of_layers("").chain(of_layers(TRAINING_VIEWS)).chain(OTHERS.map(str::to_owned)).collect()
+}
+
+/// Whether a row of the paper belongs to something.
+fn paper(grid: &Grid, axes: &[Axis], row: &PaperRow) -> Result<(), String> {
+    let name = row.variant.as_deref().or(row.literature.as_deref()).unwrap_or(&row.column);
+    let lost = |what: String| Err(format!("the paper's row `{name}` {what}."));
+    let is_variant = |name: &String| grid.variants.iter().any(|variant| variant.name == *name);
+    if let Some(variant) = row.variant.as_ref().filter(|variant| !is_variant(variant)) {
+        return lost(format!("belongs to the variant `{variant}`, which there is not"));
+    }
+    if row.variant.is_some() && row.literature.is_some() {
+        return lost("has both a `variant` and a `literature`".to_owned());
+    }
+    let at = leaves(&row.at);
+    let is_swept = |key: &str, value: &Value| {
+        axes.iter().any(|axis| axis.key == key && axis.values.iter().any(|own| is_same(own, value)))
+    };
+    if let Some((key, value)) = at.iter().find(|(key, value)| !is_swept(key, value)) {
+        return lost(format!("stands at `{key} = {value}`, which [grid] does not have"));
+    }
+    let left_out = |axis: &&Axis| axis.values.len() > 1 && !at.iter().any(|(key, _)| *key == axis.key);
+    if let Some(axis) = axes.iter().find(left_out).filter(|_| row.literature.is_none()) {
+        return lost(format!("does not say at which `{}` it stands; give `at`", axis.key));
+    }
+    let columns = columns_of(grid);
+    match columns.iter().find(|column| column.title == row.column) {
+        None => {
+            let titles: Vec<&str> = columns.iter().map(|column| column.title.as_str()).collect();
+            lost(format!("belongs to the column `{}`; there are {}", row.column, listed(&titles)))
+        }
+        Some(column) => match row.values.keys().find(|metric| !column.metrics.contains(metric)) {
+            Some(metric) => lost(format!("has `{metric}`, which the column `{}` does not show", column.title)),
+            None => Ok(()),
+        },
+    }
+}
+
+/// Exclusions that leave out nothing, or everything.
+pub(super) fn exclusions(grid: &Grid, counts: &[usize], left: usize, origin: &str) -> Result<(), UsageError> {
+    if let Some((entry, _)) = grid.exclude.iter().zip(counts).find(|(_, count)| **count == 0) {
+        let entry = entry.to_string().trim_end().replace('\n', ", ");
+        return Err(UsageError::new(format!("{origin}: no cell is as `exclude` says: {entry}.")));
+    }
+    match left {
+        0 => Err(UsageError::new(format!("{origin}: `exclude` leaves out every cell."))),
+        _ => Ok(()),
+    }
+}
+
+/// Cells that are the same run under two names, be it after `train.scale` only.
+pub(super) fn twins(index: &Index, configs: &[Config]) -> anyhow::Result<()> {
+    let mut seen: BTreeMap<String, &Cell> = BTreeMap::new();
+    for (cell, config) in index.cells.iter().zip(configs) {
+        if let Some(other) = seen.insert(config::to_toml(&config.scaled())?, cell) {
+            let [a, b] = [other, cell].map(|cell| cell.name(&index.axes));
+            let why = if other.id == cell.id {
+                "have one configuration".to_owned()
+            } else {
+                format!("train the same at train.scale = {}", config.train.scale)
+            };
+            let message = format!("two cells of the grid are the same run: `{a}` and `{b}` {why}. Remove one of them.");
+            return Err(UsageError::new(message).into());
+        }
+    }
+    Ok(())
+}
+
+/// Columns with figures that no evaluation of their cells gives.
+pub(super) fn scored(index: &Index, configs: &[Config]) -> Result<(), UsageError> {
+    let wants_training_views =
+        |column: &&ColumnGroup| column.metrics.iter().any(|name| name.starts_with(TRAINING_VIEWS));
+    for column in index.columns.iter().filter(wants_training_views) {
+        let own = index.cells.iter().zip(configs).filter(|(cell, _)| column.scenes.contains(&cell.scene));
+        if let Some((cell, _)) = own.into_iter().find(|(_, config)| !config.eval.training_views) {
+            return Err(UsageError::new(format!(
+                "the column `{}` wants figures of the training views, which are not scored: set eval.training_views = true \
+                 for the scene `{}`.",
+                column.title, cell.scene
+            )));
+        }
+    }
+    Ok(())
+}
+
+fn listed(names: &[&str]) -> String {
+    names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
+}

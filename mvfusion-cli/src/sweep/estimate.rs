@@ -1,0 +1,133 @@
+//! How long cells will take, going by those that have finished.
+
+use std::collections::BTreeMap;
+
+use super::folder::{State, SweepFolder};
+use super::grid::Expected;
+use super::index::{Cell, Index};
+
+/// Seconds a step of the cells that have finished, by scene and variant.
+#[derive(Clone, Debug, Default)]
+pub struct Estimate {
+    seen: BTreeMap<(String, String), Pace>,
+    /// What the grid says of a cell before any has finished.
+    expected: Option<Expected>,
+    /// Whether some of it was only probed.
+    is_probed: bool,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Pace {
+    seconds: f64,
+    steps: usize,
+}
+
+impl Pace {
+    fn with(self, other: Self) -> Self {
+        Self { seconds: self.seconds + other.seconds, steps: self.steps + other.steps }
+    }
+
+    fn of(self, cell: &Cell) -> Option<f64> {
+        (self.steps > 0).then(|| self.seconds / self.steps as f64 * cell.steps as f64)
+    }
+}
+
+impl Estimate {
+    /// From the finished cells of a sweep.
+    ///
+    /// # Errors
+    /// As [`SweepFolder::state`].
+    pub fn new(folder: &SweepFolder, index: &Index) -> anyhow::Result<Self> {
+        let mut estimate = Self { expected: index.expected.clone(), ..Self::default() };
+        for cell in &index.cells {
+            let is_finished = folder.state(&cell.id, &index.wanted)? == State::Finished;
+            if let Some(results) = folder.results(&cell.id).filter(|_| is_finished) {
+                let training = results.train.map_or(0.0, |train| train.seconds);
+                estimate.add(cell, training + results.eval.seconds);
+            }
+        }
+        Ok(estimate)
+    }
+
+    /// One more cell has taken so many seconds.
+    pub fn add(&mut self, cell: &Cell, seconds: f64) {
+        let pace = self.seen.entry(key(cell)).or_default();
+        *pace = pace.with(Pace { seconds, steps: cell.steps });
+    }
+
+    /// A cell has been probed, and will take so many seconds. What has finished counts more.
+    pub fn add_probe(&mut self, cell: &Cell, seconds: f64) {
+        if !self.seen.contains_key(&key(cell)) {
+            self.add(cell, seconds);
+            self.is_probed = true;
+        }
+    }
+
+    /// Seconds that cells will take, so many at a time; `None` where nothing is known.
+    pub fn seconds<'a>(&self, cells: impl Iterator<Item = &'a Cell>, jobs: usize) -> Option<f64> {
+        let each: Vec<f64> = cells.map(|cell| self.one(cell)).collect::<Option<_>>()?;
+        let longest = each.iter().copied().fold(0.0, f64::max);
+        Some(longest.max(each.iter().sum::<f64>() / jobs.max(1) as f64))
+    }
+
+    /// Seconds of a cell: by finished ones of its scene and variant, else of its scene, else of any, else by the grid.
+    fn one(&self, cell: &Cell) -> Option<f64> {
+        let pace = |matches: &dyn Fn(&(String, String)) -> bool| {
+            self.seen.iter().filter(|(key, _)| matches(key)).fold(Pace::default(), |sum, (_, pace)| sum.with(*pace))
+        };
+        pace(&|other| *other == key(cell))
+            .of(cell)
+            .or_else(|| pace(&|(scene, _)| *scene == cell.scene).of(cell))
+            .or_else(|| pace(&|_| true).of(cell))
+            .or_else(|| self.expected.as_ref().map(|expected| 60.0 * expected.minutes))
+    }
+
+    /// What the estimate goes by, in words.
+    pub fn ground(&self) -> String {
+        match (self.seen.is_empty(), &self.expected) {
+            (false, _) if self.is_probed => "going by a few steps of the cells".to_owned(),
+            (false, _) => "going by the cells that have finished".to_owned(),
+            (true, Some(expected)) => {
+                format!("going by the grid: {} min a cell on {}", expected.minutes, expected.on)
+            }
+            (true, None) => "nothing to go by until a cell has finished; --probe tries a few steps".to_owned(),
+        }
+    }
+}
+
+fn key(cell: &Cell) -> (String, String) {
+    (cell.scene.clone(), cell.variant.clone())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cell(scene: &str, variant: &str, steps: usize) -> Cell {
+        Cell {
+            id: String::new(),
+            scene: scene.into(),
+            variant: variant.into(),
+            values: Vec::new(),
+            seed: 0,
+            preset: "quickstart".into(),
+            steps,
+            not_comparable: None,
+        }
+    }
+
+    #[test]
+    fn the_most_similar_finished_cells_count() {
+        let mut estimate = Estimate::default();
+        assert_eq!(estimate.seconds([&cell("a", "x", 10)].into_iter(), 1), None);
+        estimate.expected = Some(Expected { minutes: 2.0, on: "a machine".into() });
+        assert_eq!(estimate.seconds([&cell("a", "x", 10)].into_iter(), 1), Some(120.0));
+        estimate.add(&cell("a", "x", 100), 50.0);
+        estimate.add(&cell("a", "y", 100), 150.0);
+        let one = |scene, variant| estimate.seconds([&cell(scene, variant, 10)].into_iter(), 1).expect("known");
+        assert_eq!((one("a", "x"), one("a", "z"), one("b", "x")), (5.0, 10.0, 10.0));
+        let two = [cell("a", "x", 10), cell("a", "y", 10)];
+        assert_eq!(estimate.seconds(two.iter(), 1), Some(20.0));
+        assert_eq!(estimate.seconds(two.iter(), 2), Some(15.0), "the longer of the two");
+    }
+}

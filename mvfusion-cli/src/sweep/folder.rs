@@ -1,0 +1,323 @@
+//! A sweep's folder: where things lie, and what became of each cell.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File, TryLockError};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, bail};
+use mvfusion_model::files::is_unfinished;
+use serde::{Deserialize, Serialize};
+
+use super::index::{Cell, INDEX, Index, Wanted};
+use super::plan::Plan;
+use super::table::Outcome;
+use crate::run::{self, LpipsWeights, Results, RunRecord};
+use crate::{atomic, config};
+
+/// The grid as it was given.
+const GRID: &str = "grid.toml";
+/// Folder of the cells' runs, and of what belongs to them.
+const CELLS: &str = "cells";
+/// How long a cell waits for its lock: somebody may just be looking whether it is held.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// A sweep's folder.
+#[derive(Clone, Debug)]
+pub struct SweepFolder {
+    path: PathBuf,
+}
+
+/// How far a cell is.
+#[derive(Clone, Debug, PartialEq)]
+pub enum State {
+    /// Nothing was done.
+    ToDo,
+    /// A process works on it, on this machine or on another that shares the folder.
+    Running,
+    /// It was begun, and nobody works on it any more.
+    Interrupted,
+    /// It failed, with these words.
+    Failed(String),
+    /// All its figures are there.
+    Finished,
+}
+
+impl State {
+    /// In a word.
+    pub fn word(&self) -> &'static str {
+        match self {
+            Self::ToDo => "to do",
+            Self::Running => "running",
+            Self::Interrupted => "interrupted",
+            Self::Failed(_) => "failed",
+            Self::Finished => "finished",
+        }
+    }
+}
+
+/// `cells/ID.json`: what a cell is to do, beside its configuration. It does not change when the grid does: cells that wait in a
+/// queue run as they were ordered.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Order {
+    /// The cell's place in the grid, in words.
+    pub name: String,
+    /// The preset that it started from.
+    pub preset: String,
+    /// What is measured beside the figures that a training leaves.
+    pub wanted: Wanted,
+}
+
+/// Held while a process works on a cell. The system lets go of it however the process ends.
+#[derive(Debug)]
+pub struct CellLock {
+    _file: File,
+}
+
+impl SweepFolder {
+    /// The folder of a path, which need not be there yet.
+    ///
+    /// # Errors
+    /// If the current folder is gone.
+    pub fn new(path: &Path) -> anyhow::Result<Self> {
+        Ok(Self { path: std::path::absolute(path)? })
+    }
+
+    /// The folder.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Makes sure that files can be written and locked, before anything is run.
+    ///
+    /// # Errors
+    /// If the folder cannot be made or written to, or belongs to something else.
+    pub fn check(&self) -> anyhow::Result<()> {
+        let file = run::trial_file(&self.path, "sweep")?;
+        file.try_lock().with_context(|| {
+            format!("files of {} cannot be locked; give an --out whose file system knows locks", self.path.display())
+        })?;
+        if self.path.is_dir() && !self.path.join(INDEX).is_file() {
+            self.check_stranger()?;
+        }
+        Ok(())
+    }
+
+    /// Refuses a folder without an index that holds more than a sweep writes before it.
+    fn check_stranger(&self) -> anyhow::Result<()> {
+        let shown = self.path.display();
+        let entries = fs::read_dir(&self.path).with_context(|| format!("cannot list the folder {shown}"))?;
+        for entry in entries {
+            let name = entry.with_context(|| format!("cannot list the folder {shown}"))?.file_name();
+            if ![GRID, CELLS].iter().any(|known| name == *known) && !is_unfinished(&name) {
+                bail!("the folder {shown} holds `{}` and no sweep. Give another --out.", name.display());
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes the grid, what each cell needs to run by itself, and the index.
+    ///
+    /// # Errors
+    /// If a file cannot be written.
+    pub fn prepare(&self, text: &str, plan: &Plan) -> anyhow::Result<()> {
+        fs::create_dir_all(self.path.join(CELLS))
+            .with_context(|| format!("cannot make the folder {}", self.path.display()))?;
+        atomic::write(&self.path.join(GRID), text.as_bytes())?;
+        let Plan { index, configs } = plan;
+        for (cell, config) in index.cells.iter().zip(configs) {
+            write_changed(&self.config(&cell.id), config::to_toml(config)?.as_bytes())?;
+            let order =
+                Order { name: cell.name(&index.axes), preset: cell.preset.clone(), wanted: index.wanted.clone() };
+            write_changed(&self.beside(&cell.id, "json"), serde_json::to_string_pretty(&order)?.as_bytes())?;
+        }
+        index.write(&self.path)
+    }
+
+    /// What a cell is to do.
+    ///
+    /// # Errors
+    /// If the sweep has no such cell.
+    pub fn order(&self, id: &str) -> anyhow::Result<Order> {
+        let path = self.beside(id, "json");
+        let text = fs::read_to_string(&path).with_context(|| {
+            format!("{} is no sweep with a cell `{id}`: cannot read {}", self.path.display(), path.display())
+        })?;
+        serde_json::from_str(&text).with_context(|| format!("{} is not as this version writes it", path.display()))
+    }
+
+    /// The folder of the cells.
+    pub fn cells(&self) -> PathBuf {
+        self.path.join(CELLS)
+    }
+
+    /// The folder of a cell's run.
+    pub fn run(&self, id: &str) -> PathBuf {
+        self.path.join(CELLS).join(id)
+    }
+
+    /// A cell's configuration.
+    pub fn config(&self, id: &str) -> PathBuf {
+        self.beside(id, "toml")
+    }
+
+    /// What a cell's processes have said.
+    pub fn log(&self, id: &str) -> PathBuf {
+        self.beside(id, "log")
+    }
+
+    /// A file beside a cell's run: within it there is nothing that is not the run's.
+    fn beside(&self, id: &str, extension: &str) -> PathBuf {
+        self.path.join(CELLS).join(format!("{id}.{extension}"))
+    }
+
+    /// Notes that a cell failed.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn note_failure(&self, id: &str, words: &str) -> anyhow::Result<()> {
+        atomic::write(&self.beside(id, "failed"), format!("{words}\n").as_bytes())
+    }
+
+    /// Forgets that a cell failed.
+    ///
+    /// # Errors
+    /// If the file cannot be removed.
+    pub fn forget_failure(&self, id: &str) -> anyhow::Result<()> {
+        let path = self.beside(id, "failed");
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                Err(error).with_context(|| format!("cannot remove {}", path.display()))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Takes a cell's lock; `None` if another process works on it.
+    ///
+    /// # Errors
+    /// If the file cannot be made, or the file system knows no locks.
+    pub fn lock(&self, id: &str) -> anyhow::Result<Option<CellLock>> {
+        let path = self.beside(id, "lock");
+        let file = File::options().create(true).truncate(false).write(true).open(&path);
+        let file = file.with_context(|| format!("cannot make {}", path.display()))?;
+        let since = Instant::now();
+        loop {
+            match file.try_lock() {
+                Ok(()) => return Ok(Some(CellLock { _file: file })),
+                Err(TryLockError::WouldBlock) if since.elapsed() > PATIENCE => return Ok(None),
+                Err(TryLockError::WouldBlock) => std::thread::sleep(PATIENCE / 20),
+                Err(TryLockError::Error(error)) => {
+                    return Err(error).with_context(|| format!("cannot lock {}", path.display()));
+                }
+            }
+        }
+    }
+
+    /// Whether a process holds a cell's lock; `None` if no process ever did. Those who only look share their lock with each
+    /// other, and need not be able to write.
+    fn is_locked(&self, id: &str) -> anyhow::Result<Option<bool>> {
+        let path = self.beside(id, "lock");
+        let file = match File::open(&path) {
+            Ok(file) => file,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(error).with_context(|| format!("cannot read {}", path.display())),
+        };
+        match file.try_lock_shared() {
+            Ok(()) => Ok(Some(false)),
+            Err(TryLockError::WouldBlock) => Ok(Some(true)),
+            Err(TryLockError::Error(error)) => Err(error).with_context(|| format!("cannot lock {}", path.display())),
+        }
+    }
+
+    /// How far a cell is.
+    ///
+    /// # Errors
+    /// If its files cannot be read.
+    pub fn state(&self, id: &str, wanted: &Wanted) -> anyhow::Result<State> {
+        let lock = self.is_locked(id)?;
+        if lock == Some(true) {
+            return Ok(State::Running);
+        }
+        // It may have ended just before its lock was looked at, but not begun again without holding it.
+        if self.is_finished(id, wanted) {
+            return Ok(State::Finished);
+        }
+        let path = self.beside(id, "failed");
+        match fs::read_to_string(&path) {
+            Ok(words) => Ok(State::Failed(words.trim_end().to_owned())),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                Ok(if lock.is_some() { State::Interrupted } else { State::ToDo })
+            }
+            Err(error) => Err(error).with_context(|| format!("cannot read {}", path.display())),
+        }
+    }
+
+    /// Whether a cell has all that is wanted of it.
+    pub fn is_finished(&self, id: &str, wanted: &Wanted) -> bool {
+        self.is_trained(id) && self.results(id).is_some_and(|results| is_measured(&results, wanted))
+    }
+
+    /// Whether a cell's training and evaluation came to their end.
+    pub fn is_trained(&self, id: &str) -> bool {
+        let record: Option<RunRecord> = read_json(&self.run(id).join(run::RECORD));
+        record.is_some_and(|record| record.finished.is_some()) && self.results(id).is_some()
+    }
+
+    /// The figures of a cell, if they are there.
+    pub fn results(&self, id: &str) -> Option<Results> {
+        read_json(&self.run(id).join(run::RESULTS))
+    }
+
+    /// What became of each cell, for the table.
+    ///
+    /// # Errors
+    /// As [`SweepFolder::state`].
+    pub fn outcomes(&self, index: &Index) -> anyhow::Result<Vec<Outcome>> {
+        let outcome = |cell: &Cell| {
+            let figures = |results: Results| Outcome::Figures(figures(&results));
+            Ok(match self.state(&cell.id, &index.wanted)? {
+                State::Finished => self.results(&cell.id).map_or(Outcome::Unfinished, figures),
+                State::Failed(_) => Outcome::Failed,
+                State::ToDo | State::Running | State::Interrupted => Outcome::Unfinished,
+            })
+        };
+        index.cells.iter().map(outcome).collect()
+    }
+}
+
+/// Writes a file unless it is so already: a cell at work may be reading it.
+fn write_changed(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    match fs::read(path) {
+        Ok(old) if old == bytes => Ok(()),
+        _ => atomic::write(path, bytes),
+    }
+}
+
+/// Whether a run has the figures that are wanted beside its own.
+fn is_measured(results: &Results, wanted: &Wanted) -> bool {
+    let has_lpips = || results.lpips.values().any(|weights| matches!(weights, LpipsWeights::WeightsSha256(_)));
+    (wanted.speed_frames == 0 || results.speed.is_some()) && (wanted.lpips_weights.is_none() || has_lpips())
+}
+
+/// A file that is whole or not there; a broken one counts as not there.
+fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Option<T> {
+    serde_json::from_str(&fs::read_to_string(path).ok()?).ok()
+}
+
+/// All figures of a run by the names that grids call them.
+pub(super) fn figures(results: &Results) -> BTreeMap<String, f64> {
+    let short = |(name, value): (String, f64)| (name.strip_prefix("test.").unwrap_or(&name).to_owned(), value);
+    let mut figures: BTreeMap<String, f64> = results.figures().into_iter().map(short).collect();
+    figures.insert("eval.seconds".into(), results.eval.seconds);
+    if let Some(train) = results.train {
+        figures.insert("train.seconds".into(), train.seconds);
+        figures.insert("train.ms_per_step".into(), 1e3 * train.seconds / train.steps.max(1) as f64);
+    }
+    if let Some(speed) = results.speed {
+        figures.insert("speed.fps".into(), speed.fps);
+        figures.extend(speed.fps_without_mfta.map(|fps| ("speed.fps_without_mfta".to_owned(), fps)));
+    }
+    figures
+}

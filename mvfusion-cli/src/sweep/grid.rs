@@ -1,0 +1,225 @@
+//! A grid file: what a sweep trains, and which table comes of it.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use toml::{Table, Value};
+
+use super::shipped;
+use crate::config::{Layer, Origin, line_of};
+use crate::failure::UsageError;
+
+/// A grid file. Cells are all scenes times all variants times all values of `[grid]` times all seeds.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Grid {
+    /// Heading of the table.
+    pub title: String,
+    /// What it shows and where it comes from, for people.
+    #[serde(default)]
+    pub about: String,
+    /// The preset that every cell starts from, unless its scene or variant names another.
+    pub preset: String,
+    /// Seeds; one run each.
+    #[serde(default = "first_seed")]
+    pub seeds: Vec<u64>,
+    /// Frames over which the speed of rendering is measured after training; 0 measures none.
+    #[serde(default)]
+    pub speed_frames: usize,
+    /// How long a cell takes, for the estimate before any has finished.
+    pub expected: Option<Expected>,
+    /// Keys of every cell.
+    #[serde(default)]
+    pub set: Table,
+    /// The scenes.
+    pub scenes: Vec<SceneEntry>,
+    /// The variants; a grid without any has one that is nameless and changes nothing.
+    #[serde(default)]
+    pub variants: Vec<VariantEntry>,
+    /// Lists of values, by key.
+    #[serde(default)]
+    pub grid: Table,
+    /// Cells that are left out: those that agree with every key of an entry.
+    #[serde(default)]
+    pub exclude: Vec<Table>,
+    /// Columns of the table; each scene one, with PSNR, SSIM and LPIPS of the composed picture, unless given.
+    #[serde(default)]
+    pub columns: Vec<ColumnGroup>,
+    /// What the paper has.
+    #[serde(default)]
+    pub paper: Vec<PaperRow>,
+}
+
+/// A scene of a grid.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneEntry {
+    /// Its name in the table.
+    pub name: String,
+    /// Its folder under `--data-root`; a built-in scene has none.
+    pub data: Option<PathBuf>,
+    /// Folder of its masks under `--data-root`, see `eval.dynamic_masks`.
+    pub masks: Option<PathBuf>,
+    /// The preset that its cells start from.
+    pub preset: Option<String>,
+    /// Keys of its cells.
+    #[serde(default)]
+    pub set: Table,
+}
+
+/// A variant of a grid.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VariantEntry {
+    /// Its name in the table.
+    pub name: String,
+    /// The preset that its cells start from.
+    pub preset: Option<String>,
+    /// Keys of its cells.
+    #[serde(default)]
+    pub set: Table,
+}
+
+/// How long a cell takes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Expected {
+    /// Minutes of one cell.
+    pub minutes: f64,
+    /// On which machine.
+    pub on: String,
+}
+
+/// Neighbouring columns of the table: some figures of the mean over some scenes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ColumnGroup {
+    /// Heading.
+    pub title: String,
+    /// The scenes that are averaged; all of them if none is named.
+    #[serde(default)]
+    pub scenes: Vec<String>,
+    /// Names of figures, as in results.json: `composed.psnr`.
+    pub metrics: Vec<String>,
+}
+
+/// What the paper has of one method.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PaperRow {
+    /// The variant whose row it belongs to.
+    pub variant: Option<String>,
+    /// A method that is not trained here, and has a row of its own.
+    pub literature: Option<String>,
+    /// The values of `[grid]` that the row belongs to, by key.
+    #[serde(default)]
+    pub at: Table,
+    /// Heading of the column group.
+    pub column: String,
+    /// The numbers, by the figures' names.
+    pub values: BTreeMap<String, f64>,
+}
+
+/// A key of `[grid]` with its values.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Axis {
+    /// The key, dotted.
+    pub key: String,
+    /// The values in the order of the file.
+    pub values: Vec<Value>,
+}
+
+fn first_seed() -> Vec<u64> {
+    vec![0]
+}
+
+impl Grid {
+    /// Reads a grid: a file, or one that ships with the program, by its name.
+    ///
+    /// # Errors
+    /// [`UsageError`] if there is no such file or grid, or it is none.
+    pub fn read(name_or_path: &Path) -> Result<Source, UsageError> {
+        if let Some(shipped) = name_or_path.to_str().and_then(shipped::find) {
+            return Source::parse(shipped.name, shipped.text.to_owned(), format!("the grid `{}`", shipped.name));
+        }
+        let shown = name_or_path.display().to_string();
+        let text = std::fs::read_to_string(name_or_path).map_err(|error| {
+            let hint = match name_or_path.extension() {
+                None => format!(" The grids that ship with the program are: {}.", shipped::names()),
+                Some(_) => String::new(),
+            };
+            UsageError::new(format!("cannot read the grid {shown}: {error}.{hint}"))
+        })?;
+        let name = name_or_path.file_stem().map_or("sweep".into(), |stem| stem.to_string_lossy());
+        Source::parse(&name, text, shown)
+    }
+
+    /// The axes of `[grid]`; nested tables and dotted keys are the same.
+    pub fn axes(&self) -> Result<Vec<Axis>, UsageError> {
+        let axis = |(key, value): (String, &Value)| match value {
+            Value::Array(values) => Ok(Axis { key, values: values.clone() }),
+            _ => Err(UsageError::new(format!("`{key}` in [grid] must be a list of values, not {value}."))),
+        };
+        leaves(&self.grid).into_iter().map(axis).collect()
+    }
+}
+
+/// A grid with its name and text.
+#[derive(Clone, Debug)]
+pub struct Source {
+    /// Its name, from which that of its folder follows.
+    pub name: String,
+    /// The text.
+    pub text: String,
+    /// Where the text comes from, for messages.
+    pub origin: String,
+    /// The grid.
+    pub grid: Grid,
+}
+
+impl Source {
+    fn parse(name: &str, text: String, origin: String) -> Result<Self, UsageError> {
+        // A text that is no TOML is told from one that is no grid.
+        Layer::parse(&text, Origin::Grid(origin.clone()))?;
+        let grid = toml::from_str(&text).map_err(|error: toml::de::Error| {
+            let line = error.span().map_or(String::new(), |span| format!(", line {}", line_of(&text, span.start)));
+            UsageError::new(format!("{origin}{line} is no grid: {}.", error.message()))
+        })?;
+        Ok(Self { name: name.to_owned(), text, origin, grid })
+    }
+}
+
+/// Every dotted key of a table whose value is no table; nested tables and dotted keys are the same.
+pub(super) fn leaves(table: &Table) -> Vec<(String, &Value)> {
+    let mut found = Vec::new();
+    for (name, value) in table {
+        match value {
+            Value::Table(inner) => {
+                found.extend(leaves(inner).into_iter().map(|(key, value)| (format!("{name}.{key}"), value)));
+            }
+            _ => found.push((name.clone(), value)),
+        }
+    }
+    found
+}
+
+/// Equality of values that does not ask how a number was written: 1 is 1.0.
+pub(super) fn is_same(a: &Value, b: &Value) -> bool {
+    match (a, b) {
+        (Value::Array(a), Value::Array(b)) => a.len() == b.len() && a.iter().zip(b).all(|(a, b)| is_same(a, b)),
+        _ => match (number(a), number(b)) {
+            (Some(a), Some(b)) => a == b,
+            _ => a == b,
+        },
+    }
+}
+
+/// A value as a number.
+pub(super) fn number(value: &Value) -> Option<f64> {
+    match value {
+        Value::Integer(value) => Some(*value as f64),
+        Value::Float(value) => Some(*value),
+        _ => None,
+    }
+}

@@ -1,0 +1,166 @@
+//! The cells of a sweep as processes on this machine.
+
+use std::collections::{BTreeSet, VecDeque};
+use std::fs::File;
+use std::path::PathBuf;
+use std::process::{Command, ExitStatus, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use anyhow::Context;
+
+use super::estimate::Estimate;
+use super::folder::{State, SweepFolder};
+use super::index::{Cell, Index};
+use crate::clock::spoken;
+use crate::progress::Talk;
+
+/// Pause before cells that other processes work on are looked at again.
+const PAUSE: Duration = Duration::from_secs(1);
+
+/// How cells are run on this machine.
+#[derive(Clone, Debug)]
+pub struct Local<'a> {
+    /// The sweep's folder.
+    pub folder: &'a SweepFolder,
+    /// The sweep.
+    pub index: &'a Index,
+    /// `--device` of each cell.
+    pub device: &'a str,
+    /// Cells at the same time.
+    pub jobs: usize,
+    /// Threads of each.
+    pub threads: usize,
+    /// What is said.
+    pub talk: Talk,
+}
+
+/// What the workers share.
+struct Progress<'a> {
+    queue: VecDeque<&'a Cell>,
+    /// Cells that other processes work on.
+    awaited: BTreeSet<String>,
+    estimate: Estimate,
+    done: usize,
+    failed: usize,
+}
+
+/// How a cell stands after its turn.
+struct End {
+    state: State,
+    /// How long it ran; absent if there was no need to.
+    took: Option<Duration>,
+}
+
+impl Local<'_> {
+    /// Runs cells. Returns how many failed.
+    ///
+    /// # Errors
+    /// If the folder cannot be used any more, or the program cannot be started.
+    pub fn run(&self, cells: &[&Cell], estimate: Estimate) -> anyhow::Result<usize> {
+        let progress = Mutex::new(Progress {
+            queue: cells.iter().copied().collect(),
+            awaited: BTreeSet::new(),
+            estimate,
+            done: 0,
+            failed: 0,
+        });
+        std::thread::scope(|scope| {
+            let workers: Vec<_> = (0..self.jobs).map(|_| scope.spawn(|| self.work(&progress, cells.len()))).collect();
+            // Every worker is waited for, whatever befell the others.
+            let ended: Vec<_> = workers.into_iter().map(|worker| worker.join()).collect();
+            ended.into_iter().try_for_each(|end| end.unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+        })?;
+        Ok(held(&progress).failed)
+    }
+
+    /// Takes cells from the queue until there is none.
+    fn work(&self, progress: &Mutex<Progress<'_>>, count: usize) -> anyhow::Result<()> {
+        // Named apart, so that the lock is not held while a cell runs.
+        let next = || held(progress).queue.pop_front();
+        while let Some(cell) = next() {
+            let end = self.one(cell)?;
+            if end.state == State::Running {
+                if held(progress).awaited.insert(cell.id.clone()) {
+                    let name = cell.name(&self.index.axes);
+                    self.talk.note(&format!("{} {name}: another process works on it, which is waited for", cell.id));
+                }
+                held(progress).queue.push_back(cell);
+                std::thread::sleep(PAUSE);
+                continue;
+            }
+            let mut progress = held(progress);
+            progress.done += 1;
+            match (&end.state, end.took) {
+                (State::Finished, Some(took)) => progress.estimate.add(cell, took.as_secs_f64()),
+                (State::Finished, None) => {}
+                _ => progress.failed += 1,
+            }
+            self.talk.note(&self.line(&progress, cell, &end, count));
+        }
+        Ok(())
+    }
+
+    /// Runs a cell, unless it is finished or another process works on it.
+    fn one(&self, cell: &Cell) -> anyhow::Result<End> {
+        let look = || self.folder.state(&cell.id, &self.index.wanted);
+        let state = look()?;
+        if matches!(state, State::Finished | State::Running) {
+            return Ok(End { state, took: None });
+        }
+        let started = Instant::now();
+        let status = self.process(cell)?;
+        let took = Some(started.elapsed());
+        match look()? {
+            // It was killed, or could not even say why it failed.
+            State::ToDo | State::Interrupted => {
+                let words = format!("{status}; its last words are in {}", self.folder.log(&cell.id).display());
+                self.folder.note_failure(&cell.id, &words)?;
+                Ok(End { state: State::Failed(words), took })
+            }
+            state => Ok(End { state, took }),
+        }
+    }
+
+    fn process(&self, cell: &Cell) -> anyhow::Result<ExitStatus> {
+        let path = self.folder.log(&cell.id);
+        // Another process that works on the cell after all goes on writing there.
+        let log = File::options().create(true).append(true).open(&path);
+        let log = log.with_context(|| format!("cannot write {}", path.display()))?;
+        own_program()?
+            .args(["sweep", "run-cell", "--cell", &cell.id, "--device", self.device])
+            .args(["--threads", &self.threads.to_string(), "--out"])
+            .arg(self.folder.path())
+            .stdin(Stdio::null())
+            .stdout(log.try_clone()?)
+            .stderr(log)
+            .status()
+            .context("cannot start the program for a cell")
+    }
+
+    fn line(&self, progress: &Progress<'_>, cell: &Cell, end: &End, count: usize) -> String {
+        let left = progress.estimate.seconds(progress.queue.iter().copied(), self.jobs);
+        let left = match left {
+            Some(seconds) if !progress.queue.is_empty() => format!("; about {} left", spoken(seconds)),
+            _ => String::new(),
+        };
+        let what = match (&end.state, end.took) {
+            (State::Failed(words), _) => format!("failed: {words}"),
+            (state, Some(took)) => format!("{} after {}", state.word(), spoken(took.as_secs_f64())),
+            (state, None) => format!("{} by another process", state.word()),
+        };
+        format!("[{}/{count}] {} {}: {what}{left}", progress.done, cell.id, cell.name(&self.index.axes))
+    }
+}
+
+/// This program as it was when the sweep began, even if it has been built anew since.
+pub(super) fn own_program() -> anyhow::Result<Command> {
+    // The name that Linux gives to the file that is being executed, wherever it lies now.
+    let this = if cfg!(target_os = "linux") { PathBuf::from("/proc/self/exe") } else { std::env::current_exe()? };
+    Ok(Command::new(this))
+}
+
+/// The lock; a worker that panicked holding it has ended the sweep anyway.
+fn held<'a, 'b>(progress: &'a Mutex<Progress<'b>>) -> MutexGuard<'a, Progress<'b>> {
+    progress.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,255 @@
+//! From a grid to its cells: every configuration is resolved and checked before anything is run.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use mvfusion_model::Config;
+use mvfusion_model::files::sha256;
+use toml::{Table, Value};
+
+use super::check;
+use super::grid::{Axis, ColumnGroup, Grid, SceneEntry, Source, VariantEntry, is_same, leaves};
+use super::index::{Cell, Index, Wanted};
+use crate::config::{self, Layer, Origin, Preset};
+use crate::failure::UsageError;
+
+/// Digits of a cell's id: of a million cells, the chance that any two share one is below one in five hundred.
+const ID_LENGTH: usize = 12;
+
+/// The preset whose runs are an eighth of the paper's.
+const SHORT: &str = "quickstart";
+
+/// The figures of a column group that the grid does not name.
+const METRICS: [&str; 3] = ["composed.psnr", "composed.ssim", "composed.lpips_alex"];
+
+/// What the command line adds to a grid.
+#[derive(Clone, Debug, Default)]
+pub struct Additions {
+    /// Where the scenes' folders lie.
+    pub data_root: Option<PathBuf>,
+    /// Folder with the weights of LPIPS.
+    pub lpips_weights: Option<PathBuf>,
+    /// Keys of every cell, `KEY=VALUE`.
+    pub set: Vec<String>,
+}
+
+/// A grid with all of its cells.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// For `sweep.json`.
+    pub index: Index,
+    /// The configurations, in the order of the cells.
+    pub configs: Vec<Config>,
+}
+
+/// Where a cell stands in its grid.
+#[derive(Clone, Copy)]
+struct Place<'a> {
+    scene: &'a SceneEntry,
+    variant: &'a VariantEntry,
+    /// A value for each axis.
+    values: &'a [Value],
+    seed: u64,
+}
+
+/// What all cells of a grid share.
+struct Ground<'a> {
+    grid: &'a Grid,
+    /// The grid's name, for messages.
+    origin: &'a str,
+    axes: &'a [Axis],
+    additions: &'a Additions,
+    /// The settings of the command line.
+    settings: &'a [Layer],
+}
+
+impl Plan {
+    /// All cells of a grid.
+    ///
+    /// # Errors
+    /// [`UsageError`] for a grid that contradicts itself, names what there is not, or has a cell that cannot be trained.
+    pub fn new(source: &Source, additions: &Additions) -> anyhow::Result<Self> {
+        let grid = &source.grid;
+        let axes = grid.axes()?;
+        let settings: Vec<Layer> =
+            additions.set.iter().map(|setting| Layer::from_setting(setting)).collect::<Result<_, _>>()?;
+        check::grid(grid, &axes, &settings, &source.origin)?;
+        let ground = Ground { grid, origin: &source.origin, axes: &axes, additions, settings: &settings };
+        let nameless = [VariantEntry::default()];
+        let variants = if grid.variants.is_empty() { &nameless[..] } else { &grid.variants };
+        let combinations = combinations(&axes);
+        let mut excluded = vec![0; grid.exclude.len()];
+        let (mut cells, mut configs) = (Vec::new(), Vec::new());
+        for &seed in &grid.seeds {
+            for scene in &grid.scenes {
+                for variant in variants {
+                    for values in &combinations {
+                        let place = Place { scene, variant, values, seed };
+                        if ground.is_excluded(place, &mut excluded) {
+                            continue;
+                        }
+                        let (cell, config) = ground.cell(place)?;
+                        cells.push(cell);
+                        configs.push(config);
+                    }
+                }
+            }
+        }
+        check::exclusions(grid, &excluded, cells.len(), &source.origin)?;
+        let index = Index {
+            name: source.name.clone(),
+            title: grid.title.clone(),
+            about: grid.about.trim().to_owned(),
+            axes: axes.iter().map(|axis| axis.key.clone()).collect(),
+            columns: columns_of(grid),
+            paper: grid.paper.clone(),
+            wanted: Wanted {
+                speed_frames: grid.speed_frames,
+                lpips_weights: additions.lpips_weights.as_deref().map(std::path::absolute).transpose()?,
+            },
+            expected: grid.expected.clone(),
+            cells,
+        };
+        check::twins(&index, &configs)?;
+        check::scored(&index, &configs)?;
+        Ok(Self { index, configs })
+    }
+}
+
+impl Ground<'_> {
+    /// Whether an entry of `exclude` agrees with a cell; counts for each entry how often it did.
+    fn is_excluded(&self, place: Place<'_>, counts: &mut [usize]) -> bool {
+        let mut any = false;
+        for (entry, count) in self.grid.exclude.iter().zip(counts) {
+            let is_own =
+                |(key, value): &(String, &Value)| self.value(place, key).is_some_and(|own| is_same(&own, value));
+            let agrees = leaves(entry).iter().all(is_own);
+            *count += usize::from(agrees);
+            any |= agrees;
+        }
+        any
+    }
+
+    /// What a cell has at a key of an exclusion.
+    fn value(&self, place: Place<'_>, key: &str) -> Option<Value> {
+        match key {
+            "scene" => Some(Value::String(place.scene.name.clone())),
+            "variant" => Some(Value::String(place.variant.name.clone())),
+            "seed" => i64::try_from(place.seed).ok().map(Value::Integer),
+            _ => self.axes.iter().zip(place.values).find(|(axis, _)| axis.key == key).map(|(_, value)| value.clone()),
+        }
+    }
+
+    fn cell(&self, place: Place<'_>) -> anyhow::Result<(Cell, Config)> {
+        let preset = self.preset(place)?;
+        let mut config = config::resolve_layers(preset, self.layers(place)?)?;
+        let cell = Cell {
+            id: self.id(place, &config)?,
+            scene: place.scene.name.clone(),
+            variant: place.variant.name.clone(),
+            values: place.values.iter().map(Value::to_string).collect(),
+            seed: place.seed,
+            preset: preset.name.to_owned(),
+            steps: config.scaled().train.stages.total(),
+            not_comparable: self.not_comparable(place, preset),
+        };
+        let root = self.additions.data_root.as_deref().unwrap_or(Path::new("."));
+        config.scene.data = place.scene.data.as_ref().map(|folder| root.join(folder));
+        config.eval.dynamic_masks = place.scene.masks.as_ref().map(|folder| root.join(folder));
+        config.eval.lpips_weights.clone_from(&self.additions.lpips_weights);
+        config::make_absolute(&mut config)?;
+        Ok((cell, config))
+    }
+
+    /// The id of a cell. It does not depend on where things lie, so that a sweep can move to another machine, nor on the
+    /// weights of LPIPS, which may come later.
+    fn id(&self, place: Place<'_>, config: &Config) -> anyhow::Result<String> {
+        let mut config = config.clone();
+        config.scene.data.clone_from(&place.scene.data);
+        config.scene.frame_store = None;
+        config.eval.dynamic_masks.clone_from(&place.scene.masks);
+        Ok(sha256(config::to_toml(&config)?.as_bytes())[..ID_LENGTH].to_owned())
+    }
+
+    /// The preset of the variant, else of the scene, else of the grid. [`check::grid`] refuses grids where both say one.
+    fn preset(&self, place: Place<'_>) -> Result<&'static Preset, UsageError> {
+        let named = place.variant.preset.as_deref().or(place.scene.preset.as_deref());
+        Preset::find(named.unwrap_or(&self.grid.preset))
+    }
+
+    /// What stands above the preset, lowest first.
+    fn layers(&self, place: Place<'_>) -> Result<Vec<Layer>, UsageError> {
+        let origin = self.origin;
+        let part = |part: String| Origin::Grid(format!("{origin}, {part}"));
+        let mut layers = vec![
+            Layer::of_table(self.grid.set.clone(), part("[set]".to_owned())),
+            Layer::of_table(place.scene.set.clone(), part(format!("the scene `{}`", place.scene.name))),
+            Layer::of_table(place.variant.set.clone(), part(format!("the variant `{}`", place.variant.name))),
+        ];
+        for (axis, value) in self.axes.iter().zip(place.values) {
+            layers.push(Layer::of_one(&axis.key, value.clone(), part("[grid]".to_owned())));
+        }
+        layers.extend(self.settings.iter().cloned());
+        let seed = i64::try_from(place.seed).map_err(|_| UsageError::new("a seed is too large for TOML."))?;
+        layers.push(Layer::of_one("seed", Value::Integer(seed), part("seeds".to_owned())));
+        Ok(layers)
+    }
+
+    /// Why the paper's numbers are of something else: another scene, or another schedule than the paper's. How a grid reads
+    /// its scenes is taken for a part of them; how the command line does is not.
+    fn not_comparable(&self, place: Place<'_>, preset: &'static Preset) -> Option<String> {
+        let mut reasons = BTreeSet::new();
+        if place.scene.data.is_none() {
+            reasons.insert("built-in scene".to_owned());
+        }
+        if preset.lineage().iter().any(|base| base.name == SHORT) {
+            reasons.insert(format!("preset {}", preset.name));
+        }
+        let mut add = |table: &Table, is_part_of_scene: fn(&str) -> bool| {
+            let counts = |key: &str| !key.starts_with("eval.") && !is_part_of_scene(key);
+            let given = leaves(table).into_iter().filter(|(key, _)| counts(key));
+            reasons.extend(given.map(|(key, value)| format!("{key} = {value}")));
+        };
+        for table in [&self.grid.set, &place.scene.set] {
+            add(table, |key| key.starts_with("scene."));
+        }
+        for layer in self.settings {
+            add(&layer.table, |_| false);
+        }
+        // A swept key that the paper does not sweep.
+        let is_the_papers =
+            |key: &str| self.grid.paper.iter().any(|row| leaves(&row.at).iter().any(|(at, _)| at == key));
+        let others = self.axes.iter().zip(place.values).filter(|(axis, _)| !is_the_papers(&axis.key));
+        reasons.extend(others.map(|(axis, value)| format!("{} = {value}", axis.key)));
+        (!reasons.is_empty()).then(|| reasons.into_iter().collect::<Vec<_>>().join(", "))
+    }
+}
+
+/// Every choice of one value for each axis; the last axis varies fastest. Without axes there is one, of nothing.
+fn combinations(axes: &[Axis]) -> Vec<Vec<Value>> {
+    axes.iter().fold(vec![Vec::new()], |combinations, axis| {
+        let with = |combination: &Vec<Value>| {
+            let combination = combination.clone();
+            axis.values.iter().map(move |value| [combination.clone(), vec![value.clone()]].concat())
+        };
+        combinations.iter().flat_map(with).collect()
+    })
+}
+
+/// The columns of the table; those that average over all scenes name them.
+pub(super) fn columns_of(grid: &Grid) -> Vec<ColumnGroup> {
+    let all = || grid.scenes.iter().map(|scene| scene.name.clone()).collect::<Vec<_>>();
+    if grid.columns.is_empty() {
+        let metrics = METRICS.map(str::to_owned).to_vec();
+        let of_scene = |name: String| ColumnGroup { title: name.clone(), scenes: vec![name], metrics: metrics.clone() };
+        return all().into_iter().map(of_scene).collect();
+    }
+    let named = |column: &ColumnGroup| {
+        let scenes = if column.scenes.is_empty() { all() } else { column.scenes.clone() };
+        ColumnGroup { scenes, ..column.clone() }
+    };
+    grid.columns.iter().map(named).collect()
+}
+
+#[cfg(test)]
+mod tests;

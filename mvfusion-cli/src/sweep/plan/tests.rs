@@ -1,0 +1,251 @@
+use std::fs;
+use std::path::Path;
+
+use super::*;
+use crate::failure;
+use crate::sweep::shipped::SHIPPED;
+
+/// Two scenes, two variants, an axis of two values, two seeds.
+const GRID: &str = r#"
+title = "a test"
+preset = "quickstart"
+seeds = [3, 4]
+set = { train.scale = 0.5, eval.strips = 1 }
+
+[[scenes]]
+name = "video"
+
+[[scenes]]
+name = "steak"
+data = "neu3d/steak"
+set = { scene.downscale = 2 }
+
+[[variants]]
+name = "full"
+
+[[variants]]
+name = "w/o MFTA"
+set = { motion.mfta = false }
+
+[grid]
+motion.window = [3, 5]
+"#;
+
+fn source(text: &str) -> Result<Source, UsageError> {
+    let folder = tempfile::tempdir().expect("folder");
+    let path = folder.path().join("test.toml");
+    fs::write(&path, text).expect("written");
+    Grid::read(&path)
+}
+
+fn plan(text: &str, additions: &Additions) -> anyhow::Result<Plan> {
+    Plan::new(&source(text)?, additions)
+}
+
+fn cells(text: &str) -> Vec<Cell> {
+    plan(text, &Additions::default()).expect("planned").index.cells
+}
+
+/// The words with which a grid is refused, which is the user's fault.
+fn refusal(text: &str) -> String {
+    let error = plan(text, &Additions::default()).expect_err("refused");
+    assert_eq!(failure::exit_code(&error), failure::USAGE, "{error}");
+    error.to_string()
+}
+
+#[test]
+fn cells_are_all_combinations_seeds_slowest() {
+    let Plan { index, configs } = plan(GRID, &Additions::default()).expect("planned");
+    assert_eq!(index.cells.len(), 16);
+    let names: Vec<String> = index.cells[..3].iter().map(|cell| cell.name(&index.axes)).collect();
+    assert_eq!(
+        names,
+        [
+            "video, full, motion.window = 3, seed 3",
+            "video, full, motion.window = 5, seed 3",
+            "video, w/o MFTA, motion.window = 3, seed 3"
+        ]
+    );
+    let (cell, config) = (&index.cells[15], &configs[15]);
+    assert_eq!(cell.name(&index.axes), "steak, w/o MFTA, motion.window = 5, seed 4");
+    assert_eq!((config.seed, config.motion.window, config.motion.mfta), (4, 5, false));
+    assert_eq!((config.scene.downscale, config.train.scale), (2.0, 0.5));
+    assert_eq!(cell.steps, config.scaled().train.stages.total());
+    assert_eq!(index.columns.len(), 2, "a scene a column");
+}
+
+#[test]
+fn an_id_depends_on_every_key_and_on_no_place() {
+    let ids = |additions: &Additions| -> Vec<String> {
+        plan(GRID, additions).expect("planned").index.cells.into_iter().map(|cell| cell.id).collect()
+    };
+    let here = ids(&Additions::default());
+    assert_eq!(here.iter().collect::<BTreeSet<_>>().len(), 16);
+    let elsewhere = Additions { data_root: Some("/elsewhere".into()), ..Additions::default() };
+    assert_eq!(ids(&elsewhere), here);
+    let plan = plan(GRID, &elsewhere).expect("planned");
+    assert_eq!(plan.configs[15].scene.data.as_deref(), Some(Path::new("/elsewhere/neu3d/steak")));
+    let longer = Additions { set: vec!["train.scale=0.6".into()], ..Additions::default() };
+    assert!(ids(&longer).iter().zip(&here).all(|(a, b)| a != b));
+    // What may come later, or is a cache.
+    let weighed = Additions { lpips_weights: Some("weights".into()), ..Additions::default() };
+    assert_eq!(ids(&weighed), here);
+    let cached = Additions { set: vec!["scene.frame_store=\"frames\"".into()], ..Additions::default() };
+    assert_eq!(ids(&cached), here);
+}
+
+#[test]
+fn the_command_line_does_not_hide_what_the_grid_says() {
+    let refusal = |setting: &str| {
+        let additions = Additions { set: vec![setting.into()], ..Additions::default() };
+        plan(GRID, &additions).expect_err("refused").to_string()
+    };
+    for (setting, word) in [
+        ("motion.window=5", "[grid]"),
+        ("motion.mfta=true", "the variant `w/o MFTA`"),
+        ("seed=9", "`seeds`"),
+        ("scene.data=elsewhere", "`data`"),
+        ("eval.lpips_weights=elsewhere", "--lpips-weights"),
+        ("train.scale", "--set"),
+    ] {
+        assert!(refusal(setting).contains(word), "{setting}: {}", refusal(setting));
+    }
+}
+
+#[test]
+fn cells_that_train_the_same_after_scaling_are_refused() {
+    let intervals = GRID.replace("motion.window = [3, 5]", "motion.interval = [500, 1000]");
+    let short = intervals.replace("train.scale = 0.5", "train.scale = 0.1");
+    assert_eq!(cells(&intervals.replace("train.scale = 0.5", "train.scale = 1.0")).len(), 16);
+    assert!(refusal(&short).contains("train the same at train.scale = 0.1"), "{}", refusal(&short));
+}
+
+#[test]
+fn what_is_written_in_another_order_has_the_same_ids() {
+    let other =
+        GRID.replace("set = { train.scale = 0.5, eval.strips = 1 }", "set = { eval.strips = 1, train.scale = 0.5 }");
+    let ids = |text| cells(text).into_iter().map(|cell| cell.id).collect::<Vec<_>>();
+    assert_eq!(ids(GRID), ids(&other));
+    assert_eq!(ids(GRID), ids(&GRID.replace("motion.window = [3, 5]", "\"motion.window\" = [3, 5]")));
+}
+
+#[test]
+fn an_exclusion_leaves_out_what_agrees_with_all_of_it() {
+    let excluding = format!("{GRID}\n[[exclude]]\nscene = \"steak\"\nvariant = \"w/o MFTA\"\nmotion.window = 3\n");
+    assert_eq!(cells(&excluding).len(), 14);
+    let nothing = format!("{GRID}\n[[exclude]]\nscene = \"stake\"\n");
+    assert!(refusal(&nothing).contains("no cell is as `exclude` says"), "{}", refusal(&nothing));
+    let everything = format!("{GRID}\n[[exclude]]\nseed = 3\n[[exclude]]\nseed = 4\n");
+    assert!(refusal(&everything).contains("every cell"));
+    let unknown = format!("{GRID}\n[[exclude]]\nmotion.windows = 3\n");
+    assert!(refusal(&unknown).contains("not `motion.windows`"), "{}", refusal(&unknown));
+}
+
+#[test]
+fn the_papers_numbers_compare_with_its_data_and_schedule_alone() {
+    let cells = cells(GRID);
+    assert_eq!(
+        cells[0].not_comparable.as_deref(),
+        Some("built-in scene, motion.window = 3, preset quickstart, train.scale = 0.5")
+    );
+    let steak = cells.iter().find(|cell| cell.scene == "steak").expect("there");
+    assert_eq!(steak.not_comparable.as_deref(), Some("motion.window = 3, preset quickstart, train.scale = 0.5"));
+    let row = "[[paper]]\nat = { motion.window = 3 }\ncolumn = \"video\"\nvalues = { \"composed.psnr\" = 1.0 }\n";
+    let full = format!("{GRID}\n{row}").replace("train.scale = 0.5, ", "").replace("\"quickstart\"", "\"neu3d\"");
+    let reason = |additions: &Additions| {
+        let cells = plan(&full, additions).expect("planned").index.cells;
+        cells.into_iter().find(|cell| cell.scene == "steak").expect("there").not_comparable
+    };
+    // The strips change nothing, the variants are the paper's, and the grid says how its scenes are read.
+    assert_eq!(reason(&Additions::default()), None);
+    let smaller = Additions { set: vec!["scene.downscale=4".into()], ..Additions::default() };
+    assert_eq!(reason(&smaller).as_deref(), Some("scene.downscale = 4"));
+}
+
+#[test]
+fn a_bad_grid_is_refused_with_what_is_wrong() {
+    for (good, bad, words) in [
+        ("train.scale = 0.5", "train.scael = 0.5", "test.toml, [set]).|`train.scael`|`train.scale`"),
+        ("motion.mfta = false", "motion.mtfa = false", "the variant `w/o MFTA`|`motion.mfta`"),
+        ("motion.window = [3, 5]", "motion.widow = [3, 5]", "[grid]|`motion.window`"),
+        ("motion.window = [3, 5]", "motion.window = []", "`motion.window` in [grid] is empty"),
+        ("motion.window = [3, 5]", "motion.window = 3", "must be a list"),
+        ("motion.window = [3, 5]", "motion.window = [3, 3]", "the value `3` is there twice"),
+        ("motion.window = [3, 5]", "motion.window = [3, 0]", "motion.window"),
+        ("motion.window = [3, 5]", "motion.window = [3, \"wide\"]", "whole number"),
+        ("motion.window = [3, 5]", "motion.mfta = [true, false]", "`motion.mfta` in [grid]|the variant `w/o MFTA`"),
+        ("set = { scene.downscale = 2 }", "set = { motion.mfta = true }", "the variant `w/o MFTA`|the scene `steak`"),
+        ("motion.window = [3, 5]", "seed = [3, 5]", "list it in `seeds`"),
+        ("seeds = [3, 4]", "seeds = []", "`seeds` is empty"),
+        ("seeds = [3, 4]", "seeds = [3, 3]", "the seed `3` is there twice"),
+        ("name = \"w/o MFTA\"", "name = \"full\"", "the variant `full` is there twice"),
+        ("set = { motion.mfta = false }", "", "are the same run"),
+        ("set = { motion.mfta = false }", "set = { seed = 5 }", "`seeds`"),
+        ("set = { motion.mfta = false }", "preset = \"neu3\"", "`neu3d`"),
+        ("name = \"steak\"", "name = \"video\"", "the scene `video` is there twice"),
+        ("title = \"a test\"", "titel = \"a test\"", "line 2|titel"),
+        ("title = \"a test\"", "title = \"a test", "not valid TOML"),
+    ] {
+        assert!(GRID.contains(good), "{good}");
+        let said = refusal(&GRID.replacen(good, bad, 1));
+        for word in words.trim_end_matches('.').split('|') {
+            assert!(said.contains(word.trim_end_matches(").")), "{bad}: `{word}` is missing in: {said}");
+        }
+    }
+}
+
+#[test]
+fn columns_and_paper_rows_belong_to_something() {
+    let column = |text: &str| format!("{GRID}\n[[columns]]\n{text}\n");
+    assert!(refusal(&column("title = \"a\"\nscenes = [\"stake\"]\nmetrics = [\"composed.psnr\"]")).contains("`stake`"));
+    assert!(refusal(&column("title = \"a\"\nmetrics = [\"composed.pnsr\"]")).contains("nearest is `composed.psnr`"));
+    assert!(refusal(&column("title = \"a\"\nmetrics = []")).contains("no metrics"));
+    assert!(refusal(&column("title = \"a\"\nmetrics = [\"speed.fps\"]")).contains("`speed_frames`"));
+    let training = "title = \"a\"\nmetrics = [\"training_views.composed.psnr\"]";
+    assert!(refusal(&column(training)).contains("eval.training_views = true"));
+    let twice = "title = \"a\"\nscenes = [\"video\", \"video\"]\nmetrics = [\"composed.psnr\"]";
+    assert!(refusal(&column(twice)).contains("the scene `video` is there twice"));
+    let paper = |figure: &str, text: &str| format!("{GRID}\n[[paper]]\nvalues = {{ \"{figure}\" = 1.0 }}\n{text}\n");
+    let psnr = |text: &str| paper("composed.psnr", text);
+    let whole = "variant = \"full\"\ncolumn = \"video\"\nat = { motion.window = 5 }";
+    plan(&psnr(whole), &Additions::default()).expect("planned");
+    for (from, to, word) in [
+        ("\"full\"", "\"fool\"", "`fool`"),
+        ("\"video\"", "\"vidoe\"", "`vidoe`"),
+        ("window = 5", "window = 4", "`motion.window = 4`"),
+        ("at = { motion.window = 5 }", "", "give `at`"),
+    ] {
+        let said = refusal(&psnr(&whole.replace(from, to)));
+        assert!(said.contains(word), "{to}: {said}");
+    }
+    assert!(refusal(&paper("composed.pnsr", whole)).contains("`composed.pnsr`"));
+}
+
+#[test]
+fn a_scene_and_a_variant_do_not_both_name_a_preset() {
+    let scene = GRID.replacen("name = \"steak\"", "name = \"steak\"\npreset = \"neu3d\"", 1);
+    assert_eq!(cells(&scene).iter().filter(|cell| cell.preset == "neu3d").count(), 8);
+    let both = scene.replacen("name = \"full\"", "name = \"full\"\npreset = \"quickstart-4dgs\"", 1);
+    assert!(refusal(&both).contains("both name a preset"));
+}
+
+#[test]
+fn every_shipped_grid_can_be_planned() {
+    for shipped in SHIPPED {
+        let source = Grid::read(Path::new(shipped.name)).expect("read");
+        let plan =
+            Plan::new(&source, &Additions::default()).unwrap_or_else(|error| panic!("{}: {error}", shipped.name));
+        let is_small = shipped.name.ends_with("-small");
+        for (cell, config) in plan.index.cells.iter().zip(&plan.configs) {
+            assert_eq!(config.scene.data.is_none(), is_small, "{}", shipped.name);
+            assert_eq!(cell.not_comparable.is_some(), is_small, "{}: {:?}", shipped.name, cell.not_comparable);
+        }
+        assert!(!source.grid.paper.is_empty(), "{}", shipped.name);
+    }
+}
+
+#[test]
+fn an_unknown_grid_is_refused_with_those_there_are() {
+    let error = Grid::read(Path::new("component")).expect_err("refused").to_string();
+    assert!(error.contains("components-small"), "{error}");
+}

@@ -1,0 +1,227 @@
+//! From what the cells yielded to the means and spreads of the table.
+
+use toml::Value;
+
+use super::metric::{Better, Metric};
+use super::{CellCounts, Column, Entry, Method, Outcome, Row, SeedMean, Spread, State, Table, paper};
+use crate::sweep::index::{Cell, Index};
+
+/// How rows are called that have a heading for their method, but no variant.
+const OURS: &str = "ours";
+
+/// A cell and what became of it.
+type Trained<'a> = (&'a Cell, &'a Outcome);
+
+impl Table {
+    /// The table of a sweep; `outcomes` are in the order of the index's cells, and cells beyond them are not finished.
+    pub fn of(index: &Index, outcomes: &[Outcome]) -> Self {
+        let outcomes = outcomes.iter().chain(std::iter::repeat(&Outcome::Unfinished));
+        let cells: Vec<Trained> = index.cells.iter().zip(outcomes).collect();
+        let seeds = distinct(index.cells.iter().map(|cell| cell.seed));
+        let mut columns = columns(index);
+        let labels = Labels::of(index);
+        let mut rows = literature(index, &columns, &labels);
+        rows.extend(trained(index, &columns, &labels, &seeds, &cells));
+        for (place, column) in columns.iter_mut().enumerate() {
+            column.paper_decimals = paper_decimals(&rows, place, &column.metric);
+            mark_best(&mut rows, place, &column.metric);
+        }
+        Self {
+            name: index.name.clone(),
+            title: index.title.clone(),
+            about: index.about.clone(),
+            axes: index.axes.clone(),
+            seeds,
+            headings: labels.headings(&index.axes),
+            columns,
+            rows,
+            cells: counts(&cells),
+        }
+    }
+}
+
+/// A row for each method that is not trained here.
+fn literature(index: &Index, columns: &[Column], labels: &Labels) -> Vec<Row> {
+    let methods = paper::literature(&index.paper).into_iter();
+    let row = |(name, at): (&str, &toml::Table)| {
+        let number = |group: &str, metric: &str| paper::of_literature(&index.paper, (name, at), (group, metric));
+        let entry = |column: &Column| Entry { paper: number(&column.group, &column.metric.name), ..Entry::default() };
+        let values: Vec<String> = index.axes.iter().map(|key| paper::at(at, key).unwrap_or_default()).collect();
+        let method = Method::Literature(name.to_owned());
+        Row { labels: labels.row(name, &values), method, entries: columns.iter().map(entry).collect() }
+    };
+    methods.map(row).collect()
+}
+
+/// A row for all cells that differ in scene and seed alone.
+fn trained(index: &Index, columns: &[Column], labels: &Labels, seeds: &[u64], cells: &[Trained]) -> Vec<Row> {
+    let rows = distinct(index.cells.iter().map(|cell| (&cell.variant, &cell.values))).into_iter();
+    let row = |(variant, values): (&String, &Vec<String>)| {
+        let own = |(cell, _): &&Trained| cell.variant == *variant && cell.values == *values;
+        let own: Vec<Trained> = cells.iter().filter(own).copied().collect();
+        let place = (variant.as_str(), index.axes.as_slice(), values.as_slice());
+        let number = |group: &str, metric: &str| paper::of_trained(&index.paper, place, (group, metric));
+        let entry =
+            |column: &Column| Entry { paper: number(&column.group, &column.metric.name), ..entry(column, &own, seeds) };
+        let name = if variant.is_empty() { OURS } else { variant };
+        let method = Method::Trained { variant: variant.clone(), values: values.clone() };
+        Row { labels: labels.row(name, values), method, entries: columns.iter().map(entry).collect() }
+    };
+    rows.map(row).collect()
+}
+
+/// The different items in the order in which they first come.
+fn distinct<T: PartialEq>(items: impl Iterator<Item = T>) -> Vec<T> {
+    let mut distinct = Vec::new();
+    for item in items {
+        if !distinct.contains(&item) {
+            distinct.push(item);
+        }
+    }
+    distinct
+}
+
+fn columns(index: &Index) -> Vec<Column> {
+    let all = distinct(index.cells.iter().map(|cell| cell.scene.clone()));
+    let groups = index.columns.iter().enumerate();
+    groups
+        .flat_map(|(group_index, group)| {
+            let scenes = if group.scenes.is_empty() { &all } else { &group.scenes };
+            group.metrics.iter().map(move |name| Column {
+                group: group.title.clone(),
+                group_index,
+                scenes: scenes.clone(),
+                metric: Metric::of(name),
+                paper_decimals: None,
+            })
+        })
+        .collect()
+}
+
+/// Which labels tell the rows apart.
+struct Labels {
+    /// Heading of the variant's or method's name.
+    method: Option<&'static str>,
+    /// Places of the swept keys.
+    axes: Vec<usize>,
+}
+
+impl Labels {
+    fn of(index: &Index) -> Self {
+        let differs = |place: &usize| distinct(index.cells.iter().map(|cell| cell.values.get(*place))).len() > 1;
+        let axes: Vec<usize> = (0..index.axes.len()).filter(differs).collect();
+        let variants = distinct(index.cells.iter().map(|cell| cell.variant.as_str()));
+        let is_alone = axes.is_empty() && variants.iter().any(|variant| !variant.is_empty());
+        let method = if !paper::literature(&index.paper).is_empty() {
+            Some("method")
+        } else {
+            (variants.len() > 1 || is_alone).then_some("variant")
+        };
+        Self { method, axes }
+    }
+
+    fn headings(&self, axes: &[String]) -> Vec<String> {
+        let method = self.method.map(str::to_owned);
+        method.into_iter().chain(self.axes.iter().map(|place| axes[*place].clone())).collect()
+    }
+
+    fn row(&self, method: &str, values: &[String]) -> Vec<String> {
+        let method = self.method.map(|_| method.to_owned());
+        let value = |place: &usize| values.get(*place).map_or(String::new(), |value| spoken(value));
+        method.into_iter().chain(self.axes.iter().map(value)).collect()
+    }
+}
+
+/// A TOML value as it is read: a string without its quotes, all else as it is written.
+pub(super) fn spoken(value: &str) -> String {
+    match paper::parsed(value) {
+        Value::String(text) => text,
+        _ => value.to_owned(),
+    }
+}
+
+/// Our figure of a column for cells that differ in scene and seed alone.
+fn entry(column: &Column, own: &[Trained], seeds: &[u64]) -> Entry {
+    let own: Vec<Trained> = own.iter().filter(|(cell, _)| column.scenes.contains(&cell.scene)).copied().collect();
+    let mean_of = |seed: &u64| {
+        let of_scene = |scene: &String| {
+            let (_, outcome) = own.iter().find(|(cell, _)| cell.seed == *seed && cell.scene == *scene)?;
+            figure(outcome, &column.metric.name)
+        };
+        let figures: Option<Vec<f64>> = column.scenes.iter().map(of_scene).collect();
+        figures.and_then(|figures| mean(&figures)).map(|mean| SeedMean { seed: *seed, mean })
+    };
+    let means: Vec<SeedMean> = seeds.iter().filter_map(mean_of).collect();
+    let spread = spread(&means.iter().map(|seed| seed.mean).collect::<Vec<_>>());
+    Entry {
+        state: if spread.is_some() { State::Known } else { state(&own, &column.metric.name) },
+        seeds: means,
+        spread,
+        paper: None,
+        not_comparable: distinct(own.iter().filter_map(|(cell, _)| cell.not_comparable.clone())),
+        is_best: false,
+    }
+}
+
+/// A figure of a cell; one that is no number is not known.
+fn figure(outcome: &Outcome, name: &str) -> Option<f64> {
+    match outcome {
+        Outcome::Figures(figures) => figures.get(name).copied().filter(|value| value.is_finite()),
+        Outcome::Failed | Outcome::Unfinished => None,
+    }
+}
+
+/// Why no seed has a figure.
+fn state(own: &[Trained], name: &str) -> State {
+    let any = |is: &dyn Fn(&Outcome) -> bool| own.iter().any(|(_, outcome)| is(outcome));
+    // What a finished cell does not know, those that failed would not have known either.
+    if any(&|outcome| matches!(outcome, Outcome::Figures(_)) && figure(outcome, name).is_none()) {
+        State::Unknown
+    } else if any(&|outcome| *outcome == Outcome::Failed) {
+        State::Failed
+    } else if any(&|outcome| *outcome == Outcome::Unfinished) {
+        State::Unfinished
+    } else {
+        State::Unknown
+    }
+}
+
+fn mean(values: &[f64]) -> Option<f64> {
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+fn spread(values: &[f64]) -> Option<Spread> {
+    let mean = mean(values)?;
+    let squares: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
+    let deviation = (values.len() > 1).then(|| (squares / (values.len() - 1) as f64).sqrt());
+    Some(Spread { mean, deviation })
+}
+
+/// As many decimals as the paper needs in a column, but no more than ours have: 0.943 is not shown as 0.9430.
+fn paper_decimals(rows: &[Row], place: usize, metric: &Metric) -> Option<usize> {
+    let decimals = |value: f64| value.to_string().split_once('.').map_or(0, |(_, decimals)| decimals.len());
+    rows.iter().filter_map(|row| row.entries[place].paper).map(|value| decimals(value).min(metric.decimals)).max()
+}
+
+/// Marks the best entries of a column, if there is more than one to choose from. What looks the same is as good.
+fn mark_best(rows: &mut [Row], place: usize, metric: &Metric) {
+    let means = || rows.iter().filter_map(|row| row.entries[place].spread.map(|spread| spread.mean));
+    let best = match metric.better {
+        Some(Better::Higher) => means().max_by(f64::total_cmp),
+        Some(Better::Lower) => means().min_by(f64::total_cmp),
+        None => None,
+    };
+    let Some(best) = best.filter(|_| means().count() > 1).map(|best| metric.shown(best)) else { return };
+    for entry in rows.iter_mut().map(|row| &mut row.entries[place]) {
+        entry.is_best = entry.spread.is_some_and(|spread| metric.shown(spread.mean) == best);
+    }
+}
+
+fn counts(cells: &[Trained]) -> CellCounts {
+    let count = |wanted: &Outcome| cells.iter().filter(|(_, outcome)| *outcome == wanted).count();
+    CellCounts { total: cells.len(), failed: count(&Outcome::Failed), unfinished: count(&Outcome::Unfinished) }
+}
+
+#[cfg(test)]
+#[path = "build_tests.rs"]
+mod tests;

@@ -1,0 +1,89 @@
+//! `table.csv`: a line for each figure of each row, for other programs.
+
+use super::Table;
+
+/// The columns behind the labels.
+const HEADER: [&str; 8] = ["column", "metric", "mean", "deviation", "seeds", "paper", "difference", "comparable"];
+
+impl Table {
+    /// The table as RFC 4180 has it, in long form and full precision; what is absent is empty.
+    pub fn csv(&self) -> String {
+        let mut text = line(self.headings.iter().map(String::as_str).chain(HEADER));
+        for row in &self.rows {
+            for (column, entry) in self.columns.iter().zip(&row.entries) {
+                let number = |value: Option<f64>| value.map_or(String::new(), |value| value.to_string());
+                let figures = [
+                    column.group.clone(),
+                    column.metric.name.clone(),
+                    number(entry.spread.map(|spread| spread.mean)),
+                    number(entry.spread.and_then(|spread| spread.deviation)),
+                    entry.spread.map_or(String::new(), |_| entry.seeds.len().to_string()),
+                    number(entry.paper),
+                    number(entry.difference()),
+                    entry.is_comparable().map_or(String::new(), |is| is.to_string()),
+                ];
+                text += &line(row.labels.iter().chain(&figures).map(String::as_str));
+            }
+        }
+        text
+    }
+}
+
+fn line<'a>(fields: impl Iterator<Item = &'a str>) -> String {
+    fields.map(quoted).collect::<Vec<_>>().join(",") + "\r\n"
+}
+
+/// A field, in quotes where it holds what would end it.
+fn quoted(field: &str) -> String {
+    if field.contains([',', '"', '\r', '\n']) {
+        format!("\"{}\"", field.replace('"', "\"\""))
+    } else {
+        field.to_owned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::specimen::{ablation, cell, figures, group, index};
+    use super::*;
+
+    #[test]
+    fn a_line_has_one_figure_in_full() {
+        let (index, outcomes) = ablation();
+        let text = Table::of(&index, &outcomes).csv();
+        let lines: Vec<&str> = text.split_terminator("\r\n").collect();
+        assert_eq!(lines.len(), 1 + 4 * 5);
+        assert_eq!(lines[0], "method,column,metric,mean,deviation,seeds,paper,difference,comparable");
+        assert_eq!(lines[1], "3DGS_2023,Mean,composed.psnr,,,,30.5,,");
+        assert_eq!(lines[6], "w/o MVG|MFTA,Mean,composed.psnr,27.5,0.7071067811865476,2,,,");
+        assert_eq!(lines[8], "w/o MVG|MFTA,Mean,mask_iou,,,,,,");
+        assert_eq!(lines[11], "full,Mean,composed.psnr,29,1,3,32.07,-3.0700000000000003,false");
+        assert_eq!(lines[15], "full,Video,gaussians.dynamic,12346,1,3,,,");
+    }
+
+    #[test]
+    fn fields_are_quoted_where_they_must_be() {
+        let mut index = index(&["key"], vec![group("A, \"B\"", &[], &["composed.psnr"])], "");
+        index.cells = vec![cell("s", "", &["\"x\\ny\""], 0), cell("s", "", &["[1, 2]"], 0)];
+        let table = Table::of(&index, &[figures(&[("composed.psnr", 20.0)])]);
+        assert_eq!(
+            table.csv(),
+            "key,column,metric,mean,deviation,seeds,paper,difference,comparable\r\n\
+             \"x\ny\",\"A, \"\"B\"\"\",composed.psnr,20,,1,,,\r\n\
+             \"[1, 2]\",\"A, \"\"B\"\"\",composed.psnr,,,,,,\r\n"
+        );
+    }
+
+    #[test]
+    fn a_number_is_comparable_where_no_cell_says_otherwise() {
+        let paper = "
+            [[paper]]
+            column = 'A'
+            values = { 'composed.psnr' = 21.0 }
+            ";
+        let mut index = index(&[], vec![group("A", &[], &["composed.psnr"])], paper);
+        index.cells = vec![cell("s", "", &[], 0)];
+        let table = Table::of(&index, &[figures(&[("composed.psnr", 20.0)])]);
+        assert!(table.csv().ends_with("\r\nA,composed.psnr,20,,1,21,-1,true\r\n"), "{}", table.csv());
+    }
+}

@@ -1,0 +1,63 @@
+//! How a figure of the table reads, whatever the format.
+
+use super::{Column, Entry, State, Table};
+
+/// The mark of differences to numbers that are not comparable.
+pub(super) const DAGGER: char = '\u{2020}';
+
+/// What stands in a field of the table.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Field {
+    /// The mean, or the word in its stead.
+    pub figure: String,
+    /// Whether that is the best of its column.
+    pub is_best: bool,
+    /// Spread, and seeds that are missing.
+    pub rest: String,
+}
+
+impl Entry {
+    /// Ours minus the paper's.
+    pub fn difference(&self) -> Option<f64> {
+        Some(self.spread?.mean - self.paper?)
+    }
+
+    /// Whether ours and the paper's number say something about each other; absent where one of them is.
+    pub fn is_comparable(&self) -> Option<bool> {
+        self.difference().map(|_| self.not_comparable.is_empty())
+    }
+}
+
+impl Table {
+    /// Our figure: `27.31 ± 0.12 (2 of 3 seeds)`.
+    pub(super) fn field(&self, column: &Column, entry: &Entry) -> Field {
+        let Some(spread) = entry.spread else {
+            let word = match entry.state {
+                State::Failed => "failed",
+                State::NotTrained => "",
+                State::Known | State::Unfinished | State::Unknown => "-",
+            };
+            return Field { figure: word.to_owned(), is_best: false, rest: String::new() };
+        };
+        let deviation = spread.deviation.map(|deviation| format!(" \u{b1} {}", column.metric.shown(deviation)));
+        let (complete, all) = (entry.seeds.len(), self.seeds.len());
+        let missing = (complete < all).then(|| format!(" ({complete} of {all} seeds)"));
+        let rest = deviation.unwrap_or_default() + &missing.unwrap_or_default();
+        Field { figure: column.metric.shown(spread.mean), is_best: entry.is_best, rest }
+    }
+}
+
+impl Column {
+    /// The paper's number with the difference of ours to it: `32.07 (-3.96)†`. Nothing where the paper has none.
+    pub(super) fn paper_field(&self, entry: &Entry) -> String {
+        let Some(paper) = entry.paper else { return String::new() };
+        let decimals = self.paper_decimals.unwrap_or(self.metric.decimals);
+        let rounded = self.metric.rounded(paper, decimals);
+        // A frame in twenty seconds is not none.
+        let is_lost = paper != 0.0 && !rounded.contains(|digit: char| ('1'..='9').contains(&digit));
+        let paper = if is_lost { paper.to_string() } else { rounded };
+        let Some(difference) = entry.difference() else { return paper };
+        let dagger = if entry.not_comparable.is_empty() { String::new() } else { DAGGER.to_string() };
+        format!("{paper} ({}){dagger}", self.metric.signed(difference))
+    }
+}

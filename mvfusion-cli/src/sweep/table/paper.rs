@@ -1,0 +1,105 @@
+//! Which of the paper's numbers belong to a row.
+
+use toml::{Table, Value};
+
+use crate::sweep::grid::{PaperRow, is_same, leaves};
+
+/// The paper's number for a figure of cells of a variant with some values of the swept keys: that of the first of its
+/// rows that fits and has it.
+pub(super) fn of_trained(
+    paper: &[PaperRow],
+    (variant, axes, values): (&str, &[String], &[String]),
+    (group, metric): (&str, &str),
+) -> Option<f64> {
+    let fits = |row: &&PaperRow| {
+        row.literature.is_none()
+            && row.column == group
+            && row.variant.as_deref().is_none_or(|named| named == variant)
+            && agrees(&row.at, axes, values)
+    };
+    paper.iter().filter(fits).find_map(|row| row.values.get(metric)).copied()
+}
+
+/// The paper's number for a figure of a method that is not trained here.
+pub(super) fn of_literature(
+    paper: &[PaperRow],
+    (name, at): (&str, &Table),
+    (group, metric): (&str, &str),
+) -> Option<f64> {
+    let fits = |row: &&PaperRow| row.literature.as_deref() == Some(name) && row.at == *at && row.column == group;
+    paper.iter().filter(fits).find_map(|row| row.values.get(metric)).copied()
+}
+
+/// The methods that are not trained here, each with where in the grid it stands, in the order of the file.
+pub(super) fn literature(paper: &[PaperRow]) -> Vec<(&str, &Table)> {
+    let mut methods = Vec::new();
+    for method in paper.iter().filter_map(|row| Some((row.literature.as_deref()?, &row.at))) {
+        if !methods.contains(&method) {
+            methods.push(method);
+        }
+    }
+    methods
+}
+
+/// The value of a dotted key, as TOML; absent where a table does not have it.
+pub(super) fn at(table: &Table, key: &str) -> Option<String> {
+    leaves(table).into_iter().find(|(own, _)| own == key).map(|(_, value)| value.to_string())
+}
+
+/// Whether cells with these values of the swept keys have all that `at` asks for.
+fn agrees(at: &Table, axes: &[String], values: &[String]) -> bool {
+    leaves(at).iter().all(|(key, wanted)| {
+        let own = axes.iter().zip(values).find(|(axis, _)| *axis == key);
+        own.is_some_and(|(_, value)| is_same(&parsed(value), wanted))
+    })
+}
+
+/// A TOML value from its text; what is none is a string.
+pub(super) fn parsed(text: &str) -> Value {
+    text.parse().unwrap_or_else(|_| Value::String(text.to_owned()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(text: &str) -> PaperRow {
+        toml::from_str(text).expect("row")
+    }
+
+    #[test]
+    fn values_are_compared_and_not_how_they_are_written() {
+        let axes = ["motion.window".to_owned(), "loss.weight".to_owned(), "model.kind".to_owned()];
+        let at = |text: &str| text.parse::<Table>().expect("table");
+        let agrees = |text, values: [&str; 3]| agrees(&at(text), &axes, &values.map(str::to_owned));
+        let values = ["5", "0.50", "\"full\""];
+        assert!(agrees("", values));
+        assert!(agrees("motion.window = 5\nloss = { weight = 0.5 }", values));
+        assert!(agrees("model.kind = 'full'\nmotion.window = 5.0", values));
+        assert!(!agrees("motion.window = 7", values));
+        assert!(!agrees("motion.other = 5", values));
+        assert!(!agrees("model.kind = 5", values));
+        assert!(agrees("loss.weight = [1, 2.0]", ["5", "[1.0, 2]", "0"]));
+        assert!(!agrees("loss.weight = [1]", ["5", "[1, 2]", "0"]));
+    }
+
+    #[test]
+    fn a_row_belongs_to_its_variant_column_and_values() {
+        let paper = [
+            row("variant = 'full'\ncolumn = 'Neu3D'\nvalues = { 'composed.psnr' = 32.07 }"),
+            row("column = 'Neu3D'\nat = { motion.window = 5 }\nvalues = { 'composed.psnr' = 31.0, 'mask_iou' = 0.5 }"),
+            row("literature = '3DGS'\ncolumn = 'Neu3D'\nvalues = { 'composed.psnr' = 30.0 }"),
+        ];
+        let axes = ["motion.window".to_owned()];
+        let find =
+            |variant, value: &str, figure| of_trained(&paper, (variant, &axes, &[value.to_owned()]), ("Neu3D", figure));
+        assert_eq!(find("full", "5", "composed.psnr"), Some(32.07));
+        assert_eq!(find("full", "5", "mask_iou"), Some(0.5));
+        assert_eq!(find("base", "5", "composed.psnr"), Some(31.0));
+        assert_eq!(find("base", "7", "composed.psnr"), None);
+        assert_eq!(of_trained(&paper, ("full", &axes, &["5".into()]), ("Other", "composed.psnr")), None);
+        let methods = literature(&paper);
+        assert_eq!(methods.len(), 1);
+        assert_eq!(of_literature(&paper, methods[0], ("Neu3D", "composed.psnr")), Some(30.0));
+    }
+}

@@ -1,0 +1,251 @@
+//! Sweeps as a user runs them: interrupted, gone on with, failed, refused.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use super::{FAILED, USAGE, mvfusion, text};
+
+/// Cells of a second or two that pass through all stages.
+const TINY: &str = r#"
+title = "Tiny"
+preset = "quickstart"
+seeds = [1, 2]
+
+[set]
+train.stages = { geometry = 2, deformation = 2, refinement = 2 }
+train.log_interval = 2
+model.width = 8
+model.grid = { features = 2, resolution = [4, 4, 4, 4], multipliers = [1] }
+init.dynamic_points = 60
+motion.samples = 4
+eval.strips = 0
+eval.pictures = false
+
+[[scenes]]
+name = "video"
+
+[[variants]]
+name = "full"
+
+[[variants]]
+name = "w/o MFTA"
+set = { motion.mfta = false }
+
+[[paper]]
+variant = "full"
+column = "video"
+values = { "composed.psnr" = 32.07 }
+"#;
+
+/// How long a sweep of tiny cells may take at most before a test gives up.
+const PATIENCE: Duration = Duration::from_secs(300);
+
+/// Milliseconds after which a sweep is killed: while it is written down, while a cell begins, trains and is written down.
+const KILLED_AFTER: [u64; 6] = [20, 60, 150, 400, 900, 1600];
+
+struct Ground {
+    folder: tempfile::TempDir,
+}
+
+impl Ground {
+    fn new(grid: &str) -> Self {
+        let folder = tempfile::tempdir().expect("folder");
+        fs::write(folder.path().join("tiny.toml"), grid).expect("written");
+        Self { folder }
+    }
+
+    fn path(&self) -> &Path {
+        self.folder.path()
+    }
+
+    fn sweep(&self, more: &[&str]) -> std::process::Output {
+        let arguments = ["sweep", "tiny.toml", "--out", "out", "--device", "cpu", "--jobs", "2"];
+        mvfusion(self.path(), &arguments.into_iter().chain(more.iter().copied()).collect::<Vec<_>>())
+    }
+
+    /// A sweep in a process group of its own.
+    fn started(&self) -> Child {
+        Command::new(env!("CARGO_BIN_EXE_mvfusion"))
+            .args(["sweep", "tiny.toml", "--out", "out", "--device", "cpu", "--quiet"])
+            .current_dir(self.path())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .process_group(0)
+            .spawn()
+            .expect("the program starts")
+    }
+
+    fn status(&self) -> String {
+        text(&mvfusion(self.path(), &["sweep", "status", "out"]).stdout)
+    }
+
+    /// When each cell that has finished was begun.
+    fn finished(&self) -> BTreeMap<PathBuf, String> {
+        self.records(|record| record.get("finished").is_some())
+    }
+
+    /// When each cell was begun whose record is as told.
+    fn records(&self, is: impl Fn(&serde_json::Value) -> bool) -> BTreeMap<PathBuf, String> {
+        let Ok(cells) = fs::read_dir(self.path().join("out/cells")) else { return BTreeMap::new() };
+        let record = |cell: PathBuf| {
+            let text = fs::read_to_string(cell.join("run.json")).ok()?;
+            let record: serde_json::Value = serde_json::from_str(&text).ok()?;
+            is(&record).then(|| Some((cell, record["started"].as_str()?.to_owned())))?
+        };
+        cells.filter_map(|entry| record(entry.expect("entry").path())).collect()
+    }
+
+    /// Waits for something, not for ever.
+    fn wait_for(&self, what: &str, is_there: impl Fn() -> bool) {
+        let since = Instant::now();
+        while !is_there() {
+            assert!(since.elapsed() < PATIENCE, "no {what}: {}", self.status());
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+
+    fn table(&self) -> String {
+        fs::read_to_string(self.path().join("out/table.md")).expect("the table is there")
+    }
+}
+
+/// Ends a process group at once: the sweep and the cell that it runs.
+fn kill_group(child: &mut Child) {
+    let group = format!("-{}", child.id());
+    let status = Command::new("kill").args(["-KILL", "--", &group]).status().expect("kill starts");
+    assert!(status.success());
+    child.wait().expect("ended");
+}
+
+#[test]
+fn a_sweep_that_was_killed_goes_on_where_it_was_and_ends_with_the_same_table() {
+    let whole = Ground::new(TINY);
+    let output = whole.sweep(&[]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(whole.status().ends_with("4 cells: 4 finished\n"), "{}", whole.status());
+    let said = text(&output.stdout);
+    assert!(said.contains("w/o MFTA") && said.contains("built-in scene") && said.contains("32.07"), "{said}");
+    for file in ["table.md", "table.tex", "table.csv", "table.json", "grid.toml", "sweep.json"] {
+        assert!(whole.path().join("out").join(file).is_file(), "{file}");
+    }
+
+    let broken = Ground::new(TINY);
+    for delay in KILLED_AFTER {
+        let mut child = broken.started();
+        std::thread::sleep(Duration::from_millis(delay));
+        kill_group(&mut child);
+    }
+    let mut child = broken.started();
+    broken.wait_for("a finished cell", || !broken.finished().is_empty());
+    kill_group(&mut child);
+    let finished = broken.finished();
+    assert!(finished.len() < 4, "{}", broken.status());
+    let output = broken.sweep(&[]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(
+        text(&output.stderr).contains(&format!("4 cells, {} to do", 4 - finished.len())),
+        "{}",
+        text(&output.stderr)
+    );
+    let after = broken.finished();
+    assert!(finished.iter().all(|(cell, began)| after[cell] == *began), "a finished cell was run again");
+    assert_eq!(broken.table(), whole.table());
+
+    let output = broken.sweep(&[]);
+    assert!(text(&output.stderr).contains("4 cells, 0 to do"), "{}", text(&output.stderr));
+    assert_eq!(broken.finished(), after);
+}
+
+#[test]
+fn a_cell_whose_sweep_was_killed_is_waited_for_and_not_run_twice() {
+    let ground = Ground::new(TINY);
+    let mut child = ground.started();
+    ground.wait_for("a cell at work", || ground.records(|record| record.get("finished").is_none()).len() == 1);
+    let at_work = ground.records(|record| record.get("finished").is_none());
+    // The sweep alone, not its cell.
+    child.kill().expect("killed");
+    child.wait().expect("ended");
+    assert!(ground.status().contains("running"), "{}", ground.status());
+    let output = ground.sweep(&[]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(ground.status().ends_with("4 cells: 4 finished\n"), "{}", ground.status());
+    assert!(at_work.iter().all(|(cell, began)| ground.finished()[cell] == *began), "a running cell was run again");
+}
+
+#[test]
+fn a_cell_that_fails_is_told_and_the_others_go_on() {
+    let failing = TINY.replace("set = { motion.mfta = false }", "set = { loss.main = inf }");
+    let ground = Ground::new(&failing);
+    let output = ground.sweep(&[]);
+    assert_eq!(output.status.code(), Some(FAILED));
+    assert!(text(&output.stderr).contains("2 of 4 cells have not finished"), "{}", text(&output.stderr));
+    assert!(ground.table().contains("failed"), "{}", ground.table());
+    let status = ground.status();
+    assert!(status.ends_with("4 cells: 2 finished, 2 failed\n") && status.contains("is not finite"), "{status}");
+}
+
+#[test]
+fn a_dry_run_shows_the_cells_and_writes_nothing() {
+    let ground =
+        Ground::new(&TINY.replace("seeds = [1, 2]", "seeds = [1, 2]\nexpected = { minutes = 3, on = \"a snail\" }"));
+    let output = ground.sweep(&["--dry-run"]);
+    let said = text(&output.stdout);
+    assert!(said.contains("4 cells to do, 24 steps, 2 at a time: 6 min 00 s") && said.contains("a snail"), "{said}");
+    assert!(!ground.path().join("out").exists());
+}
+
+#[test]
+fn a_grid_that_cannot_be_run_is_refused_before_anything_is() {
+    for (good, bad, code, word) in [
+        ("motion.mfta = false", "motion.mtfa = false", USAGE, "`motion.mfta`"),
+        ("seeds = [1, 2]", "seeds = []", USAGE, "is empty"),
+        ("name = \"w/o MFTA\"", "name = \"full\"", USAGE, "is there twice"),
+        ("motion.mfta = false", "motion.mfta = false, motion.temporal = \"average\"", USAGE, "motion.temporal"),
+        ("name = \"video\"", "name = \"video\"\ndata = \"not/there\"", FAILED, "--data-root"),
+    ] {
+        let ground = Ground::new(&TINY.replace(good, bad));
+        let output = ground.sweep(&[]);
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{bad}: {said}");
+        assert!(said.starts_with("error: ") && said.contains(word) && !said.contains("panicked"), "{bad}: {said}");
+        assert!(!ground.path().join("out").exists(), "{bad}");
+    }
+}
+
+#[test]
+fn a_folder_that_holds_something_else_is_not_written_to() {
+    let ground = Ground::new(TINY);
+    fs::create_dir(ground.path().join("out")).expect("made");
+    fs::write(ground.path().join("out/thesis.tex"), "x").expect("written");
+    let output = ground.sweep(&[]);
+    assert_eq!(output.status.code(), Some(FAILED));
+    assert!(text(&output.stderr).contains("`thesis.tex` and no sweep"), "{}", text(&output.stderr));
+
+    let ground = Ground::new(TINY);
+    fs::write(ground.path().join("out"), "x").expect("written");
+    let output = ground.sweep(&[]);
+    assert!(text(&output.stderr).contains("is a file"), "{}", text(&output.stderr));
+
+    if cfg!(target_os = "linux") {
+        // Nobody can write there, whoever runs the tests.
+        let arguments = ["sweep", "tiny.toml", "--device", "cpu", "--out", "/proc/sweep"];
+        let output = mvfusion(ground.path(), &arguments);
+        assert_eq!(output.status.code(), Some(FAILED));
+        assert!(text(&output.stderr).contains("cannot write into /proc"), "{}", text(&output.stderr));
+    }
+}
+
+#[test]
+fn options_that_would_be_ignored_are_refused() {
+    let ground = Ground::new(TINY);
+    for option in ["--wait", "--sbatch=--time=1"] {
+        let output = ground.sweep(&[option]);
+        assert_eq!(output.status.code(), Some(USAGE));
+        assert!(text(&output.stderr).contains("--launcher slurm"), "{}", text(&output.stderr));
+    }
+    assert!(!ground.path().join("out").exists());
+}
