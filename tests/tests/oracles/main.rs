@@ -3,13 +3,15 @@
 //! Every `.npz` file in `$MVFUSION_ORACLES/{oracle_gsplat,oracle_method,oracle_metrics}` is one trial a backend, named
 //! `oracle::<backend>::<kind>::<file>`; without the folder each kind is one ignored trial. So are the pairs of pictures in
 //! `oracle_metrics/metrics.json`. The project's own small oracle (`tests/oracles/own.npz`, made by `make.py` beside it)
-//! always runs. The report of a run is opened in a real browser ([`report`]).
+//! always runs. The report of a run is opened in a real browser ([`report`]), and a sweep's cells
+//! are run by a real SLURM ([`cluster`]).
 #![recursion_limit = "256"]
 
 mod archive;
 mod cameras;
 mod captures;
 mod clouds;
+mod cluster;
 mod composition;
 mod densify;
 mod hexplane;
@@ -53,6 +55,7 @@ fn main() -> ExitCode {
     }
     trials.extend(captures::trials(root().as_deref()));
     trials.extend(report::trials(root().as_deref()));
+    trials.extend(cluster::trials());
     for backend in gpu_backends() {
         if is_there(backend) {
             trials.extend(training::trials(backend));

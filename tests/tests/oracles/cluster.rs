@@ -1,0 +1,106 @@
+//! A sweep on a real SLURM: interrupted, submitted again, complete.
+//!
+//! The trials, `slurm::<what>`, run the program that the build left beside the tests, with a cluster of their own, and
+//! are ignored where either is missing. Tests of the whole workspace build the program; those of this crate alone do
+//! not.
+
+mod ground;
+
+use std::fs;
+
+use anyhow::{Context, Result, anyhow, ensure};
+use libtest_mimic::Trial;
+use mvfusion_tests::Cluster;
+
+use crate::{failed, ignored};
+use ground::{CELLS, Ground, job, program, said};
+
+/// What the program says: of a cell in each state, and where nothing is left to do.
+const FINISHED: &str = "finished";
+const RUNNING: &str = "running";
+const INTERRUPTED: &str = "interrupted";
+const NOTHING_TO_DO: &str = "4 cells, 0 to do";
+
+/// How a script asks for a GPU.
+const GPU: &str = "#SBATCH --gres=gpu:1";
+
+/// All trials.
+pub fn trials() -> Vec<Trial> {
+    vec![
+        trial("a_cancelled_cell_alone_is_submitted_again", a_cancelled_cell_alone_is_submitted_again),
+        trial("a_gpu_is_asked_for_where_one_is_wanted", a_gpu_is_asked_for_where_one_is_wanted),
+    ]
+}
+
+/// A trial that needs a cluster and the program.
+fn trial(what: &str, check: fn(&Ground) -> Result<()>) -> Trial {
+    let name = format!("slurm::{what}");
+    let no_program = || {
+        let program = program().ok()?;
+        (!program.is_file()).then(|| format!("{} is not built", program.display()))
+    };
+    match Cluster::absent().or_else(no_program) {
+        Some(reason) => ignored(name, reason),
+        None => Trial::test(name, move || {
+            let ground = Ground::new().map_err(failed)?;
+            check(&ground).map_err(|error| failed(anyhow!("{error:#}\n{}", ground.story())))
+        }),
+    }
+}
+
+fn a_cancelled_cell_alone_is_submitted_again(ground: &Ground) -> Result<()> {
+    let first = job(&ground.sweep(&[])?)?;
+    let ids = ground.ids()?;
+    ensure!(ground.submitted()? == ids, "the first script has not all cells in their order");
+    // The first task has the first cell.
+    let (task, cell) = (format!("{first}_0"), &ids[0]);
+    ground.wait("the first cell at work", || {
+        let runs = ground.cluster.queue(&first)?.contains(&format!("{task} RUNNING"));
+        Ok(runs && ground.states()?.get(cell).is_some_and(|state| state == RUNNING))
+    })?;
+    ground.cluster.ask("scancel", &[&task])?;
+    ground.wait("the end of the array", || Ok(ground.cluster.queue(&first)?.is_empty()))?;
+    let states = ground.states()?;
+    ensure!(states[cell] == INTERRUPTED, "the cancelled cell is {}", states[cell]);
+    let finished = states.values().filter(|state| *state == FINISHED).count();
+    ensure!(finished == CELLS - 1, "{finished} other cells have finished");
+    let before = ground.finished()?;
+
+    let again = ground.sweep(&["--wait"])?;
+    let after = ground.finished()?;
+    ensure!(after.len() == CELLS, "with --wait it returned before {} cells had ended", CELLS - after.len());
+    ensure!(job(&again)? != first, "the cell was not submitted again");
+    ensure!(ground.submitted()? == [cell.as_str()], "others than the cancelled cell were submitted again");
+    ensure!(before.iter().all(|(id, began)| after[id] == *began), "a finished cell was run again");
+    ensure!(ground.states()?.values().all(|state| state == FINISHED), "a finished cell is said to be something else");
+
+    let table = said(&ground.mvfusion(&["sweep", "table", "out"])?)?;
+    ensure!(table.contains("long") && table.contains("w/o MFTA"), "no table: {table}");
+    ensure!(ground.path("out/table.md").is_file(), "table.md is missing");
+
+    let (script, jobs) = (fs::read(ground.path("out/slurm/array.sh"))?, ground.cluster.every_job()?);
+    let output = ground.sweep(&[])?;
+    let note = String::from_utf8_lossy(&output.stderr).into_owned();
+    ensure!(note.contains(NOTHING_TO_DO), "it does not say that nothing is to do: {note}");
+    ensure!(job(&output).is_err(), "it names a job");
+    ensure!(ground.cluster.every_job()? == jobs, "a job was submitted for nothing");
+    ensure!(fs::read(ground.path("out/slurm/array.sh"))? == script, "the script was written again for nothing");
+    Ok(())
+}
+
+fn a_gpu_is_asked_for_where_one_is_wanted(ground: &Ground) -> Result<()> {
+    for (device, wants) in [("cpu", false), ("wgpu", true)] {
+        let output = ground.sweep(&["--device", device, "--dry-run"])?;
+        let said = said(&output)?;
+        ensure!(said.lines().any(|line| line == GPU) == wants, "--device {device}: {said}");
+        ensure!(!ground.path("out").exists(), "a dry run writes");
+        // SLURM itself must understand it. The script is the part from its first line to the command that it runs.
+        let begin = said.find("#!").context("no script is shown")?;
+        let script = said[begin..].lines().take_while(|line| !line.is_empty()).collect::<Vec<_>>().join("\n");
+        fs::write(ground.path("script.sh"), script)?;
+        let script = ground.path("script.sh").display().to_string();
+        ground.cluster.ask("sbatch", &["--test-only", &script]).with_context(|| format!("--device {device}"))?;
+    }
+    ensure!(ground.cluster.every_job()?.is_empty(), "a dry run submits");
+    Ok(())
+}
