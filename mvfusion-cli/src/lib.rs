@@ -1,8 +1,9 @@
 //! The inside of the `mvfusion` program: everything but `main`, so that it can be tested.
 //!
-//! [`command`] holds a file for each command; [`config`] merges the layers of the configuration; [`mod@run`] knows
-//! the files of a run's folder, [`report`] makes a page of them; [`export`] writes those for other programs, [`render`]
-//! films; [`sweep`] runs many of them and makes tables; [`progress`] and [`table`] are what the user sees. No mathematics here: that is `mvfusion-model`.
+//! [`command`] holds a file for each command; [`config`] merges the layers of the configuration; [`mod@run`] knows the
+//! files of a run's folder, [`report`] makes a page of them; [`export`] writes those for other programs, [`render`]
+//! films; [`sweep`] runs many of them and makes tables; [`progress`] and [`table`] are what the user sees. No
+//! mathematics here: that is `mvfusion-model`.
 
 pub mod args;
 pub mod atomic;

@@ -16,8 +16,8 @@ use crate::progress::Talk;
 /// Trains a cell, evaluates it, and measures what else is wanted; does nothing if it is finished.
 ///
 /// # Errors
-/// If another process works on it; what training or evaluation fails with, in words that are left beside the cell's folder
-/// as well.
+/// If another process works on it; what training or evaluation fails with, in words that are left beside the cell's
+/// folder as well.
 pub fn run_cell(args: &RunCellArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<()> {
     let (folder, id) = (SweepFolder::new(&args.out)?, args.cell.as_str());
     let order = folder.order(id)?;

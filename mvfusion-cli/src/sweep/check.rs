@@ -93,8 +93,8 @@ fn presets(grid: &Grid) -> Result<(), String> {
     let variant = grid.variants.iter().find(|variant| variant.preset.is_some());
     match (scene, variant) {
         (Some(scene), Some(variant)) => Err(format!(
-            "the scene `{}` and the variant `{}` both name a preset, and their cells can start from one only. Give one of \
-             them keys under `set` instead.",
+            "the scene `{}` and the variant `{}` both name a preset, and their cells can start from one only. Give one \
+             of them keys under `set` instead.",
             scene.name, variant.name
         )),
         _ => Ok(()),
@@ -273,8 +273,8 @@ pub(super) fn scored(index: &Index, configs: &[Config]) -> Result<(), UsageError
         let own = index.cells.iter().zip(configs).filter(|(cell, _)| column.scenes.contains(&cell.scene));
         if let Some((cell, _)) = own.into_iter().find(|(_, config)| !config.eval.training_views) {
             return Err(UsageError::new(format!(
-                "the column `{}` wants figures of the training views, which are not scored: set eval.training_views = true \
-                 for the scene `{}`.",
+                "the column `{}` wants figures of the training views, which are not scored: set \
+                 eval.training_views = true for the scene `{}`.",
                 column.title, cell.scene
             )));
         }

@@ -57,8 +57,8 @@ impl State {
     }
 }
 
-/// `cells/ID.json`: what a cell is to do, beside its configuration. It does not change when the grid does: cells that wait in a
-/// queue run as they were ordered.
+/// `cells/ID.json`: what a cell is to do, beside its configuration. It does not change when the grid does: cells that
+/// wait in a queue run as they were ordered.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Order {
     /// The cell's place in the grid, in words.
@@ -215,8 +215,8 @@ impl SweepFolder {
         }
     }
 
-    /// Whether a process holds a cell's lock; `None` if no process ever did. Those who only look share their lock with each
-    /// other, and need not be able to write.
+    /// Whether a process holds a cell's lock; `None` if no process ever did. Those who only look share their lock with
+    /// each other, and need not be able to write.
     fn is_locked(&self, id: &str) -> anyhow::Result<Option<bool>> {
         let path = self.beside(id, "lock");
         let file = match File::open(&path) {

@@ -32,7 +32,8 @@ pub struct Index {
     /// How long a cell takes, as the grid says.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub expected: Option<Expected>,
-    /// The cells, scenes varying slowest within a seed, seeds slowest of all: a table is complete early, if with few seeds.
+    /// The cells, scenes varying slowest within a seed, seeds slowest of all: a table is complete early, if with few
+    /// seeds.
     pub cells: Vec<Cell>,
 }
 

@@ -5,8 +5,8 @@
 //!                         local processes, or tasks of SLURM ─► run_cell ─► cells/ID/
 //!                                           results.json of each ─► Table ─► Markdown, LaTeX, CSV, JSON, plots
 //! ```
-//! Nothing is kept in memory between the steps: the folder says what is to do, so that a sweep can be interrupted, looked at,
-//! and gone on with by any process that sees the folder.
+//! Nothing is kept in memory between the steps: the folder says what is to do, so that a sweep can be interrupted,
+//! looked at, and gone on with by any process that sees the folder.
 
 mod cell;
 mod check;

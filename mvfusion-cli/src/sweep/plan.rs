@@ -67,7 +67,8 @@ impl Plan {
     /// All cells of a grid.
     ///
     /// # Errors
-    /// [`UsageError`] for a grid that contradicts itself, names what there is not, or has a cell that cannot be trained.
+    /// [`UsageError`] for a grid that contradicts itself, names what there is not, or has a cell that cannot be
+    /// trained.
     pub fn new(source: &Source, additions: &Additions) -> anyhow::Result<Self> {
         let grid = &source.grid;
         let axes = grid.axes()?;
@@ -161,8 +162,8 @@ impl Ground<'_> {
         Ok((cell, config))
     }
 
-    /// The id of a cell. It does not depend on where things lie, so that a sweep can move to another machine, nor on the
-    /// weights of LPIPS, which may come later.
+    /// The id of a cell. It does not depend on where things lie, so that a sweep can move to another machine, nor on
+    /// the weights of LPIPS, which may come later.
     fn id(&self, place: Place<'_>, config: &Config) -> anyhow::Result<String> {
         let mut config = config.clone();
         config.scene.data.clone_from(&place.scene.data);
@@ -171,7 +172,8 @@ impl Ground<'_> {
         Ok(sha256(config::to_toml(&config)?.as_bytes())[..ID_LENGTH].to_owned())
     }
 
-    /// The preset of the variant, else of the scene, else of the grid. [`check::grid`] refuses grids where both say one.
+    /// The preset of the variant, else of the scene, else of the grid. [`check::grid`] refuses grids where both say
+    /// one.
     fn preset(&self, place: Place<'_>) -> Result<&'static Preset, UsageError> {
         let named = place.variant.preset.as_deref().or(place.scene.preset.as_deref());
         Preset::find(named.unwrap_or(&self.grid.preset))
@@ -195,8 +197,8 @@ impl Ground<'_> {
         Ok(layers)
     }
 
-    /// Why the paper's numbers are of something else: another scene, or another schedule than the paper's. How a grid reads
-    /// its scenes is taken for a part of them; how the command line does is not.
+    /// Why the paper's numbers are of something else: another scene, or another schedule than the paper's. How a grid
+    /// reads its scenes is taken for a part of them; how the command line does is not.
     fn not_comparable(&self, place: Place<'_>, preset: &'static Preset) -> Option<String> {
         let mut reasons = BTreeSet::new();
         if place.scene.data.is_none() {

@@ -1,8 +1,8 @@
 //! The cells of a sweep as one job array of SLURM.
 //!
-//! SLURM queues, places, limits and repeats; this file only writes what it asks for. The ids stand in the script itself, of
-//! which `sbatch` keeps a copy, and each cell has its order in a file of its own: a later submission does not change what an
-//! array that still waits will run.
+//! SLURM queues, places, limits and repeats; this file only writes what it asks for. The ids stand in the script
+//! itself, of which `sbatch` keeps a copy, and each cell has its order in a file of its own: a later submission does
+//! not change what an array that still waits will run.
 
 use std::path::Path;
 use std::process::Command;

@@ -44,7 +44,8 @@ values = { "composed.psnr" = 32.07 }
 /// How long a sweep of tiny cells may take at most before a test gives up.
 const PATIENCE: Duration = Duration::from_secs(300);
 
-/// Milliseconds after which a sweep is killed: while it is written down, while a cell begins, trains and is written down.
+/// Milliseconds after which a sweep is killed: while it is written down, while a cell begins, trains and is written
+/// down.
 const KILLED_AFTER: [u64; 6] = [20, 60, 150, 400, 900, 1600];
 
 struct Ground {
