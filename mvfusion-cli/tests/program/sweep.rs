@@ -178,6 +178,22 @@ fn a_cell_whose_sweep_was_killed_is_waited_for_and_not_run_twice() {
 }
 
 #[test]
+fn what_is_wanted_later_is_measured_without_training_again() {
+    let grid = TINY.replace("seeds = [1, 2]", "seeds = [1]");
+    let ground = Ground::new(&grid);
+    assert!(ground.sweep(&[]).status.success());
+    let trained = ground.finished();
+    let results = |cell: &Path| fs::read_to_string(cell.join("results.json")).expect("results");
+    assert!(trained.keys().all(|cell| !results(cell).contains("\"speed\"")));
+    let timed = grid.replace("seeds = [1]", "seeds = [1]\nspeed_frames = 2");
+    fs::write(ground.path().join("tiny.toml"), timed).expect("written");
+    let output = ground.sweep(&[]);
+    assert!(text(&output.stderr).contains("2 cells, 2 to do"), "{}", text(&output.stderr));
+    assert_eq!(ground.finished(), trained, "a cell was trained again");
+    assert!(trained.keys().all(|cell| results(cell).contains("\"speed\"")));
+}
+
+#[test]
 fn a_cell_that_fails_is_told_and_the_others_go_on() {
     let failing = TINY.replace("set = { motion.mfta = false }", "set = { loss.main = inf }");
     let ground = Ground::new(&failing);
