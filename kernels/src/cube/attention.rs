@@ -1,10 +1,10 @@
-//! Attention of one query a row over a few keys of its own. CPU twin: `attention/cpu.rs`. A unit is one head of one
-//! row.
+//! Attention of a few queries a row over the row's few keys. CPU twin: `attention/cpu.rs`. A unit is one head of one
+//! query; backward one head of one row, whose queries add to the same keys.
 
 use cubecl::prelude::*;
 
-/// What each of `queries` `[N, width]` finds in `memory` `[N, keys, 2 width]` (keys, then values): `found` `[N,
-/// width]`.
+/// What each of `queries` `[N, count, width]` finds in `memory` `[N, keys, 2 width]` (beside each key its value):
+/// `found`, as `queries`.
 #[cube(launch)]
 pub fn attention(
     queries: &[f32],
@@ -13,11 +13,13 @@ pub fn attention(
     rows: u32,
     width: u32,
     #[comptime] heads: usize,
+    #[comptime] count: usize,
     #[comptime] keys: usize,
 ) {
     let unit = ABSOLUTE_POS;
-    if unit < rows as usize * heads {
-        let head = head_of(unit, width, heads, keys);
+    if unit < rows as usize * count * heads {
+        let (query, part) = (unit / heads, unit % heads);
+        let head = head_of(query, query / count, part, width, heads, keys);
         let weights = weigh(queries, memory, &head, keys);
         for column in 0..head.depth {
             let mut sum = 0.0f32;
@@ -30,7 +32,7 @@ pub fn attention(
     }
 }
 
-/// The adjoints of queries and memory for the cotangent `v_found` `[N, width]`.
+/// The adjoints of queries and memory for the cotangent `v_found`, shaped as `queries`.
 #[cube(launch)]
 pub fn attention_backward(
     queries: &[f32],
@@ -41,40 +43,53 @@ pub fn attention_backward(
     rows: u32,
     width: u32,
     #[comptime] heads: usize,
+    #[comptime] count: usize,
     #[comptime] keys: usize,
 ) {
     let unit = ABSOLUTE_POS;
     if unit < rows as usize * heads {
-        let head = head_of(unit, width, heads, keys);
-        let weights = weigh(queries, memory, &head, keys);
-        let mut v_weights = Array::<f32>::new(keys);
-        let mut mean = 0.0f32;
-        #[unroll]
-        for key in 0..keys {
-            let mut sum = 0.0f32;
-            for column in 0..head.depth {
-                let v = v_found[head.query + column];
-                let value = value_at(&head, key) + column;
-                sum += v * memory[value];
-                v_memory[value] = weights[key] * v;
-            }
-            v_weights[key] = sum;
-            mean += weights[key] * sum;
-        }
-        #[unroll]
-        for key in 0..keys {
-            v_weights[key] = weights[key] * (v_weights[key] - mean) * head.scale;
-        }
-        for column in 0..head.depth {
-            let own = queries[head.query + column];
-            let mut sum = 0.0f32;
+        let (row, part) = (unit / heads, unit % heads);
+        // The first query writes the adjoints of the memory, the others add to them.
+        for query in 0..count {
+            let head = head_of(row * count + query, row, part, width, heads, keys);
+            let weights = weigh(queries, memory, &head, keys);
+            let mut v_weights = Array::<f32>::new(keys);
+            let mut mean = 0.0f32;
             #[unroll]
             for key in 0..keys {
-                let at = key_at(&head, key) + column;
-                sum += v_weights[key] * memory[at];
-                v_memory[at] = v_weights[key] * own;
+                let mut sum = 0.0f32;
+                for column in 0..head.depth {
+                    let v = v_found[head.query + column];
+                    let value = value_at(&head, key) + column;
+                    sum += v * memory[value];
+                    let mut before = 0.0f32;
+                    if query > 0 {
+                        before = v_memory[value];
+                    }
+                    v_memory[value] = before + weights[key] * v;
+                }
+                v_weights[key] = sum;
+                mean += weights[key] * sum;
             }
-            v_queries[head.query + column] = sum;
+            #[unroll]
+            for key in 0..keys {
+                v_weights[key] = weights[key] * (v_weights[key] - mean) * head.scale;
+            }
+            for column in 0..head.depth {
+                let own = queries[head.query + column];
+                let mut sum = 0.0f32;
+                #[unroll]
+                for key in 0..keys {
+                    let at = key_at(&head, key) + column;
+                    sum += v_weights[key] * memory[at];
+                    let mut before = 0.0f32;
+                    if query > 0 {
+                        before = v_memory[at];
+                    }
+                    v_memory[at] = before + v_weights[key] * own;
+                }
+                v_queries[head.query + column] = sum;
+            }
         }
     }
 }
@@ -95,12 +110,19 @@ struct Head {
 }
 
 #[cube]
-fn head_of(unit: usize, width: u32, #[comptime] heads: usize, #[comptime] keys: usize) -> Head {
+fn head_of(
+    query: usize,
+    row: usize,
+    part: usize,
+    width: u32,
+    #[comptime] heads: usize,
+    #[comptime] keys: usize,
+) -> Head {
     let width = width as usize;
     let depth = width / heads;
     Head {
-        query: unit / heads * width + unit % heads * depth,
-        first: unit / heads * keys * 2 * width + unit % heads * depth,
+        query: query * width + part * depth,
+        first: row * keys * 2 * width + part * depth,
         width,
         depth,
         scale: 1.0f32 / f32::cast_from(depth as u32).sqrt(),

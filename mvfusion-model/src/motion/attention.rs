@@ -61,8 +61,13 @@ impl TemporalAttention {
         let queries = project(&[from_ref(&self.query)], centre);
         let memory = project(&[from_ref(&self.key), from_ref(&self.value)], neighbours.reshape([count * keys, token]));
         let memory = memory.reshape([count, keys, 2 * queries.dims()[1]]);
-        // Proof: `Config::check` sees to it that the heads divide the width, which query, key and value share, and
-        // `neighbours` has as many rows as `centre`, each with at least one key.
+        self.look(queries.unsqueeze_dim(1), memory).squeeze_dim(1)
+    }
+
+    /// What `[N, Q, width]` queries find in the `[N, K, 2 width]` keys and values of their row: `[N, Q, width]`.
+    pub(super) fn look(&self, queries: Tensor<3>, memory: Tensor<3>) -> Tensor<3> {
+        // Proof: `Config::check` sees to it that the heads divide the width, which query, key and value share, and both
+        // are of the same Gaussians, with at least one token each.
         attention::forward(queries, memory, self.heads).unwrap_or_else(|error| panic!("MFTA: {error}"))
     }
 }

@@ -3,7 +3,6 @@
 use std::slice::from_ref;
 
 use burn::tensor::Tensor;
-use mvfusion_render::attention;
 
 use super::TemporalAttention;
 use crate::network::{Rectified, side_by_side};
@@ -16,15 +15,11 @@ impl TemporalAttention {
     /// As [`TemporalAttention::attend`].
     pub fn attend_to_all(&self, tokens: Tensor<3>) -> Tensor<2> {
         let [count, length, token] = tokens.dims();
-        let layers = [from_ref(&self.query), from_ref(&self.key), from_ref(&self.value)];
-        let projected = side_by_side(&layers, tokens.reshape([count * length, token]), Rectified::No);
-        let width = projected.dims()[1] / layers.len();
-        let queries = projected.clone().narrow(1, 0, width);
-        // The op gives each query keys of its own, so a Gaussian's are repeated for each of its tokens.
-        let memory = projected.narrow(1, width, 2 * width).reshape([count, 1, length, 2 * width]);
-        let memory = memory.repeat_dim(1, length).reshape([count * length, length, 2 * width]);
-        // Proof: as in `attend`; each query has the `length` keys of its Gaussian.
-        let outputs = attention::forward(queries, memory, self.heads).unwrap_or_else(|error| panic!("MFTA: {error}"));
-        outputs.reshape([count, length, width]).mean_dim(1).squeeze_dim(1)
+        let tokens = tokens.reshape([count * length, token]);
+        let queries = side_by_side(&[from_ref(&self.query)], tokens.clone(), Rectified::No);
+        let memory = side_by_side(&[from_ref(&self.key), from_ref(&self.value)], tokens, Rectified::No);
+        let width = queries.dims()[1];
+        let outputs = self.look(queries.reshape([count, length, width]), memory.reshape([count, length, 2 * width]));
+        outputs.mean_dim(1).squeeze_dim(1)
     }
 }

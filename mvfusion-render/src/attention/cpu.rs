@@ -16,6 +16,8 @@ const SUMS: usize = 8;
 pub(crate) struct Layout {
     /// Columns of a query, a key and a value.
     pub width: usize,
+    /// Queries of a row, which share its keys.
+    pub queries: usize,
     /// Keys of a row.
     pub keys: usize,
     /// Heads that share the columns.
@@ -29,6 +31,11 @@ pub(super) struct Adjoint<T> {
 }
 
 impl Layout {
+    /// Numbers of a row's queries.
+    fn queries(self) -> usize {
+        self.queries * self.width
+    }
+
     /// Numbers of a row of the memory.
     fn memory(self) -> usize {
         self.keys * 2 * self.width
@@ -40,25 +47,28 @@ impl Layout {
     }
 }
 
-/// What each of `queries` `[N, width]` finds in `memory` `[N, keys, 2 width]`: `[N, width]`.
+/// What each of `queries` `[N, queries, width]` finds in `memory` `[N, keys, 2 width]`: as `queries`.
 pub(super) fn forward<T: Real>(queries: &[T], memory: &[T], layout: Layout) -> Vec<T> {
     let mut found = vec![T::zero(); queries.len()];
     let blocks = (
-        found.par_chunks_mut(BLOCK * layout.width),
-        queries.par_chunks(BLOCK * layout.width),
+        found.par_chunks_mut(BLOCK * layout.queries()),
+        queries.par_chunks(BLOCK * layout.queries()),
         memory.par_chunks(BLOCK * layout.memory()),
     );
     blocks.into_par_iter().for_each(|(found, queries, memory)| {
         let mut weights = vec![T::zero(); layout.keys];
         vectorised(|| {
-            let rows = queries.chunks_exact(layout.width).zip(memory.chunks_exact(layout.memory()));
-            for (found, (query, memory)) in found.chunks_exact_mut(layout.width).zip(rows) {
-                for head in 0..layout.heads {
-                    let head = Head::of(query, memory, layout, head);
-                    head.weigh(&mut weights);
-                    let found = &mut found[head.first..head.first + layout.depth()];
-                    for (key, &weight) in weights.iter().enumerate() {
-                        add_scaled(found, head.value(key), weight);
+            let rows = queries.chunks_exact(layout.queries()).zip(memory.chunks_exact(layout.memory()));
+            for (found, (queries, memory)) in found.chunks_exact_mut(layout.queries()).zip(rows) {
+                let queries = queries.chunks_exact(layout.width);
+                for (found, query) in found.chunks_exact_mut(layout.width).zip(queries) {
+                    for head in 0..layout.heads {
+                        let head = Head::of(query, memory, layout, head);
+                        head.weigh(&mut weights);
+                        let found = &mut found[head.first..head.first + layout.depth()];
+                        for (key, &weight) in weights.iter().enumerate() {
+                            add_scaled(found, head.value(key), weight);
+                        }
                     }
                 }
             }
@@ -67,36 +77,33 @@ pub(super) fn forward<T: Real>(queries: &[T], memory: &[T], layout: Layout) -> V
     found
 }
 
-/// The adjoints of queries and memory, of `v_found` `[N, width]`.
+/// The adjoints of queries and memory, of `v_found` `[N, queries, width]`.
 pub(super) fn backward<T: Real>(queries: &[T], memory: &[T], v_found: &[T], layout: Layout) -> Adjoint<T> {
     let mut adjoint = Adjoint { queries: vec![T::zero(); queries.len()], memory: vec![T::zero(); memory.len()] };
     let blocks = (
-        adjoint.queries.par_chunks_mut(BLOCK * layout.width),
+        adjoint.queries.par_chunks_mut(BLOCK * layout.queries()),
         adjoint.memory.par_chunks_mut(BLOCK * layout.memory()),
-        queries.par_chunks(BLOCK * layout.width),
+        queries.par_chunks(BLOCK * layout.queries()),
         memory.par_chunks(BLOCK * layout.memory()),
-        v_found.par_chunks(BLOCK * layout.width),
+        v_found.par_chunks(BLOCK * layout.queries()),
     );
     blocks.into_par_iter().for_each(|(v_queries, v_memory, queries, memory, v_found)| {
         let mut weights = vec![T::zero(); layout.keys];
         let mut v_weights = vec![T::zero(); layout.keys];
         vectorised(|| {
-            let rows = queries.chunks_exact(layout.width).zip(memory.chunks_exact(layout.memory()));
-            let v_rows = v_queries.chunks_exact_mut(layout.width).zip(v_memory.chunks_exact_mut(layout.memory()));
-            for (((query, memory), (v_query, v_memory)), v_found) in
-                rows.zip(v_rows).zip(v_found.chunks_exact(layout.width))
-            {
-                for head in 0..layout.heads {
-                    let head = Head::of(query, memory, layout, head);
-                    let columns = head.first..head.first + layout.depth();
-                    head.weigh(&mut weights);
-                    head.pull_back(
-                        &weights,
-                        &mut v_weights,
-                        &v_found[columns.clone()],
-                        &mut v_query[columns],
-                        v_memory,
-                    );
+            let memories = memory.chunks_exact(layout.memory()).zip(v_memory.chunks_exact_mut(layout.memory()));
+            let rows = queries.chunks_exact(layout.queries()).zip(v_queries.chunks_exact_mut(layout.queries()));
+            let rows = rows.zip(v_found.chunks_exact(layout.queries()));
+            for (((queries, v_queries), v_found), (memory, v_memory)) in rows.zip(memories) {
+                let queries = queries.chunks_exact(layout.width).zip(v_queries.chunks_exact_mut(layout.width));
+                for ((query, v_query), v_found) in queries.zip(v_found.chunks_exact(layout.width)) {
+                    for head in 0..layout.heads {
+                        let head = Head::of(query, memory, layout, head);
+                        let columns = head.first..head.first + layout.depth();
+                        head.weigh(&mut weights);
+                        let v_query = &mut v_query[columns.clone()];
+                        head.pull_back(&weights, &mut v_weights, &v_found[columns], v_query, v_memory);
+                    }
                 }
             }
         });
@@ -104,7 +111,7 @@ pub(super) fn backward<T: Real>(queries: &[T], memory: &[T], v_found: &[T], layo
     adjoint
 }
 
-/// One head of one row.
+/// One head of one query.
 struct Head<'a, T> {
     query: &'a [T],
     memory: &'a [T],
@@ -164,7 +171,7 @@ impl<'a, T: Real> Head<'a, T> {
         }
     }
 
-    /// Writes the adjoints of this head's query, keys and values; `v_weights` is room for numbers on the way.
+    /// Adds the adjoints of this head's query, keys and values; `v_weights` is room for numbers on the way.
     #[inline(always)]
     fn pull_back(&self, weights: &[T], v_weights: &mut [T], v_found: &[T], v_query: &mut [T], v_memory: &mut [T]) {
         let depth = self.query.len();

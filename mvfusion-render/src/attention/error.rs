@@ -7,6 +7,12 @@ use crate::device::takes;
 /// An argument of [`forward`](super::forward) that does not fit.
 #[derive(Debug, thiserror::Error)]
 pub enum AttentionError {
+    /// A row without a query.
+    #[error("`queries` has shape {found:?}; expected [rows, queries, width] with a query at least")]
+    Queries {
+        /// Its shape.
+        found: [usize; 3],
+    },
     /// The memory is not made for these queries.
     #[error("`memory` has shape {found:?}; expected [{rows}, keys, {columns}] with a key at least", rows = expected[0], columns = expected[1])]
     Memory {
@@ -34,8 +40,11 @@ pub enum AttentionError {
 }
 
 /// Checks everything that [`forward`](super::forward) takes.
-pub(super) fn check(queries: &Tensor<2>, memory: &Tensor<3>, heads: usize) -> Result<(), AttentionError> {
-    let [rows, width] = queries.dims();
+pub(super) fn check(queries: &Tensor<3>, memory: &Tensor<3>, heads: usize) -> Result<(), AttentionError> {
+    let [rows, count, width] = queries.dims();
+    if count == 0 {
+        return Err(AttentionError::Queries { found: queries.dims() });
+    }
     if heads == 0 || width == 0 || !width.is_multiple_of(heads) {
         return Err(AttentionError::Heads { heads, width });
     }

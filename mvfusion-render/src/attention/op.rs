@@ -21,7 +21,7 @@ pub(crate) trait AttentionOps: Backend {
 
 /// The adjoint; on plain backends only.
 pub(crate) trait AttentionAdjoint: AttentionOps {
-    /// The adjoints of queries and memory. `v_found` is `[N, width]`.
+    /// The adjoints of queries and memory. `v_found` is `[N, queries, width]`.
     fn attention_backward(
         arguments: Arguments<Self>,
         v_found: FloatTensor<Self>,
@@ -38,7 +38,8 @@ pub(crate) struct Arguments<B: Backend> {
 
 impl<B: Backend> Arguments<B> {
     pub fn layout(&self, heads: usize) -> Layout {
-        Layout { width: self.queries.shape()[1], keys: self.memory.shape()[1], heads }
+        let [_, queries, width] = self.queries.shape().dims();
+        Layout { width, queries, keys: self.memory.shape()[1], heads }
     }
 }
 
@@ -97,7 +98,7 @@ impl<B: AttentionAdjoint, C: CheckpointStrategy> AttentionOps for Autodiff<B, C>
     }
 }
 
-pub(super) fn forward(queries: Tensor<2>, memory: Tensor<3>, heads: usize) -> Tensor<2> {
+pub(super) fn forward(queries: Tensor<3>, memory: Tensor<3>, heads: usize) -> Tensor<3> {
     let (queries, memory) = (queries.into_dispatch(), memory.into_dispatch());
     Tensor::from_dispatch(<Dispatch as AttentionOps>::attention_forward(queries, memory, heads))
 }

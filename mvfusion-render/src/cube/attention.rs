@@ -17,7 +17,7 @@ impl AttentionOps for CubeBackend {
         if rows > 0 {
             attention::launch(
                 &gpu.client,
-                gpu.units(rows * heads),
+                gpu.units(rows * layout.queries * heads),
                 CUBE,
                 arguments.queries.into_buffer_arg(),
                 arguments.memory.into_buffer_arg(),
@@ -25,6 +25,7 @@ impl AttentionOps for CubeBackend {
                 rows as u32,
                 layout.width as u32,
                 heads,
+                layout.queries,
                 layout.keys,
             );
         }
@@ -55,6 +56,7 @@ impl AttentionAdjoint for CubeBackend {
                 rows as u32,
                 layout.width as u32,
                 heads,
+                layout.queries,
                 layout.keys,
             );
         }

@@ -114,7 +114,9 @@ fn double_precision(pair: Pair) -> Result<()> {
     let refusals = [
         look_up(wide(planes), wide([5, 3]), wide([1, 1]), &bounds, &layout()).err().map(|error| error.to_string()),
         mlp::forward(wide([5, 3]), parameters, &perceptron).err().map(|error| error.to_string()),
-        attention::forward(wide([5, 4]), wide([5, 8]).reshape([5, 1, 8]), 2).err().map(|error| error.to_string()),
+        attention::forward(wide([5, 4]).unsqueeze_dim(1), wide([5, 8]).unsqueeze_dim(1), 2)
+            .err()
+            .map(|error| error.to_string()),
         penalties(wide(planes), &layout()).err().map(|error| error.to_string()),
         splat(before_the_picture(5, device, DType::F64), None, &camera(32), &settings())
             .err()

@@ -87,15 +87,18 @@ pub fn mlp_and_back(device: &Device) -> Result<Outcome> {
 }
 
 fn attention_and_back(device: &Device) -> Result<Outcome> {
-    let queries = normal([1003, 24], 1.0, 21, device);
-    let memory = normal([1003, 3, 48], 1.0, 22, device);
-    let found = attention::forward(queries.clone(), memory.clone(), 4)?;
-    let gradients = weighed(&found, 23).backward();
-    Ok(vec![
-        ("found".into(), Array::of(found), SUMS),
-        ("queries".into(), gradient(&queries, &gradients), SUMS),
-        ("memory".into(), gradient(&memory, &gradients), SUMS),
-    ])
+    let mut outcome = Vec::new();
+    // One query a row, as cross-attention has, and as many as keys, as self-attention has.
+    for count in [1, 3] {
+        let queries = normal([1003, count, 24], 1.0, 21, device);
+        let memory = normal([1003, 3, 48], 1.0, 22, device);
+        let found = attention::forward(queries.clone(), memory.clone(), 4)?;
+        let gradients = weighed(&found, 23).backward();
+        outcome.push((format!("found, {count} queries"), Array::of(found), SUMS));
+        outcome.push((format!("queries, {count} queries"), gradient(&queries, &gradients), SUMS));
+        outcome.push((format!("memory, {count} queries"), gradient(&memory, &gradients), SUMS));
+    }
+    Ok(outcome)
 }
 
 /// An op of two pictures.
@@ -157,10 +160,10 @@ fn nothing(device: &Device) -> Result<Outcome> {
     let layout = MlpLayout { inputs: 3, rectified: true, chains: vec![vec![4, 2]] };
     let parameters = normal([layout.parameters()], 0.3, 12, device);
     let outputs = mlp::forward(empty(3), parameters.clone(), &layout)?;
-    let attended = attention::forward(empty(8), Tensor::zeros([0, 2, 16], (device, DType::F32)), 2)?;
-    for (name, dims) in [("look-up", found.dims()), ("perceptrons", outputs.dims()), ("attention", attended.dims())] {
-        ensure!(dims[0] == 0, "the {name} of nothing has shape {dims:?}");
-    }
+    let nobody = empty(8).reshape([0, 1, 8]);
+    let attended = attention::forward(nobody, Tensor::zeros([0, 2, 16], (device, DType::F32)), 2)?;
+    let rows = [found.dims()[0], outputs.dims()[0], attended.dims()[0]];
+    ensure!(rows == [0; 3], "look-up, perceptrons and attention of nothing have {rows:?} rows");
     let gradients = (found.sum() + outputs.sum() + attended.sum()).backward();
     Ok(vec![
         ("planes".into(), gradient(&planes, &gradients), SUMS),
