@@ -112,8 +112,8 @@ pub struct LayerArgs {
     /// Format of the scene's folder, if it is not to be recognised; the same as --set scene.format=NAME
     #[arg(long, value_name = "NAME", value_parser = formats())]
     pub format: Option<Format>,
-    /// Where the configuration starts from (see `mvfusion presets`) [default: quickstart; with --data neu3d, or
-    /// onthego-indoor for photos]
+    /// Where the configuration starts from (see `mvfusion presets`) [default: quickstart; with --data neu3d, but
+    /// hypernerf, dnerf or onthego-indoor for scenes of one moving camera, of synthetic objects, of photos]
     #[arg(long, value_name = "NAME")]
     pub preset: Option<String>,
     /// TOML file laid over the preset

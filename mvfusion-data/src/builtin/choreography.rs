@@ -21,7 +21,7 @@ const HOPS: f64 = 1.0;
 const LAMP_SWAY: f64 = 0.018;
 /// Times between which the visitor of the video is there.
 const VISIT: (f64, f64) = (0.30, 0.72);
-/// Streams of the random numbers; see DESIGN, "Randomness and sameness".
+/// Streams of the random numbers: each part of a scene has draws of its own, whatever the others draw.
 const STREAM_LINGERERS: u64 = 1;
 const STREAM_PHOTOS: u64 = 16;
 
