@@ -11,6 +11,7 @@ pub mod clock;
 pub mod command;
 pub mod config;
 pub mod device;
+mod drawing;
 pub mod export;
 pub mod failure;
 mod help;

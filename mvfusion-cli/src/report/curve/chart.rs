@@ -4,13 +4,17 @@ use std::fmt::Write;
 
 use maud::{Markup, html};
 
-use super::axis::{Axis, Spacing};
 use super::thin::{Point, thin};
+use crate::drawing::{Axis, Frame, Spacing, path, shown};
 
 /// Size of the drawing in its own units; the page scales it.
 const SIZE: [f64; 2] = [560.0, 250.0];
 /// Room around the curves: left, top, right, bottom.
 const MARGINS: [f64; 4] = [54.0, 30.0, 14.0, 36.0];
+/// Left, top, right and bottom of the part with the curves.
+const EDGES: [f64; 4] = [MARGINS[0], MARGINS[1], SIZE[0] - MARGINS[2], SIZE[1] - MARGINS[3]];
+/// Ratio of the largest to the smallest value from which a logarithmic axis shows more than a linear one.
+const LOGARITHMIC_FROM: f64 = 10.0;
 /// Most points of a curve.
 const MOST_POINTS: usize = 1000;
 /// Up to so many points each is marked by a dot.
@@ -69,7 +73,8 @@ pub struct Chart<'a> {
 impl<'a> Chart<'a> {
     /// A chart whose axis fits the values: logarithmic where they are spread over a decade or more.
     pub fn fitting(title: &'a str, series: Vec<Series>, marks: &'a [Mark]) -> Self {
-        let values = Axis::fitting(series.iter().flat_map(|series| series.points.iter().map(|point| point.y)));
+        let values = series.iter().flat_map(|series| series.points.iter().map(|point| point.y));
+        let values = Axis::logarithmic_from(LOGARITHMIC_FROM, values);
         Self { title, x_title: "step", series, marks, values }
     }
 
@@ -109,8 +114,9 @@ impl<'a> Chart<'a> {
 
     fn drawing(&self) -> Markup {
         let xs = self.series.iter().flat_map(|series| series.points.iter().map(|point| point.x));
-        let frame = Frame { x: Axis::linear(xs.chain(self.marks.iter().map(|mark| mark.x))), y: self.values };
-        let [left, top, right, bottom] = Frame::edges();
+        let xs = Axis::linear(xs.chain(self.marks.iter().map(|mark| mark.x)));
+        let frame = Frame { x: xs, y: self.values, edges: EDGES };
+        let [left, top, right, bottom] = EDGES;
         html! {
             svg viewBox=(format!("0 0 {} {}", SIZE[0], SIZE[1])) role="img" aria-label=(self.summary()) {
                 @for tick in frame.y.ticks(TICKS[1]) {
@@ -134,7 +140,7 @@ impl<'a> Chart<'a> {
 
     /// The marks; a name that would run into the one before it stands a line higher.
     fn marks(&self, frame: &Frame) -> Markup {
-        let [_, top, right, bottom] = Frame::edges();
+        let [_, top, right, bottom] = EDGES;
         let mut ends = [f64::NEG_INFINITY; 2];
         let placed = self.marks.iter().map(|mark| {
             let x = frame.right(mark.x);
@@ -171,63 +177,21 @@ impl<'a> Chart<'a> {
     }
 }
 
-/// Where values stand in the drawing.
-struct Frame {
-    x: Axis,
-    y: Axis,
-}
-
-impl Frame {
-    /// Left, top, right and bottom of the part with the curves.
-    fn edges() -> [f64; 4] {
-        [MARGINS[0], MARGINS[1], SIZE[0] - MARGINS[2], SIZE[1] - MARGINS[3]]
-    }
-
-    fn right(&self, x: f64) -> f64 {
-        let [left, _, right, _] = Self::edges();
-        left + (right - left) * self.x.place(x)
-    }
-
-    fn down(&self, y: f64) -> f64 {
-        let [_, top, _, bottom] = Self::edges();
-        bottom - (bottom - top) * self.y.place(y)
-    }
-}
-
 /// A curve's line, interrupted at its gaps, and its dots where they are few.
 fn curve(series: &Series, frame: &Frame) -> Markup {
-    let points: Vec<[f64; 2]> = thin(&series.points, MOST_POINTS)
+    let points: Vec<Option<[f64; 2]>> = thin(&series.points, MOST_POINTS)
         .iter()
-        .map(|point| [frame.right(point.x), if point.y.is_finite() { frame.down(point.y) } else { f64::NAN }])
+        .map(|point| point.y.is_finite().then(|| [frame.right(point.x), frame.down(point.y)]))
         .collect();
-    let dots = points.iter().filter(|[_, y]| y.is_finite()).filter(|_| points.len() <= DOTTED);
+    let dots = points.iter().flatten().filter(|_| points.len() <= DOTTED);
     let weight = if series.weight == Weight::Bold { "bold" } else { "faint" };
     let colour = format!("c{}", series.colour);
     html! {
-        path class={ "curve " (weight) " " (colour) } d=(path(&points)) {}
+        path class={ "curve " (weight) " " (colour) } d=(path(points.iter().copied())) {}
         @if series.weight == Weight::Bold {
             @for [x, y] in dots { circle class={ "dot " (colour) } cx=(shown(*x)) cy=(shown(*y)) r="2.5" {} }
         }
     }
-}
-
-/// The line through points, anew after each whose y is not finite.
-fn path(points: &[[f64; 2]]) -> String {
-    let mut path = String::new();
-    let mut is_down = false;
-    for [x, y] in points {
-        if y.is_finite() {
-            // Writing to a string cannot fail.
-            let _ = write!(path, "{}{} {}", if is_down { 'L' } else { 'M' }, shown(*x), shown(*y));
-        }
-        is_down = y.is_finite();
-    }
-    path
-}
-
-/// A coordinate, to a tenth of a unit.
-fn shown(coordinate: f64) -> String {
-    format!("{coordinate:.1}")
 }
 
 #[cfg(test)]
@@ -237,13 +201,6 @@ mod tests {
     fn series(values: &[f64]) -> Series {
         let points = values.iter().enumerate().map(|(x, &y)| Point { x: x as f64, y }).collect();
         Series { name: None, colour: 0, weight: Weight::Bold, points }
-    }
-
-    #[test]
-    fn the_line_stops_at_a_gap_and_goes_on_behind_it() {
-        let gap = f64::NAN;
-        assert_eq!(path(&[[0.0, 1.0], [1.0, 2.0], [2.0, gap], [3.0, 0.25]]), "M0.0 1.0L1.0 2.0M3.0 0.2");
-        assert_eq!(path(&[[0.0, gap]]), "");
     }
 
     #[test]

@@ -1,6 +1,5 @@
 //! Curves as SVG: what a training's numbers did over its steps.
 
-mod axis;
 mod chart;
 mod thin;
 

@@ -1,12 +1,11 @@
 //! The drawing of a figure over a swept key, as an SVG file that needs nothing else.
 
-use std::fmt::Write;
-
 use maud::{Markup, PreEscaped, html};
 
 use super::Spread;
 use super::plots::{Plot, Point, Series};
-use super::scale::{Scale, Tick};
+use super::scale;
+use crate::drawing::{Axis, Frame, Tick, path, shown};
 
 /// Width of the drawing, and height without the legend.
 const SIZE: [f64; 2] = [640.0, 380.0];
@@ -14,6 +13,10 @@ const SIZE: [f64; 2] = [640.0, 380.0];
 const MARGINS: [f64; 4] = [76.0, 40.0, 20.0, 56.0];
 /// Height of a line of the legend.
 const LINE: f64 = 18.0;
+/// Left, top, right and bottom of the part with the curves.
+const EDGES: [f64; 4] = [MARGINS[0], MARGINS[1], SIZE[0] - MARGINS[2], SIZE[1] - MARGINS[3] - LINE];
+/// Room between the values and the edges, as a share of their range.
+const ROOM: f64 = 0.06;
 /// Half the width of the ends of a spread's bar.
 const CAP: f64 = 4.0;
 /// Ticks that are aimed at along the figures.
@@ -31,12 +34,6 @@ const STYLE: &str = "text{font:12px \"Helvetica Neue\",Arial,sans-serif;fill:#1c
     .mean{fill:none;stroke-width:1.8;stroke-linejoin:round}.spread{stroke-width:1.2}\
     .paper{fill:none;stroke-width:1.4;stroke-dasharray:5 4}.hollow{fill:#fff;stroke-width:1.4}";
 
-/// Where values stand in the drawing.
-struct Frame {
-    x: Scale,
-    y: Scale,
-}
-
 impl Plot {
     /// The file.
     pub fn svg(&self) -> String {
@@ -45,7 +42,7 @@ impl Plot {
             let (mean, deviation) = point.spread.map_or((None, 0.0), |s| (Some(s.mean), s.deviation.unwrap_or(0.0)));
             [mean.map(|mean| mean - deviation), mean.map(|mean| mean + deviation), point.paper].into_iter().flatten()
         });
-        let frame = Frame { x: Scale::swept(&swept), y: Scale::linear(figures) };
+        let frame = frame(scale::axis(&swept), Axis::linear(figures));
         let height = SIZE[1] + LINE * self.legend_lines() as f64;
         let drawing = html! {
             svg xmlns="http://www.w3.org/2000/svg" width=(SIZE[0]) height=(height)
@@ -75,8 +72,8 @@ impl Plot {
     }
 
     fn axes(&self, frame: &Frame, swept: &[f64]) -> Markup {
-        let [left, top, right, bottom] = Frame::edges();
-        let x_ticks = with_room(frame.x.swept_ticks(swept), frame);
+        let [left, top, right, bottom] = EDGES;
+        let x_ticks = with_room(scale::ticks(&frame.x, swept), frame);
         let middle = (top + bottom) / 2.0;
         html! {
             @for tick in frame.y.ticks(TICKS) {
@@ -128,21 +125,8 @@ impl Plot {
     }
 }
 
-impl Frame {
-    /// Left, top, right and bottom of the part with the curves.
-    fn edges() -> [f64; 4] {
-        [MARGINS[0], MARGINS[1], SIZE[0] - MARGINS[2], SIZE[1] - MARGINS[3] - LINE]
-    }
-
-    fn right(&self, x: f64) -> f64 {
-        let [left, _, right, _] = Self::edges();
-        left + (right - left) * self.x.place(x)
-    }
-
-    fn down(&self, y: f64) -> f64 {
-        let [_, top, _, bottom] = Self::edges();
-        bottom - (bottom - top) * self.y.place(y)
-    }
+fn frame(x: Axis, y: Axis) -> Frame {
+    Frame { x: x.with_room(ROOM), y: y.with_room(ROOM), edges: EDGES }
 }
 
 /// Ticks, and whether the label of each would stand clear of the last one that is written.
@@ -174,7 +158,7 @@ fn line(series: &Series, index: usize, frame: &Frame) -> Markup {
         Some([frame.right(*x), frame.down(mean + deviation), frame.down(mean - deviation)])
     });
     html! {
-        @if !paper.is_empty() { path.paper stroke=(colour) d=(path(&paper)) {} }
+        @if !paper.is_empty() { path.paper stroke=(colour) d=(path(paper.iter().copied())) {} }
         @for [x, y] in paper.iter().flatten() {
             circle.hollow stroke=(colour) cx=(shown(*x)) cy=(shown(*y)) r="3.5" {}
         }
@@ -183,7 +167,7 @@ fn line(series: &Series, index: usize, frame: &Frame) -> Markup {
             path.spread fill="none" stroke=(colour)
                 d=(format!("M{start} {0}H{end}M{1} {0}V{2}M{start} {2}H{end}", shown(high), shown(x), shown(low))) {}
         }
-        path.mean stroke=(colour) d=(path(&means)) {}
+        path.mean stroke=(colour) d=(path(means.iter().copied())) {}
         @for place in means.iter().flatten() { (dot(index, *place)) }
     }
 }
@@ -200,27 +184,8 @@ fn dot(index: usize, [x, y]: [f64; 2]) -> Markup {
     }
 }
 
-/// The line through points, interrupted where there is none.
-fn path(points: &[Option<[f64; 2]>]) -> String {
-    let mut path = String::new();
-    let mut is_down = false;
-    for point in points {
-        if let Some([x, y]) = point {
-            // Writing to a string cannot fail.
-            let _ = write!(path, "{}{} {}", if is_down { 'L' } else { 'M' }, shown(*x), shown(*y));
-        }
-        is_down = point.is_some();
-    }
-    path
-}
-
 fn colour(index: usize) -> &'static str {
     COLOURS[index % COLOURS.len()]
-}
-
-/// A coordinate, to a tenth of a unit.
-fn shown(coordinate: f64) -> String {
-    format!("{coordinate:.1}")
 }
 
 /// A text that fits, without the letters that XML does not have.

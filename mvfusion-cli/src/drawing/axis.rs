@@ -9,9 +9,6 @@ pub enum Spacing {
     Logarithmic,
 }
 
-/// Ratio of the largest to the smallest value from which a logarithmic axis shows more than a linear one.
-const LOGARITHMIC_FROM: f64 = 10.0;
-
 /// An axis that shows all of its values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axis {
@@ -41,15 +38,23 @@ impl Axis {
         Self { low, high, spacing: Spacing::Linear }
     }
 
-    /// A logarithmic axis if the values are positive and spread over a decade or more, else a linear one.
-    pub fn fitting(values: impl Iterator<Item = f64> + Clone) -> Self {
-        let linear = Self::linear(values.clone());
-        match range(values) {
-            Some((low, high)) if low > 0.0 && high / low >= LOGARITHMIC_FROM => {
-                Self { low, high, spacing: Spacing::Logarithmic }
-            }
-            _ => linear,
+    /// A logarithmic axis if the values are positive and the largest is `ratio` times the smallest or more, else a
+    /// linear one.
+    pub fn logarithmic_from(ratio: f64, values: impl Iterator<Item = f64> + Clone) -> Self {
+        match range(values.clone()) {
+            Some((low, high)) if low > 0.0 && high / low >= ratio => Self { low, high, spacing: Spacing::Logarithmic },
+            _ => Self::linear(values),
         }
+    }
+
+    /// The same axis, longer at both ends by a share of its length.
+    pub fn with_room(self, share: f64) -> Self {
+        let Self { low, high, spacing } = self;
+        let (low, high) = match spacing {
+            Spacing::Linear => (low - share * (high - low), high + share * (high - low)),
+            Spacing::Logarithmic => (low / (high / low).powf(share), high * (high / low).powf(share)),
+        };
+        Self { low, high, spacing }
     }
 
     /// The same axis down to zero, unless it reaches below; for amounts, whose ratio is seen then.
@@ -121,10 +126,12 @@ fn round_step(step: f64) -> f64 {
     factor.unwrap_or(10.0) * power
 }
 
-/// Sizes from which thousands and millions are written as `k` and `M`, and those beyond which powers of ten are.
+/// Sizes from which thousands and millions are written as `k` and `M`, and powers of ten.
 const THOUSANDS: f64 = 1e4;
 const MILLIONS: f64 = 1e6;
-const POWERS: [f64; 2] = [1e-4, 1e9];
+const POWERS: f64 = 1e9;
+/// Where more decimals would be needed, powers of ten are written too.
+const MOST_DECIMALS: usize = 6;
 
 /// A value as short as a distance of `step` to its neighbours allows, on an axis that reaches `size`.
 fn label(value: f64, step: f64, size: f64) -> String {
@@ -132,16 +139,16 @@ fn label(value: f64, step: f64, size: f64) -> String {
     if value.abs() < 1e-6 * step {
         return "0".into();
     }
-    if step < POWERS[0] || size >= POWERS[1] {
-        return format!("{value:.1e}").replace(".0e", "e");
-    }
     let (unit, suffix) = match size {
         MILLIONS.. => (1e6, "M"),
         THOUSANDS.. => (1e3, "k"),
         _ => (1.0, ""),
     };
-    let digits = (-(step / unit).log10() - 1e-9).ceil().max(0.0) as usize;
-    format!("{:.digits$}{suffix}", value / unit)
+    let decimals = (-(step / unit).log10() - 1e-9).ceil().max(0.0) as usize;
+    if size >= POWERS || decimals > MOST_DECIMALS {
+        return format!("{value:.2e}").replace(".00e", "e");
+    }
+    format!("{:.decimals$}{suffix}", value / unit)
 }
 
 #[cfg(test)]
@@ -164,21 +171,39 @@ mod tests {
 
     #[test]
     fn values_over_decades_get_a_logarithmic_axis_and_others_do_not() {
-        let axis = Axis::fitting([0.004, 2.0, f64::NAN].into_iter());
+        let fitting = |values: &[f64]| Axis::logarithmic_from(10.0, values.iter().copied());
+        let axis = fitting(&[0.004, 2.0, f64::NAN]);
         assert_eq!(axis.spacing(), Spacing::Logarithmic);
         let expected = ["0.005", "0.01", "0.02", "0.05", "0.1", "0.2", "0.5", "1", "2"];
         assert_eq!(labels(axis, 5), expected);
-        assert_eq!(labels(Axis::fitting([1e-7, 1e3].into_iter()), 4), ["1e-7", "0.0001", "0.1", "100"]);
+        assert_eq!(labels(fitting(&[1e-7, 1e3]), 4), ["1e-7", "0.0001", "0.1", "100"]);
         assert!((axis.place(0.004).abs() + (axis.place(2.0) - 1.0).abs()) < 1e-12);
         assert!((axis.place((0.004f64 * 2.0).sqrt()) - 0.5).abs() < 1e-12);
         for values in [[0.5, 2.0], [0.0, 2.0], [-1.0, 20.0]] {
-            assert_eq!(Axis::fitting(values.into_iter()).spacing(), Spacing::Linear, "{values:?}");
+            assert_eq!(fitting(&values).spacing(), Spacing::Linear, "{values:?}");
+        }
+    }
+
+    #[test]
+    fn close_values_have_labels_of_their_own() {
+        assert_eq!(labels(Axis::linear([0.0912, 0.09131].into_iter()), 3), ["0.09120", "0.09125", "0.09130"]);
+        assert_eq!(labels(Axis::linear([0.0, 3e-8].into_iter()), 3), ["0", "1e-8", "2e-8", "3e-8"]);
+    }
+
+    #[test]
+    fn room_is_as_long_at_both_ends_as_it_was_asked_for() {
+        for values in [[2.0, 6.0], [1.0, 1e4]] {
+            let axis = Axis::logarithmic_from(10.0, values.into_iter()).with_room(0.25);
+            let places = values.map(|value| axis.place(value));
+            assert!((places[0] - 1.0 / 6.0).abs() < 1e-12 && (places[1] - 5.0 / 6.0).abs() < 1e-12, "{places:?}");
         }
     }
 
     #[test]
     fn a_constant_or_nothing_at_all_still_has_an_axis() {
-        for values in [vec![], vec![f64::NAN, f64::INFINITY], vec![0.0], vec![7.0, 7.0], vec![-1e300]] {
+        let odd = [vec![1e-300, 1e300], vec![-1e12, -1e11]];
+        let constant = [vec![], vec![f64::NAN, f64::INFINITY], vec![0.0], vec![7.0, 7.0], vec![-1e300]];
+        for values in constant.into_iter().chain(odd) {
             let axis = Axis::linear(values.iter().copied());
             let ticks = axis.ticks(4);
             assert!((1..=9).contains(&ticks.len()), "{values:?}: {ticks:?}");
