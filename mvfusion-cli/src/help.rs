@@ -206,4 +206,9 @@ The sweep's folder:
   cells/ID/                     the runs; ID.log beside each is what it said
   grid.toml, sweep.json         the grid, and its cells with their ids
 
-Exit code 1 if a cell failed, 2 for a grid that cannot be run.";
+Exit codes:
+  0  all went well
+  1  a cell has not finished; data or weights are not there; a folder that cannot
+     be written
+  2  a wrong command line, or a grid that contradicts itself or names what there
+     is not";

@@ -74,7 +74,7 @@ pub struct SweepRunArgs {
     /// Folder of the sweep [default: runs/sweeps/NAME]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Folder under which the scenes' folders lie
+    /// Folder under which the scenes' folders lie [default: the current folder]
     #[arg(long, value_name = "DIR")]
     pub data_root: Option<PathBuf>,
     /// Folder with the weights of LPIPS (docs/evaluation.md)
@@ -105,7 +105,7 @@ pub struct SweepRunArgs {
     /// An option of sbatch, such as --sbatch=--partition=gpu; may be repeated
     #[arg(long, value_name = "OPTION", allow_hyphen_values = true, action = clap::ArgAction::Append)]
     pub sbatch: Vec<String>,
-    /// With slurm: wait until all cells have ended, then write the tables
+    /// With slurm: wait until all cells have ended, those at work from an earlier array too, then write the tables
     #[arg(long)]
     pub wait: bool,
     /// Show the cells and how long they will take, and train nothing

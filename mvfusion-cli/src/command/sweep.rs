@@ -130,6 +130,7 @@ impl<'a> Session<'a> {
         let session = Self { args, source, plan, folder, talk };
         session.check_options()?;
         session.check_choice()?;
+        session.check_weights()?;
         session.check_folders()?;
         session.folder.check()?;
         Ok(session)
@@ -144,19 +145,20 @@ impl<'a> Session<'a> {
         self.folder.prepare(&self.source.text, &self.plan)?;
         let count = index.cells.len();
         self.talk.note(&format!("sweep:  {count} cells, {} to do, in {}", to_do.len(), self.folder.path().display()));
-        if index.wanted.speed_frames > 0 && self.args.jobs.is_some_and(|jobs| jobs.get() > 1) {
+        let is_local = self.args.launcher == Launcher::Local;
+        if is_local && index.wanted.speed_frames > 0 && self.args.jobs.is_some_and(|jobs| jobs.get() > 1) {
             self.talk.note("note:   frames a second and seconds are those of cells that share the machine");
         }
         let failed = match self.args.launcher {
             _ if to_do.is_empty() => 0,
             Launcher::Local => self.local(to_do.len()).run(&to_do, Estimate::new(&self.folder, index)?)?,
             Launcher::Slurm => {
-                let job = self.slurm().submit(&to_do, self.args.wait)?;
-                writeln!(out, "job {job}: {} cells", to_do.len())?;
+                self.submit(&to_do, out)?;
                 if !self.args.wait {
                     let folder = self.folder.path().display();
                     return Ok(writeln!(out, "`mvfusion sweep status {folder}` tells how far they are.")?);
                 }
+                self.slurm().wait_for(&to_do)?;
                 self.to_do()?.len()
             }
         };
@@ -164,6 +166,21 @@ impl<'a> Session<'a> {
         if failed > 0 {
             let (count, folder) = (to_do.len(), self.folder.path().display());
             bail!("{failed} of {count} cells have not finished; `mvfusion sweep status {folder}` tells why");
+        }
+        Ok(())
+    }
+
+    /// Hands cells to SLURM, but for those that a process works on.
+    fn submit(&self, to_do: &[&Cell], out: &mut dyn Write) -> anyhow::Result<()> {
+        let free = self.free(to_do)?;
+        let at_work = to_do.len() - free.len();
+        if at_work > 0 {
+            let fate = if self.args.wait { "not submitted again, but waited for" } else { "not submitted again" };
+            writeln!(out, "{at_work} of {} cells at work already: {fate}", to_do.len())?;
+        }
+        if !free.is_empty() {
+            let job = self.slurm().submit(&free, self.args.wait)?;
+            writeln!(out, "job {job}: {} cells", free.len())?;
         }
         Ok(())
     }
@@ -193,13 +210,28 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Whether the folders of the scenes that are to be trained, and of the weights, are there.
-    fn check_folders(&self) -> anyhow::Result<()> {
-        let has_weights = |folder: &Path| Backbone::ALL.iter().any(|backbone| backbone.file_in(folder).is_some());
-        if let Some(folder) = self.args.lpips_weights.as_deref().filter(|folder| !has_weights(folder)) {
-            let folder = folder.display();
-            bail!("--lpips-weights {folder}: there is no lpips_alex_f32.safetensors or the like (docs/evaluation.md)");
+    /// Whether the folder of weights has a network that the columns need, or any if they need none. It need not have
+    /// all of them: others may come later.
+    fn check_weights(&self) -> anyhow::Result<()> {
+        let Some(folder) = self.args.lpips_weights.as_deref() else { return Ok(()) };
+        let needed = self.plan.index.lpips_networks();
+        let asked = if needed.is_empty() { BTreeSet::from(Backbone::ALL) } else { needed.clone() };
+        let (there, missing): (Vec<_>, Vec<_>) =
+            asked.into_iter().partition(|network: &Backbone| network.file_in(folder).is_some());
+        let files: Vec<String> =
+            missing.iter().map(|network| format!("lpips_{}_f32.safetensors", network.name())).collect();
+        let (folder, files) = (folder.display(), files.join(" and no "));
+        if there.is_empty() {
+            bail!("--lpips-weights {folder}: there is no {files} or the like (docs/evaluation.md)");
         }
+        if !needed.is_empty() && !missing.is_empty() {
+            self.talk.note(&format!("note:   {folder} has no {files} or the like; columns that need it stay empty"));
+        }
+        Ok(())
+    }
+
+    /// Whether the folders of the scenes that are to be trained are there.
+    fn check_folders(&self) -> anyhow::Result<()> {
         let chosen = self.plan.index.cells.iter().zip(&self.plan.configs).filter(|(cell, _)| self.is_chosen(cell));
         let folders = chosen.flat_map(|(cell, config)| {
             [&config.scene.data, &config.eval.dynamic_masks].map(|folder| (cell, folder.as_deref()))
@@ -232,6 +264,17 @@ impl<'a> Session<'a> {
         Ok(chosen.filter(|cell| !self.folder.is_finished(&cell.id, &index.wanted)).collect())
     }
 
+    /// Those of some cells that no process works on.
+    fn free<'c>(&self, cells: &[&'c Cell]) -> anyhow::Result<Vec<&'c Cell>> {
+        let mut free = Vec::new();
+        for &cell in cells {
+            if self.folder.state(&cell.id, &self.plan.index.wanted)? != State::Running {
+                free.push(cell);
+            }
+        }
+        Ok(free)
+    }
+
     fn local(&self, cells: usize) -> Local<'_> {
         let jobs = self.args.jobs.map_or(1, NonZeroUsize::get).min(cells.max(1));
         let threads = (threads::count(self.args.threads) / jobs).max(1);
@@ -258,8 +301,11 @@ impl<'a> Session<'a> {
             let name = cell.name(&index.axes);
             writeln!(out, "{:12} {}  {name}, {} steps", state.word(), cell.id, cell.steps)?;
         }
-        if self.args.launcher == Launcher::Slurm && !to_do.is_empty() {
-            write!(out, "\n{}\n", self.slurm().script(to_do)?)?;
+        if self.args.launcher == Launcher::Slurm {
+            let free = self.free(to_do)?;
+            if !free.is_empty() {
+                write!(out, "\n{}\n", self.slurm().script(&free)?)?;
+            }
         }
         let jobs = match self.args.launcher {
             Launcher::Local => self.local(to_do.len()).jobs,
@@ -280,10 +326,13 @@ impl<'a> Session<'a> {
     fn probe(&self, to_do: &[&Cell], estimate: &mut Estimate) -> anyhow::Result<()> {
         let mut tried = BTreeSet::new();
         let Plan { index, configs } = &self.plan;
+        let threads = match self.args.launcher {
+            Launcher::Local => self.local(to_do.len()).threads,
+            Launcher::Slurm => self.slurm().threads,
+        };
         for (cell, config) in index.cells.iter().zip(configs).filter(|(cell, _)| to_do.contains(cell)) {
             if tried.insert((&cell.scene, &cell.variant)) {
                 self.talk.note(&format!("probe:  {}", cell.name(&index.axes)));
-                let threads = self.local(to_do.len()).threads;
                 estimate.add_probe(cell, sweep::probe_seconds(cell, config, &self.args.device, threads)?);
             }
         }

@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use anyhow::bail;
+use anyhow::{bail, ensure};
 use bytesize::ByteSize;
 use mvfusion_model::evaluation::Protocol;
 use mvfusion_model::train::IMAGE_CACHE;
@@ -73,6 +73,12 @@ fn work(
             write: true,
         };
         command::eval(&eval, talk, out)?;
+        ensure!(
+            folder.is_finished(id, &order.wanted),
+            "it was evaluated, but without its speed, or not by the weights of LPIPS that the sweep began with; {} \
+             tells more. Start the sweep again",
+            folder.log(id).display()
+        );
     }
     Ok(())
 }

@@ -6,7 +6,7 @@ use mvfusion_model::Config;
 use mvfusion_model::evaluation::Figure;
 use toml::{Table, Value};
 
-use super::grid::{Axis, ColumnGroup, Grid, PaperRow, is_same, leaves};
+use super::grid::{ALL_FIGURES, Axis, ColumnGroup, Grid, PaperRow, is_same, leaves};
 use super::index::{Cell, Index};
 use super::plan::columns_of;
 use crate::config::{self, Layer, nearest};
@@ -23,16 +23,23 @@ const ELSEWHERE: [(&str, &str); 4] = [
 /// How figures of the views that were trained on begin.
 const TRAINING_VIEWS: &str = "training_views.";
 
-/// Layers and parts of results.json that have figures.
-const LAYERS: [&str; 4] = ["composed", "static", "dynamic_region", "still_region"];
+/// Layers of results.json.
+const LAYERS: [&str; 2] = ["composed", "static"];
 
-/// Figures of a run beside those of layers.
-const OTHERS: [&str; 13] = [
+/// Parts of a layer.
+const REGIONS: [&str; 2] = ["dynamic_region", "still_region"];
+
+/// Figures of a set of views beside those of layers and parts.
+const OF_VIEWS: [&str; 5] = [
     "mask_iou",
     "temporal.t_lpips_alex",
     "temporal.t_lpips_vgg",
     "temporal.consecutive_lpips_alex",
     "temporal.consecutive_lpips_vgg",
+];
+
+/// Figures of a run beside those of views.
+const OF_RUN: [&str; 7] = [
     "gaussians.static",
     "gaussians.dynamic",
     "train.seconds",
@@ -40,7 +47,6 @@ const OTHERS: [&str; 13] = [
     "eval.seconds",
     "speed.fps",
     "speed.fps_without_mfta",
-    "training_views.mask_iou",
 ];
 
 /// Lists, names, and keys that contradict each other; `settings` are those of the command line.
@@ -51,7 +57,8 @@ pub(super) fn grid(grid: &Grid, axes: &[Axis], settings: &[Layer], origin: &str)
     keys(grid, axes, settings).map_err(wrong)?;
     exclusion_keys(grid, axes).map_err(wrong)?;
     columns(grid).map_err(wrong)?;
-    grid.paper.iter().try_for_each(|row| paper(grid, axes, row)).map_err(wrong)
+    grid.paper.iter().try_for_each(|row| paper(grid, axes, row)).map_err(wrong)?;
+    paper_once(&grid.paper).map_err(wrong)
 }
 
 /// Empty and repeated entries.
@@ -72,8 +79,8 @@ fn lists(grid: &Grid, axes: &[Axis]) -> Result<(), String> {
         }
         once(&format!("`{}` in [grid]: the value", axis.key), axis.values.iter())?;
     }
-    match grid.variants.iter().find(|variant| variant.name.trim().is_empty()) {
-        Some(_) => Err("a variant has no name.".to_owned()),
+    match grid.variants.iter().position(|variant| variant.name.trim().is_empty()) {
+        Some(place) => Err(format!("the name of variant {} is empty; give it one for its row.", place + 1)),
         None => Ok(()),
     }
 }
@@ -192,17 +199,26 @@ fn columns(grid: &Grid) -> Result<(), String> {
 
 /// The names of all figures that a run may have.
 fn metrics() -> BTreeSet<String> {
-    let of_layers = |prefix: &'static str| {
-        LAYERS.into_iter().flat_map(move |layer| {
-            Figure::ALL.into_iter().map(move |figure| format!("{prefix}{layer}.{}", figure.name()))
-        })
-    };
-    of_layers("").chain(of_layers(TRAINING_VIEWS)).chain(OTHERS.map(str::to_owned)).collect()
+    let mut of_views: Vec<String> = OF_VIEWS.map(str::to_owned).to_vec();
+    for figure in Figure::ALL {
+        let of = |layer: &str| format!("{layer}.{}", figure.name());
+        of_views.extend(LAYERS.map(of));
+        if is_of_regions(figure) {
+            of_views.extend(REGIONS.map(of));
+        }
+    }
+    let of_training: Vec<String> = of_views.iter().map(|name| format!("{TRAINING_VIEWS}{name}")).collect();
+    of_views.into_iter().chain(of_training).chain(OF_RUN.map(str::to_owned)).collect()
+}
+
+/// Whether a part of a picture has a figure: it has no scales.
+fn is_of_regions(figure: Figure) -> bool {
+    !matches!(figure, Figure::MsSsim | Figure::DSsim)
 }
 
 /// Whether a row of the paper belongs to something.
 fn paper(grid: &Grid, axes: &[Axis], row: &PaperRow) -> Result<(), String> {
-    let name = row.variant.as_deref().or(row.literature.as_deref()).unwrap_or(&row.column);
+    let name = name_of(row);
     let lost = |what: String| Err(format!("the paper's row `{name}` {what}."));
     let is_variant = |name: &String| grid.variants.iter().any(|variant| variant.name == *name);
     if let Some(variant) = row.variant.as_ref().filter(|variant| !is_variant(variant)) {
@@ -230,9 +246,68 @@ fn paper(grid: &Grid, axes: &[Axis], row: &PaperRow) -> Result<(), String> {
         }
         Some(column) => match row.values.keys().find(|metric| !column.metrics.contains(metric)) {
             Some(metric) => lost(format!("has `{metric}`, which the column `{}` does not show", column.title)),
-            None => Ok(()),
+            None => reasons(row).or_else(lost),
         },
     }
+}
+
+/// What the messages call a row of the paper.
+fn name_of(row: &PaperRow) -> &str {
+    row.variant.as_deref().or(row.literature.as_deref()).unwrap_or(&row.column)
+}
+
+/// Whether the reasons of a row are some, against numbers that it has.
+fn reasons(row: &PaperRow) -> Result<(), String> {
+    for (figure, reason) in &row.not_comparable {
+        if figure != ALL_FIGURES && !row.values.contains_key(figure) {
+            return Err(format!(
+                "has `{figure}` in `not_comparable`, but not in `values`; `{ALL_FIGURES}` stands for all of its figures"
+            ));
+        }
+        if reason.trim_matches(['.', ' ']).is_empty() {
+            return Err(format!("does not say why `{figure}` is not comparable"));
+        }
+    }
+    Ok(())
+}
+
+/// Refuses a second number of the paper for a figure of the table, of which one would hide the other.
+fn paper_once(rows: &[PaperRow]) -> Result<(), String> {
+    for (index, row) in rows.iter().enumerate() {
+        for other in rows[..index].iter().filter(|other| share_a_row(other, row)) {
+            if let Some(figure) = row.values.keys().find(|figure| other.values.contains_key(*figure)) {
+                return Err(format!(
+                    "the paper has two numbers of `{figure}` for the same row in the column `{}`, in its rows `{}` and \
+                     `{}`. Remove one of them.",
+                    row.column,
+                    name_of(other),
+                    name_of(row)
+                ));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Whether the numbers of two of the paper's rows stand in the same columns of a row of the table.
+fn share_a_row(a: &PaperRow, b: &PaperRow) -> bool {
+    let [at, other] = [a, b].map(|row| leaves(&row.at));
+    let agree = at.iter().all(|(key, value)| {
+        let others = other.iter().find(|(other, _)| other == key);
+        others.is_none_or(|(_, others)| is_same(value, others))
+    });
+    let is_one_method = match (&a.literature, &b.literature) {
+        // Such a row stands by itself where it says, and not at every value of a key that it leaves out.
+        (Some(a), Some(b)) => a == b && at.len() == other.len() && at.iter().all(|(key, _)| has(&other, key)),
+        (None, None) => a.variant.is_none() || b.variant.is_none() || a.variant == b.variant,
+        _ => false,
+    };
+    a.column == b.column && is_one_method && agree
+}
+
+/// Whether a key is among the leaves of a table.
+fn has(leaves: &[(String, &Value)], key: &str) -> bool {
+    leaves.iter().any(|(own, _)| own == key)
 }
 
 /// Exclusions that leave out nothing, or everything.
@@ -285,3 +360,6 @@ pub(super) fn scored(index: &Index, configs: &[Config]) -> Result<(), UsageError
 fn listed(names: &[&str]) -> String {
     names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
 }
+
+#[cfg(test)]
+mod tests;

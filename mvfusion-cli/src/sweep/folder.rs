@@ -10,7 +10,7 @@ use anyhow::{Context, bail};
 use mvfusion_model::files::is_unfinished;
 use serde::{Deserialize, Serialize};
 
-use super::index::{Cell, INDEX, Index, Wanted};
+use super::index::{Cell, INDEX, Index, Wanted, of_another_version};
 use super::plan::Plan;
 use super::table::Outcome;
 use crate::run::{self, LpipsWeights, Results, RunRecord};
@@ -57,8 +57,9 @@ impl State {
     }
 }
 
-/// `cells/ID.json`: what a cell is to do, beside its configuration. It does not change when the grid does: cells that
-/// wait in a queue run as they were ordered.
+/// `cells/ID.json`: what a cell is to do, beside its configuration, so that it can run without the index. A cell that
+/// waits in a queue while the grid changes follows the grid in what is measured (its id, and so its training, cannot
+/// change), and keeps its order if the grid has it no longer.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Order {
     /// The cell's place in the grid, in words.
@@ -144,7 +145,7 @@ impl SweepFolder {
         let text = fs::read_to_string(&path).with_context(|| {
             format!("{} is no sweep with a cell `{id}`: cannot read {}", self.path.display(), path.display())
         })?;
-        serde_json::from_str(&text).with_context(|| format!("{} is not as this version writes it", path.display()))
+        serde_json::from_str(&text).with_context(|| of_another_version(&path))
     }
 
     /// The folder of the cells.
@@ -240,7 +241,8 @@ impl SweepFolder {
         if lock == Some(true) {
             return Ok(State::Running);
         }
-        // It may have ended just before its lock was looked at, but not begun again without holding it.
+        // The lock came first: looked at after the figures, a cell that ends between the two looks would seem
+        // interrupted.
         if self.is_finished(id, wanted) {
             return Ok(State::Finished);
         }
@@ -295,10 +297,11 @@ fn write_changed(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     }
 }
 
-/// Whether a run has the figures that are wanted beside its own.
+/// Whether a run has the figures that are wanted beside its own: those of LPIPS by every wanted network, with the
+/// weights that are wanted.
 fn is_measured(results: &Results, wanted: &Wanted) -> bool {
-    let has_lpips = || results.lpips.values().any(|weights| matches!(weights, LpipsWeights::WeightsSha256(_)));
-    (wanted.speed_frames == 0 || results.speed.is_some()) && (wanted.lpips_weights.is_none() || has_lpips())
+    let has_network = |(network, sha256): (&String, &String)| matches!(results.lpips.get(network), Some(LpipsWeights::WeightsSha256(own)) if own == sha256);
+    (wanted.speed_frames == 0 || results.speed.is_some()) && wanted.lpips.iter().all(has_network)
 }
 
 /// A file that is whole or not there; a broken one counts as not there.
@@ -320,4 +323,32 @@ pub(super) fn figures(results: &Results) -> BTreeMap<String, f64> {
         figures.extend(speed.fps_without_mfta.map(|fps| ("speed.fps_without_mfta".to_owned(), fps)));
     }
     figures
+}
+
+#[cfg(test)]
+mod tests {
+    use mvfusion_model::evaluation::Scores;
+
+    use super::*;
+
+    #[test]
+    fn a_run_is_measured_once_every_wanted_network_has_looked_at_it_with_the_wanted_weights() {
+        let mut results = run::specimen(Scores::default());
+        let wanted = |networks: &[(&str, &str)]| {
+            let lpips = networks.iter().map(|&(network, sha256)| (network.to_owned(), sha256.to_owned())).collect();
+            Wanted { lpips_weights: Some("weights".into()), lpips, ..Wanted::default() }
+        };
+        // Nothing is missed of a folder that has no network of a column.
+        assert!(is_measured(&results, &wanted(&[])));
+        assert!(!is_measured(&results, &wanted(&[("alex", "a")])));
+        results.lpips.insert("alex".into(), LpipsWeights::WeightsSha256("a".into()));
+        assert!(is_measured(&results, &wanted(&[("alex", "a")])));
+        assert!(!is_measured(&results, &wanted(&[("alex", "other")])), "other weights");
+        assert!(!is_measured(&results, &wanted(&[("alex", "a"), ("vgg", "v")])), "a further network");
+        assert!(!is_measured(&results, &wanted(&[("vgg", "v")])), "another network");
+        results.lpips.insert("vgg".into(), LpipsWeights::WeightsSha256("v".into()));
+        assert!(is_measured(&results, &wanted(&[("alex", "a"), ("vgg", "v")])));
+        let timed = Wanted { speed_frames: 1, ..wanted(&[("alex", "a")]) };
+        assert!(!is_measured(&results, &timed), "no speed");
+    }
 }

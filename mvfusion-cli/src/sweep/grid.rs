@@ -1,6 +1,7 @@
 //! A grid file: what a sweep trains, and which table comes of it.
 
 use std::collections::BTreeMap;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -9,6 +10,9 @@ use toml::{Table, Value};
 use super::shipped;
 use crate::config::{Layer, Origin, line_of};
 use crate::failure::UsageError;
+
+/// What stands in `not_comparable` of the paper's rows for all of their figures.
+pub(super) const ALL_FIGURES: &str = "*";
 
 /// A grid file. Cells are all scenes times all variants times all values of `[grid]` times all seeds.
 #[derive(Clone, Debug, Deserialize)]
@@ -119,6 +123,9 @@ pub struct PaperRow {
     pub column: String,
     /// The numbers, by the figures' names.
     pub values: BTreeMap<String, f64>,
+    /// Why numbers say nothing about ours, by the figures' names; `*` stands for all that have no reason of their own.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub not_comparable: BTreeMap<String, String>,
 }
 
 /// A key of `[grid]` with its values.
@@ -134,6 +141,15 @@ fn first_seed() -> Vec<u64> {
     vec![0]
 }
 
+impl PaperRow {
+    /// Why its number of a figure says nothing about ours; absent where the row gives no reason.
+    pub fn reason_against(&self, figure: &str) -> Option<&str> {
+        let reason = self.not_comparable.get(figure).or_else(|| self.not_comparable.get(ALL_FIGURES))?;
+        // The table ends the sentence.
+        Some(reason.trim().trim_end_matches('.'))
+    }
+}
+
 impl Grid {
     /// Reads a grid: a file, or one that ships with the program, by its name.
     ///
@@ -145,9 +161,9 @@ impl Grid {
         }
         let shown = name_or_path.display().to_string();
         let text = std::fs::read_to_string(name_or_path).map_err(|error| {
-            let hint = match name_or_path.extension() {
-                None => format!(" The grids that ship with the program are: {}.", shipped::names()),
-                Some(_) => String::new(),
+            let hint = match error.kind() {
+                ErrorKind::NotFound => format!(" The grids that ship with the program are: {}.", shipped::names()),
+                _ => String::new(),
             };
             UsageError::new(format!("cannot read the grid {shown}: {error}.{hint}"))
         })?;

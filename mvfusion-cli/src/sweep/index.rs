@@ -1,11 +1,15 @@
 //! `sweep.json`: the cells of a sweep, and the table that they are for.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use mvfusion_model::evaluation::Backbone;
+use mvfusion_model::files::sha256;
 use serde::{Deserialize, Serialize};
 
 use super::grid::{ColumnGroup, Expected, PaperRow};
+use super::table::lpips_network;
 use crate::{atomic, run};
 
 /// Name of the file.
@@ -45,6 +49,8 @@ pub struct Wanted {
     /// Folder with the weights of LPIPS; without it there are no such figures.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub lpips_weights: Option<PathBuf>,
+    /// By the names of the networks that a column needs and whose weights lie there: SHA-256 of their files.
+    pub lpips: BTreeMap<String, String>,
 }
 
 /// One run of a sweep.
@@ -69,6 +75,39 @@ pub struct Cell {
     pub not_comparable: Option<String>,
 }
 
+impl Wanted {
+    /// What a table of these columns wants. The files of weights are read here once: whether a cell is finished is
+    /// asked often.
+    ///
+    /// # Errors
+    /// If a file of weights cannot be read, or the current folder is gone.
+    pub fn new(speed_frames: usize, weights: Option<&Path>, columns: &[ColumnGroup]) -> anyhow::Result<Self> {
+        let lpips_weights = weights.map(std::path::absolute).transpose()?;
+        let mut lpips = BTreeMap::new();
+        for network in lpips_networks(columns) {
+            if let Some(path) = lpips_weights.as_deref().and_then(|folder| network.file_in(folder)) {
+                let bytes = std::fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+                lpips.insert(network.name().to_owned(), sha256(&bytes));
+            }
+        }
+        Ok(Self { speed_frames, lpips_weights, lpips })
+    }
+}
+
+/// The networks of LPIPS that some column needs.
+fn lpips_networks(columns: &[ColumnGroup]) -> BTreeSet<Backbone> {
+    columns.iter().flat_map(|column| &column.metrics).filter_map(|figure| lpips_network(figure)).collect()
+}
+
+/// What is said of a file that this version did not write, and what to do about it.
+pub(super) fn of_another_version(path: &Path) -> String {
+    format!(
+        "{} is not as this version writes it (start the sweep again with the same --out: it is written anew, and cells \
+         that still fit are kept)",
+        path.display()
+    )
+}
+
 impl Index {
     /// Reads that of a sweep's folder.
     ///
@@ -76,9 +115,19 @@ impl Index {
     /// If the folder holds no sweep, or one of another version.
     pub fn read(folder: &Path) -> anyhow::Result<Self> {
         let path = folder.join(INDEX);
-        let text = std::fs::read_to_string(&path)
-            .with_context(|| format!("{} is no folder of a sweep: cannot read {INDEX}", folder.display()))?;
-        serde_json::from_str(&text).with_context(|| format!("{} is not as this version writes it", path.display()))
+        let text = std::fs::read_to_string(&path).with_context(|| {
+            format!(
+                "{} is no folder of a sweep (give the --out of `mvfusion sweep`, runs/sweeps/NAME unless told \
+                 otherwise): cannot read {INDEX}",
+                folder.display()
+            )
+        })?;
+        serde_json::from_str(&text).with_context(|| of_another_version(&path))
+    }
+
+    /// The networks of LPIPS that some column needs.
+    pub fn lpips_networks(&self) -> BTreeSet<Backbone> {
+        lpips_networks(&self.columns)
     }
 
     /// Writes it into a sweep's folder.
@@ -97,5 +146,44 @@ impl Cell {
         let variant = (!self.variant.is_empty()).then(|| self.variant.clone());
         let parts = std::iter::once(self.scene.clone()).chain(variant).chain(values);
         parts.chain([format!("seed {}", self.seed)]).collect::<Vec<_>>().join(", ")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    fn column(metrics: &[&str]) -> ColumnGroup {
+        let metrics = metrics.iter().map(|&metric| metric.to_owned()).collect();
+        ColumnGroup { title: "all".into(), scenes: Vec::new(), metrics }
+    }
+
+    #[test]
+    fn the_weights_that_columns_need_are_wanted_by_their_hash() {
+        let folder = tempfile::tempdir().expect("folder");
+        let wanted = |metrics: &[&str]| {
+            Wanted::new(0, Some(folder.path()), &[column(&["composed.psnr"]), column(metrics)]).expect("read").lpips
+        };
+        assert!(wanted(&["composed.lpips_alex"]).is_empty(), "no file");
+        for network in ["alex", "vgg"] {
+            fs::write(folder.path().join(format!("lpips_{network}_f32.safetensors")), network).expect("written");
+        }
+        let hash = |network: &str| (network.to_owned(), sha256(network.as_bytes()));
+        assert!(wanted(&["train.seconds"]).is_empty(), "no column");
+        assert_eq!(wanted(&["temporal.t_lpips_alex"]), BTreeMap::from([hash("alex")]));
+        assert_eq!(wanted(&["static.lpips_vgg_raw", "composed.lpips_alex"]), BTreeMap::from(["alex", "vgg"].map(hash)));
+        let none = Wanted::new(0, None, &[column(&["composed.lpips_alex"])]).expect("nothing to read");
+        assert_eq!(none, Wanted::default());
+    }
+
+    #[test]
+    fn a_folder_without_an_index_of_this_version_is_refused_with_what_to_do() {
+        let folder = tempfile::tempdir().expect("folder");
+        let said = || format!("{:#}", Index::read(folder.path()).expect_err("refused"));
+        assert!(said().contains("is no folder of a sweep") && said().contains("runs/sweeps/NAME"), "{}", said());
+        fs::write(folder.path().join(INDEX), r#"{ "name": "old" }"#).expect("written");
+        assert!(said().contains("not as this version writes it") && said().contains("the same --out"), "{}", said());
     }
 }

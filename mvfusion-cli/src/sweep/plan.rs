@@ -10,7 +10,7 @@ use toml::{Table, Value};
 use super::check;
 use super::grid::{Axis, ColumnGroup, Grid, SceneEntry, Source, VariantEntry, is_same, leaves};
 use super::index::{Cell, Index, Wanted};
-use crate::config::{self, Layer, Origin, Preset};
+use crate::config::{self, Layer, Origin, PRESETS, Preset};
 use crate::failure::UsageError;
 
 /// Digits of a cell's id: of a million cells, the chance that any two share one is below one in five hundred.
@@ -97,17 +97,15 @@ impl Plan {
             }
         }
         check::exclusions(grid, &excluded, cells.len(), &source.origin)?;
+        let columns = columns_of(grid);
         let index = Index {
             name: source.name.clone(),
             title: grid.title.clone(),
             about: grid.about.trim().to_owned(),
             axes: axes.iter().map(|axis| axis.key.clone()).collect(),
-            columns: columns_of(grid),
+            wanted: Wanted::new(grid.speed_frames, additions.lpips_weights.as_deref(), &columns)?,
+            columns,
             paper: grid.paper.clone(),
-            wanted: Wanted {
-                speed_frames: grid.speed_frames,
-                lpips_weights: additions.lpips_weights.as_deref().map(std::path::absolute).transpose()?,
-            },
             expected: grid.expected.clone(),
             cells,
         };
@@ -192,13 +190,16 @@ impl Ground<'_> {
             layers.push(Layer::of_one(&axis.key, value.clone(), part("[grid]".to_owned())));
         }
         layers.extend(self.settings.iter().cloned());
-        let seed = i64::try_from(place.seed).map_err(|_| UsageError::new("a seed is too large for TOML."))?;
+        let seed = i64::try_from(place.seed).map_err(|_| {
+            UsageError::new(format!("{origin}: the seed {} is too large; {} is the largest.", place.seed, i64::MAX))
+        })?;
         layers.push(Layer::of_one("seed", Value::Integer(seed), part("seeds".to_owned())));
         Ok(layers)
     }
 
     /// Why the paper's numbers are of something else: another scene, or another schedule than the paper's. How a grid
-    /// reads its scenes is taken for a part of them; how the command line does is not.
+    /// reads its scenes is taken for a part of them; how the command line does is not. What a variant changes is what
+    /// the paper compares, but for a schedule of its own making.
     fn not_comparable(&self, place: Place<'_>, preset: &'static Preset) -> Option<String> {
         let mut reasons = BTreeSet::new();
         if place.scene.data.is_none() {
@@ -218,6 +219,10 @@ impl Ground<'_> {
         for layer in self.settings {
             add(&layer.table, |_| false);
         }
+        let is_own_schedule =
+            |key: &str, value: &Value| key.starts_with("train.") && !is_of_a_method(preset, key, value);
+        let schedule = leaves(&place.variant.set).into_iter().filter(|(key, value)| is_own_schedule(key, value));
+        reasons.extend(schedule.map(|(key, value)| format!("{key} = {value}")));
         // A swept key that the paper does not sweep.
         let is_the_papers =
             |key: &str| self.grid.paper.iter().any(|row| leaves(&row.at).iter().any(|(at, _)| at == key));
@@ -225,6 +230,15 @@ impl Ground<'_> {
         reasons.extend(others.map(|(axis, value)| format!("{} = {value}", axis.key)));
         (!reasons.is_empty()).then(|| reasons.into_iter().collect::<Vec<_>>().join(", "))
     }
+}
+
+/// Whether some method that ships as a preset of its own, built on a cell's preset, has a key so. Where the scenes name
+/// the presets a variant cannot, and says the method's keys itself.
+fn is_of_a_method(preset: &Preset, key: &str, value: &Value) -> bool {
+    let methods = PRESETS.iter().filter(|method| method.lineage().iter().any(|base| base.name == preset.name));
+    methods
+        .filter_map(|method| toml::from_str::<Table>(method.text).ok())
+        .any(|table| leaves(&table).iter().any(|(own, said)| own == key && is_same(said, value)))
 }
 
 /// Every choice of one value for each axis; the last axis varies fastest. Without axes there is one, of nothing.

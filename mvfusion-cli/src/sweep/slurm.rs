@@ -2,20 +2,27 @@
 //!
 //! SLURM queues, places, limits and repeats; this file only writes what it asks for. The ids stand in the script
 //! itself, of which `sbatch` keeps a copy, and each cell has its order in a file of its own: a later submission does
-//! not change what an array that still waits will run.
+//! not change which cells an array that still waits will run, nor how they train.
 
 use std::path::Path;
 use std::process::Command;
+use std::time::Duration;
 
 use anyhow::{Context, bail};
 
-use super::folder::SweepFolder;
+use super::folder::{State, SweepFolder};
 use super::index::{Cell, Index};
 use crate::failure::UsageError;
 use crate::{atomic, device, run};
 
 /// Folder of the script and of what SLURM says.
 const FOLDER: &str = "slurm";
+
+/// What a value of `--gres` or `--tres-per-...` holds that decides about GPUs: a whole one, a share of one, nothing.
+const GPU_WORDS: [&str; 4] = ["gpu", "mps", "shard", "none"];
+
+/// Pause before cells that other tasks work on are looked at again; each look asks the file system of all nodes.
+const PAUSE: Duration = Duration::from_secs(2);
 
 /// How cells are handed to SLURM.
 #[derive(Clone, Debug)]
@@ -75,11 +82,10 @@ impl Slurm<'_> {
             "--requeue".to_owned(),
             "--open-mode=append".to_owned(),
         ];
-        let asks_for_gpu = |option: &String| ["--gpu", "--gres", "-G"].iter().any(|start| option.starts_with(start));
-        if device::wants_gpu(self.device)? && !self.options.iter().any(asks_for_gpu) {
-            directives.push("--gres=gpu:1".to_owned());
+        match device::wants_gpu(self.device)? {
+            true => directives.extend(with_gpu(self.options)),
+            false => directives.extend(self.options.iter().cloned()),
         }
-        directives.extend(self.options.iter().cloned());
         Ok(directives)
     }
 
@@ -104,6 +110,49 @@ impl Slurm<'_> {
         }
         Ok(number)
     }
+
+    /// Waits until no process works on any of these cells: an array can end before a task of an earlier one does.
+    ///
+    /// # Errors
+    /// If the folder cannot be used any more.
+    pub fn wait_for(&self, cells: &[&Cell]) -> anyhow::Result<()> {
+        for cell in cells {
+            while self.folder.state(&cell.id, &self.index.wanted)? == State::Running {
+                std::thread::sleep(PAUSE);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Options of sbatch with a request for a GPU, unless they decide about GPUs themselves.
+fn with_gpu(options: &[String]) -> Vec<String> {
+    let mut options = options.to_vec();
+    if options.iter().any(|option| decides_about_gpus(option)) {
+        return options;
+    }
+    // Of several `--gres` SLURM takes the last alone.
+    let others = |(place, option): (usize, &String)| Some((place, resources(option)?.to_owned()));
+    let last = options.iter().enumerate().rev().find_map(others);
+    match last {
+        Some((place, others)) => options[place] = format!("--gres=gpu:1,{others}"),
+        None => options.insert(0, "--gres=gpu:1".to_owned()),
+    }
+    options
+}
+
+/// Whether an option says how many GPUs a task has. A partition may be called `gpu`, and promises none.
+fn decides_about_gpus(option: &str) -> bool {
+    let (name, value) = option.split_once(['=', ' ']).unwrap_or((option, ""));
+    let value = value.to_ascii_lowercase();
+    let lists_resources = name == "--gres" || name.starts_with("--tres-per-");
+    let is_of_gpus = name.starts_with("--gpus") || name.starts_with("-G");
+    is_of_gpus || (lists_resources && GPU_WORDS.iter().any(|word| value.contains(word)))
+}
+
+/// The value of `--gres`, if an option is that.
+fn resources(option: &str) -> Option<&str> {
+    option.strip_prefix("--gres")?.strip_prefix(['=', ' ']).map(str::trim)
 }
 
 fn text(path: &Path) -> anyhow::Result<&str> {
@@ -125,6 +174,46 @@ fn quoted(word: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// What SLURM is asked for by options that are given and a device that needs a GPU.
+    fn asked(options: &[&str]) -> Vec<String> {
+        with_gpu(&options.iter().map(|&option| option.to_owned()).collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn a_gpu_is_asked_for_unless_an_option_decides_about_gpus() {
+        for option in [
+            "--gres=gpu:a100:2",
+            "--gres gpu:1",
+            "--gres=lscratch:10,GPU:1",
+            "--gres=shard:4",
+            "--gres=none",
+            "--gpus=1",
+            "--gpus-per-node=1",
+            "--tres-per-task=gres/gpu:1",
+            "--tres-per-job=gres/GPU=1",
+            "-G1",
+            "-G 2",
+            "-G=2",
+        ] {
+            assert_eq!(asked(&[option, "--time=10"]), [option, "--time=10"]);
+        }
+        for option in
+            ["--partition=gpu", "-p gpu", "--cpus-per-gpu=4", "--gpu-bind=closest", "--tres-per-task=cpu=8", "--time=1"]
+        {
+            assert_eq!(asked(&[option]), ["--gres=gpu:1", option]);
+        }
+        assert_eq!(asked(&[]), ["--gres=gpu:1"]);
+    }
+
+    #[test]
+    fn other_resources_are_asked_for_together_with_the_gpu() {
+        assert_eq!(asked(&["--gres=lscratch:10", "--time=1"]), ["--gres=gpu:1,lscratch:10", "--time=1"]);
+        assert_eq!(asked(&["--gres lscratch:10"]), ["--gres=gpu:1,lscratch:10"]);
+        assert_eq!(asked(&["--gres=a:1", "--gres=b:2"]), ["--gres=a:1", "--gres=gpu:1,b:2"]);
+        // Of flags for binding nothing is to be added.
+        assert_eq!(asked(&["--gres-flags=enforce-binding"]), ["--gres=gpu:1", "--gres-flags=enforce-binding"]);
+    }
 
     #[test]
     fn a_word_for_the_shell_keeps_its_quotes() {

@@ -1,7 +1,8 @@
 //! Sweeps as a user runs them: interrupted, gone on with, failed, refused.
 
 use std::collections::BTreeMap;
-use std::fs;
+use std::fs::{self, File};
+use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -41,6 +42,15 @@ column = "video"
 values = { "composed.psnr" = 32.07 }
 "#;
 
+/// The grids that ship with the program.
+const SHIPPED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/sweeps");
+
+/// An `sbatch` that notes what it is told, and runs nothing.
+const SBATCH: &str = "#!/bin/sh\necho \"$@\" >>submitted\necho 7\n";
+
+/// Longer than a sweep takes that waits for nothing.
+const LONGER: Duration = Duration::from_millis(500);
+
 /// How long a sweep of tiny cells may take at most before a test gives up.
 const PATIENCE: Duration = Duration::from_secs(300);
 
@@ -78,6 +88,53 @@ impl Ground {
             .process_group(0)
             .spawn()
             .expect("the program starts")
+    }
+
+    /// A sweep that is handed to a SLURM which runs nothing.
+    fn submission(&self, more: &[&str]) -> Command {
+        let bin = self.path().join("bin");
+        if !bin.exists() {
+            fs::create_dir(&bin).expect("made");
+            fs::write(bin.join("sbatch"), SBATCH).expect("written");
+            fs::set_permissions(bin.join("sbatch"), fs::Permissions::from_mode(0o755)).expect("allowed");
+        }
+        let others = std::env::var_os("PATH").unwrap_or_default();
+        let path = std::env::join_paths([bin].into_iter().chain(std::env::split_paths(&others))).expect("a path");
+        let mut command = Command::new(env!("CARGO_BIN_EXE_mvfusion"));
+        command
+            .args(["sweep", "tiny.toml", "--out", "out", "--device", "cpu", "--launcher", "slurm"])
+            .args(more)
+            .current_dir(self.path())
+            .env("PATH", path);
+        command
+    }
+
+    /// What the sweep says that is handed to such a SLURM.
+    fn submitted(&self, more: &[&str]) -> String {
+        let output = self.submission(more).output().expect("the program starts");
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        text(&output.stdout)
+    }
+
+    /// What SLURM was told, a line for each job.
+    fn jobs(&self) -> Vec<String> {
+        let told = fs::read_to_string(self.path().join("submitted")).unwrap_or_default();
+        told.lines().map(str::to_owned).collect()
+    }
+
+    /// The ids of the cells.
+    fn ids(&self) -> Vec<String> {
+        let text = fs::read_to_string(self.path().join("out/sweep.json")).expect("read");
+        let index: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+        let cells = index["cells"].as_array().expect("cells");
+        cells.iter().map(|cell| cell["id"].as_str().expect("an id").to_owned()).collect()
+    }
+
+    /// Holds a cell as a process that works on it does, until the file is dropped.
+    fn hold(&self, id: &str) -> File {
+        let lock = File::create(self.path().join(format!("out/cells/{id}.lock"))).expect("made");
+        lock.lock().expect("locked");
+        lock
     }
 
     fn status(&self) -> String {
@@ -265,4 +322,114 @@ fn options_that_would_be_ignored_are_refused() {
         assert!(text(&output.stderr).contains("--launcher slurm"), "{}", text(&output.stderr));
     }
     assert!(!ground.path().join("out").exists());
+}
+
+#[test]
+fn shipped_grids_are_listed_and_shown_as_they_are() {
+    let ground = Ground::new(TINY);
+    let listed = text(&mvfusion(ground.path(), &["sweep", "list"]).stdout);
+    let mut count = 0;
+    for entry in fs::read_dir(SHIPPED).expect("listed") {
+        let path = entry.expect("entry").path();
+        let (grid, name) = (fs::read_to_string(&path).expect("read"), path.file_stem().expect("named"));
+        let name = name.to_str().expect("UTF-8");
+        let line = listed.lines().find(|line| line.split(' ').next() == Some(name));
+        let title = grid.parse::<toml::Table>().expect("TOML")["title"].as_str().expect("a title").to_owned();
+        assert!(line.is_some_and(|line| line.ends_with(&title)), "{name}: {listed}");
+        let shown = mvfusion(ground.path(), &["sweep", "show", name]);
+        assert_eq!(text(&shown.stdout), grid, "{name}");
+        count += 1;
+    }
+    assert_eq!(listed.lines().count(), count);
+    let output = mvfusion(ground.path(), &["sweep", "show", "component"]);
+    assert_eq!(output.status.code(), Some(USAGE));
+    assert!(text(&output.stderr).contains("`component`") && text(&output.stderr).contains("components-small"));
+}
+
+#[test]
+fn scenes_and_seeds_choose_cells_that_there_are() {
+    let other = "[[scenes]]\nname = \"other\"\nset = { scene.kind = \"casual\" }\n[[variants]]";
+    let ground = Ground::new(&TINY.replacen("[[variants]]", other, 1));
+    let shown = |more: &[&str]| {
+        let output = ground.sweep(&[["--dry-run"].as_slice(), more].concat());
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let said = text(&output.stdout);
+        let cells = said.lines().filter(|line| line.starts_with("to do ")).map(str::to_owned).collect::<Vec<_>>();
+        let sum = said.lines().last().expect("a sum").to_owned();
+        (cells, sum)
+    };
+    assert_eq!(shown(&[]).0.len(), 8);
+    let choices: [(&[&str], &[&str]); 3] = [
+        (&["--scenes", "other"], &["other"]),
+        (&["--seeds", "2"], &["seed 2"]),
+        (&["--scenes", "video", "--seeds", "1"], &["video", "seed 1"]),
+    ];
+    for (more, words) in choices {
+        let (cells, sum) = shown(more);
+        assert_eq!(cells.len(), 8 >> words.len(), "{more:?}: {cells:?}");
+        assert!(cells.iter().all(|cell| words.iter().all(|word| cell.contains(word))), "{more:?}: {cells:?}");
+        assert!(sum.starts_with(&format!("{} cells to do", cells.len())), "{more:?}: {sum}");
+    }
+    assert_eq!(shown(&["--scenes", "video,other", "--seeds", "1,2"]).0.len(), 8);
+    for (more, word) in [(["--scenes", "vidoe"], "`vidoe`; it has other, video"), (["--seeds", "3"], "no seed 3")] {
+        let output = ground.sweep(&[["--dry-run"].as_slice(), more.as_slice()].concat());
+        assert_eq!(output.status.code(), Some(USAGE), "{more:?}");
+        assert!(text(&output.stderr).contains(word), "{more:?}: {}", text(&output.stderr));
+    }
+}
+
+#[test]
+fn weights_that_the_columns_cannot_use_are_refused_before_anything_is_trained() {
+    let ground = Ground::new(TINY);
+    let refused = |folder: &str| {
+        let output = ground.sweep(&["--lpips-weights", folder]);
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(FAILED), "{said}");
+        assert!(said.contains(folder) && said.contains("no lpips_alex_f32.safetensors"), "{said}");
+    };
+    refused("no/weights");
+    // A network that no column asks for.
+    fs::create_dir(ground.path().join("weights")).expect("made");
+    fs::write(ground.path().join("weights/lpips_vgg_f32.safetensors"), "vgg").expect("written");
+    refused("weights");
+    assert!(!ground.path().join("out").exists());
+}
+
+#[test]
+fn cells_at_work_are_left_out_of_a_new_array_and_waited_for() {
+    let ground = Ground::new(TINY);
+    let said = ground.submitted(&[]);
+    assert!(said.contains("job 7: 4 cells") && said.contains("sweep status"), "{said}");
+    let ids = ground.ids();
+
+    let held = ground.hold(&ids[1]);
+    let said = ground.submitted(&[]);
+    assert!(said.contains("1 of 4 cells at work already") && said.contains("job 7: 3 cells"), "{said}");
+    let script = fs::read_to_string(ground.path().join("out/slurm/array.sh")).expect("read");
+    let submitted: Vec<bool> = ids.iter().map(|id| script.contains(id.as_str())).collect();
+    assert_eq!(submitted, [true, false, true, true], "{script}");
+
+    let others = [0, 2, 3].map(|place: usize| ground.hold(&ids[place]));
+    let said = ground.submitted(&[]);
+    assert!(said.contains("4 of 4 cells at work already") && !said.contains("job "), "{said}");
+    assert_eq!(ground.jobs().len(), 2, "{:?}", ground.jobs());
+    drop(others);
+
+    let mut waiting =
+        ground.submission(&["--wait"]).stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("starts");
+    ground.wait_for("a third job", || ground.jobs().len() == 3);
+    assert!(ground.jobs()[2].contains("--wait"), "{:?}", ground.jobs());
+    std::thread::sleep(LONGER);
+    assert_eq!(waiting.try_wait().expect("asked"), None, "it did not wait for the cell at work");
+    drop(held);
+    let since = Instant::now();
+    let status = loop {
+        if let Some(status) = waiting.try_wait().expect("asked") {
+            break status;
+        }
+        assert!(since.elapsed() < PATIENCE, "it waits for nothing");
+        std::thread::sleep(Duration::from_millis(10));
+    };
+    // Nothing was run.
+    assert_eq!(status.code(), Some(FAILED));
 }

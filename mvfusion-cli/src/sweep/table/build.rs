@@ -35,8 +35,18 @@ impl Table {
             headings: labels.headings(&index.axes),
             columns,
             rows,
+            wanted: index.wanted.clone(),
             cells: counts(&cells),
         }
+    }
+}
+
+impl Entry {
+    /// With the paper's number, and the reason against comparing it if its row gives one.
+    fn with_paper(mut self, number: Option<paper::Number<'_>>) -> Self {
+        self.paper = number.map(|number| number.value);
+        self.not_comparable.extend(number.and_then(|number| number.not_comparable).map(str::to_owned));
+        self
     }
 }
 
@@ -45,7 +55,7 @@ fn literature(index: &Index, columns: &[Column], labels: &Labels) -> Vec<Row> {
     let methods = paper::literature(&index.paper).into_iter();
     let row = |(name, at): (&str, &toml::Table)| {
         let number = |group: &str, metric: &str| paper::of_literature(&index.paper, (name, at), (group, metric));
-        let entry = |column: &Column| Entry { paper: number(&column.group, &column.metric.name), ..Entry::default() };
+        let entry = |column: &Column| Entry::default().with_paper(number(&column.group, &column.metric.name));
         let values: Vec<String> = index.axes.iter().map(|key| paper::at(at, key).unwrap_or_default()).collect();
         let method = Method::Literature(name.to_owned());
         Row { labels: labels.row(name, &values), method, entries: columns.iter().map(entry).collect() }
@@ -61,8 +71,7 @@ fn trained(index: &Index, columns: &[Column], labels: &Labels, seeds: &[u64], ce
         let own: Vec<Trained> = cells.iter().filter(own).copied().collect();
         let place = (variant.as_str(), index.axes.as_slice(), values.as_slice());
         let number = |group: &str, metric: &str| paper::of_trained(&index.paper, place, (group, metric));
-        let entry =
-            |column: &Column| Entry { paper: number(&column.group, &column.metric.name), ..entry(column, &own, seeds) };
+        let entry = |column: &Column| entry(column, &own, seeds).with_paper(number(&column.group, &column.metric.name));
         let name = if variant.is_empty() { OURS } else { variant };
         let method = Method::Trained { variant: variant.clone(), values: values.clone() };
         Row { labels: labels.row(name, values), method, entries: columns.iter().map(entry).collect() }

@@ -2,7 +2,7 @@
 
 use super::{Column, Entry, State, Table};
 
-/// The mark of differences to numbers that are not comparable.
+/// The mark of the paper's numbers that are not comparable.
 pub(super) const DAGGER: char = '\u{2020}';
 
 /// What stands in a field of the table.
@@ -22,9 +22,11 @@ impl Entry {
         Some(self.spread?.mean - self.paper?)
     }
 
-    /// Whether ours and the paper's number say something about each other; absent where one of them is.
+    /// Whether the paper's number says something about ours: not if there is a reason against it. Absent where one of
+    /// the two is.
     pub fn is_comparable(&self) -> Option<bool> {
-        self.difference().map(|_| self.not_comparable.is_empty())
+        self.paper?;
+        if self.not_comparable.is_empty() { self.difference().map(|_| true) } else { Some(false) }
     }
 }
 
@@ -48,7 +50,8 @@ impl Table {
 }
 
 impl Column {
-    /// The paper's number with the difference of ours to it: `32.07 (-3.96)†`. Nothing where the paper has none.
+    /// The paper's number with the difference of ours to it, marked where they are not comparable: `32.07 (-3.96)†`.
+    /// Nothing where the paper has none.
     pub(super) fn paper_field(&self, entry: &Entry) -> String {
         let Some(paper) = entry.paper else { return String::new() };
         let decimals = self.paper_decimals.unwrap_or(self.metric.decimals);
@@ -56,8 +59,8 @@ impl Column {
         // A frame in twenty seconds is not none.
         let is_lost = paper != 0.0 && !rounded.contains(|digit: char| ('1'..='9').contains(&digit));
         let paper = if is_lost { paper.to_string() } else { rounded };
-        let Some(difference) = entry.difference() else { return paper };
-        let dagger = if entry.not_comparable.is_empty() { String::new() } else { DAGGER.to_string() };
+        let dagger = if entry.is_comparable() == Some(false) { DAGGER.to_string() } else { String::new() };
+        let Some(difference) = entry.difference() else { return paper + &dagger };
         format!("{paper} ({}){dagger}", self.metric.signed(difference))
     }
 }

@@ -1,5 +1,6 @@
 //! What the columns of a table are: labels, units, digits, and which way a figure is better.
 
+use mvfusion_model::evaluation::Backbone;
 use serde::Serialize;
 
 /// Which of two figures is the better one.
@@ -79,6 +80,12 @@ fn place(part: &str) -> Option<String> {
     }
 }
 
+/// The network that a figure is told by; absent where it is told by none.
+pub fn lpips_network(name: &str) -> Option<Backbone> {
+    let last = name.rsplit('.').next().unwrap_or(name);
+    Backbone::ALL.into_iter().find(|network| last.contains(&format!("lpips_{}", network.name())))
+}
+
 impl Metric {
     /// The figure of a name; one that is not known is shown by its name, with four digits.
     pub fn of(name: &str) -> Self {
@@ -143,7 +150,23 @@ fn with_thousands_apart(digits: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use mvfusion_model::evaluation::Figure;
+
     use super::*;
+
+    #[test]
+    fn every_figure_knows_its_network() {
+        for figure in Figure::ALL {
+            let network = match figure {
+                Figure::Lpips(variant) => Some(variant.backbone),
+                _ => None,
+            };
+            assert_eq!(lpips_network(&format!("static.{}", figure.name())), network, "{figure:?}");
+        }
+        assert_eq!(lpips_network("training_views.temporal.t_lpips_vgg"), Some(Backbone::Vgg));
+        assert_eq!(lpips_network("temporal.consecutive_lpips_alex"), Some(Backbone::Alex));
+        assert_eq!(lpips_network("train.seconds"), None);
+    }
 
     #[test]
     fn names_become_headings() {
@@ -153,6 +176,7 @@ mod tests {
             ("dynamic_region.lpips_vgg", "dynamic region LPIPS-vgg \u{2193}"),
             ("training_views.dynamic_region.psnr", "training dynamic region PSNR (dB) \u{2191}"),
             ("training_views.composed.psnr", "training PSNR (dB) \u{2191}"),
+            ("training_views.temporal.t_lpips_vgg", "training T-LPIPS-vgg \u{2193}"),
             ("mask_iou", "mask IoU \u{2191}"),
             ("composed.d_ssim", "D-SSIM \u{2193}"),
             ("temporal.t_lpips_alex", "T-LPIPS-alex \u{2193}"),

@@ -24,9 +24,10 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use serde::Serialize;
 
+pub(super) use metric::lpips_network;
 pub use metric::{Better, Metric};
 
-use super::index::Index;
+use super::index::{Index, Wanted};
 use crate::{atomic, run};
 
 /// Folder of the curves.
@@ -62,6 +63,8 @@ pub struct Table {
     pub columns: Vec<Column>,
     /// The rows, those from the literature first.
     pub rows: Vec<Row>,
+    /// What the sweep measures beside the figures that a training leaves.
+    pub wanted: Wanted,
     /// How the cells ended.
     pub cells: CellCounts,
 }

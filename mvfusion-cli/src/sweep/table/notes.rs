@@ -1,15 +1,23 @@
 //! What has to be said below a table.
 
+use mvfusion_model::evaluation::Backbone;
+
 use super::entry::DAGGER;
-use super::{Entry, Table};
+use super::metric::lpips_network;
+use super::{Entry, State, Table};
 
 impl Table {
     /// The notes, a sentence or two each.
     pub fn notes(&self) -> Vec<String> {
-        [self.spread_note(), self.best_note(), self.paper_note(), self.comparable_note(), self.cells_note()]
-            .into_iter()
-            .flatten()
-            .collect()
+        let notes = [
+            self.spread_note(),
+            self.best_note(),
+            self.paper_note(),
+            self.comparable_note(),
+            self.lpips_note(),
+            self.cells_note(),
+        ];
+        notes.into_iter().flatten().collect()
     }
 
     fn entries(&self) -> impl Iterator<Item = &Entry> {
@@ -50,6 +58,28 @@ impl Table {
         (!reasons.is_empty()).then(|| format!("{DAGGER} not comparable: {}.", reasons.join("; ")))
     }
 
+    /// Why LPIPS is absent, where that is for want of weights.
+    fn lpips_note(&self) -> Option<String> {
+        let has = |network: Backbone, state: State| {
+            let is_of_network = |place: &usize| lpips_network(&self.columns[*place].metric.name) == Some(network);
+            let mut places = (0..self.columns.len()).filter(is_of_network);
+            places.any(|place| self.rows.iter().any(|row| row.entries[place].state == state))
+        };
+        let is_missed = |network: &Backbone| {
+            let had_weights = self.wanted.lpips.contains_key(network.name());
+            !had_weights && has(*network, State::Unknown) && !has(*network, State::Known)
+        };
+        let missed: Vec<&str> = Backbone::ALL.into_iter().filter(is_missed).map(Backbone::name).collect();
+        match &self.wanted.lpips_weights {
+            _ if missed.is_empty() => None,
+            None => Some("LPIPS: not measured, no weights were given (--lpips-weights).".to_owned()),
+            Some(_) => Some(format!(
+                "LPIPS by {}: not measured, --lpips-weights had no weights of it.",
+                missed.join(" and by ")
+            )),
+        }
+    }
+
     fn cells_note(&self) -> Option<String> {
         let counts = self.cells;
         let of = format!("of {} {}", counts.total, if counts.total == 1 { "cell" } else { "cells" });
@@ -65,7 +95,7 @@ impl Table {
 
 #[cfg(test)]
 mod tests {
-    use super::super::specimen::{ablation, windows};
+    use super::super::specimen::{ablation, cell, figures, group, index, windows};
     use super::*;
     use crate::sweep::table::{CellCounts, Outcome};
 
@@ -83,6 +113,62 @@ mod tests {
                 "2 of 18 cells failed, 1 is not finished.",
             ]
         );
+    }
+
+    #[test]
+    fn lpips_that_no_weights_were_given_for_is_said_to_be_missing() {
+        let columns = vec![group("a", &[], &["composed.lpips_alex", "static.lpips_alex", "composed.lpips_vgg"])];
+        let mut index = index(&[], columns, "");
+        index.cells = vec![cell("a", "", &[], 0)];
+        let said = |index: &_, known: &[(&str, f64)]| Table::of(index, &[figures(known)]).lpips_note();
+        let (alex, vgg) = (("composed.lpips_alex", 0.1), ("composed.lpips_vgg", 0.1));
+        assert_eq!(said(&index, &[]).as_deref(), Some("LPIPS: not measured, no weights were given (--lpips-weights)."));
+        assert_eq!(Table::of(&index, &[]).lpips_note(), None, "nothing has finished");
+        // That there is no static branch is another matter.
+        assert_eq!(said(&index, &[alex, vgg]), None);
+        index.wanted.lpips_weights = Some("weights".into());
+        index.wanted.lpips.insert("alex".into(), "a".into());
+        assert_eq!(
+            said(&index, &[alex]).as_deref(),
+            Some("LPIPS by vgg: not measured, --lpips-weights had no weights of it.")
+        );
+        // Its weights were there: the pictures were too small, or the like.
+        assert_eq!(said(&index, &[vgg]), None);
+        let table = Table::of(&index, &[figures(&[alex])]);
+        assert!(table.markdown().contains("LPIPS by vgg: not measured"), "{}", table.markdown());
+        assert!(table.latex().contains("LPIPS by vgg: not measured"), "{}", table.latex());
+        let json = serde_json::to_value(table.json()).expect("written");
+        assert!(json["notes"].as_array().is_some_and(|notes| notes.len() == table.notes().len()), "{json}");
+    }
+
+    #[test]
+    fn numbers_with_a_reason_of_the_papers_row_are_marked_and_explained() {
+        let paper = "
+            [[paper]]
+            literature = '4DGS'
+            column = 'a'
+            values = { 'composed.psnr' = 30.0, 'mask_iou' = 0.5 }
+            not_comparable = { 'mask_iou' = 'masks of its own' }
+            [[paper]]
+            column = 'a'
+            values = { 'composed.psnr' = 32.0, 'mask_iou' = 0.6 }
+            not_comparable = { '*' = 'other views' }
+            ";
+        let mut index = index(&[], vec![group("a", &[], &["composed.psnr", "mask_iou"])], paper);
+        index.cells = vec![cell("a", "", &[], 0)];
+        let table = Table::of(&index, &[figures(&[("composed.psnr", 31.0)])]);
+        let shown = |row: usize| {
+            let entries = table.columns.iter().zip(&table.rows[row].entries);
+            entries.map(|(column, entry)| column.paper_field(entry)).collect::<Vec<_>>()
+        };
+        assert_eq!(shown(0), ["30", "0.5\u{2020}"]);
+        assert_eq!(shown(1), ["32 (-1.00)\u{2020}", "0.6\u{2020}"]);
+        let note = "\u{2020} not comparable: masks of its own; other views.";
+        assert_eq!(table.comparable_note().as_deref(), Some(note));
+        assert!(table.csv().contains("composed.psnr,31,,1,32,-1,false"), "{}", table.csv());
+        let json = serde_json::to_value(table.json()).expect("written");
+        assert_eq!(json["rows"][0]["entries"][1]["not_comparable"], serde_json::json!(["masks of its own"]));
+        assert!(table.latex().contains("0.5$^\\dagger$"), "{}", table.latex());
     }
 
     #[test]

@@ -4,30 +4,45 @@ use toml::{Table, Value};
 
 use crate::sweep::grid::{PaperRow, is_same, leaves};
 
-/// The paper's number for a figure of cells of a variant with some values of the swept keys: that of the first of its
-/// rows that fits and has it.
-pub(super) fn of_trained(
-    paper: &[PaperRow],
+/// A number of the paper.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Number<'a> {
+    /// The number.
+    pub value: f64,
+    /// Why it says nothing about ours, as its row has it.
+    pub not_comparable: Option<&'a str>,
+}
+
+impl<'a> Number<'a> {
+    fn of(row: &'a PaperRow, metric: &str) -> Option<Self> {
+        Some(Self { value: *row.values.get(metric)?, not_comparable: row.reason_against(metric) })
+    }
+}
+
+/// The paper's number for a figure of cells of a variant with some values of the swept keys. One of its rows has it at
+/// most: a grid with two is refused.
+pub(super) fn of_trained<'a>(
+    paper: &'a [PaperRow],
     (variant, axes, values): (&str, &[String], &[String]),
     (group, metric): (&str, &str),
-) -> Option<f64> {
+) -> Option<Number<'a>> {
     let fits = |row: &&PaperRow| {
         row.literature.is_none()
             && row.column == group
             && row.variant.as_deref().is_none_or(|named| named == variant)
             && agrees(&row.at, axes, values)
     };
-    paper.iter().filter(fits).find_map(|row| row.values.get(metric)).copied()
+    paper.iter().filter(fits).find_map(|row| Number::of(row, metric))
 }
 
 /// The paper's number for a figure of a method that is not trained here.
-pub(super) fn of_literature(
-    paper: &[PaperRow],
+pub(super) fn of_literature<'a>(
+    paper: &'a [PaperRow],
     (name, at): (&str, &Table),
     (group, metric): (&str, &str),
-) -> Option<f64> {
+) -> Option<Number<'a>> {
     let fits = |row: &&PaperRow| row.literature.as_deref() == Some(name) && row.at == *at && row.column == group;
-    paper.iter().filter(fits).find_map(|row| row.values.get(metric)).copied()
+    paper.iter().filter(fits).find_map(|row| Number::of(row, metric))
 }
 
 /// The methods that are not trained here, each with where in the grid it stands, in the order of the file.
@@ -87,12 +102,15 @@ mod tests {
     fn a_row_belongs_to_its_variant_column_and_values() {
         let paper = [
             row("variant = 'full'\ncolumn = 'Neu3D'\nvalues = { 'composed.psnr' = 32.07 }"),
-            row("column = 'Neu3D'\nat = { motion.window = 5 }\nvalues = { 'composed.psnr' = 31.0, 'mask_iou' = 0.5 }"),
+            row("column = 'Neu3D'\nvariant = 'base'\nat = { motion.window = 5 }\nvalues = { 'composed.psnr' = 31.0 }"),
+            row("column = 'Neu3D'\nat = { motion.window = 5 }\nvalues = { 'mask_iou' = 0.5 }"),
             row("literature = '3DGS'\ncolumn = 'Neu3D'\nvalues = { 'composed.psnr' = 30.0 }"),
         ];
         let axes = ["motion.window".to_owned()];
-        let find =
-            |variant, value: &str, figure| of_trained(&paper, (variant, &axes, &[value.to_owned()]), ("Neu3D", figure));
+        let find = |variant, value: &str, figure| {
+            let number = of_trained(&paper, (variant, &axes, &[value.to_owned()]), ("Neu3D", figure));
+            number.map(|number| number.value)
+        };
         assert_eq!(find("full", "5", "composed.psnr"), Some(32.07));
         assert_eq!(find("full", "5", "mask_iou"), Some(0.5));
         assert_eq!(find("base", "5", "composed.psnr"), Some(31.0));
@@ -100,6 +118,22 @@ mod tests {
         assert_eq!(of_trained(&paper, ("full", &axes, &["5".into()]), ("Other", "composed.psnr")), None);
         let methods = literature(&paper);
         assert_eq!(methods.len(), 1);
-        assert_eq!(of_literature(&paper, methods[0], ("Neu3D", "composed.psnr")), Some(30.0));
+        let number = Number { value: 30.0, not_comparable: None };
+        assert_eq!(of_literature(&paper, methods[0], ("Neu3D", "composed.psnr")), Some(number));
+    }
+
+    #[test]
+    fn a_reason_is_that_of_the_figure_or_else_that_of_the_row() {
+        let paper = [row("column = 'a'\nvalues = { mask_iou = 0.5, 'composed.psnr' = 30.0, 'composed.ssim' = 0.9 }
+             not_comparable = { '*' = 'other data', mask_iou = 'not defined.' }")];
+        let reason = |figure| {
+            let number = of_trained(&paper, ("full", &[], &[]), ("a", figure)).expect("there is a number");
+            number.not_comparable
+        };
+        assert_eq!(["composed.psnr", "mask_iou"].map(reason), [Some("other data"), Some("not defined")]);
+        let alone = [row("column = 'a'\nvalues = { mask_iou = 0.5, 'composed.psnr' = 30.0 }
+             not_comparable = { mask_iou = 'not defined' }")];
+        let number = of_trained(&alone, ("full", &[], &[]), ("a", "composed.psnr"));
+        assert_eq!(number, Some(Number { value: 30.0, not_comparable: None }));
     }
 }

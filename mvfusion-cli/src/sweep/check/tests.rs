@@ -1,0 +1,65 @@
+//! Tests of the names that grids may use, against those that an evaluation gives.
+
+use image::{GrayImage, Luma, Rgb, RgbImage};
+use mvfusion_model::evaluation::{Judge, LayerScores, Pair, Protocol, Regions, Scores, TemporalScores, Verdict};
+use mvfusion_model::train::picture_tensor;
+
+use super::*;
+use crate::device;
+use crate::run::{self, RenderSpeed};
+use crate::sweep::folder::figures;
+
+/// Large enough for MS-SSIM, which needs more than 160 pixels.
+const SIDE: u32 = 176;
+
+/// What a judge without networks says of two pictures that differ everywhere, and of their halves.
+fn verdict() -> Verdict {
+    let device = device::open("cpu").expect("there is one").device;
+    let picture = |shift: u32| {
+        RgbImage::from_fn(SIDE, SIDE, |x, y| Rgb([x * 7 + y * 3 + shift, x + y * 5 + shift, x * y + shift].map(byte)))
+    };
+    let half = |is_left: bool| {
+        GrayImage::from_fn(SIDE, SIDE, |x, _| Luma([if (x < SIDE / 2) == is_left { u8::MAX } else { 0 }]))
+    };
+    let shown = picture(9);
+    let exact = picture_tensor(&shown, &device);
+    let pair = Pair::new(shown, exact, picture(0));
+    let regions = Regions { dynamic: half(true), still: half(false) };
+    Judge::without_lpips(Protocol::Mvfusion).judge(&pair, None, Some(&regions)).expect("judged")
+}
+
+fn byte(number: u32) -> u8 {
+    (number % 256) as u8
+}
+
+/// With what networks would say, which look at parts as at whole pictures.
+fn with_lpips(scores: LayerScores) -> LayerScores {
+    let some = Some(0.5);
+    LayerScores { lpips_alex: some, lpips_vgg: some, lpips_alex_raw: some, lpips_vgg_raw: some, ..scores }
+}
+
+#[test]
+fn the_names_that_are_known_are_those_of_a_run_that_has_everything() {
+    let Verdict { whole, dynamic, still, .. } = verdict();
+    let temporal = TemporalScores {
+        t_lpips_alex: Some(0.5),
+        t_lpips_vgg: Some(0.5),
+        consecutive_lpips_alex: Some(0.5),
+        consecutive_lpips_vgg: Some(0.5),
+    };
+    let scores = Scores {
+        composed: with_lpips(whole),
+        static_: Some(with_lpips(whole)),
+        dynamic_region: dynamic.map(with_lpips),
+        still_region: still.map(with_lpips),
+        region_source: None,
+        mask_iou: Some(0.5),
+        temporal: Some(temporal),
+    };
+    let mut results = run::specimen(scores);
+    results.training_views = Some(scores);
+    results.speed =
+        Some(RenderSpeed { width: 8, height: 8, warm_up: 1, frames: 1, fps: 60.0, fps_without_mfta: Some(70.0) });
+    let given: BTreeSet<String> = figures(&results).into_keys().collect();
+    assert_eq!(metrics(), given);
+}
