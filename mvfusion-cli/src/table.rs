@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
-use mvfusion_model::evaluation::{Column, Figure, LayerScores, Protocol, Scores};
+use mvfusion_model::evaluation::{Figure, LayerScores, Protocol, Scores};
 
 use crate::clock::spoken;
 use crate::run::{LpipsWeights, RenderSpeed, Results};
@@ -11,19 +11,22 @@ use crate::run::{LpipsWeights, RenderSpeed, Results};
 /// Width of the first column.
 const LABEL: usize = 16;
 
-/// Figures of a layer that are shown at most: the first ones of the protocol, so that a line fits a terminal.
+/// Figures of a layer that are shown at most: the first ones of the protocol.
 const FIGURES: usize = 4;
+
+/// Width of a terminal, into which a line must fit.
+const LINE: usize = 80;
 
 /// Writes the figures of a run by a protocol, a layer a line.
 ///
 /// # Errors
 /// If `out` cannot be written to.
 pub fn write(results: &Results, protocol: Protocol, out: &mut dyn Write) -> io::Result<()> {
-    let columns = columns(results, protocol);
+    let figures = figures(results, protocol);
     let heads: String =
-        columns.iter().map(|column| format!("{:>width$}", head(column), width = width(column))).collect();
+        figures.iter().map(|&figure| format!("{:>width$}", head(figure), width = width(figure))).collect();
     writeln!(out, "{:LABEL$}{heads}", "held-out views")?;
-    write_layers(&results.test, &columns, out)?;
+    write_layers(&results.test, &figures, out)?;
     if let Some(overlap) = results.test.mask_iou {
         writeln!(out, "{:LABEL$}{overlap:>10.3}", "mask IoU")?;
     }
@@ -31,7 +34,7 @@ pub fn write(results: &Results, protocol: Protocol, out: &mut dyn Write) -> io::
     write_absent(results, out)?;
     if let Some(scores) = &results.training_views {
         writeln!(out, "training views")?;
-        write_layers(scores, &columns, out)?;
+        write_layers(scores, &figures, out)?;
     }
     writeln!(out, "{:LABEL$}{}", "Gaussians", results.gaussians.sentence(", "))?;
     let training = results
@@ -46,37 +49,43 @@ pub fn write(results: &Results, protocol: Protocol, out: &mut dyn Write) -> io::
     writeln!(out, "{:LABEL$}{}, {} {threads}", "device", results.device, results.threads)
 }
 
-/// The first of the protocol's figures that any layer has.
-fn columns(results: &Results, protocol: Protocol) -> Vec<Column> {
-    let is_known = |column: &Column| results.test.layers().any(|(_, scores)| column.figure.of(scores).is_some());
-    protocol.columns().iter().filter(|column| is_known(column)).take(FIGURES).copied().collect()
+/// The first of the protocol's figures that any layer has, as many as a line has room for.
+fn figures(results: &Results, protocol: Protocol) -> Vec<Figure> {
+    let is_known = |figure: &Figure| results.test.layers().any(|(_, scores)| figure.of(scores).is_some());
+    let mut room = LINE - LABEL;
+    let fits = |figure: &Figure| {
+        let left = room.checked_sub(width(*figure));
+        room = left.unwrap_or(0);
+        left.is_some()
+    };
+    protocol.figures().iter().copied().filter(is_known).take(FIGURES).take_while(fits).collect()
 }
 
-fn head(column: &Column) -> String {
-    match column.figure {
-        Figure::Psnr | Figure::PsnrExact => format!("{} (dB)", column.label),
-        _ => column.label.to_owned(),
+fn head(figure: Figure) -> String {
+    match figure {
+        Figure::Psnr | Figure::PsnrExact => format!("{} (dB)", figure.label()),
+        _ => figure.label().to_owned(),
     }
 }
 
-fn width(column: &Column) -> usize {
-    (head(column).len() + 2).max(10)
+fn width(figure: Figure) -> usize {
+    (head(figure).len() + 2).max(10)
 }
 
-fn write_layers(scores: &Scores, columns: &[Column], out: &mut dyn Write) -> io::Result<()> {
+fn write_layers(scores: &Scores, figures: &[Figure], out: &mut dyn Write) -> io::Result<()> {
     scores.layers().try_for_each(|(layer, scores)| {
-        let figures: String = columns.iter().map(|column| cell(column, scores)).collect();
-        writeln!(out, "{:LABEL$}{figures}", layer.replace('_', " "))
+        let cells: String = figures.iter().map(|&figure| cell(figure, scores)).collect();
+        writeln!(out, "{:LABEL$}{cells}", layer.replace('_', " "))
     })
 }
 
-fn cell(column: &Column, scores: &LayerScores) -> String {
-    let digits = match column.figure {
+fn cell(figure: Figure, scores: &LayerScores) -> String {
+    let digits = match figure {
         Figure::Psnr | Figure::PsnrExact => 2,
         _ => 4,
     };
-    let figure = column.figure.of(scores).map_or("-".to_owned(), |value| format!("{value:.digits$}"));
-    format!("{figure:>width$}", width = width(column))
+    let value = figure.of(scores).map_or("-".to_owned(), |value| format!("{value:.digits$}"));
+    format!("{value:>width$}", width = width(figure))
 }
 
 /// T-LPIPS, and the mean LPIPS of consecutive pictures, of which motion is a part.
@@ -151,12 +160,13 @@ mod tests {
     }
 
     #[test]
-    fn a_protocol_shows_its_own_columns() {
+    fn a_protocol_shows_its_own_columns_as_far_as_a_line_goes() {
         let composed = LayerScores {
             psnr: Some(27.0),
             psnr_exact: Some(27.01),
             ssim_valid: Some(0.91),
             lpips_alex: Some(0.125),
+            lpips_alex_raw: Some(0.25),
             ..Default::default()
         };
         let temporal = TemporalScores { t_lpips_alex: Some(0.0125), ..Default::default() };
@@ -168,8 +178,8 @@ mod tests {
             ..specimen(Scores { composed, temporal: Some(temporal), ..Default::default() })
         };
         insta::assert_snapshot!(table(&results, Protocol::DeGauss), @"
-        held-out views    PSNR (dB)      SSIM  LPIPS-alex normalized
-        composed              27.00    0.9100                 0.1250
+        held-out views    PSNR (dB)  SSIM without border  LPIPS-alex
+        composed              27.00               0.9100      0.1250
         T-LPIPS         0.0125 (alex)
         Gaussians       12 static, 3 dynamic
         time            training 2 min 51 s (1400 steps), evaluation 9 s

@@ -310,6 +310,8 @@ fn check_files(run: &Path) {
         "renders/test/gt/00000.png",
         "renders/test/true_background/00023.png",
         "renders/test/true_mask/00023.png",
+        "renders/test/masked_static/00023.png",
+        "renders/test/masked_dynamic/00023.png",
         "renders/test/motion/00023.png",
         "strips/00000.png",
         "strips/00023.png",

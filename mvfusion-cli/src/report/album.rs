@@ -40,12 +40,14 @@ const fn layer(folder: &'static str, name: &'static str) -> Layer {
 }
 
 /// The photo and what the model makes of it, in the order of a row.
-pub(super) const LAYERS: [Layer; 7] = [
+pub(super) const LAYERS: [Layer; 9] = [
     layer("gt", "ground truth"),
     layer("composed", "composed"),
     layer("static", "static branch"),
     layer("dynamic", "dynamic branch"),
     layer("mask", "mask"),
+    layer("masked_static", "masked static"),
+    layer("masked_dynamic", "masked dynamic"),
     layer("true_background", "true background"),
     layer("true_mask", "true mask"),
 ];

@@ -90,6 +90,9 @@ pub(super) fn layers(files: &RunFiles, album: &Album) -> Markup {
                 p.note {
                     "Composed = mask \u{00b7} dynamic branch + (1 \u{2212} mask) \u{00b7} static branch under the \
                     learned brightness. White in the mask is dynamic."
+                    @if shows(album, "masked_static") {
+                        " Masked static and masked dynamic are the two terms of this sum."
+                    }
                     @if shows(album, "true_background") { " The scene\u{2019}s true background is known." }
                 }
             }

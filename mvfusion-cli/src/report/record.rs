@@ -19,11 +19,22 @@ pub(super) fn record(files: &RunFiles) -> Markup {
         @match &files.results_value {
             Ok(results) => details {
                 summary { (run::RESULTS) ", in full precision" }
+                @if has_names_of_the_field(results) {
+                    p.note {
+                        "Under " code { "ours_\u{2026}" } " stand the names that scripts of 3DGS and its descendants \
+                        read: LPIPS there is fed [0, 1], so that LPIPS-vgg is what the tables call LPIPS-vgg on [0,1]."
+                    }
+                }
                 pre { (serde_json::to_string_pretty(results).unwrap_or_else(|error| error.to_string())) }
             },
             Err(missing) => (lack(missing)),
         }
     }
+}
+
+/// Whether figures stand there a second time, under names that mean something else in the tables of the page.
+fn has_names_of_the_field(results: &Value) -> bool {
+    results.as_object().is_some_and(|parts| parts.keys().any(|name| name.starts_with("ours_")))
 }
 
 /// The configuration, every key.

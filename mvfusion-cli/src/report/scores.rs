@@ -3,9 +3,7 @@
 use std::collections::BTreeMap;
 
 use maud::{Markup, html};
-use mvfusion_model::evaluation::{
-    Column, Figure, LayerScores, LpipsVariant, Protocol, RegionSource, Scores, ViewScores,
-};
+use mvfusion_model::evaluation::{Figure, LayerScores, LpipsVariant, Protocol, RegionSource, Scores, ViewScores};
 
 use super::curve::{Chart, Point, Series, Weight};
 use super::files::{Found, RunFiles};
@@ -46,10 +44,20 @@ fn by_another(protocol: Protocol, results: &Found<Results>) -> Markup {
     }
 }
 
+/// How much of a picture is compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Extent {
+    /// All of it.
+    Picture,
+    /// Where something moves, or where nothing does.
+    Region,
+}
+
 /// A row of the table: what is compared, its figures, and if there are none, why.
 struct Row {
     name: &'static str,
     title: &'static str,
+    extent: Extent,
     scores: Option<LayerScores>,
     absent: &'static str,
 }
@@ -64,24 +72,28 @@ fn rows(scores: &Scores, results: &Results) -> [Row; 4] {
         Row {
             name: "composed",
             title: "the blended picture against the photo",
+            extent: Extent::Picture,
             scores: Some(scores.composed),
             absent: "not scored",
         },
         Row {
             name: "static",
             title: "the static branch against the clean background",
+            extent: Extent::Picture,
             scores: scores.static_,
             absent: no_static,
         },
         Row {
             name: "dynamic region",
             title: "the blended picture against the photo, where something moves",
+            extent: Extent::Region,
             scores: scores.dynamic_region,
             absent: NO_REGION,
         },
         Row {
             name: "still region",
             title: "the blended picture against the photo, where nothing moves",
+            extent: Extent::Region,
             scores: scores.still_region,
             absent: NO_REGION,
         },
@@ -101,25 +113,23 @@ fn means(results: &Results) -> Markup {
 /// The table of a set of views, and what belongs to none of its cells.
 fn layers(caption: &str, scores: &Scores, results: &Results) -> Markup {
     let rows = rows(scores, results);
-    let is_known = |column: &&Column| rows.iter().any(|row| row.scores.is_some_and(|s| column.figure.of(&s).is_some()));
-    let columns = protocol_of(&results.protocol).columns();
-    let (known, unknown): (Vec<&Column>, Vec<&Column>) = columns.iter().partition(is_known);
+    let is_known = |figure: &Figure| rows.iter().any(|row| row.scores.is_some_and(|s| figure.of(&s).is_some()));
+    let figures = protocol_of(&results.protocol).figures();
+    let (known, unknown): (Vec<Figure>, Vec<Figure>) = figures.iter().copied().partition(is_known);
     html! {
         div.scroll {
             table.scores {
                 caption { (caption) }
                 thead { tr {
                     th scope="col" {}
-                    @for column in &known {
-                        th scope="col" title=(meaning(column.figure)) {
-                            (column.label) " " (better(column.figure).arrow())
-                        }
+                    @for figure in known.iter().copied() {
+                        th scope="col" title=(meaning(figure)) { (figure.label()) " " (better(figure).arrow()) }
                     }
                 } }
                 tbody {
                     @for row in &rows { tr {
                         th scope="row" title=(row.title) { (row.name) }
-                        @for column in &known { (cell(row, column.figure)) }
+                        @for figure in known.iter().copied() { (cell(row, figure)) }
                     } }
                 }
             }
@@ -132,27 +142,42 @@ fn layers(caption: &str, scores: &Scores, results: &Results) -> Markup {
 }
 
 /// The figures that no layer has, those with the same reason together.
-fn excuses(unknown: &[&Column], lpips: &BTreeMap<String, LpipsWeights>) -> String {
+fn excuses(unknown: &[Figure], lpips: &BTreeMap<String, LpipsWeights>) -> String {
     let mut excuses: Vec<(String, Vec<&str>)> = Vec::new();
-    for column in unknown {
-        let why = why_absent(column.figure, lpips);
+    for &figure in unknown {
+        let why = why_absent(figure, lpips);
         match excuses.iter_mut().find(|(other, _)| *other == why) {
-            Some((_, labels)) => labels.push(column.label),
-            None => excuses.push((why, vec![column.label])),
+            Some((_, labels)) => labels.push(figure.label()),
+            None => excuses.push((why, vec![figure.label()])),
         }
     }
     excuses.iter().map(|(why, labels)| format!("{} ({why})", labels.join(", "))).collect::<Vec<_>>().join("; ")
 }
 
 fn cell(row: &Row, figure: Figure) -> Markup {
-    let reason = match (row.scores, figure) {
-        (None, _) => row.absent,
-        (Some(_), Figure::MsSsim | Figure::DSsim) => "a part of a picture has no such figure",
-        (Some(_), _) => "no view has it",
-    };
     match row.scores.and_then(|scores| figure.of(&scores)) {
         Some(value) => html! { td title=(value) { (number(value, decimals(figure))) } },
-        None => html! { td.absent title=(reason) { "\u{2013}" } },
+        None => {
+            let reason = row.scores.map_or(row.absent, |scores| why_blank(row.extent, figure, &scores));
+            html! { td.absent title=(reason) { "\u{2013}" } }
+        }
+    }
+}
+
+/// Why a row that has other figures lacks one that another row has.
+fn why_blank(extent: Extent, figure: Figure, scores: &LayerScores) -> &'static str {
+    match (extent, figure) {
+        (_, Figure::Psnr) => "every picture equals what it is compared with once rounded, so PSNR is infinite",
+        (_, Figure::PsnrExact) if scores.psnr.is_none() => {
+            "every picture equals what it is compared with, so PSNR is infinite"
+        }
+        (Extent::Region, Figure::MsSsim | Figure::DSsim) => {
+            "MS-SSIM multiplies means over five scales of the whole picture, so it has no map to take a region of"
+        }
+        (Extent::Region, Figure::SsimValid) => {
+            "none of its pixels is inside the border of 5 pixels, or the run\u{2019}s version did not know this figure"
+        }
+        _ => "not written by this run\u{2019}s version",
     }
 }
 
@@ -197,17 +222,29 @@ struct ViewColumn {
     of: fn(&Scores) -> Option<f64>,
 }
 
-const VIEW_COLUMNS: [ViewColumn; 9] = [
-    ViewColumn { name: "PSNR", title: "composed, dB", decimals: 2, of: |scores| scores.composed.psnr },
-    ViewColumn { name: "SSIM", title: "composed", decimals: 4, of: |scores| scores.composed.ssim },
+const VIEW_COLUMNS: [ViewColumn; 11] = [
+    ViewColumn { name: Figure::Psnr.label(), title: "composed, dB", decimals: 2, of: |scores| scores.composed.psnr },
+    ViewColumn { name: Figure::Ssim.label(), title: "composed", decimals: 4, of: |scores| scores.composed.ssim },
     ViewColumn {
-        name: "LPIPS-alex",
-        title: "composed",
+        name: Figure::Lpips(LpipsVariant::ALEX).label(),
+        title: "composed, network fed [-1, 1]",
         decimals: 4,
         of: |scores| Figure::Lpips(LpipsVariant::ALEX).of(&scores.composed),
     },
     ViewColumn {
-        name: "LPIPS-vgg",
+        name: Figure::Lpips(LpipsVariant::VGG).label(),
+        title: "composed, network fed [-1, 1]",
+        decimals: 4,
+        of: |scores| Figure::Lpips(LpipsVariant::VGG).of(&scores.composed),
+    },
+    ViewColumn {
+        name: Figure::Lpips(LpipsVariant::ALEX_RAW).label(),
+        title: "composed, network fed [0, 1]",
+        decimals: 4,
+        of: |scores| Figure::Lpips(LpipsVariant::ALEX_RAW).of(&scores.composed),
+    },
+    ViewColumn {
+        name: Figure::Lpips(LpipsVariant::VGG_RAW).label(),
         title: "composed, network fed [0, 1]",
         decimals: 4,
         of: |scores| Figure::Lpips(LpipsVariant::VGG_RAW).of(&scores.composed),
@@ -290,5 +327,50 @@ pub(super) fn number(value: f64, decimals: usize) -> String {
     match value.is_finite() {
         true => format!("{value:.decimals$}"),
         false => "not finite".to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::{Map, Value, json};
+
+    use super::*;
+
+    /// Figures that are all known and all different.
+    fn known() -> LayerScores {
+        let numbered = Figure::ALL.into_iter().zip(1..);
+        let figures: Map<String, Value> =
+            numbered.map(|(figure, number)| (figure.name().to_owned(), json!(number))).collect();
+        serde_json::from_value(Value::Object(figures)).expect("figures")
+    }
+
+    #[test]
+    fn a_column_of_views_that_is_named_as_a_figure_shows_that_figure() {
+        let scores = Scores { composed: known(), ..Scores::default() };
+        let mut named = 0;
+        for column in VIEW_COLUMNS {
+            let figure = Figure::ALL.into_iter().find(|figure| figure.label() == column.name);
+            if let Some(figure) = figure {
+                assert_eq!((column.of)(&scores), figure.of(&scores.composed), "{}", column.name);
+                assert_eq!(column.decimals, decimals(figure), "{}", column.name);
+                named += 1;
+            }
+        }
+        assert_eq!(named, 6);
+    }
+
+    #[test]
+    fn a_dash_tells_what_a_region_cannot_have_from_what_this_one_lacks() {
+        let nothing = LayerScores::default();
+        assert!(why_blank(Extent::Region, Figure::MsSsim, &known()).contains("has no map"));
+        assert!(why_blank(Extent::Region, Figure::SsimValid, &known()).contains("inside the border"));
+        for extent in [Extent::Picture, Extent::Region] {
+            assert!(why_blank(extent, Figure::Psnr, &known()).contains("infinite"));
+            assert!(why_blank(extent, Figure::PsnrExact, &nothing).contains("infinite"));
+            // The rounded pictures differ, so those as rendered do.
+            assert!(why_blank(extent, Figure::PsnrExact, &known()).contains("version"));
+            assert!(why_blank(extent, Figure::Ssim, &known()).contains("version"));
+        }
+        assert!(why_blank(Extent::Picture, Figure::MsSsim, &known()).contains("version"));
     }
 }

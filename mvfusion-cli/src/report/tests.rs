@@ -21,7 +21,7 @@ fn write(folder: &Path, name: &str, text: impl AsRef<[u8]>) {
 fn picture(folder: &Path, layer: &str, name: &str) {
     let path = folder.join("renders/test").join(layer).join(name);
     fs::create_dir_all(path.parent().expect("a folder")).expect("made");
-    RgbImage::from_fn(16, 12, |x, y| Rgb([x as u8 * 9, y as u8 * 9, layer.len() as u8 * 20]))
+    RgbImage::from_fn(16, 12, |x, y| Rgb([x as u8 * 9, y as u8 * 9, layer.len() as u8 * 15]))
         .save(path)
         .expect("saved");
 }
@@ -100,7 +100,9 @@ fn write_report(run: &Path) -> PathBuf {
 fn a_figure_that_is_not_known_is_a_dash_with_its_reason() {
     let folder = run(Protocol::Mvfusion.statement());
     let page = html(folder.path()).expect("a page");
-    assert!(page.contains("<td class=\"absent\" title=\"no clean background is known\">\u{2013}</td>"));
+    let dash = |reason: &str| format!("<td class=\"absent\" title=\"{reason}\">\u{2013}</td>");
+    assert_eq!(count(&page, &dash("no clean background is known")), 2, "PSNR and SSIM of the static branch");
+    assert_eq!(count(&page, &dash("not written by this run\u{2019}s version")), 1, "SSIM of the dynamic region");
     assert!(page.contains("LPIPS-alex, LPIPS-vgg, LPIPS-alex on [0,1], LPIPS-vgg on [0,1] (no folder of"), "{page}");
     let statement = maud::html! { (Protocol::Mvfusion.statement()) }.into_string();
     assert!(page.contains(&statement), "{statement}");
@@ -129,12 +131,52 @@ fn other_protocols_have_tables_of_their_own_in_a_fixed_order() {
         "</b>3dgs: last iteration",
         "By the protocol nerfbaselines",
         "24.25",
-        "LPIPS (VGG)",
+        "LPIPS-alex, LPIPS-vgg (no folder",
         "</b>nerfbaselines: last iteration",
         "View by view",
     ];
     let found = places.map(|words| page.find(words).unwrap_or_else(|| panic!("{words} is missing")));
     assert!(found.is_sorted(), "{found:?}");
+}
+
+#[test]
+fn a_region_has_the_ssim_without_border_and_no_ms_ssim() {
+    let folder = run(Protocol::Mvfusion.statement());
+    let composed = LayerScores { ssim_valid: Some(0.9375), ms_ssim: Some(0.96875), ..LayerScores::default() };
+    let dynamic_region = Some(LayerScores { ssim_valid: Some(0.8125), ..LayerScores::default() });
+    let results = Results {
+        protocol: Protocol::DeGauss.statement().to_owned(),
+        ..specimen(Scores { composed, dynamic_region, ..Scores::default() })
+    };
+    write(folder.path(), "protocols/degauss/results.json", json(&results));
+    let page = html(folder.path()).expect("a page");
+    assert!(page.contains(">0.9375</td>") && page.contains(">0.8125</td>"));
+    assert_eq!(count(&page, "so it has no map to take a region of"), 1, "MS-SSIM of the dynamic region");
+}
+
+#[test]
+fn a_label_is_one_figure_in_all_tables_of_a_page() {
+    let folder = run(Protocol::Mvfusion.statement());
+    let composed = LayerScores { lpips_vgg: Some(0.0625), lpips_vgg_raw: Some(0.5625), ..LayerScores::default() };
+    let scores = Scores { composed, ..Scores::default() };
+    let view = ViewScores { view: "cam00/0000".to_owned(), scores };
+    let per_view = PerView { protocol: String::new(), test: [("00000.png".to_owned(), view)].into(), field: [].into() };
+    write(folder.path(), "per_view.json", json(&per_view));
+    write(folder.path(), "results.json", json(&Results { lpips: [].into(), ..specimen(scores) }));
+    for protocol in [Protocol::DeGauss, Protocol::ThreeDgs] {
+        let results = Results { protocol: protocol.statement().to_owned(), lpips: [].into(), ..specimen(scores) };
+        write(folder.path(), &format!("protocols/{}/results.json", protocol.name()), json(&results));
+    }
+    let page = html(folder.path()).expect("a page");
+    // With an arrow in the tables of means, without one in that of the views.
+    assert_eq!(count(&page, ">LPIPS-vgg \u{2193}</th>"), 1, "the run's own protocol");
+    assert_eq!(count(&page, ">LPIPS-vgg on [0,1] \u{2193}</th>"), 3, "every protocol here");
+    for head in ["LPIPS-vgg", "LPIPS-vgg on [0,1]"] {
+        assert_eq!(count(&page, &format!(">{head}</th>")), 1, "{head}");
+    }
+    assert_eq!((count(&page, ">0.0625</td>"), count(&page, ">0.5625</td>")), (2, 4));
+    let row = page.split("<th scope=\"row\">cam00/0000</th>").nth(1).expect("the view's row");
+    assert!(row.starts_with("<td>0.0625</td><td>0.5625</td>"), "{row}");
 }
 
 #[test]
@@ -185,6 +227,22 @@ fn broken_files_and_pictures_cost_their_places_alone() {
     // The others are there, and the slider compares what is left.
     assert_eq!(count(&page, "src=\"data:image/png"), 4);
     assert_eq!(count(&page, "<figure class=\"slider script\""), 1);
+}
+
+#[test]
+fn what_each_branch_adds_is_shown_where_the_run_has_it() {
+    let folder = run("kitchen");
+    let names = ["masked static", "masked dynamic"].map(|name| format!("<figcaption>{name}</figcaption>"));
+    let page = html(folder.path()).expect("a page");
+    assert!(!names.iter().any(|name| page.contains(name)) && !page.contains("two terms of this sum"));
+    for layer in ["masked_static", "masked_dynamic"] {
+        picture(folder.path(), layer, "00000.png");
+    }
+    let page = html(folder.path()).expect("a page");
+    assert!(names.iter().all(|name| count(&page, name) == 1) && page.contains("two terms of this sum"));
+    assert_eq!(count(&page, "src=\"data:image/png"), 7);
+    // They can be chosen on either side of the slider.
+    assert_eq!(count(&page, "<option value=\"v0-masked_dynamic\""), 2);
 }
 
 #[test]

@@ -3,10 +3,11 @@
 //! Figures of a part of the picture (inside or outside the dynamic region) are means over its pixels of the same maps
 //! whose means over all pixels are the figures of the whole picture: squared errors for PSNR, the SSIM map, and for
 //! LPIPS the maps of all layers enlarged to the picture and added (`spatial=True` of the package lpips), whose mean is
-//! nearly the figure: enlarging by a fraction weighs pixels unequally. Windows and receptive fields so look across the
-//! border of the region. The other way, blackening both pictures outside the region, is not taken, because what is
-//! black in both counts as perfect: the figure would depend on the region's size first, and its outline would be an
-//! edge that neither picture has.
+//! nearly the figure: enlarging by a fraction weighs pixels unequally. Of the SSIM without the picture's border, those
+//! of the part's pixels count that lie inside that border. Windows and receptive fields so look across the border of
+//! the region. The other way, blackening both pictures outside the region, is not taken, because what is black in both
+//! counts as perfect: the figure would depend on the region's size first, and its outline would be an edge that neither
+//! picture has.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -245,8 +246,9 @@ impl Maps<'_> {
         Ok(scores)
     }
 
-    /// The figures where a mask is white; `None` where it is nowhere. A part has no border of its own, so there is one
-    /// SSIM, and no scales, so there is no MS-SSIM.
+    /// The figures where a mask is white; `None` where it is nowhere. A part has no border of its own: for the SSIM
+    /// without border the picture's is left out, which may leave nothing. MS-SSIM multiplies the means of whole scales,
+    /// so that no part has one.
     fn part(&self, mask: &GrayImage) -> Result<Option<LayerScores>, ModelError> {
         let Some(squared_error) = self.squared_errors.mean_over(mask) else { return Ok(None) };
         let eight_bit: Psnr = masked_psnr(&self.pair.picture, &self.pair.reference, mask);
@@ -254,6 +256,7 @@ impl Maps<'_> {
             psnr: eight_bit,
             psnr_exact: decibels(squared_error),
             ssim: self.ssim.mean_over(mask),
+            ssim_valid: self.ssim.inner_mean_over(SSIM_BORDER, mask),
             ..LayerScores::default()
         };
         let size = [mask.height() as usize, mask.width() as usize];
@@ -327,18 +330,23 @@ mod tests {
             GrayImage::from_fn(width, height, |x, _| Luma([if is_in(x) { u8::MAX } else { 0 }]))
         };
         let regions = Regions { dynamic: part(|x| x < 12), still: part(|x| x >= 12) };
-        let share = (0..width).filter(|&x| left(x)).count() as f64 / f64::from(width);
+        let share_of = |columns: std::ops::Range<u32>| {
+            columns.clone().filter(|&x| left(x)).count() as f64 / f64::from(columns.end - columns.start)
+        };
+        let border = SSIM_BORDER as u32;
+        let (share, inner_share) = (share_of(0..width), share_of(border..width - border));
         for_each_device(|device| {
             let pair = pair(&mut Stream::new(3, 0), &device);
             let verdict = judge(Protocol::Mvfusion, &device).judge(&pair, None, Some(&regions)).expect("numbers");
             let (dynamic, still) = (verdict.dynamic.expect("white"), verdict.still.expect("white"));
             let error = |psnr: Option<f64>| 10f64.powf(-psnr.expect("they differ") / 10.0);
-            for (inside, outside, whole) in [
-                (dynamic.ssim, still.ssim, verdict.whole.ssim),
-                (Some(error(dynamic.psnr_exact)), Some(error(still.psnr_exact)), Some(error(verdict.whole.psnr_exact))),
-                (Some(error(dynamic.psnr)), Some(error(still.psnr)), Some(error(verdict.whole.psnr))),
+            for (figures, share) in [
+                ([dynamic.ssim, still.ssim, verdict.whole.ssim], share),
+                ([dynamic.ssim_valid, still.ssim_valid, verdict.whole.ssim_valid], inner_share),
+                ([dynamic, still, verdict.whole].map(|scores| Some(error(scores.psnr_exact))), share),
+                ([dynamic, still, verdict.whole].map(|scores| Some(error(scores.psnr))), share),
             ] {
-                let [inside, outside, whole] = [inside, outside, whole].map(|figure| figure.expect("known"));
+                let [inside, outside, whole] = figures.map(|figure| figure.expect("known"));
                 let together = share * inside + (1.0 - share) * outside;
                 assert!((together - whole).abs() < 1e-6, "{inside} and {outside} are {together}, not {whole}");
             }
@@ -346,6 +354,30 @@ mod tests {
             let nothing = Regions { dynamic: GrayImage::new(width, height), still: regions.still.clone() };
             let verdict = judge(Protocol::Mvfusion, &device).judge(&pair, None, Some(&nothing)).expect("numbers");
             assert!(verdict.dynamic.is_none() && verdict.still.is_some());
+        });
+    }
+
+    #[test]
+    fn protocols_that_leave_out_the_border_know_the_ssim_of_a_region_inside_it() {
+        let [height, width] = SIZE.map(|side| side as u32);
+        let part = |is_in: fn(u32, u32) -> bool| {
+            GrayImage::from_fn(width, height, |x, y| Luma([if is_in(x, y) { u8::MAX } else { 0 }]))
+        };
+        let regions = Regions { dynamic: part(|x, y| x < 9 && y == 7), still: part(|x, _| x < 5) };
+        for_each_device(|device| {
+            let pair = pair(&mut Stream::new(6, 0), &device);
+            for protocol in [Protocol::DeGauss, Protocol::NerfBaselines] {
+                let verdict = Judge::without_lpips(protocol).judge(&pair, None, Some(&regions)).expect("numbers");
+                let (dynamic, still) = (verdict.dynamic.expect("white"), verdict.still.expect("white"));
+                // Four pixels of the row lie inside the border.
+                let [picture, reference] = pair.seen(protocol.precision());
+                let map = ssim_map(picture, reference).expect("numbers");
+                let wanted = map.mean_over(&part(|x, y| (5..9).contains(&x) && y == 7)).expect("white");
+                let [all, found] = [dynamic.ssim, dynamic.ssim_valid].map(|ssim| ssim.expect("known"));
+                assert!((found - wanted).abs() < 1e-6, "{}: {found} instead of {wanted}", protocol.name());
+                assert!((all - found).abs() > 1e-6, "the border makes no difference");
+                assert!(still.ssim.is_some() && still.ssim_valid.is_none(), "nothing of it lies inside the border");
+            }
         });
     }
 

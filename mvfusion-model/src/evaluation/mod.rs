@@ -20,7 +20,7 @@ pub use metrics::{
     MaskOverlap, PixelMap, Psnr, RegionSource, SSIM_BORDER, TemporalDeviation, TemporalScores, decibels, dilate,
     dissimilarity, masked_psnr, ms_ssim, psnr, quantise, sequences, squared_errors, ssim_map,
 };
-pub use protocol::{Column, Precision, Protocol};
+pub use protocol::{Precision, Protocol};
 pub use render::{BranchLayers, ViewPictures};
 pub use scores::{Evaluation, Figure, LayerScores, Scores, ViewScores};
 pub use speed::{Speed, WARM_UP, measure_speed};

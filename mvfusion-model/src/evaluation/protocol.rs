@@ -19,7 +19,8 @@ pub enum Protocol {
     ///
     /// Everything on 8-bit pictures, which they read back from files (and had truncated, where this program rounds);
     /// SSIM of torchmetrics, whose releases differ in whether the border counts: here it does not; three LPIPS, of
-    /// which its paper does not say which one the table has: AlexNet on `[-1, 1]`, AlexNet and VGG-16 on `[0, 1]`.
+    /// which its paper does not say which one the table has: AlexNet on `[-1, 1]` (`LPIPS-alex normalized` there),
+    /// AlexNet and VGG-16 on `[0, 1]` (`LPIPS-alex` and `LPIPS-vgg` there).
     DeGauss,
     /// The `metrics.py` of 3DGS.
     ///
@@ -42,54 +43,33 @@ pub enum Precision {
     EightBit,
 }
 
-/// A column of a protocol's table.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Column {
-    /// Its head, as the protocol's own tables have it.
-    pub label: &'static str,
-    /// What stands in it.
-    pub figure: Figure,
-}
-
-const fn column(label: &'static str, figure: Figure) -> Column {
-    Column { label, figure }
-}
-
-const MVFUSION: &[Column] = &[
-    column("PSNR", Figure::Psnr),
-    column("SSIM", Figure::Ssim),
-    column("LPIPS-alex", Figure::Lpips(LpipsVariant::ALEX)),
-    column("LPIPS-vgg", Figure::Lpips(LpipsVariant::VGG)),
-    column("MS-SSIM", Figure::MsSsim),
-    column("D-SSIM", Figure::DSsim),
-    column("PSNR (unrounded)", Figure::PsnrExact),
-    column("SSIM (scikit-image)", Figure::SsimValid),
-    column("LPIPS-alex on [0,1]", Figure::Lpips(LpipsVariant::ALEX_RAW)),
-    column("LPIPS-vgg on [0,1]", Figure::Lpips(LpipsVariant::VGG_RAW)),
+const MVFUSION: &[Figure] = &[
+    Figure::Psnr,
+    Figure::Ssim,
+    Figure::Lpips(LpipsVariant::ALEX),
+    Figure::Lpips(LpipsVariant::VGG),
+    Figure::MsSsim,
+    Figure::DSsim,
+    Figure::PsnrExact,
+    Figure::SsimValid,
+    Figure::Lpips(LpipsVariant::ALEX_RAW),
+    Figure::Lpips(LpipsVariant::VGG_RAW),
 ];
 
-const DEGAUSS: &[Column] = &[
-    column("PSNR", Figure::Psnr),
-    column("SSIM", Figure::SsimValid),
-    column("LPIPS-alex normalized", Figure::Lpips(LpipsVariant::ALEX)),
-    column("LPIPS-alex", Figure::Lpips(LpipsVariant::ALEX_RAW)),
-    column("LPIPS-vgg", Figure::Lpips(LpipsVariant::VGG_RAW)),
-    column("MS-SSIM", Figure::MsSsim),
-    column("D-SSIM", Figure::DSsim),
+const DEGAUSS: &[Figure] = &[
+    Figure::Psnr,
+    Figure::SsimValid,
+    Figure::Lpips(LpipsVariant::ALEX),
+    Figure::Lpips(LpipsVariant::ALEX_RAW),
+    Figure::Lpips(LpipsVariant::VGG_RAW),
+    Figure::MsSsim,
+    Figure::DSsim,
 ];
 
-const THREE_DGS: &[Column] = &[
-    column("PSNR", Figure::Psnr),
-    column("SSIM", Figure::Ssim),
-    column("LPIPS", Figure::Lpips(LpipsVariant::VGG_RAW)),
-];
+const THREE_DGS: &[Figure] = &[Figure::Psnr, Figure::Ssim, Figure::Lpips(LpipsVariant::VGG_RAW)];
 
-const NERF_BASELINES: &[Column] = &[
-    column("PSNR", Figure::Psnr),
-    column("SSIM", Figure::SsimValid),
-    column("LPIPS", Figure::Lpips(LpipsVariant::ALEX)),
-    column("LPIPS (VGG)", Figure::Lpips(LpipsVariant::VGG)),
-];
+const NERF_BASELINES: &[Figure] =
+    &[Figure::Psnr, Figure::SsimValid, Figure::Lpips(LpipsVariant::ALEX), Figure::Lpips(LpipsVariant::VGG)];
 
 impl Protocol {
     /// All protocols.
@@ -118,8 +98,8 @@ impl Protocol {
             }
             Self::DeGauss => {
                 "degauss: last iteration; everything on 8-bit pictures, rounded, mean over views; SSIM 11x11 sigma 1.5 \
-                 without the 5-pixel border (torchmetrics); LPIPS-alex normalized fed [-1,1], LPIPS-alex and LPIPS-vgg \
-                 fed [0,1]; MS-SSIM of pytorch-msssim"
+                 without the 5-pixel border (torchmetrics); LPIPS by alex fed [-1,1] (called normalized there), and by \
+                 alex and by vgg fed [0,1]; MS-SSIM of pytorch-msssim"
             }
             Self::ThreeDgs => {
                 "3dgs: last iteration; everything on 8-bit pictures, mean over views; SSIM 11x11 sigma 1.5 \
@@ -134,7 +114,7 @@ impl Protocol {
     }
 
     /// What it reports, in the order of its tables.
-    pub fn columns(self) -> &'static [Column] {
+    pub fn figures(self) -> &'static [Figure] {
         match self {
             Self::Mvfusion => MVFUSION,
             Self::DeGauss => DEGAUSS,
@@ -153,7 +133,7 @@ impl Protocol {
 
     /// The kinds of LPIPS that it reports.
     pub fn lpips(self) -> impl Iterator<Item = LpipsVariant> {
-        self.columns().iter().filter_map(|column| match column.figure {
+        self.figures().iter().filter_map(|&figure| match figure {
             Figure::Lpips(variant) => Some(variant),
             _ => None,
         })
@@ -192,7 +172,6 @@ mod tests {
 
     #[test]
     fn our_own_protocol_reports_every_figure() {
-        let reported = |figure| MVFUSION.iter().any(|column| column.figure == figure);
-        assert!(Figure::ALL.into_iter().all(reported));
+        assert!(Figure::ALL.into_iter().all(|figure| MVFUSION.contains(&figure)));
     }
 }

@@ -31,6 +31,10 @@ pub struct BranchLayers {
     pub dynamic: RgbImage,
     /// The share of the dynamic branch.
     pub mask: RgbImage,
+    /// What the static branch adds to the composed picture: under the brightness control, times its share.
+    pub masked_static: RgbImage,
+    /// What the dynamic branch adds.
+    pub masked_dynamic: RgbImage,
     /// The static branch in full precision: `[1, 3, H, W]`.
     pub static_tensor: Tensor<4>,
 }
@@ -44,8 +48,15 @@ pub(super) fn view_renderer<'a>(
     movement: Movement,
     surroundings: &'a Surroundings,
 ) -> Result<LayerRenderer<'a>, ModelError> {
-    let wanted = [Layer::Composed, Layer::Static, Layer::Dynamic, Layer::Mask, Layer::Motion];
-    let mut wanted = wanted.to_vec();
+    let mut wanted = vec![
+        Layer::Composed,
+        Layer::Static,
+        Layer::Dynamic,
+        Layer::Mask,
+        Layer::MaskedStatic,
+        Layer::MaskedDynamic,
+        Layer::Motion,
+    ];
     if model.static_.is_none() {
         // It would be the composed picture again.
         wanted.retain(|&layer| layer != Layer::Dynamic);
@@ -63,13 +74,15 @@ pub(super) fn render_view(renderer: &LayerRenderer<'_>, view: &View) -> Result<V
     let picture = |layer: Layer| of(layer).map(|rendered| renderer.picture(rendered)).transpose();
     let tensor = |layer: Layer| of(layer).map(|rendered| rendered.values.clone().unsqueeze_dim::<4>(0));
 
-    let branches =
-        match (picture(Layer::Static)?, picture(Layer::Dynamic)?, picture(Layer::Mask)?, tensor(Layer::Static)) {
-            (Some(static_), Some(dynamic), Some(mask), Some(values)) => {
-                Some(BranchLayers { static_, dynamic, mask, static_tensor: values.clamp(0.0, 1.0) })
-            }
-            _ => None,
-        };
+    let alone = (picture(Layer::Static)?, picture(Layer::Dynamic)?, picture(Layer::Mask)?);
+    let masked = (picture(Layer::MaskedStatic)?, picture(Layer::MaskedDynamic)?);
+    let branches = match (alone, masked, tensor(Layer::Static)) {
+        ((Some(static_), Some(dynamic), Some(mask)), (Some(masked_static), Some(masked_dynamic)), Some(values)) => {
+            let static_tensor = values.clamp(0.0, 1.0);
+            Some(BranchLayers { static_, dynamic, mask, masked_static, masked_dynamic, static_tensor })
+        }
+        _ => None,
+    };
     // Proof: every model can be shown composed, and `view_renderer` asks for it.
     let composed_tensor = tensor(Layer::Composed).expect("composed");
     let composed = super::metrics::quantise(composed_tensor.clone())?;

@@ -17,7 +17,7 @@ pub struct LayerScores {
     /// Mean SSIM as 3DGS computes it: zeros outside the picture.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub ssim: Option<f64>,
-    /// Mean SSIM as scikit-image computes it: without the 5 outermost pixels.
+    /// Mean SSIM as scikit-image computes it: without the 5 outermost pixels of the picture, also in a part of it.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub ssim_valid: Option<f64>,
     /// Mean MS-SSIM; pictures of more than 160 pixels a side have one, parts of them have none.
@@ -136,6 +136,24 @@ impl Figure {
         }
     }
 
+    /// Its name for people, by which no table means anything else, whatever the protocol.
+    pub const fn label(self) -> &'static str {
+        match self {
+            Self::Psnr => "PSNR",
+            Self::PsnrExact => "PSNR unrounded",
+            Self::Ssim => "SSIM",
+            Self::SsimValid => "SSIM without border",
+            Self::MsSsim => "MS-SSIM",
+            Self::DSsim => "D-SSIM",
+            Self::Lpips(variant) => match (variant.backbone, variant.range) {
+                (Backbone::Alex, InputRange::Signed) => "LPIPS-alex",
+                (Backbone::Vgg, InputRange::Signed) => "LPIPS-vgg",
+                (Backbone::Alex, InputRange::Raw) => "LPIPS-alex on [0,1]",
+                (Backbone::Vgg, InputRange::Raw) => "LPIPS-vgg on [0,1]",
+            },
+        }
+    }
+
     /// Its value in a layer's figures.
     pub fn of(self, scores: &LayerScores) -> Option<f64> {
         // A copy, so that one list of fields does for reading and writing.
@@ -210,7 +228,15 @@ fn mean(figures: impl Iterator<Item = Option<f64>>) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::*;
+
+    #[test]
+    fn every_label_names_one_figure() {
+        let labels: BTreeSet<&str> = Figure::ALL.into_iter().map(Figure::label).collect();
+        assert_eq!(labels.len(), Figure::ALL.len());
+    }
 
     #[test]
     fn means_are_over_the_views_that_know_a_figure() {

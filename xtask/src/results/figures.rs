@@ -18,7 +18,7 @@ pub struct Layer {
 }
 
 /// The figures of a run. One that is not known is absent.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Figures {
     /// Composed picture of the held-out views.
     pub composed: Layer,
@@ -30,6 +30,8 @@ pub struct Figures {
     pub dynamic_gaussians: Option<f64>,
     /// Seconds of training a step.
     pub seconds_a_step: Option<f64>,
+    /// Why there is no LPIPS; `None` if there is one.
+    pub why_no_lpips: Option<String>,
 }
 
 impl Figures {
@@ -56,8 +58,24 @@ impl Figures {
             dynamic: layer(&format!("{moving}/dynamic_region")),
             dynamic_gaussians: number("/gaussians/dynamic"),
             seconds_a_step: seconds.zip(steps).map(|(seconds, steps)| seconds / steps),
+            why_no_lpips: why_no_lpips(json),
         }
     }
+}
+
+/// Why the composed pictures have no LPIPS by AlexNet; `None` if they have one.
+fn why_no_lpips(json: &Value) -> Option<String> {
+    if json.pointer("/test/composed/lpips_alex").is_some() {
+        return None;
+    }
+    let network = json.pointer("/lpips/alex");
+    let said = network.and_then(|network| network.get("absent")).and_then(Value::as_str);
+    Some(match (said, network) {
+        (Some(reason), _) => reason.to_owned(),
+        // A network that was there has been shown pictures that it shrinks to nothing.
+        (None, Some(_)) => "its pictures are smaller than 31 pixels a side".to_owned(),
+        (None, None) => "results.json does not say why".to_owned(),
+    })
 }
 
 #[cfg(test)]
@@ -76,6 +94,20 @@ mod tests {
         assert_eq!(figures.static_, Layer::default());
         assert_eq!(figures.dynamic, Layer { psnr: Some(15.0), ssim: None, lpips: Some(0.3) });
         assert_eq!((figures.dynamic_gaussians, figures.seconds_a_step), (Some(40.0), Some(2.5)));
+    }
+
+    #[test]
+    fn a_run_without_lpips_says_why() {
+        let why = |composed: Value, lpips: Value| {
+            Figures::of(&serde_json::json!({ "test": { "composed": composed }, "lpips": lpips })).why_no_lpips
+        };
+        let nothing = || serde_json::json!({});
+        let absent = || serde_json::json!({ "alex": { "absent": "no folder of weights was given" } });
+        let given = || serde_json::json!({ "alex": { "weights_sha256": "0" } });
+        assert_eq!(why(nothing(), absent()).as_deref(), Some("no folder of weights was given"));
+        assert!(why(nothing(), given()).is_some_and(|reason| reason.contains("31 pixels")));
+        assert!(why(nothing(), nothing()).is_some_and(|reason| reason.contains("does not say")));
+        assert_eq!(why(serde_json::json!({ "lpips_alex": 0.25 }), given()), None);
     }
 
     #[test]

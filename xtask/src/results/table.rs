@@ -1,5 +1,6 @@
 //! The tables in Markdown.
 
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use super::cells::{Cell, DEGAUSS, FOUR_DGS, FOUR_DGS_MOTION, FULL, METHODS, Method, SCENES};
@@ -11,14 +12,14 @@ type Figure = fn(&Figures) -> Option<f64>;
 /// The columns of the main table: head, figure, digits.
 const COLUMNS: [(&str, Figure, usize); 11] = [
     ("composed PSNR", |f| f.composed.psnr, 2),
-    ("SSIM", |f| f.composed.ssim, 4),
-    ("LPIPS", |f| f.composed.lpips, 4),
+    ("composed SSIM", |f| f.composed.ssim, 4),
+    ("composed LPIPS-alex", |f| f.composed.lpips, 4),
     ("static PSNR", |f| f.static_.psnr, 2),
-    ("SSIM", |f| f.static_.ssim, 4),
-    ("LPIPS", |f| f.static_.lpips, 4),
+    ("static SSIM", |f| f.static_.ssim, 4),
+    ("static LPIPS-alex", |f| f.static_.lpips, 4),
     ("dynamic region PSNR", |f| f.dynamic.psnr, 2),
-    ("SSIM", |f| f.dynamic.ssim, 4),
-    ("LPIPS", |f| f.dynamic.lpips, 4),
+    ("dynamic region SSIM", |f| f.dynamic.ssim, 4),
+    ("dynamic region LPIPS-alex", |f| f.dynamic.lpips, 4),
     ("dynamic Gaussians", |f| f.dynamic_gaussians, 0),
     ("ms a step", |f| f.seconds_a_step.map(|seconds| 1000.0 * seconds), 0),
 ];
@@ -27,33 +28,34 @@ const COLUMNS: [(&str, Figure, usize); 11] = [
 const CLAIMS: [(&str, Figure, usize); 5] = [
     ("composed PSNR", |f| f.composed.psnr, 2),
     ("static PSNR", |f| f.static_.psnr, 2),
-    ("LPIPS", |f| f.static_.lpips, 4),
+    ("static LPIPS-alex", |f| f.static_.lpips, 4),
     ("dynamic region PSNR", |f| f.dynamic.psnr, 2),
-    ("LPIPS", |f| f.dynamic.lpips, 4),
+    ("dynamic region LPIPS-alex", |f| f.dynamic.lpips, 4),
 ];
 
 /// The methods that are compared: the refined one first.
 const PAIRS: [(Method, Method); 2] = [(FULL, DEGAUSS), (FOUR_DGS_MOTION, FOUR_DGS)];
 
-/// Both tables.
+/// Both tables, and below the first why there is no LPIPS where there is none.
 pub fn write(runs: &[(Cell, Figures)]) -> String {
     let mut text = String::new();
     head(&mut text, &["scene", "method", "seeds"], COLUMNS.map(|(name, ..)| name));
     for scene in SCENES {
         for method in METHODS {
-            let figures: Vec<Figures> = of(runs, scene.name, method).map(|(_, figures)| figures).collect();
+            let figures: Vec<&Figures> = of(runs, scene.name, method).map(|(_, figures)| figures).collect();
             if figures.is_empty() {
                 continue;
             }
-            let cells = COLUMNS.map(|(_, figure, digits)| mean(figures.iter().filter_map(figure), digits));
+            let cells = COLUMNS.map(|(_, figure, digits)| mean(figures.iter().copied().filter_map(figure), digits));
             line(&mut text, &[scene.name.into(), method.name.into(), figures.len().to_string()], cells);
         }
     }
     text.push('\n');
+    reasons(&mut text, runs);
     head(&mut text, &["scene", "difference, same seeds", "seeds"], CLAIMS.map(|(name, ..)| name));
     for scene in SCENES {
         for (refined, base) in PAIRS {
-            let pairs: Vec<(Figures, Figures)> = of(runs, scene.name, refined)
+            let pairs: Vec<(&Figures, &Figures)> = of(runs, scene.name, refined)
                 .filter_map(|(seed, refined)| {
                     let (_, base) = of(runs, scene.name, base).find(|&(other, _)| other == seed)?;
                     Some((refined, base))
@@ -71,9 +73,29 @@ pub fn write(runs: &[(Cell, Figures)]) -> String {
 }
 
 /// The runs of a method on a scene, by seed.
-fn of<'a>(runs: &'a [(Cell, Figures)], scene: &'a str, method: Method) -> impl Iterator<Item = (u64, Figures)> + 'a {
+fn of<'a>(
+    runs: &'a [(Cell, Figures)],
+    scene: &'a str,
+    method: Method,
+) -> impl Iterator<Item = (u64, &'a Figures)> + 'a {
     let wanted = move |cell: &Cell| cell.scene.name == scene && cell.method == method;
-    runs.iter().filter(move |(cell, _)| wanted(cell)).map(|(cell, figures)| (cell.seed, *figures))
+    runs.iter().filter(move |(cell, _)| wanted(cell)).map(|(cell, figures)| (cell.seed, figures))
+}
+
+/// Why runs have no LPIPS: a paragraph, unless all have one.
+fn reasons(text: &mut String, runs: &[(Cell, Figures)]) {
+    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+    for reason in runs.iter().filter_map(|(_, figures)| figures.why_no_lpips.as_deref()) {
+        *counts.entry(reason).or_default() += 1;
+    }
+    if counts.is_empty() {
+        return;
+    }
+    for (reason, count) in counts {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "{count} of {} runs have no LPIPS: {reason}.", runs.len());
+    }
+    text.push('\n');
 }
 
 /// Mean and standard deviation of the known values.
@@ -85,7 +107,7 @@ fn mean(values: impl Iterator<Item = f64>, digits: usize) -> String {
     }
 }
 
-fn difference(pairs: &[(Figures, Figures)], figure: Figure, digits: usize) -> String {
+fn difference(pairs: &[(&Figures, &Figures)], figure: Figure, digits: usize) -> String {
     let differences: Vec<f64> =
         pairs.iter().filter_map(|(refined, base)| Some(figure(refined)? - figure(base)?)).collect();
     match spread(&differences) {
@@ -117,6 +139,8 @@ fn line<const N: usize>(text: &mut String, labels: &[String], cells: [String; N]
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::*;
     use crate::results::cells::all;
     use crate::results::figures::Layer;
@@ -135,5 +159,52 @@ mod tests {
         assert!(text.contains("| video | MVFusion-GS | 2 | 22.50 ± 1.41 | - |"), "{text}");
         assert!(text.contains("| casual | MVFusion-GS - DeGauss | 2 | +0.50 ± 0.00 | - | - | - | - |"), "{text}");
         assert!(write(&runs[..8]).contains("| casual | MVFusion-GS - DeGauss | 1 | +0.50 | - | - | - | - |"));
+        assert!(!text.contains("have no LPIPS"), "{text}");
+    }
+
+    #[test]
+    fn every_head_names_its_figure() {
+        let heads: BTreeSet<&str> = COLUMNS.iter().map(|&(head, ..)| head).collect();
+        assert_eq!(heads.len(), COLUMNS.len());
+        let known = Figures {
+            composed: Layer { psnr: Some(1.0), ssim: Some(2.0), lpips: Some(3.0) },
+            static_: Layer { psnr: Some(4.0), ssim: Some(5.0), lpips: Some(6.0) },
+            dynamic: Layer { psnr: Some(7.0), ssim: Some(8.0), lpips: Some(9.0) },
+            ..Figures::default()
+        };
+        let numbers = COLUMNS.map(|(_, figure, _)| figure(&known));
+        assert_eq!(numbers[..9], std::array::from_fn::<_, 9, _>(|place| Some((place + 1) as f64)));
+        // The same name is the same figure in both tables.
+        for (head, figure, digits) in CLAIMS {
+            let same = COLUMNS.into_iter().find(|&(other, ..)| other == head);
+            let (_, other, others_digits) = same.expect("a column of the main table");
+            assert_eq!((other(&known), others_digits), (figure(&known), digits), "{head}");
+        }
+        let text = write(&[]);
+        for layer in ["composed", "static", "dynamic region"] {
+            assert!(text.contains(&format!("| {layer} PSNR | {layer} SSIM | {layer} LPIPS-alex |")), "{text}");
+        }
+    }
+
+    #[test]
+    fn without_lpips_the_table_says_why_below_and_has_no_zeros() {
+        let reason = |cell: &Cell| match cell.seed {
+            1 => Some("no folder of weights was given".to_owned()),
+            _ => None,
+        };
+        let runs: Vec<(Cell, Figures)> = all(None, None, &[1, 3])
+            .into_iter()
+            .map(|cell| {
+                let lpips = reason(&cell).is_none().then_some(0.25);
+                let composed = Layer { lpips, ..Layer::default() };
+                let figures = Figures { composed, why_no_lpips: reason(&cell), ..Figures::default() };
+                (cell, figures)
+            })
+            .collect();
+        let text = write(&runs);
+        let note = "|\n\n8 of 16 runs have no LPIPS: no folder of weights was given.\n\n| scene | difference";
+        assert!(text.contains(note), "{text}");
+        assert!(text.contains("| video | DeGauss | 2 | - | - | 0.2500 | - |"), "{text}");
+        assert!(write(&runs[..8]).contains("| video | DeGauss | 1 | - | - | - | - |"));
     }
 }

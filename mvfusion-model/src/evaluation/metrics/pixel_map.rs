@@ -37,8 +37,7 @@ impl PixelMap {
 
     /// Mean without the `border` outermost pixels on each side; `None` if nothing is left.
     pub fn inner_mean(&self, border: usize) -> Option<f64> {
-        let inside = |position: usize, length: usize| position >= border && position + border < length;
-        self.mean_where(|x, y| inside(x, self.width) && inside(y, self.height))
+        self.mean_where(|x, y| self.is_inner(border, x, y))
     }
 
     /// Mean where a mask is white (128 or more); `None` where it is black everywhere.
@@ -46,7 +45,22 @@ impl PixelMap {
     /// # Panics
     /// If the mask is smaller than the map.
     pub fn mean_over(&self, mask: &GrayImage) -> Option<f64> {
-        self.mean_where(|x, y| mask.get_pixel(x as u32, y as u32).0[0] >= 128)
+        self.mean_where(|x, y| is_white(mask, x, y))
+    }
+
+    /// Mean where a mask is white (128 or more), without the `border` outermost pixels of the map on each side; `None`
+    /// if nothing is left.
+    ///
+    /// # Panics
+    /// If the mask is smaller than the map.
+    pub fn inner_mean_over(&self, border: usize, mask: &GrayImage) -> Option<f64> {
+        self.mean_where(|x, y| self.is_inner(border, x, y) && is_white(mask, x, y))
+    }
+
+    /// Whether a pixel lies at least `border` pixels from every side.
+    fn is_inner(&self, border: usize, x: usize, y: usize) -> bool {
+        let inside = |position: usize, length: usize| position >= border && position + border < length;
+        inside(x, self.width) && inside(y, self.height)
     }
 
     fn mean_where(&self, counts: impl Fn(usize, usize) -> bool) -> Option<f64> {
@@ -57,6 +71,10 @@ impl PixelMap {
         let count = pixels.len() * self.values.len() / plane.max(1);
         (count > 0).then(|| sum / count as f64)
     }
+}
+
+fn is_white(mask: &GrayImage, x: usize, y: usize) -> bool {
+    mask.get_pixel(x as u32, y as u32).0[0] >= 128
 }
 
 #[cfg(test)]
@@ -80,5 +98,20 @@ mod tests {
         mask.put_pixel(3, 2, image::Luma([128]));
         mask.put_pixel(0, 0, image::Luma([127]));
         assert_eq!(map().mean_over(&mask), Some(61.0));
+    }
+
+    #[test]
+    fn what_counts_of_a_part_without_the_border_is_white_and_inside() {
+        let mut mask = GrayImage::new(4, 3);
+        // Pixel 11 of each channel, at the border.
+        mask.put_pixel(3, 2, image::Luma([255]));
+        assert_eq!(map().inner_mean_over(1, &mask), None);
+        // Pixel 6, and 5 too dark to count.
+        mask.put_pixel(2, 1, image::Luma([128]));
+        mask.put_pixel(1, 1, image::Luma([127]));
+        assert_eq!(map().inner_mean_over(1, &mask), Some(56.0));
+        assert_eq!(map().inner_mean_over(0, &mask), map().mean_over(&mask));
+        let all = GrayImage::from_pixel(4, 3, image::Luma([255]));
+        assert_eq!(map().inner_mean_over(1, &all), map().inner_mean(1));
     }
 }
