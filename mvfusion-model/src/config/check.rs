@@ -1,7 +1,7 @@
 //! Which configurations can be trained at all.
 
 use super::variants::Contradiction;
-use super::{Branches, Config, StillRule};
+use super::{Branches, Config, FusionWeights, StillRule};
 use crate::ModelError;
 
 impl Config {
@@ -65,6 +65,22 @@ impl Config {
         refuse(width, "motion.attention_width", "0".into(), "queries, keys and values need at least one column")?;
         refuse(motion.window == 0, "motion.window", "0".into(), "a neighbour is at least one frame away")?;
         refuse(motion.samples == 0, "motion.samples", "0".into(), "statistics need at least one sample")?;
+        refuse(
+            motion.interval == 0,
+            "motion.interval",
+            "0".into(),
+            "give the steps between two measurements of motion, at least 1",
+        )?;
+        // Zeros alone are a choice as well: an intensity that tells nothing.
+        let FusionWeights { position, scale, rotation } = motion.weights;
+        for (key, weight) in [
+            ("motion.weights.position", position),
+            ("motion.weights.scale", scale),
+            ("motion.weights.rotation", rotation),
+        ] {
+            let bad = !weight.is_finite() || weight < 0.0;
+            refuse(bad, key, weight.to_string(), "give a number that is not below 0")?;
+        }
         if let Some(Contradiction { key, value, reason }) = motion.contradiction() {
             return Err(ModelError::Config { key, value, reason });
         }
@@ -114,5 +130,40 @@ impl Config {
             self.init.opacity.to_string(),
             "give a number between 0 and 1",
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a configuration with this interval and these weights is refused with.
+    fn refusal(interval: usize, [position, scale, rotation]: [f64; 3]) -> Option<String> {
+        let mut config = Config::default();
+        config.motion.interval = interval;
+        config.motion.weights = FusionWeights { position, scale, rotation };
+        config.check().err().map(|error| error.to_string())
+    }
+
+    #[test]
+    fn motion_is_measured_at_some_interval() {
+        let said = refusal(0, [0.7, 0.2, 0.1]).expect("it is refused");
+        assert!(said.starts_with("`motion.interval` is 0: give the steps"), "{said}");
+        assert_eq!(refusal(1, [0.7, 0.2, 0.1]), None);
+    }
+
+    #[test]
+    fn weights_of_the_intensity_are_numbers_not_below_zero() {
+        for (key, place) in [("position", 0), ("scale", 1), ("rotation", 2)] {
+            for bad in [-0.1, f64::NAN, f64::INFINITY] {
+                let mut weights = [0.7, 0.2, 0.1];
+                weights[place] = bad;
+                let said = refusal(2000, weights).expect("it is refused");
+                assert!(said.starts_with(&format!("`motion.weights.{key}` is {bad}: give a number")), "{said}");
+            }
+        }
+        for good in [[1.0, 0.0, 0.0], [0.8, 0.0, 0.2], [0.8, 0.2, 0.0], [0.0; 3], [7.0, 2.0, 4.0]] {
+            assert_eq!(refusal(2000, good), None, "{good:?}");
+        }
     }
 }

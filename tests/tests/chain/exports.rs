@@ -2,9 +2,7 @@
 //! becomes of it when training starts from it.
 
 mod files;
-mod foreign;
 mod import;
-mod ply;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -17,11 +15,10 @@ use mvfusion_model::config::{Branches, Config};
 use mvfusion_model::gaussians::RawGaussians;
 use mvfusion_model::model::{Model, Movement, Surroundings};
 use mvfusion_model::train::Trainer;
-use mvfusion_tests::{backends, numbers};
+use mvfusion_tests::{Ply, backends, numbers};
 use tempfile::TempDir;
 
 use crate::training::{config, scene, train};
-use ply::{Ply, parse};
 
 /// A finished run in a folder.
 struct Run {
@@ -87,6 +84,11 @@ impl Run {
     fn static_(&self) -> RawGaussians {
         self.model().static_.expect("a static branch").gaussians.canonical()
     }
+}
+
+/// The Gaussians in a file.
+fn parse(path: &Path) -> Ply {
+    Ply::read(path).expect("a file of Gaussians")
 }
 
 /// The standard properties in their order.

@@ -91,6 +91,10 @@ pub fn hash(trainer: &Trainer) -> String {
     parameter_hash(&trainer.state().model).expect("the device hands its numbers back")
 }
 
+/// Measurements of motion in the run of [`config`] (A2): at the end of the second stage, and after steps 5 and 10 of
+/// the third.
+pub const MEASUREMENTS: usize = 3;
+
 /// Fails unless the run had in it what the tests are about.
 fn assert_eventful(state: &TrainState) {
     let [dynamic, static_] = state.census;
@@ -98,7 +102,7 @@ fn assert_eventful(state: &TrainState) {
         assert!(census.added > 0 && census.resets > 0, "{:?}", state.census);
     }
     assert!(dynamic.pruned + static_.pruned > 0, "{:?}", state.census);
-    assert!(state.refreshes >= 2, "{} refreshes", state.refreshes);
+    assert_eq!(state.refreshes, MEASUREMENTS);
 }
 
 /// Runs once on every backend and tells all that must not depend on the number of threads.
@@ -162,6 +166,30 @@ fn a_run_that_was_saved_and_loaded_goes_on_as_if_it_had_not_been() {
         assert_eq!(resumed.state().census, whole.state().census);
         assert_eq!(resumed.state().streams, whole.state().streams);
         assert_eq!(resumed.state().normalisers, whole.state().normalisers);
+    }
+}
+
+#[test]
+fn motion_is_measured_at_the_end_of_the_second_stage_and_then_at_every_interval() {
+    /// Stages of a short run; the second ends with step 5, the third with step 12.
+    const STAGES: [usize; 3] = [2, 3, 7];
+    /// Intervals, and the steps of the run after which motion is measured (A2): the last of the second stage, and those
+    /// of the third whose number within it is a multiple of the interval, but for its last, behind which no step would
+    /// read the measurement.
+    const MEASURED: [(usize, &[usize]); 5] =
+        [(1, &[5, 6, 7, 8, 9, 10, 11]), (2, &[5, 7, 9, 11]), (3, &[5, 8, 11]), (7, &[5]), (100, &[5])];
+    let scene = scene();
+    let [geometry, deformation, refinement] = STAGES;
+    for (interval, expected) in MEASURED {
+        let mut config = config();
+        config.motion.interval = interval;
+        config.train.stages = StageConfig { geometry, deformation, refinement, ..StageConfig::default() };
+        let mut trainer = Trainer::new(config, &scene, &(backends()[0].device)()).expect("the run can start");
+        let mut measured = Vec::new();
+        while trainer.step().expect("a step succeeds").is_some() {
+            measured.resize(trainer.state().refreshes, trainer.state().completed);
+        }
+        assert_eq!(measured, expected, "interval {interval}");
     }
 }
 

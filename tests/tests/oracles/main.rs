@@ -3,8 +3,8 @@
 //! Every `.npz` file in `$MVFUSION_ORACLES/{oracle_gsplat,oracle_method,oracle_metrics}` is one trial a backend, named
 //! `oracle::<backend>::<kind>::<file>`; without the folder each kind is one ignored trial. So are the pairs of pictures in
 //! `oracle_metrics/metrics.json`. The project's own small oracle (`tests/oracles/own.npz`, made by `make.py` beside it)
-//! always runs. The report of a run is opened in a real browser ([`report`]), and a sweep's cells
-//! are run by a real SLURM ([`cluster`]).
+//! always runs. The report of a run is opened in a real browser ([`report`]), a sweep's cells are run by a real SLURM
+//! ([`cluster`]), and other files that the program writes are read by the readers of others ([`foreign`]).
 #![recursion_limit = "256"]
 
 mod archive;
@@ -14,6 +14,7 @@ mod clouds;
 mod cluster;
 mod composition;
 mod densify;
+mod foreign;
 mod hexplane;
 mod images;
 mod kinds;
@@ -28,6 +29,7 @@ mod report;
 mod schedule;
 mod splat;
 mod statistics;
+mod tiny;
 mod training;
 mod variants;
 
@@ -56,6 +58,7 @@ fn main() -> ExitCode {
     trials.extend(captures::trials(root().as_deref()));
     trials.extend(report::trials(root().as_deref()));
     trials.extend(cluster::trials());
+    trials.extend(foreign::trials());
     for backend in gpu_backends() {
         if is_there(backend) {
             trials.extend(training::trials(backend));

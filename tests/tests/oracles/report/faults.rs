@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use anyhow::{Context, Result, ensure};
 
 use super::inspection::inspect;
-use super::train;
+use crate::tiny::train;
 
 /// A fault that is put into a sound report.
 #[derive(Clone, Copy)]

@@ -9,30 +9,14 @@ mod devtools;
 mod faults;
 mod inspection;
 
-use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail, ensure};
-use clap::Parser;
+use anyhow::{Result, ensure};
 use libtest_mimic::Trial;
-use mvfusion_cli::args::{Command, TrainArgs};
-use mvfusion_cli::progress::Talk;
-use mvfusion_cli::{Cli, command};
 
+use crate::tiny::{text, train};
 use crate::{failed, ignored};
 use browser::Browser;
-
-/// Settings of a run that passes through all stages in seconds.
-const TINY: [&str; 8] = [
-    "train.stages={geometry=3, deformation=2, refinement=3}",
-    "train.log_interval=1",
-    "train.batch_size=1",
-    "model.width=8",
-    "model.grid={features=2, resolution=[4, 4, 4, 4], multipliers=[1]}",
-    "init.dynamic_points=60",
-    "motion.samples=4",
-    "eval.strips=2",
-];
 
 /// The real capture that is trained on, by its folder.
 const CAPTURE: &str = "panoptic_neu3d";
@@ -46,8 +30,7 @@ pub fn trials(root: Option<&Path>) -> Vec<Trial> {
     ];
     trials.push(match capture {
         Some(folder) => trial("capture", move || {
-            let data = folder.to_str().context("a path that is text")?;
-            report_is_sound("capture", &["--data", data, "--set", "scene.downscale=4"])
+            report_is_sound("capture", &["--data", text(&folder)?, "--set", "scene.downscale=4"])
         }),
         None => ignored("report::browser::capture".to_owned(), format!("there is no folder {CAPTURE}")),
     });
@@ -78,21 +61,4 @@ fn report_is_sound(name: &str, scene: &[&str]) -> Result<()> {
     drop(folder);
     let screenshot = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("report-{name}.png"));
     inspection::inspect(&page, Some(&screenshot))
-}
-
-/// Runs `mvfusion train` within this process, and returns what it said.
-fn train(run: &Path, scene: &[&str]) -> Result<String> {
-    let settings = TINY.iter().flat_map(|setting| ["--set", setting]).chain(scene.iter().copied());
-    let line = ["mvfusion", "train", "--device", "cpu"].into_iter().chain(settings).map(OsString::from);
-    let out = ["--out".into(), run.as_os_str().to_owned()];
-    let mut said = Vec::new();
-    command::train(&parsed(line.chain(out))?, Talk::Silent, &mut said)?;
-    Ok(String::from_utf8(said)?)
-}
-
-fn parsed(line: impl Iterator<Item = OsString>) -> Result<TrainArgs> {
-    match Cli::try_parse_from(line)?.command {
-        Command::Train(args) => Ok(args),
-        _ => bail!("another command"),
-    }
 }

@@ -1,0 +1,45 @@
+//! Runs of seconds, by the program's own commands within this process.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+use clap::Parser;
+use mvfusion_cli::args::Command;
+use mvfusion_cli::progress::Talk;
+use mvfusion_cli::{Cli, command};
+
+/// Settings of a run that passes through all stages in seconds.
+const TINY: [&str; 8] = [
+    "train.stages={geometry=3, deformation=2, refinement=3}",
+    "train.log_interval=1",
+    "train.batch_size=1",
+    "model.width=8",
+    "model.grid={features=2, resolution=[4, 4, 4, 4], multipliers=[1]}",
+    "init.dynamic_points=60",
+    "motion.samples=4",
+    "eval.strips=2",
+];
+
+/// Trains into the folder `run`, with further arguments, and returns what `mvfusion train` said.
+pub fn train(run: &Path, more: &[&str]) -> Result<String> {
+    let settings = TINY.iter().flat_map(|setting| ["--set", setting]);
+    let line = ["train", "--device", "cpu", "--out", text(run)?].into_iter().chain(settings);
+    mvfusion(&line.chain(more.iter().copied()).collect::<Vec<_>>())
+}
+
+/// Carries out a command, and returns what it said.
+pub fn mvfusion(arguments: &[&str]) -> Result<String> {
+    let mut said = Vec::new();
+    match Cli::try_parse_from(["mvfusion"].iter().chain(arguments))?.command {
+        Command::Train(args) => command::train(&args, Talk::Silent, &mut said)?,
+        Command::Render(args) => command::render(&args, Talk::Silent, &mut said)?,
+        Command::Export(args) => command::export(&args, Talk::Silent, &mut said)?,
+        other => bail!("no test runs {other:?}"),
+    }
+    Ok(String::from_utf8(said)?)
+}
+
+/// A path as an argument.
+pub fn text(path: &Path) -> Result<&str> {
+    path.to_str().context("a path that is text")
+}
