@@ -158,6 +158,10 @@ impl<'a> Session<'a> {
                     let folder = self.folder.path().display();
                     return Ok(writeln!(out, "`mvfusion sweep status {folder}` tells how far they are.")?);
                 }
+                let at_work = to_do.len() - self.free(&to_do)?.len();
+                if at_work > 0 {
+                    self.talk.note(&format!("note:   waiting for cells that are still at work ({at_work})"));
+                }
                 self.slurm().wait_for(&to_do)?;
                 self.to_do()?.len()
             }
@@ -177,6 +181,8 @@ impl<'a> Session<'a> {
         if at_work > 0 {
             let fate = if self.args.wait { "not submitted again, but waited for" } else { "not submitted again" };
             writeln!(out, "{at_work} of {} cells at work already: {fate}", to_do.len())?;
+            self.talk
+                .note("note:   they measure what was wanted when they began; for more, start the sweep again then");
         }
         if !free.is_empty() {
             let job = self.slurm().submit(&free, self.args.wait)?;

@@ -100,8 +100,9 @@ impl PicturesWriter {
             write("static", &branches.static_)?;
             write("dynamic", &branches.dynamic)?;
             write("mask", &branches.mask)?;
-            write("masked_static", &branches.masked_static)?;
-            write("masked_dynamic", &branches.masked_dynamic)?;
+            let [masked_static, masked_dynamic] = branches.masked()?;
+            write("masked_static", &masked_static)?;
+            write("masked_dynamic", &masked_dynamic)?;
         }
         if let Some(motion) = &pictures.motion {
             write("motion", motion)?;

@@ -158,7 +158,8 @@ impl Results {
                     (Some(a), Some(b)) => (a - b).abs() <= SAME * a.abs().max(b.abs()),
                     _ => false,
                 };
-                let shown = |figure: Option<&f64>| figure.map_or("unknown".to_owned(), f64::to_string);
+                // The other one may be of a program that did not measure it.
+                let shown = |figure: Option<&f64>| figure.map_or("not measured".to_owned(), f64::to_string);
                 (!same).then(|| format!("{name} {} instead of {}", shown(a), shown(b)))
             })
             .collect()
@@ -276,7 +277,7 @@ mod tests {
         let differences = results().differences(&other);
         assert_eq!(differences.len(), 3);
         assert!(differences[0].starts_with("test.composed.psnr 3.33"), "{differences:?}");
-        assert_eq!(differences[1], "test.mask_iou unknown instead of 0.5");
-        assert_eq!(differences[2], "test.static.lpips_vgg_raw unknown instead of 0.25");
+        assert_eq!(differences[1], "test.mask_iou not measured instead of 0.5");
+        assert_eq!(differences[2], "test.static.lpips_vgg_raw not measured instead of 0.25");
     }
 }

@@ -300,7 +300,10 @@ fn write_changed(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
 /// Whether a run has the figures that are wanted beside its own: those of LPIPS by every wanted network, with the
 /// weights that are wanted.
 fn is_measured(results: &Results, wanted: &Wanted) -> bool {
-    let has_network = |(network, sha256): (&String, &String)| matches!(results.lpips.get(network), Some(LpipsWeights::WeightsSha256(own)) if own == sha256);
+    let has_network = |(network, sha256): (&String, &String)| match results.lpips.get(network) {
+        Some(LpipsWeights::WeightsSha256(own)) => own == sha256,
+        _ => false,
+    };
     (wanted.speed_frames == 0 || results.speed.is_some()) && wanted.lpips.iter().all(has_network)
 }
 

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use mvfusion_model::Config;
+use mvfusion_model::config::TrainConfig;
 use mvfusion_model::files::sha256;
 use toml::{Table, Value};
 
@@ -18,6 +19,9 @@ const ID_LENGTH: usize = 12;
 
 /// The preset whose runs are an eighth of the paper's.
 const SHORT: &str = "quickstart";
+
+/// Keys of `train` that change what is written down, and no training.
+const UNSCHEDULED: [&str; 2] = ["train.log_interval", "train.checkpoint_interval"];
 
 /// The figures of a column group that the grid does not name.
 const METRICS: [&str; 3] = ["composed.psnr", "composed.ssim", "composed.lpips_alex"];
@@ -219,10 +223,7 @@ impl Ground<'_> {
         for layer in self.settings {
             add(&layer.table, |_| false);
         }
-        let is_own_schedule =
-            |key: &str, value: &Value| key.starts_with("train.") && !is_of_a_method(preset, key, value);
-        let schedule = leaves(&place.variant.set).into_iter().filter(|(key, value)| is_own_schedule(key, value));
-        reasons.extend(schedule.map(|(key, value)| format!("{key} = {value}")));
+        reasons.extend(self.own_schedule(place.variant, preset));
         // A swept key that the paper does not sweep.
         let is_the_papers =
             |key: &str| self.grid.paper.iter().any(|row| leaves(&row.at).iter().any(|(at, _)| at == key));
@@ -230,15 +231,31 @@ impl Ground<'_> {
         reasons.extend(others.map(|(axis, value)| format!("{} = {value}", axis.key)));
         (!reasons.is_empty()).then(|| reasons.into_iter().collect::<Vec<_>>().join(", "))
     }
-}
 
-/// Whether some method that ships as a preset of its own, built on a cell's preset, has a key so. Where the scenes name
-/// the presets a variant cannot, and says the method's keys itself.
-fn is_of_a_method(preset: &Preset, key: &str, value: &Value) -> bool {
-    let methods = PRESETS.iter().filter(|method| method.lineage().iter().any(|base| base.name == preset.name));
-    methods
-        .filter_map(|method| toml::from_str::<Table>(method.text).ok())
-        .any(|table| leaves(&table).iter().any(|(own, said)| own == key && is_same(said, value)))
+    /// The keys of a variant's schedule, if it is neither the preset's nor that of a method that ships as a preset
+    /// `PRESET-...`: where the scenes name the presets a variant cannot, and says the method's keys itself.
+    fn own_schedule(&self, variant: &VariantEntry, preset: &'static Preset) -> Vec<String> {
+        let is_schedule = |key: &str| key.starts_with("train.") && !UNSCHEDULED.contains(&key);
+        let given: Vec<String> = leaves(&variant.set)
+            .into_iter()
+            .filter(|(key, _)| is_schedule(key))
+            .map(|(key, value)| format!("{key} = {value}"))
+            .collect();
+        if given.is_empty() {
+            return given;
+        }
+        let schedule = |preset, layers| {
+            let train = config::resolve_layers(preset, layers).ok()?.train;
+            Some(TrainConfig { log_interval: 1, checkpoint_interval: 1, ..train })
+        };
+        let origin = Origin::Grid(self.origin.to_owned());
+        let own = schedule(preset, vec![Layer::of_table(variant.set.clone(), origin)]);
+        let is_relative =
+            |name: &str| name.strip_prefix(preset.name).is_some_and(|rest| rest.is_empty() || rest.starts_with('-'));
+        let mut methods = PRESETS.iter().filter(|method| is_relative(method.name));
+        let is_a_methods = own.is_some() && methods.any(|method| schedule(method, Vec::new()) == own);
+        if is_a_methods { Vec::new() } else { given }
+    }
 }
 
 /// Every choice of one value for each axis; the last axis varies fastest. Without axes there is one, of nothing.

@@ -116,10 +116,10 @@ impl Slurm<'_> {
     /// # Errors
     /// If the folder cannot be used any more.
     pub fn wait_for(&self, cells: &[&Cell]) -> anyhow::Result<()> {
-        for cell in cells {
-            while self.folder.state(&cell.id, &self.index.wanted)? == State::Running {
-                std::thread::sleep(PAUSE);
-            }
+        // All of them anew each time: while one is waited for, an earlier array may have begun another.
+        let is_at_work = |cell: &&Cell| Ok(self.folder.state(&cell.id, &self.index.wanted)? == State::Running);
+        while cells.iter().map(is_at_work).collect::<anyhow::Result<Vec<bool>>>()?.contains(&true) {
+            std::thread::sleep(PAUSE);
         }
         Ok(())
     }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
+use std::io::{BufRead, BufReader};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
@@ -47,9 +48,6 @@ const SHIPPED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/sweeps");
 
 /// An `sbatch` that notes what it is told, and runs nothing.
 const SBATCH: &str = "#!/bin/sh\necho \"$@\" >>submitted\necho 7\n";
-
-/// Longer than a sweep takes that waits for nothing.
-const LONGER: Duration = Duration::from_millis(500);
 
 /// How long a sweep of tiny cells may take at most before a test gives up.
 const PATIENCE: Duration = Duration::from_secs(300);
@@ -416,10 +414,10 @@ fn cells_at_work_are_left_out_of_a_new_array_and_waited_for() {
     drop(others);
 
     let mut waiting =
-        ground.submission(&["--wait"]).stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("starts");
-    ground.wait_for("a third job", || ground.jobs().len() == 3);
+        ground.submission(&["--wait"]).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("starts");
+    let mut notes = BufReader::new(waiting.stderr.take().expect("piped")).lines().map(|line| line.expect("read"));
+    assert!(notes.any(|note| note.contains("waiting for cells that are still at work (1)")), "it did not wait");
     assert!(ground.jobs()[2].contains("--wait"), "{:?}", ground.jobs());
-    std::thread::sleep(LONGER);
     assert_eq!(waiting.try_wait().expect("asked"), None, "it did not wait for the cell at work");
     drop(held);
     let since = Instant::now();

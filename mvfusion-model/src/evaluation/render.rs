@@ -31,12 +31,23 @@ pub struct BranchLayers {
     pub dynamic: RgbImage,
     /// The share of the dynamic branch.
     pub mask: RgbImage,
-    /// What the static branch adds to the composed picture: under the brightness control, times its share.
-    pub masked_static: RgbImage,
-    /// What the dynamic branch adds.
-    pub masked_dynamic: RgbImage,
+    /// What the static branch adds to the composed picture, under the brightness control and times its share, and what
+    /// the dynamic one adds: `[1, 3, H, W]` each.
+    masked: [Tensor<4>; 2],
     /// The static branch in full precision: `[1, 3, H, W]`.
     pub static_tensor: Tensor<4>,
+}
+
+impl BranchLayers {
+    /// What the static branch adds to the composed picture, and what the dynamic one adds. Read from the device when it
+    /// is asked for: no score needs it.
+    ///
+    /// # Errors
+    /// If the device cannot hand its numbers back.
+    pub fn masked(&self) -> Result<[RgbImage; 2], ModelError> {
+        let [static_, dynamic] = self.masked.clone();
+        Ok([super::metrics::quantise(static_)?, super::metrics::quantise(dynamic)?])
+    }
 }
 
 /// What renders the views of a model without autodiff (see [`Model::plain`]) for [`render_view`].
@@ -75,11 +86,11 @@ pub(super) fn render_view(renderer: &LayerRenderer<'_>, view: &View) -> Result<V
     let tensor = |layer: Layer| of(layer).map(|rendered| rendered.values.clone().unsqueeze_dim::<4>(0));
 
     let alone = (picture(Layer::Static)?, picture(Layer::Dynamic)?, picture(Layer::Mask)?);
-    let masked = (picture(Layer::MaskedStatic)?, picture(Layer::MaskedDynamic)?);
-    let branches = match (alone, masked, tensor(Layer::Static)) {
-        ((Some(static_), Some(dynamic), Some(mask)), (Some(masked_static), Some(masked_dynamic)), Some(values)) => {
+    let tensors = (tensor(Layer::Static), tensor(Layer::MaskedStatic), tensor(Layer::MaskedDynamic));
+    let branches = match (alone, tensors) {
+        ((Some(static_), Some(dynamic), Some(mask)), (Some(values), Some(masked_static), Some(masked_dynamic))) => {
             let static_tensor = values.clamp(0.0, 1.0);
-            Some(BranchLayers { static_, dynamic, mask, masked_static, masked_dynamic, static_tensor })
+            Some(BranchLayers { static_, dynamic, mask, masked: [masked_static, masked_dynamic], static_tensor })
         }
         _ => None,
     };

@@ -32,12 +32,12 @@ pub(super) struct Adjoint<T> {
 
 impl Layout {
     /// Numbers of a row's queries.
-    fn queries(self) -> usize {
+    fn query_numbers(self) -> usize {
         self.queries * self.width
     }
 
     /// Numbers of a row of the memory.
-    fn memory(self) -> usize {
+    fn memory_numbers(self) -> usize {
         self.keys * 2 * self.width
     }
 
@@ -51,15 +51,15 @@ impl Layout {
 pub(super) fn forward<T: Real>(queries: &[T], memory: &[T], layout: Layout) -> Vec<T> {
     let mut found = vec![T::zero(); queries.len()];
     let blocks = (
-        found.par_chunks_mut(BLOCK * layout.queries()),
-        queries.par_chunks(BLOCK * layout.queries()),
-        memory.par_chunks(BLOCK * layout.memory()),
+        found.par_chunks_mut(BLOCK * layout.query_numbers()),
+        queries.par_chunks(BLOCK * layout.query_numbers()),
+        memory.par_chunks(BLOCK * layout.memory_numbers()),
     );
     blocks.into_par_iter().for_each(|(found, queries, memory)| {
         let mut weights = vec![T::zero(); layout.keys];
         vectorised(|| {
-            let rows = queries.chunks_exact(layout.queries()).zip(memory.chunks_exact(layout.memory()));
-            for (found, (queries, memory)) in found.chunks_exact_mut(layout.queries()).zip(rows) {
+            let rows = queries.chunks_exact(layout.query_numbers()).zip(memory.chunks_exact(layout.memory_numbers()));
+            for (found, (queries, memory)) in found.chunks_exact_mut(layout.query_numbers()).zip(rows) {
                 let queries = queries.chunks_exact(layout.width);
                 for (found, query) in found.chunks_exact_mut(layout.width).zip(queries) {
                     for head in 0..layout.heads {
@@ -81,19 +81,21 @@ pub(super) fn forward<T: Real>(queries: &[T], memory: &[T], layout: Layout) -> V
 pub(super) fn backward<T: Real>(queries: &[T], memory: &[T], v_found: &[T], layout: Layout) -> Adjoint<T> {
     let mut adjoint = Adjoint { queries: vec![T::zero(); queries.len()], memory: vec![T::zero(); memory.len()] };
     let blocks = (
-        adjoint.queries.par_chunks_mut(BLOCK * layout.queries()),
-        adjoint.memory.par_chunks_mut(BLOCK * layout.memory()),
-        queries.par_chunks(BLOCK * layout.queries()),
-        memory.par_chunks(BLOCK * layout.memory()),
-        v_found.par_chunks(BLOCK * layout.queries()),
+        adjoint.queries.par_chunks_mut(BLOCK * layout.query_numbers()),
+        adjoint.memory.par_chunks_mut(BLOCK * layout.memory_numbers()),
+        queries.par_chunks(BLOCK * layout.query_numbers()),
+        memory.par_chunks(BLOCK * layout.memory_numbers()),
+        v_found.par_chunks(BLOCK * layout.query_numbers()),
     );
     blocks.into_par_iter().for_each(|(v_queries, v_memory, queries, memory, v_found)| {
         let mut weights = vec![T::zero(); layout.keys];
         let mut v_weights = vec![T::zero(); layout.keys];
         vectorised(|| {
-            let memories = memory.chunks_exact(layout.memory()).zip(v_memory.chunks_exact_mut(layout.memory()));
-            let rows = queries.chunks_exact(layout.queries()).zip(v_queries.chunks_exact_mut(layout.queries()));
-            let rows = rows.zip(v_found.chunks_exact(layout.queries()));
+            let memories =
+                memory.chunks_exact(layout.memory_numbers()).zip(v_memory.chunks_exact_mut(layout.memory_numbers()));
+            let rows =
+                queries.chunks_exact(layout.query_numbers()).zip(v_queries.chunks_exact_mut(layout.query_numbers()));
+            let rows = rows.zip(v_found.chunks_exact(layout.query_numbers()));
             for (((queries, v_queries), v_found), (memory, v_memory)) in rows.zip(memories) {
                 let queries = queries.chunks_exact(layout.width).zip(v_queries.chunks_exact_mut(layout.width));
                 for ((query, v_query), v_found) in queries.zip(v_found.chunks_exact(layout.width)) {

@@ -1,8 +1,8 @@
 //! Attention of a few queries a row to the few keys and values of that row, as one op.
 //!
-//! General attention layers are made for long sequences. Here every Gaussian attends to two or three frames: written
-//! out as tensor operations that is a dozen passes over `[N, width]`, forward and backward, for a few hundred
-//! multiplications a row.
+//! General attention layers are made for long sequences. Here every Gaussian attends to two or three frames, to
+//! eleven at most by default: written out as tensor operations that is a dozen passes over `[N, width]`, forward and
+//! backward, for a few hundred multiplications a row.
 
 mod cpu;
 mod error;

@@ -111,9 +111,9 @@ fn finished(cell: &Cell, out: &Path) -> anyhow::Result<bool> {
     let path = folder.join("config.toml");
     let today = program()?.arg("config").args(cell.configuration()).output().context("cannot start the program")?;
     ensure!(today.status.success(), "{}: {}", cell.name(), String::from_utf8_lossy(&today.stderr).trim_end());
-    // Keys that the program did not have then get the values that they have without being set. A key that it has no
-    // longer is a reason to train again.
-    let then = program()?.args(["config", "--preset", cell.method.preset, "--config"]).arg(&path).output();
+    // Keys that the program did not have then get their defaults, for `neu3d` sets none. A key that it has no longer is
+    // a reason to train again.
+    let then = program()?.args(["config", "--preset", "neu3d", "--config"]).arg(&path).output();
     let then = then.context("cannot start the program")?;
     Ok(then.status.success() && then.stdout == today.stdout)
 }

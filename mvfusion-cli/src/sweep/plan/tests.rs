@@ -177,8 +177,16 @@ fn a_variant_with_a_schedule_of_its_own_making_is_not_the_papers() {
     assert_eq!(reasons("train.stages = { geometry = 2000, deformation = 20000, refinement = 0 }"), None);
     assert_eq!(
         reasons("train.stages = { geometry = 2000, deformation = 19999, refinement = 0 }").as_deref(),
-        Some("train.stages.deformation = 19999")
+        Some("train.stages.deformation = 19999, train.stages.geometry = 2000, train.stages.refinement = 0")
     );
+    // Half that of one method and half that of another; that of a method for other data.
+    assert_eq!(
+        reasons("train.stages = { geometry = 3000, deformation = 20000, refinement = 0 }").as_deref(),
+        Some("train.stages.deformation = 20000, train.stages.geometry = 3000, train.stages.refinement = 0")
+    );
+    assert_eq!(reasons("train.batch_size = 1").as_deref(), Some("train.batch_size = 1"));
+    // The preset's own, and what only says how often it is written down.
+    assert_eq!(reasons("train.batch_size = 2, train.log_interval = 7"), None);
     // What is neither schedule nor data is what the paper compares.
     assert_eq!(reasons("loss.main = 2.0"), None);
 }

@@ -22,8 +22,8 @@ impl Entry {
         Some(self.spread?.mean - self.paper?)
     }
 
-    /// Whether the paper's number says something about ours: not if there is a reason against it. Absent where one of
-    /// the two is.
+    /// Whether the paper's number says something about ours: not if there is a reason against it. Absent where there is
+    /// no number of the paper, or none of ours and no reason.
     pub fn is_comparable(&self) -> Option<bool> {
         self.paper?;
         if self.not_comparable.is_empty() { self.difference().map(|_| true) } else { Some(false) }
