@@ -62,9 +62,9 @@ fn figures(results: &Results, protocol: Protocol) -> Vec<Figure> {
 }
 
 fn head(figure: Figure) -> String {
-    match figure {
-        Figure::Psnr | Figure::PsnrExact => format!("{} (dB)", figure.label()),
-        _ => figure.label().to_owned(),
+    match figure.unit() {
+        Some(unit) => format!("{} ({unit})", figure.label()),
+        None => figure.label().to_owned(),
     }
 }
 
@@ -80,10 +80,7 @@ fn write_layers(scores: &Scores, figures: &[Figure], out: &mut dyn Write) -> io:
 }
 
 fn cell(figure: Figure, scores: &LayerScores) -> String {
-    let digits = match figure {
-        Figure::Psnr | Figure::PsnrExact => 2,
-        _ => 4,
-    };
+    let digits = figure.decimals();
     let value = figure.of(scores).map_or("-".to_owned(), |value| format!("{value:.digits$}"));
     format!("{value:>width$}", width = width(figure))
 }

@@ -5,7 +5,7 @@ use mvfusion_model::evaluation::{Figure, LpipsVariant, Scores};
 use serde_json::Value;
 
 use super::files::RunFiles;
-use super::meaning::{decimals, meaning};
+use super::meaning::meaning;
 use super::scores::number;
 use crate::clock::spoken;
 use crate::run::Results;
@@ -93,8 +93,8 @@ fn cards(results: &Results) -> impl Iterator<Item = Card> {
 /// How good the pictures are.
 fn quality(test: &Scores) -> [Option<Card>; 6] {
     let figure = |name, figure: Figure, value: Option<f64>| {
-        let unit = if decimals(figure) == 2 { "dB" } else { "" };
-        value.map(|value| Card { name, title: meaning(figure), value: number(value, decimals(figure)), unit })
+        let unit = figure.unit().unwrap_or_default();
+        value.map(|value| Card { name, title: meaning(figure), value: number(value, figure.decimals()), unit })
     };
     let (static_, region) = (test.static_.unwrap_or_default(), test.dynamic_region.unwrap_or_default());
     let overlap = test.mask_iou.map(|value| Card {

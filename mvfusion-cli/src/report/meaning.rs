@@ -6,25 +6,6 @@ use mvfusion_model::evaluation::{Backbone, Figure, InputRange, Protocol};
 
 use crate::run::LpipsWeights;
 
-/// Which of two figures is the better one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Better {
-    /// The higher.
-    Higher,
-    /// The lower.
-    Lower,
-}
-
-impl Better {
-    /// As an arrow.
-    pub fn arrow(self) -> &'static str {
-        match self {
-            Self::Higher => "\u{2191}",
-            Self::Lower => "\u{2193}",
-        }
-    }
-}
-
 /// What a figure is, in a sentence.
 pub(super) fn meaning(figure: Figure) -> &'static str {
     match figure {
@@ -47,14 +28,6 @@ pub(super) fn meaning(figure: Figure) -> &'static str {
     }
 }
 
-/// Which way a figure is better.
-pub(super) fn better(figure: Figure) -> Better {
-    match figure {
-        Figure::Psnr | Figure::PsnrExact | Figure::Ssim | Figure::SsimValid | Figure::MsSsim => Better::Higher,
-        Figure::DSsim | Figure::Lpips(_) => Better::Lower,
-    }
-}
-
 /// Why no layer has a figure; `lpips` is what the networks were given, as far as the run has noted it.
 pub(super) fn why_absent(figure: Figure, lpips: &BTreeMap<String, LpipsWeights>) -> String {
     match figure {
@@ -71,14 +44,6 @@ fn why_no_lpips(backbone: Backbone, weights: Option<&LpipsWeights>) -> String {
         (Some(LpipsWeights::WeightsSha256(_)), Backbone::Vgg) => "of pictures of at least 16 pixels a side".to_owned(),
         (Some(LpipsWeights::Absent(reason)), _) => format!("{reason}, see docs/evaluation.md"),
         (None, _) => "by networks whose weights were not given, see docs/evaluation.md".to_owned(),
-    }
-}
-
-/// Decimals of a figure.
-pub(super) fn decimals(figure: Figure) -> usize {
-    match figure {
-        Figure::Psnr | Figure::PsnrExact => 2,
-        _ => 4,
     }
 }
 

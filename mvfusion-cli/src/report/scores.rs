@@ -7,7 +7,7 @@ use mvfusion_model::evaluation::{Figure, LayerScores, LpipsVariant, Protocol, Re
 
 use super::curve::{Chart, Point, Series, Weight};
 use super::files::{Found, RunFiles};
-use super::meaning::{better, decimals, meaning, protocol_of, why_absent};
+use super::meaning::{meaning, protocol_of, why_absent};
 use super::page::lack;
 use crate::run::{LpipsWeights, PerView, Results};
 
@@ -123,7 +123,7 @@ fn layers(caption: &str, scores: &Scores, results: &Results) -> Markup {
                 thead { tr {
                     th scope="col" {}
                     @for figure in known.iter().copied() {
-                        th scope="col" title=(meaning(figure)) { (figure.label()) " " (better(figure).arrow()) }
+                        th scope="col" title=(meaning(figure)) { (figure.label()) " " (figure.better().arrow()) }
                     }
                 } }
                 tbody {
@@ -156,7 +156,7 @@ fn excuses(unknown: &[Figure], lpips: &BTreeMap<String, LpipsWeights>) -> String
 
 fn cell(row: &Row, figure: Figure) -> Markup {
     match row.scores.and_then(|scores| figure.of(&scores)) {
-        Some(value) => html! { td title=(value) { (number(value, decimals(figure))) } },
+        Some(value) => html! { td title=(value) { (number(value, figure.decimals())) } },
         None => {
             let reason = row.scores.map_or(row.absent, |scores| why_blank(row.extent, figure, &scores));
             html! { td.absent title=(reason) { "\u{2013}" } }
@@ -352,7 +352,7 @@ mod tests {
             let figure = Figure::ALL.into_iter().find(|figure| figure.label() == column.name);
             if let Some(figure) = figure {
                 assert_eq!((column.of)(&scores), figure.of(&scores.composed), "{}", column.name);
-                assert_eq!(column.decimals, decimals(figure), "{}", column.name);
+                assert_eq!(column.decimals, figure.decimals(), "{}", column.name);
                 named += 1;
             }
         }

@@ -15,13 +15,14 @@ use std::path::Path;
 use burn::tensor::{Device, Tensor};
 use image::{GrayImage, RgbImage};
 
+use super::figure::Figure;
 use super::metrics::lpips::{Backbone, Distance, InputRange, Lpips, LpipsVariant};
 use super::metrics::{
     PixelMap, Psnr, SSIM_BORDER, TemporalScores, decibels, dissimilarity, masked_psnr, ms_ssim, psnr, squared_errors,
     ssim_map,
 };
 use super::protocol::{Precision, Protocol};
-use super::scores::{Figure, LayerScores};
+use super::scores::LayerScores;
 use crate::ModelError;
 use crate::files::sha256;
 use crate::tensors;

@@ -1,6 +1,7 @@
 //! Evaluation on held-out views: render, compare, average.
 
 mod evaluate;
+mod figure;
 mod judge;
 mod layer;
 mod layers;
@@ -12,6 +13,7 @@ mod speed;
 mod tone;
 
 pub use evaluate::{Split, evaluate};
+pub use figure::{Better, Figure};
 pub use judge::{Judge, Pair, Regions, Verdict};
 pub use layer::Layer;
 pub use layers::{LayerRenderer, RenderedLayer};
@@ -22,5 +24,5 @@ pub use metrics::{
 };
 pub use protocol::{Precision, Protocol};
 pub use render::{BranchLayers, ViewPictures};
-pub use scores::{Evaluation, Figure, LayerScores, Scores, ViewScores};
+pub use scores::{Evaluation, LayerScores, Scores, ViewScores};
 pub use speed::{Speed, WARM_UP, measure_speed};

@@ -2,8 +2,8 @@
 
 use std::str::FromStr;
 
+use super::figure::Figure;
 use super::metrics::lpips::LpipsVariant;
-use super::scores::Figure;
 
 /// A way of scoring pictures that some body of results shares. All of them average figures of single views (never
 /// errors of all views together), and score the last iteration.

@@ -1,8 +1,8 @@
-//! The figures of an evaluation, and their means.
+//! What an evaluation found, and its means over views.
 
 use serde::{Deserialize, Serialize};
 
-use super::metrics::lpips::{Backbone, InputRange, LpipsVariant};
+use super::figure::Figure;
 use super::metrics::{RegionSource, TemporalScores};
 
 /// Figures of a layer, or of a part of it. A figure that is not known is absent.
@@ -38,25 +38,6 @@ pub struct LayerScores {
     /// Mean LPIPS by VGG-16 on `[0, 1]`, as the code of 3DGS prints it.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub lpips_vgg_raw: Option<f64>,
-}
-
-/// Which figure of a layer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Figure {
-    /// [`LayerScores::psnr`].
-    Psnr,
-    /// [`LayerScores::psnr_exact`].
-    PsnrExact,
-    /// [`LayerScores::ssim`].
-    Ssim,
-    /// [`LayerScores::ssim_valid`].
-    SsimValid,
-    /// [`LayerScores::ms_ssim`].
-    MsSsim,
-    /// [`LayerScores::d_ssim`].
-    DSsim,
-    /// One of the four kinds of LPIPS.
-    Lpips(LpipsVariant),
 }
 
 /// Figures of a set of views.
@@ -101,82 +82,6 @@ pub struct Evaluation {
     pub mean: Scores,
     /// Each view.
     pub views: Vec<ViewScores>,
-}
-
-impl Figure {
-    /// Every figure.
-    pub const ALL: [Self; 10] = [
-        Self::Psnr,
-        Self::PsnrExact,
-        Self::Ssim,
-        Self::SsimValid,
-        Self::MsSsim,
-        Self::DSsim,
-        Self::Lpips(LpipsVariant::ALEX),
-        Self::Lpips(LpipsVariant::VGG),
-        Self::Lpips(LpipsVariant::ALEX_RAW),
-        Self::Lpips(LpipsVariant::VGG_RAW),
-    ];
-
-    /// Its name in files: that of its field in [`LayerScores`].
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Psnr => "psnr",
-            Self::PsnrExact => "psnr_exact",
-            Self::Ssim => "ssim",
-            Self::SsimValid => "ssim_valid",
-            Self::MsSsim => "ms_ssim",
-            Self::DSsim => "d_ssim",
-            Self::Lpips(variant) => match (variant.backbone, variant.range) {
-                (Backbone::Alex, InputRange::Signed) => "lpips_alex",
-                (Backbone::Vgg, InputRange::Signed) => "lpips_vgg",
-                (Backbone::Alex, InputRange::Raw) => "lpips_alex_raw",
-                (Backbone::Vgg, InputRange::Raw) => "lpips_vgg_raw",
-            },
-        }
-    }
-
-    /// Its name for people, by which no table means anything else, whatever the protocol.
-    pub const fn label(self) -> &'static str {
-        match self {
-            Self::Psnr => "PSNR",
-            Self::PsnrExact => "PSNR unrounded",
-            Self::Ssim => "SSIM",
-            Self::SsimValid => "SSIM without border",
-            Self::MsSsim => "MS-SSIM",
-            Self::DSsim => "D-SSIM",
-            Self::Lpips(variant) => match (variant.backbone, variant.range) {
-                (Backbone::Alex, InputRange::Signed) => "LPIPS-alex",
-                (Backbone::Vgg, InputRange::Signed) => "LPIPS-vgg",
-                (Backbone::Alex, InputRange::Raw) => "LPIPS-alex on [0,1]",
-                (Backbone::Vgg, InputRange::Raw) => "LPIPS-vgg on [0,1]",
-            },
-        }
-    }
-
-    /// Its value in a layer's figures.
-    pub fn of(self, scores: &LayerScores) -> Option<f64> {
-        // A copy, so that one list of fields does for reading and writing.
-        *self.place(&mut { *scores })
-    }
-
-    /// Where it stands among a layer's figures.
-    pub(super) fn place(self, scores: &mut LayerScores) -> &mut Option<f64> {
-        match self {
-            Self::Psnr => &mut scores.psnr,
-            Self::PsnrExact => &mut scores.psnr_exact,
-            Self::Ssim => &mut scores.ssim,
-            Self::SsimValid => &mut scores.ssim_valid,
-            Self::MsSsim => &mut scores.ms_ssim,
-            Self::DSsim => &mut scores.d_ssim,
-            Self::Lpips(variant) => match (variant.backbone, variant.range) {
-                (Backbone::Alex, InputRange::Signed) => &mut scores.lpips_alex,
-                (Backbone::Vgg, InputRange::Signed) => &mut scores.lpips_vgg,
-                (Backbone::Alex, InputRange::Raw) => &mut scores.lpips_alex_raw,
-                (Backbone::Vgg, InputRange::Raw) => &mut scores.lpips_vgg_raw,
-            },
-        }
-    }
 }
 
 impl Scores {
@@ -228,15 +133,7 @@ fn mean(figures: impl Iterator<Item = Option<f64>>) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeSet;
-
     use super::*;
-
-    #[test]
-    fn every_label_names_one_figure() {
-        let labels: BTreeSet<&str> = Figure::ALL.into_iter().map(Figure::label).collect();
-        assert_eq!(labels.len(), Figure::ALL.len());
-    }
 
     #[test]
     fn means_are_over_the_views_that_know_a_figure() {
@@ -252,18 +149,5 @@ mod tests {
         assert_eq!(mean.composed, LayerScores { psnr: Some(25.0), lpips_vgg_raw: Some(0.5), ..LayerScores::default() });
         assert_eq!(mean.temporal, Some(TemporalScores { t_lpips_alex: Some(0.25), ..TemporalScores::default() }));
         assert_eq!((mean.static_, mean.still_region), (None, None));
-    }
-
-    #[test]
-    fn every_figure_has_a_place_of_its_own() {
-        let mut scores = LayerScores::default();
-        for (number, figure) in Figure::ALL.into_iter().enumerate() {
-            *figure.place(&mut scores) = Some(number as f64);
-        }
-        let found = Figure::ALL.map(|figure| figure.of(&scores));
-        assert_eq!(found, std::array::from_fn(|number| Some(number as f64)));
-        let file = serde_json::to_value(scores).expect("written");
-        let written = Figure::ALL.map(|figure| file[figure.name()].as_f64());
-        assert_eq!(written, found);
     }
 }

@@ -1,8 +1,9 @@
 //! From what the cells yielded to the means and spreads of the table.
 
+use mvfusion_model::evaluation::Better;
 use toml::Value;
 
-use super::metric::{Better, Metric};
+use super::metric::Metric;
 use super::{CellCounts, Column, Entry, Method, Outcome, Row, SeedMean, Spread, State, Table, paper};
 use crate::sweep::index::{Cell, Index};
 

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
+use mvfusion_model::evaluation::Better;
 use serde::Serialize;
 
-use super::metric::Better;
 use super::{CellCounts, Column, Entry, Method, Row, SeedMean, State, Table, paper};
 
 #[derive(Serialize)]

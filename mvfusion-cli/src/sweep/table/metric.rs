@@ -1,17 +1,6 @@
 //! What the columns of a table are: labels, units, digits, and which way a figure is better.
 
-use mvfusion_model::evaluation::Backbone;
-use serde::Serialize;
-
-/// Which of two figures is the better one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Better {
-    /// The higher.
-    Higher,
-    /// The lower.
-    Lower,
-}
+use mvfusion_model::evaluation::{Backbone, Better, Figure};
 
 /// A figure by its name, and how it is written.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,17 +34,10 @@ const fn kind(label: &'static str, unit: Option<&'static str>, decimals: usize, 
 /// Label, unit, digits and direction of the figures that are known by the last part of their names.
 fn known(name: &str) -> Option<Kind> {
     use Better::{Higher, Lower};
+    if let Some(figure) = Figure::ALL.into_iter().find(|figure| figure.name() == name) {
+        return Some(kind(figure.label(), figure.unit(), figure.decimals(), Some(figure.better())));
+    }
     Some(match name {
-        "psnr" => kind("PSNR", Some("dB"), 2, Some(Higher)),
-        "psnr_exact" => kind("PSNR unrounded", Some("dB"), 2, Some(Higher)),
-        "ssim" => kind("SSIM", None, 4, Some(Higher)),
-        "ssim_valid" => kind("SSIM without border", None, 4, Some(Higher)),
-        "ms_ssim" => kind("MS-SSIM", None, 4, Some(Higher)),
-        "d_ssim" => kind("D-SSIM", None, 4, Some(Lower)),
-        "lpips_alex" => kind("LPIPS-alex", None, 4, Some(Lower)),
-        "lpips_vgg" => kind("LPIPS-vgg", None, 4, Some(Lower)),
-        "lpips_alex_raw" => kind("LPIPS-alex on [0,1]", None, 4, Some(Lower)),
-        "lpips_vgg_raw" => kind("LPIPS-vgg on [0,1]", None, 4, Some(Lower)),
         "t_lpips_alex" => kind("T-LPIPS-alex", None, 4, Some(Lower)),
         "t_lpips_vgg" => kind("T-LPIPS-vgg", None, 4, Some(Lower)),
         // Motion is a part of these, so that neither a high nor a low one is good.
@@ -106,11 +88,7 @@ impl Metric {
     /// Label, unit and an arrow to the better side: `PSNR (dB) ↑`.
     pub fn heading(&self) -> String {
         let unit = self.unit.map_or(String::new(), |unit| format!(" ({unit})"));
-        let arrow = match self.better {
-            Some(Better::Higher) => " \u{2191}",
-            Some(Better::Lower) => " \u{2193}",
-            None => "",
-        };
+        let arrow = self.better.map_or(String::new(), |better| format!(" {}", better.arrow()));
         format!("{}{unit}{arrow}", self.label)
     }
 
@@ -150,8 +128,6 @@ fn with_thousands_apart(digits: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use mvfusion_model::evaluation::Figure;
-
     use super::*;
 
     #[test]

@@ -24,8 +24,8 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use serde::Serialize;
 
+pub use metric::Metric;
 pub(super) use metric::lpips_network;
-pub use metric::{Better, Metric};
 
 use super::index::{Index, Wanted};
 use crate::{atomic, run};
