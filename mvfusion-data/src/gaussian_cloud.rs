@@ -25,10 +25,39 @@ pub struct GaussianCloud {
     pub quaternions: Vec<[f32; 4]>,
     /// Logits of the learned mask: static, brightness, dynamic.
     pub mask_logits: Option<Vec<[f32; 3]>>,
+    /// When the Gaussians are there.
+    pub lifetimes: Option<Vec<Lifetime>>,
+}
+
+/// When a Gaussian is there, and how it travels meanwhile.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lifetime {
+    /// Moment at which it is most opaque, in the time of the views.
+    pub centre: f32,
+    /// Natural logarithm of how long it is there, in the same time.
+    pub log_duration: f32,
+    /// World units it travels in a unit of time.
+    pub velocity: [f32; 3],
+}
+
+impl Lifetime {
+    /// The numbers in the order of [`LIFETIME_FIELDS`].
+    pub fn to_array(self) -> [f32; 5] {
+        let [x, y, z] = self.velocity;
+        [self.centre, self.log_duration, x, y, z]
+    }
+
+    /// From the numbers in the order of [`LIFETIME_FIELDS`].
+    pub fn from_array([centre, log_duration, x, y, z]: [f32; 5]) -> Self {
+        Self { centre, log_duration, velocity: [x, y, z] }
+    }
 }
 
 /// Names of the mask's logits in files, which this program alone writes.
 pub const MASK_FIELDS: [&str; 3] = ["mask_static", "mask_brightness", "mask_dynamic"];
+
+/// Names of a lifetime's numbers in files, which this program alone writes.
+pub const LIFETIME_FIELDS: [&str; 5] = ["time_centre", "log_duration", "velocity_x", "velocity_y", "velocity_z"];
 
 /// Higher colour coefficients of a Gaussian, three colours each, at a degree: 0, 9, 24 or 45 numbers up to degree 3.
 pub fn rest_width(sh_degree: usize) -> usize {
@@ -80,8 +109,8 @@ impl GaussianCloud {
         self.at_degree(sh_degree.min(room)).at_degree(room)
     }
 
-    /// These Gaussians and then those of `other`, at the higher of their degrees. Masks, which both would need, are
-    /// left out.
+    /// These Gaussians and then those of `other`, at the higher of their degrees. Masks and lifetimes, which
+    /// both would need, are left out.
     pub fn joined(self, other: Self) -> Self {
         let degree = self.sh_degree.max(other.sh_degree);
         let (mut all, other) = (self.at_degree(degree), other.at_degree(degree));
@@ -91,7 +120,7 @@ impl GaussianCloud {
         all.opacity_logits.extend(other.opacity_logits);
         all.log_scales.extend(other.log_scales);
         all.quaternions.extend(other.quaternions);
-        all.mask_logits = None;
+        (all.mask_logits, all.lifetimes) = (None, None);
         all
     }
 }
@@ -111,6 +140,7 @@ mod tests {
             log_scales: vec![[-1.0; 3]; count],
             quaternions: vec![[1.0, 0.0, 0.0, 0.0]; count],
             mask_logits: Some(vec![[0.0; 3]; count]),
+            lifetimes: None,
         }
     }
 

@@ -50,7 +50,7 @@ pub use builtin::{BuiltinKind, BuiltinOptions};
 pub use cache::{Decoded, PictureCache};
 pub use camera::Camera;
 pub use error::{DataError, Refusal};
-pub use gaussian_cloud::{GaussianCloud, MASK_FIELDS, rest_width};
+pub use gaussian_cloud::{GaussianCloud, LIFETIME_FIELDS, Lifetime, MASK_FIELDS, rest_width};
 pub use lens::{Bend, Lens};
 pub use masks::{Mask, attach_masks};
 pub use options::{ReadOptions, TimeRule};

@@ -4,7 +4,7 @@ use std::fmt;
 
 use burn::module::{Module, Param, ParamId};
 use burn::tensor::{DType, Device, Int, Tensor, TensorData, activation::sigmoid};
-use mvfusion_data::{Camera, GaussianCloud};
+use mvfusion_data::{Camera, GaussianCloud, Lifetime};
 use mvfusion_render::profile::{Part, measure};
 use mvfusion_render::splat::{self, SplatInputs, SplatPicture, SplatSettings};
 use serde::{Deserialize, Serialize};
@@ -38,6 +38,13 @@ pub struct Gaussians {
     pub quaternions: Param<Tensor<2>>,
     /// Mask logits in the order static, brightness, dynamic: `[N, 3]`; of the dynamic branch alone.
     pub mask_logits: Option<Param<Tensor<2>>>,
+    /// Moment at which a Gaussian is most opaque and where its centre is given, in the time of the views: `[N, 1]`; of a
+    /// dynamic branch with lifetimes (`model.lifetime`).
+    pub time_centres: Option<Param<Tensor<2>>>,
+    /// Logarithm of how long it is there, in the same time: `[N, 1]`; with `time_centres`.
+    pub log_durations: Option<Param<Tensor<2>>>,
+    /// World units it travels in a unit of time: `[N, 3]`; with `time_centres`.
+    pub velocities: Option<Param<Tensor<2>>>,
 }
 
 /// The name of an attribute of a Gaussian.
@@ -58,11 +65,17 @@ pub enum Attribute {
     Quaternions,
     /// [`Gaussians::mask_logits`].
     MaskLogits,
+    /// [`Gaussians::time_centres`].
+    TimeCentres,
+    /// [`Gaussians::log_durations`].
+    LogDurations,
+    /// [`Gaussians::velocities`].
+    Velocities,
 }
 
 impl Attribute {
     /// All attributes.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 10] = [
         Self::Means,
         Self::ShDc,
         Self::ShRest,
@@ -70,6 +83,9 @@ impl Attribute {
         Self::LogScales,
         Self::Quaternions,
         Self::MaskLogits,
+        Self::TimeCentres,
+        Self::LogDurations,
+        Self::Velocities,
     ];
 
     /// Name in files.
@@ -82,6 +98,9 @@ impl Attribute {
             Self::LogScales => "log_scales",
             Self::Quaternions => "quaternions",
             Self::MaskLogits => "mask_logits",
+            Self::TimeCentres => "time_centres",
+            Self::LogDurations => "log_durations",
+            Self::Velocities => "velocities",
         }
     }
 }
@@ -121,6 +140,9 @@ impl Gaussians {
             log_scales: parameter(Attribute::LogScales)?,
             quaternions: parameter(Attribute::Quaternions)?,
             mask_logits: parameter(Attribute::MaskLogits),
+            time_centres: parameter(Attribute::TimeCentres),
+            log_durations: parameter(Attribute::LogDurations),
+            velocities: parameter(Attribute::Velocities),
         })
     }
 
@@ -139,6 +161,9 @@ impl Gaussians {
             Attribute::LogScales => Some(&self.log_scales),
             Attribute::Quaternions => Some(&self.quaternions),
             Attribute::MaskLogits => self.mask_logits.as_ref(),
+            Attribute::TimeCentres => self.time_centres.as_ref(),
+            Attribute::LogDurations => self.log_durations.as_ref(),
+            Attribute::Velocities => self.velocities.as_ref(),
         }
     }
 
@@ -171,6 +196,9 @@ impl Gaussians {
             Attribute::LogScales => Some(&mut self.log_scales),
             Attribute::Quaternions => Some(&mut self.quaternions),
             Attribute::MaskLogits => self.mask_logits.as_mut(),
+            Attribute::TimeCentres => self.time_centres.as_mut(),
+            Attribute::LogDurations => self.log_durations.as_mut(),
+            Attribute::Velocities => self.velocities.as_mut(),
         }
     }
 
@@ -185,6 +213,41 @@ impl Gaussians {
             log_scales: self.log_scales.val(),
             quaternions: self.quaternions.val(),
             mask_logits: self.mask_logits.as_ref().map(|logits| logits.val()),
+        }
+    }
+
+    /// The numbers of the canonical Gaussians, with their lifetimes, for a file.
+    ///
+    /// # Errors
+    /// If the device cannot hand them back.
+    pub fn to_cloud(&self) -> Result<GaussianCloud, ModelError> {
+        let plain = |attribute| self.plain(attribute).map(tensors::read::<2, f32>).transpose();
+        let (centres, durations) = (plain(Attribute::TimeCentres)?, plain(Attribute::LogDurations)?);
+        let lifetimes = centres.zip(durations).zip(plain(Attribute::Velocities)?).map(|((centres, durations), travel)| {
+            let each = centres.into_iter().zip(durations).zip(rows(&travel, 3));
+            each.map(|((centre, log_duration), velocity)| Lifetime { centre, log_duration, velocity }).collect()
+        });
+        Ok(GaussianCloud { lifetimes, ..self.valid().canonical().to_cloud()? })
+    }
+
+    /// The canonical Gaussians as their lifetimes have them at a time; the canonical ones where there are none.
+    ///
+    /// With moment `c`, duration `w` and velocity `v` a Gaussian stands at `mean + (t - c) v`, and its opacity is
+    /// `sigmoid(logit - ((t - c) / w)^2)`: the bell `opacity exp(-((t - c) / w)^2)` of Spacetime Gaussians and
+    /// FreeTimeGS where it is faint, and flat-topped where it is opaque. Ours; docs/METHOD.md, section 13.
+    pub fn at(&self, time: f64) -> RawGaussians {
+        let canonical = self.canonical();
+        let (Some(centres), Some(durations), Some(velocities)) =
+            (&self.time_centres, &self.log_durations, &self.velocities)
+        else {
+            return canonical;
+        };
+        let since = -centres.val() + time;
+        let ages = since.clone() * (-durations.val()).exp();
+        RawGaussians {
+            means: canonical.means + velocities.val() * since,
+            opacity_logits: canonical.opacity_logits - ages.powf_scalar(2.0),
+            ..canonical
         }
     }
 }
@@ -250,6 +313,7 @@ impl RawGaussians {
             log_scales: rows(&read(&self.log_scales)?, 3).collect(),
             quaternions: rows(&read(&self.quaternions)?, 4).collect(),
             mask_logits: masks.map(|masks| rows(&masks, 3).collect()),
+            lifetimes: None,
         })
     }
 
@@ -298,6 +362,7 @@ impl RawGaussians {
             Attribute::LogScales => self.log_scales.clone(),
             Attribute::Quaternions => self.quaternions.clone(),
             Attribute::MaskLogits => return self.mask_logits.clone(),
+            Attribute::TimeCentres | Attribute::LogDurations | Attribute::Velocities => return None,
         })
     }
 

@@ -4,6 +4,7 @@
 //! (crate `mvfusion-render`), [`composition`] blends them, [`loss`] compares with the photos, [`optim`] and [`densify`]
 //! change the Gaussians. [`train`] turns that wheel, [`evaluation`] scores the result.
 
+pub mod alive;
 pub mod composition;
 pub mod config;
 pub mod densify;

@@ -70,7 +70,7 @@ impl MemoryNeed {
 
 /// Numbers of dynamic and static Gaussians before the first step.
 fn initial_counts(config: &Config, scene: &Scene) -> Result<[usize; 2], ModelError> {
-    let clouds = InitialClouds::draw(scene, config, &mut Streams::new(config.seed).clouds)?;
+    let clouds = InitialClouds::draw(scene, None, config, &mut Streams::new(config.seed).clouds)?;
     Ok([clouds.dynamic.len(), clouds.static_.map_or(0, |cloud| cloud.len())])
 }
 

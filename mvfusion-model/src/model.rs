@@ -6,9 +6,10 @@ use mvfusion_data::Camera;
 use mvfusion_render::splat::{SplatPicture, SplatRules, SplatSettings, Statistic};
 
 use crate::ModelError;
+use crate::alive::AliveRows;
 use crate::config::MotionConfig;
 use crate::densify::Branch;
-use crate::gaussians::RawGaussians;
+use crate::gaussians::{Gaussians, RawGaussians};
 use crate::motion::{MotionCache, MotionRefinement, RefinementConfig};
 use crate::network::DeformationNetwork;
 use crate::timeline::Timeline;
@@ -77,10 +78,14 @@ pub struct Probes {
 }
 
 impl Probes {
-    /// Fresh probes on the device and in the dtype of `like`.
-    pub fn new(like: &Tensor<2>) -> Self {
-        let leaf = || Tensor::zeros([1, 2], (&like.device().inner(), like.dtype())).autodiff().require_grad();
-        Self { dynamic: leaf(), static_: leaf() }
+    /// Fresh probes on the device and in the dtype of the dynamic Gaussians.
+    ///
+    /// The dynamic one has a row for each Gaussian where views see different ones of them, by their lifetimes.
+    pub fn new(dynamic: &Gaussians) -> Self {
+        let like = dynamic.means.val();
+        let leaf = |rows| Tensor::zeros([rows, 2], (&like.device().inner(), like.dtype())).autodiff().require_grad();
+        let rows = if dynamic.time_centres.is_some() { dynamic.count() } else { 1 };
+        Self { dynamic: leaf(rows), static_: leaf(1) }
     }
 }
 
@@ -102,12 +107,34 @@ impl Model {
         std::iter::once(("dynamic", &self.dynamic)).chain(self.static_.iter().map(|branch| ("static", branch)))
     }
 
-    /// The dynamic Gaussians at a time. Refinement falls back to the base deformation until motion was measured.
+    /// The dynamic Gaussians at a time: alive by their lifetimes, moved by the network. Refinement falls back to the base deformation until motion was measured.
     pub fn dynamic_at(&self, time: f64, movement: Movement, surroundings: &Surroundings) -> RawGaussians {
-        let canonical = self.dynamic.gaussians.canonical();
-        let means = canonical.means.clone();
-        let offsets = match (movement, &self.motion) {
-            (Movement::Still, _) => return canonical,
+        self.rows_at(None, time, movement, surroundings)
+    }
+
+    /// The same for some of them.
+    pub(crate) fn rows_at(
+        &self,
+        alive: Option<&AliveRows>,
+        time: f64,
+        movement: Movement,
+        surroundings: &Surroundings,
+    ) -> RawGaussians {
+        let of_rows = |gaussians: RawGaussians| match alive {
+            Some(alive) => gaussians.select(alive.rows()),
+            None => gaussians,
+        };
+        let gaussians = of_rows(self.dynamic.gaussians.at(time));
+        let means = match alive {
+            Some(alive) => self.dynamic.gaussians.means.val().select(0, alive.rows().clone()),
+            None => self.dynamic.gaussians.means.val(),
+        };
+        let cache = self.motion.clone().map(|cache| match alive {
+            Some(alive) => cache.select(alive.rows()),
+            None => cache,
+        });
+        let offsets = match (movement, &cache) {
+            (Movement::Still, _) => return gaussians,
             (Movement::Refined, Some(cache)) => {
                 let config = RefinementConfig {
                     motion: &surroundings.motion,
@@ -122,7 +149,7 @@ impl Model {
                 self.network.decode(feature)
             }
         };
-        canonical.deformed(offsets)
+        gaussians.deformed(offsets)
     }
 
     /// Renders the branches.
@@ -138,11 +165,21 @@ impl Model {
         surroundings: &Surroundings,
     ) -> Result<BranchPictures, ModelError> {
         let background = surroundings.background;
-        let moved = self.dynamic_at(time, movement, surroundings);
+        let alive = AliveRows::of(&self.dynamic.gaussians, time)?;
+        let moved = self.rows_at(alive.as_ref(), time, movement, surroundings);
         let foreground = moved.foreground_probability();
         let features = moved.mask_features();
         let settings = surroundings.splat_settings(self.dynamic.sh_degree, surroundings.mask_gradient);
-        let dynamic = moved.splat(features, probes.map(|p| p.dynamic.clone()), camera, &settings, background)?;
+        let probe = probes.map(|probes| match &alive {
+            Some(alive) => probes.dynamic.clone().select(0, alive.rows().clone()),
+            None => probes.dynamic.clone(),
+        });
+        let mut dynamic = moved.splat(features, probe, camera, &settings, background)?;
+        let mut foreground = foreground;
+        if let Some(alive) = &alive {
+            dynamic.radii = alive.among_all_int(dynamic.radii);
+            foreground = foreground.map(|probability| alive.among_all(probability));
+        }
 
         let static_ = self.static_picture(camera, probes.map(|p| p.static_.clone()), surroundings)?;
         Ok(BranchPictures { dynamic, static_, foreground })

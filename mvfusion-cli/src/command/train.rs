@@ -133,7 +133,7 @@ impl Session {
         let model = self.trainer.state().model.plain();
         for (name, branch) in model.branches() {
             let file = format!("{name}.ply");
-            let cloud = branch.gaussians.canonical().to_cloud()?;
+            let cloud = branch.gaussians.to_cloud()?;
             write_ply(&cloud, &self.folder.place(&[run::POINT_CLOUD, &iteration, &file])?)?;
         }
         Ok(())

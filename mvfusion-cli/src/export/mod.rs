@@ -60,7 +60,7 @@ impl Exporter {
     /// # Errors
     /// If the device cannot hand them over.
     pub fn static_(&self) -> Result<Option<GaussianCloud>, ModelError> {
-        self.model.static_.as_ref().map(|branch| of_branch(branch, &branch.gaussians.canonical())).transpose()
+        self.model.static_.as_ref().map(|branch| in_use(branch, branch.gaussians.to_cloud()?)).transpose()
     }
 
     /// The Gaussians of the dynamic branch with the logits of their masks, if they have them.
@@ -68,7 +68,11 @@ impl Exporter {
     /// # Errors
     /// If the device cannot hand them over.
     pub fn dynamic(&self, moment: Moment) -> Result<GaussianCloud, ModelError> {
-        of_branch(&self.model.dynamic, &self.dynamic_at(moment))
+        let branch = &self.model.dynamic;
+        match moment {
+            Moment::Canonical => in_use(branch, branch.gaussians.to_cloud()?),
+            Moment::At(_) => in_use(branch, self.dynamic_at(moment).to_cloud()?),
+        }
     }
 
     /// The Gaussians of both branches, the static ones first, for viewers that know no mask: it weighs the opacities
@@ -77,7 +81,7 @@ impl Exporter {
     /// # Errors
     /// If the device cannot hand them over.
     pub fn scene(&self, moment: Moment) -> Result<GaussianCloud, ModelError> {
-        let dynamic = of_branch(&self.model.dynamic, &self.dynamic_at(moment).without_masks())?;
+        let dynamic = in_use(&self.model.dynamic, self.dynamic_at(moment).without_masks().to_cloud()?)?;
         Ok(match self.static_()? {
             Some(static_) => static_.joined(dynamic),
             None => dynamic,
@@ -94,8 +98,8 @@ impl Exporter {
 
 /// Gaussians of a branch without the colours that it does not use yet: a viewer, which knows no degree in use, would
 /// show what the deformation does to them.
-fn of_branch(branch: &Branch, gaussians: &RawGaussians) -> Result<GaussianCloud, ModelError> {
-    Ok(gaussians.to_cloud()?.zero_above(branch.sh_degree))
+fn in_use(branch: &Branch, gaussians: GaussianCloud) -> Result<GaussianCloud, ModelError> {
+    Ok(gaussians.zero_above(branch.sh_degree))
 }
 
 /// The times of a sequence: evenly spread from 0 to the last time that was trained on.

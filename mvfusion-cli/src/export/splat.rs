@@ -68,6 +68,7 @@ mod tests {
             log_scales: vec![[0.0; 3], [0.0; 3], [0.0, std::f32::consts::LN_2, -std::f32::consts::LN_2]],
             quaternions: vec![[0.0; 4], [1.0, 0.0, 0.0, 0.0], [2.0, -2.0, 0.0, 0.0]],
             mask_logits: None,
+            lifetimes: None,
         }
     }
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use mvfusion_data::{GaussianCloud, MASK_FIELDS, rest_width};
+use mvfusion_data::{GaussianCloud, LIFETIME_FIELDS, MASK_FIELDS, rest_width};
 
 use crate::atomic;
 
@@ -14,7 +14,8 @@ const SHAPE: [&str; 8] = ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "
 
 /// Writes Gaussians as they are stored, before any activation: opacity as logit, scales as logarithms, rotation w, x,
 /// y, z, zeros for normals. Mask logits follow the standard properties as `mask_static`, `mask_brightness` and
-/// `mask_dynamic`; readers go by name and pass over them. The header has no comments, because some readers count lines.
+/// `mask_dynamic`, lifetimes as `time_centre`, `log_duration` and `velocity_x` to `velocity_z`; readers go by name and
+/// pass over them. The header has no comments, because some readers count lines.
 ///
 /// # Errors
 /// If the file cannot be written.
@@ -27,7 +28,9 @@ fn names(gaussians: &GaussianCloud) -> Vec<String> {
     let before = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"].map(str::to_owned);
     let rest = (0..rest_width(gaussians.sh_degree)).map(|index| format!("f_rest_{index}"));
     let masks = gaussians.mask_logits.as_ref().map(|_| MASK_FIELDS).into_iter().flatten();
-    before.into_iter().chain(rest).chain(SHAPE.into_iter().chain(masks).map(str::to_owned)).collect()
+    let lifetimes = gaussians.lifetimes.as_ref().map(|_| LIFETIME_FIELDS).into_iter().flatten();
+    let after = SHAPE.into_iter().chain(masks).chain(lifetimes).map(str::to_owned);
+    before.into_iter().chain(rest).chain(after).collect()
 }
 
 fn encode(gaussians: &GaussianCloud) -> Vec<u8> {
@@ -54,6 +57,9 @@ fn encode(gaussians: &GaussianCloud) -> Vec<u8> {
         put(&gaussians.quaternions[index]);
         if let Some(masks) = &gaussians.mask_logits {
             put(&masks[index]);
+        }
+        if let Some(lifetimes) = &gaussians.lifetimes {
+            put(&lifetimes[index].to_array());
         }
     }
     bytes
@@ -99,6 +105,7 @@ mod tests {
             log_scales: rows(flat(4, 3)),
             quaternions: rows(flat(5, 4)),
             mask_logits: Some(rows(flat(6, 3))),
+            lifetimes: None,
         }
     }
 

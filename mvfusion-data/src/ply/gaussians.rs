@@ -9,7 +9,7 @@ use serde::de::{DeserializeSeed, Deserializer, Error, IgnoredAny, MapAccess, Seq
 use serde_ply::{DeserializeError, ElementDef, PlyReader, ScalarType};
 
 use super::{check_room, scalar, vertex_element};
-use crate::gaussian_cloud::{MASK_FIELDS, rest_width};
+use crate::gaussian_cloud::{LIFETIME_FIELDS, Lifetime, MASK_FIELDS, rest_width};
 use crate::paths::open_file;
 use crate::{DataError, GaussianCloud};
 
@@ -21,8 +21,8 @@ const HIGHEST_DEGREE: usize = 3;
 
 /// Reads the Gaussians of a PLY file, text or binary: `x y z`, `f_dc_0..2`, `f_rest_*` (none, 9, 24 or 45, channel by
 /// channel), `opacity`, `scale_0..2` and `rot_0..3`, all floating-point and before any activation; and `mask_static`,
-/// `mask_brightness` and `mask_dynamic`, as this program writes them, if they are there. Other fields, such as
-/// normals, are passed over.
+/// `mask_brightness` and `mask_dynamic`, and `time_centre`, `log_duration` and `velocity_x` to `velocity_z`, as this
+/// program writes them, if they are there. Other fields, such as normals, are passed over.
 ///
 /// # Errors
 /// [`DataError::Content`] if the file cannot be read, lacks a field, holds more or fewer rows than it says, a number
@@ -82,6 +82,7 @@ struct Columns {
     scales: [usize; 3],
     rotation: [usize; 4],
     masks: Option<[usize; 3]>,
+    lifetimes: Option<[usize; 5]>,
 }
 
 impl Columns {
@@ -95,6 +96,7 @@ impl Columns {
             format!("its vertices have {rest} fields `{REST}*`; there can be {}", allowed.join(", "))
         })?;
         let masks = MASK_FIELDS.iter().any(|name| vertex.has_property(name));
+        let lifetimes = LIFETIME_FIELDS.iter().any(|name| vertex.has_property(name));
         Ok(Self {
             means: places(vertex, ["x", "y", "z"])?,
             sh_dc: places(vertex, ["f_dc_0", "f_dc_1", "f_dc_2"])?,
@@ -104,6 +106,7 @@ impl Columns {
             scales: places(vertex, ["scale_0", "scale_1", "scale_2"])?,
             rotation: places(vertex, ["rot_0", "rot_1", "rot_2", "rot_3"])?,
             masks: masks.then(|| places(vertex, MASK_FIELDS)).transpose()?,
+            lifetimes: lifetimes.then(|| places(vertex, LIFETIME_FIELDS)).transpose()?,
         })
     }
 }
@@ -137,7 +140,8 @@ struct Table {
 impl Table {
     fn new(columns: Columns) -> Self {
         let mask_logits = columns.masks.map(|_| Vec::new());
-        let cloud = GaussianCloud { sh_degree: columns.sh_degree, mask_logits, ..GaussianCloud::default() };
+        let lifetimes = columns.lifetimes.map(|_| Vec::new());
+        let cloud = GaussianCloud { sh_degree: columns.sh_degree, mask_logits, lifetimes, ..GaussianCloud::default() };
         Self { columns, row: Vec::new(), cloud }
     }
 
@@ -151,6 +155,8 @@ impl Table {
         check_sizes(scales)?;
         let rotation = finite(row, columns.rotation, "rot_*")?;
         let masks = columns.masks.map(|places| finite(row, places, "mask_*")).transpose()?;
+        let lifetime = columns.lifetimes.map(|places| finite(row, places, "time_centre, log_duration, velocity_*"));
+        let lifetime = lifetime.transpose()?.map(Lifetime::from_array);
         // Channel by channel in the file, coefficient by coefficient here.
         let coefficients = columns.sh_rest.len() / 3;
         for (coefficient, channel) in (0..coefficients).flat_map(|k| (0..3).map(move |channel| (k, channel))) {
@@ -164,6 +170,9 @@ impl Table {
         cloud.quaternions.push(rotation);
         if let (Some(logits), Some(masks)) = (&mut cloud.mask_logits, masks) {
             logits.push(masks);
+        }
+        if let (Some(lifetimes), Some(lifetime)) = (&mut cloud.lifetimes, lifetime) {
+            lifetimes.push(lifetime);
         }
         Ok(())
     }

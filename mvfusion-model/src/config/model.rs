@@ -25,6 +25,10 @@ pub struct ModelConfig {
     pub grid: GridConfig,
     /// Highest degree of the spherical harmonics (3DGS: 3).
     pub sh_degree: usize,
+    /// Whether each dynamic Gaussian has a moment, a duration and a velocity of its own beside the deformation. Ours, as
+    /// Spacetime Gaussians and FreeTimeGS have it: what a deformation cannot carry, such as a ball that flies a tenth of
+    /// the room from frame to frame. Off in the paper's presets.
+    pub lifetime: bool,
     /// Gaussians nearer to a camera than this share of the capture's near bound are not drawn; where there is no bound, or
     /// 3DGS' 0.2 units are more, those hold. 0 leaves 3DGS' rule alone.
     pub near_share: f64,
@@ -72,6 +76,7 @@ impl Default for ModelConfig {
             depth: 1,
             grid: GridConfig::default(),
             sh_degree: 3,
+            lifetime: false,
             near_share: 0.9,
         }
     }

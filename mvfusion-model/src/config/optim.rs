@@ -32,6 +32,12 @@ pub struct OptimConfig {
     pub scale: f64,
     /// Quaternions.
     pub rotation: f64,
+    /// Moments of lifetimes, where `model.lifetime` is on; in the time of the views. Ours, as the next two.
+    pub time_centre: f64,
+    /// Log-durations of lifetimes.
+    pub duration: f64,
+    /// Velocities of lifetimes; times the extent, in a unit of time.
+    pub velocity: Decay,
     /// Adam's first decay.
     pub beta1: f64,
     /// Adam's second decay.
@@ -79,12 +85,19 @@ impl OptimConfig {
             *decay = decay.times(factor);
         }
         (self.motion, self.mask_logits) = (motion, mask_logits);
-        let constant = [&mut self.sh_dc, &mut self.static_sh_rest, &mut self.scale, &mut self.rotation];
+        let constant = [
+            &mut self.sh_dc,
+            &mut self.static_sh_rest,
+            &mut self.scale,
+            &mut self.rotation,
+            &mut self.time_centre,
+            &mut self.duration,
+        ];
         constant.into_iter().for_each(|rate| *rate *= factor);
     }
 
     /// The learning rates that follow a schedule.
-    fn decays(&mut self) -> [&mut Decay; 7] {
+    fn decays(&mut self) -> [&mut Decay; 8] {
         [
             &mut self.means,
             &mut self.deformation,
@@ -93,6 +106,7 @@ impl OptimConfig {
             &mut self.motion,
             &mut self.dynamic_sh_rest,
             &mut self.mask_logits,
+            &mut self.velocity,
         ]
     }
 }
@@ -113,6 +127,9 @@ impl Default for OptimConfig {
             opacity: 0.05,
             scale: 0.005,
             rotation: 0.001,
+            time_centre: 1e-4,
+            duration: 0.005,
+            velocity: Decay { start: 1.6e-3, end: 1.6e-5 },
             beta1: 0.9,
             beta2: 0.999,
             epsilon: 1e-15,

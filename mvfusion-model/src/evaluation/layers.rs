@@ -8,6 +8,7 @@ use mvfusion_render::splat::SplatLayers;
 use super::layer::Layer;
 use super::metrics::quantise;
 use super::tone::{DepthRange, depth_picture, heat_picture};
+use crate::alive::AliveRows;
 use crate::composition::{Blending, Composition, Layers};
 use crate::config::FusionWeights;
 use crate::model::{Model, Movement, Surroundings};
@@ -131,10 +132,15 @@ impl<'a> LayerRenderer<'a> {
     /// # Errors
     /// If the splat op refuses its input.
     pub fn render(&self, camera: &Camera, time: f64) -> Result<Vec<RenderedLayer>, ModelError> {
-        let moved = self.model.dynamic_at(time, self.movement, self.surroundings);
+        let alive = AliveRows::of(&self.model.dynamic.gaussians, time)?;
+        let moved = self.model.rows_at(alive.as_ref(), time, self.movement, self.surroundings);
+        let of_rows = |features: Tensor<2>| match &alive {
+            Some(alive) => features.select(0, alive.rows().clone()),
+            None => features,
+        };
         let masks = moved.mask_features();
         let first_heat = if masks.is_some() { MASK_CHANNELS } else { 0 };
-        let features: Vec<_> = masks.into_iter().chain(self.heats.iter().map(|heat| heat.features.clone())).collect();
+        let features: Vec<_> = masks.into_iter().chain(self.heats.iter().map(|heat| of_rows(heat.features.clone()))).collect();
         let features = (!features.is_empty()).then(|| Tensor::cat(features, 1));
         let settings = self.surroundings.splat_settings(self.model.dynamic.sh_degree, false);
         let dynamic = moved.splat(features, None, camera, &settings, self.surroundings.background)?;

@@ -30,6 +30,9 @@ pub struct GaussianRates {
     scale: f64,
     rotation: f64,
     mask_logits: f64,
+    time_centre: f64,
+    duration: f64,
+    velocity: f64,
 }
 
 impl Rates {
@@ -44,6 +47,9 @@ impl Rates {
             scale: config.scale,
             rotation: config.rotation,
             mask_logits: config.mask_logits.at(step, horizon),
+            time_centre: config.time_centre,
+            duration: config.duration,
+            velocity: config.velocity.at(step, horizon) * extent,
         };
         Self {
             dynamic: branch(config.dynamic_sh_rest.at(step, horizon)),
@@ -67,6 +73,9 @@ impl GaussianRates {
             Attribute::OpacityLogits => self.opacity,
             Attribute::LogScales => self.scale,
             Attribute::Quaternions => self.rotation,
+            Attribute::TimeCentres => self.time_centre,
+            Attribute::LogDurations => self.duration,
+            Attribute::Velocities => self.velocity,
         }
     }
 }

@@ -2,13 +2,13 @@
 
 use burn::tensor::{DType, Device};
 use glam::DVec3;
-use mvfusion_data::Scene;
+use mvfusion_data::{GaussianCloud, Scene};
 use mvfusion_render::grid::GridBounds;
 
 use crate::ModelError;
 use crate::config::{Branches, Config};
 use crate::densify::{Branch, Census};
-use crate::initial::{InitialClouds, Masking, Seeds, gaussians_of, gaussians_on};
+use crate::initial::{InitialClouds, Masking, gaussians_of};
 use crate::model::Model;
 use crate::motion::{MotionRefinement, Normalisers};
 use crate::network::{DeformationConfig, LayerInit};
@@ -48,7 +48,7 @@ impl TrainState {
     /// If the configuration leaves a branch without Gaussians, or names a file of Gaussians that cannot be used.
     pub fn new(config: &Config, scene: &Scene, device: &Device) -> Result<Self, ModelError> {
         let mut streams = Streams::new(config.seed);
-        let clouds = InitialClouds::draw(scene, config, &mut streams.clouds)?;
+        let clouds = InitialClouds::draw(scene, None, config, &mut streams.clouds)?;
         let bounds = grid_bounds(&clouds.dynamic).ok_or(ModelError::Config {
             key: "init.dynamic_points",
             value: config.init.dynamic_points.to_string(),
@@ -82,21 +82,16 @@ impl TrainState {
 
 /// A branch before the first step. Gaussians from a file keep the degree of their colours, as far as there is room
 /// for it.
-fn first_branch(seeds: &Seeds, masking: Masking, config: &Config, device: &Device, dtype: DType) -> Branch {
+fn first_branch(cloud: &GaussianCloud, masking: Masking, config: &Config, device: &Device, dtype: DType) -> Branch {
     let highest = config.model.sh_degree;
-    match seeds {
-        Seeds::Points(points) => {
-            Branch::new(gaussians_on(points, masking, highest, config.init.opacity, device, dtype))
-        }
-        Seeds::Gaussians(cloud) => Branch {
-            sh_degree: cloud.sh_degree.min(highest),
-            ..Branch::new(gaussians_of(cloud, masking, highest, device, dtype))
-        },
+    Branch {
+        sh_degree: cloud.sh_degree.min(highest),
+        ..Branch::new(gaussians_of(cloud, masking, highest, device, dtype))
     }
 }
 
 /// The box of the dynamic cloud, without margin (METHOD §2.1); `None` for an empty one.
-fn grid_bounds(cloud: &Seeds) -> Option<GridBounds> {
+fn grid_bounds(cloud: &GaussianCloud) -> Option<GridBounds> {
     /// A flat cloud would make the grid's coordinates infinite.
     const MIN_SIDE: f64 = 1e-6;
     let (min, max) = cloud.bounds()?;

@@ -67,7 +67,7 @@ impl Trainer {
     pub(super) fn forward(&self, views: &[usize], position: &Position) -> Result<Forward, ModelError> {
         let model = &self.state.model;
         let movement = position.stage.movement(self.config.model.deformation);
-        let probes = Probes::new(&model.dynamic.gaussians.means.val());
+        let probes = Probes::new(&model.dynamic.gaussians);
         let render = |&view: &usize| {
             let photo = self.photos.get(view);
             model.render(&photo.camera, photo.time, movement, Some(&probes), &self.surroundings)

@@ -98,7 +98,8 @@ impl SplatPicture {
 
 /// Renders Gaussians (METHOD §8).
 ///
-/// `probe` is a `[1, 2]` leaf with `require_grad`: after the backward pass its gradient is `[N, 2]`, that of the `main`
+/// `probe` is a leaf with `require_grad`, of shape `[1, 2]`, or rows selected of one, `[N, 2]`: after the backward pass its
+/// gradient is `[N, 2]`, that of the `main`
 /// picture with respect to the projected centres, in normalised device coordinates (per pixel times half the picture's
 /// width, height). Several calls with one probe add up. Which channels count is [`SplatSettings::statistic`].
 ///
@@ -175,7 +176,8 @@ fn check(
     }
     check_tensor("background", &inputs.background, [COLOUR_CHANNELS + feature_count], dtype)?;
     if let Some(probe) = probe {
-        check_tensor("probe", probe, [1, 2], dtype)?;
+        let rows = if probe.dims()[0] == 1 { 1 } else { count };
+        check_tensor("probe", probe, [rows, 2], dtype)?;
     }
     Ok(feature_count)
 }
