@@ -21,6 +21,7 @@ pub mod inspect;
 mod jpeg;
 mod lens;
 mod masks;
+pub mod motion;
 pub mod multipleview;
 pub mod nerfstudio;
 pub mod neu3d;

@@ -24,6 +24,7 @@ use std::path::Path;
 use serde::Serialize;
 
 pub use problem::{Problem, Severity, Subject};
+pub(crate) use rig::by_camera;
 pub use sheet::{ContactSheet, points_over_photos};
 pub use summary::Summary;
 

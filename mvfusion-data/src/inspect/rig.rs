@@ -13,7 +13,7 @@ pub(super) fn all_views(scene: &Scene) -> impl Iterator<Item = &View> {
 }
 
 /// The views of each distinct camera (one pose and one lens), in the order in which the cameras first appear.
-pub(super) fn by_camera<'a>(views: impl Iterator<Item = &'a View>) -> Vec<Vec<usize>> {
+pub(crate) fn by_camera<'a>(views: impl Iterator<Item = &'a View>) -> Vec<Vec<usize>> {
     let mut places = BTreeMap::new();
     let mut cameras: Vec<Vec<usize>> = Vec::new();
     for (index, view) in views.enumerate() {

@@ -1,0 +1,73 @@
+//! One camera at one moment: where it sees a place, and what it sees there.
+
+use glam::{DMat3, DVec2, DVec3, Vec3};
+
+use super::rig::Moment;
+use super::{MotionFilm, MotionMap};
+use crate::{Camera, Scene};
+
+/// A camera's view of a moment.
+#[derive(Clone, Debug)]
+pub(super) struct Eye<'a> {
+    /// From the world to homogeneous pixels: `pixels * x + offset`.
+    pixels: DMat3,
+    offset: DVec3,
+    /// From positions in pixels, with a one, to directions of depth 1 in the world.
+    directions: DMat3,
+    pub centre: DVec3,
+    pub map: &'a MotionMap,
+    colours: &'a [u8],
+    /// Depths between which its rays look for places, world units.
+    pub reach: [f64; 2],
+}
+
+impl<'a> Eye<'a> {
+    /// The eyes of a moment. `reaches` are those of the rig's cameras.
+    pub fn of_moment(scene: &Scene, film: &'a MotionFilm, moment: &Moment, reaches: &[[f64; 2]]) -> Vec<Self> {
+        let shots = moment.shots.iter();
+        let eye = |shot: &super::rig::Shot| {
+            let (map, colours) = film.picture(shot.view)?;
+            Some(Self::new(&scene.train[shot.view].camera, map, colours, reaches[shot.camera]))
+        };
+        shots.filter_map(eye).collect()
+    }
+
+    fn new(camera: &Camera, map: &'a MotionMap, colours: &'a [u8], reach: [f64; 2]) -> Self {
+        let lens = DMat3::from_cols(
+            DVec3::new(camera.fx, 0.0, 0.0),
+            DVec3::new(0.0, camera.fy, 0.0),
+            DVec3::new(camera.cx, camera.cy, 1.0),
+        );
+        Self {
+            pixels: lens * camera.rotation,
+            offset: lens * camera.translation,
+            directions: camera.rotation.transpose() * lens.inverse(),
+            centre: camera.centre(),
+            map,
+            colours,
+            reach,
+        }
+    }
+
+    /// Number of the block on which a place falls; `None` if it is not in the picture, or the block does not count.
+    #[inline]
+    pub fn block(&self, place: DVec3) -> Option<usize> {
+        let p = self.pixels * place + self.offset;
+        if p.z <= 0.0 {
+            return None;
+        }
+        let index = self.map.index(DVec2::new(p.x, p.y) / p.z)?;
+        self.map.blocks()[index].counts().then_some(index)
+    }
+
+    /// The direction, of depth 1, through a position in pixels.
+    pub fn direction(&self, position: DVec2) -> DVec3 {
+        self.directions * position.extend(1.0)
+    }
+
+    /// Colour of a block in 8-bit levels.
+    pub fn colour(&self, block: usize) -> Vec3 {
+        let levels = &self.colours[3 * block..3 * block + 3];
+        Vec3::new(f32::from(levels[0]), f32::from(levels[1]), f32::from(levels[2]))
+    }
+}

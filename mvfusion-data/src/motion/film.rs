@@ -1,0 +1,206 @@
+//! The pictures of cameras that stand still, and what moves in them against each camera's own median over time.
+
+use rayon::prelude::*;
+use tracing::debug;
+
+use super::reduce::{Reduced, reduced};
+use super::rig::{LEAST_FRAMES, StillRig};
+use super::{MotionMap, MovingPixels, MovingPixelsOptions, PixelMotion};
+use crate::{DataError, Scene};
+
+/// Bytes of a picture's block: three of its colour, one of its motion.
+const COLOUR_BYTES: u64 = 3;
+const MOTION_BYTES: u64 = 1;
+/// What makes the median of distances from the median the standard deviation of normal noise.
+const DEVIATION_OF_MEDIAN: f64 = 1.4826;
+/// Stands for the median of a pixel that counts too seldom to have one.
+const NO_MEDIAN: u16 = u16::MAX;
+/// Blocks whose medians a thread takes at once: what it reads of all frames stays in its cache.
+const CHUNK: usize = 512;
+
+/// The pictures of synchronised cameras that stand still, reduced to a budget of memory, and what moves in them.
+#[derive(Clone, Debug)]
+pub struct MotionFilm {
+    pub(super) rig: StillRig,
+    factor: usize,
+    moving: MovingPixels,
+    /// Colours of the blocks by training view; empty where they are not kept.
+    colours: Vec<Vec<u8>>,
+}
+
+/// What is kept of a film.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Keep {
+    /// The moving pixels.
+    Motion,
+    /// The pictures as well.
+    Pictures,
+}
+
+impl MotionFilm {
+    /// Reads the training views of synchronised cameras that stand still, each once, one camera after another; `None`
+    /// where the scene has no three such cameras with three moments in common. Held-out views are not opened.
+    ///
+    /// # Errors
+    /// [`DataError::Image`] if a picture or mask cannot be read.
+    pub fn of(scene: &Scene, options: &MovingPixelsOptions) -> Result<Option<Self>, DataError> {
+        Self::make(scene, options, Keep::Pictures)
+    }
+
+    pub(super) fn make(scene: &Scene, options: &MovingPixelsOptions, keep: Keep) -> Result<Option<Self>, DataError> {
+        let Some(rig) = StillRig::of(scene) else { return Ok(None) };
+        let factor = reduction(&rig, options.memory, keep);
+        let mut maps = vec![None; scene.train.len()];
+        let mut colours = vec![Vec::new(); scene.train.len()];
+        for still in &rig.cameras {
+            let frames: Vec<Reduced> =
+                still.views.par_iter().map(|&view| reduced(&scene.train[view], factor)).collect::<Result<_, _>>()?;
+            let motion = motion(&frames, options);
+            let size = (still.camera.width, still.camera.height);
+            for ((&view, frame), blocks) in still.views.iter().zip(frames).zip(motion) {
+                maps[view] = MotionMap::new(size, factor, blocks);
+                if keep == Keep::Pictures {
+                    colours[view] = frame.colours;
+                }
+            }
+        }
+        let moving = MovingPixels::from_maps(maps);
+        debug!(cameras = rig.cameras.len(), moments = rig.moments.len(), factor, "moving pixels found");
+        Ok(Some(Self { rig, factor, moving, colours }))
+    }
+
+    /// Which pixels move.
+    pub fn moving(&self) -> &MovingPixels {
+        &self.moving
+    }
+
+    /// Which pixels move; the pictures are let go.
+    pub fn into_moving(self) -> MovingPixels {
+        self.moving
+    }
+
+    /// Each side of the pictures was made shorter by this.
+    pub fn factor(&self) -> usize {
+        self.factor
+    }
+
+    /// What a training view shows: its motion, and the colours of its blocks.
+    pub(super) fn picture(&self, view: usize) -> Option<(&MotionMap, &[u8])> {
+        Some((self.moving.map(view)?, self.colours.get(view)?))
+    }
+}
+
+/// The smallest whole factor by which pictures are reduced so that what is kept of them fits the budget.
+fn reduction(rig: &StillRig, memory: u64, keep: Keep) -> usize {
+    let bytes = |factor: usize| {
+        let blocks = rig.cameras.iter().map(|still| {
+            let camera = &still.camera;
+            (camera.width.div_ceil(factor) * camera.height.div_ceil(factor) * still.views.len()) as u64
+        });
+        blocks.sum::<u64>() * if keep == Keep::Pictures { COLOUR_BYTES + MOTION_BYTES } else { MOTION_BYTES }
+    };
+    let longest = rig.cameras.iter().map(|still| still.camera.width.max(still.camera.height)).max().unwrap_or(1);
+    (1..longest).find(|&factor| bytes(factor) <= memory).unwrap_or(longest.max(1))
+}
+
+/// What moves in the frames of one camera.
+fn motion(frames: &[Reduced], options: &MovingPixelsOptions) -> Vec<Vec<PixelMotion>> {
+    let medians = medians(frames);
+    let distances: Vec<Vec<Option<u8>>> = frames.par_iter().map(|frame| distances(frame, &medians)).collect();
+    let noise = options.noise_deviations * DEVIATION_OF_MEDIAN * median_distance(&distances);
+    let [fast, slow] = [options.fast_levels, options.slow_levels].map(|levels| in_half_levels(levels.max(noise)));
+    let restless = restless(&distances, slow);
+    let block = |distance: Option<u8>, restless: bool| match distance {
+        None => PixelMotion::IGNORED,
+        Some(distance) if restless || f64::from(distance) > fast => PixelMotion::moving(distance.div_ceil(2)),
+        Some(distance) => PixelMotion::still(distance.div_ceil(2)),
+    };
+    let picture = |distances: Vec<Option<u8>>| {
+        distances.iter().zip(&restless).map(|(&distance, &restless)| block(distance, restless)).collect()
+    };
+    distances.into_par_iter().map(picture).collect()
+}
+
+/// A threshold in half levels. What no distance exceeds, none shall.
+fn in_half_levels(levels: f64) -> f64 {
+    (2.0 * levels).min(f64::from(u8::MAX))
+}
+
+/// Twice the median over time of each channel of each block, over the frames in which the block counts.
+fn medians(frames: &[Reduced]) -> Vec<u16> {
+    let channels = frames.first().map_or(0, |frame| frame.colours.len());
+    let mut medians = vec![NO_MEDIAN; channels];
+    medians.par_chunks_mut(3 * CHUNK).enumerate().for_each(|(chunk, medians)| {
+        let mut levels = Vec::with_capacity(frames.len());
+        for (offset, median) in medians.iter_mut().enumerate() {
+            let channel = chunk * 3 * CHUNK + offset;
+            levels.clear();
+            levels.extend(frames.iter().filter(|f| f.counts(channel / 3)).map(|frame| frame.colours[channel]));
+            if levels.len() >= LEAST_FRAMES {
+                *median = twice_the_median(&mut levels);
+            }
+        }
+    });
+    medians
+}
+
+/// Twice the median, which is whole. `levels` is not empty.
+fn twice_the_median(levels: &mut [u8]) -> u16 {
+    let odd = levels.len() % 2 == 1;
+    let (below, &mut upper, _) = levels.select_nth_unstable(levels.len() / 2);
+    let lower = if odd { upper } else { below.iter().copied().max().unwrap_or(upper) };
+    u16::from(lower) + u16::from(upper)
+}
+
+impl Reduced {
+    fn counts(&self, block: usize) -> bool {
+        self.counted.as_ref().is_none_or(|counted| counted[block])
+    }
+}
+
+/// How far each block of a frame is from the median in the channel that is furthest from it, in half levels, at most 255;
+/// `None` where it does not count.
+fn distances(frame: &Reduced, medians: &[u16]) -> Vec<Option<u8>> {
+    let away = |level: u8, twice: u16| (2 * u16::from(level)).abs_diff(twice);
+    let blocks = frame.colours.chunks_exact(3).zip(medians.chunks_exact(3)).enumerate();
+    blocks
+        .map(|(block, (levels, medians))| {
+            let known = medians[0] != NO_MEDIAN && frame.counts(block);
+            known.then(|| {
+                let largest = (0..3).map(|channel| away(levels[channel], medians[channel])).max();
+                largest.unwrap_or(0).min(u16::from(u8::MAX)) as u8
+            })
+        })
+        .collect()
+}
+
+/// The median of all distances, in levels: most of what a camera sees is still, so it tells of noise alone.
+fn median_distance(distances: &[Vec<Option<u8>>]) -> f64 {
+    let mut histogram = [0u64; 256];
+    for distance in distances.iter().flatten().flatten() {
+        histogram[usize::from(*distance)] += 1;
+    }
+    let half = histogram.iter().sum::<u64>() / 2;
+    let mut below = 0;
+    let median = histogram.iter().position(|&count| {
+        below += count;
+        below > half
+    });
+    median.unwrap_or(0) as f64 / 2.0
+}
+
+/// Blocks that are further than `slow` half levels from the median in more than half of the frames in which they count.
+fn restless(distances: &[Vec<Option<u8>>], slow: f64) -> Vec<bool> {
+    let blocks = distances.first().map_or(0, Vec::len);
+    // Frames in which a block counts, and is away.
+    let mut frames = vec![[0u32; 2]; blocks];
+    for picture in distances {
+        for (frames, distance) in frames.iter_mut().zip(picture) {
+            if let Some(distance) = distance {
+                frames[0] += 1;
+                frames[1] += u32::from(f64::from(*distance) > slow);
+            }
+        }
+    }
+    frames.iter().map(|&[counted, away]| 2 * away > counted).collect()
+}

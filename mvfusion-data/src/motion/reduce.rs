@@ -1,0 +1,64 @@
+//! Pictures made smaller by a whole factor, each block the mean of its pixels that count.
+
+use image::{GrayImage, RgbImage};
+
+use crate::{DataError, View};
+
+/// A picture of blocks.
+#[derive(Clone, Debug)]
+pub(super) struct Reduced {
+    /// RGB in 8-bit levels, block by block.
+    pub colours: Vec<u8>,
+    /// Which blocks count; all where there is none.
+    pub counted: Option<Vec<bool>>,
+}
+
+/// A view's picture and mask, decoded and reduced.
+///
+/// # Errors
+/// [`DataError::Image`] if one of them cannot be read.
+pub(super) fn reduced(view: &View, factor: usize) -> Result<Reduced, DataError> {
+    let picture = view.image.rgb()?;
+    let mask = view.mask.as_ref().map(|mask| mask.read()).transpose()?;
+    if factor == 1 {
+        let counted = mask.map(|mask| mask.as_raw().iter().map(|&level| level > 0).collect());
+        return Ok(Reduced { colours: picture.as_raw().clone(), counted });
+    }
+    Ok(match mask {
+        None => Reduced { colours: averaged(&picture, None, factor).0, counted: None },
+        Some(mask) => {
+            let (colours, counted) = averaged(&picture, Some(&mask), factor);
+            Reduced { colours, counted: Some(counted) }
+        }
+    })
+}
+
+/// Mean colours of blocks over the pixels that count, and whether at least half of a block's pixels do.
+fn averaged(picture: &RgbImage, mask: Option<&GrayImage>, factor: usize) -> (Vec<u8>, Vec<bool>) {
+    let (width, height) = (picture.width() as usize, picture.height() as usize);
+    let (columns, rows) = (width.div_ceil(factor), height.div_ceil(factor));
+    let (mut colours, mut counted) = (Vec::with_capacity(3 * columns * rows), Vec::with_capacity(columns * rows));
+    // Of each block in a row: the sums of the colours, the pixels that count, all pixels.
+    let mut sums = vec![[0u32; 5]; columns];
+    for top in (0..height).step_by(factor) {
+        sums.fill([0; 5]);
+        for y in top..height.min(top + factor) {
+            let pixels = picture.as_raw()[3 * width * y..3 * width * (y + 1)].chunks_exact(3);
+            for (x, pixel) in pixels.enumerate() {
+                let weight = mask.is_none_or(|mask| mask.as_raw()[y * width + x] > 0) as u32;
+                let sum = &mut sums[x / factor];
+                for channel in 0..3 {
+                    sum[channel] += weight * u32::from(pixel[channel]);
+                }
+                sum[3] += weight;
+                sum[4] += 1;
+            }
+        }
+        for &[red, green, blue, count, all] in &sums {
+            // Rounded; a mean of bytes is a byte.
+            colours.extend([red, green, blue].map(|sum| ((sum + count / 2) / count.max(1)) as u8));
+            counted.push(2 * count >= all);
+        }
+    }
+    (colours, counted)
+}
