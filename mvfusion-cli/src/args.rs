@@ -345,7 +345,8 @@ pub struct RenderArgs {
     /// Frames [default: 120 on a path; all views, moments, entries of a file]
     #[arg(long, value_name = "N", value_parser = parse_frames)]
     pub frames: Option<NonZeroUsize>,
-    /// Stop the time at this moment, 0 to 1 [default: it runs through once, or is that of the view]
+    /// Stop the time at this moment, 0 to 1 [default: it runs through once, or is that of the view; held-out photos have
+    /// none and show the static branch]
     #[arg(long, value_name = "T", value_parser = parse_time)]
     pub time: Option<f64>,
     /// For --views still: a view (cam00/0003), a camera (cam00), or the number of a held-out view [default: 0]

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
-use mvfusion_model::evaluation::{Figure, LayerScores, Protocol, Scores};
+use mvfusion_model::evaluation::{Figure, HeldOutPhoto, LayerScores, Protocol, Scores};
 
 use crate::clock::spoken;
 use crate::run::{LpipsWeights, RenderSpeed, Results};
@@ -27,6 +27,9 @@ pub fn write(results: &Results, protocol: Protocol, out: &mut dyn Write) -> io::
         figures.iter().map(|&figure| format!("{:>width$}", head(figure), width = width(figure))).collect();
     writeln!(out, "{:LABEL$}{heads}", "held-out views")?;
     write_layers(&results.test, &figures, out)?;
+    if let Some(shown) = results.test.composed_shows {
+        writeln!(out, "{:LABEL$}{}", "composed shows", what_photos_show(shown))?;
+    }
     if let Some(overlap) = results.test.mask_iou {
         writeln!(out, "{:LABEL$}{overlap:>10.3}", "mask IoU")?;
     }
@@ -47,6 +50,14 @@ pub fn write(results: &Results, protocol: Protocol, out: &mut dyn Write) -> io::
     }
     let threads = if results.threads == 1 { "thread" } else { "threads" };
     writeln!(out, "{:LABEL$}{}, {} {threads}", "device", results.device, results.threads)
+}
+
+/// What the composed picture of a held-out photo is, in words for people.
+pub(crate) fn what_photos_show(shown: HeldOutPhoto) -> &'static str {
+    match shown {
+        HeldOutPhoto::StaticBranch => "the static branch: held-out photos have no trained moment",
+        HeldOutPhoto::AllBranches => "held-out photos' own times, which were not trained on",
+    }
 }
 
 /// The first of the protocol's figures that any layer has, as many as a line has room for.
@@ -142,6 +153,7 @@ mod tests {
     fn figures_that_are_not_known_are_dashes_or_absent() {
         let results = specimen(Scores {
             composed: LayerScores { psnr: Some(27.345), ssim: Some(0.9), ..Default::default() },
+            composed_shows: Some(HeldOutPhoto::StaticBranch),
             dynamic_region: Some(LayerScores { psnr: Some(21.0), ..Default::default() }),
             ..Default::default()
         });
@@ -149,6 +161,7 @@ mod tests {
         held-out views    PSNR (dB)      SSIM
         composed              27.34    0.9000
         dynamic region        21.00         -
+        composed shows  the static branch: held-out photos have no trained moment
         LPIPS           absent (alex, vgg): no folder of weights was given; see --lpips-weights
         Gaussians       12 static, 3 dynamic
         time            training 2 min 51 s (1400 steps), evaluation 9 s

@@ -84,6 +84,24 @@ impl Layers {
     }
 }
 
+impl Composition {
+    /// The composition of a static branch `[B, 3, H, W]` that has the whole picture, at the brightness 1.
+    pub fn of_static(static_: Tensor<4>) -> Self {
+        let lit = static_.clone().clamp(0.0, 1.0);
+        let nothing = static_.clone().narrow(1, 0, 1).zeros_like();
+        let whole = nothing.ones_like();
+        Self {
+            composed: lit.clone(),
+            dynamic: lit.zeros_like(),
+            static_,
+            lit,
+            brightness: whole.clone(),
+            mask: nothing,
+            static_mask: whole,
+        }
+    }
+}
+
 /// Shares of the dynamic and the static branch from their rendered probabilities.
 fn shares(static_: Tensor<4>, dynamic: Tensor<4>, blending: Blending) -> (Tensor<4>, Tensor<4>) {
     match blending {

@@ -95,7 +95,7 @@ pub fn check(args: &CheckArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Resul
 }
 
 fn need(config: &Config, scene: &Scene) -> Result<MemoryNeed, ModelError> {
-    MemoryNeed::of(&config.scaled(), scene, IMAGE_CACHE)
+    MemoryNeed::of(&config.for_times_of(scene).scaled(), scene, IMAGE_CACHE)
 }
 
 /// `check-NAME.png` in the folder in which the program was started.

@@ -31,9 +31,9 @@ pub fn render(args: &RenderArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Res
     let surroundings = run.surroundings(args.no_mfta, talk);
     let OpenRun { config, scene, state, .. } = run;
     let film = args.views.film(&scene, &selection(args))?;
-    let film = Film { fps: args.fps.unwrap_or(film.fps), ..film };
-
     let (model, movement) = (state.model.plain(), final_movement(&config));
+    let is_clean = film.is_clean && model.static_.is_some();
+    let film = Film { fps: args.fps.unwrap_or(film.fps), is_clean, ..film };
     let layers = layers(&args.layers, &model, movement);
     let folder = args.out.clone().unwrap_or_else(|| args.run.join(run::FILMS).join(args.views.name()));
     let plan = OutputsPlan::new(&folder, &layers, &FileFormat::choose(&args.format, film.frames.len(), talk)?);
@@ -87,7 +87,7 @@ fn with_depths<'a>(renderer: LayerRenderer<'a>, film: &Film) -> anyhow::Result<L
         return Ok(renderer);
     }
     let chosen = spread(film.frames.len(), DEPTH_FRAMES);
-    let frames = chosen.into_iter().map(|index| (film.frames[index].camera, film.frames[index].time));
+    let frames = chosen.into_iter().map(|index| (film.frames[index].camera, film.moment(index)));
     Ok(renderer.with_depths_of(frames)?)
 }
 
@@ -98,7 +98,7 @@ fn write(film: &Film, renderer: &LayerRenderer<'_>, plan: OutputsPlan, talk: Tal
     let mut progress = Progress::new("rendering", film.frames.len(), talk);
     let mut pace = Pace::default();
     for (done, frame) in film.frames.iter().enumerate() {
-        let rendered = renderer.render(&frame.camera, frame.time)?;
+        let rendered = renderer.render(&frame.camera, film.moment(done))?;
         outputs.add(frame.number, &rendered, renderer)?;
         pace.mark(done + 1);
         progress.say(format!("{:.1} frames/s  {}", pace.steps_per_second(), pace.left(film.frames.len() - done - 1)));
@@ -113,6 +113,9 @@ fn write(film: &Film, renderer: &LayerRenderer<'_>, plan: OutputsPlan, talk: Tal
 fn tell(film: &Film, layers: &[Layer], plan: &OutputsPlan, out: &mut dyn Write) -> anyhow::Result<()> {
     let camera = &film.frames[0].camera;
     writeln!(out, "{:16}{} of {}x{}", "frames", film.frames.len(), camera.width, camera.height)?;
+    if film.is_clean {
+        writeln!(out, "{:16}the static branch: held-out photos have no trained moment; --time T adds one", "shown")?;
+    }
     let names: Vec<&str> = layers.iter().map(|layer| layer.name()).collect();
     writeln!(out, "{:16}{}", "layers", names.join(", "))?;
     for (kind, place) in plan.describe() {

@@ -4,10 +4,10 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use mvfusion_data::{BuiltinKind, Scene};
-use mvfusion_model::ModelError;
 use mvfusion_model::evaluation::{Judge, Protocol};
 use mvfusion_model::files::sha256;
 use mvfusion_model::train::{Position, StepLoss, Trainer};
+use mvfusion_model::{Config, ModelError};
 
 use super::score::{self, Trained};
 use crate::args::TrainArgs;
@@ -41,16 +41,37 @@ pub fn train(args: &TrainArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Resul
     let existing = if args.force { Existing::Replace } else { Existing::Keep };
     let plan = RunPlan::new(&path, existing)?;
     let scene = scene::open(&resolved.config)?;
+    // Before it is written down: what is trained must be found again, even if the scene gains a photo.
+    let given = std::mem::take(&mut resolved.config);
+    resolved.config = given.for_times_of(&scene);
     let trainer = Trainer::new(resolved.config.scaled(), &scene, &device.device)?
         .with_image_cache(&scene, args.image_cache.as_u64())?;
     let weights = resolved.config.eval.lpips_weights.as_deref();
     let judge = score::judge(Protocol::Mvfusion, weights, &device.device)?;
     talk.note(&format!("device: {}", device.reason));
     talk.note(&format!("scene:  {}", scene::describe(&scene)));
+    if let Some(sentence) = times_sentence(&given, &resolved.config) {
+        talk.note(&format!("times:  {sentence}"));
+    }
     talk.note(&format!("run:    {}", path.display()));
 
     let folder = plan.create()?;
     Session { resolved, device, scene, trainer, judge, folder, talk }.run(out)
+}
+
+/// What goes by the scene's times instead of by the configuration as it was given; `None` if nothing does.
+fn times_sentence(given: &Config, fitted: &Config) -> Option<String> {
+    let numbers = |config: &Config| {
+        let Config { model, motion, .. } = config;
+        [
+            ("model.grid.resolution[3]", model.grid.resolution[3]),
+            ("motion.window", motion.window),
+            ("motion.knots", motion.knots),
+        ]
+    };
+    let changed = numbers(given).into_iter().zip(numbers(fitted)).filter(|(given, fitted)| given != fitted);
+    let said: Vec<String> = changed.map(|((key, given), (_, fitted))| format!("{key} {given} -> {fitted}")).collect();
+    (!said.is_empty()).then(|| said.join(", "))
 }
 
 /// `runs/NAME-SEED`: the name of the scene's folder, or of the preset and, unless it is the first, of the built-in

@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 use anyhow::bail;
 use mvfusion_data::camera_path::{find_view, orbit, read_camera_path, running_times, spiral};
-use mvfusion_data::{Camera, Scene, View};
+use mvfusion_data::{Camera, Capture, Scene, View};
 use mvfusion_model::timeline::spread;
 
 use crate::failure::UsageError;
@@ -98,6 +98,16 @@ pub struct Film {
     pub frames: Vec<Frame>,
     /// How many of them are shown in a second.
     pub fps: f64,
+    /// Whether they are held-out photos, whose moments were not trained on: a model of two branches then shows its
+    /// static one alone.
+    pub is_clean: bool,
+}
+
+impl Film {
+    /// The moment of a frame by its place; `None` where what does not move is shown alone.
+    pub fn moment(&self, index: usize) -> Option<f64> {
+        (!self.is_clean).then_some(self.frames[index].time)
+    }
 }
 
 impl Views {
@@ -122,7 +132,8 @@ impl Views {
             bail!(UsageError::new("--camera is for --views still alone; the other views have their own cameras."));
         }
         let path_frames = selection.frames.map_or(PATH_FRAMES, usize::from);
-        let mut film = Film { frames: Vec::new(), fps: FPS };
+        let is_clean = *self == Self::Test && scene.capture == Capture::Photos && selection.time.is_none();
+        let mut film = Film { frames: Vec::new(), fps: FPS, is_clean };
         film.frames = match self {
             Self::Train => listed(&scene.train, selection),
             Self::Test if scene.test.is_empty() => bail!("the scene holds no views out. Give --views train."),
@@ -249,6 +260,23 @@ mod tests {
         assert_eq!(film.frames.iter().map(|frame| frame.number).collect::<Vec<_>>(), [0, last / 2 + last % 2, last]);
         assert!(film.frames.iter().all(|frame| frame.time == scene.test[frame.number].time));
         assert_eq!(Views::Train.film(&scene, &Selection::default()).expect("frames").frames.len(), scene.train.len());
+    }
+
+    #[test]
+    fn held_out_photos_are_clean_unless_a_time_is_asked_for() {
+        let casual =
+            BuiltinOptions { width: 16, height: 16, photos: 3, ..BuiltinOptions::of_kind(BuiltinKind::Casual) };
+        let photos = builtin::builtin(&casual);
+        let stopped = Selection { time: Some(0.3), ..Selection::default() };
+        for (views, scene, selection, is_clean) in [
+            (Views::Test, &photos, Selection::default(), true),
+            (Views::Test, &photos, stopped, false),
+            (Views::Train, &photos, Selection::default(), false),
+            (Views::Spiral, &photos, frames(2), false),
+            (Views::Test, &scene(), Selection::default(), false),
+        ] {
+            assert_eq!(views.film(scene, &selection).expect("frames").is_clean, is_clean, "{views:?} {selection:?}");
+        }
     }
 
     #[test]

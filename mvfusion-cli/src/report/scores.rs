@@ -10,6 +10,7 @@ use super::files::{Found, RunFiles};
 use super::meaning::{meaning, protocol_of, why_absent};
 use super::page::lack;
 use crate::run::{LpipsWeights, PerView, Results};
+use crate::table::what_photos_show;
 
 /// Views from which their figures are drawn as well, and beyond which the table is folded up.
 const DRAWN: usize = 8;
@@ -205,9 +206,10 @@ fn beside(scores: &Scores) -> Markup {
     ];
     let known: Vec<_> = figures.into_iter().filter_map(|(name, title, value)| Some((name, title, value?))).collect();
     html! {
-        @if !known.is_empty() || source.is_some() {
+        @if !known.is_empty() || source.is_some() || scores.composed_shows.is_some() {
             ul.beside {
                 @for (name, title, value) in known { li title=(title) { (name) " " b { (number(value, 4)) } } }
+                @if let Some(shown) = scores.composed_shows { li { "composed shows " b { (what_photos_show(shown)) } } }
                 @if let Some(source) = source { li { "regions from " b { (source) } } }
             }
         }

@@ -33,6 +33,8 @@ pub fn seconds(cell: &Cell, configuration: &Config, device: &str, threads: usize
     let path = folder.path().join(run::CONFIG);
     let mut short = configuration.clone();
     short.train.scale *= STEPS as f64 / cell.steps.max(STEPS) as f64;
+    // What makes up for a short run's steps does not belong to a probe of a whole one.
+    short.train.scale_times &= configuration.train.scale < 1.0;
     short.train.log_interval = 1;
     atomic::write(&path, config::to_toml(&short)?.as_bytes())?;
     let out = folder.path().join("run");

@@ -50,7 +50,8 @@ pub struct BranchDensifyConfig {
     pub geometry_threshold: f64,
     /// The same in the later stages.
     pub threshold: f64,
-    /// No Gaussians are added above this number.
+    /// Cloning and splitting never take the branch above this number: where a round wants more, the largest gradients
+    /// have the room (DeGauss: a branch below it carries out the whole round). The first cloud may be larger.
     pub max_gaussians: usize,
     /// No Gaussians are pruned below this number.
     pub prune_above: usize,

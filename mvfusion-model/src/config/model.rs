@@ -88,15 +88,30 @@ impl Default for ModelConfig {
 pub struct GridConfig {
     /// Features a plane and scale.
     pub features: usize,
-    /// Cells along x, y, z and time at scale 1.
+    /// Cells along x, y, z and time at scale 1. The upper half of those in time is read (METHOD §2.1).
     pub resolution: [usize; 4],
+    /// What the cells in time go by (4DGS, DeGauss: `"fixed"`).
+    pub time_rows: TimeRows,
     /// Factors of the spatial resolution, one a scale; time keeps its resolution.
     pub multipliers: Vec<usize>,
 }
 
+/// What the number of cells in time goes by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TimeRows {
+    /// `resolution[3]`, whatever the scene.
+    Fixed,
+    /// The distinct times of the training views. Photos: eight for each, of which four are read, or `resolution[3]` if
+    /// that is more, so that unrelated moments share no cells. Video: two for each frame, of which one is read, or
+    /// `resolution[3]` if that is less. Ours. A run writes the number that it found into its configuration, as
+    /// `"fixed"`.
+    ByTimes,
+}
+
 impl Default for GridConfig {
     fn default() -> Self {
-        Self { features: 16, resolution: [64, 64, 64, 150], multipliers: vec![1, 2, 4] }
+        Self { features: 16, resolution: [64, 64, 64, 150], time_rows: TimeRows::Fixed, multipliers: vec![1, 2, 4] }
     }
 }
 

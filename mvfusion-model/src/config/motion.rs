@@ -35,6 +35,11 @@ pub struct MotionConfig {
     /// Half window of the local variance in samples, and distance of the neighbour tokens in frames, `w` (A7, A8).
     /// Supplement, temporal window size: 3, 5, 7, 9.
     pub window: usize,
+    /// Whether `window` and `knots` go by the distinct times of the training views. Ours. The window is then the same
+    /// share of these times as `window` is of Neu3D's 300, rounded, at least 1 and at most `window`. Where there are
+    /// fewer times than `samples`, there are as many knots as `knot_stride` gives with all samples. A run writes the
+    /// numbers that it found into its configuration, with this switched off.
+    pub by_times: bool,
     /// Weights of the motion intensity (A9c), which is the last column of the signature. Supplement, fusion weights:
     /// five settings, among them `1, 0, 0`, which keeps the other columns and so is not
     /// `descriptor = "position_variance"`.
@@ -92,6 +97,7 @@ impl Default for MotionConfig {
             spread: Spread::Variance,
             in_extents: true,
             window: 5,
+            by_times: false,
             weights: FusionWeights::default(),
             decay: 0.99,
             zero_start: false,

@@ -19,7 +19,8 @@ impl Config {
     /// Stage lengths, learning-rate horizons, spherical-harmonics steps, the refresh interval `E`, and the intervals and
     /// ends of densification, pruning and resets all shrink alike; an interval is at least 1, Gaussians are added at most
     /// every 20 steps, and motion is measured and opacities are reset at most every 500. A run that is shortened also
-    /// learns faster and starts closer, as the keys `train.scale_*` say.
+    /// learns faster and starts closer, as the keys `train.scale_*` say. `train.scale_times` is not among them: it needs
+    /// the scene, see [`Config::for_times_of`].
     pub fn scaled(&self) -> Self {
         let mut scaled = self.clone();
         let factor = self.train.scale;

@@ -22,6 +22,10 @@ pub struct TrainConfig {
     /// A run that `scale` shortens strews only `scale` times as many dynamic Gaussians at random and puts the others on known
     /// points, with their colours: there is no time to carry them to where something is.
     pub scale_cloud: bool,
+    /// A run that `scale` shortens goes by the times of its scene as if `model.grid.time_rows` were `"by_times"` and
+    /// `motion.by_times` on: cells of which each is seen at few moments learn little in few steps. A run writes the
+    /// numbers that it found into its configuration, with this switched off.
+    pub scale_times: bool,
     /// Lengths of the three stages.
     pub stages: StageConfig,
     /// Views a step (DeGauss: 2 for video, 4 for photos).
@@ -69,6 +73,7 @@ impl Default for TrainConfig {
             scale_tail: 0.1,
             scale_octaves: 1,
             scale_cloud: true,
+            scale_times: true,
             stages: StageConfig::default(),
             batch_size: 2,
             accumulation: 1,

@@ -76,7 +76,8 @@ impl Branch {
         self.statistics = DensifyStatistics::new(&self.gaussians.means.val());
     }
 
-    /// Clones and splits the Gaussians with large gradients. Returns where the rows come from, or `None` if nothing changed.
+    /// Clones and splits the Gaussians with large gradients, up to `most` in all. Returns where the rows come from, or
+    /// `None` if nothing changed.
     ///
     /// # Errors
     /// If the device cannot hand its numbers back.
@@ -84,11 +85,13 @@ impl Branch {
         &mut self,
         threshold: f64,
         clone_size: f64,
+        most: usize,
         stream: &mut Stream,
     ) -> Result<Option<Growth>, ModelError> {
         let gradients: Vec<f64> = tensors::read(self.statistics.mean_gradients())?;
         let axes: Vec<f64> = tensors::read(self.plain(Attribute::LogScales).max_dim(1).exp())?;
-        let plan = DensifyPlan::new(&gradients, &axes, threshold, clone_size);
+        let room = most.saturating_sub(gradients.len());
+        let plan = DensifyPlan::new(&gradients, &axes, threshold, clone_size).limited(&gradients, room);
         let normals = (0..2 * plan.split.len())
             .map(|_| DVec3::from_array(std::array::from_fn(|_| stream.normal())))
             .collect::<Vec<_>>();

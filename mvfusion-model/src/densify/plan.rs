@@ -40,6 +40,26 @@ impl DensifyPlan {
         plan
     }
 
+    /// The plan with at most `room` further rows: of more candidates those with the largest `mean_gradients`, of equal
+    /// ones the lower row. A clone and a split each need one. The others stay as they are.
+    ///
+    /// Departure: 3DGS and DeGauss carry out the whole plan of a branch that is below its cap, so that it may end far
+    /// above.
+    pub fn limited(mut self, mean_gradients: &[f64], room: usize) -> Self {
+        let mut candidates: Vec<usize> = self.cloned.iter().chain(&self.split).copied().collect();
+        if candidates.len() <= room {
+            return self;
+        }
+        candidates.sort_by(|&a, &b| mean_gradients[b].total_cmp(&mean_gradients[a]).then(a.cmp(&b)));
+        let mut chosen = vec![false; mean_gradients.len()];
+        candidates.iter().take(room).for_each(|&row| chosen[row] = true);
+        self.cloned.retain(|&row| chosen[row]);
+        self.kept.extend(self.split.iter().filter(|&&row| !chosen[row]));
+        self.kept.sort_unstable();
+        self.split.retain(|&row| chosen[row]);
+        self
+    }
+
     /// Whether nothing changes.
     pub fn is_empty(&self) -> bool {
         self.cloned.is_empty() && self.split.is_empty()
@@ -132,6 +152,24 @@ mod tests {
         );
         assert_eq!(plan.sources(), [0, 2, 3, 0, 3, 1, 1]);
         assert_eq!(plan.added(), 4);
+    }
+
+    #[test]
+    fn where_there_is_little_room_the_largest_gradients_have_it() {
+        let (gradients, axes) = ([3.0, 5.0, 0.1, 5.0, 4.0, 5.0], [0.1, 0.9, 0.9, 0.2, 0.8, 0.9]);
+        let whole = DensifyPlan::new(&gradients, &axes, 0.5, 0.5);
+        assert_eq!(whole.clone().limited(&gradients, 5), whole, "there is room for all");
+        let rows = |room| {
+            let plan = whole.clone().limited(&gradients, room);
+            assert_eq!(plan.sources().len(), gradients.len() + room, "each needs one row");
+            (plan.kept, plan.cloned, plan.split)
+        };
+        // Row 0 goes first, then row 4, which is kept whole instead of split; of equals the higher rows.
+        assert_eq!(rows(4), (vec![0, 2, 3], vec![3], vec![1, 4, 5]));
+        assert_eq!(rows(3), (vec![0, 2, 3, 4], vec![3], vec![1, 5]));
+        assert_eq!(rows(2), (vec![0, 2, 3, 4, 5], vec![3], vec![1]));
+        assert_eq!(rows(1), (vec![0, 2, 3, 4, 5], vec![], vec![1]));
+        assert_eq!(rows(0), ((0..6).collect(), vec![], vec![]));
     }
 
     #[test]

@@ -8,8 +8,9 @@ use mvfusion_data::{Capture, Scene, View};
 
 use super::judge::{Judge, Pair, Regions, Verdict};
 use super::metrics::{MaskOverlap, RegionSource, TemporalDeviation, sequences};
+use super::protocol::Protocol;
 use super::render::{ViewPictures, render_view, view_renderer};
-use super::scores::{Evaluation, Scores, ViewScores};
+use super::scores::{Evaluation, HeldOutPhoto, Scores, ViewScores};
 use crate::ModelError;
 use crate::model::{Model, Movement, Surroundings};
 use crate::train::mask_tensor;
@@ -29,6 +30,16 @@ impl Split {
         match self {
             Self::Test => &scene.test,
             Self::Training => &scene.train,
+        }
+    }
+
+    /// What composed pictures of held-out photos show under a protocol; `None` for other views, whose moments were
+    /// trained on. A model of one branch has nothing but that branch to show.
+    fn composed_shows(self, capture: Capture, model: &Model, protocol: Protocol) -> Option<HeldOutPhoto> {
+        match (self, capture, &model.static_) {
+            (Self::Training, ..) | (_, Capture::Video, _) => None,
+            (Self::Test, Capture::Photos, None) => Some(HeldOutPhoto::AllBranches),
+            (Self::Test, Capture::Photos, Some(_)) => Some(protocol.held_out_photos()),
         }
     }
 
@@ -58,15 +69,22 @@ pub fn evaluate<E: From<ModelError>>(
 ) -> Result<Evaluation, E> {
     let views = split.views(scene);
     let renderer = view_renderer(model, movement, surroundings)?;
-    let mut scoring =
-        Scoring { split, capture: scene.capture, judge, source: region_source(views), overlap: MaskOverlap::default() };
+    let mut scoring = Scoring {
+        split,
+        capture: scene.capture,
+        composed_shows: split.composed_shows(scene.capture, model, judge.protocol()),
+        judge,
+        source: region_source(views),
+        overlap: MaskOverlap::default(),
+    };
     let mut scored: Vec<(usize, ViewScores)> = Vec::with_capacity(views.len());
     for sequence in sequences(views) {
         let varying = scoring.varying_pixels(sequence.iter().map(|&index| &views[index]))?;
         let mut before = None;
         for index in sequence {
             let view = &views[index];
-            let pictures = render_view(&renderer, view)?;
+            let moment = (scoring.composed_shows != Some(HeldOutPhoto::StaticBranch)).then_some(view.time);
+            let pictures = render_view(&renderer, view, moment)?;
             let (scores, pair) = scoring.score(view, &pictures, varying.as_ref(), before.as_ref())?;
             sink(index, view, &pictures)?;
             scored.push((index, ViewScores { view: view.name.clone(), scores }));
@@ -92,6 +110,7 @@ fn region_source(views: &[View]) -> RegionSource {
 struct Scoring<'a> {
     split: Split,
     capture: Capture,
+    composed_shows: Option<HeldOutPhoto>,
     judge: &'a Judge,
     source: RegionSource,
     overlap: MaskOverlap,
@@ -131,6 +150,7 @@ impl Scoring<'_> {
         let Verdict { whole, dynamic, still, temporal } = self.judge.judge(&pair, before, regions.as_ref())?;
         let mut scores = Scores {
             composed: whole,
+            composed_shows: self.composed_shows,
             dynamic_region: dynamic,
             still_region: still,
             region_source: regions.is_some().then_some(self.source),

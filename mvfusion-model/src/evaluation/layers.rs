@@ -103,12 +103,15 @@ impl<'a> LayerRenderer<'a> {
         Ok(Self { model, movement, surroundings, layers, heats, depths: None })
     }
 
-    /// Takes the scale of depth pictures from these cameras and times, so that all pictures have the same; without,
+    /// Takes the scale of depth pictures from these cameras and moments, so that all pictures have the same; without,
     /// each has its own.
     ///
     /// # Errors
     /// As [`LayerRenderer::render`].
-    pub fn with_depths_of(mut self, frames: impl IntoIterator<Item = (Camera, f64)>) -> Result<Self, ModelError> {
+    pub fn with_depths_of(
+        mut self,
+        frames: impl IntoIterator<Item = (Camera, Option<f64>)>,
+    ) -> Result<Self, ModelError> {
         let only_depth = Self { layers: vec![Layer::Depth], heats: Vec::new(), ..self.clone() };
         for (camera, time) in frames {
             for layer in only_depth.render(&camera, time)? {
@@ -127,11 +130,28 @@ impl<'a> LayerRenderer<'a> {
         &self.layers
     }
 
-    /// Renders a moment.
+    /// Renders a moment in `[0, 1]`, or without one what does not move: the static branch has the whole picture then, at
+    /// the brightness 1, and what shows the dynamic branch, its share or its motion is black.
     ///
     /// # Errors
-    /// If the splat op refuses its input.
-    pub fn render(&self, camera: &Camera, time: f64) -> Result<Vec<RenderedLayer>, ModelError> {
+    /// If the splat op refuses its input, or there is no moment and no static branch either.
+    pub fn render(&self, camera: &Camera, time: impl Into<Option<f64>>) -> Result<Vec<RenderedLayer>, ModelError> {
+        let seen = match time.into() {
+            Some(time) => self.at(camera, time)?,
+            None => self.without_moment(camera)?,
+        };
+        let rendered = |&layer: &Layer| match self.heats.iter().position(|heat| heat.layer == layer) {
+            Some(place) => {
+                let [shown, share] = seen.heat(place);
+                RenderedLayer { layer, values: share * self.heats[place].brightest, heat: Some(shown) }
+            }
+            None => RenderedLayer { layer, values: seen.layer(layer), heat: None },
+        };
+        Ok(self.layers.iter().map(rendered).collect())
+    }
+
+    /// Both branches at a time.
+    fn at(&self, camera: &Camera, time: f64) -> Result<Seen, ModelError> {
         let alive = AliveRows::of(&self.model.dynamic.gaussians, time)?;
         let moved = self.model.rows_at(alive.as_ref(), time, self.movement, self.surroundings);
         let of_rows = |features: Tensor<2>| match &alive {
@@ -145,16 +165,16 @@ impl<'a> LayerRenderer<'a> {
         let settings = self.surroundings.splat_settings(self.model.dynamic.sh_degree, false);
         let dynamic = moved.splat(features, None, camera, &settings, self.surroundings.background)?;
         let static_ = self.model.static_picture(camera, None, self.surroundings)?;
-        let seen = Seen::new(dynamic.main(), static_.map(|picture| picture.main()), first_heat);
+        Ok(Seen::new(dynamic.main(), static_.map(|picture| picture.main()), first_heat))
+    }
 
-        let rendered = |&layer: &Layer| match self.heats.iter().position(|heat| heat.layer == layer) {
-            Some(place) => {
-                let [shown, share] = seen.heat(place);
-                RenderedLayer { layer, values: share * self.heats[place].brightest, heat: Some(shown) }
-            }
-            None => RenderedLayer { layer, values: seen.layer(layer), heat: None },
-        };
-        Ok(self.layers.iter().map(rendered).collect())
+    /// The static branch alone.
+    fn without_moment(&self, camera: &Camera) -> Result<Seen, ModelError> {
+        let static_ = self.model.static_picture(camera, None, self.surroundings)?.ok_or(ModelError::Layer {
+            layer: Layer::Static,
+            reason: "without a moment only the static branch can be shown, and the model has none",
+        })?;
+        Ok(Seen::of_static(static_.main(), self.heats.len()))
     }
 
     /// A layer in 8 bits: colours, mask and alpha as they are, depths as grey by their inverse (near is white), motion
@@ -263,6 +283,19 @@ impl Seen {
         Self { dynamic, static_, blend, first_heat }
     }
 
+    /// What there is where the dynamic branch shows nothing; its features are black, `heats` layers of motion among them.
+    fn of_static(static_: SplatLayers, heats: usize) -> Self {
+        let nothing = static_.alpha.zeros_like();
+        let dynamic = SplatLayers {
+            colour: static_.colour.zeros_like(),
+            features: Some(nothing.clone().repeat_dim(0, MASK_CHANNELS + HEAT_CHANNELS * heats)),
+            alpha: nothing.clone(),
+            depth: nothing,
+        };
+        let blend = Some(Composition::of_static(static_.colour.clone().unsqueeze_dim(0)));
+        Self { dynamic, static_: Some(static_), blend, first_heat: MASK_CHANNELS }
+    }
+
     /// A layer that is no motion.
     fn layer(&self, layer: Layer) -> Tensor<3> {
         let single = || self.dynamic.colour.clone().clamp(0.0, 1.0);
@@ -355,6 +388,25 @@ mod tests {
             assert_close(seen.layer(Layer::Alpha), [1.0, 0.875, 0.75]);
             // (0.25 a 2 + 0.75 4) / (0.25 a + 0.75) for the alphas 1, 0.5 and 0.
             assert_close(seen.layer(Layer::Depth), [3.5, 3.25 / 0.875, 4.0]);
+        });
+    }
+
+    #[test]
+    fn without_a_moment_the_static_branch_has_the_whole_picture() {
+        for_each_device(|device| {
+            let bright = row([0.25, 1.5, 0.5], &device).repeat_dim(0, 3);
+            let static_ = SplatLayers { colour: bright, ..branch([1.0, 0.5, 0.0], [3.0, 2.0, 0.0], None, &device) };
+            let seen = Seen::of_static(static_, 1);
+            let red = |layer: Layer| seen.layer(layer).narrow(0, 0, 1);
+            assert_eq!(values(red(Layer::Composed)), [0.25, 1.0, 0.5]);
+            assert_eq!(values(red(Layer::MaskedStatic)), [0.25, 1.0, 0.5]);
+            assert_eq!(values(red(Layer::Static)), [0.25, 1.5, 0.5], "as it is, without a clamp");
+            for layer in [Layer::Dynamic, Layer::Mask, Layer::MaskedDynamic] {
+                assert_eq!(values(red(layer)), [0.0; 3], "{layer}");
+            }
+            assert_close(seen.layer(Layer::Depth), [3.0, 2.0, 0.0]);
+            assert_close(seen.layer(Layer::Alpha), [1.0, 0.5, 0.0]);
+            assert!(seen.heat(0).into_iter().all(|plane| values(plane) == [0.0; 3]));
         });
     }
 

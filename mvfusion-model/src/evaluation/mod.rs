@@ -24,5 +24,5 @@ pub use metrics::{
 };
 pub use protocol::{Precision, Protocol};
 pub use render::{BranchLayers, ViewPictures};
-pub use scores::{Evaluation, LayerScores, Scores, ViewScores};
+pub use scores::{Evaluation, HeldOutPhoto, LayerScores, Scores, ViewScores};
 pub use speed::{Speed, WARM_UP, measure_speed};

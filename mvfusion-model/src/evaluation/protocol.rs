@@ -4,6 +4,7 @@ use std::str::FromStr;
 
 use super::figure::Figure;
 use super::metrics::lpips::LpipsVariant;
+use super::scores::HeldOutPhoto;
 
 /// A way of scoring pictures that some body of results shares. All of them average figures of single views (never
 /// errors of all views together), and score the last iteration.
@@ -89,12 +90,12 @@ impl Protocol {
     pub fn statement(self) -> &'static str {
         match self {
             Self::Mvfusion => {
-                "mvfusion-2: last iteration; PSNR of 8-bit pictures, mean over views; SSIM 11x11 sigma 1.5 zero-padded \
+                "mvfusion-3: last iteration; PSNR of 8-bit pictures, mean over views; SSIM 11x11 sigma 1.5 zero-padded \
                  and LPIPS on unrounded pictures, LPIPS of networks fed [-1,1] but where raw ([0,1]) is said; \
                  MS-SSIM of pytorch-msssim; T-LPIPS = mean |LPIPS(pictures) - LPIPS(photos)| of consecutive frames; \
                  dynamic region from given masks, else temporal standard deviation > 0.02 grown by 3 px, figures \
                  inside and outside are means of maps; mask IoU pooled at 0.5; pixels that a view's mask ignores are \
-                 black"
+                 black; composed pictures of held-out photos are the static branch"
             }
             Self::DeGauss => {
                 "degauss: last iteration; everything on 8-bit pictures, rounded, mean over views; SSIM 11x11 sigma 1.5 \
@@ -110,6 +111,15 @@ impl Protocol {
                  without the 5-pixel border; LPIPS by alex and by vgg fed [-1,1]; pixels that a view's mask ignores \
                  are black"
             }
+        }
+    }
+
+    /// What composed pictures of held-out photos show, of a model of two branches. Ours are clean views; the others
+    /// score what the method renders for the photo's time.
+    pub fn held_out_photos(self) -> HeldOutPhoto {
+        match self {
+            Self::Mvfusion => HeldOutPhoto::StaticBranch,
+            Self::DeGauss | Self::ThreeDgs | Self::NerfBaselines => HeldOutPhoto::AllBranches,
         }
     }
 

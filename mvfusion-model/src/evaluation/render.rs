@@ -75,12 +75,16 @@ pub(super) fn view_renderer<'a>(
     LayerRenderer::as_trained(model, movement, surroundings, &wanted)
 }
 
-/// Renders a view by what [`view_renderer`] made.
+/// Renders a view by what [`view_renderer`] made, at a moment or without one (see [`LayerRenderer::render`]).
 ///
 /// # Errors
 /// If the device fails or an op refuses its input.
-pub(super) fn render_view(renderer: &LayerRenderer<'_>, view: &View) -> Result<ViewPictures, ModelError> {
-    let rendered = renderer.render(&view.camera, view.time)?;
+pub(super) fn render_view(
+    renderer: &LayerRenderer<'_>,
+    view: &View,
+    moment: Option<f64>,
+) -> Result<ViewPictures, ModelError> {
+    let rendered = renderer.render(&view.camera, moment)?;
     let of = |layer: Layer| rendered.iter().find(|rendered| rendered.layer == layer);
     let picture = |layer: Layer| of(layer).map(|rendered| renderer.picture(rendered)).transpose();
     let tensor = |layer: Layer| of(layer).map(|rendered| rendered.values.clone().unsqueeze_dim::<4>(0));

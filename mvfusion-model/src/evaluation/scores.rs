@@ -40,11 +40,24 @@ pub struct LayerScores {
     pub lpips_vgg_raw: Option<f64>,
 }
 
+/// What the composed picture of a held-out photo shows. Its moment was not trained on: a photo has a moment of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum HeldOutPhoto {
+    /// The static branch alone, at the brightness 1: a clean view.
+    StaticBranch,
+    /// All branches at the photo's time, in which what moves is that of the photos before and after it, if anything.
+    AllBranches,
+}
+
 /// Figures of a set of views.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Scores {
     /// The blended picture against the photo.
     pub composed: LayerScores,
+    /// What the composed pictures show, where the views are held-out photos. Else they show the view's moment.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub composed_shows: Option<HeldOutPhoto>,
     /// The static branch against the clean background.
     #[serde(rename = "static", skip_serializing_if = "Option::is_none", default)]
     pub static_: Option<LayerScores>,
@@ -115,6 +128,7 @@ impl Scores {
         };
         Self {
             composed: layer(|scores| Some(scores.composed)).unwrap_or_default(),
+            composed_shows: views.iter().find_map(|view| view.scores.composed_shows),
             static_: layer(|scores| scores.static_),
             dynamic_region: layer(|scores| scores.dynamic_region),
             still_region: layer(|scores| scores.still_region),

@@ -32,12 +32,14 @@ pub struct Trainer {
 }
 
 impl Trainer {
-    /// A trainer before its first step. `config` counts real steps: `train.scale` was applied already.
+    /// A trainer before its first step. `config` counts real steps: `train.scale` was applied already. What goes by the
+    /// scene's times is found here if [`Config::for_times_of`] was not called; [`Trainer::config`] has it.
     ///
     /// # Errors
     /// If the configuration cannot be trained.
     pub fn new(config: Config, scene: &Scene, device: &Device) -> Result<Self, ModelError> {
         config.check()?;
+        let config = config.for_times_of(scene);
         let device = device.clone().autodiff();
         let state = TrainState::new(&config, scene, &device)?;
         Ok(Self::with_state(config, scene, &device, state))
@@ -167,7 +169,7 @@ impl Trainer {
         final_movement(&self.config)
     }
 
-    /// The configuration.
+    /// The configuration that the state was made by, and under which a checkpoint of it is loaded.
     pub fn config(&self) -> &Config {
         &self.config
     }

@@ -91,7 +91,8 @@ impl BranchTurn<'_> {
     fn densify(&mut self, gradients: &mut GaussianGradients) -> Result<(), ModelError> {
         let before = self.branch.gaussians.count();
         let clone_size = self.config.densify.clone_below * self.extent;
-        if let Some(growth) = self.branch.densify(self.threshold(), clone_size, self.stream)? {
+        let most = self.limits.max_gaussians;
+        if let Some(growth) = self.branch.densify(self.threshold(), clone_size, most, self.stream)? {
             self.census.added += growth.sources.len() - before;
             self.rows_moved(&growth.sources);
             if let Some(moving) = self.moving.as_mut().filter(|_| !self.config.motion.inherit) {

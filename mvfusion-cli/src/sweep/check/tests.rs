@@ -52,6 +52,7 @@ fn the_names_that_are_known_are_those_of_a_run_that_has_everything() {
         static_: Some(with_lpips(whole)),
         dynamic_region: dynamic.map(with_lpips),
         still_region: still.map(with_lpips),
+        composed_shows: None,
         region_source: None,
         mask_iou: Some(0.5),
         temporal: Some(temporal),
