@@ -15,7 +15,7 @@ use crate::{ModelError, tensors};
 /// Colour of a Gaussian is `0.5 + SH_C0 * dc` where no direction counts.
 pub const SH_C0: f64 = 0.282_094_791_773_878_14;
 
-/// Background of the features: "near black" (METHOD §1.2).
+/// Background of the features that are no mask: "near black" (METHOD §1.2).
 const FEATURE_BACKGROUND: f64 = 1e-7;
 
 /// Opacities nearer to 0 or 1 than this are written as this, so that their logits are finite; no 8-bit picture tells.
@@ -109,6 +109,15 @@ impl fmt::Display for Attribute {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())
     }
+}
+
+/// What is seen where no Gaussian is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Behind {
+    /// Level of the colour channels.
+    pub grey: f64,
+    /// Mask probabilities in the order brightness, static, dynamic.
+    pub masks: [f64; 3],
 }
 
 /// Raw attributes as tensors, ready to be rendered: canonical or deformed.
@@ -317,7 +326,7 @@ impl RawGaussians {
         })
     }
 
-    /// The picture of these Gaussians and `features` (`[N, F]`, activated), over a grey of the given level.
+    /// The picture of these Gaussians and `features` (`[N, F]`, activated), over what `behind` says.
     ///
     /// # Errors
     /// If the splat op refuses its input.
@@ -327,14 +336,13 @@ impl RawGaussians {
         probe: Option<Tensor<2>>,
         camera: &Camera,
         settings: &SplatSettings,
-        background: f64,
+        behind: Behind,
     ) -> Result<SplatPicture, splat::SplatError> {
-        let full =
-            |channels, level| Tensor::full([channels], level, (&self.means.device().inner(), self.means.dtype()));
-        let mut background = full(3, background);
-        if let Some(features) = &features {
-            background = Tensor::cat(vec![background, full(features.dims()[1], FEATURE_BACKGROUND)], 0);
-        }
+        let width = features.as_ref().map_or(0, |features| features.dims()[1]);
+        let masks = self.mask_logits.as_ref().map_or([].as_slice(), |_| &behind.masks);
+        let others = std::iter::repeat(&FEATURE_BACKGROUND);
+        let levels: Vec<f64> = [behind.grey; 3].iter().chain(masks.iter().chain(others).take(width)).copied().collect();
+        let background = tensors::from_data_like(TensorData::new(levels, [3 + width]), &self.means);
         let count = self.means.dims()[0];
         let inputs = SplatInputs {
             means: self.means,

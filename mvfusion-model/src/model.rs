@@ -9,7 +9,7 @@ use crate::ModelError;
 use crate::alive::AliveRows;
 use crate::config::MotionConfig;
 use crate::densify::Branch;
-use crate::gaussians::{Gaussians, RawGaussians};
+use crate::gaussians::{Behind, Gaussians, RawGaussians};
 use crate::motion::{MotionCache, MotionRefinement, RefinementConfig};
 use crate::network::DeformationNetwork;
 use crate::timeline::Timeline;
@@ -42,8 +42,8 @@ pub struct Surroundings {
     pub mask_gradient: bool,
     /// Depth before which nothing is drawn, world units.
     pub near: f64,
-    /// Level of the colour channels behind all Gaussians.
-    pub background: f64,
+    /// What is seen where no Gaussian is.
+    pub behind: Behind,
 }
 
 /// How far the dynamic Gaussians are moved.
@@ -164,18 +164,16 @@ impl Model {
         probes: Option<&Probes>,
         surroundings: &Surroundings,
     ) -> Result<BranchPictures, ModelError> {
-        let background = surroundings.background;
         let alive = AliveRows::of(&self.dynamic.gaussians, time)?;
         let moved = self.rows_at(alive.as_ref(), time, movement, surroundings);
-        let foreground = moved.foreground_probability();
+        let mut foreground = moved.foreground_probability();
         let features = moved.mask_features();
         let settings = surroundings.splat_settings(self.dynamic.sh_degree, surroundings.mask_gradient);
         let probe = probes.map(|probes| match &alive {
             Some(alive) => probes.dynamic.clone().select(0, alive.rows().clone()),
             None => probes.dynamic.clone(),
         });
-        let mut dynamic = moved.splat(features, probe, camera, &settings, background)?;
-        let mut foreground = foreground;
+        let mut dynamic = moved.splat(features, probe, camera, &settings, surroundings.behind)?;
         if let Some(alive) = &alive {
             dynamic.radii = alive.among_all_int(dynamic.radii);
             foreground = foreground.map(|probability| alive.among_all(probability));
@@ -195,7 +193,7 @@ impl Model {
         let Some(branch) = &self.static_ else { return Ok(None) };
         let settings = surroundings.splat_settings(branch.sh_degree, false);
         let still = branch.gaussians.canonical();
-        Ok(Some(still.splat(None, probe, camera, &settings, surroundings.background)?))
+        Ok(Some(still.splat(None, probe, camera, &settings, surroundings.behind)?))
     }
 }
 

@@ -23,6 +23,13 @@ pub struct LossConfig {
     pub static_above: f64,
     /// The same for the dynamic branch; 0 makes it learn all of the picture, whatever the mask.
     pub dynamic_above: f64,
+    /// Whether the dynamic branch learns where something was seen to move, and where its share is above a half, instead of
+    /// where `dynamic_above` says; where cameras stand still and film the same moments. Ours: a branch that is asked for the
+    /// whole picture spends its Gaussians on a blur of the room.
+    pub dynamic_where_moving: bool,
+    /// Weight that holds the mask open where something was seen to move: the mean of `(1 - mask) moving` (light loss). Ours:
+    /// a mask that closes over a blur does not come back.
+    pub mask_motion: f64,
     /// Weight of the spatial planes' second differences.
     pub plane_smooth: f64,
     /// Weight of the time planes' second differences.
@@ -64,6 +71,8 @@ impl Default for LossConfig {
             branch_l1: 2.0,
             static_above: 0.51,
             dynamic_above: 0.51,
+            dynamic_where_moving: false,
+            mask_motion: 0.0,
             plane_smooth: 2e-4,
             time_smooth: 1e-3,
             time_l1: 1e-4,

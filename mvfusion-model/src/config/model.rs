@@ -11,6 +11,8 @@ pub struct ModelConfig {
     pub branches: Branches,
     /// What is seen where no Gaussian is.
     pub background: Background,
+    /// Whom a pixel belongs to that no dynamic Gaussian covers.
+    pub uncovered: Uncovered,
     /// Whether the dynamic Gaussians move at all; switched off for comparison only.
     pub deformation: bool,
     /// Whether opacities change over time (4DGS' `no_do`, inverted).
@@ -44,6 +46,30 @@ pub enum Branches {
     Dynamic,
 }
 
+/// Whom a pixel belongs to that no dynamic Gaussian covers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Uncovered {
+    /// Half to each branch, and the static one at half its brightness (DeGauss: near black in every channel of the
+    /// mask; METHOD §1.2). So dynamic Gaussians have to cover the whole picture.
+    Undecided,
+    /// The static branch, as it is. Ours: so dynamic Gaussians can be where something moves.
+    Static,
+}
+
+impl Uncovered {
+    /// Mask probabilities behind all Gaussians: brightness, static, dynamic.
+    pub fn masks(self) -> [f64; 3] {
+        /// Near black (METHOD §1.2).
+        const NOTHING: f64 = 1e-7;
+        match self {
+            Self::Undecided => [NOTHING; 3],
+            // A brightness of a half leaves the static branch as it is (METHOD §1.3, step 3).
+            Self::Static => [0.5, 1.0, NOTHING],
+        }
+    }
+}
+
 /// The colour behind all Gaussians.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -69,6 +95,7 @@ impl Default for ModelConfig {
         Self {
             branches: Branches::Both,
             background: Background::Black,
+            uncovered: Uncovered::Undecided,
             deformation: true,
             deform_opacity: true,
             deform_sh: true,
@@ -92,6 +119,8 @@ pub struct GridConfig {
     pub resolution: [usize; 4],
     /// What the cells in time go by (4DGS, DeGauss: `"fixed"`).
     pub time_rows: TimeRows,
+    /// What the grid spans.
+    pub bounds: GridBoundsRule,
     /// Factors of the spatial resolution, one a scale; time keeps its resolution.
     pub multipliers: Vec<usize>,
 }
@@ -109,9 +138,20 @@ pub enum TimeRows {
     ByTimes,
 }
 
+/// What the HexPlane grid spans. What lies outside is clamped and moves as the border does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GridBoundsRule {
+    /// The dynamic branch before the first step, without a margin (DeGauss).
+    Cloud,
+    /// What moves, with a margin, where `init.motion_points` finds it; else as `cloud`. Ours: cells are of use where
+    /// something moves, and a room is a hundred times as large.
+    Motion,
+}
+
 impl Default for GridConfig {
     fn default() -> Self {
-        Self { features: 16, resolution: [64, 64, 64, 150], time_rows: TimeRows::Fixed, multipliers: vec![1, 2, 4] }
+        Self { features: 16, bounds: GridBoundsRule::Cloud, resolution: [64, 64, 64, 150], time_rows: TimeRows::Fixed, multipliers: vec![1, 2, 4] }
     }
 }
 

@@ -163,7 +163,7 @@ impl<'a> LayerRenderer<'a> {
         let features: Vec<_> = masks.into_iter().chain(self.heats.iter().map(|heat| of_rows(heat.features.clone()))).collect();
         let features = (!features.is_empty()).then(|| Tensor::cat(features, 1));
         let settings = self.surroundings.splat_settings(self.model.dynamic.sh_degree, false);
-        let dynamic = moved.splat(features, None, camera, &settings, self.surroundings.background)?;
+        let dynamic = moved.splat(features, None, camera, &settings, self.surroundings.behind)?;
         let static_ = self.model.static_picture(camera, None, self.surroundings)?;
         Ok(Seen::new(dynamic.main(), static_.map(|picture| picture.main()), first_heat))
     }

@@ -2,6 +2,7 @@
 //! other programs.
 
 mod gaussians;
+mod motion;
 mod neighbours;
 mod points;
 
@@ -10,6 +11,7 @@ use std::path::Path;
 use mvfusion_data::{GaussianCloud, Lifetime, PointCloud, Scene};
 
 pub use gaussians::{Masking, cloud_on, gaussians_of, gaussians_on};
+pub use motion::{MotionPoints, SceneMotion};
 pub use neighbours::mean_squared_distances;
 
 use crate::ModelError;
@@ -28,17 +30,6 @@ pub struct InitialClouds {
     pub static_: Option<GaussianCloud>,
     /// The dynamic branch.
     pub dynamic: GaussianCloud,
-}
-
-/// Points on what moves, each seen at one moment.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct MotionPoints {
-    /// Where, and in what colour.
-    pub points: PointCloud,
-    /// When, in the time of the views; one for each point.
-    pub times: Vec<f64>,
-    /// Time between two frames.
-    pub frame: f64,
 }
 
 impl InitialClouds {

@@ -22,6 +22,10 @@ pub fn light_loss(pictures: &Pictures, log_scales: [Tensor<2>; 2], context: &Los
     if schedule.entropy() && config.entropy > 0.0 {
         loss = loss + entropy(blend.mask.clone()) * config.entropy;
     }
+    if let Some(moving) = context.moving.filter(|_| config.mask_motion > 0.0) {
+        let closed = (-blend.mask.clone() + 1.0) * Tensor::from_inner(moving.clone());
+        loss = loss + closed.mean() * config.mask_motion;
+    }
     for log_scales in log_scales {
         if config.large > 0.0 {
             loss = loss + large(log_scales.clone(), context.extent) * config.large;

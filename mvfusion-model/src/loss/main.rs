@@ -41,9 +41,17 @@ fn geometry_terms(pictures: &Pictures, context: &LossContext<'_>) -> Tensor<1> {
         blend.mask.clone() * blend.dynamic.clone() + blend.static_mask.clone() * still_lit
     };
     let window = &context.windows.ssim;
-    (l1(mixed, photos.clone() * GEOMETRY_DARKENING) + l1(blend.lit.clone(), photos.clone())) * config.main
-        + (dssim(blend.lit.clone(), photos.clone(), window) + dssim(blend.dynamic.clone(), photos.clone(), window))
-            * config.geometry_dssim
+    let darkened = photos.clone() * GEOMETRY_DARKENING;
+    let (colour, structure) = match context.dynamic_region() {
+        Some(moving) => {
+            let moving = Tensor::from_inner(moving.clone());
+            let structure = masked_dssim(blend.dynamic.clone(), photos.clone(), moving.clone(), window);
+            (l1(mixed * moving.clone(), darkened * moving), structure)
+        }
+        None => (l1(mixed, darkened), dssim(blend.dynamic.clone(), photos.clone(), window)),
+    };
+    (colour + l1(blend.lit.clone(), photos.clone())) * config.main
+        + (dssim(blend.lit.clone(), photos.clone(), window) + structure) * config.geometry_dssim
 }
 
 /// Depth order of the branches and smoothness of the background's depth (METHOD §4.4, terms 1 to 3).
@@ -82,12 +90,15 @@ fn branch_terms(pictures: &Pictures, context: &LossContext<'_>) -> Option<Tensor
         terms.push(alike * config.penalize_dynamic);
     }
     if config.branch_dssim > 0.0 || config.branch_l1 > 0.0 {
+        let dynamic_answers = match context.dynamic_region() {
+            Some(moving) => above(&blend.mask, DYNAMIC).max_pair(moving.clone()),
+            None => above(&blend.mask, config.dynamic_above),
+        };
         let branches = [
-            (&blend.dynamic, &blend.mask, config.dynamic_above),
-            (&blend.lit, &blend.static_mask, config.static_above),
+            (&blend.dynamic, dynamic_answers),
+            (&blend.lit, above(&blend.static_mask, config.static_above)),
         ];
-        for (picture, share, bound) in branches {
-            let answers = above(share, bound);
+        for (picture, answers) in branches {
             let structure = masked_dssim(picture.clone(), photos.clone(), answers.clone(), &context.windows.ssim);
             let colour = l1(picture.clone() * answers.clone(), photos.clone() * answers);
             terms.push(structure * config.branch_dssim + colour * config.branch_l1);

@@ -59,6 +59,8 @@ pub fn within(picture: Tensor<4>, counted: Option<&Tensor<4>>) -> Tensor<4> {
 pub struct LossContext<'a> {
     /// The photos, black where they do not count: `[B, 3, H, W]` in `[0, 1]`.
     pub photos: &'a Tensor<4>,
+    /// 1 where something was seen to move, else 0: `[B, 1, H, W]`; absent if nothing is known.
+    pub moving: Option<&'a Tensor<4>>,
     /// Weights.
     pub config: &'a crate::config::LossConfig,
     /// Where training stands.
@@ -67,6 +69,13 @@ pub struct LossContext<'a> {
     pub extent: f64,
     /// The windows of the structural terms.
     pub windows: &'a Windows,
+}
+
+impl LossContext<'_> {
+    /// Where the dynamic branch learns whatever its mask says, if the configuration leaves that to motion and it is known.
+    fn dynamic_region(&self) -> Option<&Tensor<4>> {
+        self.moving.filter(|_| self.config.dynamic_where_moving)
+    }
 }
 
 /// The two Gaussian windows of the structural terms.

@@ -2,17 +2,24 @@
 
 use burn::tensor::{Device, Tensor, TensorData};
 use image::{GrayImage, RgbImage};
+use mvfusion_data::motion::MovingPixels;
 use mvfusion_data::{Camera, Decoded, PictureCache, Scene};
 use serde::{Deserialize, Serialize};
 
 use crate::ModelError;
+use crate::evaluation::dilate;
 use crate::random::Stream;
+
+/// Pixels by which what was seen to move is grown before the losses see it: edges are blends of both branches.
+const MOTION_REACH: usize = 2;
 
 /// The training views.
 #[derive(Debug)]
 pub struct Photos {
     views: Vec<Photo>,
     pictures: PictureCache,
+    /// Which of their pixels move, where the losses ask for that.
+    moving: Option<MovingPixels>,
 }
 
 /// One training view.
@@ -31,6 +38,8 @@ pub struct Batch {
     pub photos: Tensor<4>,
     /// 1 where they count, else 0: `[B, 1, H, W]`; absent if they count everywhere.
     pub counted: Option<Tensor<4>>,
+    /// 1 where something was seen to move, grown by some pixels, else 0: `[B, 1, H, W]`; absent if nothing is known.
+    pub moving: Option<Tensor<4>>,
 }
 
 impl Photos {
@@ -38,7 +47,17 @@ impl Photos {
     /// pictures have one size, as batches need, the readers see to.
     pub fn new(scene: &Scene, budget: u64) -> Self {
         let views = scene.train.iter().map(|view| Photo { camera: view.camera, time: view.time }).collect();
-        Self { views, pictures: PictureCache::new(&scene.train, budget, rayon::current_num_threads()) }
+        Self { views, pictures: PictureCache::new(&scene.train, budget, rayon::current_num_threads()), moving: None }
+    }
+
+    /// The same with what is known of their motion.
+    pub fn with_motion(self, moving: Option<MovingPixels>) -> Self {
+        Self { moving, ..self }
+    }
+
+    /// What is known of their motion.
+    pub fn into_motion(self) -> Option<MovingPixels> {
+        self.moving
     }
 
     /// The pictures.
@@ -69,14 +88,22 @@ impl Photos {
         let decoded = indices.iter().map(|&index| self.pictures.get(index)).collect::<Result<Vec<_>, _>>()?;
         let photos = Tensor::cat(decoded.iter().map(|photo| picture_tensor(&photo.rgb, device)).collect(), 0);
         if decoded.iter().all(|photo| photo.counted.is_none()) {
-            return Ok(Batch { photos, counted: None });
+            return Ok(Batch { photos, counted: None, moving: self.moving_tensor(indices, device) });
         }
         let mask = |photo: &Decoded| match &photo.counted {
             Some(mask) => mask_tensor(mask, device),
             None => Tensor::ones([1, 1, photo.rgb.height() as usize, photo.rgb.width() as usize], &inner(device)),
         };
         let counted = Tensor::cat(decoded.iter().map(mask).collect(), 0);
-        Ok(Batch { photos: photos * counted.clone(), counted: Some(counted) })
+        let moving = self.moving_tensor(indices, device).map(|moving| moving * counted.clone());
+        Ok(Batch { photos: photos * counted.clone(), counted: Some(counted), moving })
+    }
+
+    /// [`Batch::moving`] of the given views.
+    fn moving_tensor(&self, indices: &[usize], device: &Device) -> Option<Tensor<4>> {
+        let moving = self.moving.as_ref()?;
+        let masks = indices.iter().map(|&index| Some(mask_tensor(&dilate(&moving.mask(index)?, MOTION_REACH), device)));
+        Some(Tensor::cat(masks.collect::<Option<Vec<_>>>()?, 0))
     }
 }
 

@@ -6,9 +6,9 @@ use mvfusion_data::{GaussianCloud, Scene};
 use mvfusion_render::grid::GridBounds;
 
 use crate::ModelError;
-use crate::config::{Branches, Config};
+use crate::config::{Branches, Config, GridBoundsRule};
 use crate::densify::{Branch, Census};
-use crate::initial::{InitialClouds, Masking, gaussians_of};
+use crate::initial::{InitialClouds, Masking, MotionPoints, gaussians_of};
 use crate::model::Model;
 use crate::motion::{MotionRefinement, Normalisers};
 use crate::network::{DeformationConfig, LayerInit};
@@ -42,14 +42,20 @@ pub struct TrainState {
 }
 
 impl TrainState {
-    /// The state before the first step. Parameters are made on `device`, which must record gradients.
+    /// The state before the first step, where `motion` was seen. Parameters are made on `device`, which must record gradients.
     ///
     /// # Errors
     /// If the configuration leaves a branch without Gaussians, or names a file of Gaussians that cannot be used.
-    pub fn new(config: &Config, scene: &Scene, device: &Device) -> Result<Self, ModelError> {
+    pub fn new(
+        config: &Config,
+        scene: &Scene,
+        motion: Option<&MotionPoints>,
+        device: &Device,
+    ) -> Result<Self, ModelError> {
         let mut streams = Streams::new(config.seed);
-        let clouds = InitialClouds::draw(scene, None, config, &mut streams.clouds)?;
-        let bounds = grid_bounds(&clouds.dynamic).ok_or(ModelError::Config {
+        let clouds = InitialClouds::draw(scene, motion, config, &mut streams.clouds)?;
+        let of_motion = motion.filter(|_| config.model.grid.bounds == GridBoundsRule::Motion);
+        let bounds = of_motion.and_then(MotionPoints::bounds).or_else(|| grid_bounds(&clouds.dynamic)).ok_or(ModelError::Config {
             key: "init.dynamic_points",
             value: config.init.dynamic_points.to_string(),
             reason: "the dynamic branch needs at least one Gaussian to start from; give a number above 0",

@@ -98,7 +98,7 @@ impl Trainer {
         position: &Position,
     ) -> Result<(Tensor<1>, StepLoss), ModelError> {
         let model = &self.state.model;
-        let context = self.loss_context(&batch.photos, position);
+        let context = self.loss_context(batch, position);
         let counted = batch.counted.as_ref();
         let (mut total, composed) = match &model.static_ {
             Some(static_) => {
@@ -128,10 +128,11 @@ impl Trainer {
         Ok((total, loss))
     }
 
-    fn loss_context<'a>(&'a self, photos: &'a Tensor<4>, position: &Position) -> LossContext<'a> {
+    fn loss_context<'a>(&'a self, batch: &'a Batch, position: &Position) -> LossContext<'a> {
         let config = &self.config;
         LossContext {
-            photos,
+            photos: &batch.photos,
+            moving: batch.moving.as_ref(),
             config: &config.loss,
             schedule: LossSchedule {
                 geometry: position.stage == Stage::Geometry,

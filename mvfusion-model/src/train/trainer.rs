@@ -2,6 +2,7 @@
 
 use burn::tensor::Device;
 use mvfusion_data::Scene;
+use mvfusion_data::motion::MovingPixels;
 use mvfusion_render::splat::SplatRules;
 
 use super::finite::Findings;
@@ -9,6 +10,8 @@ use super::step::Forward;
 use super::{Photos, Position, Stage, StepLoss, TrainState};
 use crate::config::Config;
 use crate::densify::Branch;
+use crate::gaussians::Behind;
+use crate::initial::SceneMotion;
 use crate::loss::Windows;
 use crate::model::{Movement, Surroundings};
 use crate::timeline::Timeline;
@@ -41,14 +44,29 @@ impl Trainer {
         config.check()?;
         let config = config.for_times_of(scene);
         let device = device.clone().autodiff();
-        let state = TrainState::new(&config, scene, &device)?;
-        Ok(Self::with_state(config, scene, &device, state))
+        let motion = SceneMotion::find(scene, &config)?;
+        let state = TrainState::new(&config, scene, motion.points.as_ref(), &device)?;
+        Ok(Self::assembled(config, scene, motion.moving, &device, state))
     }
 
     /// A trainer that goes on from a state.
-    pub fn with_state(config: Config, scene: &Scene, device: &Device, state: TrainState) -> Self {
+    ///
+    /// # Errors
+    /// If a picture cannot be read.
+    pub fn with_state(config: Config, scene: &Scene, device: &Device, state: TrainState) -> Result<Self, ModelError> {
+        let moving = SceneMotion::moving(scene, &config)?;
+        Ok(Self::assembled(config, scene, moving, device, state))
+    }
+
+    fn assembled(
+        config: Config,
+        scene: &Scene,
+        moving: Option<MovingPixels>,
+        device: &Device,
+        state: TrainState,
+    ) -> Self {
         let surroundings = Surroundings::new(&config, scene);
-        let photos = Photos::new(scene, IMAGE_CACHE);
+        let photos = Photos::new(scene, IMAGE_CACHE).with_motion(moving);
         Self { config, surroundings, photos, windows: Windows::default(), device: device.clone(), state }
     }
 
@@ -57,7 +75,7 @@ impl Trainer {
     /// # Errors
     /// If one of them cannot be read then.
     pub fn with_image_cache(self, scene: &Scene, budget: u64) -> Result<Self, ModelError> {
-        let photos = Photos::new(scene, budget);
+        let photos = Photos::new(scene, budget).with_motion(self.photos.into_motion());
         photos.pictures().fill()?;
         Ok(Self { photos, ..self })
     }
@@ -204,7 +222,7 @@ impl Surroundings {
             extent: scene.extent(),
             motion: config.motion.clone(),
             mask_gradient: config.densify.mask_gradient,
-            background: config.model.background.level(),
+            behind: Behind { grey: config.model.background.level(), masks: config.model.uncovered.masks() },
             near: SplatRules::inria().near.max(config.model.near_share * scene.near.unwrap_or(0.0)),
         }
     }

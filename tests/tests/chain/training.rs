@@ -147,7 +147,7 @@ pub fn interrupted(config: &Config, pauses: &[usize], scene: &Scene, device: &De
         trainer.state().save(&path).expect("the state can be saved");
         let device = device.clone().autodiff();
         let state = TrainState::load(&path, config, &device).expect("the state can be loaded");
-        trainer = Trainer::with_state(config.clone(), scene, &device, state);
+        trainer = Trainer::with_state(config.clone(), scene, &device, state).expect("the run can go on");
     }
     train(&mut trainer);
     trainer

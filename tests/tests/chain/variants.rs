@@ -140,7 +140,7 @@ fn complaint(attribute: Attribute, value: f64) -> String {
     state.model.dynamic.gaussians.replace(attribute, Tensor::cat(vec![spoilt, rest], 0));
     let mut config = config();
     config.train.log_interval = 1;
-    let mut trainer = Trainer::with_state(config, &scene(), &device.autodiff(), state);
+    let mut trainer = Trainer::with_state(config, &scene(), &device.autodiff(), state).expect("the run can go on");
     trainer.step().expect_err("a spoilt run stops").to_string()
 }
 

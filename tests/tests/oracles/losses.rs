@@ -221,7 +221,7 @@ fn total(name: &str, inputs: &Inputs, scene: &Scene, stage: Stage) -> Result<Ten
         brightness_end: config.brightness_end,
     };
     let context =
-        LossContext { photos: &scene.photos, config: &config, schedule, extent: scene.extent, windows: &scene.windows };
+        LossContext { photos: &scene.photos, moving: None, config: &config, schedule, extent: scene.extent, windows: &scene.windows };
     match part {
         "main" => Ok(main_loss(&inputs.pictures(), &context)),
         "light" => Ok(light_loss(&inputs.pictures(), inputs.log_scales.clone(), &context)),

@@ -1,0 +1,131 @@
+//! Points on what moves, where synchronised still cameras see it.
+
+use std::time::Instant;
+
+use glam::{DVec3, Vec3};
+use mvfusion_data::motion::{
+    MotionFilm, MotionHullOptions, MotionSummary, MovingPixels, MovingPixelsOptions, motion_hull,
+};
+use mvfusion_data::{PointCloud, Scene};
+use mvfusion_render::grid::GridBounds;
+
+use crate::ModelError;
+use crate::config::{Branches, Config};
+
+/// So large a share of the points may lie outside the box of what moves, on either side of each axis: strays are few but far.
+const OUTSIDE: f64 = 0.01;
+
+/// The box of what moves is larger than its points by this share of its sides: a hull has points on surfaces that cameras
+/// see, and things turn.
+const MARGIN: f64 = 0.1;
+
+/// Points on what moves, each seen at one moment.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MotionPoints {
+    /// Where, and in what colour.
+    pub points: PointCloud,
+    /// When, in the time of the views; one for each point.
+    pub times: Vec<f64>,
+    /// Time between two frames.
+    pub frame: f64,
+}
+
+/// What is known of motion before training.
+#[derive(Debug, Default)]
+pub struct SceneMotion {
+    /// Points on what moves, where `init.motion_points` asks for them and finds some.
+    pub points: Option<MotionPoints>,
+    /// Which pixels move, where the losses ask for that.
+    pub moving: Option<MovingPixels>,
+}
+
+impl SceneMotion {
+    /// What the configuration asks for. Points are the same for a seed, whatever the number of threads. Where none are
+    /// found, that is told.
+    ///
+    /// # Errors
+    /// If a picture cannot be read.
+    pub fn find(scene: &Scene, config: &Config) -> Result<Self, ModelError> {
+        let wanted = config.init.motion_points;
+        if wanted == 0 || config.model.branches == Branches::Dynamic || config.init.dynamic_ply.is_some() {
+            return Ok(Self { points: None, moving: Self::moving(scene, config)? });
+        }
+        let start = Instant::now();
+        let Some(film) = MotionFilm::of(scene, &MovingPixelsOptions::default())? else {
+            tracing::info!("motion: no three still cameras film the same moments; the dynamic Gaussians are strewn");
+            return Ok(Self::default());
+        };
+        let options = MotionHullOptions { points: wanted, ..MotionHullOptions::default() };
+        let seeds = motion_hull(scene, &film, &options, config.seed);
+        let MotionSummary { cameras, moments, moving_share, candidates, seeds: count, .. } = seeds.summary;
+        let seconds = start.elapsed().as_secs_f64();
+        tracing::info!(
+            "motion: {:.1} % of the pixels of {cameras} cameras x {moments} frames move; {count} seeds of {candidates} \
+             places in {seconds:.1} s",
+            100.0 * moving_share,
+        );
+        let moving = needs_moving_pixels(config).then(|| film.into_moving());
+        if seeds.points.is_empty() {
+            tracing::warn!("motion: no place that all cameras see moving in one colour; the dynamic Gaussians are strewn");
+            return Ok(Self { points: None, moving });
+        }
+        let times = scene.training_times();
+        let frame = match times.as_slice() {
+            [first, .., last] => (last - first) / (times.len() - 1) as f64,
+            _ => 1.0,
+        };
+        Ok(Self { points: Some(MotionPoints { points: seeds.points, times: seeds.times, frame }), moving })
+    }
+
+    /// Which pixels move, where the losses ask for that and the cameras stand still.
+    ///
+    /// # Errors
+    /// If a picture cannot be read.
+    pub fn moving(scene: &Scene, config: &Config) -> Result<Option<MovingPixels>, ModelError> {
+        match needs_moving_pixels(config) {
+            true => Ok(MovingPixels::of(scene, &MovingPixelsOptions::default())?),
+            false => Ok(None),
+        }
+    }
+}
+
+fn needs_moving_pixels(config: &Config) -> bool {
+    let loss = &config.loss;
+    config.model.branches == Branches::Both && (loss.mask_motion > 0.0 || loss.dynamic_where_moving)
+}
+
+impl MotionPoints {
+    /// The box of what moves, with its margin; `None` for no points.
+    pub(crate) fn bounds(&self) -> Option<GridBounds> {
+        let positions = &self.points.positions;
+        let last = positions.len().checked_sub(1)?;
+        let skipped = (OUTSIDE * last as f64) as usize;
+        let along = |axis: usize| {
+            let mut sorted: Vec<f32> = positions.iter().map(|position| position[axis]).collect();
+            sorted.sort_by(f32::total_cmp);
+            [sorted[skipped], sorted[last - skipped]]
+        };
+        let axes = [along(0), along(1), along(2)];
+        let corner = |side: usize| Vec3::from_array(axes.map(|ends| ends[side])).as_dvec3();
+        let (min, max) = (corner(0), corner(1));
+        let margin = (max - min) * MARGIN + DVec3::splat(f64::from(f32::EPSILON));
+        Some(GridBounds { max: (max + margin).to_array(), min: (min - margin).to_array() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_box_of_what_moves_leaves_strays_out() {
+        let mut points = PointCloud::default();
+        (0..200).for_each(|i| points.push(Vec3::splat(i as f32 / 199.0), Vec3::ONE));
+        points.push(Vec3::splat(1000.0), Vec3::ONE);
+        let motion = MotionPoints { times: vec![0.0; points.len()], points, frame: 1.0 };
+        let bounds = motion.bounds().expect("there are points");
+        assert!(bounds.max.iter().all(|&side| (1.0..1.2).contains(&side)), "{bounds:?}");
+        assert!(bounds.min.iter().all(|&side| (-0.2..0.0).contains(&side)), "{bounds:?}");
+        assert_eq!(MotionPoints::default().bounds(), None);
+    }
+}
