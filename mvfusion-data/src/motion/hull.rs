@@ -76,9 +76,8 @@ pub fn motion_hull(scene: &Scene, film: &MotionFilm, options: &MotionHullOptions
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             rng.set_stream(STREAM + number as u64);
             let eyes = Eye::of_moment(scene, film, moment, &reaches);
-            let side = side_of_things(&eyes, options);
             let places = Search::new(eyes, options).places(options.rays_per_point * wanted, &mut rng);
-            let chosen = choose(&places, wanted, side, options, &mut rng);
+            let chosen = choose(&places, wanted, options, &mut rng);
             Found { candidates: places.len(), seeds: chosen.into_iter().map(|index| places[index]).collect() }
         })
         .collect();
@@ -116,16 +115,4 @@ fn gathered(film: &MotionFilm, found: &[Found]) -> MotionSeeds {
         seeded_moments: found.iter().filter(|found| !found.seeds.is_empty()).count(),
     };
     MotionSeeds { points, times, summary }
-}
-
-/// Side of the cubes by which places are taken for one thing, world units: the distance between two places that are tried
-/// on a ray, in the middle of its reach.
-fn side_of_things(eyes: &[Eye], options: &MotionHullOptions) -> f64 {
-    let step = |eye: &Eye| {
-        let [near, far] = eye.reach.map(f64::recip);
-        let middle = (near + far) / 2.0;
-        (near - far) / options.depths.max(1) as f64 / (middle * middle)
-    };
-    let steps = eyes.iter().map(step);
-    steps.sum::<f64>() / eyes.len().max(1) as f64
 }
