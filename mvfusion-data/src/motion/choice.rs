@@ -28,8 +28,9 @@ pub(super) fn quotas(points: usize, amounts: &[u64], even: f64) -> Vec<usize> {
     amounts.iter().map(quota).collect()
 }
 
-/// Which of a moment's places become seeds: at most `wanted`, drawn by their motion, for a share of them so that a thing's
-/// chance grows with the root of its places only: something small has seeds beside people. Lone places are left out.
+/// Which of a moment's places become seeds: at most `wanted`, drawn by their motion, for a share of them so that a
+/// thing's chance grows with the root of its places only: something small has seeds beside people. Lone places are left
+/// out.
 pub(super) fn choose(places: &[Place], wanted: usize, options: &MotionHullOptions, rng: &mut ChaCha8Rng) -> Vec<usize> {
     let positions: Vec<_> = places.iter().map(|place| place.position).collect();
     let things = sizes_of_things(&positions);
@@ -45,8 +46,9 @@ pub(super) fn choose(places: &[Place], wanted: usize, options: &MotionHullOption
     chosen
 }
 
-/// Draws at most so many indices without replacement, in proportion to their weights; none of weight 0. Each has a waiting
-/// time that is exponential with its weight as its rate, and the first to come are drawn (Efraimidis and Spirakis 2006).
+/// Draws at most so many indices without replacement, in proportion to their weights; none of weight 0. Each has a
+/// waiting time that is exponential with its weight as its rate, and the first to come are drawn (Efraimidis and
+/// Spirakis 2006).
 fn draw(weights: &[f64], wanted: usize, rng: &mut ChaCha8Rng) -> Vec<usize> {
     let waiting = |(index, &weight): (usize, &f64)| {
         // In (0, 1], whose logarithm is finite.

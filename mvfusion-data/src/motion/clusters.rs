@@ -7,8 +7,8 @@ const WITNESSES: usize = 256;
 /// Side of a cube in distances between neighbouring places: large enough for what belongs together to hang together.
 const SIDE: f64 = 3.0;
 
-/// For each place, how many places its thing has, itself among them. Cubes that hold places and touch each other, at least in
-/// a corner, hold one thing; their side follows from how far apart places lie.
+/// For each place, how many places its thing has, itself among them. Cubes that hold places and touch each other, at
+/// least in a corner, hold one thing; their side follows from how far apart places lie.
 pub(super) fn sizes_of_things(places: &[DVec3]) -> Vec<usize> {
     let side = SIDE * spacing(places);
     let cubes: Vec<[i64; 3]> = places.iter().map(|place| (place / side).floor().as_i64vec3().to_array()).collect();

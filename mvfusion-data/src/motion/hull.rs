@@ -59,11 +59,12 @@ impl Display for MotionSummary {
     }
 }
 
-/// Places where, at one moment, nearly all cameras that see them see motion, in one colour. No place at all is no error.
+/// Places where, at one moment, nearly all cameras that see them see motion, in one colour. No place at all is no
+/// error.
 ///
-/// For each moment, rays through moving pixels, drawn by how much these differ, are searched at jittered places that lie
-/// evenly in inverse depth; of each ray the place stays in whose colour the cameras agree best, and seeds are drawn of
-/// these. Each moment has a random stream of its own, so that the result is the same for any number of threads.
+/// For each moment, rays through moving pixels, drawn by how much these differ, are searched at jittered places that
+/// lie evenly in inverse depth; of each ray the place stays in whose colour the cameras agree best, and seeds are drawn
+/// of these. Each moment has a random stream of its own, so that the result is the same for any number of threads.
 ///
 /// `film` must be of `scene`.
 pub fn motion_hull(scene: &Scene, film: &MotionFilm, options: &MotionHullOptions, seed: u64) -> MotionSeeds {

@@ -1,4 +1,5 @@
-//! Motion-hull seeding: a film of many still cameras, read from JPEG files, with balls that fly through a patterned room.
+//! Motion-hull seeding: a film of many still cameras, read from JPEG files, with balls that fly through a patterned
+//! room.
 
 use std::fmt::{self, Display};
 use std::path::Path;
@@ -95,7 +96,8 @@ fn peak() -> Option<u64> {
     Some(kibibytes << 10)
 }
 
-/// Starts a new measurement of the largest memory. Where the system does not let it, that of the film's making counts too.
+/// Starts a new measurement of the largest memory. Where the system does not let it, that of the film's making counts
+/// too.
 fn forget_peak() {
     let _ = std::fs::write("/proc/self/clear_refs", "5");
 }
