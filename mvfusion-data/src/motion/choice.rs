@@ -28,24 +28,16 @@ pub(super) fn quotas(points: usize, amounts: &[u64], even: f64) -> Vec<usize> {
     amounts.iter().map(quota).collect()
 }
 
-/// Which of a moment's places become seeds: at most `wanted`, drawn by their motion. For a share of them the weight of a
-/// thing grows with the root of its places only, so that a ball has seeds beside people. Places belong to one thing if
-/// cubes of side `side` that hold them touch.
-pub(super) fn choose(
-    places: &[Place],
-    wanted: usize,
-    side: f64,
-    options: &MotionHullOptions,
-    rng: &mut ChaCha8Rng,
-) -> Vec<usize> {
+/// Which of a moment's places become seeds: at most `wanted`, drawn by their motion, for a share of them so that a
+/// thing's chance grows with the root of its places only: something small has seeds beside people. Lone places are left
+/// out.
+pub(super) fn choose(places: &[Place], wanted: usize, options: &MotionHullOptions, rng: &mut ChaCha8Rng) -> Vec<usize> {
     let positions: Vec<_> = places.iter().map(|place| place.position).collect();
-    let by_motion = |place: &Place| place.motion + 1.0;
-    let things = sizes_of_things(&positions, side);
-    let by_thing = |(place, &size): (&Place, &usize)| by_motion(place) / (size.max(LEAST_PLACES) as f64).sqrt();
-    let even = (options.even_over_things * wanted as f64).round() as usize;
-    let weights: Vec<f64> = places.iter().zip(&things).map(by_thing).collect();
-    let mut chosen = draw(&weights, even, rng);
-    let mut weights: Vec<f64> = places.iter().map(by_motion).collect();
+    let things = sizes_of_things(&positions);
+    let by_motion = |(place, &size): (&Place, &usize)| if size < LEAST_PLACES { 0.0 } else { place.motion + 1.0 };
+    let mut weights: Vec<f64> = places.iter().zip(&things).map(by_motion).collect();
+    let by_thing: Vec<f64> = weights.iter().zip(&things).map(|(weight, &size)| weight / (size as f64).sqrt()).collect();
+    let mut chosen = draw(&by_thing, (options.even_over_things * wanted as f64).round() as usize, rng);
     for &index in &chosen {
         weights[index] = 0.0;
     }
@@ -54,8 +46,9 @@ pub(super) fn choose(
     chosen
 }
 
-/// Draws at most so many indices without replacement, in proportion to their weights; none of weight 0. Each has a waiting
-/// time that is exponential with its weight as its rate, and the first to come are drawn (Efraimidis and Spirakis 2006).
+/// Draws at most so many indices without replacement, in proportion to their weights; none of weight 0. Each has a
+/// waiting time that is exponential with its weight as its rate, and the first to come are drawn (Efraimidis and
+/// Spirakis 2006).
 fn draw(weights: &[f64], wanted: usize, rng: &mut ChaCha8Rng) -> Vec<usize> {
     let waiting = |(index, &weight): (usize, &f64)| {
         // In (0, 1], whose logarithm is finite.
@@ -66,4 +59,33 @@ fn draw(weights: &[f64], wanted: usize, rng: &mut ChaCha8Rng) -> Vec<usize> {
     times.retain(|(time, _)| time.is_finite());
     times.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     times.into_iter().take(wanted).map(|(_, index)| index).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+
+    use super::*;
+
+    #[test]
+    fn quotas_add_up_and_moments_without_motion_have_none() {
+        let quotas = quotas(1001, &[300, 0, 100, 7], 0.5);
+        assert_eq!(quotas.iter().sum::<usize>(), 1001);
+        assert_eq!(quotas[1], 0);
+        assert!(quotas[0] > quotas[2] && quotas[2] > quotas[3] && quotas[3] > 1001 / 6);
+        assert_eq!(super::quotas(10, &[0, 0], 0.5), [0, 0]);
+    }
+
+    #[test]
+    fn heavy_indices_are_drawn_more_often_and_weightless_ones_never() {
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let drawn: Vec<usize> = (0..1000).flat_map(|_| draw(&[1.0, 0.0, 3.0], 1, &mut rng)).collect();
+        let count = |index| drawn.iter().filter(|&&other| other == index).count();
+        assert_eq!((drawn.len(), count(1)), (1000, 0));
+        // Three quarters, within five standard deviations.
+        assert!((680..820).contains(&count(2)), "{}", count(2));
+        let mut all = draw(&[1.0, 0.0, 3.0], 9, &mut rng);
+        all.sort_unstable();
+        assert_eq!(all, [0, 2]);
+    }
 }

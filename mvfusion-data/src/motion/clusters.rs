@@ -2,9 +2,15 @@
 
 use glam::{DVec3, I64Vec3};
 
-/// For each place, how many places its thing has: those in cubes of side `side` that touch each other, at least in a corner,
-/// count as one thing.
-pub(super) fn sizes_of_things(places: &[DVec3], side: f64) -> Vec<usize> {
+/// Places that say how far apart they lie.
+const WITNESSES: usize = 256;
+/// Side of a cube in distances between neighbouring places: large enough for what belongs together to hang together.
+const SIDE: f64 = 3.0;
+
+/// For each place, how many places its thing has, itself among them. Cubes that hold places and touch each other, at
+/// least in a corner, hold one thing; their side follows from how far apart places lie.
+pub(super) fn sizes_of_things(places: &[DVec3]) -> Vec<usize> {
+    let side = SIDE * spacing(places);
     let cubes: Vec<[i64; 3]> = places.iter().map(|place| (place / side).floor().as_i64vec3().to_array()).collect();
     let mut distinct = cubes.clone();
     distinct.sort_unstable();
@@ -12,18 +18,30 @@ pub(super) fn sizes_of_things(places: &[DVec3], side: f64) -> Vec<usize> {
     let number = |cube: &[i64; 3]| distinct.binary_search(cube);
     let mut things = Things { above: (0..distinct.len()).collect() };
     for (index, &cube) in distinct.iter().enumerate() {
-        for neighbour in neighbours(cube) {
-            if let Ok(other) = number(&neighbour) {
-                things.join(index, other);
-            }
+        for other in neighbours(cube).filter_map(|neighbour| number(&neighbour).ok()) {
+            things.join(index, other);
         }
     }
-    let mut sizes = vec![0; distinct.len()];
+    // Each cube is among the distinct ones.
     let roots: Vec<usize> = cubes.iter().map(|cube| things.root(number(cube).unwrap_or(0))).collect();
+    let mut sizes = vec![0; distinct.len()];
     for &root in &roots {
         sizes[root] += 1;
     }
-    roots.iter().map(|&root| sizes[root]).collect()
+    roots.into_iter().map(|root| sizes[root]).collect()
+}
+
+/// Median distance of a place to the nearest other one; positive.
+fn spacing(places: &[DVec3]) -> f64 {
+    let nearest = |index: usize| {
+        let others = places.iter().enumerate().filter(|&(other, _)| other != index);
+        others.map(|(_, place)| place.distance_squared(places[index])).fold(f64::INFINITY, f64::min)
+    };
+    let step = places.len().div_ceil(WITNESSES).max(1);
+    let mut squared: Vec<f64> = (0..places.len()).step_by(step).map(nearest).collect();
+    squared.sort_by(f64::total_cmp);
+    let median = squared.get(squared.len() / 2).copied().unwrap_or(1.0).sqrt();
+    if median.is_finite() && median > 0.0 { median } else { 1.0 }
 }
 
 /// The cubes around a cube, of those pairs each once.
@@ -55,5 +73,22 @@ impl Things {
     fn join(&mut self, a: usize, b: usize) {
         let (a, b) = (self.root(a), self.root(b));
         self.above[a.max(b)] = a.min(b);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_side_by_side_are_one_thing_and_distant_ones_others() {
+        let line = |start: f64, count: usize| (0..count).map(move |i| DVec3::new(start, 0.1 * i as f64, -start));
+        let places: Vec<DVec3> = line(0.0, 20).chain(line(5.0, 4)).chain(line(-9.0, 1)).collect();
+        let sizes = sizes_of_things(&places);
+        assert_eq!(sizes[..20], [20; 20]);
+        assert_eq!(sizes[20..], [4, 4, 4, 4, 1]);
+        assert_eq!(sizes_of_things(&places[..1]), [1]);
+        assert_eq!(sizes_of_things(&[DVec3::ONE; 3]), [3; 3]);
+        assert!(sizes_of_things(&[]).is_empty());
     }
 }

@@ -158,8 +158,8 @@ impl Reduced {
     }
 }
 
-/// How far each block of a frame is from the median in the channel that is furthest from it, in half levels, at most 255;
-/// `None` where it does not count.
+/// How far each block of a frame is from the median in the channel that is furthest from it, in half levels, at most
+/// 255; `None` where it does not count.
 fn distances(frame: &Reduced, medians: &[u16]) -> Vec<Option<u8>> {
     let away = |level: u8, twice: u16| (2 * u16::from(level)).abs_diff(twice);
     let blocks = frame.colours.chunks_exact(3).zip(medians.chunks_exact(3)).enumerate();

@@ -59,11 +59,12 @@ impl Display for MotionSummary {
     }
 }
 
-/// Places where, at one moment, nearly all cameras that see them see motion, in one colour. No place at all is no error.
+/// Places where, at one moment, nearly all cameras that see them see motion, in one colour. No place at all is no
+/// error.
 ///
-/// For each moment, rays through moving pixels, drawn by how much these differ, are searched at jittered places that lie
-/// evenly in inverse depth; of each ray the place stays in whose colour the cameras agree best, and seeds are drawn of
-/// these. Each moment has a random stream of its own, so that the result is the same for any number of threads.
+/// For each moment, rays through moving pixels, drawn by how much these differ, are searched at jittered places that
+/// lie evenly in inverse depth; of each ray the place stays in whose colour the cameras agree best, and seeds are drawn
+/// of these. Each moment has a random stream of its own, so that the result is the same for any number of threads.
 ///
 /// `film` must be of `scene`.
 pub fn motion_hull(scene: &Scene, film: &MotionFilm, options: &MotionHullOptions, seed: u64) -> MotionSeeds {
@@ -76,9 +77,8 @@ pub fn motion_hull(scene: &Scene, film: &MotionFilm, options: &MotionHullOptions
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             rng.set_stream(STREAM + number as u64);
             let eyes = Eye::of_moment(scene, film, moment, &reaches);
-            let side = side_of_things(&eyes, options);
             let places = Search::new(eyes, options).places(options.rays_per_point * wanted, &mut rng);
-            let chosen = choose(&places, wanted, side, options, &mut rng);
+            let chosen = choose(&places, wanted, options, &mut rng);
             Found { candidates: places.len(), seeds: chosen.into_iter().map(|index| places[index]).collect() }
         })
         .collect();
@@ -116,16 +116,4 @@ fn gathered(film: &MotionFilm, found: &[Found]) -> MotionSeeds {
         seeded_moments: found.iter().filter(|found| !found.seeds.is_empty()).count(),
     };
     MotionSeeds { points, times, summary }
-}
-
-/// Side of the cubes by which places are taken for one thing, world units: the distance between two places that are tried
-/// on a ray, in the middle of its reach.
-fn side_of_things(eyes: &[Eye], options: &MotionHullOptions) -> f64 {
-    let step = |eye: &Eye| {
-        let [near, far] = eye.reach.map(f64::recip);
-        let middle = (near + far) / 2.0;
-        (near - far) / options.depths.max(1) as f64 / (middle * middle)
-    };
-    let steps = eyes.iter().map(step);
-    steps.sum::<f64>() / eyes.len().max(1) as f64
 }

@@ -67,15 +67,15 @@ impl PixelMotion {
 }
 
 impl MotionMap {
-    /// The map of a picture of `width` by `height` pixels, of blocks row by row, each of `factor` by `factor` pixels but
-    /// for those cut off by the edge; `None` if their number is another.
+    /// The map of a picture of `width` by `height` pixels, of blocks row by row, each of `factor` by `factor` pixels
+    /// but for those cut off by the edge; `None` if their number is another.
     pub fn new((width, height): (usize, usize), factor: usize, blocks: Vec<PixelMotion>) -> Option<Self> {
         let fits = factor > 0 && width.div_ceil(factor) * height.div_ceil(factor) == blocks.len();
         fits.then_some(Self { width, height, factor, blocks })
     }
 
-    /// The block at a position in pixels of the full size, as [`Camera::project`](crate::Camera::project) gives it; `None`
-    /// outside of the picture.
+    /// The block at a position in pixels of the full size, as [`Camera::project`](crate::Camera::project) gives it;
+    /// `None` outside of the picture.
     pub fn at(&self, position: DVec2) -> Option<PixelMotion> {
         self.index(position).map(|index| self.blocks[index])
     }
@@ -126,8 +126,8 @@ impl MotionMap {
 }
 
 impl MovingPixels {
-    /// What moves in the views of synchronised cameras that stand still; `None` where the scene has no three such cameras
-    /// with three moments in common. Held-out views are not opened.
+    /// What moves in the views of synchronised cameras that stand still; `None` where the scene has no three such
+    /// cameras with three moments in common. Held-out views are not opened.
     ///
     /// # Errors
     /// [`DataError::Image`] if a picture or mask cannot be read.
@@ -146,8 +146,8 @@ impl MovingPixels {
     }
 
     /// Whether a training view shows something that moves at a position in pixels of the full size, as
-    /// [`Camera::project`](crate::Camera::project) gives it. Outside of the picture and in views of which nothing is known
-    /// nothing moves.
+    /// [`Camera::project`](crate::Camera::project) gives it. Outside of the picture and in views of which nothing is
+    /// known nothing moves.
     pub fn is_moving(&self, view: usize, position: DVec2) -> bool {
         self.map(view).and_then(|map| map.at(position)).is_some_and(PixelMotion::moves)
     }

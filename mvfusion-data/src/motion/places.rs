@@ -86,8 +86,8 @@ impl<'a> Search<'a> {
         best
     }
 
-    /// Whether enough cameras see a place and nearly all of them see motion there. `blocks` is filled with those cameras
-    /// and the blocks on which the place falls.
+    /// Whether enough cameras see a place and nearly all of them see motion there. `blocks` is filled with those
+    /// cameras and the blocks on which the place falls.
     fn sees_motion(&self, place: DVec3, blocks: &mut Vec<(usize, usize)>) -> bool {
         blocks.clear();
         let all = self.eyes.len();

@@ -11,8 +11,8 @@ use crate::{Camera, Scene};
 const LEAST_POINTS: usize = 10;
 /// Share of the known points that lie nearer than the far bound: single ones may be far outside.
 const FAR_SHARE: f64 = 0.99;
-/// Rays look so many times further than known points lie, or than the place at which all cameras look. Evenly in inverse
-/// depth that costs few places.
+/// Rays look so many times further than known points lie, or than the place at which all cameras look. Evenly in
+/// inverse depth that costs few places.
 const BEYOND_POINTS: f64 = 1.5;
 const BEYOND_TARGET: f64 = 4.0;
 /// Where nothing is known of the scene, rays look so many times further than the cameras are apart.
@@ -25,8 +25,8 @@ const AXES_MEET: f64 = 1e-3;
 const SIDE: usize = 5;
 const STEPS: usize = 128;
 
-/// For each camera of the rig, the depths between which its rays look, world units: within what is known of the scene, and
-/// where enough cameras see.
+/// For each camera of the rig, the depths between which its rays look, world units: within what is known of the scene,
+/// and where enough cameras see.
 pub(super) fn reaches(scene: &Scene, rig: &StillRig, options: &MotionHullOptions) -> Vec<[f64; 2]> {
     let cameras: Vec<&Camera> = rig.cameras.iter().map(|still| &still.camera).collect();
     let needed = least_seeing(cameras.len(), options);

@@ -1,9 +1,11 @@
+use std::sync::Arc;
+
 use glam::DVec2;
-use image::{GrayImage, Luma};
+use image::{GrayImage, Luma, Rgb, RgbImage};
 
 use super::*;
 use crate::builtin::builtin;
-use crate::{BuiltinKind, BuiltinOptions, Scene, View};
+use crate::{BuiltinKind, BuiltinOptions, Mask, Picture, Scene, View};
 
 /// The true mask of what moves in a view.
 fn truth(view: &View) -> GrayImage {
@@ -54,23 +56,92 @@ fn recall(scene: &Scene, seeds: &MotionSeeds, radius: i64) -> f64 {
     found as f64 / all as f64
 }
 
+fn film(scene: &Scene, options: &MovingPixelsOptions) -> MotionFilm {
+    MotionFilm::of(scene, options).expect("in memory").expect("cameras stand still")
+}
+
 #[test]
 fn seeds_lie_where_something_moves_and_are_the_same_for_any_number_of_threads() {
     let scene = builtin(&BuiltinOptions::default());
-    let film = MotionFilm::of(&scene, &MovingPixelsOptions::default()).expect("in memory").expect("still cameras");
+    let film = film(&scene, &MovingPixelsOptions::default());
     let seeds = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
         pool.install(|| motion_hull(&scene, &film, &MotionHullOptions::default(), 0))
     };
     let [one, three] = [1, 3].map(seeds);
     assert_eq!(one, three);
-    assert_eq!(one.points.len(), MotionHullOptions::default().points);
-    assert!(precision(&scene, &one) > 0.9);
-    assert!(recall(&scene, &one, 2) > 0.5);
+    let summary = one.summary;
+    assert_eq!((summary.cameras, summary.moments, summary.seeded_moments, summary.reduction), (7, 24, 24, 1));
+    assert_eq!((one.points.len(), one.times.len()), (summary.seeds, summary.seeds));
+    assert_eq!(summary.seeds, MotionHullOptions::default().points);
+    let (precision, recall) = (precision(&scene, &one), recall(&scene, &one, 2));
+    eprintln!("precision {precision:.3}, recall {recall:.3}; {summary}");
+
+    assert!(precision > 0.94, "{precision}");
+    // The rest is the inside of the lamp, which changes by two levels.
+    assert!(recall > 0.53, "{recall}");
 }
 
 #[test]
-fn photos_have_no_moving_pixels() {
-    let scene = builtin(&BuiltinOptions { photos: 6, ..BuiltinOptions::of_kind(BuiltinKind::Casual) });
-    assert_eq!(MovingPixels::of(&scene, &MovingPixelsOptions::default()).expect("in memory"), None);
+fn reduced_pictures_are_asked_at_full_size() {
+    let scene = builtin(&BuiltinOptions { frames: 6, ..BuiltinOptions::default() });
+    let views = scene.train.len() as u64;
+    // A third of the sides, rounded up, and not a byte more.
+    let options = MovingPixelsOptions { memory: 4 * 54 * 40 * views, ..MovingPixelsOptions::default() };
+    let reduced = film(&scene, &options);
+    let whole = MovingPixels::of(&scene, &MovingPixelsOptions::default()).expect("in memory").expect("still");
+    assert_eq!(reduced.factor(), 3);
+    let (small, full) = (reduced.moving().mask(2).expect("known"), whole.mask(2).expect("known"));
+    assert_eq!(small.dimensions(), (160, 120));
+    let unlike = small.pixels().zip(full.pixels()).filter(|(a, b)| a != b).count();
+    assert!((unlike as f64) < 0.04 * 160.0 * 120.0, "{unlike}");
+    for (x, y, pixel) in small.enumerate_pixels() {
+        let position = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+        assert_eq!(reduced.moving().is_moving(2, position), pixel.0[0] == 255);
+    }
+    for outside in [DVec2::new(-0.1, 5.0), DVec2::new(5.0, 120.0), DVec2::splat(f64::NAN)] {
+        assert!(!reduced.moving().is_moving(2, outside));
+    }
+    let seeds = motion_hull(&scene, &reduced, &MotionHullOptions { points: 300, ..MotionHullOptions::default() }, 5);
+    assert!(seeds.points.len() > 200 && precision(&scene, &seeds) > 0.7);
+}
+
+#[test]
+fn what_masks_take_out_neither_moves_nor_votes() {
+    let mut scene = builtin(&BuiltinOptions { frames: 8, ..BuiltinOptions::default() });
+    let camera = scene.train[0].camera;
+    // The first camera's right half does not count, and flickers.
+    for (index, view) in scene.train.iter_mut().enumerate().filter(|(_, view)| view.camera == camera) {
+        let mut picture = view.image.rgb().expect("in memory").as_ref().clone();
+        let flicker = Rgb([if index % 2 == 0 { 255 } else { 0 }; 3]);
+        let (width, height) = picture.dimensions();
+        (0..height).flat_map(|y| (80..width).map(move |x| (x, y))).for_each(|(x, y)| picture.put_pixel(x, y, flicker));
+        view.image = Picture::Memory(Arc::new(picture));
+        let mask = RgbImage::from_fn(width, height, |x, _| Rgb([if x < 80 { 255 } else { 0 }; 3]));
+        view.mask = Some(Mask { picture: Picture::Memory(Arc::new(mask)), inverted: false });
+    }
+    let film = film(&scene, &MovingPixelsOptions::default());
+    let map = film.moving().map(3).expect("known");
+    let at = |x: f64| map.at(DVec2::new(x, 60.0)).expect("in the picture");
+    assert!(at(79.5).counts() && !at(80.5).counts() && !at(80.5).moves());
+    let seeds = motion_hull(&scene, &film, &MotionHullOptions { points: 500, ..MotionHullOptions::default() }, 0);
+    let unseen =
+        seeds.points.positions.iter().filter(|&&point| position(&scene.train[0], point).is_some_and(|p| p.x > 80.0));
+    assert!(unseen.count() > 50, "the six other cameras find what the first does not count");
+}
+
+#[test]
+fn still_pictures_have_an_empty_hull_and_photos_none() {
+    let mut scene = builtin(&BuiltinOptions { width: 32, height: 24, frames: 3, ..BuiltinOptions::default() });
+    for view in &mut scene.train {
+        view.image = view.truth.background.clone().expect("built in");
+    }
+    let film = film(&scene, &MovingPixelsOptions::default());
+    let seeds = motion_hull(&scene, &film, &MotionHullOptions::default(), 0);
+    assert!(seeds.points.is_empty() && seeds.summary.candidates == 0 && seeds.summary.moving_share == 0.0);
+    let photos = BuiltinOptions { photos: 6, width: 32, height: 24, ..BuiltinOptions::of_kind(BuiltinKind::Casual) };
+    assert_eq!(MovingPixels::of(&builtin(&photos), &MovingPixelsOptions::default()).expect("in memory"), None);
+    // Two cameras are too few.
+    scene.train.truncate(6);
+    assert!(MotionFilm::of(&scene, &MovingPixelsOptions::default()).expect("in memory").is_none());
 }

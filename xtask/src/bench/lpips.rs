@@ -75,6 +75,7 @@ pub fn measure(
                 threads: rayon::current_num_threads(),
                 seconds: Seconds::Step(seconds),
                 pairs: None,
+                peak_bytes: None,
             });
         }
     }

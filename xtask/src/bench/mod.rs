@@ -3,6 +3,7 @@
 mod lpips;
 mod net;
 mod scene;
+mod seeding;
 mod splat;
 mod step;
 
@@ -44,6 +45,8 @@ enum Subject {
     Step(step::StepArguments),
     /// LPIPS of a pair of pictures. Its figure does not depend on the weights, which are random here.
     Lpips(lpips::LpipsArguments),
+    /// Moving pixels and the motion hull of a synthetic film, on the CPU.
+    Seeding(seeding::SeedingArguments),
 }
 
 /// One measurement; times in seconds, medians over the repetitions.
@@ -55,6 +58,9 @@ struct Row {
     seconds: Seconds,
     #[serde(skip_serializing_if = "Option::is_none")]
     pairs: Option<Pairs>,
+    /// Largest memory of the process.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    peak_bytes: Option<u64>,
 }
 
 /// What was timed.
@@ -100,6 +106,7 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
         Subject::Net(subject) => net::measure(subject, &devices, arguments.repeat, &mut note)?,
         Subject::Step(subject) => step::measure(subject, &devices, arguments.repeat, &mut note)?,
         Subject::Lpips(subject) => lpips::measure(subject, &devices, arguments.repeat, &mut note)?,
+        Subject::Seeding(subject) => seeding::measure(subject, &mut note)?,
     }
     if let Some(path) = &arguments.json {
         let text = serde_json::to_string_pretty(&rows)?;
@@ -119,6 +126,9 @@ fn print(row: &Row) {
             println!("forward {:.2} ms, backward {:.2} ms", 1e3 * forward, 1e3 * backward);
         }
         Seconds::Step(seconds) => println!("{:.2} ms", 1e3 * seconds),
+    }
+    if let Some(bytes) = row.peak_bytes {
+        println!("    at most {} MiB of memory", bytes >> 20);
     }
     if let Some(pairs) = row.pairs {
         println!(

@@ -43,6 +43,7 @@ pub fn measure(
                     threads: rayon::current_num_threads(),
                     seconds: Seconds::Passes { render: None, forward, backward },
                     pairs: None,
+                    peak_bytes: None,
                 });
             }
         }

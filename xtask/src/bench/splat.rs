@@ -80,6 +80,7 @@ fn measure_scene(scene: &SceneSize, devices: &[Subjected], repeat: usize, note: 
             threads: rayon::current_num_threads(),
             seconds: Seconds::Passes { render: Some(render), forward, backward },
             pairs: Some(pairs),
+            peak_bytes: None,
         });
     }
     Ok(())
