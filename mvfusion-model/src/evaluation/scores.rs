@@ -111,14 +111,19 @@ impl Scores {
     /// A layer of [`Scores::layers`] in words. A region names the masks that it was taken from: `dynamic region (given
     /// masks)`.
     pub fn label(&self, layer: &str) -> String {
+        let (name, source) = self.label_and_source(layer);
+        name + &source.map_or(String::new(), |source| format!(" ({})", source.words()))
+    }
+
+    /// A layer of [`Scores::layers`] in words, and the masks of a region apart, to stand behind a figure's name.
+    pub fn label_and_source(&self, layer: &str) -> (String, Option<RegionSource>) {
         let source = match layer {
             "dynamic_region" | "still_region" => self.region_source,
             // Nobody but the truth knows them.
             "movers" => Some(RegionSource::TrueMasks),
             _ => None,
         };
-        let source = source.map_or(String::new(), |source| format!(" ({})", source.words()));
-        layer.replace('_', " ") + &source
+        (layer.replace('_', " "), source)
     }
 
     /// With the difference of the regions, where both have a PSNR.

@@ -37,7 +37,7 @@ pub enum Weight {
 #[derive(Clone, Debug)]
 pub struct Series {
     /// What it shows, for the legend; curves without a name are not in it.
-    pub name: Option<&'static str>,
+    pub name: Option<String>,
     /// Which of the page's colours it has, from 0.
     pub colour: usize,
     /// How strongly it is drawn.
@@ -100,7 +100,7 @@ impl<'a> Chart<'a> {
                     b { (self.title) }
                     @if logarithmic { " (logarithmic)" }
                     @for series in &self.series {
-                        @if let Some(name) = series.name { " " span class={ "key c" (series.colour) } { (name) } }
+                        @if let Some(name) = &series.name { " " span class={ "key c" (series.colour) } { (name) } }
                     }
                 }
                 @if is_empty {
