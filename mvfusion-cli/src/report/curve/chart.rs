@@ -164,7 +164,7 @@ impl<'a> Chart<'a> {
         for series in self.series.iter().filter(|series| series.weight == Weight::Bold) {
             let finite = || series.points.iter().filter(|point| point.y.is_finite());
             if let (Some(first), Some(last)) = (finite().next(), finite().next_back()) {
-                let name = series.name.map_or(String::new(), |name| format!(" {name}"));
+                let name = series.name.as_ref().map_or(String::new(), |name| format!(" {name}"));
                 // Writing to a string cannot fail.
                 let _ = write!(
                     text,
