@@ -8,7 +8,7 @@ use mvfusion_model::evaluation::{Figure, HeldOutPhoto, LayerScores, Protocol, Sc
 use crate::clock::spoken;
 use crate::run::{LpipsWeights, RenderSpeed, Results};
 
-/// Width of the first column.
+/// Width of the first column, where no region's name is longer.
 const LABEL: usize = 16;
 
 /// Figures of a layer that are shown at most: the first ones of the protocol.
@@ -22,22 +22,22 @@ const LINE: usize = 80;
 /// # Errors
 /// If `out` cannot be written to.
 pub fn write(results: &Results, protocol: Protocol, out: &mut dyn Write) -> io::Result<()> {
-    let figures = figures(results, protocol);
+    let label = label_width(results);
+    let figures = figures(results, protocol, label);
     let heads: String =
         figures.iter().map(|&figure| format!("{:>width$}", head(figure), width = width(figure))).collect();
-    writeln!(out, "{:LABEL$}{heads}", "held-out views")?;
-    write_layers(&results.test, &figures, out)?;
+    writeln!(out, "{:label$}{heads}", "held-out views")?;
+    write_layers(&results.test, &figures, label, out)?;
     if let Some(shown) = results.test.composed_shows {
         writeln!(out, "{:LABEL$}{}", "composed shows", what_photos_show(shown))?;
     }
-    if let Some(overlap) = results.test.mask_iou {
-        writeln!(out, "{:LABEL$}{overlap:>10.3}", "mask IoU")?;
-    }
+    write_beside(&results.test, out)?;
     write_flicker(results, out)?;
     write_absent(results, out)?;
     if let Some(scores) = &results.training_views {
         writeln!(out, "training views")?;
-        write_layers(scores, &figures, out)?;
+        write_layers(scores, &figures, label, out)?;
+        write_beside(scores, out)?;
     }
     writeln!(out, "{:LABEL$}{}", "Gaussians", results.gaussians.sentence(", "))?;
     let training = results
@@ -61,15 +61,22 @@ pub(crate) fn what_photos_show(shown: HeldOutPhoto) -> &'static str {
 }
 
 /// The first of the protocol's figures that any layer has, as many as a line has room for.
-fn figures(results: &Results, protocol: Protocol) -> Vec<Figure> {
+fn figures(results: &Results, protocol: Protocol, label: usize) -> Vec<Figure> {
     let is_known = |figure: &Figure| results.test.layers().any(|(_, scores)| figure.of(scores).is_some());
-    let mut room = LINE - LABEL;
+    let mut room = LINE.saturating_sub(label);
     let fits = |figure: &Figure| {
         let left = room.checked_sub(width(*figure));
         room = left.unwrap_or(0);
         left.is_some()
     };
     protocol.figures().iter().copied().filter(is_known).take(FIGURES).take_while(fits).collect()
+}
+
+/// Width of the first column: a region's name has that of its masks with it.
+fn label_width(results: &Results) -> usize {
+    let sets = std::iter::once(&results.test).chain(&results.training_views);
+    let labels = sets.flat_map(|set| set.layers().map(|(layer, _)| set.label(layer).len() + 1));
+    labels.max().unwrap_or(0).max(LABEL)
 }
 
 fn head(figure: Figure) -> String {
@@ -83,11 +90,25 @@ fn width(figure: Figure) -> usize {
     (head(figure).len() + 2).max(10)
 }
 
-fn write_layers(scores: &Scores, figures: &[Figure], out: &mut dyn Write) -> io::Result<()> {
-    scores.layers().try_for_each(|(layer, scores)| {
-        let cells: String = figures.iter().map(|&figure| cell(figure, scores)).collect();
-        writeln!(out, "{:LABEL$}{cells}", layer.replace('_', " "))
+fn write_layers(scores: &Scores, figures: &[Figure], label: usize, out: &mut dyn Write) -> io::Result<()> {
+    scores.layers().try_for_each(|(layer, figures_of_layer)| {
+        let cells: String = figures.iter().map(|&figure| cell(figure, figures_of_layer)).collect();
+        writeln!(out, "{:label$}{cells}", scores.label(layer))
     })
+}
+
+/// The figures that no layer has.
+fn write_beside(scores: &Scores, out: &mut dyn Write) -> io::Result<()> {
+    if let Some(difference) = scores.dynamic_minus_still_psnr {
+        writeln!(out, "{:LABEL$}{difference:>+10.2} dB", "dynamic - still")?;
+    }
+    if let Some(overlap) = scores.mask_iou {
+        writeln!(out, "{:LABEL$}{overlap:>10.3}", "mask IoU")?;
+    }
+    if let Some(small) = scores.small_movers {
+        writeln!(out, "{:LABEL$}{:>10.3} recall, {} components", "small movers", small.recall, small.components)?;
+    }
+    Ok(())
 }
 
 fn cell(figure: Figure, scores: &LayerScores) -> String {
@@ -138,7 +159,7 @@ fn speed_sentence(speed: &RenderSpeed) -> String {
 
 #[cfg(test)]
 mod tests {
-    use mvfusion_model::evaluation::TemporalScores;
+    use mvfusion_model::evaluation::{RegionSource, SmallMoversRecall, TemporalScores};
 
     use super::*;
     use crate::run::specimen;
@@ -166,6 +187,34 @@ mod tests {
         Gaussians       12 static, 3 dynamic
         time            training 2 min 51 s (1400 steps), evaluation 9 s
         device          flex, 2 threads
+        ");
+    }
+
+    #[test]
+    fn regions_name_their_masks_and_movers_have_a_row() {
+        let layer = |psnr| LayerScores { psnr: Some(psnr), ssim: Some(0.5), ..Default::default() };
+        let results = specimen(Scores {
+            composed: layer(27.345),
+            dynamic_region: Some(layer(21.0)),
+            still_region: Some(layer(30.5)),
+            region_source: Some(RegionSource::TrueMasks),
+            dynamic_minus_still_psnr: Some(-9.5),
+            movers: Some(layer(17.25)),
+            small_movers: Some(SmallMoversRecall { recall: 0.625, components: 12 }),
+            mask_iou: Some(0.75),
+            ..Default::default()
+        });
+        let table = table(&results, Protocol::Mvfusion);
+        let figures = table.split("LPIPS ").next().expect("figures");
+        insta::assert_snapshot!(figures, @"
+        held-out views                PSNR (dB)      SSIM
+        composed                          27.34    0.5000
+        dynamic region (true masks)       21.00    0.5000
+        still region (true masks)         30.50    0.5000
+        movers (true masks)               17.25    0.5000
+        dynamic - still      -9.50 dB
+        mask IoU             0.750
+        small movers         0.625 recall, 12 components
         ");
     }
 

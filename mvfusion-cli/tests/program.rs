@@ -151,9 +151,18 @@ fn a_run_leaves_all_its_files_and_can_be_evaluated_again() {
     let output = train_tiny(folder.path(), &["--seed", "7", "--set", "train.checkpoint_interval=4"]);
     let table = text(&output.stdout);
     assert!(output.status.success(), "{}", text(&output.stderr));
-    for word in
-        ["composed", "static", "dynamic region", "mask IoU", "Gaussians", "runs/quickstart-7", "strips/", "report.html"]
-    {
+    for word in [
+        "composed",
+        "static",
+        "dynamic region (true masks)",
+        "movers (true masks)",
+        "dynamic - still",
+        "mask IoU",
+        "Gaussians",
+        "runs/quickstart-7",
+        "strips/",
+        "report.html",
+    ] {
         assert!(table.contains(word), "`{word}` is missing: {table}");
     }
     let run = folder.path().join("runs/quickstart-7");
@@ -337,6 +346,9 @@ fn check_results(run: &Path) {
         "/test/static/psnr",
         "/test/static/ssim",
         "/test/dynamic_region/psnr",
+        "/test/dynamic_minus_still_psnr",
+        "/test/movers/psnr",
+        "/test/movers/ssim",
         "/test/mask_iou",
         "/gaussians/static",
         "/gaussians/dynamic",

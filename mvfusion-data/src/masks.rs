@@ -95,6 +95,7 @@ pub fn attach_masks(scene: &mut Scene, folder: &Path) -> Result<usize, DataError
         };
         let source = PictureSource::Image(path);
         view.truth.dynamic_mask = Some(Picture::File(PictureFile { source, width, height, backdrop: None, lenses }));
+        view.truth.is_mask_exact = false;
         attached += 1;
     }
     let views = scene.train.len() + scene.test.len();

@@ -56,6 +56,11 @@ pub struct Truth {
     pub background: Option<Picture>,
     /// White where something moves.
     pub dynamic_mask: Option<Picture>,
+    /// Whether [`Truth::dynamic_mask`] is exact, as that of a built-in scene, and not what somebody takes for moving.
+    pub is_mask_exact: bool,
+    /// White where a mover is in front: something that goes somewhere, not what sways in its place. Known of built-in
+    /// scenes alone, and only where [`Truth::dynamic_mask`] is.
+    pub movers_mask: Option<Picture>,
     /// Depth along the camera's z axis in world units at the pixel centres, row by row; for the built-in scenes.
     pub depth: Option<Arc<Vec<f32>>>,
 }

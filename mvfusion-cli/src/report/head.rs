@@ -1,7 +1,9 @@
 //! The head of the page: which run this is, and its figures in front.
 
+use std::borrow::Cow;
+
 use maud::{Markup, html};
-use mvfusion_model::evaluation::{Figure, LpipsVariant, Scores};
+use mvfusion_model::evaluation::{Figure, LayerScores, LpipsVariant, Scores};
 use serde_json::Value;
 
 use super::files::RunFiles;
@@ -65,7 +67,7 @@ fn git(files: &RunFiles) -> Option<String> {
 
 /// A figure in front.
 struct Card {
-    name: &'static str,
+    name: Cow<'static, str>,
     title: &'static str,
     value: String,
     unit: &'static str,
@@ -91,14 +93,19 @@ fn cards(results: &Results) -> impl Iterator<Item = Card> {
 }
 
 /// How good the pictures are.
-fn quality(test: &Scores) -> [Option<Card>; 6] {
-    let figure = |name, figure: Figure, value: Option<f64>| {
-        let unit = figure.unit().unwrap_or_default();
+fn quality(test: &Scores) -> [Option<Card>; 7] {
+    let figure = |name: &str, figure: Figure, value: Option<f64>| {
+        let (name, unit) = (Cow::from(name.to_owned()), figure.unit().unwrap_or_default());
         value.map(|value| Card { name, title: meaning(figure), value: number(value, figure.decimals()), unit })
     };
     let (static_, region) = (test.static_.unwrap_or_default(), test.dynamic_region.unwrap_or_default());
+    let of_part = |layer: &str, scores: LayerScores| {
+        let (name, source) = test.label_and_source(layer);
+        let source = source.map_or(String::new(), |source| format!(" ({})", source.words()));
+        figure(&format!("{name} PSNR{source}"), Figure::Psnr, scores.psnr)
+    };
     let overlap = test.mask_iou.map(|value| Card {
-        name: "mask IoU",
+        name: "mask IoU".into(),
         title: "overlap of predicted and given mask",
         value: number(value, 3),
         unit: "",
@@ -108,7 +115,8 @@ fn quality(test: &Scores) -> [Option<Card>; 6] {
         figure("SSIM", Figure::Ssim, test.composed.ssim),
         figure("LPIPS-alex", Figure::Lpips(LpipsVariant::ALEX), test.composed.lpips_alex),
         figure("static PSNR", Figure::Psnr, static_.psnr),
-        figure("dynamic region PSNR", Figure::Psnr, region.psnr),
+        of_part("dynamic_region", region),
+        of_part("movers", test.movers.unwrap_or_default()),
         overlap,
     ]
 }
@@ -116,19 +124,19 @@ fn quality(test: &Scores) -> [Option<Card>; 6] {
 /// What they cost.
 fn cost(results: &Results) -> [Option<Card>; 3] {
     let gaussians = Card {
-        name: "Gaussians",
+        name: "Gaussians".into(),
         title: "of both branches",
         value: (results.gaussians.static_.unwrap_or(0).saturating_add(results.gaussians.dynamic)).to_string(),
         unit: "",
     };
     let time = results.train.map(|train| Card {
-        name: "training",
+        name: "training".into(),
         title: "time of all steps",
         value: spoken(train.seconds),
         unit: "",
     });
     let speed = results.speed.map(|speed| Card {
-        name: "rendering",
+        name: "rendering".into(),
         title: "frames a second of the held-out views, all parts, nothing handed back to the host",
         value: number(speed.fps, 1),
         unit: "fps",

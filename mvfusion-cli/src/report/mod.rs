@@ -16,6 +16,7 @@ mod picture;
 mod record;
 mod scores;
 mod training;
+mod views;
 
 use std::path::{Path, PathBuf};
 

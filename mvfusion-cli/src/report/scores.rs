@@ -1,20 +1,16 @@
-//! The section of the figures: means by layer and region, by each protocol, and every view.
+//! The section of the figures: means by layer and region, and by each protocol.
 
 use std::collections::BTreeMap;
 
 use maud::{Markup, html};
-use mvfusion_model::evaluation::{Figure, LayerScores, LpipsVariant, Protocol, RegionSource, Scores, ViewScores};
+use mvfusion_model::evaluation::{Figure, LayerScores, Protocol, Scores};
 
-use super::curve::{Chart, Point, Series, Weight};
 use super::files::{Found, RunFiles};
 use super::meaning::{meaning, protocol_of, why_absent};
 use super::page::lack;
-use crate::run::{LpipsWeights, PerView, Results};
+use super::views::views;
+use crate::run::{LpipsWeights, Results};
 use crate::table::what_photos_show;
-
-/// Views from which their figures are drawn as well, and beyond which the table is folded up.
-const DRAWN: usize = 8;
-const FOLDED: usize = 12;
 
 /// The figures of a run.
 pub(super) fn scores(files: &RunFiles) -> Markup {
@@ -56,14 +52,14 @@ enum Extent {
 
 /// A row of the table: what is compared, its figures, and if there are none, why.
 struct Row {
-    name: &'static str,
+    name: String,
     title: &'static str,
     extent: Extent,
     scores: Option<LayerScores>,
     absent: &'static str,
 }
 
-fn rows(scores: &Scores, results: &Results) -> [Row; 4] {
+fn rows(scores: &Scores, results: &Results) -> [Row; 5] {
     let no_static = match results.gaussians.static_ {
         None => "the model has no static branch",
         Some(_) => "no clean background is known",
@@ -71,32 +67,39 @@ fn rows(scores: &Scores, results: &Results) -> [Row; 4] {
     const NO_REGION: &str = "no masks were given, and no camera stands still";
     [
         Row {
-            name: "composed",
+            name: scores.label("composed"),
             title: "the blended picture against the photo",
             extent: Extent::Picture,
             scores: Some(scores.composed),
             absent: "not scored",
         },
         Row {
-            name: "static",
+            name: scores.label("static"),
             title: "the static branch against the clean background",
             extent: Extent::Picture,
             scores: scores.static_,
             absent: no_static,
         },
         Row {
-            name: "dynamic region",
+            name: scores.label("dynamic_region"),
             title: "the blended picture against the photo, where something moves",
             extent: Extent::Region,
             scores: scores.dynamic_region,
             absent: NO_REGION,
         },
         Row {
-            name: "still region",
+            name: scores.label("still_region"),
             title: "the blended picture against the photo, where nothing moves",
             extent: Extent::Region,
             scores: scores.still_region,
             absent: NO_REGION,
+        },
+        Row {
+            name: scores.label("movers"),
+            title: "the blended picture against the photo, where something that goes somewhere is in front",
+            extent: Extent::Region,
+            scores: scores.movers,
+            absent: "what goes somewhere is known of built-in scenes alone, or is nowhere in these views",
         },
     ]
 }
@@ -182,15 +185,17 @@ fn why_blank(extent: Extent, figure: Figure, scores: &LayerScores) -> &'static s
     }
 }
 
-/// The figures that no layer has: overlap of masks, and flicker.
+/// The figures that no layer has: difference of regions, overlap of masks, small movers, and flicker.
 fn beside(scores: &Scores) -> Markup {
-    let source = scores.region_source.map(|source| match source {
-        RegionSource::GivenMasks => "given masks",
-        RegionSource::TemporalDeviation => "the photos\u{2019} deviation over time",
-    });
     let temporal = scores.temporal.unwrap_or_default();
     let figures = [
         ("mask IoU \u{2191}", "overlap of predicted and given mask, pixels of all views pooled", scores.mask_iou),
+        (
+            "recall of small movers \u{2191}",
+            "share of what moves in parts below 1 % of the picture that the predicted mask covers, pixels of all views \
+             pooled",
+            scores.small_movers.map(|small| small.recall),
+        ),
         (
             "T-LPIPS-alex \u{2193}",
             "mean |LPIPS(pictures) - LPIPS(photos)| of consecutive frames",
@@ -206,122 +211,21 @@ fn beside(scores: &Scores) -> Markup {
     ];
     let known: Vec<_> = figures.into_iter().filter_map(|(name, title, value)| Some((name, title, value?))).collect();
     html! {
-        @if !known.is_empty() || source.is_some() || scores.composed_shows.is_some() {
+        @if !known.is_empty() || scores.dynamic_minus_still_psnr.is_some() || scores.composed_shows.is_some() {
             ul.beside {
-                @for (name, title, value) in known { li title=(title) { (name) " " b { (number(value, 4)) } } }
                 @if let Some(shown) = scores.composed_shows { li { "composed shows " b { (what_photos_show(shown)) } } }
-                @if let Some(source) = source { li { "regions from " b { (source) } } }
-            }
-        }
-    }
-}
-
-/// A column of the table of views.
-struct ViewColumn {
-    name: &'static str,
-    title: &'static str,
-    decimals: usize,
-    of: fn(&Scores) -> Option<f64>,
-}
-
-const VIEW_COLUMNS: [ViewColumn; 11] = [
-    ViewColumn { name: Figure::Psnr.label(), title: "composed, dB", decimals: 2, of: |scores| scores.composed.psnr },
-    ViewColumn { name: Figure::Ssim.label(), title: "composed", decimals: 4, of: |scores| scores.composed.ssim },
-    ViewColumn {
-        name: Figure::Lpips(LpipsVariant::ALEX).label(),
-        title: "composed, network fed [-1, 1]",
-        decimals: 4,
-        of: |scores| Figure::Lpips(LpipsVariant::ALEX).of(&scores.composed),
-    },
-    ViewColumn {
-        name: Figure::Lpips(LpipsVariant::VGG).label(),
-        title: "composed, network fed [-1, 1]",
-        decimals: 4,
-        of: |scores| Figure::Lpips(LpipsVariant::VGG).of(&scores.composed),
-    },
-    ViewColumn {
-        name: Figure::Lpips(LpipsVariant::ALEX_RAW).label(),
-        title: "composed, network fed [0, 1]",
-        decimals: 4,
-        of: |scores| Figure::Lpips(LpipsVariant::ALEX_RAW).of(&scores.composed),
-    },
-    ViewColumn {
-        name: Figure::Lpips(LpipsVariant::VGG_RAW).label(),
-        title: "composed, network fed [0, 1]",
-        decimals: 4,
-        of: |scores| Figure::Lpips(LpipsVariant::VGG_RAW).of(&scores.composed),
-    },
-    ViewColumn {
-        name: "static PSNR",
-        title: "static branch against the clean background, dB",
-        decimals: 2,
-        of: |scores| scores.static_?.psnr,
-    },
-    ViewColumn {
-        name: "dynamic region PSNR",
-        title: "composed, where something moves, dB",
-        decimals: 2,
-        of: |scores| scores.dynamic_region?.psnr,
-    },
-    ViewColumn {
-        name: "still region PSNR",
-        title: "composed, where nothing moves, dB",
-        decimals: 2,
-        of: |scores| scores.still_region?.psnr,
-    },
-    ViewColumn { name: "mask IoU", title: "overlap with the given mask", decimals: 4, of: |scores| scores.mask_iou },
-    ViewColumn {
-        name: "T-LPIPS-alex",
-        title: "flicker since the frame before",
-        decimals: 4,
-        of: |scores| scores.temporal?.t_lpips_alex,
-    },
-];
-
-fn views(per_view: &PerView) -> Markup {
-    let views: Vec<&ViewScores> = per_view.test.values().collect();
-    let is_known = |column: &ViewColumn| views.iter().any(|view| (column.of)(&view.scores).is_some());
-    let columns: Vec<ViewColumn> = VIEW_COLUMNS.into_iter().filter(is_known).collect();
-    html! {
-        @if views.len() >= DRAWN { div.charts.single { (chart(&views).draw()) } }
-        details open[views.len() <= FOLDED] {
-            summary { (views.len()) " held-out views" }
-            div.scroll {
-                table.views.sortable {
-                    thead { tr {
-                        th scope="col" { "view" }
-                        @for column in &columns { th scope="col" title=(column.title) { (column.name) } }
-                    } }
-                    tbody {
-                        @for view in &views { tr {
-                            th scope="row" { (view.view) }
-                            @for column in &columns { @match (column.of)(&view.scores) {
-                                Some(value) => td { (number(value, column.decimals)) },
-                                None => td.absent { "\u{2013}" },
-                            } }
-                        } }
+                @if let Some(difference) = scores.dynamic_minus_still_psnr {
+                    li title="PSNR of the dynamic region less that of the still region" {
+                        "dynamic - still region " b { (number(difference, 2)) } " dB"
                     }
+                }
+                @for (name, title, value) in known { li title=(title) { (name) " " b { (number(value, 4)) } } }
+                @if let Some(small) = scores.small_movers {
+                    li { "small movers " b { (small.components) } " components" }
                 }
             }
         }
     }
-}
-
-/// PSNR over the views, in their order.
-fn chart(views: &[&ViewScores]) -> Chart<'static> {
-    let curve = |name, colour, of: fn(&Scores) -> Option<f64>| {
-        let point =
-            |(index, view): (usize, &&ViewScores)| Point { x: index as f64, y: of(&view.scores).unwrap_or(f64::NAN) };
-        let points = views.iter().enumerate().map(point).collect();
-        Series { name: Some(name), colour, weight: Weight::Bold, points }
-    };
-    let series = vec![
-        curve("composed", 0, |scores| scores.composed.psnr),
-        curve("static", 1, |scores| scores.static_?.psnr),
-        curve("dynamic region", 2, |scores| scores.dynamic_region?.psnr),
-    ];
-    let known = series.into_iter().filter(|series| series.points.iter().any(|point| point.y.is_finite())).collect();
-    Chart { x_title: "held-out view", ..Chart::linear("PSNR of each view, dB", known, &[]) }
 }
 
 /// A figure; one that is not finite, as of a perfect picture, is said in words.
@@ -333,32 +237,17 @@ pub(super) fn number(value: f64, decimals: usize) -> String {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use serde_json::{Map, Value, json};
 
     use super::*;
 
     /// Figures that are all known and all different.
-    fn known() -> LayerScores {
+    pub(in crate::report) fn known() -> LayerScores {
         let numbered = Figure::ALL.into_iter().zip(1..);
         let figures: Map<String, Value> =
             numbered.map(|(figure, number)| (figure.name().to_owned(), json!(number))).collect();
         serde_json::from_value(Value::Object(figures)).expect("figures")
-    }
-
-    #[test]
-    fn a_column_of_views_that_is_named_as_a_figure_shows_that_figure() {
-        let scores = Scores { composed: known(), ..Scores::default() };
-        let mut named = 0;
-        for column in VIEW_COLUMNS {
-            let figure = Figure::ALL.into_iter().find(|figure| figure.label() == column.name);
-            if let Some(figure) = figure {
-                assert_eq!((column.of)(&scores), figure.of(&scores.composed), "{}", column.name);
-                assert_eq!(column.decimals, figure.decimals(), "{}", column.name);
-                named += 1;
-            }
-        }
-        assert_eq!(named, 6);
     }
 
     #[test]

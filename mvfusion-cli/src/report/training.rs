@@ -23,7 +23,8 @@ pub(super) fn training(files: &RunFiles) -> Markup {
 }
 
 fn curves(log: &Log, marks: &[Mark]) -> Markup {
-    let count = |name, colour, points| Series { name: Some(name), colour, weight: Weight::Bold, points };
+    let count =
+        |name: &str, colour, points| Series { name: Some(name.to_owned()), colour, weight: Weight::Bold, points };
     let gaussians = vec![
         count("static", 0, log.curve(|line| line.gaussians.static_)),
         count("dynamic", 1, log.curve(|line| line.gaussians.dynamic)),

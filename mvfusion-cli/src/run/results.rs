@@ -183,7 +183,15 @@ fn figures_of(set: &str, scores: &Scores) -> BTreeMap<String, f64> {
         known.map(|(figure, value)| (format!("{set}.{layer}.{figure}"), value)).collect::<Vec<_>>()
     };
     let mut figures: BTreeMap<String, f64> = scores.layers().flat_map(of_layer).collect();
-    figures.extend(scores.mask_iou.map(|overlap| (format!("{set}.mask_iou"), overlap)));
+    let small = scores.small_movers;
+    for (name, figure) in [
+        ("mask_iou", scores.mask_iou),
+        ("dynamic_minus_still_psnr", scores.dynamic_minus_still_psnr),
+        ("small_movers.recall", small.map(|small| small.recall)),
+        ("small_movers.components", small.map(|small| small.components as f64)),
+    ] {
+        figures.extend(figure.map(|figure| (format!("{set}.{name}"), figure)));
+    }
     let temporal = scores.temporal.unwrap_or_default();
     for (name, flicker) in [
         ("t_lpips_alex", temporal.t_lpips_alex),
@@ -260,7 +268,9 @@ mod tests {
         let json = serde_json::to_value(results()).expect("written");
         assert_eq!(json["test"]["composed"]["ssim"], 0.1 + 0.2);
         assert_eq!(json["gaussians"]["static"], 12);
-        assert!(json["test"].get("static").is_none() && json["test"].get("mask_iou").is_none());
+        for unknown in ["static", "mask_iou", "movers", "small_movers", "dynamic_minus_still_psnr"] {
+            assert!(json["test"].get(unknown).is_none(), "{unknown}: {json}");
+        }
         assert!(json.get("speed").is_none());
         assert_eq!(json["lpips"]["vgg"]["absent"], "no folder of weights was given");
         assert_eq!(serde_json::from_value::<Results>(json).expect("read"), results());

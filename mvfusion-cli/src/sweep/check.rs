@@ -27,11 +27,14 @@ const TRAINING_VIEWS: &str = "training_views.";
 const LAYERS: [&str; 2] = ["composed", "static"];
 
 /// Parts of a layer.
-const REGIONS: [&str; 2] = ["dynamic_region", "still_region"];
+const REGIONS: [&str; 3] = ["dynamic_region", "still_region", "movers"];
 
 /// Figures of a set of views beside those of layers and parts.
-const OF_VIEWS: [&str; 5] = [
+const OF_VIEWS: [&str; 8] = [
     "mask_iou",
+    "dynamic_minus_still_psnr",
+    "small_movers.recall",
+    "small_movers.components",
     "temporal.t_lpips_alex",
     "temporal.t_lpips_vgg",
     "temporal.consecutive_lpips_alex",

@@ -7,12 +7,13 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
+use mvfusion_model::evaluation::Scores;
 use mvfusion_model::files::is_unfinished;
 use serde::{Deserialize, Serialize};
 
 use super::index::{Cell, INDEX, Index, Wanted, of_another_version};
 use super::plan::Plan;
-use super::table::Outcome;
+use super::table::{CellFigures, Outcome};
 use crate::run::{self, LpipsWeights, Results, RunRecord};
 use crate::{atomic, config};
 
@@ -278,7 +279,14 @@ impl SweepFolder {
     /// As [`SweepFolder::state`].
     pub fn outcomes(&self, index: &Index) -> anyhow::Result<Vec<Outcome>> {
         let outcome = |cell: &Cell| {
-            let figures = |results: Results| Outcome::Figures(figures(&results));
+            let figures = |results: Results| {
+                let source = |scores: &Scores| scores.region_source;
+                Outcome::Figures(CellFigures {
+                    numbers: figures(&results),
+                    regions: source(&results.test),
+                    training_regions: results.training_views.as_ref().and_then(source),
+                })
+            };
             Ok(match self.state(&cell.id, &index.wanted)? {
                 State::Finished => self.results(&cell.id).map_or(Outcome::Unfinished, figures),
                 State::Failed(_) => Outcome::Failed,
@@ -330,8 +338,6 @@ pub(super) fn figures(results: &Results) -> BTreeMap<String, f64> {
 
 #[cfg(test)]
 mod tests {
-    use mvfusion_model::evaluation::Scores;
-
     use super::*;
 
     #[test]

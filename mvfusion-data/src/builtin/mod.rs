@@ -1,10 +1,11 @@
 //! Built-in scenes: a furnished room, drawn by ray casting, with everything known about it.
 //!
 //! They need no files, are the same for the same options, and come with the truth: the background without moving
-//! things, masks of what moves, depths and trajectories. [`BuiltinKind::Video`] is a small multi-camera video,
+//! things, masks of what moves and of what goes somewhere, depths and trajectories. [`BuiltinKind::Video`] is a small multi-camera video,
 //! [`BuiltinKind::Casual`] a set of photos with passers-by.
 
 mod choreography;
+mod movers;
 mod rig;
 mod shot;
 mod solid;
@@ -22,6 +23,7 @@ pub use choreography::MovingObject;
 pub use solid::Pose;
 
 use crate::{Camera, Capture, Picture, Scene, Truth, View};
+use movers::Movers;
 use shot::{Backdrop, Shot};
 use solid::Solid;
 
@@ -114,18 +116,19 @@ pub fn moving_objects(options: &BuiltinOptions, time: f64) -> Vec<MovingObject> 
 
 fn video(options: &BuiltinOptions, still: &[Solid]) -> Scene {
     let cameras = rig::video_cameras(options.width, options.height);
+    let times: Vec<f64> = (0..options.frames).map(|index| index as f64 / options.frames as f64).collect();
+    let movers = Movers::of(times.iter().map(|&time| moving_objects(options, time)));
     let filmed: Vec<Vec<View>> = cameras
         .par_iter()
         .enumerate()
         .map(|(number, &camera)| {
             let backdrop = Backdrop::new(camera, still);
             let background = in_memory(backdrop.image());
-            let frame = |index: usize| {
-                let time = index as f64 / options.frames as f64;
-                let shot = backdrop.shot(&solids_at(options, time));
+            let frame = |(index, &time): (usize, &f64)| {
+                let shot = backdrop.shot(&solids_at(options, time, &movers));
                 view(format!("cam{number:02}/{index:04}"), camera, time, shot, background.clone())
             };
-            (0..options.frames).into_par_iter().map(frame).collect()
+            times.par_iter().enumerate().map(frame).collect()
         })
         .collect();
     let mut filmed = filmed.into_iter();
@@ -141,10 +144,12 @@ fn video(options: &BuiltinOptions, still: &[Solid]) -> Scene {
 
 fn casual(options: &BuiltinOptions, still: &[Solid]) -> Scene {
     let cameras = rig::photo_cameras(options.width, options.height, options.photos, options.seed);
+    let time_of = |index: usize| index as f64 / (options.photos - 1) as f64;
+    let movers = Movers::of((0..options.photos).map(|index| moving_objects(options, time_of(index))));
     let photo = |(index, &camera): (usize, &Camera)| {
         let backdrop = Backdrop::new(camera, still);
-        let time = index as f64 / (options.photos - 1) as f64;
-        let shot = backdrop.shot(&solids_at(options, time));
+        let time = time_of(index);
+        let shot = backdrop.shot(&solids_at(options, time, &movers));
         view(format!("clutter{index:03}"), camera, time, shot, in_memory(backdrop.image()))
     };
     let empty = |index: usize| {
@@ -153,7 +158,7 @@ fn casual(options: &BuiltinOptions, still: &[Solid]) -> Scene {
         let shot = Backdrop::new(camera, still).shot(&[]);
         let background = in_memory(shot.image.clone());
         let mut view = view(format!("extra{index:03}"), camera, time, shot, background);
-        view.truth.dynamic_mask = None;
+        view.truth = Truth { dynamic_mask: None, is_mask_exact: false, movers_mask: None, ..view.truth };
         view
     };
     Scene {
@@ -166,14 +171,16 @@ fn casual(options: &BuiltinOptions, still: &[Solid]) -> Scene {
     }
 }
 
-fn solids_at(options: &BuiltinOptions, time: f64) -> Vec<Solid> {
-    moving_objects(options, time).into_iter().flat_map(|object| object.solids).collect()
+fn solids_at(options: &BuiltinOptions, time: f64, movers: &Movers) -> Vec<Solid> {
+    moving_objects(options, time).into_iter().flat_map(|object| movers.marked(object).solids).collect()
 }
 
 fn view(name: String, camera: Camera, time: f64, shot: Shot, background: Picture) -> View {
     let truth = Truth {
         background: Some(background),
         dynamic_mask: Some(in_memory(as_rgb(shot.mask))),
+        is_mask_exact: true,
+        movers_mask: Some(in_memory(as_rgb(shot.movers))),
         depth: Some(Arc::new(shot.depth)),
     };
     View { name, camera, time, image: in_memory(shot.image), mask: None, truth }

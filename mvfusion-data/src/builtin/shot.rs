@@ -30,6 +30,8 @@ pub(super) struct Seen {
     pub(super) colour: Vec3,
     /// Along the camera's z axis for rays of [`ray_through`], else in lengths of the ray's direction.
     pub(super) depth: f64,
+    /// Whether it is a mover.
+    pub(super) is_mover: bool,
 }
 
 /// What a camera sees of the still solids, kept for all rays so that moving things can be put in front.
@@ -43,6 +45,8 @@ pub(super) struct Shot {
     pub(super) image: RgbImage,
     /// 255 where moving things cover more than half of the pixel.
     pub(super) mask: GrayImage,
+    /// 255 where movers do.
+    pub(super) movers: GrayImage,
     /// Along the camera's z axis at the pixel centres, row by row.
     pub(super) depth: Vec<f32>,
 }
@@ -63,12 +67,13 @@ pub(super) fn first_seen<'a>(ray: &Ray, solids: impl IntoIterator<Item = &'a Sol
     // Wrapped around the edge of the shadow, so that the dark side keeps its form.
     let lit = ((facing + 0.25) / 1.25).max(0.0);
     let light = AMBIENT + DIFFUSE * lit + FROM_ABOVE * normal.z;
-    Some(Seen { colour: (albedo * light as f32).clamp(Vec3::ZERO, Vec3::ONE), depth: hit.distance })
+    let colour = (albedo * light as f32).clamp(Vec3::ZERO, Vec3::ONE);
+    Some(Seen { colour, depth: hit.distance, is_mover: solid.is_mover })
 }
 
 impl Backdrop {
     pub(super) fn new(camera: Camera, solids: &[Solid]) -> Self {
-        let nothing = Seen { colour: Vec3::ZERO, depth: f64::INFINITY };
+        let nothing = Seen { colour: Vec3::ZERO, depth: f64::INFINITY, is_mover: false };
         let mut seen = Vec::with_capacity(camera.width * camera.height);
         for_each_pixel(&camera, solids, |pixel, near| {
             seen.push(std::array::from_fn(|i| {
@@ -86,7 +91,8 @@ impl Backdrop {
     /// The picture with `moving` in front.
     pub(super) fn shot(&self, moving: &[Solid]) -> Shot {
         let (width, height) = (self.camera.width as u32, self.camera.height as u32);
-        let (mut image, mut mask) = (self.image(), GrayImage::new(width, height));
+        let mut image = self.image();
+        let [mut mask, mut movers] = [0; 2].map(|_| GrayImage::new(width, height));
         let mut depth: Vec<f32> = self.seen.iter().map(|rays| rays[COLOUR_RAYS].depth as f32).collect();
         let mut index = 0;
         for_each_pixel(&self.camera, moving, |pixel, near| {
@@ -99,15 +105,17 @@ impl Backdrop {
                 }
             }
             let count = covered[..COLOUR_RAYS].iter().filter(|&&c| c).count();
+            let by_movers = rays[..COLOUR_RAYS].iter().filter(|ray| ray.is_mover).count();
             let (x, y) = (pixel.x as u32, pixel.y as u32);
             if count > 0 {
                 image.put_pixel(x, y, average(&rays));
             }
-            mask.put_pixel(x, y, Luma([if 2 * count > COLOUR_RAYS { 255 } else { 0 }]));
+            mask.put_pixel(x, y, white_for_most(count));
+            movers.put_pixel(x, y, white_for_most(by_movers));
             depth[index] = rays[COLOUR_RAYS].depth as f32;
             index += 1;
         });
-        Shot { image, mask, depth }
+        Shot { image, mask, movers, depth }
     }
 
     fn rgb(&self, x: usize, y: usize) -> Rgb<u8> {
@@ -121,6 +129,11 @@ fn offset(index: usize) -> DVec2 {
         return DVec2::splat(0.5);
     }
     (DVec2::new((index % GRID) as f64, (index / GRID) as f64) + 0.5) / GRID as f64
+}
+
+/// White if so many of a pixel's rays are more than half.
+fn white_for_most(rays: usize) -> Luma<u8> {
+    Luma([if 2 * rays > COLOUR_RAYS { 255 } else { 0 }])
 }
 
 fn average(rays: &[Seen; RAYS]) -> Rgb<u8> {

@@ -46,6 +46,8 @@ pub(super) struct Solid {
     pub(super) shape: Shape,
     pub(super) texture: Texture,
     pub(super) pose: Pose,
+    /// Whether it belongs to a mover ([`Movers`](super::movers::Movers)).
+    pub(super) is_mover: bool,
     to_local: DMat3,
 }
 
@@ -80,6 +82,12 @@ impl Pose {
         self.rotation * local + self.position
     }
 
+    /// No point within `reach` of the object's own origin is further from its place at `other` than this.
+    pub(super) fn travel(&self, other: &Pose, reach: f64) -> f64 {
+        let half_angle = 0.5 * self.rotation.angle_between(other.rotation);
+        self.position.distance(other.position) + 2.0 * reach * half_angle.sin()
+    }
+
     /// This pose of a part whose pose within the whole is `part`.
     pub(super) fn of_part(&self, part: &Pose) -> Pose {
         Pose { position: self.place(part.position), rotation: self.rotation * part.rotation }
@@ -88,7 +96,7 @@ impl Pose {
 
 impl Solid {
     pub(super) fn new(shape: Shape, texture: Texture, pose: Pose) -> Self {
-        Self { shape, texture, pose, to_local: DMat3::from_quat(pose.rotation.inverse()) }
+        Self { shape, texture, pose, is_mover: false, to_local: DMat3::from_quat(pose.rotation.inverse()) }
     }
 
     /// The nearest point in front of the ray's origin.

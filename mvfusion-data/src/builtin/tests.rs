@@ -39,6 +39,10 @@ fn mask(view: &View) -> GrayImage {
     view.truth.dynamic_mask.as_ref().expect("known").mask().expect("in memory")
 }
 
+fn movers_mask(view: &View) -> GrayImage {
+    view.truth.movers_mask.as_ref().expect("known").mask().expect("in memory")
+}
+
 /// PSNR of a picture of the mean colour, in decibels.
 fn flat_psnr(image: &RgbImage) -> f64 {
     let count = f64::from(image.width() * image.height());
@@ -164,6 +168,45 @@ fn the_lamp_moves_by_less_than_a_pixel() {
 }
 
 #[test]
+fn the_movers_of_the_video_are_block_and_visitor_and_not_the_lamp() {
+    let options = BuiltinOptions::of_kind(BuiltinKind::Video);
+    let scene = scene(BuiltinKind::Video);
+    let (mut visitors, mut lamps) = (0, 0);
+    for view in &scene.test {
+        let objects = moving_objects(&options, view.time);
+        let (mask, movers) = (mask(view), movers_mask(view));
+        assert!(movers.pixels().zip(mask.pixels()).all(|(mover, moving)| mover.0[0] <= moving.0[0]), "{}", view.name);
+        let seen = |name: &str, local: DVec3| {
+            let place = objects.iter().find(|o| o.name == name).map(|o| o.pose.place(local))?;
+            let pixel = view.camera.project(place).expect("in front");
+            let depth = view.truth.depth.as_ref().expect("known")[pixel.y as usize * 160 + pixel.x as usize];
+            // Nothing else is in front of its middle.
+            let is_seen = (f64::from(depth) - view.camera.to_camera(place).z).abs() < 0.6;
+            is_seen.then(|| [&mask, &movers].map(|m| m.get_pixel(pixel.x as u32, pixel.y as u32).0[0]))
+        };
+        assert_eq!(seen("block", DVec3::ZERO), Some([255, 255]), "{}", view.name);
+        if let Some(found) = seen("visitor", DVec3::new(0.0, 0.0, 0.7)) {
+            assert_eq!(found, [255, 255], "{}", view.name);
+            visitors += 1;
+        }
+        let globe = seen("lamp", DVec3::new(0.0, 0.0, -1.05)).expect("it hangs above all");
+        // The block may fly in front of it.
+        lamps += usize::from(globe == [255, 0]);
+    }
+    assert!(visitors >= 3 && lamps >= 20, "{visitors} {lamps}");
+}
+
+#[test]
+fn in_the_photos_whatever_moves_is_a_mover() {
+    for options in [BuiltinOptions::of_kind(BuiltinKind::Casual), small(BuiltinKind::Casual)] {
+        for view in &builtin(&options).train {
+            assert_eq!(movers_mask(view), mask(view), "{}", view.name);
+        }
+    }
+    assert!(scene(BuiltinKind::Casual).test.iter().all(|view| view.truth.movers_mask.is_none()));
+}
+
+#[test]
 fn some_people_linger_and_toys_never_stay() {
     let options = BuiltinOptions::of_kind(BuiltinKind::Casual);
     let at = |i: usize| moving_objects(&options, i as f64 / 59.0);
@@ -192,7 +235,7 @@ fn a_pixel_with_its_depth_is_the_point_that_other_cameras_see_there() {
                 let point = ray.origin + f64::from(depth[index]) * ray.direction;
                 assert!((camera.project(point).expect("in front") - pixel).length() < 1e-9);
                 assert!((camera.to_camera(point).z - f64::from(depth[index])).abs() < 1e-9);
-                let front = solids_at(&BuiltinOptions::of_kind(kind), view.time);
+                let front = solids_at(&BuiltinOptions::of_kind(kind), view.time, &Movers::default());
                 let seen = shot::first_seen(&ray, still.iter().chain(&front)).expect("the room is closed");
                 assert!((seen.depth - f64::from(depth[index])).abs() < DEPTH_ROUNDING * seen.depth.max(1.0));
             }

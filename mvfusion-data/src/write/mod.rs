@@ -4,8 +4,8 @@
 //! the disk. Pictures are PNG files, whatever the layout's own tools write, because nothing may be lost.
 //!
 //! What is known beyond the photos lies in folders beside them, under the names that our readers give to the views:
-//! [`MASKS_TRUTH`], [`BACKGROUND_TRUTH`] and [`DEPTH_TRUTH`]. No layout knows them, so no tool trains on them by
-//! mistake.
+//! [`MASKS_TRUTH`], [`MOVERS_TRUTH`], [`BACKGROUND_TRUTH`] and [`DEPTH_TRUTH`]. No layout knows them, so no tool trains
+//! on them by mistake.
 //!
 //! What a layout has no words for is lost: see [`Layout`].
 
@@ -34,7 +34,7 @@ use tracing::{info, warn};
 pub use encode::ply;
 pub use error::WriteError;
 pub use layout::Layout;
-pub use package::{BACKGROUND_TRUTH, DEPTH_TRUTH, MASKS_TRUTH};
+pub use package::{BACKGROUND_TRUTH, DEPTH_TRUTH, MASKS_TRUTH, MOVERS_TRUTH};
 
 use crate::{Capture, Scene};
 use package::Package;

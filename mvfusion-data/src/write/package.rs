@@ -14,6 +14,9 @@ use crate::View;
 /// Folder of the masks of what moves (white = moving), as [`attach_masks`](crate::attach_masks) takes it.
 pub const MASKS_TRUTH: &str = "masks_truth";
 
+/// Folder of the masks of what goes somewhere, which leave out what sways in its place.
+pub const MOVERS_TRUTH: &str = "movers_truth";
+
 /// Folder of the photos as they would be without anything that moves.
 pub const BACKGROUND_TRUTH: &str = "background_truth";
 
@@ -78,9 +81,11 @@ impl PictureEntry<'_> {
     fn store_truth(&self, folder: &Path) -> Result<(), WriteError> {
         let truth = &self.view.truth;
         let place = |kind: &str, extension: &str| folder.join(kind).join(format!("{}.{extension}", self.name));
-        if let Some(mask) = &truth.dynamic_mask {
-            let mask = mask.mask()?;
-            save(&place(MASKS_TRUTH, "png"), |path| mask.save_with_format(path, ImageFormat::Png))?;
+        for (kind, mask) in [(MASKS_TRUTH, &truth.dynamic_mask), (MOVERS_TRUTH, &truth.movers_mask)] {
+            if let Some(mask) = mask {
+                let mask = mask.mask()?;
+                save(&place(kind, "png"), |path| mask.save_with_format(path, ImageFormat::Png))?;
+            }
         }
         if let Some(background) = &truth.background {
             let background = background.rgb()?;

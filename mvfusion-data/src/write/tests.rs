@@ -176,6 +176,10 @@ fn what_is_known_of_the_views_lies_beside_them_under_the_names_that_they_get() {
             let name = (expected.name)(before, false, index);
             let mask = |view: &View| view.truth.dynamic_mask.as_ref().map(|mask| mask.mask().expect("mask"));
             assert_eq!(mask(before), mask(after), "{layout:?}: {name}");
+            assert!(after.truth.movers_mask.is_none(), "{layout:?}: no folder of masks says what goes somewhere");
+            let file = folder.path().join(MOVERS_TRUTH).join(format!("{name}.png"));
+            let movers = before.truth.movers_mask.as_ref().expect("known").mask().expect("mask");
+            assert_eq!(movers, image::open(file).expect("movers").into_luma8());
             let background = before.truth.background.as_ref().expect("known").rgb().expect("image");
             let file = folder.path().join(BACKGROUND_TRUTH).join(format!("{name}.png"));
             assert_eq!(*background, image::open(file).expect("background").into_rgb8());

@@ -7,7 +7,7 @@ use image::{GrayImage, RgbImage};
 use mvfusion_data::{Capture, Scene, View};
 
 use super::judge::{Judge, Pair, Regions, Verdict};
-use super::metrics::{MaskOverlap, RegionSource, TemporalDeviation, sequences};
+use super::metrics::{MaskOverlap, RegionSource, SmallMovers, TemporalDeviation, sequences};
 use super::protocol::Protocol;
 use super::render::{ViewPictures, render_view, view_renderer};
 use super::scores::{Evaluation, HeldOutPhoto, Scores, ViewScores};
@@ -76,6 +76,7 @@ pub fn evaluate<E: From<ModelError>>(
         judge,
         source: region_source(views),
         overlap: MaskOverlap::default(),
+        small_movers: SmallMovers::default(),
     };
     let mut scored: Vec<(usize, ViewScores)> = Vec::with_capacity(views.len());
     for sequence in sequences(views) {
@@ -95,14 +96,17 @@ pub fn evaluate<E: From<ModelError>>(
     let views: Vec<ViewScores> = scored.into_iter().map(|(_, view)| view).collect();
     let mut mean = Scores::mean(&views);
     mean.mask_iou = scoring.overlap.ratio();
+    mean.small_movers = scoring.small_movers.recall();
     Ok(Evaluation { mean, views })
 }
 
-/// Given masks, if any view has one; else what varies.
+/// Masks, if any view has one, which are true if all of them are; else what varies.
 fn region_source(views: &[View]) -> RegionSource {
-    match views.iter().any(|view| view.truth.dynamic_mask.is_some()) {
-        true => RegionSource::GivenMasks,
-        false => RegionSource::TemporalDeviation,
+    let masked: Vec<&View> = views.iter().filter(|view| view.truth.dynamic_mask.is_some()).collect();
+    match masked.iter().all(|view| view.truth.is_mask_exact) {
+        _ if masked.is_empty() => RegionSource::TemporalDeviation,
+        true => RegionSource::TrueMasks,
+        false => RegionSource::GivenMasks,
     }
 }
 
@@ -114,12 +118,13 @@ struct Scoring<'a> {
     judge: &'a Judge,
     source: RegionSource,
     overlap: MaskOverlap,
+    small_movers: SmallMovers,
 }
 
 impl Scoring<'_> {
     /// The dynamic region of a camera's frames, where it is taken from these.
     fn varying_pixels<'v>(&self, frames: impl Iterator<Item = &'v View>) -> Result<Option<GrayImage>, ModelError> {
-        if self.source == RegionSource::GivenMasks {
+        if self.source != RegionSource::TemporalDeviation {
             return Ok(None);
         }
         let frames: Vec<&View> = frames.collect();
@@ -144,26 +149,32 @@ impl Scoring<'_> {
     ) -> Result<(Scores, Pair), ModelError> {
         let counted = Counted::of(view)?;
         let given = view.truth.dynamic_mask.as_ref().map(|mask| mask.mask()).transpose()?;
-        let regions = given.as_ref().or(varying).map(|mask| counted.regions(mask));
+        let movers = view.truth.movers_mask.as_ref().map(|mask| mask.mask()).transpose()?;
+        let regions = given.as_ref().or(varying).map(|mask| counted.regions(mask, movers.as_ref()));
         let photo = view.image.rgb()?;
         let pair = counted.pair(&pictures.composed, &pictures.composed_tensor, &photo);
-        let Verdict { whole, dynamic, still, temporal } = self.judge.judge(&pair, before, regions.as_ref())?;
+        let Verdict { whole, dynamic, still, movers, temporal } = self.judge.judge(&pair, before, regions.as_ref())?;
         let mut scores = Scores {
             composed: whole,
             composed_shows: self.composed_shows,
             dynamic_region: dynamic,
             still_region: still,
             region_source: regions.is_some().then_some(self.source),
+            movers,
             temporal,
             ..Scores::default()
-        };
+        }
+        .with_difference();
         if let Some(layers) = &pictures.branches {
             if let (Some(_), Some(regions)) = (&given, &regions) {
                 let predicted = counted.visible(&layers.mask);
-                self.overlap.add(&predicted, &regions.dynamic);
-                let mut own = MaskOverlap::default();
-                own.add(&predicted, &regions.dynamic);
-                scores.mask_iou = own.ratio();
+                let (mut overlap, mut small) = (MaskOverlap::default(), SmallMovers::default());
+                overlap.add(&predicted, &regions.dynamic);
+                // What sways in its place is no mover, where that is known.
+                small.add(&predicted, regions.movers.as_ref().unwrap_or(&regions.dynamic));
+                (scores.mask_iou, scores.small_movers) = (overlap.ratio(), small.recall());
+                self.overlap.merge(overlap);
+                self.small_movers.merge(small);
             }
             if let Some(clean) = self.split.clean_background(view, self.capture)? {
                 let pair = counted.pair(&layers.static_, &layers.static_tensor, &clean);
@@ -202,9 +213,9 @@ impl Counted {
         }
     }
 
-    /// The parts of the picture that a mask (white = dynamic) divides it into.
-    fn regions(&self, mask: &GrayImage) -> Regions {
-        let divide = |is_white: fn(u8) -> bool| {
+    /// The parts of the picture that a mask (white = dynamic) divides it into, and the movers if they are known.
+    fn regions(&self, mask: &GrayImage, movers: Option<&GrayImage>) -> Regions {
+        let divide = |mask: &GrayImage, is_white: fn(u8) -> bool| {
             let mut part = mask.clone();
             for pixel in part.pixels_mut() {
                 pixel.0[0] = if is_white(pixel.0[0]) { u8::MAX } else { 0 };
@@ -216,7 +227,12 @@ impl Counted {
             }
             part
         };
-        Regions { dynamic: divide(|level| level >= 128), still: divide(|level| level < 128) }
+        let white = |level| level >= 128;
+        Regions {
+            dynamic: divide(mask, white),
+            still: divide(mask, |level| level < 128),
+            movers: movers.map(|movers| divide(movers, white)),
+        }
     }
 }
 
@@ -233,6 +249,8 @@ fn blackened(picture: &RgbImage, mask: &GrayImage) -> RgbImage {
 #[cfg(test)]
 mod tests {
     use image::Luma;
+    use mvfusion_data::BuiltinOptions;
+    use mvfusion_data::builtin::builtin;
 
     use super::*;
 
@@ -240,8 +258,9 @@ mod tests {
     fn pixels_that_do_not_count_are_in_neither_region() {
         let row = |levels: [u8; 4]| GrayImage::from_raw(4, 1, levels.to_vec()).expect("four pixels");
         let counted = Counted(Some(row([255, 255, 0, 0])));
-        let regions = counted.regions(&row([128, 127, 255, 0]));
+        let regions = counted.regions(&row([128, 127, 255, 0]), Some(&row([200, 100, 255, 0])));
         let white = |mask: &GrayImage| mask.pixels().map(|pixel| *pixel == Luma([255])).collect::<Vec<_>>();
+        assert_eq!(regions.movers.as_ref().map(white), Some(vec![true, false, false, false]));
         assert_eq!(white(&regions.dynamic), [true, false, false, false]);
         assert_eq!(white(&regions.still), [false, true, false, false]);
     }
@@ -249,9 +268,21 @@ mod tests {
     #[test]
     fn what_is_predicted_where_pixels_do_not_count_is_no_mistake() {
         let counted = Counted(Some(GrayImage::from_raw(2, 1, vec![255, 0]).expect("two pixels")));
-        let regions = counted.regions(&GrayImage::from_pixel(2, 1, Luma([255])));
+        let regions = counted.regions(&GrayImage::from_pixel(2, 1, Luma([255])), None);
+        assert!(regions.movers.is_none());
         let mut overlap = MaskOverlap::default();
         overlap.add(&counted.visible(&RgbImage::from_pixel(2, 1, image::Rgb([255; 3]))), &regions.dynamic);
         assert_eq!(overlap.ratio(), Some(1.0));
+    }
+
+    #[test]
+    fn masks_are_true_only_if_all_of_them_are() {
+        let sizes = BuiltinOptions { width: 16, height: 16, frames: 2, ..BuiltinOptions::default() };
+        let mut views = builtin(&sizes).test;
+        assert_eq!(region_source(&views), RegionSource::TrueMasks);
+        views[1].truth.is_mask_exact = false;
+        assert_eq!(region_source(&views), RegionSource::GivenMasks);
+        views.iter_mut().for_each(|view| view.truth.dynamic_mask = None);
+        assert_eq!(region_source(&views), RegionSource::TemporalDeviation);
     }
 }

@@ -64,6 +64,8 @@ pub struct Regions {
     pub dynamic: GrayImage,
     /// Where nothing moves. Pixels that do not count are in neither.
     pub still: GrayImage,
+    /// Where something goes somewhere; absent where nobody knows.
+    pub movers: Option<GrayImage>,
 }
 
 /// What a judge says of a picture.
@@ -75,6 +77,8 @@ pub struct Verdict {
     pub dynamic: Option<LayerScores>,
     /// Of the rest.
     pub still: Option<LayerScores>,
+    /// Of the movers; absent where they are not known, or there are none.
+    pub movers: Option<LayerScores>,
     /// Of the picture and the one before it.
     pub temporal: Option<TemporalScores>,
 }
@@ -182,6 +186,7 @@ impl Judge {
             whole: LayerScores { ms_ssim, d_ssim: ms_ssim.map(dissimilarity), ..maps.whole()? },
             dynamic: regions.map(|regions| part(&regions.dynamic)).transpose()?.flatten(),
             still: regions.map(|regions| part(&regions.still)).transpose()?.flatten(),
+            movers: regions.and_then(|regions| regions.movers.as_ref()).map(part).transpose()?.flatten(),
             temporal,
         })
     }
@@ -330,7 +335,7 @@ mod tests {
         let part = |is_in: fn(u32) -> bool| {
             GrayImage::from_fn(width, height, |x, _| Luma([if is_in(x) { u8::MAX } else { 0 }]))
         };
-        let regions = Regions { dynamic: part(|x| x < 12), still: part(|x| x >= 12) };
+        let regions = Regions { dynamic: part(|x| x < 12), still: part(|x| x >= 12), movers: None };
         let share_of = |columns: std::ops::Range<u32>| {
             columns.clone().filter(|&x| left(x)).count() as f64 / f64::from(columns.end - columns.start)
         };
@@ -352,9 +357,11 @@ mod tests {
                 assert!((together - whole).abs() < 1e-6, "{inside} and {outside} are {together}, not {whole}");
             }
             assert!(dynamic.lpips_alex.is_some() && dynamic.lpips_vgg.is_none() && dynamic.ms_ssim.is_none());
-            let nothing = Regions { dynamic: GrayImage::new(width, height), still: regions.still.clone() };
+            assert!(verdict.movers.is_none(), "nobody knows them");
+            let movers = Some(regions.still.clone());
+            let nothing = Regions { dynamic: GrayImage::new(width, height), movers, ..regions.clone() };
             let verdict = judge(Protocol::Mvfusion, &device).judge(&pair, None, Some(&nothing)).expect("numbers");
-            assert!(verdict.dynamic.is_none() && verdict.still.is_some());
+            assert!(verdict.dynamic.is_none() && verdict.still.is_some() && verdict.movers == verdict.still);
         });
     }
 
@@ -364,7 +371,7 @@ mod tests {
         let part = |is_in: fn(u32, u32) -> bool| {
             GrayImage::from_fn(width, height, |x, y| Luma([if is_in(x, y) { u8::MAX } else { 0 }]))
         };
-        let regions = Regions { dynamic: part(|x, y| x < 9 && y == 7), still: part(|x, _| x < 5) };
+        let regions = Regions { dynamic: part(|x, y| x < 9 && y == 7), still: part(|x, _| x < 5), movers: None };
         for_each_device(|device| {
             let pair = pair(&mut Stream::new(6, 0), &device);
             for protocol in [Protocol::DeGauss, Protocol::NerfBaselines] {

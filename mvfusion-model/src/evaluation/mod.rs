@@ -19,8 +19,9 @@ pub use layer::Layer;
 pub use layers::{LayerRenderer, RenderedLayer};
 pub use metrics::lpips::{Backbone, Distance, InputRange, Lpips, LpipsVariant};
 pub use metrics::{
-    MaskOverlap, PixelMap, Psnr, RegionSource, SSIM_BORDER, TemporalDeviation, TemporalScores, decibels, dilate,
-    dissimilarity, masked_psnr, ms_ssim, psnr, quantise, sequences, squared_errors, ssim_map,
+    MaskOverlap, PixelMap, Psnr, RegionSource, SMALL, SSIM_BORDER, SmallMovers, SmallMoversRecall, TemporalDeviation,
+    TemporalScores, components, decibels, dilate, dissimilarity, masked_psnr, ms_ssim, psnr, quantise, sequences,
+    squared_errors, ssim_map,
 };
 pub use protocol::{Precision, Protocol};
 pub use render::{BranchLayers, ViewPictures};

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::figure::Figure;
-use super::metrics::{RegionSource, TemporalScores};
+use super::metrics::{RegionSource, SmallMoversRecall, TemporalScores};
 
 /// Figures of a layer, or of a part of it. A figure that is not known is absent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -70,6 +70,17 @@ pub struct Scores {
     /// What the dynamic region was taken from.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub region_source: Option<RegionSource>,
+    /// `dynamic_region.psnr - still_region.psnr` in dB: how much worse what moves is than what does not. What changes the
+    /// whole picture from run to run is in both, so it varies less than they do.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub dynamic_minus_still_psnr: Option<f64>,
+    /// The blended picture against the photo, where a mover is in front: something that goes somewhere. Of scenes whose
+    /// movers are known.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub movers: Option<LayerScores>,
+    /// How much of the small movers the mask covers; absent where there are none.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub small_movers: Option<SmallMoversRecall>,
     /// Overlap of predicted and given mask.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub mask_iou: Option<f64>,
@@ -100,14 +111,44 @@ pub struct Evaluation {
 impl Scores {
     /// The layers and parts that were scored, by their names in files.
     pub fn layers(&self) -> impl Iterator<Item = (&'static str, &LayerScores)> {
-        let optional =
-            [("static", &self.static_), ("dynamic_region", &self.dynamic_region), ("still_region", &self.still_region)];
+        let optional = [
+            ("static", &self.static_),
+            ("dynamic_region", &self.dynamic_region),
+            ("still_region", &self.still_region),
+            ("movers", &self.movers),
+        ];
         let known = optional.into_iter().filter_map(|(name, scores)| Some((name, scores.as_ref()?)));
         std::iter::once(("composed", &self.composed)).chain(known)
     }
 
-    /// Means over the views that have the figure; absent if none has. The overlap of masks is not averaged but pooled,
-    /// elsewhere.
+    /// A layer of [`Scores::layers`] in words. A region names the masks that it was taken from: `dynamic region (given
+    /// masks)`.
+    pub fn label(&self, layer: &str) -> String {
+        let (name, source) = self.label_and_source(layer);
+        name + &source.map_or(String::new(), |source| format!(" ({})", source.words()))
+    }
+
+    /// A layer of [`Scores::layers`] in words, and the masks of a region apart, to stand behind a figure's name.
+    pub fn label_and_source(&self, layer: &str) -> (String, Option<RegionSource>) {
+        let source = match layer {
+            "dynamic_region" | "still_region" => self.region_source,
+            // Nobody but the truth knows them.
+            "movers" => Some(RegionSource::TrueMasks),
+            _ => None,
+        };
+        (layer.replace('_', " "), source)
+    }
+
+    /// With the difference of the regions, where both have a PSNR.
+    pub(super) fn with_difference(mut self) -> Self {
+        let psnr = |region: Option<LayerScores>| region.and_then(|scores| scores.psnr);
+        let regions = psnr(self.dynamic_region).zip(psnr(self.still_region));
+        self.dynamic_minus_still_psnr = regions.map(|(dynamic, still)| dynamic - still);
+        self
+    }
+
+    /// Means over the views that have the figure, and the difference of these means; absent if no view has it. The
+    /// overlap of masks and the recall of small movers are not averaged but pooled, elsewhere.
     pub(super) fn mean(views: &[ViewScores]) -> Self {
         let layer = |of: fn(&Scores) -> Option<LayerScores>| {
             let layers: Vec<LayerScores> = views.iter().filter_map(|view| of(&view.scores)).collect();
@@ -133,9 +174,11 @@ impl Scores {
             dynamic_region: layer(|scores| scores.dynamic_region),
             still_region: layer(|scores| scores.still_region),
             region_source: views.iter().find_map(|view| view.scores.region_source),
-            mask_iou: None,
+            movers: layer(|scores| scores.movers),
             temporal: (temporal != TemporalScores::default()).then_some(temporal),
+            ..Self::default()
         }
+        .with_difference()
     }
 }
 
@@ -162,6 +205,36 @@ mod tests {
         let mean = Scores::mean(&[view(Some(20.0), None, None), view(Some(30.0), Some(0.5), Some(0.25))]);
         assert_eq!(mean.composed, LayerScores { psnr: Some(25.0), lpips_vgg_raw: Some(0.5), ..LayerScores::default() });
         assert_eq!(mean.temporal, Some(TemporalScores { t_lpips_alex: Some(0.25), ..TemporalScores::default() }));
-        assert_eq!((mean.static_, mean.still_region), (None, None));
+        assert_eq!((mean.static_, mean.still_region, mean.movers), (None, None, None));
+        assert_eq!((mean.dynamic_minus_still_psnr, mean.small_movers), (None, None));
+    }
+
+    #[test]
+    fn the_difference_of_the_regions_is_that_of_their_means() {
+        let psnr = |psnr: Option<f64>| psnr.map(|psnr| LayerScores { psnr: Some(psnr), ..LayerScores::default() });
+        let view = |dynamic, still, movers| ViewScores {
+            view: String::new(),
+            scores: Scores {
+                dynamic_region: psnr(dynamic),
+                still_region: psnr(still),
+                movers: psnr(movers),
+                ..Scores::default()
+            },
+        };
+        // Nothing moves in the second view.
+        let mean = Scores::mean(&[view(Some(20.0), Some(30.0), Some(15.0)), view(None, Some(36.0), None)]);
+        assert_eq!(mean.dynamic_minus_still_psnr, Some(20.0 - 33.0));
+        assert_eq!(mean.movers, psnr(Some(15.0)));
+        assert_eq!(Scores::mean(&[view(Some(20.0), None, None)]).dynamic_minus_still_psnr, None);
+    }
+
+    #[test]
+    fn a_region_names_its_masks() {
+        let scores = Scores { region_source: Some(RegionSource::GivenMasks), ..Scores::default() };
+        assert_eq!(scores.label("dynamic_region"), "dynamic region (given masks)");
+        assert_eq!(scores.label("movers"), "movers (true masks)");
+        assert_eq!(scores.label("static"), "static");
+        // As in files of versions that did not say.
+        assert_eq!(Scores::default().label("still_region"), "still region");
     }
 }

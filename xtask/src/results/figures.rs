@@ -24,8 +24,16 @@ pub struct Figures {
     pub composed: Layer,
     /// Static branch against the clean background.
     pub static_: Layer,
-    /// Composed picture inside the true dynamic masks; of the training views where they were scored.
+    /// Composed picture inside the dynamic region; of the training views where they were scored.
     pub dynamic: Layer,
+    /// What the dynamic region was taken from, by its name in `results.json`.
+    pub region_source: Option<String>,
+    /// Composed picture where a mover is in front; of the training views where they were scored.
+    pub movers: Layer,
+    /// PSNR of the dynamic region less that of the still one; of the training views where they were scored.
+    pub dynamic_minus_still: Option<f64>,
+    /// Share of the small movers that the mask covers; of the training views where they were scored.
+    pub small_movers_recall: Option<f64>,
     /// Number of dynamic Gaussians.
     pub dynamic_gaussians: Option<f64>,
     /// Seconds of training a step.
@@ -56,6 +64,10 @@ impl Figures {
             composed: layer("/test/composed"),
             static_: layer("/test/static"),
             dynamic: layer(&format!("{moving}/dynamic_region")),
+            region_source: json.pointer(&format!("{moving}/region_source")).and_then(Value::as_str).map(str::to_owned),
+            movers: layer(&format!("{moving}/movers")),
+            dynamic_minus_still: number(&format!("{moving}/dynamic_minus_still_psnr")),
+            small_movers_recall: number(&format!("{moving}/small_movers/recall")),
             dynamic_gaussians: number("/gaussians/dynamic"),
             seconds_a_step: seconds.zip(steps).map(|(seconds, steps)| seconds / steps),
             why_no_lpips: why_no_lpips(json),
@@ -113,9 +125,21 @@ mod tests {
     #[test]
     fn the_dynamic_region_is_that_of_the_training_views_where_they_were_scored() {
         let json = serde_json::json!({
-            "test": { "dynamic_region": { "psnr": 15.0 } },
-            "training_views": { "dynamic_region": { "psnr": 20.0 } },
+            "test": { "dynamic_region": { "psnr": 15.0 }, "region_source": "given_masks" },
+            "training_views": {
+                "dynamic_region": { "psnr": 20.0 },
+                "region_source": "true_masks",
+                "dynamic_minus_still_psnr": -9.5,
+                "movers": { "ssim": 0.5 },
+                "small_movers": { "recall": 0.25, "components": 4 },
+            },
         });
-        assert_eq!(Figures::of(&json).dynamic.psnr, Some(20.0));
+        let figures = Figures::of(&json);
+        assert_eq!((figures.dynamic.psnr, figures.region_source.as_deref()), (Some(20.0), Some("true_masks")));
+        assert_eq!((figures.dynamic_minus_still, figures.movers.ssim), (Some(-9.5), Some(0.5)));
+        assert_eq!(
+            (figures.small_movers_recall, Figures::of(&serde_json::json!({})).movers),
+            (Some(0.25), Layer::default())
+        );
     }
 }

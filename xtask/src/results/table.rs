@@ -1,6 +1,6 @@
 //! The tables in Markdown.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
 use super::cells::{Cell, DEGAUSS, FOUR_DGS, FOUR_DGS_MOTION, FULL, METHODS, Method, SCENES};
@@ -10,7 +10,7 @@ use super::figures::Figures;
 type Figure = fn(&Figures) -> Option<f64>;
 
 /// The columns of the main table: head, figure, digits.
-const COLUMNS: [(&str, Figure, usize); 10] = [
+const COLUMNS: [(&str, Figure, usize); 14] = [
     ("composed PSNR", |f| f.composed.psnr, 2),
     ("composed SSIM", |f| f.composed.ssim, 4),
     ("composed LPIPS-alex", |f| f.composed.lpips, 4),
@@ -20,6 +20,10 @@ const COLUMNS: [(&str, Figure, usize); 10] = [
     ("dynamic region PSNR", |f| f.dynamic.psnr, 2),
     ("dynamic region SSIM", |f| f.dynamic.ssim, 4),
     ("dynamic region LPIPS-alex", |f| f.dynamic.lpips, 4),
+    ("movers PSNR", |f| f.movers.psnr, 2),
+    ("movers SSIM", |f| f.movers.ssim, 4),
+    ("dynamic - still region PSNR", |f| f.dynamic_minus_still, 2),
+    ("small movers recall", |f| f.small_movers_recall, 3),
     ("dynamic Gaussians", |f| f.dynamic_gaussians, 0),
 ];
 
@@ -28,18 +32,20 @@ const COLUMNS: [(&str, Figure, usize); 10] = [
 const TIME: &str = "ms a step, fastest run";
 
 /// What the claim of the paper is about, with its digits.
-const CLAIMS: [(&str, Figure, usize); 5] = [
+const CLAIMS: [(&str, Figure, usize); 7] = [
     ("composed PSNR", |f| f.composed.psnr, 2),
     ("static PSNR", |f| f.static_.psnr, 2),
     ("static LPIPS-alex", |f| f.static_.lpips, 4),
     ("dynamic region PSNR", |f| f.dynamic.psnr, 2),
     ("dynamic region LPIPS-alex", |f| f.dynamic.lpips, 4),
+    ("movers PSNR", |f| f.movers.psnr, 2),
+    ("dynamic - still region PSNR", |f| f.dynamic_minus_still, 2),
 ];
 
 /// The methods that are compared: the refined one first.
 const PAIRS: [(Method, Method); 2] = [(FULL, DEGAUSS), (FOUR_DGS_MOTION, FOUR_DGS)];
 
-/// Both tables, and below the first why there is no LPIPS where there is none.
+/// Both tables, and below the first what the dynamic regions are, and why there is no LPIPS where there is none.
 pub fn write(runs: &[(Cell, Figures)]) -> String {
     let mut text = String::new();
     head(&mut text, &["scene", "method", "seeds"], COLUMNS.into_iter().map(|(name, ..)| name).chain([TIME]));
@@ -55,6 +61,7 @@ pub fn write(runs: &[(Cell, Figures)]) -> String {
         }
     }
     text.push('\n');
+    masks(&mut text, runs);
     reasons(&mut text, runs);
     head(&mut text, &["scene", "difference, same seeds", "seeds"], CLAIMS.map(|(name, ..)| name));
     for scene in SCENES {
@@ -84,6 +91,25 @@ fn of<'a>(
 ) -> impl Iterator<Item = (u64, &'a Figures)> + 'a {
     let wanted = move |cell: &Cell| cell.scene.name == scene && cell.method == method;
     runs.iter().filter(move |(cell, _)| wanted(cell)).map(|(cell, figures)| (cell.seed, figures))
+}
+
+/// Which masks the dynamic regions were taken from: a paragraph, unless no run has a region. Published figures of one
+/// region by different masks are 7 dB apart.
+fn masks(text: &mut String, runs: &[(Cell, Figures)]) {
+    let mut scenes: BTreeMap<String, BTreeSet<&str>> = BTreeMap::new();
+    for (cell, figures) in runs {
+        let Some(source) = &figures.region_source else { continue };
+        scenes.entry(source.replace('_', " ")).or_default().insert(cell.scene.name);
+    }
+    let of = |(source, scenes): (&String, &BTreeSet<&str>)| {
+        let scenes: Vec<String> = scenes.iter().map(|scene| format!("`{scene}`")).collect();
+        format!("{source} ({})", scenes.join(", "))
+    };
+    let sources: Vec<String> = scenes.iter().map(of).collect();
+    if !sources.is_empty() {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "Dynamic and still regions: {}. Movers: true masks.\n", sources.join("; "));
+    }
 }
 
 /// Why runs have no LPIPS: a paragraph, unless all have one.
@@ -149,8 +175,6 @@ fn line(text: &mut String, labels: &[String], cells: impl IntoIterator<Item = St
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeSet;
-
     use super::*;
     use crate::results::cells::all;
     use crate::results::figures::Layer;
@@ -173,6 +197,21 @@ mod tests {
     }
 
     #[test]
+    fn the_table_names_the_masks_of_its_regions_by_scene() {
+        let runs: Vec<(Cell, Figures)> = all(None, None, &[1])
+            .into_iter()
+            .map(|cell| {
+                let source = if cell.scene.name == "panoptic_neu3d" { "given_masks" } else { "true_masks" };
+                (cell, Figures { region_source: Some(source.into()), ..Figures::default() })
+            })
+            .collect();
+        let note =
+            "Dynamic and still regions: given masks (`panoptic_neu3d`); true masks (`casual`, `fox_clutter`, `video`).";
+        assert!(write(&runs).contains(note), "{}", write(&runs));
+        assert!(!write(&[]).contains("regions:"));
+    }
+
+    #[test]
     fn time_is_that_of_the_fastest_run() {
         let run = |seconds_a_step| Figures { seconds_a_step, ..Figures::default() };
         let runs = [run(Some(0.25)), run(None), run(Some(0.1236)), run(Some(3.0))];
@@ -188,11 +227,14 @@ mod tests {
             composed: Layer { psnr: Some(1.0), ssim: Some(2.0), lpips: Some(3.0) },
             static_: Layer { psnr: Some(4.0), ssim: Some(5.0), lpips: Some(6.0) },
             dynamic: Layer { psnr: Some(7.0), ssim: Some(8.0), lpips: Some(9.0) },
+            movers: Layer { psnr: Some(10.0), ssim: Some(11.0), lpips: None },
+            dynamic_minus_still: Some(12.0),
+            small_movers_recall: Some(13.0),
             ..Figures::default()
         };
         let numbers = COLUMNS.map(|(_, figure, _)| figure(&known));
-        assert_eq!(numbers[..9], std::array::from_fn::<_, 9, _>(|place| Some((place + 1) as f64)));
-        assert_eq!(numbers[9], None, "the count of Gaussians");
+        assert_eq!(numbers[..13], std::array::from_fn::<_, 13, _>(|place| Some((place + 1) as f64)));
+        assert_eq!(numbers[13], None, "the count of Gaussians");
         // The same name is the same figure in both tables.
         for (head, figure, digits) in CLAIMS {
             let same = COLUMNS.into_iter().find(|&(other, ..)| other == head);

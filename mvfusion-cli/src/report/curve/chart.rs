@@ -37,7 +37,7 @@ pub enum Weight {
 #[derive(Clone, Debug)]
 pub struct Series {
     /// What it shows, for the legend; curves without a name are not in it.
-    pub name: Option<&'static str>,
+    pub name: Option<String>,
     /// Which of the page's colours it has, from 0.
     pub colour: usize,
     /// How strongly it is drawn.
@@ -100,7 +100,7 @@ impl<'a> Chart<'a> {
                     b { (self.title) }
                     @if logarithmic { " (logarithmic)" }
                     @for series in &self.series {
-                        @if let Some(name) = series.name { " " span class={ "key c" (series.colour) } { (name) } }
+                        @if let Some(name) = &series.name { " " span class={ "key c" (series.colour) } { (name) } }
                     }
                 }
                 @if is_empty {
@@ -164,7 +164,7 @@ impl<'a> Chart<'a> {
         for series in self.series.iter().filter(|series| series.weight == Weight::Bold) {
             let finite = || series.points.iter().filter(|point| point.y.is_finite());
             if let (Some(first), Some(last)) = (finite().next(), finite().next_back()) {
-                let name = series.name.map_or(String::new(), |name| format!(" {name}"));
+                let name = series.name.as_ref().map_or(String::new(), |name| format!(" {name}"));
                 // Writing to a string cannot fail.
                 let _ = write!(
                     text,

@@ -1,7 +1,9 @@
 //! Tests of the names that grids may use, against those that an evaluation gives.
 
 use image::{GrayImage, Luma, Rgb, RgbImage};
-use mvfusion_model::evaluation::{Judge, LayerScores, Pair, Protocol, Regions, Scores, TemporalScores, Verdict};
+use mvfusion_model::evaluation::{
+    Judge, LayerScores, Pair, Protocol, Regions, Scores, SmallMoversRecall, TemporalScores, Verdict,
+};
 use mvfusion_model::train::picture_tensor;
 
 use super::*;
@@ -24,7 +26,7 @@ fn verdict() -> Verdict {
     let shown = picture(9);
     let exact = picture_tensor(&shown, &device);
     let pair = Pair::new(shown, exact, picture(0));
-    let regions = Regions { dynamic: half(true), still: half(false) };
+    let regions = Regions { dynamic: half(true), still: half(false), movers: Some(half(true)) };
     Judge::without_lpips(Protocol::Mvfusion).judge(&pair, None, Some(&regions)).expect("judged")
 }
 
@@ -40,7 +42,7 @@ fn with_lpips(scores: LayerScores) -> LayerScores {
 
 #[test]
 fn the_names_that_are_known_are_those_of_a_run_that_has_everything() {
-    let Verdict { whole, dynamic, still, .. } = verdict();
+    let Verdict { whole, dynamic, still, movers, .. } = verdict();
     let temporal = TemporalScores {
         t_lpips_alex: Some(0.5),
         t_lpips_vgg: Some(0.5),
@@ -54,6 +56,9 @@ fn the_names_that_are_known_are_those_of_a_run_that_has_everything() {
         still_region: still.map(with_lpips),
         composed_shows: None,
         region_source: None,
+        dynamic_minus_still_psnr: Some(-9.5),
+        movers: movers.map(with_lpips),
+        small_movers: Some(SmallMoversRecall { recall: 0.5, components: 3 }),
         mask_iou: Some(0.5),
         temporal: Some(temporal),
     };

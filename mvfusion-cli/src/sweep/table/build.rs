@@ -4,14 +4,14 @@ use mvfusion_model::evaluation::Better;
 use toml::Value;
 
 use super::metric::Metric;
-use super::{CellCounts, Column, Entry, Method, Outcome, Row, SeedMean, Spread, State, Table, paper};
+use super::{CellCounts, Column, Entry, Method, Outcome, Row, SeedMean, Spread, State, Table, paper, regions};
 use crate::sweep::index::{Cell, Index};
 
 /// How rows are called that have a heading for their method, but no variant.
 const OURS: &str = "ours";
 
 /// A cell and what became of it.
-type Trained<'a> = (&'a Cell, &'a Outcome);
+pub(super) type Trained<'a> = (&'a Cell, &'a Outcome);
 
 impl Table {
     /// The table of a sweep; `outcomes` are in the order of the index's cells, and cells beyond them are not finished.
@@ -20,6 +20,7 @@ impl Table {
         let cells: Vec<Trained> = index.cells.iter().zip(outcomes).collect();
         let seeds = distinct(index.cells.iter().map(|cell| cell.seed));
         let mut columns = columns(index);
+        let regions = regions::sources(&columns, &cells);
         let labels = Labels::of(index);
         let mut rows = literature(index, &columns, &labels);
         rows.extend(trained(index, &columns, &labels, &seeds, &cells));
@@ -37,6 +38,7 @@ impl Table {
             columns,
             rows,
             wanted: index.wanted.clone(),
+            regions,
             cells: counts(&cells),
         }
     }
@@ -176,7 +178,7 @@ fn entry(column: &Column, own: &[Trained], seeds: &[u64]) -> Entry {
 /// A figure of a cell; one that is no number is not known.
 fn figure(outcome: &Outcome, name: &str) -> Option<f64> {
     match outcome {
-        Outcome::Figures(figures) => figures.get(name).copied().filter(|value| value.is_finite()),
+        Outcome::Figures(figures) => figures.numbers.get(name).copied().filter(|value| value.is_finite()),
         Outcome::Failed | Outcome::Unfinished => None,
     }
 }

@@ -43,6 +43,10 @@ fn known(name: &str) -> Option<Kind> {
         // Motion is a part of these, so that neither a high nor a low one is good.
         "consecutive_lpips_alex" => kind("consecutive LPIPS-alex", None, 4, None),
         "consecutive_lpips_vgg" => kind("consecutive LPIPS-vgg", None, 4, None),
+        // A run that gets worse where nothing moves has a higher one, too.
+        "dynamic_minus_still_psnr" => kind("dynamic - still region PSNR", Some("dB"), 2, None),
+        "recall" => kind("recall", None, 3, Some(Higher)),
+        "components" => kind("components", None, 0, None),
         "mask_iou" => kind("mask IoU", None, 3, Some(Higher)),
         "fps" => kind("FPS", None, 1, Some(Higher)),
         "fps_without_mfta" => kind("FPS without MFTA", None, 1, Some(Higher)),
@@ -154,6 +158,9 @@ mod tests {
             ("training_views.composed.psnr", "training PSNR (dB) \u{2191}"),
             ("training_views.temporal.t_lpips_vgg", "training T-LPIPS-vgg \u{2193}"),
             ("mask_iou", "mask IoU \u{2191}"),
+            ("movers.psnr", "movers PSNR (dB) \u{2191}"),
+            ("dynamic_minus_still_psnr", "dynamic - still region PSNR (dB)"),
+            ("training_views.small_movers.recall", "training small movers recall \u{2191}"),
             ("composed.d_ssim", "D-SSIM \u{2193}"),
             ("temporal.t_lpips_alex", "T-LPIPS-alex \u{2193}"),
             ("temporal.consecutive_lpips_alex", "consecutive LPIPS-alex"),

@@ -14,6 +14,7 @@ mod notes;
 mod paper;
 mod plot;
 mod plots;
+mod regions;
 mod scale;
 #[cfg(test)]
 mod specimen;
@@ -22,6 +23,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use mvfusion_model::evaluation::RegionSource;
 use serde::Serialize;
 
 pub use metric::Metric;
@@ -36,12 +38,23 @@ const PLOTS: &str = "plots";
 /// What became of a cell.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Outcome {
-    /// It has its figures, by names such as `composed.psnr`.
-    Figures(BTreeMap<String, f64>),
+    /// It has its figures.
+    Figures(CellFigures),
     /// It ended with an error.
     Failed,
     /// It has not run, or not to its end.
     Unfinished,
+}
+
+/// The figures of a cell.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CellFigures {
+    /// The numbers, by names such as `composed.psnr`.
+    pub numbers: BTreeMap<String, f64>,
+    /// What the dynamic region of the held-out views was taken from; absent where they have none.
+    pub regions: Option<RegionSource>,
+    /// What that of the training views was taken from.
+    pub training_regions: Option<RegionSource>,
 }
 
 /// The table of a sweep.
@@ -65,6 +78,8 @@ pub struct Table {
     pub rows: Vec<Row>,
     /// What the sweep measures beside the figures that a training leaves.
     pub wanted: Wanted,
+    /// The scenes of columns that show a figure of a region, by what their regions were taken from.
+    pub regions: BTreeMap<RegionSource, Vec<String>>,
     /// How the cells ended.
     pub cells: CellCounts,
 }

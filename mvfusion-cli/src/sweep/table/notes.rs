@@ -14,6 +14,7 @@ impl Table {
             self.best_note(),
             self.paper_note(),
             self.comparable_note(),
+            self.region_note(),
             self.lpips_note(),
             self.cells_note(),
         ];

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::Outcome;
+use super::{CellFigures, Outcome};
 use crate::sweep::grid::ColumnGroup;
 use crate::sweep::index::{Cell, Index, Wanted};
 
@@ -49,7 +49,8 @@ pub(super) fn cell(scene: &str, variant: &str, values: &[&str], seed: u64) -> Ce
 
 /// Figures by their names.
 pub(super) fn figures(figures: &[(&str, f64)]) -> Outcome {
-    Outcome::Figures(figures.iter().map(|&(name, value)| (name.to_owned(), value)).collect::<BTreeMap<_, _>>())
+    let numbers: BTreeMap<_, _> = figures.iter().map(|&(name, value)| (name.to_owned(), value)).collect();
+    Outcome::Figures(CellFigures { numbers, ..CellFigures::default() })
 }
 
 /// Three variants, two scenes and three seeds: the variant `full` is complete; of `w/o MVG|MFTA` one cell of seed 2 is

@@ -7,6 +7,7 @@ mod picture;
 mod pixel_map;
 mod psnr;
 mod region;
+mod small_movers;
 mod ssim;
 mod temporal;
 
@@ -16,5 +17,6 @@ pub use picture::quantise;
 pub use pixel_map::PixelMap;
 pub use psnr::{Psnr, decibels, masked_psnr, psnr, squared_errors};
 pub use region::{RegionSource, TemporalDeviation, dilate};
+pub use small_movers::{SMALL, SmallMovers, SmallMoversRecall, components};
 pub use ssim::{SSIM_BORDER, ssim_map};
 pub use temporal::{TemporalScores, sequences};

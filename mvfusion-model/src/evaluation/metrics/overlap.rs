@@ -19,6 +19,12 @@ impl MaskOverlap {
         }
     }
 
+    /// Takes in the views of another.
+    pub fn merge(&mut self, other: Self) {
+        self.both += other.both;
+        self.either += other.either;
+    }
+
     /// Intersection over union; `None` if both were black everywhere.
     pub fn ratio(&self) -> Option<f64> {
         (self.either > 0).then(|| self.both as f64 / self.either as f64)

@@ -10,14 +10,28 @@ pub const LEAST_DEVIATION: f64 = 0.02;
 pub const DILATION: usize = 3;
 
 /// What a dynamic region was taken from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RegionSource {
+    /// The masks of a built-in scene, which are exact.
+    TrueMasks,
     /// Masks that came with the scene or in a folder of their own.
     GivenMasks,
     /// The photos: pixels whose standard deviation over the camera's sequence exceeds 0.02 in any channel, grown by
     /// 3 pixels.
     TemporalDeviation,
+}
+
+impl RegionSource {
+    /// In the words that stand in brackets behind every figure of a region: what it was taken from decides more about a
+    /// figure than most methods do.
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::TrueMasks => "true masks",
+            Self::GivenMasks => "given masks",
+            Self::TemporalDeviation => "photo deviation",
+        }
+    }
 }
 
 /// Sums over the photos of a camera that stands still, from which the deviation of each pixel follows exactly.

@@ -1,0 +1,85 @@
+//! Which of the things that move go somewhere, and which only sway in their places.
+//!
+//! What sways by less than a pixel is as easily shown as what stands still, and is scored as such: a figure of all that
+//! moves says little of what one looks at. So the truth has a second mask, of movers alone.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::choreography::MovingObject;
+use super::solid::Pose;
+
+/// Metres that no point of a thing goes from its first place unless it is a mover: three pixels of the default pictures
+/// at the middle of the stage. The lamp sways by 2.6 centimetres, the block flies for metres.
+const LEAST_TRAVEL: f64 = 0.1;
+
+/// The names of the movers of a sequence.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) struct Movers(BTreeSet<String>);
+
+impl Movers {
+    /// The movers among what is there at each moment of a sequence: things that leave their first place by more than
+    /// 0.1 m, and those that are not always there, since they come or go.
+    pub(super) fn of(moments: impl Iterator<Item = Vec<MovingObject>>) -> Self {
+        let mut seen: BTreeMap<String, Sighting> = BTreeMap::new();
+        let mut count = 0;
+        for object in moments.inspect(|_| count += 1).flatten() {
+            let sighting = seen.entry(object.name.clone()).or_insert_with(|| Sighting::first(&object));
+            sighting.moments += 1;
+            sighting.travel = sighting.travel.max(object.pose.travel(&sighting.first, object.reach));
+        }
+        let is_mover = |sighting: &Sighting| sighting.moments < count || sighting.travel > LEAST_TRAVEL;
+        Self(seen.into_iter().filter(|(_, sighting)| is_mover(sighting)).map(|(name, _)| name).collect())
+    }
+
+    /// The object, whose solids know whether they belong to a mover.
+    pub(super) fn marked(&self, mut object: MovingObject) -> MovingObject {
+        let is_mover = self.0.contains(&object.name);
+        object.solids.iter_mut().for_each(|solid| solid.is_mover = is_mover);
+        object
+    }
+}
+
+/// What is known of a thing over a sequence.
+struct Sighting {
+    first: Pose,
+    /// At how many moments it is there.
+    moments: usize,
+    /// The furthest that a point of it may have gone from its first place, metres.
+    travel: f64,
+}
+
+impl Sighting {
+    fn first(object: &MovingObject) -> Self {
+        Self { first: object.pose, moments: 0, travel: 0.0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::builtin::choreography::in_video;
+
+    fn names(moments: &[Vec<MovingObject>]) -> Vec<String> {
+        Movers::of(moments.iter().cloned()).0.into_iter().collect()
+    }
+
+    #[test]
+    fn what_comes_or_goes_or_turns_far_is_a_mover_and_what_sways_is_none() {
+        let moments: Vec<_> = (0..24).map(|frame| in_video(f64::from(frame) / 24.0)).collect();
+        assert_eq!(names(&moments), ["block", "visitor"]);
+        // The lamp alone, which was taken away for the last moment.
+        let lamp: Vec<_> = moments.iter().map(|all| vec![all[1].clone()]).collect();
+        assert_eq!((lamp[0][0].name.as_str(), names(&lamp)), ("lamp", vec![]));
+        assert_eq!(names(&[&lamp[..], &[vec![]]].concat()), ["lamp"]);
+        // The block spins where it is: its corners go further than a tenth of a metre.
+        let mut spinning: Vec<_> = moments.iter().map(|all| vec![all[0].clone()]).collect();
+        let place = spinning[0][0].pose.position;
+        spinning.iter_mut().for_each(|objects| objects[0].pose.position = place);
+        assert_eq!(names(&spinning), ["block"]);
+    }
+
+    #[test]
+    fn one_moment_shows_no_movers() {
+        assert_eq!(names(&[in_video(0.5)]), Vec::<String>::new());
+    }
+}
