@@ -5,6 +5,7 @@
 //! change the Gaussians. [`train`] turns that wheel, [`evaluation`] scores the result.
 
 pub mod alive;
+pub mod births;
 pub mod composition;
 pub mod config;
 pub mod densify;

@@ -87,6 +87,12 @@ pub struct InitConfig {
     pub motion_duration: f64,
     /// Their logit of belonging to the foreground.
     pub motion_logit: f64,
+    /// Dynamic Gaussians born at the end of the first stage where a photo differs from the static branch, instead of as
+    /// many that are strewn; where each photo has a moment of its own, and with `model.lifetime`. 0 lets none be born.
+    /// Ours (docs/METHOD.md, section 13).
+    pub photo_points: usize,
+    /// How long they live, in distances to the next photo's moment: well below 1, so that no other photo shows them.
+    pub photo_duration: f64,
     /// Static Gaussians strewn uniformly over the scene's box, beside those on the points; ours, for clouds with gaps.
     pub static_points: usize,
     /// Static Gaussians on a far sphere. DeGauss: 100 000 for photos, none for video.
@@ -116,6 +122,8 @@ impl Default for InitConfig {
             motion_points: 0,
             motion_duration: 2.0,
             motion_logit: 0.0,
+            photo_points: 0,
+            photo_duration: 0.2,
             static_points: 0,
             sky_points: 0,
             box_margin: 0.0,

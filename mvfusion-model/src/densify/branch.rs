@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::plan::{SplitParent, split_log_scale};
 use super::{DensifyPlan, DensifyStatistics, ResetPlan};
 use crate::config::OpacityReset;
-use crate::gaussians::{Attribute, Gaussians, RawGaussians};
+use crate::gaussians::{Attribute, Gaussians};
 use crate::optim::GaussianOptimiser;
 use crate::random::Stream;
 use crate::{ModelError, tensors};
@@ -128,13 +128,13 @@ impl Branch {
         Ok(Some(Growth { sources, kept: plan.kept.len() }))
     }
 
-    /// Puts further Gaussians after the others: the rows of `raw`, without autodiff, which need no masks. They start without
-    /// moments and statistics.
-    pub fn append(&mut self, raw: &RawGaussians) {
-        let added = raw.means.dims()[0];
+    /// Puts further Gaussians after the others. They have all attributes that these have, and start without moments and
+    /// statistics.
+    pub fn append(&mut self, further: &Gaussians) {
+        let added = further.count();
         let whole = self.rows(&(0..self.gaussians.count()).collect::<Vec<_>>());
         for attribute in Attribute::ALL {
-            if let (Some(values), Some(further)) = (self.gaussians.plain(attribute), raw.attribute(attribute)) {
+            if let (Some(values), Some(further)) = (self.gaussians.plain(attribute), further.plain(attribute)) {
                 self.gaussians.replace(attribute, Tensor::cat(vec![values, further], 0));
             }
         }

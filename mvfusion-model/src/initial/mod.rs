@@ -48,7 +48,11 @@ impl InitialClouds {
         let (init, densify, degree) = (&config.init, &config.densify, config.model.sh_degree);
         let motion = motion.filter(|motion| !motion.points.is_empty());
         // Drawn in any case, so that a branch which is drawn does not depend on where the other one comes from.
-        let strewn = if motion.is_some() { 0 } else { init.dynamic_points };
+        let strewn = match motion {
+            Some(_) => 0,
+            None if births_expected(scene, config) => init.dynamic_points.saturating_sub(init.photo_points).max(1),
+            None => init.dynamic_points,
+        };
         let drawn = draw_points(scene, config.model.branches, &InitConfig { dynamic_points: strewn, ..init.clone() }, stream);
         let mut dynamic = match &init.dynamic_ply {
             Some(path) => DYNAMIC_FILE.read(path, densify.dynamic.max_gaussians, degree)?,
@@ -65,6 +69,11 @@ impl InitialClouds {
         };
         Ok(Self { static_, dynamic })
     }
+}
+
+/// Whether Gaussians will be born for what only one photo shows: where each has a moment of its own.
+fn births_expected(scene: &Scene, config: &Config) -> bool {
+    config.init.photo_points > 0 && config.model.lifetime && scene.training_times().len() == scene.train.len()
 }
 
 /// Round Gaussians as wide as the points of a cloud are apart.

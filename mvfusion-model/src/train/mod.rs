@@ -1,6 +1,7 @@
 //! Training: stages, batches, one step after the other.
 
 mod batch;
+mod births;
 mod checkpoint;
 mod contribution;
 mod finite;
@@ -13,7 +14,7 @@ mod trainer;
 mod turn;
 mod update;
 
-pub use batch::{Batch, Photos, Sampler, mask_tensor, picture_tensor};
+pub use batch::{Batch, Photo, Photos, Sampler, mask_tensor, picture_tensor};
 pub use checkpoint::{load_model, parameter_hash};
 pub use contribution::Contribution;
 pub use stage::{Position, Stage};

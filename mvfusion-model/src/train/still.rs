@@ -4,6 +4,7 @@ use burn::tensor::Tensor;
 
 use super::Trainer;
 use crate::config::StillRule;
+use crate::gaussians::Gaussians;
 use crate::model::Movement;
 use crate::{ModelError, tensors};
 
@@ -42,7 +43,10 @@ impl Trainer {
         if let Some(static_) = &mut self.state.model.static_ {
             let moved = raw.select(&rows);
             self.state.census[1].added += moved.means.dims()[0];
-            static_.append(&moved);
+            let still = |attribute| static_.gaussians.plain(attribute).and(moved.attribute(attribute)).map(Tensor::autodiff);
+            // Proof: the static branch has every attribute that `RawGaussians` has but masks, which may be absent.
+            let still = Gaussians::from_tensors(still).expect("only masks and lifetimes may be absent");
+            static_.append(&still);
         }
         // Gradients that wait for their step have the rows of before.
         self.state.pending = None;

@@ -100,6 +100,9 @@ impl Trainer {
         if self.log_due(&position) {
             self.check_parameters(&position)?;
         }
+        if self.births_due(&position) {
+            self.give_birth()?;
+        }
         if self.refresh_due(&position) {
             self.refresh_motion()?;
             if position.step < self.config.densify.until {

@@ -1,0 +1,61 @@
+//! Pixels of error, clustered by place and colour.
+
+use glam::{DVec2, Vec3};
+
+use crate::random::Stream;
+
+/// Rounds of the clustering; it hardly changes after them.
+const ROUNDS: usize = 6;
+
+/// A difference of colour of this much weighs as much as a distance of a cluster's own size (SLIC superpixels: a
+/// compactness of 10 to 40 of 255 levels).
+const COLOUR_WEIGHT: f64 = 0.1;
+
+/// A pixel that is wrong.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct ErrorPixel {
+    /// Its centre.
+    pub position: DVec2,
+    /// The photo's colour.
+    pub colour: Vec3,
+    /// By how much it is wrong, in `[0, 1]`.
+    pub error: f32,
+    /// Its number, row by row.
+    pub index: usize,
+}
+
+/// The pixels in at most `count` clusters by k-means over place and colour, none of them empty.
+pub(super) fn clusters(pixels: Vec<ErrorPixel>, count: usize, stream: &mut Stream) -> Vec<Vec<ErrorPixel>> {
+    if pixels.is_empty() || count == 0 {
+        return Vec::new();
+    }
+    let count = count.min(pixels.len());
+    let side = (pixels.len() as f64 / count as f64).sqrt();
+    let order = stream.permutation(pixels.len());
+    let mut centres: Vec<(DVec2, Vec3)> =
+        order[..count].iter().map(|&pixel| (pixels[pixel].position, pixels[pixel].colour)).collect();
+    let mut members = Vec::new();
+    for _ in 0..ROUNDS {
+        members = vec![Vec::new(); count];
+        for pixel in &pixels {
+            members[nearest(pixel, &centres, side)].push(*pixel);
+        }
+        for (centre, members) in centres.iter_mut().zip(&members).filter(|(_, members)| !members.is_empty()) {
+            let share = 1.0 / members.len() as f64;
+            centre.0 = members.iter().map(|pixel| pixel.position).sum::<DVec2>() * share;
+            centre.1 = members.iter().map(|pixel| pixel.colour).sum::<Vec3>() * share as f32;
+        }
+    }
+    members.retain(|members| !members.is_empty());
+    members
+}
+
+/// Number of the centre that is nearest by place and colour; the first of equal ones.
+fn nearest(pixel: &ErrorPixel, centres: &[(DVec2, Vec3)], side: f64) -> usize {
+    let distance = |&(position, colour): &(DVec2, Vec3)| {
+        let colour = f64::from(pixel.colour.distance_squared(colour)) / (COLOUR_WEIGHT * COLOUR_WEIGHT);
+        pixel.position.distance_squared(position) / (side * side) + colour
+    };
+    let distances = centres.iter().map(distance).enumerate();
+    distances.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(number, _)| number)
+}

@@ -1,0 +1,55 @@
+//! The ellipse of a cluster of pixels.
+
+use glam::{DMat2, DMat3, DQuat, DVec2, Vec3};
+use mvfusion_data::Camera;
+
+use super::clusters::ErrorPixel;
+
+/// Variance of a place within a pixel, square pixels: what a single pixel has.
+const OF_A_PIXEL: f64 = 1.0 / 12.0;
+
+/// Place, shape and colour of a cluster.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Ellipse {
+    /// Its centre, pixels.
+    pub centre: DVec2,
+    /// Standard deviations along the longer and the shorter axis, pixels.
+    pub deviations: [f64; 2],
+    /// Angle of the longer axis to the picture's x, radians.
+    pub angle: f64,
+    /// Mean colour.
+    pub colour: Vec3,
+    /// Numbers of the pixels.
+    pub pixels: Vec<usize>,
+}
+
+impl Ellipse {
+    /// That of the given pixels; `None` for no pixels.
+    pub fn of(pixels: &[ErrorPixel]) -> Option<Self> {
+        let share = 1.0 / pixels.len() as f64;
+        if !share.is_finite() {
+            return None;
+        }
+        let centre = pixels.iter().map(|pixel| pixel.position).sum::<DVec2>() * share;
+        let colour = pixels.iter().map(|pixel| pixel.colour).sum::<Vec3>() * share as f32;
+        let spread = |pixel: &ErrorPixel| {
+            let away = pixel.position - centre;
+            DMat2::from_cols(away * away.x, away * away.y)
+        };
+        let covariance = pixels.iter().map(spread).sum::<DMat2>() * share;
+        let (xx, xy, yy) = (covariance.x_axis.x + OF_A_PIXEL, covariance.x_axis.y, covariance.y_axis.y + OF_A_PIXEL);
+        let (mean, half) = ((xx + yy) / 2.0, ((xx - yy) / 2.0).hypot(xy));
+        let deviations = [mean + half, (mean - half).max(OF_A_PIXEL)].map(f64::sqrt);
+        let angle = 0.5 * (2.0 * xy).atan2(xx - yy);
+        let pixels = pixels.iter().map(|pixel| pixel.index).collect();
+        Some(Self { centre, deviations, angle, colour, pixels })
+    }
+
+    /// Quaternion w, x, y, z that turns a Gaussian's first axis along the longer one in the world, its third away from the
+    /// camera.
+    pub fn rotation(&self, camera: &Camera) -> [f32; 4] {
+        let in_camera = DMat3::from_rotation_z(self.angle);
+        let turn = DQuat::from_mat3(&(camera.rotation.transpose() * in_camera)).as_quat();
+        [turn.w, turn.x, turn.y, turn.z]
+    }
+}
