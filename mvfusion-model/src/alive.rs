@@ -74,3 +74,76 @@ impl Gaussians {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::DType;
+    use glam::Vec3;
+    use mvfusion_data::{Lifetime, PointCloud};
+
+    use super::*;
+    use crate::initial::{Masking, cloud_on, gaussians_of};
+    use crate::test_support::{for_each_device, values};
+
+    /// Four Gaussians of opacity 0.1 at the origin: two that live for a tenth around 0.2 and 0.7 and travel along x, and
+    /// two that are always there.
+    fn gaussians(device: &burn::tensor::Device) -> Gaussians {
+        let points = PointCloud { positions: vec![Vec3::ZERO; 4], colours: vec![Vec3::ONE; 4] };
+        let life = |centre, duration: f32| Lifetime { centre, log_duration: duration.ln(), velocity: [2.0, 0.0, 0.0] };
+        let lifetimes = Some(vec![life(0.2, 0.1), life(0.7, 0.1), life(0.5, 1e3), life(0.5, 1e3)]);
+        let cloud = mvfusion_data::GaussianCloud { lifetimes, ..cloud_on(&points, &[1.0; 4], 0.1) };
+        gaussians_of(&cloud, Masking::Absent, 0, &device.clone().autodiff(), DType::F32)
+    }
+
+    #[test]
+    fn a_gaussian_is_most_opaque_at_its_moment_and_travels() {
+        for_each_device(|device| {
+            let at = gaussians(&device).at(0.3);
+            let logit = (0.1f64 / 0.9).ln();
+            let logits = values(at.opacity_logits.inner());
+            assert!((logits[0] - (logit - 1.0)).abs() < 1e-4 && (logits[1] - (logit - 16.0)).abs() < 1e-3, "{logits:?}");
+            assert!((logits[2] - logit).abs() < 1e-5, "{logits:?}");
+            let means = values(at.means.inner());
+            assert!((means[0] - 0.2).abs() < 1e-6 && (means[3] + 0.8).abs() < 1e-6, "{means:?}");
+        });
+    }
+
+    #[test]
+    fn lifetimes_have_the_gradients_of_finite_differences() {
+        for_each_device(|device| {
+            let gaussians = gaussians(&device);
+            // Sum of x and logits: d/dc = -v + 2 (t - c) / w^2, d/d ln w = 2 ((t - c) / w)^2, d/dv = t - c.
+            let at = gaussians.at(0.25);
+            let gradients = (at.means.narrow(1, 0, 1).sum() + at.opacity_logits.sum()).backward();
+            let of = |attribute| {
+                let parameter = gaussians.attribute(attribute).expect("it has lifetimes").val();
+                values(parameter.grad(&gradients).expect("it took part"))
+            };
+            let near = |found: f64, expected: f64| assert!((found - expected).abs() < 1e-3, "{found}, not {expected}");
+            near(of(Attribute::TimeCentres)[0], -2.0 + 2.0 * 0.05 / 0.01);
+            near(of(Attribute::LogDurations)[0], 2.0 * 0.25);
+            near(of(Attribute::Velocities)[0], 0.05);
+        });
+    }
+
+    #[test]
+    fn those_that_are_not_there_are_left_out() {
+        for_each_device(|device| {
+            let gaussians = gaussians(&device);
+            let alive = AliveRows::of(&gaussians, 0.2).expect("the device answers").expect("one is not there");
+            let found = alive.among_all(Tensor::ones([3, 1], &device));
+            assert_eq!(values(found), [1.0, 0.0, 1.0, 1.0]);
+            let whole = alive.among_all_int(Tensor::from_data([7, 8, 9], &device));
+            assert_eq!(whole.into_data().to_vec::<i32>().ok(), Some(vec![7, 0, 8, 9]));
+        });
+    }
+
+    #[test]
+    fn without_lifetimes_all_are_there() {
+        for_each_device(|device| {
+            let mut gaussians = gaussians(&device);
+            gaussians.time_centres = None;
+            assert!(AliveRows::of(&gaussians, 0.2).expect("the device answers").is_none());
+        });
+    }
+}

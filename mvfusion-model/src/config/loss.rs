@@ -30,6 +30,15 @@ pub struct LossConfig {
     /// Weight that holds the mask open where something was seen to move: the mean of `(1 - mask) moving` (light loss). Ours:
     /// a mask that closes over a blur does not come back.
     pub mask_motion: f64,
+    /// Weight that closes the mask where nothing was seen to move: the mean of `mask (1 - moving)` (light loss). Ours: a mask
+    /// over what stands still costs nothing otherwise, once the dynamic branch shows it as well as the static one.
+    pub mask_still: f64,
+    /// Weight of the mean opacity of the static Gaussians, as in 3DGS-MCMC (there 0.01). Ours: those that stand for what
+    /// the mask gives to the dynamic branch in all views have no other gradient, so that they fade instead of staying as a
+    /// stain.
+    pub static_opacity: f64,
+    /// The same for the dynamic Gaussians.
+    pub dynamic_opacity: f64,
     /// Weight of the spatial planes' second differences.
     pub plane_smooth: f64,
     /// Weight of the time planes' second differences.
@@ -73,6 +82,9 @@ impl Default for LossConfig {
             dynamic_above: 0.51,
             dynamic_where_moving: false,
             mask_motion: 0.0,
+            mask_still: 0.0,
+            static_opacity: 0.0,
+            dynamic_opacity: 0.0,
             plane_smooth: 2e-4,
             time_smooth: 1e-3,
             time_l1: 1e-4,

@@ -22,9 +22,10 @@ pub fn light_loss(pictures: &Pictures, log_scales: [Tensor<2>; 2], context: &Los
     if schedule.entropy() && config.entropy > 0.0 {
         loss = loss + entropy(blend.mask.clone()) * config.entropy;
     }
-    if let Some(moving) = context.moving.filter(|_| config.mask_motion > 0.0) {
-        let closed = (-blend.mask.clone() + 1.0) * Tensor::from_inner(moving.clone());
-        loss = loss + closed.mean() * config.mask_motion;
+    if let Some(moving) = context.moving.filter(|_| config.mask_motion > 0.0 || config.mask_still > 0.0) {
+        let [moving, still] = [moving.clone(), -moving.clone() + 1.0].map(Tensor::from_inner);
+        let closed = (-blend.mask.clone() + 1.0) * moving * config.mask_motion;
+        loss = loss + (closed + blend.mask.clone() * still * config.mask_still).mean();
     }
     for log_scales in log_scales {
         if config.large > 0.0 {

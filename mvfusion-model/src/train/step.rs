@@ -1,6 +1,7 @@
 //! The forward half of a step: render a batch, blend, compare.
 
 use burn::tensor::Tensor;
+use burn::tensor::activation::sigmoid;
 use mvfusion_render::grid;
 use mvfusion_render::profile::{Part, measure};
 use mvfusion_render::splat::{SplatLayers, SplatPicture};
@@ -10,6 +11,7 @@ use super::parameters::Sink;
 use super::{Batch, Position, Trainer};
 use crate::ModelError;
 use crate::composition::{Blending, Layers};
+use crate::densify::Branch;
 use crate::loss::{LossContext, LossSchedule, Pictures, light_loss, main_loss, single_loss, within};
 use crate::model::{BranchPictures, Movement, Probes};
 
@@ -108,6 +110,10 @@ impl Trainer {
                 let light = pictures(rendered, Copy::Light, blending).within(counted);
                 let log_scales = [&model.dynamic, static_].map(|branch| branch.gaussians.log_scales.val());
                 let loss = main_loss(&main, &context) + light_loss(&light, log_scales, &context);
+                let loss = match self.opacity_cost(static_) {
+                    Some(cost) => loss + cost,
+                    None => loss,
+                };
                 (loss, main.composition.composed)
             }
             None => {
@@ -144,6 +150,15 @@ impl Trainer {
             extent: self.surroundings.extent,
             windows: &self.windows,
         }
+    }
+
+    /// What opacity costs (docs/METHOD.md, section 13).
+    fn opacity_cost(&self, static_: &Branch) -> Option<Tensor<1>> {
+        let config = &self.config.loss;
+        let branches = [(static_, config.static_opacity), (&self.state.model.dynamic, config.dynamic_opacity)];
+        let cost = |branch: &Branch, weight| sigmoid(branch.gaussians.opacity_logits.val()).mean() * weight;
+        let costs = branches.into_iter().filter(|&(_, weight)| weight > 0.0).map(|(branch, weight)| cost(branch, weight));
+        costs.reduce(|sum, cost| sum + cost)
     }
 
     /// Smoothness of the HexPlane's planes (METHOD §4.4, R_grid).

@@ -8,8 +8,8 @@ use mvfusion_data::builtin::builtin;
 use mvfusion_data::{BuiltinOptions, Scene};
 use mvfusion_model::ModelError;
 use mvfusion_model::config::{
-    BranchDensifyConfig, Config, DensifyConfig, GridConfig, InitConfig, ModelConfig, MotionConfig, StageConfig,
-    TrainConfig,
+    BranchDensifyConfig, Config, DensifyConfig, GridBoundsRule, GridConfig, InitConfig, ModelConfig, MotionConfig,
+    StageConfig, TrainConfig, Uncovered,
 };
 use mvfusion_model::evaluation::{Evaluation, Judge, Protocol, Split, evaluate};
 use mvfusion_model::train::{TrainState, Trainer, parameter_hash};
@@ -35,7 +35,7 @@ pub fn config() -> Config {
         init: InitConfig { dynamic_points: 400, dynamic_from_cloud: 20, ..InitConfig::default() },
         model: ModelConfig {
             width: 16,
-            grid: GridConfig { features: 4, resolution: [8, 8, 8, 10], multipliers: vec![1, 2] },
+            grid: GridConfig { features: 4, resolution: [8, 8, 8, 10], multipliers: vec![1, 2], ..GridConfig::default() },
             sh_degree: 2,
             ..ModelConfig::default()
         },
@@ -153,16 +153,26 @@ pub fn interrupted(config: &Config, pauses: &[usize], scene: &Scene, device: &De
     trainer
 }
 
+/// The same from Gaussians where motion was seen, with moments of their own.
+fn with_lifetimes() -> Config {
+    let mut config = config();
+    (config.model.lifetime, config.model.grid.bounds, config.model.uncovered) =
+        (true, GridBoundsRule::Motion, Uncovered::Static);
+    (config.init.motion_points, config.loss.dynamic_where_moving) = (200, true);
+    (config.loss.mask_motion, config.loss.mask_still, config.loss.static_opacity) = (0.1, 0.1, 0.1);
+    config
+}
+
 #[test]
 fn a_run_that_was_saved_and_loaded_goes_on_as_if_it_had_not_been() {
     let scene = scene();
-    for backend in backends() {
+    for (backend, config) in backends().iter().flat_map(|backend| [(backend, config()), (backend, with_lifetimes())]) {
         let device = (backend.device)();
-        let mut whole = Trainer::new(config(), &scene, &device).expect("the run can start");
+        let mut whole = Trainer::new(config.clone(), &scene, &device).expect("the run can start");
         train(&mut whole);
         // Within each stage, on its borders, and right after a densification, a pruning, a reset and a refresh.
-        let resumed = interrupted(&config(), &[3, 5, 8, 10, 16, 20, 25, 29], &scene, &device);
-        assert_eq!(hash(&resumed), hash(&whole), "{}", backend.name);
+        let resumed = interrupted(&config, &[3, 5, 8, 10, 16, 20, 25, 29], &scene, &device);
+        assert_eq!(hash(&resumed), hash(&whole), "{}, lifetimes: {}", backend.name, config.model.lifetime);
         assert_eq!(resumed.state().census, whole.state().census);
         assert_eq!(resumed.state().streams, whole.state().streams);
         assert_eq!(resumed.state().normalisers, whole.state().normalisers);
