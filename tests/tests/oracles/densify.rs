@@ -53,6 +53,7 @@ fn branch(archive: &Archive, device: &Device) -> Result<Branch> {
         Attribute::LogScales => parameter("in.scaling"),
         Attribute::Quaternions => parameter("in.rotation"),
         Attribute::MaskLogits => None,
+        Attribute::TimeCentres | Attribute::LogDurations | Attribute::Velocities => None,
     });
     let mut branch = Branch::new(gaussians.context("an attribute is missing")?);
     let plain = |name: &str| archive.array(name).map(|array| on(device, &array.values));

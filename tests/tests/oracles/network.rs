@@ -147,6 +147,7 @@ fn gaussians(archive: &Archive, device: &Device) -> Result<Gaussians> {
         Attribute::Quaternions => stored("in.rotation"),
         Attribute::MaskLogits if coefficients <= MASK_COEFFICIENT => None,
         Attribute::MaskLogits => made(&shs.columns(MASK_COEFFICIENT, MASK_COEFFICIENT + 1)),
+        Attribute::TimeCentres | Attribute::LogDurations | Attribute::Velocities => None,
     });
     anyhow::Context::context(gaussians, "the file lacks an attribute of the Gaussians")
 }
