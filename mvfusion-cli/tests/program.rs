@@ -15,13 +15,15 @@ const FAILED: i32 = 1;
 const USAGE: i32 = 2;
 
 /// Settings that make a run of a few seconds which still passes through all stages.
-const TINY: [&str; 8] = [
+const TINY: [&str; 10] = [
     "train.stages={geometry=2, deformation=2, refinement=2}",
     "train.log_interval=2",
     "train.batch_size=1",
     "model.width=8",
     "model.grid={features=2, resolution=[4, 4, 4, 4], multipliers=[1]}",
     "init.dynamic_points=60",
+    "init.motion_points=60",
+    "init.photo_points=60",
     "motion.samples=4",
     "eval.strips=2",
 ];

@@ -23,6 +23,8 @@ train.log_interval = 2
 model.width = 8
 model.grid = { features = 2, resolution = [4, 4, 4, 4], multipliers = [1] }
 init.dynamic_points = 60
+init.motion_points = 60
+init.photo_points = 60
 motion.samples = 4
 eval.strips = 0
 eval.pictures = false

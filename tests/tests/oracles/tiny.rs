@@ -9,13 +9,15 @@ use mvfusion_cli::progress::Talk;
 use mvfusion_cli::{Cli, command};
 
 /// Settings of a run that passes through all stages in seconds.
-const TINY: [&str; 8] = [
+const TINY: [&str; 10] = [
     "train.stages={geometry=3, deformation=2, refinement=3}",
     "train.log_interval=1",
     "train.batch_size=1",
     "model.width=8",
     "model.grid={features=2, resolution=[4, 4, 4, 4], multipliers=[1]}",
     "init.dynamic_points=60",
+    "init.motion_points=60",
+    "init.photo_points=60",
     "motion.samples=4",
     "eval.strips=2",
 ];
