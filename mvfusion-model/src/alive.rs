@@ -1,6 +1,8 @@
 //! Which dynamic Gaussians are there at a moment, by their lifetimes. The others are neither moved nor splatted.
 
+use burn::module::Module;
 use burn::tensor::{IndexingUpdateOp, Int, Tensor};
+use glam::Vec3;
 
 use crate::gaussians::{Attribute, Gaussians};
 use crate::{ModelError, tensors};
@@ -64,6 +66,22 @@ impl AliveRows {
 }
 
 impl Gaussians {
+    /// Centres of those that are there at a time in `[0, 1]`, where their velocities take them; all where there are no
+    /// lifetimes.
+    ///
+    /// # Errors
+    /// If the device cannot hand its numbers back.
+    pub fn centres_at(&self, time: f64) -> Result<Vec<Vec3>, ModelError> {
+        let then = self.valid().at(time);
+        let means: Vec<f32> = tensors::read(then.means)?;
+        let centres = means.chunks_exact(3).map(Vec3::from_slice);
+        if self.time_centres.is_none() {
+            return Ok(centres.collect());
+        }
+        let logits: Vec<f32> = tensors::read(then.opacity_logits)?;
+        Ok(centres.zip(logits).filter(|&(_, logit)| logit > LEAST_LOGIT).map(|(centre, _)| centre).collect())
+    }
+
     /// Opacity logits as the lifetimes have them at a time, without autodiff: `[N, 1]`.
     fn alive_logits(&self, time: f64) -> Tensor<2> {
         let plain = |attribute| self.plain(attribute);

@@ -8,6 +8,7 @@ use mvfusion_model::evaluation::{Judge, Protocol};
 use mvfusion_model::files::sha256;
 use mvfusion_model::train::{Position, StepLoss, Trainer};
 use mvfusion_model::{Config, ModelError};
+use tracing::{info, warn};
 
 use super::score::{self, Trained};
 use crate::args::TrainArgs;
@@ -53,10 +54,24 @@ pub fn train(args: &TrainArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Resul
     if let Some(sentence) = times_sentence(&given, &resolved.config) {
         talk.note(&format!("times:  {sentence}"));
     }
+    if let Some(seeding) = trainer.seeding() {
+        talk.note(&format!("motion: {seeding}"));
+    }
     talk.note(&format!("run:    {}", path.display()));
+    warn_of_placement(&trainer, &scene)?;
 
     let folder = plan.create()?;
     Session { resolved, device, scene, trainer, judge, folder, talk }.run(out)
+}
+
+/// Says where too few dynamic Gaussians stand where something moves: the run would spend its steps on a smear.
+fn warn_of_placement(trainer: &Trainer, scene: &Scene) -> Result<(), ModelError> {
+    let Some(placement) = trainer.placement(scene)? else { return Ok(()) };
+    match placement.advice() {
+        Some(advice) => warn!("{placement}; {advice}"),
+        None => info!("{placement}"),
+    }
+    Ok(())
 }
 
 /// What goes by the scene's times instead of by the configuration as it was given; `None` if nothing does.

@@ -84,6 +84,13 @@ impl MotionFilm {
         self.factor
     }
 
+    /// Bytes that are kept.
+    pub fn bytes(&self) -> u64 {
+        let colours = self.colours.iter().map(Vec::len).sum::<usize>() as u64;
+        let maps = (0..self.colours.len()).filter_map(|view| self.moving.map(view));
+        colours + MOTION_BYTES * maps.map(|map| map.blocks().len() as u64).sum::<u64>()
+    }
+
     /// What a training view shows: its motion, and the colours of its blocks.
     pub(super) fn picture(&self, view: usize) -> Option<(&MotionMap, &[u8])> {
         Some((self.moving.map(view)?, self.colours.get(view)?))

@@ -90,7 +90,7 @@ fn reduced_pictures_are_asked_at_full_size() {
     let options = MovingPixelsOptions { memory: 4 * 54 * 40 * views, ..MovingPixelsOptions::default() };
     let reduced = film(&scene, &options);
     let whole = MovingPixels::of(&scene, &MovingPixelsOptions::default()).expect("in memory").expect("still");
-    assert_eq!(reduced.factor(), 3);
+    assert_eq!((reduced.factor(), reduced.bytes()), (3, options.memory));
     let (small, full) = (reduced.moving().mask(2).expect("known"), whole.mask(2).expect("known"));
     assert_eq!(small.dimensions(), (160, 120));
     let unlike = small.pixels().zip(full.pixels()).filter(|(a, b)| a != b).count();

@@ -1,8 +1,15 @@
 //! Which configurations can be trained at all.
 
 use super::variants::Contradiction;
-use super::{Branches, Config, FusionWeights, StillRule};
+use super::{Branches, Config, FusionWeights, GridBoundsRule, StillRule};
 use crate::ModelError;
+
+fn refuse(bad: bool, key: &'static str, value: String, reason: &'static str) -> Result<(), ModelError> {
+    match bad {
+        true => Err(ModelError::Config { key, value, reason }),
+        false => Ok(()),
+    }
+}
 
 impl Config {
     /// Refuses what could only fail later, or silently do nothing.
@@ -10,10 +17,6 @@ impl Config {
     /// # Errors
     /// [`ModelError::Config`] naming the first bad key.
     pub fn check(&self) -> Result<(), ModelError> {
-        let refuse = |bad: bool, key, value: String, reason| match bad {
-            true => Err(ModelError::Config { key, value, reason }),
-            false => Ok(()),
-        };
         let (train, model, motion) = (&self.train, &self.model, &self.motion);
         refuse(
             train.scale.is_nan() || train.scale <= 0.0,
@@ -129,6 +132,60 @@ impl Config {
             "init.opacity",
             self.init.opacity.to_string(),
             "give a number between 0 and 1",
+        )?;
+        self.check_what_moves()?;
+        self.check_lifetimes()
+    }
+
+    /// Points on what moves, and what else asks where that is.
+    fn check_what_moves(&self) -> Result<(), ModelError> {
+        let (init, most) = (&self.init, self.densify.dynamic.max_gaussians);
+        refuse(
+            init.motion_points > most,
+            "init.motion_points",
+            init.motion_points.to_string(),
+            "that is more than `densify.dynamic.max_gaussians`; give a quarter to a half of that, so that there is room to \
+             split",
+        )?;
+        refuse(
+            self.model.grid.bounds == GridBoundsRule::Motion && init.motion_points == 0,
+            "model.grid.bounds",
+            "motion".into(),
+            "nobody looks for what moves; give `init.motion_points` a number above 0, or let the grid span the \"cloud\"",
+        )?;
+        refuse(
+            !init.motion_logit.is_finite(),
+            "init.motion_logit",
+            init.motion_logit.to_string(),
+            "give a number; above 0 is in favour of the foreground",
+        )?;
+        let weight = self.loss.mask_motion;
+        let bad = !weight.is_finite() || weight < 0.0;
+        refuse(bad, "loss.mask_motion", weight.to_string(), "give a number that is not below 0; 0 switches it off")
+    }
+
+    /// Durations at the start, births, and the rates at which lifetimes are learned.
+    fn check_lifetimes(&self) -> Result<(), ModelError> {
+        let (init, optim) = (&self.init, &self.optim);
+        let is_positive = |value: f64| value.is_finite() && value > 0.0;
+        for (key, duration) in
+            [("init.motion_duration", init.motion_duration), ("init.photo_duration", init.photo_duration)]
+        {
+            refuse(!is_positive(duration), key, duration.to_string(), "a duration is a number above 0")?;
+        }
+        for (key, rate) in [("optim.time_centre", optim.time_centre), ("optim.duration", optim.duration)] {
+            let bad = !rate.is_finite() || rate < 0.0;
+            refuse(bad, key, rate.to_string(), "give a number that is not below 0; 0 leaves it as it starts")?;
+        }
+        for (key, rate) in [("optim.velocity.start", optim.velocity.start), ("optim.velocity.end", optim.velocity.end)]
+        {
+            refuse(!is_positive(rate), key, rate.to_string(), "a rate that falls log-linearly is a number above 0")?;
+        }
+        refuse(
+            init.photo_points > 0 && !self.model.lifetime,
+            "init.photo_points",
+            init.photo_points.to_string(),
+            "what only one photo shows must not be seen at other times; set `model.lifetime = true`, or 0 points",
         )
     }
 }
@@ -150,6 +207,66 @@ mod tests {
         let said = refusal(0, [0.7, 0.2, 0.1]).expect("it is refused");
         assert!(said.starts_with("`motion.interval` is 0: give the steps"), "{said}");
         assert_eq!(refusal(1, [0.7, 0.2, 0.1]), None);
+    }
+
+    /// What a default configuration is refused with after a change.
+    fn refusal_of(change: impl Fn(&mut Config)) -> Option<String> {
+        let mut config = Config::default();
+        change(&mut config);
+        config.check().err().map(|error| error.to_string())
+    }
+
+    #[test]
+    fn seeds_fit_into_their_branch_and_a_box_of_what_moves_needs_them() {
+        let seeds = |count| move |config: &mut Config| config.init.motion_points = count;
+        let most = Config::default().densify.dynamic.max_gaussians;
+        assert_eq!(refusal_of(seeds(most)), None);
+        let said = refusal_of(seeds(most + 1)).expect("it is refused");
+        assert!(said.starts_with("`init.motion_points` is 90001: that is more than"), "{said}");
+
+        let spans = |count| {
+            move |config: &mut Config| {
+                (config.model.grid.bounds, config.init.motion_points) = (GridBoundsRule::Motion, count)
+            }
+        };
+        assert_eq!(refusal_of(spans(2000)), None);
+        let said = refusal_of(spans(0)).expect("it is refused");
+        assert!(said.starts_with("`model.grid.bounds` is motion: nobody looks for what moves"), "{said}");
+    }
+
+    #[test]
+    fn gaussians_of_one_photo_need_lifetimes() {
+        let births =
+            |lifetime| move |config: &mut Config| (config.init.photo_points, config.model.lifetime) = (1000, lifetime);
+        assert_eq!(refusal_of(births(true)), None);
+        let said = refusal_of(births(false)).expect("it is refused");
+        assert!(said.starts_with("`init.photo_points` is 1000:") && said.contains("model.lifetime"), "{said}");
+    }
+
+    #[test]
+    fn numbers_of_seeds_and_lifetimes_are_in_range() {
+        type Slot = fn(&mut Config) -> &mut f64;
+        let above_0: [(&str, Slot); 4] = [
+            ("init.motion_duration", |config| &mut config.init.motion_duration),
+            ("init.photo_duration", |config| &mut config.init.photo_duration),
+            ("optim.velocity.start", |config| &mut config.optim.velocity.start),
+            ("optim.velocity.end", |config| &mut config.optim.velocity.end),
+        ];
+        let from_0: [(&str, Slot); 3] = [
+            ("loss.mask_motion", |config| &mut config.loss.mask_motion),
+            ("optim.time_centre", |config| &mut config.optim.time_centre),
+            ("optim.duration", |config| &mut config.optim.duration),
+        ];
+        let refused = |key: &str, slot: Slot, bad: f64| {
+            let said = refusal_of(|config| *slot(config) = bad).unwrap_or_default();
+            assert!(said.starts_with(&format!("`{key}` is {bad}: ")), "{key} = {bad}: {said}");
+        };
+        for (key, slot) in above_0.into_iter().chain(from_0) {
+            [-0.1, f64::NAN, f64::INFINITY].into_iter().for_each(|bad| refused(key, slot, bad));
+            assert_eq!(refusal_of(|config| *slot(config) = 0.5), None, "{key}");
+        }
+        above_0.into_iter().for_each(|(key, slot)| refused(key, slot, 0.0));
+        from_0.into_iter().for_each(|(key, slot)| assert_eq!(refusal_of(|config| *slot(config) = 0.0), None, "{key}"));
     }
 
     #[test]

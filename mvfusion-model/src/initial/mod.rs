@@ -4,7 +4,9 @@
 mod gaussians;
 mod motion;
 mod neighbours;
+mod placement;
 mod points;
+mod seeding;
 
 use std::path::Path;
 
@@ -13,6 +15,8 @@ use mvfusion_data::{GaussianCloud, Lifetime, PointCloud, Scene};
 pub use gaussians::{Masking, cloud_on, gaussians_of, gaussians_on};
 pub use motion::{MotionPoints, SceneMotion};
 pub use neighbours::mean_squared_distances;
+pub use placement::Placement;
+pub use seeding::Seeding;
 
 use crate::ModelError;
 use crate::config::{Branches, Config, InitConfig};

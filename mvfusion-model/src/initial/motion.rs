@@ -3,12 +3,11 @@
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
-use mvfusion_data::motion::{
-    MotionFilm, MotionHullOptions, MotionSummary, MovingPixels, MovingPixelsOptions, motion_hull,
-};
+use mvfusion_data::motion::{MotionFilm, MotionHullOptions, MovingPixels, MovingPixelsOptions, motion_hull};
 use mvfusion_data::{PointCloud, Scene};
 use mvfusion_render::grid::GridBounds;
 
+use super::Seeding;
 use crate::ModelError;
 use crate::config::{Branches, Config};
 
@@ -37,55 +36,51 @@ pub struct SceneMotion {
     pub points: Option<MotionPoints>,
     /// Which pixels move, where the losses ask for that.
     pub moving: Option<MovingPixels>,
+    /// What came of the search for points; `None` where the configuration asks for none.
+    pub seeding: Option<Seeding>,
 }
 
 impl SceneMotion {
-    /// What the configuration asks for. Points are the same for a seed, whatever the number of threads. Where none are
-    /// found, that is told.
+    /// What the configuration asks for. Points are the same for a seed, whatever the number of threads.
     ///
     /// # Errors
     /// If a picture cannot be read.
     pub fn find(scene: &Scene, config: &Config) -> Result<Self, ModelError> {
         let wanted = config.init.motion_points;
         if wanted == 0 || config.model.branches == Branches::Dynamic || config.init.dynamic_ply.is_some() {
-            return Ok(Self { points: None, moving: Self::moving(scene, config)? });
+            return Self::of_losses(scene, config);
         }
         let start = Instant::now();
         let Some(film) = MotionFilm::of(scene, &MovingPixelsOptions::default())? else {
-            tracing::info!("motion: no three still cameras film the same moments; the dynamic Gaussians are strewn");
-            return Ok(Self::default());
+            return Ok(Self { seeding: Some(Seeding::NoStillCameras), ..Self::default() });
         };
         let options = MotionHullOptions { points: wanted, ..MotionHullOptions::default() };
         let seeds = motion_hull(scene, &film, &options, config.seed);
-        let MotionSummary { cameras, moments, moving_share, candidates, seeds: count, .. } = seeds.summary;
-        let seconds = start.elapsed().as_secs_f64();
-        tracing::info!(
-            "motion: {:.1} % of the pixels of {cameras} cameras x {moments} frames move; {count} seeds of {candidates} \
-             places in {seconds:.1} s",
-            100.0 * moving_share,
-        );
+        let (seconds, bytes) = (start.elapsed().as_secs_f64(), film.bytes());
+        let seeding = Some(Seeding::Searched { summary: seeds.summary, seconds, bytes });
         let moving = needs_moving_pixels(config).then(|| film.into_moving());
         if seeds.points.is_empty() {
-            tracing::warn!("motion: no place that all cameras see moving in one colour; the dynamic Gaussians are strewn");
-            return Ok(Self { points: None, moving });
+            return Ok(Self { points: None, moving, seeding });
         }
         let times = scene.training_times();
         let frame = match times.as_slice() {
             [first, .., last] => (last - first) / (times.len() - 1) as f64,
             _ => 1.0,
         };
-        Ok(Self { points: Some(MotionPoints { points: seeds.points, times: seeds.times, frame }), moving })
+        let points = Some(MotionPoints { points: seeds.points, times: seeds.times, frame });
+        Ok(Self { points, moving, seeding })
     }
 
-    /// Which pixels move, where the losses ask for that and the cameras stand still.
+    /// What the losses ask for alone: which pixels move, where cameras stand still.
     ///
     /// # Errors
     /// If a picture cannot be read.
-    pub fn moving(scene: &Scene, config: &Config) -> Result<Option<MovingPixels>, ModelError> {
-        match needs_moving_pixels(config) {
-            true => Ok(MovingPixels::of(scene, &MovingPixelsOptions::default())?),
-            false => Ok(None),
-        }
+    pub fn of_losses(scene: &Scene, config: &Config) -> Result<Self, ModelError> {
+        let moving = match needs_moving_pixels(config) {
+            true => MovingPixels::of(scene, &MovingPixelsOptions::default())?,
+            false => None,
+        };
+        Ok(Self { moving, ..Self::default() })
     }
 }
 

@@ -2,7 +2,6 @@
 
 use burn::tensor::Device;
 use mvfusion_data::Scene;
-use mvfusion_data::motion::MovingPixels;
 use mvfusion_render::splat::SplatRules;
 
 use super::finite::Findings;
@@ -11,7 +10,7 @@ use super::{Photos, Position, Stage, StepLoss, TrainState};
 use crate::config::Config;
 use crate::densify::Branch;
 use crate::gaussians::Behind;
-use crate::initial::SceneMotion;
+use crate::initial::{Placement, SceneMotion, Seeding};
 use crate::loss::Windows;
 use crate::model::{Movement, Surroundings};
 use crate::timeline::Timeline;
@@ -32,6 +31,8 @@ pub struct Trainer {
     pub(super) windows: Windows,
     pub(super) device: Device,
     pub(super) state: TrainState,
+    /// What came of the search for points on what moves, where this trainer searched.
+    seeding: Option<Seeding>,
 }
 
 impl Trainer {
@@ -46,7 +47,7 @@ impl Trainer {
         let device = device.clone().autodiff();
         let motion = SceneMotion::find(scene, &config)?;
         let state = TrainState::new(&config, scene, motion.points.as_ref(), &device)?;
-        Ok(Self::assembled(config, scene, motion.moving, &device, state))
+        Ok(Self::assembled(config, scene, motion, &device, state))
     }
 
     /// A trainer that goes on from a state.
@@ -54,20 +55,15 @@ impl Trainer {
     /// # Errors
     /// If a picture cannot be read.
     pub fn with_state(config: Config, scene: &Scene, device: &Device, state: TrainState) -> Result<Self, ModelError> {
-        let moving = SceneMotion::moving(scene, &config)?;
-        Ok(Self::assembled(config, scene, moving, device, state))
+        let motion = SceneMotion::of_losses(scene, &config)?;
+        Ok(Self::assembled(config, scene, motion, device, state))
     }
 
-    fn assembled(
-        config: Config,
-        scene: &Scene,
-        moving: Option<MovingPixels>,
-        device: &Device,
-        state: TrainState,
-    ) -> Self {
+    fn assembled(config: Config, scene: &Scene, motion: SceneMotion, device: &Device, state: TrainState) -> Self {
         let surroundings = Surroundings::new(&config, scene);
-        let photos = Photos::new(scene, IMAGE_CACHE).with_motion(moving);
-        Self { config, surroundings, photos, windows: Windows::default(), device: device.clone(), state }
+        let photos = Photos::new(scene, IMAGE_CACHE).with_motion(motion.moving);
+        let (windows, seeding) = (Windows::default(), motion.seeding);
+        Self { config, surroundings, photos, windows, device: device.clone(), state, seeding }
     }
 
     /// Keeps at most `budget` bytes of decoded pictures instead of [`IMAGE_CACHE`]. If they all fit, they are decoded now.
@@ -193,6 +189,24 @@ impl Trainer {
     /// The configuration that the state was made by, and under which a checkpoint of it is loaded.
     pub fn config(&self) -> &Config {
         &self.config
+    }
+
+    /// What came of the search for points on what moves; `None` where `init.motion_points` asks for none, and of a
+    /// trainer that goes on.
+    pub fn seeding(&self) -> Option<&Seeding> {
+        self.seeding.as_ref()
+    }
+
+    /// Where the dynamic Gaussians stand in the pictures, before the network moves them; `None` where nothing is known
+    /// of what moves there, and for a model of one branch, whose Gaussians show the whole scene. Reads some pictures.
+    ///
+    /// # Errors
+    /// If a picture cannot be read, or the device fails.
+    pub fn placement(&self, scene: &Scene) -> Result<Option<Placement>, ModelError> {
+        match self.state.model.static_ {
+            Some(_) => Placement::of(&self.state.model.dynamic.gaussians, scene),
+            None => Ok(None),
+        }
     }
 
     /// The state.
