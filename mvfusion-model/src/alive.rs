@@ -119,7 +119,10 @@ mod tests {
             let at = gaussians(&device).at(0.3);
             let logit = (0.1f64 / 0.9).ln();
             let logits = values(at.opacity_logits.inner());
-            assert!((logits[0] - (logit - 1.0)).abs() < 1e-4 && (logits[1] - (logit - 16.0)).abs() < 1e-3, "{logits:?}");
+            assert!(
+                (logits[0] - (logit - 1.0)).abs() < 1e-4 && (logits[1] - (logit - 16.0)).abs() < 1e-3,
+                "{logits:?}"
+            );
             assert!((logits[2] - logit).abs() < 1e-5, "{logits:?}");
             let means = values(at.means.inner());
             assert!((means[0] - 0.2).abs() < 1e-6 && (means[3] + 0.8).abs() < 1e-6, "{means:?}");

@@ -232,10 +232,11 @@ impl Gaussians {
     pub fn to_cloud(&self) -> Result<GaussianCloud, ModelError> {
         let plain = |attribute| self.plain(attribute).map(tensors::read::<2, f32>).transpose();
         let (centres, durations) = (plain(Attribute::TimeCentres)?, plain(Attribute::LogDurations)?);
-        let lifetimes = centres.zip(durations).zip(plain(Attribute::Velocities)?).map(|((centres, durations), travel)| {
-            let each = centres.into_iter().zip(durations).zip(rows(&travel, 3));
-            each.map(|((centre, log_duration), velocity)| Lifetime { centre, log_duration, velocity }).collect()
-        });
+        let lifetimes =
+            centres.zip(durations).zip(plain(Attribute::Velocities)?).map(|((centres, durations), travel)| {
+                let each = centres.into_iter().zip(durations).zip(rows(&travel, 3));
+                each.map(|((centre, log_duration), velocity)| Lifetime { centre, log_duration, velocity }).collect()
+            });
         Ok(GaussianCloud { lifetimes, ..self.valid().canonical().to_cloud()? })
     }
 

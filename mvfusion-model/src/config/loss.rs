@@ -27,6 +27,9 @@ pub struct LossConfig {
     /// where `dynamic_above` says; where cameras stand still and film the same moments. Ours: a branch that is asked for the
     /// whole picture spends its Gaussians on a blur of the room.
     pub dynamic_where_moving: bool,
+    /// Whether the static branch learns only where nothing was seen to move, also in the first stage. Ours: what it learns
+    /// of a player in the first stage stays as a ghost that the mask then hides, because nothing is compared there.
+    pub static_where_still: bool,
     /// Weight that holds the mask open where something was seen to move: the mean of `(1 - mask) moving` (light loss). Ours:
     /// a mask that closes over a blur does not come back.
     pub mask_motion: f64,
@@ -81,6 +84,7 @@ impl Default for LossConfig {
             static_above: 0.51,
             dynamic_above: 0.51,
             dynamic_where_moving: false,
+            static_where_still: false,
             mask_motion: 0.0,
             mask_still: 0.0,
             static_opacity: 0.0,

@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 pub use densify::{BranchDensifyConfig, DensifyConfig, OpacityReset};
 pub use evaluation::EvalConfig;
 pub use loss::LossConfig;
-pub use model::{Background, Branches, Uncovered, GridBoundsRule, GridConfig, ModelConfig, TimeRows};
+pub use model::{Background, Branches, GridBoundsRule, GridConfig, ModelConfig, TimeRows, Uncovered};
 pub use motion::{FusionWeights, MotionConfig, Spread, StillRule};
 pub use optim::{Decay, OptimConfig};
 pub use scene::{InitConfig, SceneConfig, SceneKind};

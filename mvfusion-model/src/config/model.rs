@@ -151,7 +151,13 @@ pub enum GridBoundsRule {
 
 impl Default for GridConfig {
     fn default() -> Self {
-        Self { features: 16, bounds: GridBoundsRule::Cloud, resolution: [64, 64, 64, 150], time_rows: TimeRows::Fixed, multipliers: vec![1, 2, 4] }
+        Self {
+            features: 16,
+            bounds: GridBoundsRule::Cloud,
+            resolution: [64, 64, 64, 150],
+            time_rows: TimeRows::Fixed,
+            multipliers: vec![1, 2, 4],
+        }
     }
 }
 

@@ -160,7 +160,8 @@ impl<'a> LayerRenderer<'a> {
         };
         let masks = moved.mask_features();
         let first_heat = if masks.is_some() { MASK_CHANNELS } else { 0 };
-        let features: Vec<_> = masks.into_iter().chain(self.heats.iter().map(|heat| of_rows(heat.features.clone()))).collect();
+        let features: Vec<_> =
+            masks.into_iter().chain(self.heats.iter().map(|heat| of_rows(heat.features.clone()))).collect();
         let features = (!features.is_empty()).then(|| Tensor::cat(features, 1));
         let settings = self.surroundings.splat_settings(self.model.dynamic.sh_degree, false);
         let dynamic = moved.splat(features, None, camera, &settings, self.surroundings.behind)?;

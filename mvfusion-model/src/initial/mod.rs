@@ -57,7 +57,8 @@ impl InitialClouds {
             None if births_expected(scene, config) => init.dynamic_points.saturating_sub(init.photo_points).max(1),
             None => init.dynamic_points,
         };
-        let drawn = draw_points(scene, config.model.branches, &InitConfig { dynamic_points: strewn, ..init.clone() }, stream);
+        let drawn =
+            draw_points(scene, config.model.branches, &InitConfig { dynamic_points: strewn, ..init.clone() }, stream);
         let mut dynamic = match &init.dynamic_ply {
             Some(path) => DYNAMIC_FILE.read(path, densify.dynamic.max_gaussians, degree)?,
             None => dynamic_cloud(&drawn.dynamic, motion, config),

@@ -86,7 +86,8 @@ impl SceneMotion {
 
 fn needs_moving_pixels(config: &Config) -> bool {
     let loss = &config.loss;
-    let is_asked = loss.mask_motion > 0.0 || loss.mask_still > 0.0 || loss.dynamic_where_moving;
+    let is_asked =
+        loss.mask_motion > 0.0 || loss.mask_still > 0.0 || loss.dynamic_where_moving || loss.static_where_still;
     config.model.branches == Branches::Both && is_asked
 }
 

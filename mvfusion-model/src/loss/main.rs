@@ -44,14 +44,21 @@ fn geometry_terms(pictures: &Pictures, context: &LossContext<'_>) -> Tensor<1> {
     let darkened = photos.clone() * GEOMETRY_DARKENING;
     let (colour, structure) = match context.dynamic_region() {
         Some(moving) => {
-            let moving = Tensor::from_inner(moving.clone());
+            let moving = Tensor::from_inner(moving);
             let structure = masked_dssim(blend.dynamic.clone(), photos.clone(), moving.clone(), window);
             (l1(mixed * moving.clone(), darkened * moving), structure)
         }
         None => (l1(mixed, darkened), dssim(blend.dynamic.clone(), photos.clone(), window)),
     };
-    (colour + l1(blend.lit.clone(), photos.clone())) * config.main
-        + (dssim(blend.lit.clone(), photos.clone(), window) + structure) * config.geometry_dssim
+    let (still_colour, still_structure) = match context.static_region() {
+        Some(still) => {
+            let still = Tensor::from_inner(still);
+            let structure = masked_dssim(blend.lit.clone(), photos.clone(), still.clone(), window);
+            (l1(blend.lit.clone() * still.clone(), photos.clone() * still), structure)
+        }
+        None => (l1(blend.lit.clone(), photos.clone()), dssim(blend.lit.clone(), photos.clone(), window)),
+    };
+    (colour + still_colour) * config.main + (still_structure + structure) * config.geometry_dssim
 }
 
 /// Depth order of the branches and smoothness of the background's depth (METHOD §4.4, terms 1 to 3).
@@ -91,13 +98,14 @@ fn branch_terms(pictures: &Pictures, context: &LossContext<'_>) -> Option<Tensor
     }
     if config.branch_dssim > 0.0 || config.branch_l1 > 0.0 {
         let dynamic_answers = match context.dynamic_region() {
-            Some(moving) => above(&blend.mask, DYNAMIC).max_pair(moving.clone()),
+            Some(moving) => above(&blend.mask, DYNAMIC).max_pair(moving),
             None => above(&blend.mask, config.dynamic_above),
         };
-        let branches = [
-            (&blend.dynamic, dynamic_answers),
-            (&blend.lit, above(&blend.static_mask, config.static_above)),
-        ];
+        let mut static_answers = above(&blend.static_mask, config.static_above);
+        if let Some(still) = context.static_region() {
+            static_answers = static_answers * still;
+        }
+        let branches = [(&blend.dynamic, dynamic_answers), (&blend.lit, static_answers)];
         for (picture, answers) in branches {
             let structure = masked_dssim(picture.clone(), photos.clone(), answers.clone(), &context.windows.ssim);
             let colour = l1(picture.clone() * answers.clone(), photos.clone() * answers);

@@ -15,6 +15,7 @@ pub use single::single_loss;
 use burn::tensor::Tensor;
 use mvfusion_render::window::Window;
 
+use crate::births::LEAST_ERROR;
 use crate::composition::Composition;
 
 /// One copy of a batch's pictures: the op renders each twice, one for each loss.
@@ -54,13 +55,44 @@ pub fn within(picture: Tensor<4>, counted: Option<&Tensor<4>>) -> Tensor<4> {
     }
 }
 
+/// Where something was seen to move in a batch: `[B, 1, H, W]` each, 1 there and 0 elsewhere, without autodiff.
+#[derive(Clone, Debug)]
+pub struct MotionMasks {
+    /// The pixels that move.
+    pub moving: Tensor<4>,
+    /// The same, grown by some pixels: an edge is a blend of both branches.
+    pub around: Tensor<4>,
+    /// What says so.
+    pub seen_by: MotionWitness,
+}
+
+/// What says that something moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MotionWitness {
+    /// A camera that stands still, whose pixels differ from their median over time.
+    StillCamera,
+    /// The static branch, from which a photo differs. It may differ as well because that branch has yet to learn, so it
+    /// learns there all the same.
+    StaticBranch,
+}
+
+impl MotionMasks {
+    /// Where photos `[B, 3, H, W]` differ from what the static branch shows there.
+    pub fn by_difference(photos: &Tensor<4>, static_: Tensor<4>) -> Self {
+        let difference = (photos.clone() - static_).abs().max_dim(1);
+        let dtype = difference.dtype();
+        let moving = difference.greater_equal_elem(LEAST_ERROR).float().cast(dtype);
+        Self { around: moving.clone(), moving, seen_by: MotionWitness::StaticBranch }
+    }
+}
+
 /// What the losses compare with, and where training stands.
 #[derive(Clone, Debug)]
 pub struct LossContext<'a> {
     /// The photos, black where they do not count: `[B, 3, H, W]` in `[0, 1]`.
     pub photos: &'a Tensor<4>,
-    /// 1 where something was seen to move, else 0: `[B, 1, H, W]`; absent if nothing is known.
-    pub moving: Option<&'a Tensor<4>>,
+    /// Where something was seen to move; absent if nothing is known.
+    pub motion: Option<&'a MotionMasks>,
     /// Weights.
     pub config: &'a crate::config::LossConfig,
     /// Where training stands.
@@ -72,9 +104,16 @@ pub struct LossContext<'a> {
 }
 
 impl LossContext<'_> {
-    /// Where the dynamic branch learns whatever its mask says, if the configuration leaves that to motion and it is known.
-    fn dynamic_region(&self) -> Option<&Tensor<4>> {
-        self.moving.filter(|_| self.config.dynamic_where_moving)
+    /// 1 where the dynamic branch learns whatever its mask says, if the configuration leaves that to motion and it is known.
+    fn dynamic_region(&self) -> Option<Tensor<4>> {
+        self.motion.filter(|_| self.config.dynamic_where_moving).map(|motion| motion.around.clone())
+    }
+
+    /// 1 where the static branch may learn, likewise.
+    fn static_region(&self) -> Option<Tensor<4>> {
+        let is_sure = |motion: &&MotionMasks| motion.seen_by == MotionWitness::StillCamera;
+        let motion = self.motion.filter(is_sure).filter(|_| self.config.static_where_still)?;
+        Some(-motion.around.clone() + 1.0)
     }
 }
 

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::ModelError;
 use crate::evaluation::dilate;
+use crate::loss::{MotionMasks, MotionWitness};
 use crate::random::Stream;
 
 /// Pixels by which what was seen to move is grown before the losses see it: edges are blends of both branches.
@@ -38,8 +39,8 @@ pub struct Batch {
     pub photos: Tensor<4>,
     /// 1 where they count, else 0: `[B, 1, H, W]`; absent if they count everywhere.
     pub counted: Option<Tensor<4>>,
-    /// 1 where something was seen to move, grown by some pixels, else 0: `[B, 1, H, W]`; absent if nothing is known.
-    pub moving: Option<Tensor<4>>,
+    /// Where something was seen to move; absent if nothing is known.
+    pub motion: Option<MotionMasks>,
 }
 
 impl Photos {
@@ -88,22 +89,27 @@ impl Photos {
         let decoded = indices.iter().map(|&index| self.pictures.get(index)).collect::<Result<Vec<_>, _>>()?;
         let photos = Tensor::cat(decoded.iter().map(|photo| picture_tensor(&photo.rgb, device)).collect(), 0);
         if decoded.iter().all(|photo| photo.counted.is_none()) {
-            return Ok(Batch { photos, counted: None, moving: self.moving_tensor(indices, device) });
+            return Ok(Batch { photos, counted: None, motion: self.motion_masks(indices, device) });
         }
         let mask = |photo: &Decoded| match &photo.counted {
             Some(mask) => mask_tensor(mask, device),
             None => Tensor::ones([1, 1, photo.rgb.height() as usize, photo.rgb.width() as usize], &inner(device)),
         };
         let counted = Tensor::cat(decoded.iter().map(mask).collect(), 0);
-        let moving = self.moving_tensor(indices, device).map(|moving| moving * counted.clone());
-        Ok(Batch { photos: photos * counted.clone(), counted: Some(counted), moving })
+        let motion = self.motion_masks(indices, device);
+        Ok(Batch { photos: photos * counted.clone(), counted: Some(counted), motion })
     }
 
-    /// [`Batch::moving`] of the given views.
-    fn moving_tensor(&self, indices: &[usize], device: &Device) -> Option<Tensor<4>> {
+    /// [`Batch::motion`] of the given views.
+    fn motion_masks(&self, indices: &[usize], device: &Device) -> Option<MotionMasks> {
         let moving = self.moving.as_ref()?;
-        let masks = indices.iter().map(|&index| Some(mask_tensor(&dilate(&moving.mask(index)?, MOTION_REACH), device)));
-        Some(Tensor::cat(masks.collect::<Option<Vec<_>>>()?, 0))
+        let masks = indices.iter().map(|&index| moving.mask(index)).collect::<Option<Vec<_>>>()?;
+        let tensor = |mask: &GrayImage| mask_tensor(mask, device);
+        Some(MotionMasks {
+            moving: Tensor::cat(masks.iter().map(tensor).collect(), 0),
+            around: Tensor::cat(masks.iter().map(|mask| tensor(&dilate(mask, MOTION_REACH))).collect(), 0),
+            seen_by: MotionWitness::StillCamera,
+        })
     }
 }
 

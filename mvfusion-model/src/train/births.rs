@@ -16,15 +16,16 @@ const LEAST_ALPHA: f32 = 0.5;
 const STREAM: u64 = 1 << 20;
 
 impl Trainer {
-    /// Whether Gaussians are born after this step: at the end of the first stage, where each photo has a moment of its own.
-    pub(super) fn births_due(&self, position: &Position) -> bool {
+    /// Whether Gaussians are born for what only one photo shows: where each photo has a moment of its own.
+    pub(super) fn has_births(&self) -> bool {
         let is_collection = self.surroundings.timeline.times().len() == self.photos.len();
-        self.config.init.photo_points > 0
-            && self.config.model.lifetime
-            && is_collection
-            && position.stage == Stage::Geometry
-            && position.ends_stage()
-            && self.state.model.static_.is_some()
+        let is_asked = self.config.init.photo_points > 0 && self.config.model.lifetime;
+        is_asked && is_collection && self.state.model.static_.is_some()
+    }
+
+    /// Whether they are born after this step: at the end of the first stage.
+    pub(super) fn births_due(&self, position: &Position) -> bool {
+        position.stage == Stage::Geometry && position.ends_stage() && self.has_births()
     }
 
     /// Lets Gaussians be born where the photos differ from the static branch: as many in each as its error's share of all.

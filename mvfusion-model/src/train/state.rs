@@ -55,11 +55,13 @@ impl TrainState {
         let mut streams = Streams::new(config.seed);
         let clouds = InitialClouds::draw(scene, motion, config, &mut streams.clouds)?;
         let of_motion = motion.filter(|_| config.model.grid.bounds == GridBoundsRule::Motion);
-        let bounds = of_motion.and_then(MotionPoints::bounds).or_else(|| grid_bounds(&clouds.dynamic)).ok_or(ModelError::Config {
-            key: "init.dynamic_points",
-            value: config.init.dynamic_points.to_string(),
-            reason: "the dynamic branch needs at least one Gaussian to start from; give a number above 0",
-        })?;
+        let bounds = of_motion.and_then(MotionPoints::bounds).or_else(|| grid_bounds(&clouds.dynamic)).ok_or(
+            ModelError::Config {
+                key: "init.dynamic_points",
+                value: config.init.dynamic_points.to_string(),
+                reason: "the dynamic branch needs at least one Gaussian to start from; give a number above 0",
+            },
+        )?;
         let dtype = DType::F32;
         let masking = match config.model.branches {
             Branches::Both => Masking::Blended { dynamic_logit: config.init.dynamic_logit },

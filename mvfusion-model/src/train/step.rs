@@ -12,7 +12,7 @@ use super::{Batch, Position, Trainer};
 use crate::ModelError;
 use crate::composition::{Blending, Layers};
 use crate::densify::Branch;
-use crate::loss::{LossContext, LossSchedule, Pictures, light_loss, main_loss, single_loss, within};
+use crate::loss::{LossContext, LossSchedule, MotionMasks, Pictures, light_loss, main_loss, single_loss, within};
 use crate::model::{BranchPictures, Movement, Probes};
 
 use super::Stage;
@@ -100,7 +100,8 @@ impl Trainer {
         position: &Position,
     ) -> Result<(Tensor<1>, StepLoss), ModelError> {
         let model = &self.state.model;
-        let context = self.loss_context(batch, position);
+        let motion = batch.motion.clone().or_else(|| self.seen_by_static_branch(rendered, batch, position));
+        let context = self.loss_context(batch, motion.as_ref(), position);
         let counted = batch.counted.as_ref();
         let (mut total, composed) = match &model.static_ {
             Some(static_) => {
@@ -134,11 +135,16 @@ impl Trainer {
         Ok((total, loss))
     }
 
-    fn loss_context<'a>(&'a self, batch: &'a Batch, position: &Position) -> LossContext<'a> {
+    fn loss_context<'a>(
+        &'a self,
+        batch: &'a Batch,
+        motion: Option<&'a MotionMasks>,
+        position: &Position,
+    ) -> LossContext<'a> {
         let config = &self.config;
         LossContext {
             photos: &batch.photos,
-            moving: batch.moving.as_ref(),
+            motion,
             config: &config.loss,
             schedule: LossSchedule {
                 geometry: position.stage == Stage::Geometry,
@@ -152,12 +158,28 @@ impl Trainer {
         }
     }
 
+    /// What the static branch says of motion, once Gaussians were born where photos differ from it.
+    fn seen_by_static_branch(
+        &self,
+        rendered: &[BranchPictures],
+        batch: &Batch,
+        position: &Position,
+    ) -> Option<MotionMasks> {
+        if position.stage == Stage::Geometry || !self.has_births() {
+            return None;
+        }
+        let colours =
+            rendered.iter().filter_map(|view| Some(view.static_.as_ref()?.main().colour.inner().unsqueeze_dim(0)));
+        Some(MotionMasks::by_difference(&batch.photos, Tensor::cat(colours.collect(), 0)))
+    }
+
     /// What opacity costs (docs/METHOD.md, section 13).
     fn opacity_cost(&self, static_: &Branch) -> Option<Tensor<1>> {
         let config = &self.config.loss;
         let branches = [(static_, config.static_opacity), (&self.state.model.dynamic, config.dynamic_opacity)];
         let cost = |branch: &Branch, weight| sigmoid(branch.gaussians.opacity_logits.val()).mean() * weight;
-        let costs = branches.into_iter().filter(|&(_, weight)| weight > 0.0).map(|(branch, weight)| cost(branch, weight));
+        let costs =
+            branches.into_iter().filter(|&(_, weight)| weight > 0.0).map(|(branch, weight)| cost(branch, weight));
         costs.reduce(|sum, cost| sum + cost)
     }
 

@@ -43,7 +43,8 @@ impl Trainer {
         if let Some(static_) = &mut self.state.model.static_ {
             let moved = raw.select(&rows);
             self.state.census[1].added += moved.means.dims()[0];
-            let still = |attribute| static_.gaussians.plain(attribute).and(moved.attribute(attribute)).map(Tensor::autodiff);
+            let still =
+                |attribute| static_.gaussians.plain(attribute).and(moved.attribute(attribute)).map(Tensor::autodiff);
             // Proof: the static branch has every attribute that `RawGaussians` has but masks, which may be absent.
             let still = Gaussians::from_tensors(still).expect("only masks and lifetimes may be absent");
             static_.append(&still);

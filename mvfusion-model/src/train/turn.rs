@@ -25,6 +25,8 @@ pub(super) struct BranchTurn<'a> {
     pub rates: &'a GaussianRates,
     /// What only the dynamic branch has.
     pub moving: Option<Moving<'a>>,
+    /// Whether no Gaussian is to be added yet.
+    pub waits: bool,
     pub config: &'a Config,
     pub position: &'a Position,
     pub extent: f64,
@@ -72,7 +74,8 @@ impl BranchTurn<'_> {
         let step = self.position.step;
         let due = |from: usize, interval: usize| step > from && step.is_multiple_of(interval);
 
-        if due(config.from, config.interval) && self.branch.gaussians.count() < self.limits.max_gaussians {
+        if due(config.from, config.interval) && !self.waits && self.branch.gaussians.count() < self.limits.max_gaussians
+        {
             self.densify(gradients)?;
         }
         if due(config.prune_from, config.prune_interval) && self.branch.gaussians.count() > self.limits.prune_above {

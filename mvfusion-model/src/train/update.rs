@@ -44,6 +44,8 @@ impl Trainer {
     }
 
     fn dynamic_turn<'a>(&'a mut self, position: &'a Position, rates: &'a Rates) -> BranchTurn<'a> {
+        // What is there before has nothing to show, and would take the room of those that are to be born.
+        let waits_for_births = position.stage == Stage::Geometry && self.has_births();
         let state = &mut self.state;
         BranchTurn {
             branch: &mut state.model.dynamic,
@@ -51,6 +53,7 @@ impl Trainer {
             limits: &self.config.densify.dynamic,
             rates: &rates.dynamic,
             moving: Some(Moving { cache: &mut state.model.motion, sampler: &mut state.sampler }),
+            waits: waits_for_births,
             config: &self.config,
             position,
             extent: self.surroundings.extent,
@@ -66,6 +69,7 @@ impl Trainer {
             limits: &self.config.densify.static_,
             rates: &rates.static_,
             moving: None,
+            waits: false,
             config: &self.config,
             position,
             extent: self.surroundings.extent,

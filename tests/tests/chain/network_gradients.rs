@@ -4,7 +4,7 @@ use burn::module::Param;
 use burn::nn::Linear;
 use burn::tensor::{DType, Device, Tensor};
 use mvfusion_data::Camera;
-use mvfusion_model::gaussians::{Behind, Attribute, Gaussians, RawGaussians};
+use mvfusion_model::gaussians::{Attribute, Behind, Gaussians, RawGaussians};
 use mvfusion_model::network::{
     AttributeHeads, DeformationConfig, DeformationNetwork, HeadChoice, HexPlane, LayerInit, MaskHeads, Mlp,
 };
@@ -128,7 +128,10 @@ impl Parts {
     fn render(&self, camera: &Camera, settings: &SplatSettings) -> Tensor<4> {
         let deformed = self.deformed();
         let masks = deformed.mask_features();
-        deformed.splat(masks, None, camera, settings, Behind { grey: 1e-7, masks: [1e-7; 3] }).expect("the scene can be rendered").packed
+        deformed
+            .splat(masks, None, camera, settings, Behind { grey: 1e-7, masks: [1e-7; 3] })
+            .expect("the scene can be rendered")
+            .packed
     }
 }
 

@@ -35,7 +35,12 @@ pub fn config() -> Config {
         init: InitConfig { dynamic_points: 400, dynamic_from_cloud: 20, ..InitConfig::default() },
         model: ModelConfig {
             width: 16,
-            grid: GridConfig { features: 4, resolution: [8, 8, 8, 10], multipliers: vec![1, 2], ..GridConfig::default() },
+            grid: GridConfig {
+                features: 4,
+                resolution: [8, 8, 8, 10],
+                multipliers: vec![1, 2],
+                ..GridConfig::default()
+            },
             sh_degree: 2,
             ..ModelConfig::default()
         },

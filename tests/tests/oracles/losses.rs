@@ -220,8 +220,14 @@ fn total(name: &str, inputs: &Inputs, scene: &Scene, stage: Stage) -> Result<Ten
         densify_until,
         brightness_end: config.brightness_end,
     };
-    let context =
-        LossContext { photos: &scene.photos, moving: None, config: &config, schedule, extent: scene.extent, windows: &scene.windows };
+    let context = LossContext {
+        photos: &scene.photos,
+        motion: None,
+        config: &config,
+        schedule,
+        extent: scene.extent,
+        windows: &scene.windows,
+    };
     match part {
         "main" => Ok(main_loss(&inputs.pictures(), &context)),
         "light" => Ok(light_loss(&inputs.pictures(), inputs.log_scales.clone(), &context)),

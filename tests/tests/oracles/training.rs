@@ -78,7 +78,12 @@ fn config(branches: Branches, stages: StageConfig) -> Config {
         init: InitConfig { dynamic_points: 250, dynamic_from_cloud: 20, static_points: 250, ..InitConfig::default() },
         model: ModelConfig {
             width: 32,
-            grid: GridConfig { features: 8, resolution: [8, 8, 8, 6], multipliers: vec![1, 2], ..GridConfig::default() },
+            grid: GridConfig {
+                features: 8,
+                resolution: [8, 8, 8, 6],
+                multipliers: vec![1, 2],
+                ..GridConfig::default()
+            },
             sh_degree: 2,
             branches,
             ..ModelConfig::default()
