@@ -146,7 +146,6 @@ mod tests {
             for lifetime in [false, true] {
                 config.model.lifetime = lifetime;
                 let seeded = placement(&scene, &config, &device).expect("cameras stand still");
-                eprintln!("{strewn}\n{seeded}");
                 assert_eq!(seeded.advice(), None, "{seeded}");
             }
         });
