@@ -11,21 +11,28 @@ use super::places::Place;
 const LEAST_PLACES: usize = 3;
 
 /// How many of `points` seeds each moment has: a share in equal parts for all in which something moves, the rest by how
-/// much does.
+/// much does. What comes or goes counts more, as does all of the first and the last moment: a moment borrows from its
+/// neighbours, and these have nothing to lend there.
 pub(super) fn quotas(points: usize, amounts: &[u64], even: f64) -> Vec<usize> {
-    let (total, moments) = (amounts.iter().sum::<u64>(), amounts.iter().filter(|&&amount| amount > 0).count());
+    let amount = |moment: Option<usize>| moment.and_then(|moment| amounts.get(moment)).map_or(0.0, |&amount| amount as f64);
+    let loneliness = |moment: usize| {
+        let own = amount(Some(moment));
+        let lacks = |neighbour: Option<usize>| (own - amount(neighbour)).max(0.0);
+        if own > 0.0 { 1.0 + (lacks(moment.checked_sub(1)) + lacks(Some(moment + 1))) / own } else { 0.0 }
+    };
+    let evenly: Vec<f64> = (0..amounts.len()).map(loneliness).collect();
+    let by_amount: Vec<f64> = evenly.iter().zip(amounts).map(|(lonely, &amount)| lonely * amount as f64).collect();
+    let totals = [&evenly, &by_amount].map(|weights| weights.iter().sum::<f64>().max(f64::MIN_POSITIVE));
     let mut sum = 0.0;
     let mut given = 0;
-    let quota = |&amount: &u64| {
-        if amount > 0 {
-            sum += points as f64 * (even / moments as f64 + (1.0 - even) * amount as f64 / total as f64);
-        }
+    let quota = |(evenly, by_amount): (&f64, &f64)| {
+        sum += points as f64 * (even * evenly / totals[0] + (1.0 - even) * by_amount / totals[1]);
         // Of the sums so far, so that rounding loses none.
         let quota = sum.round() as usize - given;
         given += quota;
         quota
     };
-    amounts.iter().map(quota).collect()
+    evenly.iter().zip(&by_amount).map(quota).collect()
 }
 
 /// Which of a moment's places become seeds: at most `wanted`, drawn by their motion, for a share of them so that a
@@ -68,11 +75,18 @@ mod tests {
     use super::*;
 
     #[test]
+    fn the_ends_and_what_comes_or_goes_have_more_seeds() {
+        let quotas = quotas(1000, &[100, 100, 100, 150, 150, 100, 100], 0.5);
+        assert!(quotas[0] > 3 * quotas[1] / 2 && quotas[6] > 3 * quotas[5] / 2, "{quotas:?}");
+        assert!(quotas[3] > quotas[2] && quotas[3].abs_diff(quotas[4]) < 2, "{quotas:?}");
+    }
+
+    #[test]
     fn quotas_add_up_and_moments_without_motion_have_none() {
         let quotas = quotas(1001, &[300, 0, 100, 7], 0.5);
         assert_eq!(quotas.iter().sum::<usize>(), 1001);
         assert_eq!(quotas[1], 0);
-        assert!(quotas[0] > quotas[2] && quotas[2] > quotas[3] && quotas[3] > 1001 / 6);
+        assert!(quotas[0] > quotas[2] && quotas[2] > quotas[3] && quotas[3] > 1001 / 9);
         assert_eq!(super::quotas(10, &[0, 0], 0.5), [0, 0]);
     }
 
