@@ -14,7 +14,8 @@ const LEAST_PLACES: usize = 3;
 /// much does. What comes or goes counts more, as does all of the first and the last moment: a moment borrows from its
 /// neighbours, and these have nothing to lend there.
 pub(super) fn quotas(points: usize, amounts: &[u64], even: f64) -> Vec<usize> {
-    let amount = |moment: Option<usize>| moment.and_then(|moment| amounts.get(moment)).map_or(0.0, |&amount| amount as f64);
+    let amount =
+        |moment: Option<usize>| moment.and_then(|moment| amounts.get(moment)).map_or(0.0, |&amount| amount as f64);
     let loneliness = |moment: usize| {
         let own = amount(Some(moment));
         let lacks = |neighbour: Option<usize>| (own - amount(neighbour)).max(0.0);
