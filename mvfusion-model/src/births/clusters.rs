@@ -1,6 +1,7 @@
 //! Pixels of error, clustered by place and colour.
 
 use glam::{DVec2, Vec3};
+use rayon::prelude::*;
 
 use crate::random::Stream;
 
@@ -25,7 +26,7 @@ pub(super) struct ErrorPixel {
 }
 
 /// The pixels in at most `count` clusters by k-means over place and colour, none of them empty.
-pub(super) fn clusters(pixels: Vec<ErrorPixel>, count: usize, stream: &mut Stream) -> Vec<Vec<ErrorPixel>> {
+pub(super) fn clusters(pixels: &[ErrorPixel], count: usize, stream: &mut Stream) -> Vec<Vec<ErrorPixel>> {
     if pixels.is_empty() || count == 0 {
         return Vec::new();
     }
@@ -37,8 +38,9 @@ pub(super) fn clusters(pixels: Vec<ErrorPixel>, count: usize, stream: &mut Strea
     let mut members = Vec::new();
     for _ in 0..ROUNDS {
         members = vec![Vec::new(); count];
-        for pixel in &pixels {
-            members[nearest(pixel, &centres, side)].push(*pixel);
+        let nearest: Vec<usize> = pixels.par_iter().map(|pixel| nearest(pixel, &centres, side)).collect();
+        for (pixel, nearest) in pixels.iter().zip(nearest) {
+            members[nearest].push(*pixel);
         }
         for (centre, members) in centres.iter_mut().zip(&members).filter(|(_, members)| !members.is_empty()) {
             let share = 1.0 / members.len() as f64;

@@ -13,9 +13,11 @@ pub use schedule::LossSchedule;
 pub use single::single_loss;
 
 use burn::tensor::Tensor;
+use burn::tensor::module::avg_pool2d;
+use burn::tensor::ops::AvgPoolOptions;
 use mvfusion_render::window::Window;
 
-use crate::births::LEAST_ERROR;
+use crate::births::{LEAST_ERROR, LEAST_SHARE, PATCH};
 use crate::composition::Composition;
 
 /// One copy of a batch's pictures: the op renders each twice, one for each loss.
@@ -77,11 +79,17 @@ pub enum MotionWitness {
 }
 
 impl MotionMasks {
-    /// Where photos `[B, 3, H, W]` differ from what the static branch shows there.
+    /// Where photos `[B, 3, H, W]` differ from what the static branch shows there, by the rule of [`births`](crate::births).
     pub fn by_difference(photos: &Tensor<4>, static_: Tensor<4>) -> Self {
         let difference = (photos.clone() - static_).abs().max_dim(1);
         let dtype = difference.dtype();
-        let moving = difference.greater_equal_elem(LEAST_ERROR).float().cast(dtype);
+        let wrong = difference.greater_equal_elem(LEAST_ERROR).float().cast(dtype);
+        let reach = PATCH / 2;
+        // Pixels outside of the picture count as right, as they do for births.
+        let square =
+            AvgPoolOptions::new([PATCH; 2]).with_stride([1; 2]).with_padding([reach; 2]).with_count_include_pad(true);
+        let share = avg_pool2d(wrong.clone(), square);
+        let moving = wrong * share.greater_equal_elem(LEAST_SHARE).float().cast(dtype);
         Self { around: moving.clone(), moving, seen_by: MotionWitness::StaticBranch }
     }
 }

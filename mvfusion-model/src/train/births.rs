@@ -1,7 +1,6 @@
 //! Gaussians for what only one photo shows, born when the static branch knows what is still.
 
 use mvfusion_data::{GaussianCloud, Lifetime};
-use rayon::prelude::*;
 
 use super::{Photo, Position, Stage, Trainer};
 use crate::births::StillView;
@@ -29,30 +28,29 @@ impl Trainer {
     }
 
     /// Lets Gaussians be born where the photos differ from the static branch: as many in each as its error's share of all.
+    /// One photo is held at a time, so each is looked at twice.
     pub(super) fn give_birth(&mut self) -> Result<(), ModelError> {
         let room = self.config.densify.dynamic.max_gaussians.saturating_sub(self.state.model.dynamic.gaussians.count());
         let wanted = self.config.init.photo_points.min(room);
-        let stills = (0..self.photos.len()).map(|index| self.still(index)).collect::<Result<Vec<_>, _>>()?;
-        let views: Vec<StillView<'_>> = stills.iter().map(Still::view).collect();
-        let wrongness: Vec<f64> = views.par_iter().map(StillView::wrongness).collect();
+        let views = 0..self.photos.len();
+        let wrongness = views.clone().map(|index| Ok(self.still(index)?.view().wrongness()));
+        let wrongness = wrongness.collect::<Result<Vec<f64>, ModelError>>()?;
         let all = wrongness.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-        let born: Vec<GaussianCloud> = (views.par_iter().zip(&wrongness).enumerate())
-            .map(|(index, (view, wrongness))| {
-                let count = (wanted as f64 * wrongness / all) as usize;
-                let mut stream = Stream::new(self.config.seed, STREAM + index as u64);
-                view.births(count, self.lifetime(stills[index].photo.time), &mut stream)
-            })
-            .collect();
-        let logit = self.config.init.motion_logit as f32;
-        for mut cloud in born.into_iter().filter(|cloud| !cloud.is_empty()) {
-            cloud.mask_logits = Some(vec![[0.0, 0.0, logit]; cloud.len()]);
-            self.state.census[0].added += cloud.len();
-            let masking = Masking::Blended { dynamic_logit: self.config.init.dynamic_logit };
-            let branch = &mut self.state.model.dynamic;
-            let like = branch.gaussians.means.val();
-            let degree = self.config.model.sh_degree;
-            branch.append(&gaussians_of(&cloud, masking, degree, &self.device, like.dtype()));
+        let mut born = GaussianCloud { lifetimes: Some(Vec::new()), ..GaussianCloud::default() };
+        for (index, wrongness) in views.zip(wrongness) {
+            let count = (wanted as f64 * wrongness / all) as usize;
+            let mut stream = Stream::new(self.config.seed, STREAM + index as u64);
+            let still = self.still(index)?;
+            still.view().births(count, self.lifetime(still.photo.time), &mut stream, &mut born);
         }
+        if born.is_empty() {
+            return Ok(());
+        }
+        self.state.census[0].added += born.len();
+        let masking = Masking::Blended { dynamic_logit: self.config.init.motion_logit };
+        let branch = &mut self.state.model.dynamic;
+        let dtype = branch.gaussians.means.val().dtype();
+        branch.append(&gaussians_of(&born, masking, self.config.model.sh_degree, &self.device, dtype));
         Ok(())
     }
 
