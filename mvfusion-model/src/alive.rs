@@ -4,15 +4,12 @@ use burn::module::Module;
 use burn::tensor::{IndexingUpdateOp, Int, Tensor};
 use glam::Vec3;
 
-use crate::gaussians::{Attribute, Gaussians};
+use crate::gaussians::{Attribute, Gaussians, LEAST_LOG_DURATION, MOST_LOG_DURATION};
 use crate::{ModelError, tensors};
 
-/// A Gaussian whose opacity logit is below this by its lifetime is not there: its opacity is 1e-4, a fortieth of what the
-/// splat op draws, so that the offset of a deformation that learns nothing of it does not bring it back.
+/// A Gaussian whose opacity logit is below this by its lifetime is not there: its opacity is 1e-4, a thirtieth of the least
+/// that the splat op draws. An offset of the deformation, which could raise it, is not asked for.
 const LEAST_LOGIT: f32 = -9.0;
-
-/// Gaussians are selected only if at least this share of them can be left out: below it, copying costs more than it saves.
-const WORTH_SELECTING: f64 = 0.1;
 
 /// The rows of the Gaussians that are there at a moment.
 #[derive(Clone, Debug)]
@@ -23,8 +20,8 @@ pub struct AliveRows {
 }
 
 impl AliveRows {
-    /// Those of `gaussians` at a time in `[0, 1]`; `None` where all are, or so many that they are not worth selecting. Waits
-    /// for the device where there are lifetimes.
+    /// Those of `gaussians` at a time in `[0, 1]`; `None` where all are. Waits for the device where
+    /// there are lifetimes.
     ///
     /// # Errors
     /// If the device cannot hand its numbers back.
@@ -39,7 +36,7 @@ impl AliveRows {
             rows.push(0);
         }
         let count = logits.len();
-        if (rows.len() as f64) > (1.0 - WORTH_SELECTING) * count as f64 {
+        if rows.len() == count {
             return Ok(None);
         }
         let rows = tensors::rows_like(&rows, &gaussians.means.val());
@@ -87,7 +84,10 @@ impl Gaussians {
         let plain = |attribute| self.plain(attribute);
         let logits = self.opacity_logits.val().inner();
         match plain(Attribute::TimeCentres).zip(plain(Attribute::LogDurations)) {
-            Some((centres, durations)) => logits - ((-centres + time) * (-durations).exp()).powf_scalar(2.0),
+            Some((centres, durations)) => {
+                let durations = durations.clamp(LEAST_LOG_DURATION, MOST_LOG_DURATION);
+                logits - ((-centres + time) * (-durations).exp()).powf_scalar(2.0)
+            }
             None => logits,
         }
     }

@@ -111,6 +111,11 @@ impl fmt::Display for Attribute {
     }
 }
 
+/// Durations beyond `exp` of these are taken as these, so that an age is a number: a hundred-thousandth of the video, and a
+/// thousand videos.
+pub(crate) const LEAST_LOG_DURATION: f64 = -12.0;
+pub(crate) const MOST_LOG_DURATION: f64 = 7.0;
+
 /// What is seen where no Gaussian is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Behind {
@@ -253,7 +258,7 @@ impl Gaussians {
             return canonical;
         };
         let since = -centres.val() + time;
-        let ages = since.clone() * (-durations.val()).exp();
+        let ages = since.clone() * (-durations.val().clamp(LEAST_LOG_DURATION, MOST_LOG_DURATION)).exp();
         RawGaussians {
             means: canonical.means + velocities.val() * since,
             opacity_logits: canonical.opacity_logits - ages.powf_scalar(2.0),

@@ -33,6 +33,14 @@ impl Timeline {
         &self.times
     }
 
+    /// Mean time from one to the next; 1 for a single one.
+    pub fn spacing(&self) -> f64 {
+        match self.times.as_slice() {
+            [first, .., last] => (last - first) / (self.times.len() - 1) as f64,
+            _ => 1.0,
+        }
+    }
+
     /// Indices of at most `samples` times, evenly spread from the first to the last (A6): `k (T-1) / (K-1)` rounded half up.
     pub fn sample_indices(&self, samples: usize) -> Vec<usize> {
         spread(self.times.len(), samples)

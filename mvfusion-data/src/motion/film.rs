@@ -49,7 +49,7 @@ impl MotionFilm {
 
     pub(super) fn make(scene: &Scene, options: &MovingPixelsOptions, keep: Keep) -> Result<Option<Self>, DataError> {
         let Some(rig) = StillRig::of(scene) else { return Ok(None) };
-        let factor = reduction(&rig, options.memory, keep);
+        let factor = reduction(&rig, options.memory);
         let mut maps = vec![None; scene.train.len()];
         let mut colours = vec![Vec::new(); scene.train.len()];
         for still in &rig.cameras {
@@ -97,14 +97,15 @@ impl MotionFilm {
     }
 }
 
-/// The smallest whole factor by which pictures are reduced so that what is kept of them fits the budget.
-fn reduction(rig: &StillRig, memory: u64, keep: Keep) -> usize {
+/// The smallest whole factor by which pictures are reduced so that they fit the budget with their colours. It is the same
+/// where these are not kept, so that a run finds the same motion again when it goes on.
+fn reduction(rig: &StillRig, memory: u64) -> usize {
     let bytes = |factor: usize| {
         let blocks = rig.cameras.iter().map(|still| {
             let camera = &still.camera;
             (camera.width.div_ceil(factor) * camera.height.div_ceil(factor) * still.views.len()) as u64
         });
-        blocks.sum::<u64>() * if keep == Keep::Pictures { COLOUR_BYTES + MOTION_BYTES } else { MOTION_BYTES }
+        blocks.sum::<u64>() * (COLOUR_BYTES + MOTION_BYTES)
     };
     let longest = rig.cameras.iter().map(|still| still.camera.width.max(still.camera.height)).max().unwrap_or(1);
     (1..longest).find(|&factor| bytes(factor) <= memory).unwrap_or(longest.max(1))

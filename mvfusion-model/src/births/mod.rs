@@ -57,7 +57,8 @@ impl StillView<'_> {
         let (width, area) = (self.camera.width, self.depths.len());
         let pixel = |(index, pixel): (usize, &image::Rgb<u8>)| {
             let colour = Vec3::from_array(pixel.0.map(|level| f32::from(level) / 255.0));
-            let still = Vec3::from_array(std::array::from_fn(|channel| self.colours[channel * area + index]));
+            let still =
+                Vec3::from_array(std::array::from_fn(|channel| self.colours[channel * area + index].clamp(0.0, 1.0)));
             let position = DVec2::new((index % width) as f64 + 0.5, (index / width) as f64 + 0.5);
             ErrorPixel { position, colour, error: (colour - still).abs().max_element(), index }
         };

@@ -159,9 +159,17 @@ impl Config {
             init.motion_logit.to_string(),
             "give a number; above 0 is in favour of the foreground",
         )?;
-        let weight = self.loss.mask_motion;
-        let bad = !weight.is_finite() || weight < 0.0;
-        refuse(bad, "loss.mask_motion", weight.to_string(), "give a number that is not below 0; 0 switches it off")
+        let loss = &self.loss;
+        for (key, weight) in [
+            ("loss.mask_motion", loss.mask_motion),
+            ("loss.mask_still", loss.mask_still),
+            ("loss.static_opacity", loss.static_opacity),
+            ("loss.dynamic_opacity", loss.dynamic_opacity),
+        ] {
+            let bad = !weight.is_finite() || weight < 0.0;
+            refuse(bad, key, weight.to_string(), "give a number that is not below 0; 0 switches it off")?;
+        }
+        Ok(())
     }
 
     /// Durations at the start, births, and the rates at which lifetimes are learned.
@@ -181,6 +189,12 @@ impl Config {
         {
             refuse(!is_positive(rate), key, rate.to_string(), "a rate that falls log-linearly is a number above 0")?;
         }
+        refuse(
+            self.model.lifetime && self.motion.still != StillRule::Keep,
+            "motion.still",
+            format!("{:?}", self.motion.still),
+            "motion is measured of the deformation alone, so what a lifetime moves would pass for still; keep it",
+        )?;
         refuse(
             init.photo_points > 0 && !self.model.lifetime,
             "init.photo_points",

@@ -32,11 +32,11 @@ pub struct OptimConfig {
     pub scale: f64,
     /// Quaternions.
     pub rotation: f64,
-    /// Moments of lifetimes, where `model.lifetime` is on; in the time of the views. Ours, as the next two.
+    /// Moments of lifetimes, in frames, where `model.lifetime` is on. Ours, as the next two.
     pub time_centre: f64,
     /// Log-durations of lifetimes.
     pub duration: f64,
-    /// Velocities of lifetimes; times the extent, in a unit of time.
+    /// Velocities of lifetimes, a frame; times the extent.
     pub velocity: Decay,
     /// Adam's first decay.
     pub beta1: f64,
@@ -127,9 +127,9 @@ impl Default for OptimConfig {
             opacity: 0.05,
             scale: 0.005,
             rotation: 0.001,
-            time_centre: 1e-4,
+            time_centre: 2.5e-3,
             duration: 0.005,
-            velocity: Decay { start: 1.6e-3, end: 1.6e-5 },
+            velocity: Decay { start: 7e-5, end: 7e-7 },
             beta1: 0.9,
             beta2: 0.999,
             epsilon: 1e-15,

@@ -2,7 +2,7 @@
 
 use mvfusion_data::{Capture, Scene};
 
-use super::{Config, MotionConfig, TimeRows};
+use super::{Branches, Config, MotionConfig, TimeRows};
 use crate::timeline::strided;
 
 /// Times of the videos for which the paper names its window (Neu3D).
@@ -22,6 +22,15 @@ impl Config {
     /// that a run is short.
     pub fn for_times_of(&self, scene: &Scene) -> Self {
         self.for_times(scene.training_times().len(), scene.capture)
+    }
+
+    /// Whether Gaussians are born for what only one photo of the scene shows: in a collection of photos, each of a moment of
+    /// its own, at the end of a first stage in which a static branch learns what is still.
+    pub fn has_births(&self, scene: &Scene) -> bool {
+        let is_asked = self.init.photo_points > 0 && self.model.lifetime && self.init.dynamic_ply.is_none();
+        let has_still = self.model.branches == Branches::Both && self.train.stages.geometry > 0;
+        let is_collection = scene.capture == Capture::Photos && scene.training_times().len() == scene.train.len();
+        is_asked && has_still && is_collection
     }
 
     /// The same for so many distinct times.

@@ -24,8 +24,11 @@ use crate::random::Stream;
 use neighbours::mean_squared_distances_within;
 use points::{random_colour, region, sky, strew};
 
-/// Of a Gaussian that is always there: a thousand times as long as the video, so that its opacity never changes.
+/// Of a Gaussian that is always there, at the start: a thousand times as long as the video.
 const ALWAYS: f32 = 1000.0;
+
+/// So many Gaussians are strewn although others will be born: the HexPlane spans them.
+const LEAST_STREWN: usize = 64;
 
 /// What the branches of a scene start from. Gaussians on points have colours of degree 0, those from a file the file's.
 #[derive(Clone, Debug, PartialEq)]
@@ -54,7 +57,7 @@ impl InitialClouds {
         // Drawn in any case, so that a branch which is drawn does not depend on where the other one comes from.
         let strewn = match motion {
             Some(_) => 0,
-            None if births_expected(scene, config) => init.dynamic_points.saturating_sub(init.photo_points).max(1),
+            None if config.has_births(scene) => init.dynamic_points.saturating_sub(init.photo_points).max(LEAST_STREWN),
             None => init.dynamic_points,
         };
         let drawn =
@@ -72,13 +75,10 @@ impl InitialClouds {
             (Some(_), Some(path)) => Some(STATIC_FILE.read(path, densify.static_.max_gaussians, degree)?),
             (points, _) => points.as_ref().map(|points| on_points(points, init.opacity)),
         };
+        // What does not move has no moment, whatever its file says.
+        let static_ = static_.map(|cloud| GaussianCloud { lifetimes: None, ..cloud });
         Ok(Self { static_, dynamic })
     }
-}
-
-/// Whether Gaussians will be born for what only one photo shows: where each has a moment of its own.
-fn births_expected(scene: &Scene, config: &Config) -> bool {
-    config.init.photo_points > 0 && config.model.lifetime && scene.training_times().len() == scene.train.len()
 }
 
 /// Round Gaussians as wide as the points of a cloud are apart.
@@ -86,7 +86,7 @@ fn on_points(points: &PointCloud, opacity: f64) -> GaussianCloud {
     cloud_on(points, &mean_squared_distances(&points.positions), opacity)
 }
 
-/// The lifetime of what is always there.
+/// The lifetime of what is always there, as it starts; training may shorten it.
 fn always() -> Lifetime {
     Lifetime { centre: 0.5, log_duration: ALWAYS.ln(), velocity: [0.0; 3] }
 }
@@ -99,7 +99,10 @@ fn dynamic_cloud(points: &PointCloud, motion: Option<&MotionPoints>, config: &Co
     let Some(motion) = motion else { return cloud };
     let positions = &motion.points.positions;
     let squared = match config.model.lifetime {
-        true => mean_squared_distances_within(positions, motion.times.iter().map(|time| time.to_bits())),
+        true => mean_squared_distances_within(
+            positions,
+            &motion.times.iter().map(|time| time.to_bits()).collect::<Vec<_>>(),
+        ),
         false => mean_squared_distances(positions),
     };
     let seeds = cloud_on(&motion.points, &squared, init.opacity);

@@ -10,6 +10,7 @@ use mvfusion_render::grid::GridBounds;
 use super::Seeding;
 use crate::ModelError;
 use crate::config::{Branches, Config};
+use crate::timeline::Timeline;
 
 /// So large a share of the points may lie outside the box of what moves, on either side of each axis: strays are few but far.
 const OUTSIDE: f64 = 0.01;
@@ -62,11 +63,7 @@ impl SceneMotion {
         if seeds.points.is_empty() {
             return Ok(Self { points: None, moving, seeding });
         }
-        let times = scene.training_times();
-        let frame = match times.as_slice() {
-            [first, .., last] => (last - first) / (times.len() - 1) as f64,
-            _ => 1.0,
-        };
+        let frame = Timeline::new(scene.training_times()).spacing();
         let points = Some(MotionPoints { points: seeds.points, times: seeds.times, frame });
         Ok(Self { points, moving, seeding })
     }

@@ -38,16 +38,21 @@ pub fn mean_squared_distances(positions: &[Vec3]) -> Vec<f64> {
         .collect()
 }
 
-/// The same among the points of equal `group` alone, such as those of one moment.
-pub(super) fn mean_squared_distances_within<G: Ord>(positions: &[Vec3], groups: impl Iterator<Item = G>) -> Vec<f64> {
+/// Fewer points than this say little of how far points are apart.
+const LEAST_GROUP: usize = 8;
+
+/// The same among the points of equal group alone, such as those of one moment. Groups of fewer than eight points are
+/// taken together.
+pub(super) fn mean_squared_distances_within<G: Ord + Copy>(positions: &[Vec3], groups: &[G]) -> Vec<f64> {
     let mut members: BTreeMap<G, Vec<usize>> = BTreeMap::new();
-    for (index, group) in groups.take(positions.len()).enumerate() {
+    for (index, &group) in groups.iter().enumerate().take(positions.len()) {
         members.entry(group).or_default().push(index);
     }
+    let (large, small): (Vec<_>, Vec<_>) = members.into_values().partition(|indices| indices.len() >= LEAST_GROUP);
     let mut squared = vec![0.0; positions.len()];
-    for indices in members.values() {
+    for indices in large.into_iter().chain([small.concat()]) {
         let of_group: Vec<Vec3> = indices.iter().map(|&index| positions[index]).collect();
-        for (&index, distance) in indices.iter().zip(mean_squared_distances(&of_group)) {
+        for (index, distance) in indices.into_iter().zip(mean_squared_distances(&of_group)) {
             squared[index] = distance;
         }
     }
@@ -76,7 +81,12 @@ mod tests {
 
     #[test]
     fn points_of_another_moment_are_no_neighbours() {
-        let line: Vec<Vec3> = (0..4).map(|i| Vec3::new(i as f32, 0.0, 0.0)).collect();
-        assert_eq!(mean_squared_distances_within(&line, [0, 1, 0, 1].into_iter()), [4.0; 4]);
+        let line: Vec<Vec3> = (0..32).map(|i| Vec3::new(i as f32, 0.0, 0.0)).collect();
+        let groups: Vec<usize> = (0..32).map(|i| i % 2).collect();
+        let squared = mean_squared_distances_within(&line, &groups);
+        assert_eq!(squared[16], (4.0 + 4.0 + 16.0) / 3.0);
+        // Moments of one point each are taken together.
+        let alone: Vec<usize> = (0..32).collect();
+        assert_eq!(mean_squared_distances_within(&line, &alone), mean_squared_distances(&line));
     }
 }

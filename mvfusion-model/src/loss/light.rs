@@ -23,7 +23,7 @@ pub fn light_loss(pictures: &Pictures, log_scales: [Tensor<2>; 2], context: &Los
         loss = loss + entropy(blend.mask.clone()) * config.entropy;
     }
     if let Some(motion) = context.motion.filter(|_| config.mask_motion > 0.0 || config.mask_still > 0.0) {
-        let [moving, still] = [motion.moving.clone(), -motion.around.clone() + 1.0].map(Tensor::from_inner);
+        let [moving, still] = [motion.moving.clone(), motion.still.clone()].map(Tensor::from_inner);
         let closed = (-blend.mask.clone() + 1.0) * moving * config.mask_motion;
         loss = loss + (closed + blend.mask.clone() * still * config.mask_still).mean();
     }

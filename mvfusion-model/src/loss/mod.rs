@@ -64,6 +64,8 @@ pub struct MotionMasks {
     pub moving: Tensor<4>,
     /// The same, grown by some pixels: an edge is a blend of both branches.
     pub around: Tensor<4>,
+    /// 1 where nothing moves, neither there nor around.
+    pub still: Tensor<4>,
     /// What says so.
     pub seen_by: MotionWitness,
 }
@@ -81,7 +83,7 @@ pub enum MotionWitness {
 impl MotionMasks {
     /// Where photos `[B, 3, H, W]` differ from what the static branch shows there, by the rule of [`births`](crate::births).
     pub fn by_difference(photos: &Tensor<4>, static_: Tensor<4>) -> Self {
-        let difference = (photos.clone() - static_).abs().max_dim(1);
+        let difference = (photos.clone() - static_.clamp(0.0, 1.0)).abs().max_dim(1);
         let dtype = difference.dtype();
         let wrong = difference.greater_equal_elem(LEAST_ERROR).float().cast(dtype);
         let reach = PATCH / 2;
@@ -90,7 +92,19 @@ impl MotionMasks {
             AvgPoolOptions::new([PATCH; 2]).with_stride([1; 2]).with_padding([reach; 2]).with_count_include_pad(true);
         let share = avg_pool2d(wrong.clone(), square);
         let moving = wrong * share.greater_equal_elem(LEAST_SHARE).float().cast(dtype);
-        Self { around: moving.clone(), moving, seen_by: MotionWitness::StaticBranch }
+        Self::new(moving.clone(), moving, MotionWitness::StaticBranch)
+    }
+
+    /// From the pixels that move and those around them.
+    pub fn new(moving: Tensor<4>, around: Tensor<4>, seen_by: MotionWitness) -> Self {
+        Self { still: -around.clone() + 1.0, moving, around, seen_by }
+    }
+
+    /// Without the pixels that do not count (`[B, 1, H, W]`: 1 where they do): they neither move nor stand still.
+    pub fn within(self, counted: Option<&Tensor<4>>) -> Self {
+        let Some(counted) = counted else { return self };
+        let [moving, around, still] = [self.moving, self.around, self.still].map(|mask| mask * counted.clone());
+        Self { moving, around, still, ..self }
     }
 }
 
@@ -121,7 +135,7 @@ impl LossContext<'_> {
     fn static_region(&self) -> Option<Tensor<4>> {
         let is_sure = |motion: &&MotionMasks| motion.seen_by == MotionWitness::StillCamera;
         let motion = self.motion.filter(is_sure).filter(|_| self.config.static_where_still)?;
-        Some(-motion.around.clone() + 1.0)
+        Some(motion.still.clone())
     }
 }
 

@@ -62,6 +62,17 @@ impl Rates {
     }
 }
 
+impl Rates {
+    /// The same for lifetimes in a time whose frames are so far apart: their rates are given in frames.
+    pub fn with_frame(mut self, spacing: f64) -> Self {
+        for rates in [&mut self.dynamic, &mut self.static_] {
+            rates.time_centre *= spacing;
+            rates.velocity /= spacing;
+        }
+        self
+    }
+}
+
 impl GaussianRates {
     /// The rate of an attribute.
     pub fn of(&self, attribute: Attribute) -> f64 {

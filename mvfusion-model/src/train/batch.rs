@@ -105,11 +105,9 @@ impl Photos {
         let moving = self.moving.as_ref()?;
         let masks = indices.iter().map(|&index| moving.mask(index)).collect::<Option<Vec<_>>>()?;
         let tensor = |mask: &GrayImage| mask_tensor(mask, device);
-        Some(MotionMasks {
-            moving: Tensor::cat(masks.iter().map(tensor).collect(), 0),
-            around: Tensor::cat(masks.iter().map(|mask| tensor(&dilate(mask, MOTION_REACH))).collect(), 0),
-            seen_by: MotionWitness::StillCamera,
-        })
+        let around = masks.iter().map(|mask| tensor(&dilate(mask, MOTION_REACH))).collect();
+        let [moving, around] = [masks.iter().map(tensor).collect(), around].map(|masks| Tensor::cat(masks, 0));
+        Some(MotionMasks::new(moving, around, MotionWitness::StillCamera))
     }
 }
 

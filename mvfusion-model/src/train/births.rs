@@ -15,16 +15,9 @@ const LEAST_ALPHA: f32 = 0.5;
 const STREAM: u64 = 1 << 20;
 
 impl Trainer {
-    /// Whether Gaussians are born for what only one photo shows: where each photo has a moment of its own.
-    pub(super) fn has_births(&self) -> bool {
-        let is_collection = self.surroundings.timeline.times().len() == self.photos.len();
-        let is_asked = self.config.init.photo_points > 0 && self.config.model.lifetime;
-        is_asked && is_collection && self.state.model.static_.is_some()
-    }
-
     /// Whether they are born after this step: at the end of the first stage.
     pub(super) fn births_due(&self, position: &Position) -> bool {
-        position.stage == Stage::Geometry && position.ends_stage() && self.has_births()
+        position.stage == Stage::Geometry && position.ends_stage() && self.has_births
     }
 
     /// Lets Gaussians be born where the photos differ from the static branch: as many in each as its error's share of all.
@@ -37,8 +30,12 @@ impl Trainer {
         let wrongness = wrongness.collect::<Result<Vec<f64>, ModelError>>()?;
         let all = wrongness.iter().sum::<f64>().max(f64::MIN_POSITIVE);
         let mut born = GaussianCloud { lifetimes: Some(Vec::new()), ..GaussianCloud::default() };
+        let (mut sum, mut given) = (0.0, 0);
         for (index, wrongness) in views.zip(wrongness) {
-            let count = (wanted as f64 * wrongness / all) as usize;
+            // Of the sums so far, so that rounding loses none.
+            sum += wanted as f64 * wrongness / all;
+            let count = sum.round() as usize - given;
+            given += count;
             let mut stream = Stream::new(self.config.seed, STREAM + index as u64);
             let still = self.still(index)?;
             still.view().births(count, self.lifetime(still.photo.time), &mut stream, &mut born);

@@ -101,6 +101,7 @@ impl Trainer {
     ) -> Result<(Tensor<1>, StepLoss), ModelError> {
         let model = &self.state.model;
         let motion = batch.motion.clone().or_else(|| self.seen_by_static_branch(rendered, batch, position));
+        let motion = motion.map(|motion| motion.within(batch.counted.as_ref()));
         let context = self.loss_context(batch, motion.as_ref(), position);
         let counted = batch.counted.as_ref();
         let (mut total, composed) = match &model.static_ {
@@ -165,7 +166,7 @@ impl Trainer {
         batch: &Batch,
         position: &Position,
     ) -> Option<MotionMasks> {
-        if position.stage == Stage::Geometry || !self.has_births() {
+        if position.stage == Stage::Geometry || !self.has_births {
             return None;
         }
         let colours =

@@ -31,6 +31,8 @@ pub struct Trainer {
     pub(super) windows: Windows,
     pub(super) device: Device,
     pub(super) state: TrainState,
+    /// Whether Gaussians are born for what only one photo shows.
+    pub(super) has_births: bool,
     /// What came of the search for points on what moves, where this trainer searched.
     seeding: Option<Seeding>,
 }
@@ -63,7 +65,8 @@ impl Trainer {
         let surroundings = Surroundings::new(&config, scene);
         let photos = Photos::new(scene, IMAGE_CACHE).with_motion(motion.moving);
         let (windows, seeding) = (Windows::default(), motion.seeding);
-        Self { config, surroundings, photos, windows, device: device.clone(), state, seeding }
+        let has_births = config.has_births(scene);
+        Self { config, surroundings, photos, windows, device: device.clone(), state, has_births, seeding }
     }
 
     /// Keeps at most `budget` bytes of decoded pictures instead of [`IMAGE_CACHE`]. If they all fit, they are decoded now.

@@ -20,6 +20,7 @@ impl Trainer {
         let Forward { probes, dynamic, static_, total, loss: _, rendered: _ } = forward;
         let mut gradients = measure(Part::BackwardRest, || (total / accumulation as f64).backward());
         let rates = Rates::at(position.step, self.surroundings.extent, &self.config.optim);
+        let rates = rates.with_frame(self.surroundings.timeline.spacing());
 
         let model = &self.state.model;
         let moved = Contribution::take(&model.dynamic, dynamic, probes.dynamic, &mut gradients);
@@ -45,7 +46,7 @@ impl Trainer {
 
     fn dynamic_turn<'a>(&'a mut self, position: &'a Position, rates: &'a Rates) -> BranchTurn<'a> {
         // What is there before has nothing to show, and would take the room of those that are to be born.
-        let waits_for_births = position.stage == Stage::Geometry && self.has_births();
+        let waits_for_births = position.stage == Stage::Geometry && self.has_births;
         let state = &mut self.state;
         BranchTurn {
             branch: &mut state.model.dynamic,
