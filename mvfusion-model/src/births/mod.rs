@@ -21,8 +21,8 @@ use ellipse::Ellipse;
 pub const LEAST_ERROR: f32 = 0.1;
 
 /// Side of the square around a pixel, pixels, of which [`LEAST_SHARE`] must be wrong as well (RobustNeRF filters its
-/// outliers so, by 3 and 0.5; a square of 5 leaves out lines of two pixels).
-pub const PATCH: usize = 5;
+/// outliers so). It leaves out lines of a pixel; a square of 5 leaves out too much of the passers-by.
+pub const PATCH: usize = 3;
 
 /// Share of the square that must be wrong.
 pub const LEAST_SHARE: f32 = 0.5;

@@ -22,7 +22,8 @@ pub fn light_loss(pictures: &Pictures, log_scales: [Tensor<2>; 2], context: &Los
     if schedule.entropy() && config.entropy > 0.0 {
         loss = loss + entropy(blend.mask.clone()) * config.entropy;
     }
-    if let Some(motion) = context.motion.filter(|_| config.mask_motion > 0.0 || config.mask_still > 0.0) {
+    let has_weight = config.mask_motion > 0.0 || config.mask_still > 0.0;
+    if let Some(motion) = context.sure_motion().filter(|_| has_weight) {
         let [moving, still] = [motion.moving.clone(), motion.still.clone()].map(Tensor::from_inner);
         let closed = (-blend.mask.clone() + 1.0) * moving * config.mask_motion;
         loss = loss + (closed + blend.mask.clone() * still * config.mask_still).mean();

@@ -76,7 +76,7 @@ pub enum MotionWitness {
     /// A camera that stands still, whose pixels differ from their median over time.
     StillCamera,
     /// The static branch, from which a photo differs. It may differ as well because that branch has yet to learn, so it
-    /// learns there all the same.
+    /// learns there all the same, and the mask is left to the picture.
     StaticBranch,
 }
 
@@ -133,9 +133,13 @@ impl LossContext<'_> {
 
     /// 1 where the static branch may learn, likewise.
     fn static_region(&self) -> Option<Tensor<4>> {
-        let is_sure = |motion: &&MotionMasks| motion.seen_by == MotionWitness::StillCamera;
-        let motion = self.motion.filter(is_sure).filter(|_| self.config.static_where_still)?;
+        let motion = self.sure_motion().filter(|_| self.config.static_where_still)?;
         Some(motion.still.clone())
+    }
+
+    /// Motion that was seen by other means than the branches themselves.
+    fn sure_motion(&self) -> Option<&MotionMasks> {
+        self.motion.filter(|motion| motion.seen_by == MotionWitness::StillCamera)
     }
 }
 
