@@ -9,7 +9,7 @@ use mvfusion_cli::progress::Talk;
 use mvfusion_cli::{Cli, command};
 
 /// Settings of a run that passes through all stages in seconds.
-const TINY: [&str; 10] = [
+const TINY: [&str; 9] = [
     "train.stages={geometry=3, deformation=2, refinement=3}",
     "train.log_interval=1",
     "train.batch_size=1",
@@ -17,7 +17,6 @@ const TINY: [&str; 10] = [
     "model.grid={features=2, resolution=[4, 4, 4, 4], multipliers=[1]}",
     "init.dynamic_points=60",
     "init.motion_points=60",
-    "init.photo_points=60",
     "motion.samples=4",
     "eval.strips=2",
 ];
