@@ -74,8 +74,11 @@ impl Parts {
                 dynamic: chain("mask dynamic", 3),
             }),
         };
-        let gaussians = Gaussians::from_tensors(|attribute| Some(parameter(values, attribute.name(), device).val()))
-            .expect("all attributes are given");
+        let given = |attribute: Attribute| values.contains_key(attribute.name());
+        let gaussians = Gaussians::from_tensors(|attribute| {
+            given(attribute).then(|| parameter(values, attribute.name(), device).val())
+        })
+        .expect("all attributes but lifetimes are given");
         Self { network, gaussians }
     }
 

@@ -122,7 +122,8 @@ fn wrong_arguments_are_named() {
         let nothing = Camera { width: 0, ..camera() };
         let refused = splat(good.clone(), None, &nothing, &settings(SplatRules::inria())).expect_err("no pixels");
         assert_eq!(refused, SplatError::Size { width: 0, height: 29 });
-        let probe = Tensor::<2>::zeros([4, 2], &device);
+        // One row, or one for each Gaussian.
+        let probe = Tensor::<2>::zeros([3, 2], &device);
         let refused = splat(good, Some(probe), &camera(), &settings(SplatRules::inria())).expect_err("wrong probe");
         assert!(refused.to_string().contains("`probe`"));
     });
