@@ -201,12 +201,11 @@ mod tests {
         let runs: Vec<(Cell, Figures)> = all(None, None, &[1])
             .into_iter()
             .map(|cell| {
-                let source = if cell.scene.name == "panoptic_neu3d" { "given_masks" } else { "true_masks" };
+                let source = if cell.scene.name == "casual" { "given_masks" } else { "true_masks" };
                 (cell, Figures { region_source: Some(source.into()), ..Figures::default() })
             })
             .collect();
-        let note =
-            "Dynamic and still regions: given masks (`panoptic_neu3d`); true masks (`casual`, `fox_clutter`, `video`).";
+        let note = "Dynamic and still regions: given masks (`casual`); true masks (`video`).";
         assert!(write(&runs).contains(note), "{}", write(&runs));
         assert!(!write(&[]).contains("regions:"));
     }
