@@ -221,8 +221,9 @@ fn gradients_of_the_whole_chain_are_its_derivatives() {
         let mut gradients =
             Parts::of_network(&parts.network, |leaf| gradient(&leaf, &found), |leaf| gradient(&leaf, &found));
         for attribute in Attribute::ALL {
-            let leaf = parts.gaussians.attribute(attribute).expect("all attributes are there").val();
-            gradients.insert(attribute.name().into(), gradient(&leaf, &found));
+            // Lifetimes, whose gradients are compared with their formulas elsewhere, are absent.
+            let Some(leaf) = parts.gaussians.attribute(attribute) else { continue };
+            gradients.insert(attribute.name().into(), gradient(&leaf.val(), &found));
         }
         gradients.retain(|name, _| masks_count || !name.starts_with("mask"));
         let loss = |values: &Values| {
