@@ -57,7 +57,7 @@ impl AliveRows {
 
     /// The same for whole numbers, `[n]` to `[N]`.
     pub fn among_all_int(&self, values: Tensor<1, Int>) -> Tensor<1, Int> {
-        let all = Tensor::zeros([self.count], &values.device());
+        let all = Tensor::zeros([self.count], (&values.device(), values.dtype()));
         all.select_assign(0, self.rows.clone(), values, IndexingUpdateOp::Add)
     }
 }
