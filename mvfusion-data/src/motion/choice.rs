@@ -14,18 +14,31 @@ const LEAST_PLACES: usize = 3;
 /// stays 3 dB behind the mean.
 const LONELY: f64 = 2.0;
 
+/// How much the next neighbour and the one after it count for a moment's loneliness, on either side.
+const NEIGHBOURS: [f64; 2] = [2.0 / 3.0, 1.0 / 3.0];
+
+/// For each moment on how many sides it has no neighbours that show what it shows, from 0 to 2, where so much moves at each:
+/// 1 for the first and the last, a third for those beside them; at others the share of what moves that comes there, and
+/// the share that goes. 0 where nothing moves.
+pub fn loneliness(amounts: &[u64]) -> Vec<f64> {
+    let amount =
+        |moment: Option<usize>| moment.and_then(|moment| amounts.get(moment)).map_or(0.0, |&amount| amount as f64);
+    let of = |moment: usize| {
+        let own = amount(Some(moment));
+        let lacks = |neighbour: Option<usize>| (own - amount(neighbour)).max(0.0);
+        let around =
+            |(weight, away): (f64, usize)| weight * (lacks(moment.checked_sub(away)) + lacks(moment.checked_add(away)));
+        if own > 0.0 { NEIGHBOURS.into_iter().zip(1..).map(around).sum::<f64>() / own } else { 0.0 }
+    };
+    (0..amounts.len()).map(of).collect()
+}
+
 /// How many of `points` seeds each moment has: a share in equal parts for all in which something moves, the rest by how
 /// much does. What comes or goes counts more, as does all of the first and the last moment: a moment borrows from its
 /// neighbours, and these have nothing to lend there.
 pub(super) fn quotas(points: usize, amounts: &[u64], even: f64) -> Vec<usize> {
-    let amount =
-        |moment: Option<usize>| moment.and_then(|moment| amounts.get(moment)).map_or(0.0, |&amount| amount as f64);
-    let loneliness = |moment: usize| {
-        let own = amount(Some(moment));
-        let lacks = |neighbour: Option<usize>| (own - amount(neighbour)).max(0.0);
-        if own > 0.0 { 1.0 + LONELY * (lacks(moment.checked_sub(1)) + lacks(Some(moment + 1))) / own } else { 0.0 }
-    };
-    let evenly: Vec<f64> = (0..amounts.len()).map(loneliness).collect();
+    let lonely = loneliness(amounts).into_iter().map(|loneliness| 1.0 + LONELY * loneliness);
+    let evenly: Vec<f64> = lonely.zip(amounts).map(|(lonely, &amount)| if amount > 0 { lonely } else { 0.0 }).collect();
     let by_amount: Vec<f64> = evenly.iter().zip(amounts).map(|(lonely, &amount)| lonely * amount as f64).collect();
     let totals = [&evenly, &by_amount].map(|weights| weights.iter().sum::<f64>().max(f64::MIN_POSITIVE));
     let mut sum = 0.0;
@@ -84,6 +97,18 @@ mod tests {
         let quotas = quotas(1000, &[100, 100, 100, 150, 150, 100, 100], 0.5);
         assert!(quotas[0] > 3 * quotas[1] / 2 && quotas[6] > 3 * quotas[5] / 2, "{quotas:?}");
         assert!(quotas[3] > quotas[2] && quotas[3].abs_diff(quotas[4]) < 2, "{quotas:?}");
+    }
+
+    #[test]
+    fn a_moment_is_lonely_for_what_its_neighbours_lack() {
+        let near = |found: &[f64], expected: &[f64]| {
+            assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{found:?}");
+        };
+        near(&loneliness(&[5; 6]), &[1.0, 1.0 / 3.0, 0.0, 0.0, 1.0 / 3.0, 1.0]);
+        // Half of what moves at the fourth comes there and goes.
+        near(&loneliness(&[5, 5, 5, 10, 5, 5, 5])[2..5], &[0.0, 1.0, 0.0]);
+        near(&loneliness(&[0, 7, 0, 0]), &[0.0, 2.0, 0.0, 0.0]);
+        assert!(loneliness(&[]).is_empty());
     }
 
     #[test]

@@ -2,9 +2,9 @@
 
 use glam::{DMat3, DVec2, DVec3, Vec3};
 
-use super::rig::Moment;
+use super::rig::{Moment, Shot};
 use super::{MotionFilm, MotionMap};
-use crate::{Camera, Scene};
+use crate::Camera;
 
 /// A camera's view of a moment.
 #[derive(Clone, Debug)]
@@ -23,13 +23,14 @@ pub(super) struct Eye<'a> {
 
 impl<'a> Eye<'a> {
     /// The eyes of a moment. `reaches` are those of the rig's cameras.
-    pub fn of_moment(scene: &Scene, film: &'a MotionFilm, moment: &Moment, reaches: &[[f64; 2]]) -> Vec<Self> {
-        let shots = moment.shots.iter();
-        let eye = |shot: &super::rig::Shot| {
-            let (map, colours) = film.picture(shot.view)?;
-            Some(Self::new(&scene.train[shot.view].camera, map, colours, reaches[shot.camera]))
-        };
-        shots.filter_map(eye).collect()
+    pub fn of_moment(film: &'a MotionFilm, moment: &Moment, reaches: &[[f64; 2]]) -> Vec<Self> {
+        moment.shots.iter().filter_map(|shot| Self::of_shot(film, shot, reaches)).collect()
+    }
+
+    /// The eye of a shot; `None` where the film keeps no pictures.
+    pub fn of_shot(film: &'a MotionFilm, shot: &Shot, reaches: &[[f64; 2]]) -> Option<Self> {
+        let (map, colours) = film.picture(shot.view)?;
+        Some(Self::new(&film.rig.cameras[shot.camera].camera, map, colours, reaches[shot.camera]))
     }
 
     fn new(camera: &Camera, map: &'a MotionMap, colours: &'a [u8], reach: [f64; 2]) -> Self {

@@ -11,7 +11,7 @@ use super::eye::Eye;
 use super::places::{Place, Search};
 use super::reach::reaches;
 use super::rig::Moment;
-use super::{MotionFilm, MotionHullOptions, PixelMotion};
+use super::{MotionFilm, MotionHullOptions, MotionMap};
 use crate::{PointCloud, Scene};
 
 /// The number of the first moment's random stream: those of other purposes have small numbers.
@@ -76,7 +76,7 @@ pub fn motion_hull(scene: &Scene, film: &MotionFilm, options: &MotionHullOptions
         .map(|(number, (moment, wanted))| {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             rng.set_stream(STREAM + number as u64);
-            let eyes = Eye::of_moment(scene, film, moment, &reaches);
+            let eyes = Eye::of_moment(film, moment, &reaches);
             let places = Search::new(eyes, options).places(options.rays_per_point * wanted, &mut rng);
             let chosen = choose(&places, wanted, options, &mut rng);
             Found { candidates: places.len(), seeds: chosen.into_iter().map(|index| places[index]).collect() }
@@ -91,11 +91,9 @@ struct Found {
     seeds: Vec<Place>,
 }
 
-/// How much moves at a moment: the sum of the differences of the pixels that move.
+/// How much moves at a moment.
 fn amount(film: &MotionFilm, moment: &Moment) -> u64 {
-    let maps = moment.shots.iter().filter_map(|shot| film.moving().map(shot.view));
-    let moving = maps.flat_map(|map| map.blocks()).filter(|block| block.moves());
-    moving.map(|block: &PixelMotion| u64::from(block.difference()) + 1).sum()
+    moment.shots.iter().filter_map(|shot| film.moving().map(shot.view)).map(MotionMap::amount).sum()
 }
 
 fn gathered(film: &MotionFilm, found: &[Found]) -> MotionSeeds {

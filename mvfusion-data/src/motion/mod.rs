@@ -15,6 +15,7 @@ mod choice;
 mod clusters;
 mod eye;
 mod film;
+mod finder;
 mod hull;
 mod moving_pixels;
 mod options;
@@ -25,7 +26,9 @@ mod rig;
 #[cfg(test)]
 mod tests;
 
+pub use choice::loneliness;
 pub use film::MotionFilm;
+pub use finder::MotionFinder;
 pub use hull::{MotionSeeds, MotionSummary, motion_hull};
 pub use moving_pixels::{MotionMap, MovingPixels, PixelMotion};
 pub use options::{MotionHullOptions, MovingPixelsOptions};

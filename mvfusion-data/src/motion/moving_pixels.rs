@@ -115,6 +115,12 @@ impl MotionMap {
         moving as f64 / counted.max(1) as f64
     }
 
+    /// How much moves: the sum over the moving blocks of their difference and one.
+    pub fn amount(&self) -> u64 {
+        let moving = self.blocks.iter().filter(|block| block.moves());
+        moving.map(|block| u64::from(block.difference()) + 1).sum()
+    }
+
     /// The picture at full size: 255 where something moves, 0 elsewhere.
     pub fn mask(&self) -> GrayImage {
         let columns = self.columns();

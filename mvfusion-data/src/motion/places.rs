@@ -1,6 +1,6 @@
 //! Places of one moment where cameras see motion in one colour.
 
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
@@ -32,6 +32,13 @@ struct Ray {
     reach: [f64; 2],
 }
 
+impl Ray {
+    /// In a direction of depth 1, in the colour of a block.
+    fn of(eye: &Eye, direction: DVec3, block: usize) -> Self {
+        Self { origin: eye.centre, direction, colour: eye.colour(block), reach: eye.reach }
+    }
+}
+
 /// What decides about the places of a moment.
 #[derive(Debug)]
 pub(super) struct Search<'a> {
@@ -60,13 +67,18 @@ impl<'a> Search<'a> {
             for _ in 0..if moving.is_empty() { 0 } else { each } {
                 let block = moving.draw(rng);
                 let [first, end] = eye.map.corners(block);
-                let within = glam::DVec2::new(rng.random(), rng.random());
+                let within = DVec2::new(rng.random(), rng.random());
                 let direction = eye.direction(first + within * (end - first));
-                let ray = Ray { origin: eye.centre, direction, colour: eye.colour(block), reach: eye.reach };
-                places.extend(self.best_on(&ray, rng));
+                places.extend(self.best_on(&Ray::of(eye, direction, block), rng));
             }
         }
         places
+    }
+
+    /// The best place on the ray of an eye through a position in its pixels.
+    pub fn place_through(&self, eye: &Eye, position: DVec2, rng: &mut ChaCha8Rng) -> Option<Place> {
+        let block = eye.map.index(position)?;
+        self.best_on(&Ray::of(eye, eye.direction(position), block), rng)
     }
 
     /// The place on a ray whose colours agree best.

@@ -83,6 +83,36 @@ fn seeds_lie_where_something_moves_and_are_the_same_for_any_number_of_threads() 
 }
 
 #[test]
+fn the_place_behind_a_moving_pixel_is_as_far_away_as_what_it_shows() {
+    let scene = builtin(&BuiltinOptions::default());
+    let finder = MotionFinder::new(&scene, film(&scene, &MovingPixelsOptions::default()), MotionHullOptions::default());
+    let (mut found, mut right, mut asked) = (0, 0, 0);
+    for number in (0..scene.train.len()).step_by(5) {
+        let view = &scene.train[number];
+        let mask = view.truth.movers_mask.as_ref().expect("a built-in scene").mask().expect("in memory");
+        let depth = view.truth.depth.as_ref().expect("a built-in scene");
+        let pixels: Vec<(u32, u32)> = mask
+            .enumerate_pixels()
+            .filter(|(x, y, pixel)| pixel.0[0] == 255 && (x + y) % 5 == 0)
+            .map(|(x, y, _)| (x, y))
+            .collect();
+        let positions: Vec<DVec2> =
+            pixels.iter().map(|&(x, y)| DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)).collect();
+        asked += positions.len();
+        for (&(x, y), place) in pixels.iter().zip(finder.locate(number, &positions, 1)) {
+            let Some(place) = place else { continue };
+            let truth = f64::from(depth[y as usize * view.camera.width + x as usize]);
+            found += 1;
+            right += usize::from((view.camera.to_camera(place).z / truth - 1.0).abs() < 0.1);
+        }
+    }
+    eprintln!("{found} of {asked} found, {right} right");
+    assert!(found > asked / 2 && right as f64 > 0.9 * found as f64, "{found} of {asked} found, {right} right");
+    let nowhere = [DVec2::splat(-1.0)];
+    assert_eq!((finder.locate(0, &nowhere, 1), finder.locate(usize::MAX, &nowhere, 1)), (vec![None], vec![None]));
+}
+
+#[test]
 fn reduced_pictures_are_asked_at_full_size() {
     let scene = builtin(&BuiltinOptions { frames: 6, ..BuiltinOptions::default() });
     let views = scene.train.len() as u64;
