@@ -28,6 +28,15 @@ pub struct Layers {
     pub mask: Tensor<4>,
 }
 
+impl Layers {
+    /// The same layers, through which no gradient reaches the colours of the static branch where `learns`
+    /// (`[B, 1, H, W]`, without autodiff) is 0.
+    pub fn with_static_learning(self, learns: Tensor<4>) -> Self {
+        let given = self.static_.clone().detach();
+        Self { static_: given.clone() + (self.static_ - given) * Tensor::from_inner(learns), ..self }
+    }
+}
+
 /// How the mask is normalised.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Blending {
@@ -130,4 +139,35 @@ pub fn brightness<const D: usize>(control: Tensor<D>) -> Tensor<D> {
     // Not `clamp_min`, whose gradient at the bound is 1: the slope at the knee itself is the lower one.
     let above = relu(control.clone() - BRIGHTNESS_KNEE);
     control + above * (BRIGHTNESS_SLOPE - 1.0) + BRIGHTNESS_OFFSET
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Stream;
+    use crate::test_support::{for_each_device, picture, values};
+
+    #[test]
+    fn what_does_not_learn_looks_the_same() {
+        for_each_device(|device| {
+            let mut stream = Stream::new(1, 0);
+            let mut layer = || picture(&mut stream, [2, 3], &device);
+            let static_ = layer().autodiff().require_grad();
+            let layers = Layers { dynamic: layer().autodiff(), static_: static_.clone(), mask: layer().autodiff() };
+            let learns = [0.0, 1.0, 1.0, 0.0, 0.0, 1.0];
+            let mask = Tensor::<1>::from_data(learns, &device).reshape([1, 1, 2, 3]);
+            let whole = layers.clone().compose(Blending::Deformation);
+            let partly = layers.with_static_learning(mask).compose(Blending::Deformation);
+            for (a, b) in values(partly.composed.clone().inner()).iter().zip(values(whole.composed.inner())) {
+                assert!((a - b).abs() < 1e-6, "{a} became {b}");
+            }
+            let gradients = partly.composed.sum().backward();
+            let gradient = values(static_.grad(&gradients).expect("it took part"));
+            let lit = values(partly.lit.inner());
+            for (index, (&gradient, &lit)) in gradient.iter().zip(&lit).enumerate() {
+                // A pixel that is as bright as can be has none either.
+                assert!(lit >= 1.0 || (gradient == 0.0) == (learns[index % 6] == 0.0), "{index}: {gradient}");
+            }
+        });
+    }
 }

@@ -10,7 +10,7 @@ const OF_A_PIXEL: f64 = 1.0 / 12.0;
 
 /// Place, shape and colour of a cluster.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Ellipse {
+pub struct Ellipse {
     /// Its centre, pixels.
     pub centre: DVec2,
     /// Standard deviations along the longer and the shorter axis, pixels.
@@ -25,7 +25,7 @@ pub(super) struct Ellipse {
 
 impl Ellipse {
     /// That of the given pixels; `None` for no pixels.
-    pub fn of(pixels: &[ErrorPixel]) -> Option<Self> {
+    pub(super) fn of(pixels: &[ErrorPixel]) -> Option<Self> {
         let share = 1.0 / pixels.len() as f64;
         if !share.is_finite() {
             return None;
@@ -47,7 +47,7 @@ impl Ellipse {
 
     /// Quaternion w, x, y, z that turns a Gaussian's first axis along the longer one in the world, its third away from the
     /// camera.
-    pub fn rotation(&self, camera: &Camera) -> [f32; 4] {
+    pub(super) fn rotation(&self, camera: &Camera) -> [f32; 4] {
         let in_camera = DMat3::from_rotation_z(self.angle);
         let turn = DQuat::from_mat3(&(camera.rotation.transpose() * in_camera)).as_quat();
         [turn.w, turn.x, turn.y, turn.z]

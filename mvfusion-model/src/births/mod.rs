@@ -1,8 +1,9 @@
 //! Gaussians that are born where a picture is wrong: clusters of error become ellipses, and ellipses Gaussians.
 //!
 //! The idea is that of CEM-4DGS (arXiv 2511.16112), which lets one Gaussian be born for each cluster of pixels of large
-//! error instead of one for each pixel. Ours is for moments that a single camera saw: nothing tells how far away a thing
-//! is, so it is put in front of what is still.
+//! error instead of one for each pixel. Photos, each of a moment that no other camera saw, are compared with the static
+//! branch ([`BirthRule::PHOTO`]); films with the whole model, again and again ([`BirthRule::FILM`]). Where nothing tells how
+//! far away a thing is, it is put in front of what is still.
 
 mod clusters;
 mod ellipse;
@@ -14,10 +15,10 @@ use mvfusion_data::{Camera, GaussianCloud, Lifetime};
 use crate::gaussians::SH_C0;
 use crate::random::Stream;
 use clusters::{ErrorPixel, clusters};
-use ellipse::Ellipse;
+pub use ellipse::Ellipse;
 
-/// Largest difference of a channel, in `[0, 1]`, from which a pixel is wrong. Ours: 0.1, thrice what the static branch of a
-/// short run misses still pixels by. CEM-4DGS: 0.038 and the worst 3 %, of a picture that is nearly right.
+/// Largest difference of a channel, in `[0, 1]`, from which a pixel of a photo is wrong. Ours: thrice what the static branch
+/// of a short run misses still pixels by.
 pub const LEAST_ERROR: f32 = 0.1;
 
 /// Side of the square around a pixel, pixels, of which [`LEAST_SHARE`] must be wrong as well (RobustNeRF filters its
@@ -28,45 +29,64 @@ pub const PATCH: usize = 3;
 pub const LEAST_SHARE: f32 = 0.5;
 
 /// What is in front of the still scene is taken to be at this share of its depth.
-const IN_FRONT: f64 = 0.75;
-
-/// Opacity at birth: an ellipse hides most of what is behind it.
-const OPACITY: f32 = 0.8;
+pub const IN_FRONT: f32 = 0.75;
 
 /// Depth of an ellipse along its ray, as a share of its smaller axis.
 const THICKNESS: f64 = 0.5;
 
-/// A training view beside what the static branch shows there.
+/// Which pixels are wrong, and how opaque is what is born of them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BirthRule {
+    /// Largest difference of a channel, in `[0, 1]`, from which a pixel is wrong.
+    pub least_error: f32,
+    /// At most this share of a picture's pixels is: those with the largest errors.
+    pub worst_share: f64,
+    /// Opacity at birth.
+    pub opacity: f32,
+}
+
+impl BirthRule {
+    /// For photos beside the static branch: an ellipse hides most of what is behind it.
+    pub const PHOTO: Self = Self { least_error: LEAST_ERROR, worst_share: 1.0, opacity: 0.8 };
+
+    /// For films beside the whole model (CEM-4DGS): it corrects what is nearly right.
+    pub const FILM: Self = Self { least_error: 0.038, worst_share: 0.03, opacity: 0.1 };
+}
+
+/// A training view beside what the model shows there.
 #[derive(Clone, Debug)]
-pub struct StillView<'a> {
+pub struct ComparedView<'a> {
     /// The camera.
     pub camera: &'a Camera,
     /// The photo.
     pub photo: &'a RgbImage,
-    /// Where the photo counts, row by row; everywhere, if absent.
-    pub counted: Option<Vec<bool>>,
-    /// Colours of the static branch, channel by channel, row by row, in `[0, 1]`.
+    /// Where the photo is compared, row by row; everywhere, if absent.
+    pub counted: Option<&'a [bool]>,
+    /// The model's colours, channel by channel, row by row, in `[0, 1]`.
     pub colours: &'a [f32],
-    /// Its depth along the camera's axis, row by row, world units; 0 where there is none.
+    /// Depth along the camera's axis at which something is put that nothing else is known of, row by row, world units; 0
+    /// where that is unknown too.
     pub depths: &'a [f32],
+    /// What is wrong.
+    pub rule: BirthRule,
 }
 
-impl StillView<'_> {
+impl ComparedView<'_> {
     /// The pixels that are wrong.
     fn errors(&self) -> Vec<ErrorPixel> {
         let (width, area) = (self.camera.width, self.depths.len());
         let pixel = |(index, pixel): (usize, &image::Rgb<u8>)| {
             let colour = Vec3::from_array(pixel.0.map(|level| f32::from(level) / 255.0));
-            let still =
+            let shown =
                 Vec3::from_array(std::array::from_fn(|channel| self.colours[channel * area + index].clamp(0.0, 1.0)));
             let position = DVec2::new((index % width) as f64 + 0.5, (index / width) as f64 + 0.5);
-            ErrorPixel { position, colour, error: (colour - still).abs().max_element(), index }
+            ErrorPixel { position, colour, error: (colour - shown).abs().max_element(), index }
         };
         let pixels: Vec<ErrorPixel> = self.photo.pixels().enumerate().map(pixel).collect();
-        let counts = |index: usize| self.counted.as_ref().is_none_or(|counted| counted[index]);
-        let is_wrong: Vec<bool> =
-            pixels.iter().map(|pixel| counts(pixel.index) && pixel.error >= LEAST_ERROR).collect();
-        // A thing is wrong all over, an edge that the static branch has yet to sharpen in a line.
+        let counts = |index: usize| self.counted.is_none_or(|counted| counted[index]);
+        let least = self.least_error(pixels.iter().map(|pixel| pixel.error));
+        let is_wrong: Vec<bool> = pixels.iter().map(|pixel| counts(pixel.index) && pixel.error >= least).collect();
+        // A thing is wrong all over, an edge that the model has yet to sharpen in a line.
         let among_wrong = |pixel: &ErrorPixel| {
             let reach = PATCH / 2;
             let (x, y) = (pixel.index % width, pixel.index / width);
@@ -78,42 +98,56 @@ impl StillView<'_> {
         pixels.iter().filter(|pixel| is_wrong[pixel.index] && among_wrong(pixel)).copied().collect()
     }
 
+    /// The error from which a pixel is wrong.
+    fn least_error(&self, errors: impl Iterator<Item = f32>) -> f32 {
+        let BirthRule { least_error, worst_share, .. } = self.rule;
+        if worst_share >= 1.0 {
+            return least_error;
+        }
+        let mut sorted: Vec<f32> = errors.collect();
+        sorted.sort_by(|a, b| b.total_cmp(a));
+        let worst = sorted.get((worst_share * sorted.len() as f64) as usize).copied();
+        least_error.max(worst.unwrap_or(0.0))
+    }
+
     /// How wrong the picture is: the sum of the errors of its wrong pixels.
     pub fn wrongness(&self) -> f64 {
         self.errors().iter().map(|pixel| f64::from(pixel.error)).sum()
     }
 
-    /// Adds at most `count` Gaussians for what is wrong in this view to a cloud of degree 0 with lifetimes and without masks.
-    pub fn births(&self, count: usize, lifetime: Lifetime, stream: &mut Stream, cloud: &mut GaussianCloud) {
-        let found = clusters(&self.errors(), count, stream);
-        for ellipse in found.iter().filter_map(|cluster| Ellipse::of(cluster)) {
-            let Some(depth) = self.depth_of(&ellipse) else { continue };
-            let [mean, log_scale] = [self.place(&ellipse, depth), self.log_scale(&ellipse, depth)];
-            cloud.means.push(mean.as_vec3().to_array());
-            cloud.sh_dc.push(((ellipse.colour - 0.5) / SH_C0 as f32).to_array());
-            cloud.opacity_logits.push((OPACITY / (1.0 - OPACITY)).ln());
-            cloud.log_scales.push(log_scale.as_vec3().to_array());
-            cloud.quaternions.push(ellipse.rotation(self.camera));
-            cloud.lifetimes.iter_mut().for_each(|lifetimes| lifetimes.push(lifetime));
-        }
+    /// At most `count` ellipses that cover what is wrong.
+    pub fn ellipses(&self, count: usize, stream: &mut Stream) -> Vec<Ellipse> {
+        clusters(&self.errors(), count, stream).iter().filter_map(|cluster| Ellipse::of(cluster)).collect()
     }
 
-    /// In front of what is still behind the ellipse: of the median depth of its pixels. `None` where nothing is there.
-    fn depth_of(&self, ellipse: &Ellipse) -> Option<f64> {
+    /// Where an ellipse is put that nothing else is known of: at the median depth of its pixels. `None` if that is unknown
+    /// too.
+    pub fn place(&self, ellipse: &Ellipse) -> Option<DVec3> {
         let mut depths: Vec<f32> = ellipse.pixels.iter().map(|&index| self.depths[index]).collect();
         depths.retain(|&depth| depth > 0.0);
         depths.sort_by(f32::total_cmp);
-        depths.get(depths.len() / 2).map(|&depth| IN_FRONT * f64::from(depth))
-    }
-
-    fn place(&self, ellipse: &Ellipse, depth: f64) -> DVec3 {
+        let depth = f64::from(*depths.get(depths.len() / 2)?);
         let camera = self.camera;
         let across = (ellipse.centre - DVec2::new(camera.cx, camera.cy)) / DVec2::new(camera.fx, camera.fy);
-        camera.centre() + camera.rotation.transpose() * (depth * across.extend(1.0))
+        Some(camera.centre() + camera.rotation.transpose() * (depth * across.extend(1.0)))
+    }
+
+    /// Adds the Gaussian that shows an ellipse at a place of its ray to a cloud of degree 0 with lifetimes and without
+    /// masks.
+    pub fn add_to(&self, cloud: &mut GaussianCloud, ellipse: &Ellipse, place: DVec3, lifetime: Lifetime) {
+        let opacity = self.rule.opacity;
+        let depth = self.camera.to_camera(place).z;
+        cloud.means.push(place.as_vec3().to_array());
+        cloud.sh_dc.push(((ellipse.colour - 0.5) / SH_C0 as f32).to_array());
+        cloud.opacity_logits.push((opacity / (1.0 - opacity)).ln());
+        cloud.log_scales.push(self.log_scale(ellipse, depth).as_vec3().to_array());
+        cloud.quaternions.push(ellipse.rotation(self.camera));
+        cloud.lifetimes.iter_mut().for_each(|lifetimes| lifetimes.push(lifetime));
     }
 
     fn log_scale(&self, ellipse: &Ellipse, depth: f64) -> DVec3 {
-        let pixel = depth / self.camera.fx;
+        // Along the ellipse's axes; the focal lengths of x and y are nearly equal.
+        let pixel = depth / (self.camera.fx * self.camera.fy).sqrt();
         let [long, short] = ellipse.deviations.map(|deviation| deviation * pixel);
         DVec3::new(long.ln(), short.ln(), (THICKNESS * short).ln())
     }
@@ -141,25 +175,29 @@ mod tests {
         })
     }
 
-    fn view<'a>(camera: &'a Camera, photo: &'a RgbImage, colours: &'a [f32], depths: &'a [f32]) -> StillView<'a> {
-        StillView { camera, photo, counted: None, colours, depths }
+    fn view<'a>(camera: &'a Camera, photo: &'a RgbImage, colours: &'a [f32], depths: &'a [f32]) -> ComparedView<'a> {
+        ComparedView { camera, photo, counted: None, colours, depths, rule: BirthRule::PHOTO }
     }
 
-    fn births(view: &StillView<'_>, count: usize) -> GaussianCloud {
+    fn births(view: &ComparedView<'_>, count: usize) -> GaussianCloud {
         let mut cloud = GaussianCloud { lifetimes: Some(Vec::new()), ..GaussianCloud::default() };
-        view.births(count, LIFE, &mut Stream::new(1, 0), &mut cloud);
+        for ellipse in view.ellipses(count, &mut Stream::new(1, 0)) {
+            if let Some(place) = view.place(&ellipse) {
+                view.add_to(&mut cloud, &ellipse, place, LIFE);
+            }
+        }
         cloud
     }
 
     #[test]
     fn what_is_wrong_becomes_a_gaussian_of_its_place_colour_and_shape() {
         let (camera, photo) = (camera(), photo());
-        let (colours, depths) = (vec![128.0 / 255.0; 3 * 1200], vec![4.0; 1200]);
+        let (colours, depths) = (vec![128.0 / 255.0; 3 * 1200], vec![3.0; 1200]);
         let view = view(&camera, &photo, &colours, &depths);
         let cloud = births(&view, 1);
         assert_eq!((cloud.len(), cloud.lifetimes.as_deref()), (1, Some([LIFE].as_slice())));
         let mean = Vec3::from_array(cloud.means[0]);
-        // Three quarters of the way, on the ray through (18, 14).
+        // At the given depth, on the ray through (18, 14).
         assert!(mean.distance(Vec3::new(-2.0 / 40.0 * 3.0, -1.0 / 40.0 * 3.0, 3.0)) < 1e-5, "{mean}");
         let red = cloud.sh_dc[0].map(|dc| 0.5 + SH_C0 as f32 * dc);
         assert!((red[0] - 1.0).abs() < 1e-5 && red[1].abs() < 1e-5, "{red:?}");
@@ -175,7 +213,7 @@ mod tests {
     #[test]
     fn several_clusters_share_out_what_is_wrong() {
         let (camera, photo) = (camera(), photo());
-        let (colours, depths) = (vec![128.0 / 255.0; 3 * 1200], vec![4.0; 1200]);
+        let (colours, depths) = (vec![128.0 / 255.0; 3 * 1200], vec![3.0; 1200]);
         let view = view(&camera, &photo, &colours, &depths);
         let cloud = births(&view, 4);
         assert_eq!(cloud.len(), 4);
@@ -184,17 +222,31 @@ mod tests {
     }
 
     #[test]
+    fn of_a_film_the_worst_pixels_are_wrong() {
+        let (camera, mut photo) = (camera(), photo());
+        // A block of a smaller error, far below the worst 3 % (36 pixels of 1200).
+        (20..30).flat_map(|y| (0..10).map(move |x| (x, y))).for_each(|(x, y)| photo.put_pixel(x, y, Rgb([150; 3])));
+        let (colours, depths) = (vec![128.0 / 255.0; 3 * 1200], vec![3.0; 1200]);
+        let view = |rule| ComparedView { rule, ..view(&camera, &photo, &colours, &depths) };
+        let places = |rule| view(rule).ellipses(9, &mut Stream::new(1, 0)).len();
+        let all = BirthRule { worst_share: 1.0, ..BirthRule::FILM };
+        assert!(view(all).errors().len() > 150 && places(all) > 0);
+        assert_eq!(view(BirthRule::FILM).errors().len(), 60, "the bar without its corners");
+        assert!(view(BirthRule { least_error: 0.6, ..all }).errors().is_empty());
+    }
+
+    #[test]
     fn where_nothing_is_wrong_or_counts_nothing_is_born() {
         let (camera, photo) = (camera(), photo());
-        let depths = vec![4.0; 1200];
+        let depths = vec![3.0; 1200];
         let right: Vec<f32> = (0..3)
             .flat_map(|channel| {
                 photo.pixels().map(move |pixel| f32::from(pixel.0[channel]) / 255.0).collect::<Vec<_>>()
             })
             .collect();
         assert!(births(&view(&camera, &photo, &right, &depths), 9).is_empty());
-        let grey = vec![0.5; 3 * 1200];
-        let masked = StillView { counted: Some(vec![false; 1200]), ..view(&camera, &photo, &grey, &depths) };
+        let (grey, nowhere) = (vec![0.5; 3 * 1200], [false; 1200]);
+        let masked = ComparedView { counted: Some(&nowhere), ..view(&camera, &photo, &grey, &depths) };
         assert!(births(&masked, 9).is_empty());
         assert!(births(&view(&camera, &photo, &grey, &[0.0; 1200]), 9).is_empty());
     }

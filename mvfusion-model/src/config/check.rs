@@ -120,6 +120,13 @@ impl Config {
             share.to_string(),
             "give a share from 0 to 1",
         )?;
+        let relocate = self.densify.relocate;
+        refuse(
+            !(0.0..=1.0).contains(&relocate),
+            "densify.relocate",
+            relocate.to_string(),
+            "give a share from 0 to 1; 0 prunes instead",
+        )?;
         let downscale = self.scene.downscale;
         refuse(
             downscale.is_nan() || downscale < 1.0,
@@ -165,6 +172,8 @@ impl Config {
             ("loss.mask_still", loss.mask_still),
             ("loss.static_opacity", loss.static_opacity),
             ("loss.dynamic_opacity", loss.dynamic_opacity),
+            ("loss.still_opacity", loss.still_opacity),
+            ("train.lonely_visits", self.train.lonely_visits),
         ] {
             let bad = !weight.is_finite() || weight < 0.0;
             refuse(bad, key, weight.to_string(), "give a number that is not below 0; 0 switches it off")?;
@@ -200,6 +209,13 @@ impl Config {
             "init.photo_points",
             init.photo_points.to_string(),
             "what only one photo shows must not be seen at other times; set `model.lifetime = true`, or 0 points",
+        )?;
+        let births = self.densify.births_interval;
+        refuse(
+            births > 0 && !self.model.lifetime,
+            "densify.births_interval",
+            births.to_string(),
+            "what is born shows one moment and must not be seen at others; set `model.lifetime = true`, or 0",
         )
     }
 }
@@ -255,6 +271,8 @@ mod tests {
         assert_eq!(refusal_of(births(true)), None);
         let said = refusal_of(births(false)).expect("it is refused");
         assert!(said.starts_with("`init.photo_points` is 1000:") && said.contains("model.lifetime"), "{said}");
+        let said = refusal_of(|config| config.densify.births_interval = 920).expect("it is refused");
+        assert!(said.starts_with("`densify.births_interval` is 920:") && said.contains("model.lifetime"), "{said}");
     }
 
     #[test]
@@ -266,8 +284,10 @@ mod tests {
             ("optim.velocity.start", |config| &mut config.optim.velocity.start),
             ("optim.velocity.end", |config| &mut config.optim.velocity.end),
         ];
-        let from_0: [(&str, Slot); 3] = [
+        let from_0: [(&str, Slot); 5] = [
             ("loss.mask_motion", |config| &mut config.loss.mask_motion),
+            ("loss.still_opacity", |config| &mut config.loss.still_opacity),
+            ("train.lonely_visits", |config| &mut config.train.lonely_visits),
             ("optim.time_centre", |config| &mut config.optim.time_centre),
             ("optim.duration", |config| &mut config.optim.duration),
         ];

@@ -23,6 +23,15 @@ pub struct DensifyConfig {
     pub max_radius: f64,
     /// The same for Gaussians longer than this share of the extent; 0 keeps them (DeGauss; 4DGS: 0.1).
     pub max_scale: f64,
+    /// Gaussians that pruning would remove are moved instead, at a fixed count, at most this share of the branch each time:
+    /// each to one that is drawn by opacity times screen gradient, whose opacity and size the two then share (3DGS-MCMC:
+    /// 0.05 of all). 0 prunes.
+    pub relocate: f64,
+    /// Steps, in the deforming stages and before `until`, between births in a film: dynamic Gaussians where a view of each
+    /// moment differs from the model, with `model.lifetime` (docs/METHOD.md, section 13; CEM-4DGS: 920). 0 lets none be born.
+    pub births_interval: usize,
+    /// At most so many are born at once.
+    pub births: usize,
     /// Steps between opacity resets.
     pub reset_interval: usize,
     /// What a reset does to the Gaussians that it does not select (METHOD §4.11).
@@ -80,6 +89,9 @@ impl Default for DensifyConfig {
             min_opacity: 0.005,
             max_radius: 0.0,
             max_scale: 0.0,
+            relocate: 0.0,
+            births_interval: 0,
+            births: 1000,
             reset_interval: 2000,
             reset: OpacityReset::Quirk,
             reset_at_stage_end: true,

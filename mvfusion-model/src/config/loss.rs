@@ -27,8 +27,8 @@ pub struct LossConfig {
     /// where `dynamic_above` says; where cameras stand still and film the same moments. Ours: a branch that is asked for the
     /// whole picture spends its Gaussians on a blur of the room.
     pub dynamic_where_moving: bool,
-    /// Whether the static branch learns only where nothing was seen to move, also in the first stage. Ours: what it learns
-    /// of a player in the first stage stays as a ghost that the mask then hides, because nothing is compared there.
+    /// Whether the static branch learns only where nothing was seen to move, from any loss and also in the first stage. Ours: what it learns of a player in the first stage stays as a ghost that the mask then hides, because
+    /// nothing is compared there.
     pub static_where_still: bool,
     /// Weight that holds the mask open where something was seen to move: the mean of `(1 - mask) moving` (light loss). Ours:
     /// a mask that closes over a blur does not come back.
@@ -42,6 +42,10 @@ pub struct LossConfig {
     pub static_opacity: f64,
     /// The same for the dynamic Gaussians.
     pub dynamic_opacity: f64,
+    /// Weight of the mean opacity of those dynamic Gaussians that stand still: each counts by its stillness
+    /// ([`MotionCache::stillness`](crate::motion::MotionCache::stillness)), from the first measurement of motion on. Ours: the
+    /// soft form of `motion.still = "prune"`.
+    pub still_opacity: f64,
     /// Weight of the spatial planes' second differences.
     pub plane_smooth: f64,
     /// Weight of the time planes' second differences.
@@ -89,6 +93,7 @@ impl Default for LossConfig {
             mask_still: 0.0,
             static_opacity: 0.0,
             dynamic_opacity: 0.0,
+            still_opacity: 0.0,
             plane_smooth: 2e-4,
             time_smooth: 1e-3,
             time_l1: 1e-4,

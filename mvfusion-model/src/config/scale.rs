@@ -50,6 +50,10 @@ impl Config {
         // A run at full length keeps its own interval, even a shorter one: the floor is for shortened runs.
         densify.interval = interval(densify.interval).max(MIN_DENSIFY_INTERVAL.min(densify.interval));
         densify.prune_interval = interval(densify.prune_interval).max(MIN_DENSIFY_INTERVAL.min(densify.prune_interval));
+        densify.births_interval = match densify.births_interval {
+            0 => 0,
+            births => interval(births).max(MIN_DENSIFY_INTERVAL.min(births)),
+        };
         densify.reset_interval = interval(densify.reset_interval).max(MIN_RESET_INTERVAL.min(densify.reset_interval));
         scaled
     }

@@ -30,6 +30,10 @@ pub struct TrainConfig {
     pub stages: StageConfig,
     /// Views a step (DeGauss: 2 for video, 4 for photos).
     pub batch_size: usize,
+    /// So many visits more has a view in each round (DeGauss: one visit each) for either side on which its moment has no
+    /// neighbour to learn from: the first and the last moment, and in proportion those at which something comes or goes. Where
+    /// cameras stand still. Ours: a Gaussian learns of a moment from the frames beside it as well.
+    pub lonely_visits: f64,
     /// Steps after the first stage from whose gradients the static branch learns at once; the loss is divided by as many
     /// (DeGauss: 1 for video, 4 for photos; METHOD §4.3). The dynamic branch learns at every step.
     pub accumulation: usize,
@@ -76,6 +80,7 @@ impl Default for TrainConfig {
             scale_times: true,
             stages: StageConfig::default(),
             batch_size: 2,
+            lonely_visits: 0.0,
             accumulation: 1,
             dynamic_sh_interval: 200,
             static_sh_interval: 200,

@@ -4,8 +4,8 @@ use burn::tensor::{Int, Tensor, TensorData};
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
-use super::plan::{SplitParent, split_log_scale};
-use super::{DensifyPlan, DensifyStatistics, ResetPlan};
+use super::plan::{SplitParent, logit_of, split_log_scale};
+use super::{DensifyPlan, DensifyStatistics, RelocationPlan, ResetPlan, Share};
 use crate::config::OpacityReset;
 use crate::gaussians::{Attribute, Gaussians};
 use crate::optim::GaussianOptimiser;
@@ -32,6 +32,9 @@ pub struct Census {
     pub added: usize,
     /// Gaussians removed by pruning.
     pub pruned: usize,
+    /// Gaussians moved instead of removed.
+    #[serde(default)]
+    pub relocated: usize,
     /// Opacity resets.
     pub resets: usize,
 }
@@ -176,9 +179,65 @@ impl Branch {
     /// # Errors
     /// If the device cannot hand its numbers back.
     pub fn prune(&mut self, rule: &PruneRule) -> Result<Option<Vec<usize>>, ModelError> {
+        let fits = self.fitting(rule)?;
+        let kept: Vec<usize> = (0..fits.len()).filter(|&row| fits[row]).collect();
+        // A branch never loses its last Gaussian: an empty tensor is of no use to anyone.
+        if kept.len() == fits.len() || kept.is_empty() {
+            return Ok(None);
+        }
+        self.keep(&kept);
+        Ok(Some(kept))
+    }
+
+    /// Moves at most `most` of those that a rule has no place for to where opacity and gradient are, instead of removing
+    /// them. Returns where the rows come from, or `None` if nothing changed.
+    ///
+    /// # Errors
+    /// If the device cannot hand its numbers back.
+    pub fn relocate(
+        &mut self,
+        rule: &PruneRule,
+        most: usize,
+        stream: &mut Stream,
+    ) -> Result<Option<Growth>, ModelError> {
+        let dead: Vec<bool> = self.fitting(rule)?.into_iter().map(|fits| !fits).collect();
+        let opacities: Vec<f64> =
+            tensors::read(burn::tensor::activation::sigmoid(self.plain(Attribute::OpacityLogits)))?;
+        let gradients: Vec<f64> = tensors::read(self.statistics.mean_gradients())?;
+        let plan = RelocationPlan::draw(&dead, &opacities, &gradients, most, stream);
+        if plan.is_empty() {
+            return Ok(None);
+        }
+        let shares: Vec<Share> = plan.shared.iter().map(|&row| Share::of(opacities[row])).collect();
+        let (sources, kept) = (plan.sources(), plan.kept.len());
+        let rows = self.rows(&sources);
+        for attribute in Attribute::ALL {
+            let Some(values) = self.gaussians.plain(attribute) else { continue };
+            let values = values.select(0, rows.clone());
+            let column = |of: fn(&Share) -> f64| {
+                let twice = shares.iter().chain(&shares).map(of).collect::<Vec<f64>>();
+                let count = twice.len();
+                tensors::from_data_like::<2, 2>(TensorData::new(twice, [count, 1]), &values)
+            };
+            let (own, copies) = (values.clone().narrow(0, 0, kept), values.clone().narrow(0, kept, 2 * shares.len()));
+            let values = match attribute {
+                Attribute::OpacityLogits => Tensor::cat(vec![own, column(|share| logit_of(share.opacity))], 0),
+                Attribute::LogScales => Tensor::cat(vec![own, copies + column(|share| share.scale.ln())], 0),
+                _ => values,
+            };
+            self.gaussians.replace(attribute, values);
+        }
+        let stays = self.rows(&plan.kept);
+        self.optimiser.rearrange(&stays, 2 * shares.len());
+        self.statistics = self.statistics.select(&stays).extended(2 * shares.len());
+        Ok(Some(Growth { sources, kept }))
+    }
+
+    /// For every row whether a rule has a place for it.
+    fn fitting(&self, rule: &PruneRule) -> Result<Vec<bool>, ModelError> {
         let opacities = burn::tensor::activation::sigmoid(self.plain(Attribute::OpacityLogits));
-        let mut kept = at_least(rule.min_opacity, opacities)?;
-        let mut narrow = |others: Vec<bool>| kept.iter_mut().zip(others).for_each(|(kept, other)| *kept &= other);
+        let mut fits = at_least(rule.min_opacity, opacities)?;
+        let mut narrow = |others: Vec<bool>| fits.iter_mut().zip(others).for_each(|(fits, other)| *fits &= other);
         if let Some(least) = rule.min_foreground {
             narrow(at_least(least, self.statistics.foreground.clone())?);
         }
@@ -188,14 +247,7 @@ impl Branch {
         if let Some(most) = rule.max_scale {
             narrow(at_least(-most.ln(), -self.plain(Attribute::LogScales).max_dim(1))?);
         }
-        let count = kept.len();
-        let kept: Vec<usize> = (0..count).filter(|&row| kept[row]).collect();
-        // A branch never loses its last Gaussian: an empty tensor is of no use to anyone.
-        if kept.len() == count || kept.is_empty() {
-            return Ok(None);
-        }
-        self.keep(&kept);
-        Ok(Some(kept))
+        Ok(fits)
     }
 
     /// Keeps the given rows alone.
@@ -207,13 +259,7 @@ impl Branch {
             }
         }
         self.optimiser.rearrange(&rows, 0);
-        let follow = |values: &Tensor<2>| values.clone().select(0, rows.clone());
-        self.statistics = DensifyStatistics {
-            gradients: follow(&self.statistics.gradients),
-            seen: follow(&self.statistics.seen),
-            foreground: follow(&self.statistics.foreground),
-            radii: follow(&self.statistics.radii),
-        };
+        self.statistics = self.statistics.select(&rows);
     }
 
     /// Makes a random share of the Gaussians nearly transparent.

@@ -2,8 +2,10 @@
 
 mod branch;
 mod plan;
+mod relocation;
 mod statistics;
 
 pub use branch::{Branch, Census, Growth, PruneRule};
 pub use plan::{DensifyPlan, ResetPlan};
+pub use relocation::{RelocationPlan, Share};
 pub use statistics::DensifyStatistics;

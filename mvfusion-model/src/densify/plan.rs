@@ -135,7 +135,7 @@ impl ResetPlan {
     }
 }
 
-fn logit_of(probability: f64) -> f64 {
+pub(super) fn logit_of(probability: f64) -> f64 {
     (probability / (1.0 - probability)).ln()
 }
 

@@ -46,6 +46,17 @@ impl DensifyStatistics {
         self.gradients.clone() / self.seen.clone().clamp_min(1.0)
     }
 
+    /// The statistics of the given rows.
+    pub fn select(&self, rows: &Tensor<1, Int>) -> Self {
+        let follow = |values: &Tensor<2>| values.clone().select(0, rows.clone());
+        Self {
+            gradients: follow(&self.gradients),
+            seen: follow(&self.seen),
+            foreground: follow(&self.foreground),
+            radii: follow(&self.radii),
+        }
+    }
+
     /// The statistics with `added` further rows of which nothing was seen yet.
     pub fn extended(&self, added: usize) -> Self {
         let longer = |values: &Tensor<2>| {

@@ -3,7 +3,9 @@
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
-use mvfusion_data::motion::{MotionFilm, MotionHullOptions, MovingPixels, MovingPixelsOptions, motion_hull};
+use mvfusion_data::motion::{
+    MotionFilm, MotionFinder, MotionHullOptions, MovingPixels, MovingPixelsOptions, motion_hull,
+};
 use mvfusion_data::{PointCloud, Scene};
 use mvfusion_render::grid::GridBounds;
 
@@ -37,6 +39,9 @@ pub struct SceneMotion {
     pub points: Option<MotionPoints>,
     /// Which pixels move, where the losses ask for that.
     pub moving: Option<MovingPixels>,
+    /// What finds places for Gaussians that are born during training, where the configuration asks for some and cameras stand
+    /// still. Keeps the pictures that it looks at.
+    pub finder: Option<MotionFinder>,
     /// What came of the search for points; `None` where the configuration asks for none.
     pub seeding: Option<Seeding>,
 }
@@ -49,7 +54,7 @@ impl SceneMotion {
     pub fn find(scene: &Scene, config: &Config) -> Result<Self, ModelError> {
         let wanted = config.init.motion_points;
         if wanted == 0 || config.model.branches == Branches::Dynamic || config.init.dynamic_ply.is_some() {
-            return Self::of_losses(scene, config);
+            return Self::of_training(scene, config);
         }
         let start = Instant::now();
         let Some(film) = MotionFilm::of(scene, &MovingPixelsOptions::default())? else {
@@ -59,33 +64,47 @@ impl SceneMotion {
         let seeds = motion_hull(scene, &film, &options, config.seed);
         let (seconds, bytes) = (start.elapsed().as_secs_f64(), film.bytes());
         let seeding = Some(Seeding::Searched { summary: seeds.summary, seconds, bytes });
-        let moving = needs_moving_pixels(config).then(|| film.into_moving());
-        if seeds.points.is_empty() {
-            return Ok(Self { points: None, moving, seeding });
-        }
         let frame = Timeline::new(scene.training_times()).spacing();
-        let points = Some(MotionPoints { points: seeds.points, times: seeds.times, frame });
-        Ok(Self { points, moving, seeding })
+        let points =
+            (!seeds.points.is_empty()).then_some(MotionPoints { points: seeds.points, times: seeds.times, frame });
+        Ok(Self { points, seeding, ..Self::kept(scene, film, config) })
     }
 
-    /// What the losses ask for alone: which pixels move, where cameras stand still.
+    /// What training asks for after the first step alone: which pixels move, and places for births, where cameras stand
+    /// still.
     ///
     /// # Errors
     /// If a picture cannot be read.
-    pub fn of_losses(scene: &Scene, config: &Config) -> Result<Self, ModelError> {
-        let moving = match needs_moving_pixels(config) {
-            true => MovingPixels::of(scene, &MovingPixelsOptions::default())?,
-            false => None,
-        };
+    pub fn of_training(scene: &Scene, config: &Config) -> Result<Self, ModelError> {
+        let options = MovingPixelsOptions::default();
+        if needs_finder(config) {
+            let film = MotionFilm::of(scene, &options)?;
+            return Ok(film.map_or_else(Self::default, |film| Self::kept(scene, film, config)));
+        }
+        let moving = if needs_moving_pixels(config) { MovingPixels::of(scene, &options)? } else { None };
         Ok(Self { moving, ..Self::default() })
     }
+
+    /// What training needs of a film.
+    fn kept(scene: &Scene, film: MotionFilm, config: &Config) -> Self {
+        if needs_finder(config) {
+            let moving = Some(film.moving().clone());
+            let finder = Some(MotionFinder::new(scene, film, MotionHullOptions::default()));
+            return Self { moving, finder, ..Self::default() };
+        }
+        Self { moving: needs_moving_pixels(config).then(|| film.into_moving()), ..Self::default() }
+    }
+}
+
+fn needs_finder(config: &Config) -> bool {
+    config.densify.births_interval > 0 && config.model.lifetime && config.model.branches == Branches::Both
 }
 
 fn needs_moving_pixels(config: &Config) -> bool {
     let loss = &config.loss;
-    let is_asked =
+    let losses_ask =
         loss.mask_motion > 0.0 || loss.mask_still > 0.0 || loss.dynamic_where_moving || loss.static_where_still;
-    config.model.branches == Branches::Both && is_asked
+    config.model.branches == Branches::Both && (losses_ask || config.train.lonely_visits > 0.0)
 }
 
 impl MotionPoints {

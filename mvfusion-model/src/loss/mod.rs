@@ -132,7 +132,7 @@ impl LossContext<'_> {
     }
 
     /// 1 where the static branch may learn, likewise.
-    fn static_region(&self) -> Option<Tensor<4>> {
+    pub(crate) fn static_region(&self) -> Option<Tensor<4>> {
         let motion = self.sure_motion().filter(|_| self.config.static_where_still)?;
         Some(motion.still.clone())
     }

@@ -5,8 +5,12 @@ use burn::tensor::{Int, Tensor};
 use super::normaliser::MovingNormaliser;
 use super::statistics::{SIGNATURE_WIDTH, TrajectoryStatistics};
 use crate::config::{Descriptor, MotionConfig};
+use crate::gaussians::{Attribute, Gaussians, LEAST_LOG_DURATION};
 use crate::tensors;
 use crate::timeline::between;
+
+/// Variance of times that are spread evenly over `[0, 1]`.
+const VARIANCE_OF_TIME: f64 = 1.0 / 12.0;
 
 /// Normalised descriptors, one row a Gaussian, without gradient (METHOD A10, A25). Rows follow the Gaussians through
 /// cloning, splitting and pruning; children inherit their parent's.
@@ -70,6 +74,23 @@ impl MotionCache {
         knot(place.lower) * (1.0 - place.weight) + knot(place.upper) * place.weight
     }
 
+    /// How surely each Gaussian stands still, in `[0, 1]`: `exp(-variance / mean variance)`, times the share of the video in
+    /// which it is there, as what is there for a moment only shows something that moves. The variance is the motion
+    /// intensity, and that of the travel at its velocity through the whole video. `[N, 1]`, without autodiff.
+    pub fn stillness(&self, gaussians: &Gaussians, extent: f64) -> Tensor<2> {
+        let mut variance = self.intensity.clone();
+        if let Some(velocities) = gaussians.plain(Attribute::Velocities) {
+            variance = variance + (velocities / extent).powf_scalar(2.0).mean_dim(1) * VARIANCE_OF_TIME;
+        }
+        let mean = variance.clone().mean().reshape([1, 1]).clamp_min(f32::MIN_POSITIVE);
+        let unmoved = (-variance / mean).exp();
+        match gaussians.plain(Attribute::LogDurations) {
+            // Lifetimes of a video and more count as always.
+            Some(durations) => unmoved * durations.clamp(LEAST_LOG_DURATION, 0.0).exp(),
+            None => unmoved,
+        }
+    }
+
     /// Without descriptors from row `kept` on.
     pub fn forget_from(self, kept: usize) -> Self {
         let forget = |values: Tensor<2>| {
@@ -88,6 +109,21 @@ impl MotionCache {
         }
     }
 
+    /// With `added` further rows without descriptors.
+    pub fn extended(self, added: usize) -> Self {
+        let extend = |values: Tensor<2>| {
+            let columns = values.dims()[1];
+            let fresh = Tensor::zeros([added, columns], (&values.device(), values.dtype()));
+            Tensor::cat(vec![values, fresh], 0)
+        };
+        Self {
+            signatures: extend(self.signatures),
+            local: extend(self.local),
+            intensity: extend(self.intensity),
+            knot_times: self.knot_times,
+        }
+    }
+
     /// The rows of the given Gaussians, in that order.
     pub fn select(self, rows: &Tensor<1, Int>) -> Self {
         Self {
@@ -96,5 +132,43 @@ impl MotionCache {
             intensity: self.intensity.select(0, rows.clone()),
             knot_times: self.knot_times,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::DType;
+    use glam::Vec3;
+    use mvfusion_data::{GaussianCloud, Lifetime, PointCloud};
+
+    use super::*;
+    use crate::initial::{Masking, cloud_on, gaussians_of};
+    use crate::test_support::{for_each_device, values};
+
+    #[test]
+    fn what_neither_moves_nor_travels_nor_goes_is_still() {
+        for_each_device(|device| {
+            let points = PointCloud { positions: vec![Vec3::ZERO; 4], colours: vec![Vec3::ONE; 4] };
+            let life =
+                |duration: f32, speed| Lifetime { centre: 0.5, log_duration: duration.ln(), velocity: [speed; 3] };
+            let lifetimes = Some(vec![life(1e3, 0.0), life(1e3, 0.0), life(1e3, 6.0), life(0.25, 0.0)]);
+            let cloud = GaussianCloud { lifetimes, ..cloud_on(&points, &[1.0; 4], 0.1) };
+            let gaussians = gaussians_of(&cloud, Masking::Absent, 0, &device.clone().autodiff(), DType::F32);
+            let like = gaussians.plain(Attribute::Means).expect("centres are always there");
+            let column =
+                |column: [f64; 4]| tensors::from_data_like(TrajectoryStatistics::table(column.to_vec(), 1), &like);
+            let cache = MotionCache {
+                signatures: column([0.0; 4]),
+                local: column([0.0; 4]),
+                intensity: column([0.0, 3.0, 0.0, 0.0]),
+                knot_times: vec![0.5],
+            };
+            // Six units of two a unit of time: a variance of 9 / 12, so that the mean is 3.75 / 4.
+            let stillness = values(cache.stillness(&gaussians, 2.0));
+            let expected = [1.0, (-3.0f64 * 4.0 / 3.75).exp(), (-0.75f64 * 4.0 / 3.75).exp(), 0.25];
+            for (found, expected) in stillness.iter().zip(expected) {
+                assert!((found - expected).abs() < 1e-5, "{stillness:?}");
+            }
+        });
     }
 }

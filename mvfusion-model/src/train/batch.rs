@@ -4,12 +4,12 @@ use burn::tensor::{Device, Tensor, TensorData};
 use image::{GrayImage, RgbImage};
 use mvfusion_data::motion::MovingPixels;
 use mvfusion_data::{Camera, Decoded, PictureCache, Scene};
-use serde::{Deserialize, Serialize};
 
+use super::Visits;
 use crate::ModelError;
 use crate::evaluation::dilate;
 use crate::loss::{MotionMasks, MotionWitness};
-use crate::random::Stream;
+use crate::timeline::Timeline;
 
 /// Pixels by which what was seen to move is grown before the losses see it: edges are blends of both branches.
 const MOTION_REACH: usize = 2;
@@ -56,9 +56,22 @@ impl Photos {
         Self { moving, ..self }
     }
 
+    /// How often a round shows each of them, with so many visits more for lonely moments.
+    pub fn visits(&self, timeline: &Timeline, lonely: f64) -> Visits {
+        match &self.moving {
+            Some(moving) if lonely > 0.0 => Visits::by_loneliness(&self.views, moving, timeline, lonely),
+            _ => Visits::even(self.views.len()),
+        }
+    }
+
     /// What is known of their motion.
     pub fn into_motion(self) -> Option<MovingPixels> {
         self.moving
+    }
+
+    /// Where a view was seen to move: 255 there; `None` where nothing is known.
+    pub fn moving_mask(&self, index: usize) -> Option<GrayImage> {
+        self.moving.as_ref()?.mask(index)
     }
 
     /// The pictures.
@@ -129,62 +142,4 @@ pub fn mask_tensor(mask: &GrayImage, device: &Device) -> Tensor<4> {
 
 fn inner(device: &Device) -> Device {
     device.clone().inner()
-}
-
-/// Draws views without replacement; a new round begins when all were shown (METHOD §4.2).
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Sampler {
-    remaining: Vec<usize>,
-    /// Whether a round ended since this flag was last taken.
-    pub round_ended: bool,
-}
-
-impl Sampler {
-    /// The next `size` of `count` views.
-    pub fn draw(&mut self, size: usize, count: usize, stream: &mut Stream) -> Vec<usize> {
-        let next = |_| {
-            if self.remaining.is_empty() {
-                self.remaining = (0..count).collect();
-            }
-            let view = self.remaining.swap_remove(stream.index(self.remaining.len()));
-            self.round_ended |= self.remaining.is_empty();
-            view
-        };
-        (0..size).map(next).collect()
-    }
-
-    /// The next `size` views that will be drawn, without drawing them.
-    pub fn upcoming(&self, size: usize, count: usize, stream: &Stream) -> Vec<usize> {
-        self.clone().draw(size, count, &mut stream.clone())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_view_is_shown_once_a_round() {
-        let mut sampler = Sampler::default();
-        let mut stream = Stream::new(1, 0);
-        let mut shown: Vec<usize> = (0..4).flat_map(|_| sampler.draw(3, 12, &mut stream)).collect();
-        shown.sort_unstable();
-        assert_eq!(shown, (0..12).collect::<Vec<_>>());
-        assert!(sampler.round_ended);
-    }
-
-    #[test]
-    fn what_is_upcoming_is_drawn_next() {
-        let (mut sampler, mut stream) = (Sampler::default(), Stream::new(3, 0));
-        sampler.draw(5, 7, &mut stream);
-        let upcoming = sampler.upcoming(9, 7, &stream);
-        let drawn: Vec<usize> = (0..3).flat_map(|_| sampler.draw(3, 7, &mut stream)).collect();
-        assert_eq!(drawn, upcoming);
-    }
-
-    #[test]
-    fn a_batch_may_reach_into_the_next_round() {
-        let mut sampler = Sampler::default();
-        assert_eq!(sampler.draw(5, 2, &mut Stream::new(1, 0)).len(), 5);
-    }
 }

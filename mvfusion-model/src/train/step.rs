@@ -108,8 +108,9 @@ impl Trainer {
             Some(static_) => {
                 let blending =
                     if position.stage == Stage::Geometry { Blending::Geometry } else { Blending::Deformation };
-                let main = pictures(rendered, Copy::Main, blending).within(counted);
-                let light = pictures(rendered, Copy::Light, blending).within(counted);
+                let still = context.static_region();
+                let main = pictures(rendered, Copy::Main, blending, still.as_ref()).within(counted);
+                let light = pictures(rendered, Copy::Light, blending, still.as_ref()).within(counted);
                 let log_scales = [&model.dynamic, static_].map(|branch| branch.gaussians.log_scales.val());
                 let loss = main_loss(&main, &context) + light_loss(&light, log_scales, &context);
                 let loss = match self.opacity_cost(static_) {
@@ -176,12 +177,19 @@ impl Trainer {
 
     /// What opacity costs (docs/METHOD.md, section 13).
     fn opacity_cost(&self, static_: &Branch) -> Option<Tensor<1>> {
-        let config = &self.config.loss;
-        let branches = [(static_, config.static_opacity), (&self.state.model.dynamic, config.dynamic_opacity)];
-        let cost = |branch: &Branch, weight| sigmoid(branch.gaussians.opacity_logits.val()).mean() * weight;
-        let costs =
-            branches.into_iter().filter(|&(_, weight)| weight > 0.0).map(|(branch, weight)| cost(branch, weight));
-        costs.reduce(|sum, cost| sum + cost)
+        let (config, model) = (&self.config.loss, &self.state.model);
+        let opacities = |branch: &Branch| sigmoid(branch.gaussians.opacity_logits.val());
+        let cost = |branch: &Branch, weight| (weight > 0.0).then(|| opacities(branch).mean() * weight);
+        let still = || {
+            let stillness = model.motion.as_ref()?.stillness(&model.dynamic.gaussians, self.surroundings.extent);
+            Some((opacities(&model.dynamic) * Tensor::from_inner(stillness)).mean() * config.still_opacity)
+        };
+        let costs = [
+            cost(static_, config.static_opacity),
+            cost(&model.dynamic, config.dynamic_opacity),
+            (config.still_opacity > 0.0).then(still).flatten(),
+        ];
+        costs.into_iter().flatten().reduce(|sum, cost| sum + cost)
     }
 
     /// Smoothness of the HexPlane's planes (METHOD §4.4, R_grid).
@@ -219,8 +227,10 @@ fn foreground(rendered: &[BranchPictures]) -> Option<Tensor<2>> {
     rendered.iter().filter_map(|view| view.foreground.clone()).reduce(Tensor::max_pair)
 }
 
-/// One copy of every rendered view of two branches, stacked and blended.
-fn pictures(rendered: &[BranchPictures], copy: Copy, blending: Blending) -> Pictures {
+/// One copy of every rendered view of two branches, stacked and blended. Where `still` (`[B, 1, H, W]`) is 0, no loss reaches
+/// the colours of the static branch: neither what little the mask lets through, nor the window of a still pixel beside what
+/// moves. Either would keep a stain alive.
+fn pictures(rendered: &[BranchPictures], copy: Copy, blending: Blending, still: Option<&Tensor<4>>) -> Pictures {
     let layers = |picture: &SplatPicture| match copy {
         Copy::Main => picture.main(),
         Copy::Light => picture.light(),
@@ -234,11 +244,30 @@ fn pictures(rendered: &[BranchPictures], copy: Copy, blending: Blending) -> Pict
         static_: stack(&static_, |view| view.colour.clone()),
         mask: stack(&dynamic, mask),
     };
+    let blend = match still {
+        Some(still) => blend.with_static_learning(still.clone()),
+        None => blend,
+    };
     Pictures {
         composition: blend.compose(blending),
         dynamic_depth: stack(&dynamic, |view| view.depth.clone()),
         static_depth: stack(&static_, |view| view.depth.clone()),
     }
+}
+
+/// The blended picture of a view of two branches: `[1, 3, H, W]`.
+pub(super) fn composed(view: BranchPictures) -> Tensor<4> {
+    pictures(&[view], Copy::Main, Blending::Deformation, None).composition.composed
+}
+
+/// Depth and alpha of the dynamic branch and of the static one, `[1, H, W]` each.
+pub(super) fn shown_depths(view: &BranchPictures) -> [[Tensor<3>; 2]; 2] {
+    let layers = |picture: &SplatPicture| {
+        let layers = picture.main();
+        [layers.depth, layers.alpha]
+    };
+    // Proof: only models of two branches are asked.
+    [layers(&view.dynamic), layers(view.static_.as_ref().expect("the model has a static branch"))]
 }
 
 impl Sighting {

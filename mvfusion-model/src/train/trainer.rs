@@ -2,11 +2,12 @@
 
 use burn::tensor::Device;
 use mvfusion_data::Scene;
+use mvfusion_data::motion::MotionFinder;
 use mvfusion_render::splat::SplatRules;
 
 use super::finite::Findings;
 use super::step::Forward;
-use super::{Photos, Position, Stage, StepLoss, TrainState};
+use super::{Photos, Position, Stage, StepLoss, TrainState, Visits};
 use crate::config::Config;
 use crate::densify::Branch;
 use crate::gaussians::Behind;
@@ -28,11 +29,15 @@ pub struct Trainer {
     pub(super) config: Config,
     pub(super) surroundings: Surroundings,
     pub(super) photos: Photos,
+    /// How often each of them is shown.
+    visits: Visits,
     pub(super) windows: Windows,
     pub(super) device: Device,
     pub(super) state: TrainState,
     /// Whether Gaussians are born for what only one photo shows.
     pub(super) has_births: bool,
+    /// Where Gaussians are born in a film of still cameras.
+    pub(super) finder: Option<MotionFinder>,
     /// What came of the search for points on what moves, where this trainer searched.
     seeding: Option<Seeding>,
 }
@@ -57,16 +62,28 @@ impl Trainer {
     /// # Errors
     /// If a picture cannot be read.
     pub fn with_state(config: Config, scene: &Scene, device: &Device, state: TrainState) -> Result<Self, ModelError> {
-        let motion = SceneMotion::of_losses(scene, &config)?;
+        let motion = SceneMotion::of_training(scene, &config)?;
         Ok(Self::assembled(config, scene, motion, device, state))
     }
 
     fn assembled(config: Config, scene: &Scene, motion: SceneMotion, device: &Device, state: TrainState) -> Self {
         let surroundings = Surroundings::new(&config, scene);
         let photos = Photos::new(scene, IMAGE_CACHE).with_motion(motion.moving);
-        let (windows, seeding) = (Windows::default(), motion.seeding);
+        let visits = photos.visits(&surroundings.timeline, config.train.lonely_visits);
+        let (windows, finder, seeding) = (Windows::default(), motion.finder, motion.seeding);
         let has_births = config.has_births(scene);
-        Self { config, surroundings, photos, windows, device: device.clone(), state, has_births, seeding }
+        Self {
+            config,
+            surroundings,
+            photos,
+            visits,
+            windows,
+            device: device.clone(),
+            state,
+            has_births,
+            finder,
+            seeding,
+        }
     }
 
     /// Keeps at most `budget` bytes of decoded pictures instead of [`IMAGE_CACHE`]. If they all fit, they are decoded now.
@@ -99,8 +116,8 @@ impl Trainer {
         if self.log_due(&position) {
             self.check_parameters(&position)?;
         }
-        if self.births_due(&position) {
-            self.give_birth()?;
+        if self.photo_births_due(&position) {
+            self.give_birth_in_photos()?;
         }
         if self.refresh_due(&position) {
             self.refresh_motion()?;
@@ -108,16 +125,19 @@ impl Trainer {
                 self.sort_out_still_ones()?;
             }
         }
+        if self.film_births_due(&position) {
+            self.give_birth_in_film(&position)?;
+        }
         self.state.completed += 1;
         Ok(Some(loss))
     }
 
     /// The views of the next step. Those after them are decoded while this step is computed.
     fn draw(&mut self) -> Vec<usize> {
-        let (size, count) = (self.config.train.batch_size, self.photos.len());
+        let (size, visits) = (self.config.train.batch_size, &self.visits);
         let TrainState { sampler, streams, .. } = &mut self.state;
-        self.photos.pictures().announce(&sampler.upcoming(size + LOOK_AHEAD, count, &streams.sampling));
-        sampler.draw(size, count, &mut streams.sampling)
+        self.photos.pictures().announce(&sampler.upcoming(size + LOOK_AHEAD, visits, &streams.sampling));
+        sampler.draw(size, visits, &mut streams.sampling)
     }
 
     /// What happens before a step: a stage may begin, colours may gain a degree.

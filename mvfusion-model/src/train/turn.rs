@@ -74,11 +74,16 @@ impl BranchTurn<'_> {
         let step = self.position.step;
         let due = |from: usize, interval: usize| step > from && step.is_multiple_of(interval);
 
+        let tidies = due(config.prune_from, config.prune_interval);
+        if tidies && config.relocate > 0.0 && !self.waits {
+            // Before densification, which takes the statistics.
+            self.relocate(gradients)?;
+        }
         if due(config.from, config.interval) && !self.waits && self.branch.gaussians.count() < self.limits.max_gaussians
         {
             self.densify(gradients)?;
         }
-        if due(config.prune_from, config.prune_interval) && self.branch.gaussians.count() > self.limits.prune_above {
+        if tidies && config.relocate == 0.0 && self.branch.gaussians.count() > self.limits.prune_above {
             self.prune(gradients)?;
         }
         let ends_geometry = self.position.stage == Stage::Geometry && self.position.ends_stage();
@@ -106,7 +111,35 @@ impl BranchTurn<'_> {
         Ok(())
     }
 
+    /// Moves Gaussians that show nothing to where some are needed.
+    fn relocate(&mut self, gradients: &mut GaussianGradients) -> Result<(), ModelError> {
+        let (rule, round_ended) = self.prune_rule();
+        let most = (self.config.densify.relocate * self.branch.gaussians.count() as f64) as usize;
+        let moved = self.branch.relocate(&rule, most, self.stream)?;
+        self.begin_round(round_ended);
+        if let Some(growth) = moved {
+            self.census.relocated += (growth.sources.len() - growth.kept) / 2;
+            self.rows_moved(&growth.sources);
+            gradients.forget_all();
+        }
+        Ok(())
+    }
+
     fn prune(&mut self, gradients: &mut GaussianGradients) -> Result<(), ModelError> {
+        let (rule, round_ended) = self.prune_rule();
+        let before = self.branch.gaussians.count();
+        let kept = self.branch.prune(&rule)?;
+        self.begin_round(round_ended);
+        if let Some(kept) = kept {
+            self.census.pruned += before - kept.len();
+            self.rows_moved(&kept);
+            gradients.forget_all();
+        }
+        Ok(())
+    }
+
+    /// Which Gaussians have no place, and whether every view was shown since this was last asked.
+    fn prune_rule(&mut self) -> (PruneRule, bool) {
         let config = &self.config.densify;
         // Only after every view was shown does an unused Gaussian deserve the name.
         let round_ended = self.moving.as_mut().is_some_and(|moving| std::mem::take(&mut moving.sampler.round_ended));
@@ -115,24 +148,20 @@ impl BranchTurn<'_> {
         let sized = |most: f64| (most > 0.0 && self.position.step > config.reset_interval).then_some(most);
         let rule = PruneRule {
             min_opacity: config.min_opacity,
-            min_foreground: (config.prune_unused && masked && round_ended && late)
+            min_foreground: ((config.prune_unused || config.relocate > 0.0) && masked && round_ended && late)
                 .then_some(config.min_opacity * UNUSED_SHARE),
             max_radius: sized(config.max_radius),
             max_scale: sized(config.max_scale * self.extent),
         };
+        (rule, round_ended)
+    }
 
-        let before = self.branch.gaussians.count();
-        let kept = self.branch.prune(&rule)?;
+    /// What was part of the foreground is counted anew once every view was shown.
+    fn begin_round(&mut self, round_ended: bool) {
         if round_ended {
             let statistics = &mut self.branch.statistics;
             statistics.foreground = statistics.foreground.zeros_like();
         }
-        if let Some(kept) = kept {
-            self.census.pruned += before - kept.len();
-            self.rows_moved(&kept);
-            gradients.forget_all();
-        }
-        Ok(())
     }
 
     /// Mean gradient that calls for more Gaussians (METHOD §4.8).

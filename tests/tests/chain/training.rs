@@ -163,8 +163,11 @@ fn with_lifetimes() -> Config {
     let mut config = config();
     (config.model.lifetime, config.model.grid.bounds, config.model.uncovered) =
         (true, GridBoundsRule::Motion, Uncovered::Static);
-    (config.init.motion_points, config.loss.dynamic_where_moving) = (200, true);
+    config.init.motion_points = 200;
+    (config.loss.dynamic_where_moving, config.loss.static_where_still) = (true, true);
     (config.loss.mask_motion, config.loss.mask_still, config.loss.static_opacity) = (0.1, 0.1, 0.1);
+    (config.loss.still_opacity, config.train.lonely_visits) = (0.1, 0.5);
+    (config.densify.births_interval, config.densify.births, config.densify.relocate) = (6, 20, 0.05);
     config
 }
 
@@ -179,6 +182,8 @@ fn a_run_that_was_saved_and_loaded_goes_on_as_if_it_had_not_been() {
         let resumed = interrupted(&config, &[3, 5, 8, 10, 16, 20, 25, 29], &scene, &device);
         assert_eq!(hash(&resumed), hash(&whole), "{}, lifetimes: {}", backend.name, config.model.lifetime);
         assert_eq!(resumed.state().census, whole.state().census);
+        let relocated: usize = whole.state().census.iter().map(|census| census.relocated).sum();
+        assert_eq!(relocated > 0, config.densify.relocate > 0.0, "{:?}", whole.state().census);
         assert_eq!(resumed.state().streams, whole.state().streams);
         assert_eq!(resumed.state().normalisers, whole.state().normalisers);
     }

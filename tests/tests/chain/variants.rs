@@ -1,8 +1,10 @@
 //! Runs of other shapes than the default: one branch, accumulated gradients, still Gaussians sorted out; and runs that break.
 
 use burn::tensor::Tensor;
+use glam::{DVec2, DVec3};
+use mvfusion_data::Scene;
 use mvfusion_model::ModelError;
-use mvfusion_model::config::{Branches, Config, StillRule};
+use mvfusion_model::config::{Branches, Config, StageConfig, StillRule};
 use mvfusion_model::evaluation::{Judge, Protocol, Split, evaluate};
 use mvfusion_model::gaussians::Attribute;
 use mvfusion_model::model::Movement;
@@ -152,5 +154,52 @@ fn a_run_stops_at_the_first_number_that_is_not_finite_and_names_it() {
         let said = complaint(attribute, value);
         assert!(said.contains(&format!("parameter dynamic.{attribute}")), "{said}");
         assert!(said.contains("step 1 of stage geometry"), "{said}");
+    }
+}
+
+/// A film in which each moment was seen by one camera alone.
+fn by_one_camera_at_a_time() -> Scene {
+    let mut scene = scene();
+    let moments = scene.training_times();
+    let cameras = scene.train.len() / moments.len();
+    let turn = |index: usize| index / moments.len() == (index % moments.len()) % cameras;
+    let kept = scene.train.drain(..).enumerate().filter(|&(index, _)| turn(index)).map(|(_, view)| view).collect();
+    Scene { train: kept, ..scene }
+}
+
+#[test]
+fn gaussians_are_born_where_a_film_is_wrong() {
+    for (film, least_share) in [(scene(), 0.9), (by_one_camera_at_a_time(), 0.0)] {
+        let mut config = config();
+        config.model.lifetime = true;
+        // One round, after the last step, and nothing else that changes rows.
+        config.train.stages = StageConfig { geometry: 10, deformation: 10, refinement: 2, ..StageConfig::default() };
+        (config.densify.interval, config.densify.prune_interval) = (1000, 1000);
+        (config.densify.births_interval, config.densify.births) = (12, 60);
+        let device = (backends()[0].device)();
+        let mut trainer = Trainer::new(config, &film, &device).expect("the run can start");
+        let before = trainer.state().model.dynamic.gaussians.count();
+        train(&mut trainer);
+        let model = trainer.state().model.plain();
+        let born = model.dynamic.gaussians.count() - before;
+        assert!((1..=60).contains(&born) && trainer.state().census[0].added == born, "{born}");
+        let cache = model.motion.as_ref().expect("motion was measured");
+        assert_eq!(cache.intensity.dims()[0], before + born);
+
+        // The network, as far as it has learned, leaves them on what moves at their moment.
+        let moments = numbers(model.dynamic.gaussians.plain(Attribute::TimeCentres).expect("it has lifetimes"));
+        let (mut seen, mut right) = (0usize, 0usize);
+        for (row, &moment) in moments.iter().enumerate().skip(before) {
+            let means = numbers(model.dynamic_at(moment, Movement::Base, trainer.surroundings()).means);
+            let place = DVec3::from_slice(&means[3 * row..]);
+            for view in film.train.iter().filter(|view| (view.time - moment).abs() < 1e-6) {
+                let mask = view.truth.dynamic_mask.as_ref().expect("a built-in scene").mask().expect("in memory");
+                let position = view.camera.project(place).unwrap_or(DVec2::MAX);
+                let pixel = mask.get_pixel_checked(position.x as u32, position.y as u32);
+                seen += usize::from(pixel.is_some());
+                right += usize::from(pixel.is_some_and(|pixel| pixel.0[0] > 0));
+            }
+        }
+        assert!(seen >= born && right as f64 >= least_share * seen as f64, "{right} of {seen}");
     }
 }
