@@ -2,6 +2,9 @@
 
 use crate::random::Stream;
 
+/// Opacities above this count as this, so that those of the shares have logits: a logit of 17 is an opacity of 1 in `f32`.
+const MOST_OPACITY: f64 = 1.0 - 1e-6;
+
 /// Which Gaussians give up their places, and who shares its own with them.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RelocationPlan {
@@ -23,6 +26,7 @@ pub struct Share {
 impl Share {
     /// What two Gaussians in one place need to look like one of the given opacity (3DGS-MCMC, eq. 9 for N = 2).
     pub fn of(opacity: f64) -> Self {
+        let opacity = opacity.min(MOST_OPACITY);
         let each = 1.0 - (1.0 - opacity).sqrt();
         Self { opacity: each, scale: opacity / (2.0 * each - each * each / std::f64::consts::SQRT_2) }
     }
@@ -79,6 +83,12 @@ mod tests {
             let two = 2.0 * share.opacity - share.opacity.powi(2) / std::f64::consts::SQRT_2;
             assert!((two * share.scale - opacity).abs() < 1e-12);
         }
+    }
+
+    #[test]
+    fn what_hides_all_is_shared_by_finite_logits() {
+        let share = Share::of(1.0);
+        assert!(share.opacity < 1.0 && share.scale.is_finite(), "{share:?}");
     }
 
     #[test]
