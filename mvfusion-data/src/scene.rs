@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use crate::inspect::by_camera;
 use crate::{Camera, Mask, Picture, PointCloud};
 
 /// How a scene was captured, which decides how its Gaussians are initialised (METHOD §3).
@@ -92,6 +93,16 @@ impl Scene {
     pub fn camera_bounds(&self) -> Bounds {
         let start = Bounds { min: DVec3::INFINITY, max: DVec3::NEG_INFINITY };
         self.train.iter().map(|v| v.camera.centre()).fold(start, |b, c| Bounds { min: b.min.min(c), max: b.max.max(c) })
+    }
+
+    /// The camera of every training view, by number: views of one pose and one lens share it. Numbered as they first
+    /// appear.
+    pub fn training_cameras(&self) -> Vec<usize> {
+        let mut cameras = vec![0; self.train.len()];
+        for (camera, views) in by_camera(self.train.iter()).into_iter().enumerate() {
+            views.into_iter().for_each(|view| cameras[view] = camera);
+        }
+        cameras
     }
 
     /// The times of the training views, sorted, each once.

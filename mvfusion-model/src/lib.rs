@@ -11,6 +11,7 @@ pub mod config;
 pub mod densify;
 mod error;
 pub mod evaluation;
+pub mod exposure;
 pub mod files;
 pub mod gaussians;
 pub mod initial;

@@ -9,6 +9,7 @@ use crate::ModelError;
 use crate::alive::AliveRows;
 use crate::config::MotionConfig;
 use crate::densify::Branch;
+use crate::exposure::Exposures;
 use crate::gaussians::{Behind, Gaussians, RawGaussians};
 use crate::motion::{MotionCache, MotionRefinement, RefinementConfig};
 use crate::network::DeformationNetwork;
@@ -25,6 +26,9 @@ pub struct Model {
     pub network: DeformationNetwork,
     /// How motion statistics and neighbouring frames correct that.
     pub refinement: MotionRefinement,
+    /// What the training cameras make of colours, where `model.exposure` asks for it. Pictures of the model are in the
+    /// colours that all cameras agree on, so only training makes use of it.
+    pub exposures: Option<Exposures>,
     /// Motion descriptors of the dynamic Gaussians, once they were measured.
     pub motion: Option<MotionCache>,
 }
@@ -98,6 +102,7 @@ impl Model {
             static_: self.static_.as_ref().map(branch),
             network: self.network.valid(),
             refinement: self.refinement.valid(),
+            exposures: self.exposures.as_ref().map(|exposures| exposures.valid()),
             motion: self.motion.clone(),
         }
     }

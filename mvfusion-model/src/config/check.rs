@@ -194,8 +194,12 @@ impl Config {
             let bad = !rate.is_finite() || rate < 0.0;
             refuse(bad, key, rate.to_string(), "give a number that is not below 0; 0 leaves it as it starts")?;
         }
-        for (key, rate) in [("optim.velocity.start", optim.velocity.start), ("optim.velocity.end", optim.velocity.end)]
-        {
+        for (key, rate) in [
+            ("optim.velocity.start", optim.velocity.start),
+            ("optim.velocity.end", optim.velocity.end),
+            ("optim.exposure.start", optim.exposure.start),
+            ("optim.exposure.end", optim.exposure.end),
+        ] {
             refuse(!is_positive(rate), key, rate.to_string(), "a rate that falls log-linearly is a number above 0")?;
         }
         refuse(
@@ -278,11 +282,13 @@ mod tests {
     #[test]
     fn numbers_of_seeds_and_lifetimes_are_in_range() {
         type Slot = fn(&mut Config) -> &mut f64;
-        let above_0: [(&str, Slot); 4] = [
+        let above_0: [(&str, Slot); 6] = [
             ("init.motion_duration", |config| &mut config.init.motion_duration),
             ("init.photo_duration", |config| &mut config.init.photo_duration),
             ("optim.velocity.start", |config| &mut config.optim.velocity.start),
             ("optim.velocity.end", |config| &mut config.optim.velocity.end),
+            ("optim.exposure.start", |config| &mut config.optim.exposure.start),
+            ("optim.exposure.end", |config| &mut config.optim.exposure.end),
         ];
         let from_0: [(&str, Slot); 5] = [
             ("loss.mask_motion", |config| &mut config.loss.mask_motion),

@@ -31,6 +31,9 @@ pub struct ModelConfig {
     /// Spacetime Gaussians and FreeTimeGS have it: what a deformation cannot carry, such as a ball that flies a tenth of
     /// the room from frame to frame. Off in the paper's presets.
     pub lifetime: bool,
+    /// Whether every training camera has an affine map of colours of its own, as 3DGS' exposure compensation, learned beside
+    /// the scene. A held-out camera sees their mean. For rigs whose cameras differ in gain or white balance.
+    pub exposure: bool,
     /// Gaussians nearer to a camera than this share of the capture's near bound are not drawn; where there is no bound, or
     /// 3DGS' 0.2 units are more, those hold. 0 leaves 3DGS' rule alone.
     pub near_share: f64,
@@ -104,6 +107,7 @@ impl Default for ModelConfig {
             grid: GridConfig::default(),
             sh_degree: 3,
             lifetime: false,
+            exposure: false,
             near_share: 0.9,
         }
     }

@@ -38,6 +38,9 @@ pub struct OptimConfig {
     pub duration: f64,
     /// Velocities of lifetimes, a frame; times the extent.
     pub velocity: Decay,
+    /// Exposures of the training cameras, where `model.exposure` is on. Ours; 3DGS has 0.01 to 0.001, for maps that are seen
+    /// once a round.
+    pub exposure: Decay,
     /// Adam's first decay.
     pub beta1: f64,
     /// Adam's second decay.
@@ -97,7 +100,7 @@ impl OptimConfig {
     }
 
     /// The learning rates that follow a schedule.
-    fn decays(&mut self) -> [&mut Decay; 8] {
+    fn decays(&mut self) -> [&mut Decay; 9] {
         [
             &mut self.means,
             &mut self.deformation,
@@ -107,6 +110,7 @@ impl OptimConfig {
             &mut self.dynamic_sh_rest,
             &mut self.mask_logits,
             &mut self.velocity,
+            &mut self.exposure,
         ]
     }
 }
@@ -130,6 +134,7 @@ impl Default for OptimConfig {
             time_centre: 2.5e-3,
             duration: 0.005,
             velocity: Decay { start: 7e-5, end: 7e-7 },
+            exposure: Decay { start: 2e-3, end: 2e-4 },
             beta1: 0.9,
             beta2: 0.999,
             epsilon: 1e-15,

@@ -18,6 +18,8 @@ pub struct Rates {
     pub grid: f64,
     /// MVG and MFTA.
     pub motion: f64,
+    /// Exposures of the training cameras.
+    pub exposure: f64,
 }
 
 /// Learning rates of a branch's attributes.
@@ -58,6 +60,7 @@ impl Rates {
             mask_heads: config.mask_heads.at(step, horizon) * extent,
             grid: config.grid.at(step, horizon) * extent,
             motion: config.motion.at(step, horizon) * extent,
+            exposure: config.exposure.at(step, horizon),
         }
     }
 }

@@ -30,6 +30,8 @@ pub struct Photo {
     pub camera: Camera,
     /// The moment.
     pub time: f64,
+    /// Number of the camera among those that train ([`Scene::training_cameras`]).
+    pub number: usize,
 }
 
 /// What a batch is compared with. Without autodiff.
@@ -47,7 +49,8 @@ impl Photos {
     /// The training views of a scene, of which at most `budget` bytes are kept decoded. Nothing is decoded yet. That all
     /// pictures have one size, as batches need, the readers see to.
     pub fn new(scene: &Scene, budget: u64) -> Self {
-        let views = scene.train.iter().map(|view| Photo { camera: view.camera, time: view.time }).collect();
+        let views = scene.train.iter().zip(scene.training_cameras());
+        let views = views.map(|(view, number)| Photo { camera: view.camera, time: view.time, number }).collect();
         Self { views, pictures: PictureCache::new(&scene.train, budget, rayon::current_num_threads()), moving: None }
     }
 

@@ -4,9 +4,10 @@ use burn::tensor::{Tensor, TensorData};
 use glam::{DVec2, DVec3};
 use mvfusion_data::{GaussianCloud, Lifetime};
 
-use super::step::{composed, shown_depths};
+use super::step::{Views, shown_depths};
 use super::{Photo, Position, Stage, Trainer};
 use crate::births::{BirthRule, ComparedView, Ellipse, IN_FRONT};
+use crate::exposure::Exposure;
 use crate::initial::{Masking, gaussians_of};
 use crate::model::Movement;
 use crate::random::Stream;
@@ -193,7 +194,10 @@ impl Trainer {
         // Proof: `Config::has_births` asks for a static branch.
         let layers = picture.expect("the model has a static branch").main();
         let depths = in_front(&known_depths(layers.depth, layers.alpha)?);
-        self.compared(index, tensors::read(layers.colour)?, depths)
+        let exposure = self.exposure(&[index]).map(Exposure::inner);
+        let colours = layers.colour.unsqueeze_dim(0);
+        let colours = exposure.map_or(colours.clone(), |exposure| exposure.of_colours(colours));
+        self.compared(index, tensors::read(colours)?, depths)
     }
 
     /// A training view and what both branches show there, with the depth of the one in front.
@@ -205,7 +209,9 @@ impl Trainer {
         let [moving, still] = shown_depths(&seen).map(|[depth, alpha]| known_depths(depth, alpha));
         let depths = moving?.into_iter().zip(in_front(&still?));
         let depths = depths.map(|(moving, still)| if moving > 0.0 { moving } else { still }).collect();
-        let colours = tensors::read(composed(seen))?;
+        let exposure = self.exposure(&[index]).map(Exposure::inner);
+        let seen = Views { rendered: &[seen], exposure: exposure.as_ref() };
+        let colours = tensors::read(seen.composed())?;
         let mut compared = self.compared(index, colours, depths)?;
         if let Some(mask) = self.photos.moving_mask(index) {
             let moves = mask.pixels().map(|pixel| pixel.0[0] > 0);

@@ -18,6 +18,7 @@ use super::{Contribution, Sampler, TrainState};
 use crate::ModelError;
 use crate::config::{Branches, Config};
 use crate::densify::{Branch, Census, DensifyStatistics};
+use crate::exposure::Exposures;
 use crate::files::hexadecimal;
 use crate::gaussians::{Attribute, Gaussians};
 use crate::model::Model;
@@ -29,6 +30,9 @@ use crate::random::{Stream, Streams};
 
 /// Header key under which everything but the tensors is stored.
 const HEADER: &str = "mvfusion";
+
+/// Name of the exposures of the training cameras, which alone tell how many those are.
+const EXPOSURES: &str = "exposures.departures";
 
 /// Names of what the static branch has yet to learn from, beside its gradients.
 const PENDING_SCREEN: &str = "pending.screen";
@@ -299,6 +303,9 @@ impl<'a> Reader<'a> {
             static_: static_degree.map(|&degree| self.branch("static", degree, header)).transpose()?,
             network: self.fill("network", network)?,
             refinement: self.fill("refinement", refinement)?,
+            exposures: self
+                .optional(EXPOSURES)?
+                .map(|departures: Tensor<3>| Exposures::from_departures(departures.autodiff())),
             motion: match &header.knot_times {
                 Some(knot_times) => Some(MotionCache {
                     signatures: self.tensor("motion.signatures")?,

@@ -13,7 +13,8 @@ pub(super) trait Sink {
     fn take<const D: usize>(&mut self, name: String, values: Tensor<D>);
 }
 
-/// Hands every learned parameter over: `dynamic.means`, …, `static.means`, …, `network.grid.planes`, …, `refinement.…`.
+/// Hands every learned parameter over: `dynamic.means`, …, `static.means`, …, `network.grid.planes`, …, `refinement.…`, and
+/// `exposures.departures` where there are any.
 pub(super) fn walk(model: &Model, sink: &mut impl Sink) {
     for (name, branch) in model.branches() {
         for attribute in Attribute::ALL {
@@ -24,6 +25,7 @@ pub(super) fn walk(model: &Model, sink: &mut impl Sink) {
     }
     model.network.visit(&mut Walk { sink, path: ParameterPath::new("network") });
     model.refinement.visit(&mut Walk { sink, path: ParameterPath::new("refinement") });
+    model.exposures.visit(&mut Walk { sink, path: ParameterPath::new("exposures") });
 }
 
 /// Where in a module the walk is.

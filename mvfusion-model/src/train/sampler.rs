@@ -118,7 +118,7 @@ mod tests {
     fn moments_without_a_neighbour_are_shown_more_often() {
         let camera = Camera::centred(2, 1, 2.0, DMat3::IDENTITY, DVec3::ZERO);
         let times = [0.0, 0.25, 0.5, 0.75, 1.0];
-        let photos = times.map(|time| Photo { camera, time });
+        let photos = times.map(|time| Photo { camera, time, number: 0 });
         let map = |levels| MotionMap::new((2, 1), 1, vec![PixelMotion::moving(levels), PixelMotion::still(9)]);
         // At the third of five moments twice as much moves as at the others.
         let moving = MovingPixels::from_maps([9, 9, 19, 9, 9].map(map).to_vec());

@@ -8,6 +8,7 @@ use mvfusion_render::grid::GridBounds;
 use crate::ModelError;
 use crate::config::{Branches, Config, GridBoundsRule};
 use crate::densify::{Branch, Census};
+use crate::exposure::Exposures;
 use crate::initial::{InitialClouds, Masking, MotionPoints, gaussians_of};
 use crate::model::Model;
 use crate::motion::{MotionRefinement, Normalisers};
@@ -74,9 +75,11 @@ impl TrainState {
         let deformation = DeformationConfig::of(&config.model, bounds);
         let network = deformation.init(&mut init);
         let refinement = MotionRefinement::new(&deformation, &config.motion, &mut init);
+        let cameras = || scene.training_cameras().into_iter().max().map_or(0, |last| last + 1);
+        let exposures = config.model.exposure.then(|| Exposures::new(cameras(), device, dtype));
         Ok(Self {
             completed: 0,
-            model: Model { dynamic, static_, network, refinement, motion: None },
+            model: Model { dynamic, static_, network, refinement, exposures, motion: None },
             optimiser: ModuleOptimiser::default(),
             normalisers: Normalisers::default(),
             streams,

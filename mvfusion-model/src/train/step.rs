@@ -12,6 +12,7 @@ use super::{Batch, Position, Trainer};
 use crate::ModelError;
 use crate::composition::{Blending, Layers};
 use crate::densify::Branch;
+use crate::exposure::Exposure;
 use crate::loss::{LossContext, LossSchedule, MotionMasks, Pictures, light_loss, main_loss, single_loss, within};
 use crate::model::{BranchPictures, Movement, Probes};
 
@@ -77,7 +78,9 @@ impl Trainer {
         let rendered = views.iter().map(render).collect::<Result<Vec<_>, _>>()?;
 
         let batch = measure(Part::Photos, || self.photos.stack(views, &self.device))?;
-        let (total, loss) = measure(Part::Loss, || self.losses(&rendered, &batch, movement, position))?;
+        let exposure = self.exposure(views);
+        let seen = Views { rendered: &rendered, exposure: exposure.as_ref() };
+        let (total, loss) = measure(Part::Loss, || self.losses(&seen, &batch, movement, position))?;
         Ok(Forward {
             total,
             loss,
@@ -94,13 +97,13 @@ impl Trainer {
     /// What the rendered views cost, with its graph and for the log.
     fn losses(
         &self,
-        rendered: &[BranchPictures],
+        seen: &Views<'_>,
         batch: &Batch,
         movement: Movement,
         position: &Position,
     ) -> Result<(Tensor<1>, StepLoss), ModelError> {
         let model = &self.state.model;
-        let motion = batch.motion.clone().or_else(|| self.seen_by_static_branch(rendered, batch, position));
+        let motion = batch.motion.clone().or_else(|| self.seen_by_static_branch(seen, batch, position));
         let motion = motion.map(|motion| motion.within(batch.counted.as_ref()));
         let context = self.loss_context(batch, motion.as_ref(), position);
         let counted = batch.counted.as_ref();
@@ -109,8 +112,8 @@ impl Trainer {
                 let blending =
                     if position.stage == Stage::Geometry { Blending::Geometry } else { Blending::Deformation };
                 let still = context.static_region();
-                let main = pictures(rendered, Copy::Main, blending, still.as_ref()).within(counted);
-                let light = pictures(rendered, Copy::Light, blending, still.as_ref()).within(counted);
+                let main = seen.pictures(Copy::Main, blending, still.as_ref()).within(counted);
+                let light = seen.pictures(Copy::Light, blending, still.as_ref()).within(counted);
                 let log_scales = [&model.dynamic, static_].map(|branch| branch.gaussians.log_scales.val());
                 let loss = main_loss(&main, &context) + light_loss(&light, log_scales, &context);
                 let loss = match self.opacity_cost(static_) {
@@ -120,7 +123,7 @@ impl Trainer {
                 (loss, main.composition.composed)
             }
             None => {
-                let composed = within(stack(rendered, |view| view.dynamic.main().colour), counted);
+                let composed = within(seen.dynamic(), counted);
                 (single_loss(composed.clone(), &context), composed)
             }
         };
@@ -161,18 +164,17 @@ impl Trainer {
     }
 
     /// What the static branch says of motion, once Gaussians were born where photos differ from it.
-    fn seen_by_static_branch(
-        &self,
-        rendered: &[BranchPictures],
-        batch: &Batch,
-        position: &Position,
-    ) -> Option<MotionMasks> {
+    fn seen_by_static_branch(&self, seen: &Views<'_>, batch: &Batch, position: &Position) -> Option<MotionMasks> {
         if position.stage == Stage::Geometry || !self.has_births {
             return None;
         }
-        let colours =
-            rendered.iter().filter_map(|view| Some(view.static_.as_ref()?.main().colour.inner().unsqueeze_dim(0)));
-        Some(MotionMasks::by_difference(&batch.photos, Tensor::cat(colours.collect(), 0)))
+        Some(MotionMasks::by_difference(&batch.photos, seen.static_()?.inner()))
+    }
+
+    /// What the cameras of the given views make of colours, where `model.exposure` asks for it.
+    pub(super) fn exposure(&self, views: &[usize]) -> Option<Exposure> {
+        let cameras: Vec<usize> = views.iter().map(|&view| self.photos.get(view).number).collect();
+        Some(self.state.model.exposures.as_ref()?.of(&cameras))
     }
 
     /// What opacity costs (docs/METHOD.md, section 13).
@@ -227,37 +229,66 @@ fn foreground(rendered: &[BranchPictures]) -> Option<Tensor<2>> {
     rendered.iter().filter_map(|view| view.foreground.clone()).reduce(Tensor::max_pair)
 }
 
-/// One copy of every rendered view of two branches, stacked and blended. Where `still` (`[B, 1, H, W]`) is 0, no loss reaches
-/// the colours of the static branch: neither what little the mask lets through, nor the window of a still pixel beside what
-/// moves. Either would keep a stain alive.
-fn pictures(rendered: &[BranchPictures], copy: Copy, blending: Blending, still: Option<&Tensor<4>>) -> Pictures {
-    let layers = |picture: &SplatPicture| match copy {
-        Copy::Main => picture.main(),
-        Copy::Light => picture.light(),
-    };
-    let dynamic: Vec<SplatLayers> = rendered.iter().map(|view| layers(&view.dynamic)).collect();
-    let static_: Vec<SplatLayers> = rendered.iter().filter_map(|view| view.static_.as_ref().map(layers)).collect();
-    // Proof: a model with a static branch has mask logits in its dynamic one, and `Model::render` splats them.
-    let mask = |view: &SplatLayers| view.features.clone().expect("the dynamic branch is always splatted with its mask");
-    let blend = Layers {
-        dynamic: stack(&dynamic, |view| view.colour.clone()),
-        static_: stack(&static_, |view| view.colour.clone()),
-        mask: stack(&dynamic, mask),
-    };
-    let blend = match still {
-        Some(still) => blend.with_static_learning(still.clone()),
-        None => blend,
-    };
-    Pictures {
-        composition: blend.compose(blending),
-        dynamic_depth: stack(&dynamic, |view| view.depth.clone()),
-        static_depth: stack(&static_, |view| view.depth.clone()),
-    }
+/// Rendered views, and what their cameras make of colours.
+pub(super) struct Views<'a> {
+    pub rendered: &'a [BranchPictures],
+    pub exposure: Option<&'a Exposure>,
 }
 
-/// The blended picture of a view of two branches: `[1, 3, H, W]`.
-pub(super) fn composed(view: BranchPictures) -> Tensor<4> {
-    pictures(&[view], Copy::Main, Blending::Deformation, None).composition.composed
+impl Views<'_> {
+    /// Colours of the views as their cameras see them: `[B, 3, H, W]`.
+    fn exposed(&self, colours: Tensor<4>) -> Tensor<4> {
+        match self.exposure {
+            Some(exposure) => exposure.of_colours(colours),
+            None => colours,
+        }
+    }
+
+    /// The colours of the dynamic branch.
+    fn dynamic(&self) -> Tensor<4> {
+        self.exposed(stack(self.rendered, |view| view.dynamic.main().colour))
+    }
+
+    /// The colours of the static branch; `None` in a model without one.
+    pub fn static_(&self) -> Option<Tensor<4>> {
+        let pictures: Option<Vec<_>> = self.rendered.iter().map(|view| view.static_.as_ref()).collect();
+        Some(self.exposed(stack(&pictures?, |picture| picture.main().colour)))
+    }
+
+    /// One copy of every view of two branches, stacked and blended. Where `still` (`[B, 1, H, W]`) is 0, no loss reaches the
+    /// colours of the static branch: neither what little the mask lets through, nor the window of a still pixel beside what
+    /// moves. Either would keep a stain alive.
+    fn pictures(&self, copy: Copy, blending: Blending, still: Option<&Tensor<4>>) -> Pictures {
+        let layers = |picture: &SplatPicture| match copy {
+            Copy::Main => picture.main(),
+            Copy::Light => picture.light(),
+        };
+        let dynamic: Vec<SplatLayers> = self.rendered.iter().map(|view| layers(&view.dynamic)).collect();
+        let static_: Vec<SplatLayers> =
+            self.rendered.iter().filter_map(|view| view.static_.as_ref().map(layers)).collect();
+        // Proof: a model with a static branch has mask logits in its dynamic one, and `Model::render` splats them.
+        let mask =
+            |view: &SplatLayers| view.features.clone().expect("the dynamic branch is always splatted with its mask");
+        let blend = Layers {
+            dynamic: self.exposed(stack(&dynamic, |view| view.colour.clone())),
+            static_: self.exposed(stack(&static_, |view| view.colour.clone())),
+            mask: stack(&dynamic, mask),
+        };
+        let blend = match still {
+            Some(still) => blend.with_static_learning(still.clone()),
+            None => blend,
+        };
+        Pictures {
+            composition: blend.compose(blending),
+            dynamic_depth: stack(&dynamic, |view| view.depth.clone()),
+            static_depth: stack(&static_, |view| view.depth.clone()),
+        }
+    }
+
+    /// The blended pictures of views of two branches: `[B, 3, H, W]`.
+    pub fn composed(&self) -> Tensor<4> {
+        self.pictures(Copy::Main, Blending::Deformation, None).composition.composed
+    }
 }
 
 /// Depth and alpha of the dynamic branch and of the static one, `[1, H, W]` each.

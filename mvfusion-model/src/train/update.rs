@@ -90,6 +90,9 @@ impl Trainer {
         model.network = network;
         let refinement = model.refinement.clone();
         model.refinement = optimiser.step("refinement", refinement, gradients, rates.motion, config);
+        let exposures = model.exposures.take();
+        model.exposures =
+            exposures.map(|exposures| optimiser.step("exposures", exposures, gradients, rates.exposure, config));
     }
 
     /// Measures the trajectories of all dynamic Gaussians and fills the motion cache.

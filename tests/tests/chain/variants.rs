@@ -69,7 +69,7 @@ fn plugged_in_refinement_starts_as_the_identity() {
 #[test]
 fn runs_of_other_shapes_survive_saving_and_loading() {
     let mut accumulating = config();
-    accumulating.train.accumulation = 4;
+    (accumulating.train.accumulation, accumulating.model.exposure) = (4, true);
     for config in [one_branch(), accumulating] {
         let mut whole = started(&config);
         train(&mut whole);
