@@ -2,6 +2,24 @@
 //! coefficients.
 //!
 //! Nothing here knows tensors, autodiff or scenes; a number that both sides must agree on is written once, here.
+//! `mvfusion-render` launches the kernels and holds their CPU twins. It is the crate to use; this one is for its authors.
+//!
+//! ```
+//! use mvfusion_kernels::splat::{PROJECTED_LEN, channel_count, plane_count};
+//!
+//! // Colour, three mask features and depth are blended; alpha is one plane more.
+//! let channels = channel_count(3);
+//! assert_eq!((channels, plane_count(channels)), (7, 8));
+//! // A projected Gaussian is one row of named fields.
+//! assert_eq!(PROJECTED_LEN, mvfusion_kernels::splat::projected_row::BLUE + 1);
+//! ```
+//!
+//! | module | is |
+//! |---|---|
+//! | [`splat`] | constants of the rasteriser, and its records with named fields |
+//! | [`sh`] | the basis of spherical harmonics |
+//! | [`grid`] | the layout of a HexPlane |
+//! | `cube` | the kernels, one stage a file; with the feature `cube` |
 
 #[cfg(feature = "cube")]
 #[allow(missing_docs, reason = "what the macros of CubeCL make has none")]

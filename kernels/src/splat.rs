@@ -1,4 +1,5 @@
-//! Sizes, thresholds and record layouts of the splat op.
+//! Sizes, thresholds and record layouts of the splat op. The fields of records, the blended channels and the planes of a
+//! picture are addressed by the names given here, never by bare numbers.
 
 /// Width and height of a tile in pixels.
 pub const TILE: usize = 16;
@@ -6,8 +7,6 @@ pub const TILE: usize = 16;
 pub const TILE_PIXELS: usize = TILE * TILE;
 /// A Gaussian that covers a pixel with less than this alpha is skipped there.
 pub const MIN_ALPHA: f64 = 1.0 / 255.0;
-/// Colour channels, which lead the blended channels; the extra features follow, then the depth.
-pub const COLOUR_CHANNELS: usize = 3;
 /// Smallest norm of a quaternion that still names a rotation (the epsilon of the usual normalisation).
 pub const MIN_QUATERNION_NORM: f64 = 1e-12;
 /// Smallest factor that compensates the opacity for the dilation.
@@ -23,8 +22,72 @@ pub const TOUCH_ROUNDINGS: f64 = 8.0;
 /// Largest radius that a GPU gives, in pixels: beyond any picture, and small enough to reckon with in 32 bits.
 pub const MAX_RADIUS: i32 = 1 << 28;
 
+/// Colour channels, which lead the blended channels; the extra features follow, then the depth.
+pub const COLOUR_CHANNELS: usize = 3;
+
+/// Number of blended channels for a number of extra features: colour, features, depth.
+pub const fn channel_count(features: usize) -> usize {
+    COLOUR_CHANNELS + features + 1
+}
+
+/// Number of extra features among the blended channels.
+pub const fn feature_count(channels: usize) -> usize {
+    channels - COLOUR_CHANNELS - 1
+}
+
+/// Number of channels that have a background: all but the depth.
+pub const fn background_channels(channels: usize) -> usize {
+    channels - 1
+}
+
+/// Index of the depth among the blended channels: the last.
+pub const fn depth_channel(channels: usize) -> usize {
+    channels - 1
+}
+
+/// Number of planes in one copy of the packed picture: colour, features, alpha, depth.
+pub const fn plane_count(channels: usize) -> usize {
+    channels + 1
+}
+
+/// Index of the plane of alpha, which is not a blended channel; the plane of the depth follows it.
+pub const fn alpha_plane(channels: usize) -> usize {
+    channels - 1
+}
+
+/// Index of the plane that holds a blended channel.
+pub const fn plane_of_channel(channel: usize, channels: usize) -> usize {
+    if channel < alpha_plane(channels) { channel } else { channel + 1 }
+}
+
 /// Numbers in the stored row of a [`Projected`].
-pub const PROJECTED_LEN: usize = 11;
+pub const PROJECTED_LEN: usize = projected_row::BLUE + 1;
+
+/// Indices of the fields of a [`Projected`] in its stored row.
+pub mod projected_row {
+    /// Centre along x.
+    pub const CENTRE_X: usize = 0;
+    /// Centre along y.
+    pub const CENTRE_Y: usize = 1;
+    /// Curvature along x.
+    pub const CURVE_X: usize = 2;
+    /// Shear.
+    pub const SLOPE: usize = 3;
+    /// Curvature that remains along y.
+    pub const CURVE_Y: usize = 4;
+    /// Opacity.
+    pub const OPACITY: usize = 5;
+    /// Largest visible sigma.
+    pub const REACH: usize = 6;
+    /// Depth.
+    pub const DEPTH: usize = 7;
+    /// Red, where the [`COLOUR_CHANNELS`](super::COLOUR_CHANNELS) begin.
+    pub const RED: usize = 8;
+    /// Green.
+    pub const GREEN: usize = 9;
+    /// Blue.
+    pub const BLUE: usize = 10;
+}
 
 /// A Gaussian on the picture plane: what blending needs of it beside its features.
 ///
@@ -56,20 +119,81 @@ impl<T: Copy> Projected<T> {
     /// Reads a stored row of [`PROJECTED_LEN`] numbers.
     #[inline(always)]
     pub fn from_row(row: &[T; PROJECTED_LEN]) -> Self {
-        let [x, y, curve_x, slope, curve_y, opacity, reach, depth, red, green, blue] = *row;
-        Self { centre: [x, y], curve_x, slope, curve_y, opacity, reach, depth, colour: [red, green, blue] }
+        use projected_row::*;
+        Self {
+            centre: [row[CENTRE_X], row[CENTRE_Y]],
+            curve_x: row[CURVE_X],
+            slope: row[SLOPE],
+            curve_y: row[CURVE_Y],
+            opacity: row[OPACITY],
+            reach: row[REACH],
+            depth: row[DEPTH],
+            colour: [row[RED], row[GREEN], row[BLUE]],
+        }
     }
 
     /// The row to store.
     #[inline(always)]
     pub fn to_row(self) -> [T; PROJECTED_LEN] {
-        let ([x, y], [red, green, blue]) = (self.centre, self.colour);
-        [x, y, self.curve_x, self.slope, self.curve_y, self.opacity, self.reach, self.depth, red, green, blue]
+        use projected_row::*;
+        // The fill is arbitrary: every element is overwritten.
+        let mut row = [self.depth; PROJECTED_LEN];
+        [row[CENTRE_X], row[CENTRE_Y]] = self.centre;
+        row[CURVE_X] = self.curve_x;
+        row[SLOPE] = self.slope;
+        row[CURVE_Y] = self.curve_y;
+        row[OPACITY] = self.opacity;
+        row[REACH] = self.reach;
+        row[DEPTH] = self.depth;
+        [row[RED], row[GREEN], row[BLUE]] = self.colour;
+        row
     }
 }
 
-/// Numbers of a [`ProjectedGradient`] before its channels.
-pub const PROJECTED_GRADIENT_LEN: usize = 8;
+/// Numbers of a [`ProjectedGradient`]: those of a gradient record before its channels.
+pub const PROJECTED_GRADIENT_LEN: usize = gradient_record::STATISTIC_Y + 1;
+
+/// Indices in a gradient record: the fields of a [`ProjectedGradient`], then the blended channels.
+pub mod gradient_record {
+    use super::{COLOUR_CHANNELS, PROJECTED_GRADIENT_LEN, depth_channel};
+
+    /// Centre along x.
+    pub const CENTRE_X: usize = 0;
+    /// Centre along y.
+    pub const CENTRE_Y: usize = 1;
+    /// The covariance's xx entry.
+    pub const COVARIANCE_XX: usize = 2;
+    /// The covariance's xy entry.
+    pub const COVARIANCE_XY: usize = 3;
+    /// The covariance's yy entry.
+    pub const COVARIANCE_YY: usize = 4;
+    /// Opacity.
+    pub const OPACITY: usize = 5;
+    /// The statistic's share of the centre along x.
+    pub const STATISTIC_X: usize = 6;
+    /// The statistic's share of the centre along y.
+    pub const STATISTIC_Y: usize = 7;
+    /// The first channel.
+    pub const CHANNELS: usize = PROJECTED_GRADIENT_LEN;
+    /// Red.
+    pub const RED: usize = CHANNELS;
+    /// Green.
+    pub const GREEN: usize = CHANNELS + 1;
+    /// Blue.
+    pub const BLUE: usize = CHANNELS + 2;
+    /// The first extra feature.
+    pub const FEATURES: usize = CHANNELS + COLOUR_CHANNELS;
+
+    /// The depth, the last of the channels.
+    pub const fn depth(channels: usize) -> usize {
+        CHANNELS + depth_channel(channels)
+    }
+
+    /// Numbers in a record.
+    pub const fn len(channels: usize) -> usize {
+        CHANNELS + channels
+    }
+}
 
 /// Gradient with respect to a projected Gaussian: the head of a gradient record, which its channels follow
 /// (colour, features, depth).
@@ -89,15 +213,26 @@ impl<T: Copy> ProjectedGradient<T> {
     /// Reads the head of a gradient record.
     #[inline(always)]
     pub fn from_row(row: &[T; PROJECTED_GRADIENT_LEN]) -> Self {
-        let [x, y, xx, xy, yy, opacity, statistic_x, statistic_y] = *row;
-        Self { centre: [x, y], covariance: [xx, xy, yy], opacity, statistic: [statistic_x, statistic_y] }
+        use gradient_record::*;
+        Self {
+            centre: [row[CENTRE_X], row[CENTRE_Y]],
+            covariance: [row[COVARIANCE_XX], row[COVARIANCE_XY], row[COVARIANCE_YY]],
+            opacity: row[OPACITY],
+            statistic: [row[STATISTIC_X], row[STATISTIC_Y]],
+        }
     }
 
     /// The head of the record to store.
     #[inline(always)]
     pub fn to_row(self) -> [T; PROJECTED_GRADIENT_LEN] {
-        let ([x, y], [xx, xy, yy], [statistic_x, statistic_y]) = (self.centre, self.covariance, self.statistic);
-        [x, y, xx, xy, yy, self.opacity, statistic_x, statistic_y]
+        use gradient_record::*;
+        // The fill is arbitrary: every element is overwritten.
+        let mut row = [self.opacity; PROJECTED_GRADIENT_LEN];
+        [row[CENTRE_X], row[CENTRE_Y]] = self.centre;
+        [row[COVARIANCE_XX], row[COVARIANCE_XY], row[COVARIANCE_YY]] = self.covariance;
+        row[OPACITY] = self.opacity;
+        [row[STATISTIC_X], row[STATISTIC_Y]] = self.statistic;
+        row
     }
 }
 
@@ -105,11 +240,52 @@ impl<T: Copy> ProjectedGradient<T> {
 mod tests {
     use super::*;
 
+    /// A row in which each number is its own index.
+    fn indices<const N: usize>() -> [usize; N] {
+        std::array::from_fn(|index| index)
+    }
+
     #[test]
-    fn a_projected_gaussian_survives_its_row() {
-        let row: [i32; PROJECTED_LEN] = std::array::from_fn(|i| i as i32);
-        assert_eq!(Projected::from_row(&row).to_row(), row);
-        let row: [i32; PROJECTED_GRADIENT_LEN] = std::array::from_fn(|i| i as i32);
-        assert_eq!(ProjectedGradient::from_row(&row).to_row(), row);
+    fn each_field_of_a_projected_gaussian_has_its_named_index() {
+        let splat = Projected::from_row(&indices());
+        assert_eq!(splat.centre, [projected_row::CENTRE_X, projected_row::CENTRE_Y]);
+        assert_eq!(splat.curve_x, projected_row::CURVE_X);
+        assert_eq!(splat.slope, projected_row::SLOPE);
+        assert_eq!(splat.curve_y, projected_row::CURVE_Y);
+        assert_eq!(splat.opacity, projected_row::OPACITY);
+        assert_eq!(splat.reach, projected_row::REACH);
+        assert_eq!(splat.depth, projected_row::DEPTH);
+        assert_eq!(splat.colour, [projected_row::RED, projected_row::GREEN, projected_row::BLUE]);
+        assert_eq!(splat.colour, std::array::from_fn(|channel| projected_row::RED + channel));
+        assert_eq!(splat.to_row(), indices());
+    }
+
+    #[test]
+    fn each_field_of_a_gradient_has_its_named_index_and_the_channels_follow() {
+        let gradient = ProjectedGradient::from_row(&indices());
+        assert_eq!(gradient.centre, [gradient_record::CENTRE_X, gradient_record::CENTRE_Y]);
+        let covariance =
+            [gradient_record::COVARIANCE_XX, gradient_record::COVARIANCE_XY, gradient_record::COVARIANCE_YY];
+        assert_eq!(gradient.covariance, covariance);
+        assert_eq!(gradient.opacity, gradient_record::OPACITY);
+        assert_eq!(gradient.statistic, [gradient_record::STATISTIC_X, gradient_record::STATISTIC_Y]);
+        assert_eq!(gradient.to_row(), indices());
+
+        let channels = channel_count(2);
+        let colour = [gradient_record::RED, gradient_record::GREEN, gradient_record::BLUE];
+        assert_eq!(colour, std::array::from_fn(|channel| PROJECTED_GRADIENT_LEN + channel));
+        assert_eq!(gradient_record::FEATURES, PROJECTED_GRADIENT_LEN + COLOUR_CHANNELS);
+        assert_eq!(gradient_record::depth(channels), gradient_record::FEATURES + feature_count(channels));
+        assert_eq!(gradient_record::len(channels), gradient_record::depth(channels) + 1);
+    }
+
+    #[test]
+    fn the_planes_of_a_picture_are_colour_features_alpha_and_depth() {
+        let channels = channel_count(2);
+        assert_eq!(feature_count(channels), 2);
+        let planes: Vec<usize> = (0..channels).map(|channel| plane_of_channel(channel, channels)).collect();
+        assert_eq!(planes, [0, 1, 2, 3, 4, 6]);
+        assert_eq!((alpha_plane(channels), plane_count(channels)), (5, 7));
+        assert_eq!((background_channels(channels), depth_channel(channels)), (5, 5));
     }
 }

@@ -1,5 +1,7 @@
 //! The command line.
 
+mod compute;
+mod config;
 mod sweep;
 
 use std::num::NonZeroUsize;
@@ -8,16 +10,19 @@ use std::path::PathBuf;
 use bytesize::ByteSize;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use mvfusion_data::{Format, Layout};
+use mvfusion_data::Layout;
 use mvfusion_model::config::FusionWeights;
 use mvfusion_model::evaluation::Protocol;
 use mvfusion_model::train::IMAGE_CACHE;
 
-use crate::command::parse_size;
 use crate::help;
-use crate::progress::Talk;
-use crate::render::{FileFormat, LayerChoice, Views, parse_fps, parse_frames, parse_layer, parse_time, parse_weights};
+use crate::progress::Verbosity;
+use crate::render::{
+    FileFormat, LayerChoice, Views, parse_fps, parse_frames, parse_layer, parse_size, parse_time, parse_weights,
+};
 
+pub use compute::ComputeArgs;
+pub use config::ConfigSourceArgs;
 pub use sweep::{Launcher, RunCellArgs, SweepAction, SweepArgs, SweepFolderArgs, SweepRunArgs, SweepShowArgs};
 
 /// Gaussian splatting of dynamic scenes: a static and a dynamic branch, told apart without supervision.
@@ -30,12 +35,12 @@ pub struct Cli {
     pub command: Command,
     /// How much is said.
     #[command(flatten)]
-    pub verbosity: Verbosity,
+    pub output: OutputArgs,
 }
 
 /// How much is said on stderr.
 #[derive(Clone, Copy, Debug, Args)]
-pub struct Verbosity {
+pub struct OutputArgs {
     /// Say nothing but errors and the final table
     #[arg(short, long, global = true, conflicts_with = "verbose", display_order = 900)]
     pub quiet: bool,
@@ -44,10 +49,10 @@ pub struct Verbosity {
     pub verbose: u8,
 }
 
-impl Verbosity {
+impl OutputArgs {
     /// Whether progress and notes are shown.
-    pub fn talk(self) -> Talk {
-        if self.quiet { Talk::Silent } else { Talk::Normal }
+    pub fn verbosity(self) -> Verbosity {
+        if self.quiet { Verbosity::Silent } else { Verbosity::Normal }
     }
 }
 
@@ -106,35 +111,6 @@ impl Command {
     }
 }
 
-/// The layers of the configuration, but for the scene's folder.
-#[derive(Clone, Debug, Default, Args)]
-pub struct LayerArgs {
-    /// Format of the scene's folder, if it is not to be recognised; the same as --set scene.format=NAME
-    #[arg(long, value_name = "NAME", value_parser = formats())]
-    pub format: Option<Format>,
-    /// Where the configuration starts from (see `mvfusion presets`) [default: quickstart; with --data neu3d, but
-    /// hypernerf, dnerf or onthego-indoor for scenes of one moving camera, of synthetic objects, of photos]
-    #[arg(long, value_name = "NAME")]
-    pub preset: Option<String>,
-    /// TOML file laid over the preset
-    #[arg(long, value_name = "FILE")]
-    pub config: Option<PathBuf>,
-    /// Set one key, such as train.scale=0.1; may be repeated, the last one wins
-    #[arg(long, value_name = "KEY=VALUE", action = clap::ArgAction::Append)]
-    pub set: Vec<String>,
-    /// Seed of everything random in the run; the same as --set seed=N
-    // TOML has no larger integers.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
-    pub seed: Option<u64>,
-}
-
-/// Takes a format by its key.
-fn formats() -> impl TypedValueParser<Value = Format> {
-    // Proof: the parser before it lets nothing else through.
-    let format = |key: String| Format::of_key(&key).expect("one of the keys");
-    PossibleValuesParser::new(Format::ALL.map(Format::key)).map(format)
-}
-
 /// Takes a layout by its key.
 fn layouts() -> impl TypedValueParser<Value = Layout> {
     // Proof: the parser before it lets nothing else through.
@@ -149,17 +125,6 @@ fn protocols() -> impl TypedValueParser<Value = Protocol> {
     PossibleValuesParser::new(Protocol::ALL.map(Protocol::name)).map(protocol)
 }
 
-/// What computes.
-#[derive(Clone, Debug, Args)]
-pub struct ComputeArgs {
-    /// auto (a GPU if there is one), cpu, flex, ndarray, wgpu or cuda, with :N for the N-th (see `mvfusion devices`)
-    #[arg(long, value_name = "D", default_value = "auto")]
-    pub device: String,
-    /// CPU threads; the result does not depend on it [default: all cores]
-    #[arg(long, value_name = "N")]
-    pub threads: Option<NonZeroUsize>,
-}
-
 /// `mvfusion train`.
 #[derive(Clone, Debug, Args)]
 pub struct TrainArgs {
@@ -168,7 +133,7 @@ pub struct TrainArgs {
     pub data: Option<PathBuf>,
     /// Configuration.
     #[command(flatten)]
-    pub layers: LayerArgs,
+    pub sources: ConfigSourceArgs,
     /// Device and threads.
     #[command(flatten)]
     pub compute: ComputeArgs,
@@ -196,7 +161,7 @@ pub struct ConfigArgs {
     pub data: Option<PathBuf>,
     /// The rest of it.
     #[command(flatten)]
-    pub layers: LayerArgs,
+    pub sources: ConfigSourceArgs,
 }
 
 /// `mvfusion eval`.
@@ -280,7 +245,7 @@ pub struct CheckArgs {
     pub folder: PathBuf,
     /// How the scene is read and what would train on it.
     #[command(flatten)]
-    pub layers: LayerArgs,
+    pub sources: ConfigSourceArgs,
     /// Print what was found as JSON
     #[arg(long)]
     pub json: bool,

@@ -70,7 +70,7 @@ mod tests {
     fn usage_is_told_from_failure_under_any_context() {
         let usage = Err::<(), _>(UsageError::new("no such key")).context("reading x").expect_err("refused");
         assert_eq!(exit_code(&usage), USAGE);
-        let bad_value = ModelError::Config { key: "train.scale", value: "0".into(), reason: "too small" };
+        let bad_value = ModelError::Config { key: "train.scale".into(), value: "0".into(), reason: "too small".into() };
         assert_eq!(exit_code(&bad_value.into()), USAGE);
         assert_eq!(exit_code(&anyhow!("disk full")), FAILED);
     }

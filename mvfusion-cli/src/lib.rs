@@ -36,20 +36,20 @@ use args::Command;
 /// # Errors
 /// Whatever the command fails with; [`failure::exit_code`] knows the exit code.
 pub fn run(cli: &Cli, threads: usize, out: &mut dyn Write) -> anyhow::Result<()> {
-    logs::start(cli.verbosity);
+    logs::start(cli.output);
     threads::start(threads)?;
-    let talk = cli.verbosity.talk();
+    let verbosity = cli.output.verbosity();
     match &cli.command {
-        Command::Train(args) => command::train(args, talk, out),
-        Command::Eval(args) => command::eval(args, talk, out),
-        Command::Export(args) => command::export(args, talk, out),
-        Command::Check(args) => command::check(args, talk, out),
-        Command::Synth(args) => command::synth(args, talk, out),
-        Command::Config(args) => command::config(args, talk, out),
+        Command::Train(args) => command::train(args, verbosity, out),
+        Command::Eval(args) => command::eval(args, verbosity, out),
+        Command::Export(args) => command::export(args, verbosity, out),
+        Command::Check(args) => command::check(args, verbosity, out),
+        Command::Synth(args) => command::synth(args, verbosity, out),
+        Command::Config(args) => command::config(args, verbosity, out),
         Command::Presets => command::presets(out),
         Command::Devices => command::devices(out),
-        Command::Render(args) => command::render(args, talk, out),
+        Command::Render(args) => command::render(args, verbosity, out),
         Command::Report(args) => command::report(args, out),
-        Command::Sweep(args) => command::sweep(args, talk, out),
+        Command::Sweep(args) => command::sweep(args, verbosity, out),
     }
 }

@@ -4,11 +4,11 @@ use std::io::{self, IsTerminal};
 
 use tracing_subscriber::EnvFilter;
 
-use crate::args::Verbosity;
+use crate::args::OutputArgs;
 
 /// Starts logging. A second call, as in tests, changes nothing.
-pub fn start(verbosity: Verbosity) {
-    let level = match (verbosity.quiet, verbosity.verbose) {
+pub fn start(output: OutputArgs) {
+    let level = match (output.quiet, output.verbose) {
         (true, _) => "error",
         (false, 0) => "warn",
         (false, 1) => "warn,mvfusion_data=info,mvfusion_model=info,mvfusion_render=info,mvfusion_cli=info",

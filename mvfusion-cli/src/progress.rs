@@ -12,14 +12,14 @@ const PAUSE: Duration = Duration::from_secs(5);
 
 /// Whether notes and progress are shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Talk {
+pub enum Verbosity {
     /// They are.
     Normal,
     /// Errors and results alone are.
     Silent,
 }
 
-impl Talk {
+impl Verbosity {
     /// Says a line on stderr.
     pub fn note(self, line: &str) {
         if self == Self::Normal {
@@ -52,11 +52,11 @@ enum Style {
 
 impl Progress {
     /// Progress of `name` through `total` steps.
-    pub fn new(name: &'static str, total: usize, talk: Talk) -> Self {
-        let style = match talk {
-            Talk::Silent => Style::Silent,
-            Talk::Normal if io::stderr().is_terminal() => Style::Bar(bar(name, total)),
-            Talk::Normal => Style::Lines { last: Instant::now(), said: 0 },
+    pub fn new(name: &'static str, total: usize, verbosity: Verbosity) -> Self {
+        let style = match verbosity {
+            Verbosity::Silent => Style::Silent,
+            Verbosity::Normal if io::stderr().is_terminal() => Style::Bar(bar(name, total)),
+            Verbosity::Normal => Style::Lines { last: Instant::now(), said: 0 },
         };
         Self { style, name, total, done: 0, message: String::new() }
     }

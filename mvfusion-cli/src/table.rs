@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
-use mvfusion_model::evaluation::{Figure, HeldOutPhoto, LayerScores, Protocol, Scores};
+use mvfusion_model::evaluation::{HeldOutPhoto, LayerScores, Metric, Protocol, Scores};
 
 use crate::clock::spoken;
 use crate::run::{LpipsWeights, RenderSpeed, Results};
@@ -61,10 +61,10 @@ pub(crate) fn what_photos_show(shown: HeldOutPhoto) -> &'static str {
 }
 
 /// The first of the protocol's figures that any layer has, as many as a line has room for.
-fn figures(results: &Results, protocol: Protocol, label: usize) -> Vec<Figure> {
-    let is_known = |figure: &Figure| results.test.layers().any(|(_, scores)| figure.of(scores).is_some());
+fn figures(results: &Results, protocol: Protocol, label: usize) -> Vec<Metric> {
+    let is_known = |figure: &Metric| results.test.layers().any(|(_, scores)| figure.of(scores).is_some());
     let mut room = LINE.saturating_sub(label);
-    let fits = |figure: &Figure| {
+    let fits = |figure: &Metric| {
         let left = room.checked_sub(width(*figure));
         room = left.unwrap_or(0);
         left.is_some()
@@ -79,18 +79,18 @@ fn label_width(results: &Results) -> usize {
     labels.max().unwrap_or(0).max(LABEL)
 }
 
-fn head(figure: Figure) -> String {
+fn head(figure: Metric) -> String {
     match figure.unit() {
         Some(unit) => format!("{} ({unit})", figure.label()),
         None => figure.label().to_owned(),
     }
 }
 
-fn width(figure: Figure) -> usize {
+fn width(figure: Metric) -> usize {
     (head(figure).len() + 2).max(10)
 }
 
-fn write_layers(scores: &Scores, figures: &[Figure], label: usize, out: &mut dyn Write) -> io::Result<()> {
+fn write_layers(scores: &Scores, figures: &[Metric], label: usize, out: &mut dyn Write) -> io::Result<()> {
     scores.layers().try_for_each(|(layer, figures_of_layer)| {
         let cells: String = figures.iter().map(|&figure| cell(figure, figures_of_layer)).collect();
         writeln!(out, "{:label$}{cells}", scores.label(layer))
@@ -111,7 +111,7 @@ fn write_beside(scores: &Scores, out: &mut dyn Write) -> io::Result<()> {
     Ok(())
 }
 
-fn cell(figure: Figure, scores: &LayerScores) -> String {
+fn cell(figure: Metric, scores: &LayerScores) -> String {
     let digits = figure.decimals();
     let value = figure.of(scores).map_or("-".to_owned(), |value| format!("{value:.digits$}"));
     format!("{value:>width$}", width = width(figure))

@@ -1,4 +1,4 @@
-//! What can be wrong with a dataset, said so that its owner can mend it.
+//! Errors of a dataset, worded so that its owner can fix it.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -8,35 +8,35 @@ use thiserror::Error;
 /// Why a scene could not be read or written. Each message names the file and says what to do.
 #[derive(Debug, Error)]
 pub enum DataError {
-    /// A picture that cannot be opened or decoded.
+    /// A picture cannot be opened or decoded.
     #[error("cannot read the picture {path}: {reason}. Replace the file, or remove it if the frame is not needed.")]
     Image {
         /// The file.
         path: PathBuf,
-        /// What the decoder said.
+        /// The decoder's message.
         reason: String,
     },
-    /// A folder that was named does not exist, or cannot be listed.
+    /// A folder does not exist or cannot be listed.
     #[error("cannot open the folder {folder}: {reason}. {advice}")]
     Folder {
         /// The folder.
         folder: PathBuf,
-        /// What the operating system said.
+        /// The operating system's message.
         reason: String,
         /// What to do.
         advice: &'static str,
     },
-    /// Something that the format demands is not there.
+    /// Something that the format requires is missing.
     #[error("there is no {what} in {folder}. {advice}")]
     Missing {
-        /// What was looked for.
+        /// What is missing.
         what: String,
-        /// Where it was looked for.
+        /// Where it was expected.
         folder: PathBuf,
         /// What to do.
         advice: String,
     },
-    /// A file other than a picture whose content cannot be used.
+    /// The content of a file other than a picture cannot be used.
     #[error("cannot use {path}: {reason}. {advice}")]
     Content {
         /// The file.
@@ -58,32 +58,32 @@ pub enum DataError {
         /// What to do.
         advice: String,
     },
-    /// An option whose value makes no sense for this scene.
+    /// The value of an option makes no sense for this scene.
     #[error("the option {option} = {value} cannot be used: {reason}.")]
     Setting {
         /// Name of the option.
         option: &'static str,
-        /// Its value as given.
+        /// Its value, as given.
         value: String,
-        /// Why not, and which values can be used.
+        /// The reason, and which values can be used.
         reason: String,
     },
-    /// A folder that no reader takes for its own.
+    /// No reader recognises the folder.
     #[error("{folder} is in no format that can be read:{}", listed(.refusals))]
     Unrecognised {
         /// The folder.
         folder: PathBuf,
-        /// Why each reader refused.
+        /// The reason of each reader.
         refusals: Vec<Refusal>,
     },
 }
 
-/// Why one reader does not take a folder for its own.
+/// Why a reader does not recognise a folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Refusal {
     /// Name of the format.
     pub format: &'static str,
-    /// What the reader missed.
+    /// What is missing.
     pub reason: String,
 }
 
@@ -93,7 +93,7 @@ impl fmt::Display for Refusal {
     }
 }
 
-/// The refusals, a line each.
+/// The refusals, one a line.
 fn listed(refusals: &[Refusal]) -> String {
     refusals.iter().map(|r| format!("\n  {r}")).collect()
 }

@@ -1,64 +1,61 @@
-//! Cameras, scenes, dataset readers and the built-in scene of MVFusion-GS.
+//! Cameras, scenes, dataset readers and the built-in scenes of MVFusion-GS.
 //!
-//! Everything downstream sees one type, [`Scene`]: views with a camera, a time and a picture, split into training and
-//! test, plus a cloud of points to start from. Conventions of the files are turned into ours in the readers and nowhere
-//! else: cameras look along +z with x right and y down (OpenCV), pixel centres lie at +0.5, times lie in `[0, 1]`.
+//! Everything downstream sees one type, [`Scene`]: training and held-out views, each with a camera, a time and a
+//! picture, and initial points. The readers alone convert conventions of files into ours. Cameras look along +z with x
+//! right and y down (OpenCV), pixel centres lie at +0.5, and times lie in `[0, 1]`.
 //!
-//! [`open`] reads a folder, [`builtin`](builtin::builtin) makes a scene that needs no files, [`inspect`](inspect::inspect)
-//! says what a folder lacks, and [`write`](write::write()) puts a scene on the disk in a layout of the field.
+//! The crate knows neither tensors nor devices, and depends on no other crate of the project.
+//!
+//! # A first scene
+//! ```
+//! use mvfusion_data::builtin::builtin;
+//! use mvfusion_data::{BuiltinOptions, DataError};
+//!
+//! # fn main() -> Result<(), DataError> {
+//! // A scene without files; `mvfusion_data::open(folder, &ReadOptions::default())` reads a folder.
+//! let scene = builtin(&BuiltinOptions { width: 64, height: 48, frames: 4, ..BuiltinOptions::default() });
+//! let view = &scene.train[0];
+//! let photo = view.image.rgb()?;
+//! assert_eq!((photo.width(), photo.height()), (64, 48));
+//!
+//! // Every point of the cloud in front of a camera has a pixel.
+//! let point = scene.points.positions[0].as_dvec3();
+//! assert_eq!(view.camera.project(point).is_some(), view.camera.to_camera(point).z > 0.0);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # Which module do I use?
+//! | module | is |
+//! |---|---|
+//! | [`open`] | reads a folder in any supported format |
+//! | `scene` | the types that everything downstream sees: scene, view, camera, lens, picture, mask, point clouds |
+//! | [`readers`] | a reader for each format of a folder |
+//! | [`write`](mod@write) | a writer for each layout |
+//! | [`builtin`] | the built-in scenes |
+//! | [`inspect`] | what is wrong with a scene |
+//! | [`motion`] | what moves in the pictures of still cameras |
+//! | [`camera_path`] | cameras for rendering |
+//! | `video` | decoding and encoding of videos |
+//! | `files` | opening files whose content is not trusted |
 
 pub mod builtin;
-mod cache;
-mod camera;
 pub mod camera_path;
-pub mod colmap;
-pub mod dnerf;
 mod error;
-mod frames;
-mod gaussian_cloud;
-pub mod hypernerf;
+mod files;
 pub mod inspect;
-mod jpeg;
-mod lens;
-mod masks;
 pub mod motion;
-pub mod multipleview;
-pub mod nerfstudio;
-pub mod neu3d;
-mod npy;
-pub mod onthego;
-mod options;
-pub mod panoptic;
-mod paths;
-mod picture;
-mod ply;
-mod points;
-mod poses;
-mod reader;
-mod reduced;
-mod rotation;
+pub mod readers;
 mod scene;
-mod shapes;
-mod shot;
-#[cfg(test)]
-mod testing;
-mod transforms;
-mod undistort;
 mod video;
 pub mod write;
 
 pub use builtin::{BuiltinKind, BuiltinOptions};
-pub use cache::{Decoded, PictureCache};
-pub use camera::Camera;
 pub use error::{DataError, Refusal};
-pub use gaussian_cloud::{GaussianCloud, LIFETIME_FIELDS, Lifetime, MASK_FIELDS, rest_width};
-pub use lens::{Bend, Lens};
-pub use masks::{Mask, attach_masks};
-pub use options::{ReadOptions, TimeRule};
-pub use picture::{Picture, PictureFile, PictureSource};
-pub use ply::{read_gaussians, read_points};
-pub use points::PointCloud;
-pub use reader::{Format, open, recognise};
-pub use scene::{Bounds, Capture, Scene, Truth, View};
+pub use readers::{Format, ReadOptions, TimeRule, attach_masks, open, read_gaussians, read_points, recognise};
+pub use scene::{
+    Bend, Bounds, Camera, Capture, Decoded, GaussianCloud, LIFETIME_FIELDS, Lens, Lifetime, MASK_FIELDS, Mask, Picture,
+    PictureCache, PictureFile, PictureSource, PointCloud, Scene, Truth, View, rest_width,
+};
 pub use video::{Video, VideoWriter, can_write_videos};
 pub use write::{Layout, WriteError, write};

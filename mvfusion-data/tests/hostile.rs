@@ -1,8 +1,9 @@
-//! Files that nobody should have written: whole scenes of every layout with one damaged file in them, and damaged files
-//! of Gaussians. Whatever its bytes are, a reader answers with a scene or an error, without panic, without hanging, and
-//! without taking memory that the files do not warrant. If it is a scene, it is one that training can compute with.
+//! Damaged files: scenes of every layout with one damaged file, and damaged files of Gaussians.
 //!
-//! Each file of [`targets`] is damaged `PROPTEST_CASES` times, [`CASES`] unless that is set. Damage is drawn by proptest, which
+//! Whatever the bytes are, a reader returns a scene or an error. It does not panic, hang, or take more memory than the
+//! files warrant. Training can compute with any scene that it returns.
+//!
+//! Each file of [`targets`] is damaged `PROPTEST_CASES` times, by default [`CASES`]. proptest draws the damage and
 //! shrinks what it finds.
 
 mod damage;
@@ -24,25 +25,25 @@ use small::write_small;
 #[global_allocator]
 static ALLOCATOR: PeakAlloc = PeakAlloc;
 
-/// Cases of each file where `PROPTEST_CASES` does not say otherwise.
+/// Default number of cases of each file.
 const CASES: u32 = 800;
 
-/// Gaussians in a file of them: enough that its rows weigh more than what reading holds in any case.
+/// Number of Gaussians in a file. Their rows take more memory than [`FIXED`].
 const GAUSSIANS: usize = 600;
 
-/// Most changes to a file at once.
+/// Most changes to a file.
 const MOST_CHANGES: usize = 4;
 
-/// How many times the bytes of a scene's files its reading may hold at once.
+/// Memory that reading may hold at once, in bytes of the scene's files.
 const MOST_TIMES: usize = 10;
 
-/// What reading holds whatever the files are: buffers, messages, tables of decoders.
+/// Memory that reading holds for any file, in bytes: buffers, messages, tables of decoders.
 const FIXED: usize = 1 << 20;
 
-/// Reading a scene of this size takes milliseconds; what takes longer than this hangs.
+/// Time after which a reader counts as hanging. Reading a scene of this size takes milliseconds.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// A model of three photos as text, which no writer of ours writes.
+/// A model of three photos as text. Our writers write no text models.
 const TEXT_MODEL: [(&str, &str); 3] = [
     ("cameras.txt", "# Camera list\n1 OPENCV 16 16 14.5 14.5 8 8 0.01 -0.002 0.0003 0.0001\n"),
     (
@@ -90,7 +91,7 @@ fn written(layout: Layout, folder: &Path) {
     open(folder, &ReadOptions::default()).unwrap_or_else(|error| panic!("{}: {error}", layout.key()));
 }
 
-/// Reads a file; inside is what is wrong with its content, which should have been refused.
+/// Reads a file. The inner error is a fault of its content that the reader should have refused.
 type Reading<'a> = dyn Fn() -> Result<Result<(), String>, DataError> + 'a;
 
 /// Bytes of all files below a folder.
@@ -103,7 +104,7 @@ fn bytes_below(folder: &Path) -> usize {
     entries.map(size).sum()
 }
 
-/// Reads with the damaged file in the folder; a panic is proptest's to catch.
+/// Reads with the damaged file in the folder. proptest catches panics.
 fn read(folder: &Path, file: &Path, content: &[u8], reading: &Reading<'_>) -> Result<(), TestCaseError> {
     fs::write(file, content).expect("written");
     let files = bytes_below(folder);
@@ -165,7 +166,7 @@ fn whole(cloud: &GaussianCloud) -> Result<(), String> {
     }
 }
 
-/// Ends the process if nothing is said for too long: a test that hangs cannot fail.
+/// Ends the process after too long a silence, because a hanging test cannot fail.
 fn watched(body: impl FnOnce(&mpsc::Sender<String>)) {
     let (alive, watch) = mpsc::channel::<String>();
     let watchdog = std::thread::spawn(move || {
@@ -214,7 +215,7 @@ fn gaussians() -> [Vec<u8>; 2] {
     [binary, text.into_bytes()]
 }
 
-/// Damages a file `cases` times; each time it must be answered.
+/// Damages a file `cases` times. The reader must answer each time.
 fn damaged(folder: &Path, name: &str, cases: &Config, alive: &mpsc::Sender<String>, reading: &Reading<'_>) {
     let (file, shown) = (folder.join(name), folder.display());
     let sound = fs::read(&file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));

@@ -1,5 +1,4 @@
-//! Files that are large, and whose entries are as short as can be: what is read of them may not take many times their
-//! size.
+//! Large files with the shortest possible entries. Reading them may not take many times their size in memory.
 
 mod small;
 
@@ -14,25 +13,25 @@ use small::write_small;
 #[global_allocator]
 static ALLOCATOR: PeakAlloc = PeakAlloc;
 
-/// How many times the bytes of a file its reading may hold at once.
+/// Memory that reading may hold at once, in bytes of the file.
 const MOST_TIMES: usize = 10;
 
-/// Bytes of each file, more or less: enough that what reading takes for other things does not count.
+/// Approximate size of each file in bytes. Other memory of the reader is negligible beside it.
 const SIZE: usize = 4 << 20;
 
-/// As much text of a piece as a file has.
+/// A piece of text, repeated to the size of a file.
 fn repeated(piece: &str) -> String {
     piece.repeat(SIZE / piece.len())
 }
 
-/// A file that is put in the place of another.
+/// A file that replaces another.
 struct Inflated {
     layout: Layout,
     file: &'static str,
     content: Vec<u8>,
 }
 
-/// A file of points whose rows are all alike.
+/// A file of points with equal rows.
 fn ply(format: &str, kind: &str, row: &[u8]) -> Vec<u8> {
     let rows = SIZE / row.len();
     let fields = ["x", "y", "z"].map(|name| format!("property {kind} {name}\n")).concat();
@@ -40,7 +39,7 @@ fn ply(format: &str, kind: &str, row: &[u8]) -> Vec<u8> {
     [head.as_bytes(), &row.repeat(rows)].concat()
 }
 
-/// A binary file of records that are all alike but for their numbers, if those come first.
+/// A binary file of records that differ at most in their numbers.
 fn records(record: impl Fn(u32) -> Vec<u8>) -> Vec<u8> {
     let count = SIZE / record(0).len();
     let records = (0..count as u32).flat_map(record);

@@ -1,5 +1,5 @@
-//! Scenes whose files are something else: folders, devices, links that lead in a circle or nowhere. Scenes are passed
-//! on as archives, and those can hold all of it.
+//! Scenes with folders, devices, and circular or broken links in place of files. Scenes are distributed as archives,
+//! which can hold all of these.
 #![cfg(unix)]
 
 mod small;
@@ -11,10 +11,10 @@ use std::path::Path;
 use mvfusion_data::{Layout, ReadOptions, open};
 use small::write_small;
 
-/// Puts something at a path.
+/// Creates something at a path.
 type Replace = fn(&Path);
 
-/// What a file or a folder is replaced by.
+/// Replacements for a file or a folder.
 const REPLACEMENTS: [(&str, Replace); 4] = [
     ("a folder", |path| fs::create_dir(path).expect("made")),
     ("a device", |path| symlink("/dev/null", path).expect("linked")),
@@ -22,7 +22,7 @@ const REPLACEMENTS: [(&str, Replace); 4] = [
     ("a link to its own folder", |path| symlink(".", path).expect("linked")),
 ];
 
-/// What a layout cannot do without, and what it can: points and bounds.
+/// Required parts of a layout, and optional ones (points and bounds).
 const PARTS: [(Layout, &[&str], &[&str]); 8] = [
     (Layout::Neu3d, &["poses_bounds.npy", "cam01/images", "cam01/images/0000.png"], &["points3D.ply"]),
     (Layout::Panoptic, &["train_meta.json", "test_meta.json", "ims"], &["init_pt_cld.npz"]),

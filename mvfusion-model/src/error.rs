@@ -7,8 +7,6 @@ use mvfusion_render::grid::GridError;
 use mvfusion_render::splat::SplatError;
 use thiserror::Error;
 
-use crate::evaluation::Layer;
-
 /// Why a run cannot go on. Each message says what, where and what to do.
 #[derive(Debug, Error)]
 pub enum ModelError {
@@ -28,17 +26,17 @@ pub enum ModelError {
     #[error("`{key}` is {value}: {reason}.")]
     Config {
         /// The key, dotted.
-        key: &'static str,
+        key: String,
         /// Its value.
         value: String,
         /// What is wrong with it and what would be right.
-        reason: &'static str,
+        reason: String,
     },
     /// A layer that the model cannot be shown in.
     #[error("there is no layer `{layer}` to render: {reason}. Ask for other layers.")]
     Layer {
-        /// The layer.
-        layer: Layer,
+        /// Its name.
+        layer: &'static str,
         /// What the model lacks.
         reason: &'static str,
     },

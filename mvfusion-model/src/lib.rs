@@ -1,26 +1,54 @@
-//! The MVFusion-GS model and its trainer, generic over Burn's devices.
+//! The MVFusion-GS model and its trainer, on every device that Burn has.
 //!
-//! Data flows one way: [`model::Model`] moves the dynamic Gaussians ([`network`], [`motion`]), both branches are splatted
-//! (crate `mvfusion-render`), [`composition`] blends them, [`loss`] compares with the photos, [`optim`] and [`densify`]
-//! change the Gaussians. [`train`] turns that wheel, [`evaluation`] scores the result.
+//! A static and a dynamic branch of 3D Gaussians are blended by a learned mask. A HexPlane network deforms the dynamic
+//! Gaussians; MVG and MFTA make it aware of motion. The crate stands above `mvfusion-render`, whose ops it calls, and
+//! below `mvfusion-cli`, which adds presets, run folders and commands.
+//!
+//! # A first training
+//! ```
+//! use mvfusion_data::{BuiltinOptions, builtin::builtin};
+//! use mvfusion_model::config::{Config, TrainConfig};
+//! use mvfusion_model::{ModelError, device, train::Trainer};
+//!
+//! # fn main() -> Result<(), ModelError> {
+//! let scene = builtin(&BuiltinOptions { width: 32, height: 24, frames: 3, ..BuiltinOptions::default() });
+//! // The defaults are the paper's for Neu3D; this is a two-thousandth of their steps.
+//! let train = TrainConfig { scale: 0.0005, ..TrainConfig::default() };
+//! let config = Config { train, ..Config::default() }.scaled();
+//!
+//! let mut trainer = Trainer::new(config, &scene, &device::flex())?;
+//! while let Some(losses) = trainer.step()? {
+//!     assert!(losses.total.into_scalar::<f32>().is_finite());
+//! }
+//! let model = trainer.state().model.plain();
+//! assert!(model.dynamic.count() > 0 && model.static_.is_some());
+//! # Ok(())
+//! # }
+//! ```
+//! Larger programs are in the folder `examples`: the plain loop with an evaluation, a loss term of your own, a schedule of
+//! your own, a PLY file of another program, a scene from arrays.
+//!
+//! # Which module do I use?
+//! | you want to | look at |
+//! |---|---|
+//! | train | [`train::Trainer`]: [`step`](train::Trainer::step), or its public parts for an own loss or schedule |
+//! | know what a run can be told | [`Config`] and its tables in [`config`] |
+//! | use the modules alone | [`model`]: [`Gaussians`](model::gaussians::Gaussians), [`DeformationNetwork`](model::network::DeformationNetwork), [`MotionRefinement`](model::motion::MotionRefinement), [`BranchRenders::compose`](model::composition::BranchRenders::compose) |
+//! | place the first Gaussians | [`initial`] |
+//! | measure | [`evaluation::evaluate`] for views, [`evaluation::psnr`] and its neighbours for pictures |
+//! | load a trained model | [`train::load_model`] |
+//!
+//! # Which crate do I use?
+//! `mvfusion-data` reads and writes scenes, without tensors. `mvfusion-render` splats Gaussians and looks up HexPlanes,
+//! without a notion of time. This crate trains. `mvfusion-cli` is the program.
 
-pub mod alive;
-pub mod births;
-pub mod composition;
 pub mod config;
-pub mod densify;
 mod error;
 pub mod evaluation;
-pub mod exposure;
 pub mod files;
-pub mod gaussians;
 pub mod initial;
-pub mod loss;
 pub mod memory;
 pub mod model;
-pub mod motion;
-pub mod network;
-pub mod optim;
 mod parameter_path;
 pub mod random;
 mod tensors;
@@ -32,4 +60,6 @@ pub mod train;
 pub use burn::tensor::Device;
 pub use config::Config;
 pub use error::ModelError;
+pub use model::{composition, gaussians, mask, motion, network};
 pub use mvfusion_render::{device, profile};
+pub use train::{densify, loss, optim};

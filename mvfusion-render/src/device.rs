@@ -60,7 +60,7 @@ mod found {
     use thiserror::Error;
 
     use crate::cube::gpu::{self, adds_floats, is_software};
-    use crate::cube::splat::fits_shared_memory;
+    use crate::cube::shared_memory::fits_shared_memory;
 
     /// A GPU that a backend of this build has found.
     #[derive(Clone, Debug)]

@@ -1,10 +1,53 @@
-//! Differentiable Gaussian splatting, HexPlane look-up, perceptrons, attention and their small companions, as Burn
-//! backend extensions.
+//! Differentiable Gaussian splatting, HexPlane interpolation, MLPs and attention as Burn backend extensions.
 //!
-//! Each op has the same three layers: a CPU twin that knows only slices and is generic over `f32` and `f64`
-//! (`*/cpu.rs`), a backend extension that hands tensors to it (`*/op.rs`), and a function on Burn
-//! tensors that checks shapes at the border. With the feature `cube`, `cube/` implements the same extensions by
-//! launches of GPU kernels. Only `op.rs`, `autodiff.rs`, `host` and `cube/` import Burn's internals.
+//! The crate knows neither time nor files. `mvfusion-model` builds the method on it; `mvfusion-kernels` below it holds the
+//! GPU kernels.
+//!
+//! # A first picture
+//! ```
+//! use burn::tensor::Tensor;
+//! use glam::{DMat3, DVec3};
+//! use mvfusion_data::Camera;
+//! use mvfusion_render::splat::{SplatError, SplatInputs, SplatSettings, splat};
+//!
+//! # fn main() -> Result<(), SplatError> {
+//! # let device = mvfusion_render::device::flex();
+//! // One white Gaussian, two units in front of a camera that looks along +z.
+//! let camera = Camera::centred(32, 24, 30.0, DMat3::IDENTITY, DVec3::ZERO);
+//! let inputs = SplatInputs {
+//!     means: Tensor::from_floats([[0.0, 0.0, 2.0]], &device),
+//!     quaternions: Tensor::from_floats([[1.0, 0.0, 0.0, 0.0]], &device),
+//!     log_scales: Tensor::from_floats([[-1.5, -1.5, -1.5]], &device),
+//!     opacity_logits: Tensor::from_floats([4.0], &device),
+//!     sh: Tensor::from_floats([[[1.7, 1.7, 1.7]]], &device),
+//!     features: None,
+//!     background: Tensor::zeros([3], &device),
+//! };
+//! let picture = splat(inputs, None, &camera, &SplatSettings::default())?;
+//! // Colour [3, H, W]; alpha and depth come with it, and the gradients of all inputs by Burn's autodiff.
+//! let colour = picture.main().colour;
+//! assert_eq!(colour.dims(), [3, 24, 32]);
+//! assert!(colour.max().into_scalar::<f32>() > 0.8);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # Which op do I use?
+//! | op | is |
+//! |---|---|
+//! | [`splat`] | the rasteriser: colour, features, alpha and depth of 3D Gaussians from a camera, by the rules of 3DGS or gsplat |
+//! | [`grid`] | bilinear interpolation in the planes of a HexPlane, and the penalties on these planes |
+//! | [`mlp`] | several MLPs that read the same rows |
+//! | [`attention`] | multi-head attention of few queries to few keys, for every row |
+//! | [`window`] | Gaussian blur and SSIM |
+//! | [`optim`] | Adam's step |
+//! | [`device`] | the devices that were compiled in |
+//!
+//! # How an op is built
+//! Each op has three layers: a CPU twin that knows only slices and is generic over `f32` and `f64` (`*/cpu.rs`), a
+//! backend extension that hands tensors to it (`*/op.rs`), and a function on Burn tensors that checks shapes at the
+//! border. With the feature `cube`, `cube/` implements the same extensions by launches of GPU kernels. Only `op.rs`,
+//! `autodiff.rs`, `host` and `cube/` import Burn's internals.
 #![cfg_attr(
     feature = "ndarray",
     allow(deprecated, reason = "Burn recommends Flex; the charter names ndarray, and each op's macro mentions it")

@@ -1,9 +1,14 @@
-//! Continuous integration: formatting, lints, tests, the other feature sets.
+//! Continuous integration: formatting, documents, lints, tests, examples, the other feature sets.
 
-use std::process::Command;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
 use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
+use serde_json::Value;
+
+use crate::docs;
 
 /// The feature set of the one test build: every CPU backend, and the GPU through wgpu.
 const TESTED: &str = "flex,ndarray,wgpu";
@@ -11,8 +16,10 @@ const TESTED: &str = "flex,ndarray,wgpu";
 /// Runs every check and stops at the first that fails.
 pub fn run() -> Result<()> {
     step("format", &["fmt", "--all", "--check"], &[])?;
+    timed("documents", docs::check)?;
     step("lint", &["clippy", "--workspace", "--all-targets", "--features", TESTED, "--", "--deny", "warnings"], &[])?;
     step("test", &["test", "--workspace", "--features", TESTED], &[])?;
+    timed("examples", run_examples)?;
     step(
         "document",
         &["doc", "--workspace", "--no-deps", "--features", TESTED],
@@ -25,14 +32,64 @@ pub fn run() -> Result<()> {
 }
 
 fn step(name: &str, arguments: &[&str], environment: &[(&str, &str)]) -> Result<()> {
-    eprintln!("== {name}: cargo {}", arguments.join(" "));
+    timed(&format!("{name}: cargo {}", arguments.join(" ")), || {
+        let mut cargo = Command::new(env!("CARGO"));
+        let status = cargo.args(arguments).envs(environment.iter().copied()).status();
+        let status = status.with_context(|| format!("cannot start cargo for `{name}`"))?;
+        ensure!(status.success(), "`cargo {}` failed", arguments.join(" "));
+        Ok(())
+    })
+}
+
+fn timed(name: &str, work: impl FnOnce() -> Result<()>) -> Result<()> {
+    eprintln!("== {name}");
     let started = Instant::now();
-    let status = Command::new(env!("CARGO"))
-        .args(arguments)
-        .envs(environment.iter().copied())
-        .status()
-        .with_context(|| format!("cannot start cargo for `{name}`"))?;
-    ensure!(status.success(), "`cargo {}` failed", arguments.join(" "));
+    work()?;
+    let name = name.split(':').next().unwrap_or(name);
     eprintln!("== {name}: {:.0} s", started.elapsed().as_secs_f64());
     Ok(())
+}
+
+/// Runs every example as the tests have built it; `cargo run -p …` would build the libraries again, for the features of
+/// one package.
+fn run_examples() -> Result<()> {
+    let examples = docs::examples(docs::root())?;
+    if examples.is_empty() {
+        return Ok(());
+    }
+    let built = built_examples()?;
+    for example in examples {
+        let (name, path) = (&example.name, example.path.display());
+        let program = built.get(name).with_context(|| {
+            format!("{path} was not built: its `required-features` must be among those of the tests ({TESTED})")
+        })?;
+        eprintln!("-- {name}");
+        // What an example writes to its folder goes with the folder.
+        let folder = tempfile::tempdir().context("cannot make a folder to run the example in")?;
+        let status = Command::new(program).current_dir(&folder).status();
+        let status = status.with_context(|| format!("cannot start {}", program.display()))?;
+        ensure!(status.success(), "the example {path} failed: {status}");
+    }
+    Ok(())
+}
+
+/// The programs of the examples, by name.
+fn built_examples() -> Result<BTreeMap<String, PathBuf>> {
+    let arguments =
+        ["build", "--workspace", "--examples", "--features", TESTED, "--message-format", "json-render-diagnostics"];
+    let output = Command::new(env!("CARGO")).args(arguments).stderr(Stdio::inherit()).output();
+    let output = output.context("cannot start cargo for the examples")?;
+    ensure!(output.status.success(), "`cargo {}` failed", arguments.join(" "));
+    let mut built = BTreeMap::new();
+    for line in String::from_utf8_lossy(&output.stdout).lines() {
+        let message: Value = serde_json::from_str(line).context("cargo sent a message that is not JSON")?;
+        let is_example =
+            message["target"]["kind"].as_array().is_some_and(|kinds| kinds.iter().any(|kind| kind == "example"));
+        if let (true, Some(name), Some(program)) =
+            (is_example, message["target"]["name"].as_str(), message["executable"].as_str())
+        {
+            built.insert(name.to_owned(), program.into());
+        }
+    }
+    Ok(built)
 }

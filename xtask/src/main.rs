@@ -2,6 +2,7 @@
 
 mod bench;
 mod ci;
+mod docs;
 mod results;
 
 use clap::{Parser, Subcommand};
@@ -18,6 +19,8 @@ struct Arguments {
 enum Chore {
     /// Everything that continuous integration runs, cheapest check first.
     Ci,
+    /// Checks the Markdown files and their generated lists; `--write` writes the lists.
+    Docs(docs::DocsArguments),
     /// Times the ops on this machine.
     Bench(bench::BenchArguments),
     /// Trains every method on every scene and writes the tables of docs/results.md.
@@ -27,6 +30,7 @@ enum Chore {
 fn main() -> anyhow::Result<()> {
     match Arguments::parse().chore {
         Chore::Ci => ci::run(),
+        Chore::Docs(arguments) => docs::run(&arguments),
         Chore::Bench(arguments) => bench::run(&arguments),
         Chore::Results(arguments) => results::run(&arguments),
     }

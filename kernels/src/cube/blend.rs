@@ -9,7 +9,7 @@ use super::stage::{
 };
 use super::tiles::tiles_along;
 use super::view::BlendRules;
-use crate::splat::MIN_ALPHA;
+use crate::splat::{MIN_ALPHA, alpha_plane, background_channels, plane_count, plane_of_channel};
 
 /// Gaussians that a unit takes up in one turn of its loop: a driver that computes on the CPU copies all that a turn
 /// hands to the next, the sums of every pixel.
@@ -25,7 +25,7 @@ impl TileShare {
         [4 * WORD, 2 * WORD, WORD, WORD / 4]
             .into_iter()
             .map(|batch| Self { span, channels, batch })
-            .find(|share| share.bytes() + 4 <= memory)
+            .find(|share| share.bytes() + size_of::<u32>() <= memory)
     }
 }
 
@@ -85,7 +85,7 @@ pub fn blend(
                             met &= met - 1u32;
                             let splat = staged_at(&staged, k, &pixels, share);
                             let number = i32::cast_from(at - begin + k + 1u32);
-                            take_up(&mut blended, &splat, there * splat.opacity, number, &rules, share);
+                            composite_forward(&mut blended, &splat, there * splat.opacity, number, &rules, share);
                         }
                     }
                     word += comptime!(WORD as u32);
@@ -143,7 +143,7 @@ fn nothing_blended(pixels: &UnitPixels, width: u32, height: u32, #[comptime] sha
 /// Blends a Gaussian, the tile's `number`-th, into the unit's pixels. Without branches: a unit's pixels are computed
 /// together.
 #[cube]
-fn take_up(
+fn composite_forward(
     blended: &mut Blended,
     splat: &Staged,
     opacity: f32,
@@ -194,16 +194,16 @@ fn write_picture(
             #[unroll]
             for channel in 0..channels {
                 let mut value = blended.sums[comptime!(p * channels + channel)];
-                // The depth, last of the channels, has no background, and alpha stands before it.
-                if comptime!(channel + 1 < channels) {
+                if comptime!(channel < background_channels(channels)) {
                     value += left * background[channel];
                 }
-                let to = comptime!(if channel + 1 < channels { channel } else { channel + 1 });
+                let to = comptime!(plane_of_channel(channel, channels));
                 picture[to * plane + pixel] = value;
-                picture[comptime!(to + channels + 1) * plane + pixel] = value;
+                picture[comptime!(to + plane_count(channels)) * plane + pixel] = value;
             }
-            picture[comptime!(channels - 1) * plane + pixel] = 1.0f32 - left;
-            picture[comptime!(2 * channels) * plane + pixel] = 1.0f32 - left;
+            let to = comptime!(alpha_plane(channels));
+            picture[to * plane + pixel] = 1.0f32 - left;
+            picture[comptime!(to + plane_count(channels)) * plane + pixel] = 1.0f32 - left;
         }
     }
 }

@@ -9,6 +9,7 @@
 
 use cubecl::prelude::*;
 
+use super::backward_kind::{BlendBackwardKind, MIDDLE, POWERS, SUM_CHANNELS, SUM_ONE, SUM_X, SUM_XX, record_vectors};
 use super::maths::constant;
 use super::moments::write_records;
 use super::stage::{
@@ -17,78 +18,12 @@ use super::stage::{
 };
 use super::tiles::tiles_along;
 use super::view::BlendRules;
-use crate::splat::{COLOUR_CHANNELS, MIN_ALPHA, PROJECTED_GRADIENT_LEN, TILE};
-
-/// The middle of a tile's pixels along an axis.
-pub(super) const MIDDLE: f64 = (TILE as f64 - 1.0) / 2.0;
-
-/// How the kernel is compiled.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct BlendBackwardKind {
-    /// How a tile is shared out.
-    pub share: TileShare,
-    /// Which channels of the main picture the statistic counts; none if nobody asks for it.
-    pub statistic: Option<CountedChannels>,
-}
-
-/// The channels that the statistic counts.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum CountedChannels {
-    /// Colour, alpha and depth.
-    ColourAndDepth,
-    /// These and the features.
-    All,
-}
-
-/// Vectors of a gradient record of so many channels.
-pub const fn record_vectors(channels: usize) -> usize {
-    (PROJECTED_GRADIENT_LEN + channels).div_ceil(FOUR)
-}
-
-impl BlendBackwardKind {
-    /// The kernel for a device whose cubes share `memory` bytes; `None` if no batch fits.
-    pub fn fitting(span: usize, channels: usize, statistic: Option<CountedChannels>, memory: usize) -> Option<Self> {
-        [WORD, 16, 8, 4, 2, 1]
-            .into_iter()
-            .map(|batch| Self { share: TileShare { span, channels, batch }, statistic })
-            .find(|kind| kind.bytes() <= memory)
-    }
-
-    /// Vectors of what a unit sums over its pixels, see `take_out`.
-    pub(super) const fn sums(&self) -> usize {
-        (3 + self.share.channels + if self.statistic.is_some() { 2 } else { 0 }).div_ceil(FOUR)
-    }
-
-    /// Vectors that the units' sums of a batch take.
-    const fn parts(&self) -> usize {
-        self.share.batch * self.share.units() * self.sums()
-    }
-
-    /// Vectors that the sums over all rows take, times 1, y and y².
-    const fn totals(&self) -> usize {
-        self.share.batch * self.sums() * 3
-    }
-
-    /// Bytes that a cube shares.
-    const fn bytes(&self) -> usize {
-        self.share.bytes() + 16 * (self.parts() + self.totals()) + 4 * self.share.units()
-    }
-
-    /// Whether the statistic counts a channel.
-    fn counts(&self, channel: usize) -> bool {
-        let is_feature = channel >= COLOUR_CHANNELS && channel + 1 < self.share.channels;
-        match self.statistic {
-            None => false,
-            Some(CountedChannels::All) => true,
-            Some(CountedChannels::ColourAndDepth) => !is_feature,
-        }
-    }
-}
+use crate::splat::{MIN_ALPHA, alpha_plane, background_channels, plane_count, plane_of_channel};
 
 /// Gradients of `blend`, whose arguments come first; `v_picture` is shaped as its picture.
 ///
-/// `gradients` has a row of [`record_vectors`] for each entry of the tile lists; `v_background` is `[tiles, channels -
-/// 1]`, each tile's part.
+/// `gradients` has a row of [`record_vectors`] for each entry of the tile lists; `v_background` `[tiles, channels - 1]` has
+/// each tile's part.
 #[cube(launch_unchecked)]
 pub fn blend_backward(
     records: &[f32],
@@ -131,7 +66,8 @@ pub fn blend_backward(
                 let k = comptime!(WORD as u32 - 1) - met.leading_zeros();
                 met ^= 1u32 << k;
                 let splat = staged_at(&staged, k, &pixels, share);
-                let sums = take_out(&mut taken, &splat, i32::cast_from(first + k), pixels.column, &rules, kind);
+                let sums =
+                    composite_backward(&mut taken, &splat, i32::cast_from(first + k), pixels.column, &rules, kind);
                 write_parts(&sums, k as usize, &mut parts, kind);
             }
             sync_cube();
@@ -192,23 +128,24 @@ fn nothing_taken(
         let mut v_alpha = 0.0f32;
         let mut v_alpha_main = 0.0f32;
         if inside {
-            v_alpha_main = v_picture[comptime!(channels - 1) * plane + pixel];
-            v_alpha = v_alpha_main + v_picture[comptime!(2 * channels) * plane + pixel];
+            v_alpha_main = v_picture[comptime!(alpha_plane(channels)) * plane + pixel];
+            v_alpha =
+                v_alpha_main + v_picture[comptime!(alpha_plane(channels) + plane_count(channels)) * plane + pixel];
         }
         let mut shade = -v_alpha;
         let mut shade_counted = -v_alpha_main;
         #[unroll]
         for channel in 0..channels {
-            let from = comptime!(if channel + 1 < channels { channel } else { channel + 1 });
+            let from = comptime!(plane_of_channel(channel, channels));
             let mut first = 0.0f32;
             let mut second = 0.0f32;
             if inside {
                 first = v_picture[from * plane + pixel];
-                second = v_picture[(from + comptime!(channels + 1)) * plane + pixel];
+                second = v_picture[comptime!(from + plane_count(channels)) * plane + pixel];
             }
             both[comptime!(p * channels + channel)] = first + second;
             main[comptime!(p * channels + channel)] = first;
-            if comptime!(channel + 1 < channels) {
+            if comptime!(channel < background_channels(channels)) {
                 shade += (first + second) * background[channel];
                 if comptime!(kind.counts(channel)) {
                     shade_counted += first * background[channel];
@@ -232,13 +169,14 @@ fn sum_background(
     #[comptime] kind: BlendBackwardKind,
 ) {
     let channels = comptime!(kind.share.channels);
+    let count = comptime!(background_channels(kind.share.channels));
     let units = comptime!(kind.share.units());
     let unit = UNIT_POS as usize;
     #[unroll]
-    for vector in 0..comptime!((channels - 1).div_ceil(FOUR)) {
+    for vector in 0..comptime!(count.div_ceil(FOUR)) {
         let mut sums = Four::new(0.0f32);
         #[unroll]
-        for part in 0..comptime!((channels - 1 - FOUR * vector).min(FOUR)) {
+        for part in 0..comptime!((count - FOUR * vector).min(FOUR)) {
             let mut sum = 0.0f32;
             #[unroll]
             for p in 0..kind.share.span {
@@ -250,7 +188,7 @@ fn sum_background(
     }
     sync_cube();
     let mut vector = unit;
-    while vector < comptime!((channels - 1).div_ceil(FOUR)) {
+    while vector < comptime!(count.div_ceil(FOUR)) {
         let mut sums = Four::new(0.0f32);
         for other in 0..units {
             sums += parts[vector * units + other];
@@ -258,8 +196,8 @@ fn sum_background(
         #[unroll]
         for part in 0..FOUR {
             let channel = FOUR * vector + part;
-            if channel < comptime!(channels - 1) {
-                v_background[tile as usize * comptime!(channels - 1) + channel] = sums.extract(part);
+            if channel < count {
+                v_background[tile as usize * count + channel] = sums.extract(part);
             }
         }
         vector += units;
@@ -282,7 +220,7 @@ fn largest_last(taken: &Taken, #[comptime] share: TileShare) -> u32 {
 /// cotangents, summed over them: sigma's part times 1, x and x² (x from the tile's middle), the channels, and the
 /// statistic's part times 1 and x.
 #[cube]
-fn take_out(
+fn composite_backward(
     taken: &mut Taken,
     splat: &Staged,
     place: i32,
@@ -315,13 +253,13 @@ fn take_out(
         for channel in 0..channels {
             let v = taken.both[comptime!(p * channels + channel)];
             shade += v * splat.values[channel];
-            sums[comptime!(3 + channel)] += weight * v;
+            sums[comptime!(SUM_CHANNELS + channel)] += weight * v;
         }
         let part = gate * (before * shade - taken.behind[p] * inverse);
         let x = from_middle + comptime!(p as f32);
-        sums[0] += part;
-        sums[1] += part * x;
-        sums[2] += part * x * x;
+        sums[SUM_ONE] += part;
+        sums[SUM_X] += part * x;
+        sums[SUM_XX] += part * x * x;
         taken.behind[p] += weight * shade;
         if comptime!(kind.statistic.is_some()) {
             let mut shade = 0.0f32;
@@ -332,8 +270,8 @@ fn take_out(
                 }
             }
             let part = gate * (before * shade - taken.behind_counted[p] * inverse);
-            sums[comptime!(3 + channels)] += part;
-            sums[comptime!(4 + channels)] += part * x;
+            sums[comptime!(kind.counted_one())] += part;
+            sums[comptime!(kind.counted_x())] += part * x;
             taken.behind_counted[p] += weight * shade;
         }
         taken.transmittance[p] = before;
@@ -379,9 +317,9 @@ fn sum_over_rows(
                 by_yy += four * y * y;
             }
         }
-        totals[3 * task] = once;
-        totals[3 * task + 1] = by_y;
-        totals[3 * task + 2] = by_yy;
+        totals[POWERS * task] = once;
+        totals[POWERS * task + 1] = by_y;
+        totals[POWERS * task + 2] = by_yy;
         task += units;
     }
 }

@@ -8,6 +8,7 @@
 pub mod adam;
 pub mod atomic;
 pub mod attention;
+pub mod backward_kind;
 pub mod blend;
 pub mod blend_backward;
 pub mod geometry;

@@ -5,10 +5,12 @@
 
 use cubecl::prelude::*;
 
-use super::blend_backward::{BlendBackwardKind, MIDDLE, record_vectors};
+use super::backward_kind::{
+    BlendBackwardKind, MIDDLE, POWERS, SUM_CHANNELS, SUM_ONE, SUM_X, SUM_XX, record_numbers, record_vectors,
+};
 use super::maths::constant;
-use super::stage::{FOUR, Four, four_of};
-use crate::splat::PROJECTED_GRADIENT_LEN;
+use super::stage::{FOUR, Four, four_of, head_at};
+use crate::splat::gradient_record;
 
 /// Writes the records of a batch of `count`, which starts at `first` in all lists: a unit is a Gaussian.
 #[cube]
@@ -39,19 +41,17 @@ fn write_record(
     to: usize,
     #[comptime] kind: BlendBackwardKind,
 ) {
-    let at = k * comptime!(kind.share.vectors());
-    let (shape, rest) = (staged[at], staged[at + 1]);
+    let head = head_at(staged, k * comptime!(kind.share.vectors()));
     let middle = constant(MIDDLE);
-    let slope = shape.extract(3usize);
-    let (curve_x, curve_y) = (2.0f32 * shape.extract(2usize), 2.0f32 * rest.extract(0usize));
-    let opacity = rest.extract(1usize);
-    let middle_y = shape.extract(1usize) + middle;
-    let middle_u = shape.extract(0usize) + middle + slope * middle_y;
-    let one = total(totals, k, 0usize, 0usize, kind);
-    let (x, y) = (total(totals, k, 1usize, 0usize, kind), total(totals, k, 0usize, 1usize, kind));
-    let xx = total(totals, k, 2usize, 0usize, kind);
-    let xy = total(totals, k, 1usize, 1usize, kind);
-    let yy = total(totals, k, 0usize, 2usize, kind);
+    let (slope, opacity) = (head.slope, head.opacity);
+    let (curve_x, curve_y) = (2.0f32 * head.half_x, 2.0f32 * head.half_y);
+    let middle_y = head.y + middle;
+    let middle_u = head.x + middle + slope * middle_y;
+    let one = total(totals, k, SUM_ONE, 0usize, kind);
+    let (x, y) = (total(totals, k, SUM_X, 0usize, kind), total(totals, k, SUM_ONE, 1usize, kind));
+    let xx = total(totals, k, SUM_XX, 0usize, kind);
+    let xy = total(totals, k, SUM_X, 1usize, kind);
+    let yy = total(totals, k, SUM_ONE, 2usize, kind);
     // Sums of u, dy, u², u dy and dy².
     let u = x + slope * y + middle_u * one;
     let dy = y + middle_y * one;
@@ -60,30 +60,32 @@ fn write_record(
     let dy_dy = yy + middle_y * (2.0f32 * y + middle_y * one);
     let (g_xx, g_xu) = (curve_x * curve_x * uu, curve_x * curve_y * u_dy);
 
-    let mut numbers = Array::<f32>::new(comptime!(FOUR * record_vectors(kind.share.channels)));
-    numbers[0] = opacity * curve_x * u;
-    numbers[1] = opacity * (slope * curve_x * u + curve_y * dy);
-    numbers[2] = 0.5f32 * opacity * g_xx;
-    numbers[3] = opacity * (slope * g_xx + g_xu);
-    numbers[4] = 0.5f32 * opacity * (slope * slope * g_xx + 2.0f32 * slope * g_xu + curve_y * curve_y * dy_dy);
-    numbers[5] = one;
-    numbers[6] = 0.0f32;
-    numbers[7] = 0.0f32;
+    let mut numbers = Array::<f32>::new(comptime!(record_numbers(kind.share.channels)));
+    numbers[gradient_record::CENTRE_X] = opacity * curve_x * u;
+    numbers[gradient_record::CENTRE_Y] = opacity * (slope * curve_x * u + curve_y * dy);
+    numbers[gradient_record::COVARIANCE_XX] = 0.5f32 * opacity * g_xx;
+    numbers[gradient_record::COVARIANCE_XY] = opacity * (slope * g_xx + g_xu);
+    numbers[gradient_record::COVARIANCE_YY] =
+        0.5f32 * opacity * (slope * slope * g_xx + 2.0f32 * slope * g_xu + curve_y * curve_y * dy_dy);
+    numbers[gradient_record::OPACITY] = one;
+    numbers[gradient_record::STATISTIC_X] = 0.0f32;
+    numbers[gradient_record::STATISTIC_Y] = 0.0f32;
     if comptime!(kind.statistic.is_some()) {
-        let counted = comptime!(3 + kind.share.channels);
-        let one = total(totals, k, counted, 0usize, kind);
-        let (x, y) = (total(totals, k, comptime!(counted + 1), 0usize, kind), total(totals, k, counted, 1usize, kind));
+        let (counted_one, counted_x) = comptime!((kind.counted_one(), kind.counted_x()));
+        let one = total(totals, k, counted_one, 0usize, kind);
+        let (x, y) = (total(totals, k, counted_x, 0usize, kind), total(totals, k, counted_one, 1usize, kind));
         let u = x + slope * y + middle_u * one;
         let dy = y + middle_y * one;
-        numbers[6] = opacity * curve_x * u;
-        numbers[7] = opacity * (slope * curve_x * u + curve_y * dy);
+        numbers[gradient_record::STATISTIC_X] = opacity * curve_x * u;
+        numbers[gradient_record::STATISTIC_Y] = opacity * (slope * curve_x * u + curve_y * dy);
     }
     #[unroll]
-    for i in 0..comptime!(FOUR * record_vectors(kind.share.channels) - PROJECTED_GRADIENT_LEN) {
-        if comptime!(i < kind.share.channels) {
-            numbers[comptime!(PROJECTED_GRADIENT_LEN + i)] = total(totals, k, comptime!(3 + i), 0usize, kind);
+    for channel in 0..comptime!(record_numbers(kind.share.channels) - gradient_record::CHANNELS) {
+        let place = comptime!(gradient_record::CHANNELS + channel);
+        if comptime!(channel < kind.share.channels) {
+            numbers[place] = total(totals, k, comptime!(SUM_CHANNELS + channel), 0usize, kind);
         } else {
-            numbers[comptime!(PROJECTED_GRADIENT_LEN + i)] = 0.0f32;
+            numbers[place] = 0.0f32;
         }
     }
     #[unroll]
@@ -102,5 +104,5 @@ fn total(
     #[comptime] kind: BlendBackwardKind,
 ) -> f32 {
     let vector = k * comptime!(kind.sums()) + comptime!(number / FOUR);
-    totals[3 * vector + power].extract(comptime!(number % FOUR))
+    totals[POWERS * vector + power].extract(comptime!(number % FOUR))
 }

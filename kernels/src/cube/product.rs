@@ -13,7 +13,7 @@ const STRIDE: usize = 4;
 
 /// Where a matrix lies in its buffer: the number in row r and column c at `first + row r + column c`.
 #[derive(CubeType, CubeLaunch, Clone, Copy)]
-pub struct Place {
+pub struct MatrixLayout {
     /// The first number.
     pub first: u32,
     /// From one row to the next.
@@ -116,10 +116,10 @@ pub fn product(
     gate: &[f32],
     result: &mut [f32],
     size: ProductSize,
-    left_place: Place,
-    right_place: Place,
-    result_place: Place,
-    gate_place: Place,
+    left_layout: MatrixLayout,
+    right_layout: MatrixLayout,
+    result_layout: MatrixLayout,
+    gate_layout: MatrixLayout,
     bias: u32,
     slab_stride: u32,
     #[comptime] kind: ProductKind,
@@ -159,7 +159,7 @@ pub fn product(
                 let (step, four) = (task % STRIDE, task / STRIDE);
                 let row = first_row + (four * FOUR) as u32;
                 lefts[step * row_fours + four] =
-                    left_four(left, &left_place, row, depth + step as u32, slab_end, &size, kind);
+                    left_four(left, &left_layout, row, depth + step as u32, slab_end, &size, kind);
                 task += comptime!(kind.units);
             }
             let mut task = UNIT_POS as usize;
@@ -167,7 +167,7 @@ pub fn product(
                 let (step, four) = (task % STRIDE, task / STRIDE);
                 let column = first_column + (four * FOUR) as u32;
                 rights[step * column_fours + four] =
-                    right_four(right, &right_place, depth + step as u32, column, slab_end, &size);
+                    right_four(right, &right_layout, depth + step as u32, column, slab_end, &size);
                 task += comptime!(kind.units);
             }
             sync_cube();
@@ -208,14 +208,14 @@ pub fn product(
                     let row = first_row + (down * comptime!(kind.block_rows)) as u32 + comptime!(i as u32);
                     if row < size.rows {
                         let value = sums[comptime!(i * kind.fours() + j / FOUR)].extract(comptime!(j % FOUR));
-                        let to = place_of(&result_place, row, column) + slab_first;
+                        let to = index_of(&result_layout, row, column) + slab_first;
                         result[to] =
-                            ended(value, right, gate, result[to], bias + column, row, column, &gate_place, kind.end);
+                            ended(value, right, gate, result[to], bias + column, row, column, &gate_layout, kind.end);
                     }
                 }
                 if sums_right && down == 0 && first_row == 0u32 {
                     let value = right_sums[comptime!(j / FOUR)].extract(comptime!(j % FOUR));
-                    result[place_of(&result_place, size.rows, column) + slab_first] = value;
+                    result[index_of(&result_layout, size.rows, column) + slab_first] = value;
                 }
             }
         }
@@ -232,7 +232,7 @@ fn ended(
     bias: u32,
     row: u32,
     column: u32,
-    gate_place: &Place,
+    gate_layout: &MatrixLayout,
     #[comptime] end: End,
 ) -> f32 {
     let mut value = value;
@@ -243,7 +243,7 @@ fn ended(
         value = max(value, 0.0f32);
     }
     if comptime!(matches!(end, End::Adjoint { gated: true, .. })) {
-        let open = gate[place_of(gate_place, row, column)] > 0.0f32;
+        let open = gate[index_of(gate_layout, row, column)] > 0.0f32;
         value = select(open, value, 0.0f32);
     }
     if comptime!(matches!(end, End::Adjoint { added: true, .. })) {
@@ -253,15 +253,15 @@ fn ended(
 }
 
 #[cube]
-fn place_of(place: &Place, row: u32, column: u32) -> usize {
-    (place.first + row * place.row + column * place.column) as usize
+fn index_of(layout: &MatrixLayout, row: u32, column: u32) -> usize {
+    (layout.first + row * layout.row + column * layout.column) as usize
 }
 
 /// Four rows of a column of the left matrix; zeros beyond it and beyond the slab.
 #[cube]
 fn left_four(
     left: &[f32],
-    place: &Place,
+    layout: &MatrixLayout,
     row: u32,
     column: u32,
     slab_end: u32,
@@ -274,7 +274,7 @@ fn left_four(
         let row = row + comptime!(part as u32);
         let mut value = 0.0f32;
         if row < size.rows && column < slab_end {
-            value = left[place_of(place, row, column)];
+            value = left[index_of(layout, row, column)];
         }
         if comptime!(kind.rectified) {
             value = max(value, 0.0f32);
@@ -286,14 +286,14 @@ fn left_four(
 
 /// Four columns of a row of the right matrix; zeros beyond it and beyond the slab.
 #[cube]
-fn right_four(right: &[f32], place: &Place, row: u32, column: u32, slab_end: u32, size: &ProductSize) -> Four {
+fn right_four(right: &[f32], layout: &MatrixLayout, row: u32, column: u32, slab_end: u32, size: &ProductSize) -> Four {
     let mut four = Four::new(0.0f32);
     #[unroll]
     for part in 0..FOUR {
         let column = column + comptime!(part as u32);
         let mut value = 0.0f32;
         if row < slab_end && column < size.columns {
-            value = right[place_of(place, row, column)];
+            value = right[index_of(layout, row, column)];
         }
         four.insert(part, value);
     }

@@ -7,7 +7,7 @@ use super::maths::{Triple, constant, is_finite, scaled, sigmoid, sum, triple_at}
 use super::sh;
 use super::tiles::{Splat, count_tiles, tile_rectangle};
 use super::view::{ProjectionKind, View};
-use crate::splat::{MAX_RADIUS, MIN_ALPHA, MIN_EIGENVALUE_SPREAD, PROJECTED_LEN, REACH_SLACK};
+use crate::splat::{MAX_RADIUS, MIN_ALPHA, MIN_EIGENVALUE_SPREAD, PROJECTED_LEN, REACH_SLACK, projected_row};
 
 /// Projects each Gaussian: `records` `[N, PROJECTED_LEN]`, `radii` `[N, 2]`, `largest` `[N]` of both radii, and
 /// `touched` `[N]`, the number of tiles; all are 0 where it is culled.
@@ -66,17 +66,17 @@ pub fn project(
 
         let first = index * PROJECTED_LEN;
         if visible {
-            records[first] = splat.centre.x;
-            records[first + 1] = splat.centre.y;
-            records[first + 2] = splat.curve_x;
-            records[first + 3] = splat.slope;
-            records[first + 4] = splat.curve_y;
-            records[first + 5] = splat.opacity;
-            records[first + 6] = splat.reach;
-            records[first + 7] = splat.depth;
-            records[first + 8] = max(colour.x, 0.0f32);
-            records[first + 9] = max(colour.y, 0.0f32);
-            records[first + 10] = max(colour.z, 0.0f32);
+            records[first + projected_row::CENTRE_X] = splat.centre.x;
+            records[first + projected_row::CENTRE_Y] = splat.centre.y;
+            records[first + projected_row::CURVE_X] = splat.curve_x;
+            records[first + projected_row::SLOPE] = splat.slope;
+            records[first + projected_row::CURVE_Y] = splat.curve_y;
+            records[first + projected_row::OPACITY] = splat.opacity;
+            records[first + projected_row::REACH] = splat.reach;
+            records[first + projected_row::DEPTH] = splat.depth;
+            records[first + projected_row::RED] = max(colour.x, 0.0f32);
+            records[first + projected_row::GREEN] = max(colour.y, 0.0f32);
+            records[first + projected_row::BLUE] = max(colour.z, 0.0f32);
             radii[2 * index] = radius_x;
             radii[2 * index + 1] = radius_y;
             largest[index] = max(radius_x, radius_y);

@@ -3,7 +3,7 @@
 
 use cubecl::prelude::*;
 
-use super::blend_backward::record_vectors;
+use super::backward_kind::{record_numbers, record_vectors};
 use super::geometry::{Geometry, Matrix, Quaternion, compensation, geometry_of};
 use super::maths::{Pair, Triple, constant, dot, multiplied, scaled, sigmoid, sum};
 use super::project::direction;
@@ -11,7 +11,7 @@ use super::sh;
 use super::stage::{FOUR, Four};
 use super::view::{ProjectionKind, View};
 use crate::sh::coefficient_count;
-use crate::splat::{COLOUR_CHANNELS, MIN_COMPENSATION, PROJECTED_GRADIENT_LEN, PROJECTED_LEN};
+use crate::splat::{MIN_COMPENSATION, PROJECTED_LEN, feature_count, gradient_record, projected_row};
 
 /// Sums the records of each Gaussian, in the order of its tiles, and pulls them back through the projection.
 ///
@@ -46,7 +46,7 @@ pub fn project_backward(
     let index = ABSOLUTE_POS;
     if index < count as usize {
         let vectors = comptime!(record_vectors(channels));
-        let feature_count = comptime!(channels - COLOUR_CHANNELS - 1);
+        let feature_count = comptime!(feature_count(channels));
         let mut sums = Array::<Four>::new(vectors);
         #[unroll]
         for vector in 0..vectors {
@@ -61,9 +61,9 @@ pub fn project_backward(
                 sums[vector] += gradients[from + vector];
             }
         }
-        let mut record = Array::<f32>::new(comptime!(FOUR * record_vectors(channels)));
+        let mut record = Array::<f32>::new(comptime!(record_numbers(channels)));
         #[unroll]
-        for field in 0..comptime!(FOUR * record_vectors(channels)) {
+        for field in 0..comptime!(record_numbers(channels)) {
             record[field] = sums[comptime!(field / FOUR)].extract(comptime!(field % FOUR));
         }
 
@@ -71,13 +71,14 @@ pub fn project_backward(
         if pairs > 0 {
             let geometry = geometry_of(means, quaternions, log_scales, index, &view);
             let opacity = sigmoid(opacity_logits[index]);
+            let v_opacity = record[gradient_record::OPACITY];
             v_opacity_logits[index] =
-                record[5] * compensation(&geometry, kind.compensated) * opacity * (1.0f32 - opacity);
-            let mut v_xx = record[2];
-            let mut v_xy = record[3];
-            let mut v_yy = record[4];
+                v_opacity * compensation(&geometry, kind.compensated) * opacity * (1.0f32 - opacity);
+            let mut v_xx = record[gradient_record::COVARIANCE_XX];
+            let mut v_xy = record[gradient_record::COVARIANCE_XY];
+            let mut v_yy = record[gradient_record::COVARIANCE_YY];
             if comptime!(kind.compensated) {
-                let more = compensation_gradient(&geometry, record[5] * opacity, view.dilation);
+                let more = compensation_gradient(&geometry, v_opacity * opacity, view.dilation);
                 v_xx += more.x;
                 v_xy += more.y;
                 v_yy += more.z;
@@ -89,15 +90,15 @@ pub fn project_backward(
             v_quaternions[4 * index + 3] = shape.quaternion.axis.z;
             write_triple(v_log_scales, index, &shape.log_scales);
 
-            let v_centre = Pair { x: record[0], y: record[1] };
-            let v_depth = record[comptime!(PROJECTED_GRADIENT_LEN + channels - 1)];
+            let v_centre = Pair { x: record[gradient_record::CENTRE_X], y: record[gradient_record::CENTRE_Y] };
+            let v_depth = record[comptime!(gradient_record::depth(channels))];
             let v_point = point_gradient(&geometry, &view, &v_centre, v_depth, &shape);
             // A colour that its clamp holds has no gradient.
-            let colour = index * PROJECTED_LEN + 8;
+            let row = index * PROJECTED_LEN;
             let v_colour = Triple {
-                x: select(records[colour] > 0.0f32, record[PROJECTED_GRADIENT_LEN], 0.0f32),
-                y: select(records[colour + 1] > 0.0f32, record[PROJECTED_GRADIENT_LEN + 1], 0.0f32),
-                z: select(records[colour + 2] > 0.0f32, record[PROJECTED_GRADIENT_LEN + 2], 0.0f32),
+                x: select(records[row + projected_row::RED] > 0.0f32, record[gradient_record::RED], 0.0f32),
+                y: select(records[row + projected_row::GREEN] > 0.0f32, record[gradient_record::GREEN], 0.0f32),
+                z: select(records[row + projected_row::BLUE] > 0.0f32, record[gradient_record::BLUE], 0.0f32),
             };
             let (unit, distance) = direction(means, index, &view);
             let basis = sh::basis(&unit, kind.degree);
@@ -132,10 +133,10 @@ pub fn project_backward(
         }
         #[unroll]
         for feature in 0..feature_count {
-            v_features[index * feature_count + feature] = record[PROJECTED_GRADIENT_LEN + COLOUR_CHANNELS + feature];
+            v_features[index * feature_count + feature] = record[gradient_record::FEATURES + feature];
         }
-        statistic[2 * index] = record[6] * 0.5f32 * f32::cast_from(view.width);
-        statistic[2 * index + 1] = record[7] * 0.5f32 * f32::cast_from(view.height);
+        statistic[2 * index] = record[gradient_record::STATISTIC_X] * 0.5f32 * f32::cast_from(view.width);
+        statistic[2 * index + 1] = record[gradient_record::STATISTIC_Y] * 0.5f32 * f32::cast_from(view.height);
     }
 }
 

@@ -6,13 +6,16 @@
 use cubecl::prelude::*;
 
 use super::tiles::{splat_at, tiles_along};
-use crate::splat::{COLOUR_CHANNELS, PROJECTED_LEN, TILE, TILE_PIXELS};
+use crate::splat::{COLOUR_CHANNELS, PROJECTED_LEN, TILE, TILE_PIXELS, depth_channel, feature_count, projected_row};
 
 /// Four numbers that are read at once.
 pub type Four = Vector<f32, Const<4>>;
 
 /// Numbers of a [`Four`].
 pub const FOUR: usize = 4;
+
+/// Bytes of a [`Four`].
+pub(super) const FOUR_BYTES: usize = FOUR * size_of::<f32>();
 
 /// Vector `vector` of a list of numbers.
 #[cube]
@@ -25,9 +28,8 @@ pub(super) fn four_of(numbers: &Array<f32>, #[comptime] vector: usize) -> Four {
     four
 }
 
-/// Vectors of a staged Gaussian before its channels: offset of the tile's first pixel, half curvature along x, shear;
-/// half curvature along y, opacity.
-pub(super) const HEAD: usize = 2;
+/// Vectors of a [`StagedHead`], which precedes the channels of a staged Gaussian.
+const HEAD: usize = 2;
 
 /// Bits of a word of a row's list.
 pub(super) const WORD: usize = 32;
@@ -61,7 +63,7 @@ impl TileShare {
 
     /// Bytes that a batch takes of what a cube's units share.
     pub(super) const fn bytes(&self) -> usize {
-        self.batch * (16 * self.vectors() + 4)
+        self.batch * (FOUR_BYTES * self.vectors() + size_of::<u32>())
     }
 }
 
@@ -136,6 +138,52 @@ pub(super) fn stage_batch(
     }
 }
 
+/// A staged Gaussian without its channels.
+#[derive(CubeType, Clone, Copy)]
+pub(super) struct StagedHead {
+    /// From the centre to the tile's first pixel, along x.
+    pub x: f32,
+    /// The same along y.
+    pub y: f32,
+    /// Half curvature along x.
+    pub half_x: f32,
+    /// Shear.
+    pub slope: f32,
+    /// Half curvature that remains along y.
+    pub half_y: f32,
+    /// Opacity.
+    pub opacity: f32,
+}
+
+/// Writes a head into the vectors from `at` on, where [`head_at()`] reads it.
+#[cube]
+fn write_head(staged: &mut Shared<[Four]>, at: usize, head: &StagedHead) {
+    let mut shape = Four::new(0.0f32);
+    shape.insert(0usize, head.x);
+    shape.insert(1usize, head.y);
+    shape.insert(2usize, head.half_x);
+    shape.insert(3usize, head.slope);
+    staged[at] = shape;
+    let mut rest = Four::new(0.0f32);
+    rest.insert(0usize, head.half_y);
+    rest.insert(1usize, head.opacity);
+    staged[at + 1] = rest;
+}
+
+/// Reads the head of the Gaussian whose vectors begin at `at`.
+#[cube]
+pub(super) fn head_at(staged: &Shared<[Four]>, at: usize) -> StagedHead {
+    let (shape, rest) = (staged[at], staged[at + 1]);
+    StagedHead {
+        x: shape.extract(0usize),
+        y: shape.extract(1usize),
+        half_x: shape.extract(2usize),
+        slope: shape.extract(3usize),
+        half_y: rest.extract(0usize),
+        opacity: rest.extract(1usize),
+    }
+}
+
 /// Lays Gaussian `id` out as number `k` of its batch.
 #[cube]
 fn stage(
@@ -150,20 +198,17 @@ fn stage(
     #[comptime] share: TileShare,
 ) {
     let splat = splat_at(records, id);
-    let (x, y) = (left + 0.5f32 - splat.centre.x, top + 0.5f32 - splat.centre.y);
-    let half_y = 0.5f32 * splat.curve_y;
+    let head = StagedHead {
+        x: left + 0.5f32 - splat.centre.x,
+        y: top + 0.5f32 - splat.centre.y,
+        half_x: 0.5f32 * splat.curve_x,
+        slope: splat.slope,
+        half_y: 0.5f32 * splat.curve_y,
+        opacity: splat.opacity,
+    };
     let at = k * comptime!(share.vectors());
-    let mut shape = Four::new(0.0f32);
-    shape.insert(0usize, x);
-    shape.insert(1usize, y);
-    shape.insert(2usize, 0.5f32 * splat.curve_x);
-    shape.insert(3usize, splat.slope);
-    staged[at] = shape;
-    let mut rest = Four::new(0.0f32);
-    rest.insert(0usize, half_y);
-    rest.insert(1usize, splat.opacity);
-    staged[at + 1] = rest;
-    let feature_count = comptime!(share.channels - COLOUR_CHANNELS - 1);
+    write_head(staged, at, &head);
+    let feature_count = comptime!(feature_count(share.channels));
     #[unroll]
     for vector in 0..comptime!(share.channels.div_ceil(FOUR)) {
         let mut values = Four::new(0.0f32);
@@ -171,16 +216,16 @@ fn stage(
         for part in 0..FOUR {
             let channel = comptime!(FOUR * vector + part);
             if comptime!(channel < COLOUR_CHANNELS) {
-                values.insert(part, records[id * PROJECTED_LEN + 8 + channel]);
-            } else if comptime!(channel + 1 < share.channels) {
+                values.insert(part, records[id * PROJECTED_LEN + comptime!(projected_row::RED + channel)]);
+            } else if comptime!(channel < depth_channel(share.channels)) {
                 values.insert(part, features[id * feature_count + comptime!(channel - COLOUR_CHANNELS)]);
-            } else if comptime!(channel + 1 == share.channels) {
+            } else if comptime!(channel == depth_channel(share.channels)) {
                 values.insert(part, splat.depth);
             }
         }
         staged[at + HEAD + vector] = values;
     }
-    rows[k] = rows_met(y, half_y, splat.reach);
+    rows[k] = rows_met(head.y, head.half_y, splat.reach);
 }
 
 /// A bit for each row of the tile where `half_y dy²`, the least that sigma is in the row, stays within the reach; `y`
@@ -225,9 +270,8 @@ pub(super) struct Staged {
 #[cube]
 pub(super) fn staged_at(staged: &Shared<[Four]>, k: u32, pixels: &UnitPixels, #[comptime] share: TileShare) -> Staged {
     let at = k as usize * comptime!(share.vectors());
-    let shape = staged[at];
-    let rest = staged[at + 1];
-    let dy = shape.extract(1usize) + f32::cast_from(pixels.row);
+    let head = head_at(staged, at);
+    let dy = head.y + f32::cast_from(pixels.row);
     let mut values = Array::<f32>::new(comptime!(share.channels));
     #[unroll]
     for vector in 0..comptime!(share.channels.div_ceil(FOUR)) {
@@ -238,10 +282,10 @@ pub(super) fn staged_at(staged: &Shared<[Four]>, k: u32, pixels: &UnitPixels, #[
         }
     }
     Staged {
-        u: shape.extract(0usize) + f32::cast_from(pixels.column) + shape.extract(3usize) * dy,
-        half_x: shape.extract(2usize),
-        row_sigma: rest.extract(0usize) * dy * dy,
-        opacity: rest.extract(1usize),
+        u: head.x + f32::cast_from(pixels.column) + head.slope * dy,
+        half_x: head.half_x,
+        row_sigma: head.half_y * dy * dy,
+        opacity: head.opacity,
         values,
     }
 }

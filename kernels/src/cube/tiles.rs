@@ -4,7 +4,7 @@ use cubecl::prelude::*;
 
 use super::maths::{Pair, constant};
 use super::view::View;
-use crate::splat::{MAX_RADIUS, PROJECTED_LEN, TILE, TOUCH_ROUNDINGS};
+use crate::splat::{MAX_RADIUS, PROJECTED_LEN, TILE, TOUCH_ROUNDINGS, projected_row};
 
 /// A projected Gaussian without its colour: the record's head.
 #[derive(CubeType, Clone, Copy)]
@@ -30,13 +30,13 @@ pub struct Splat {
 pub fn splat_at(records: &[f32], index: usize) -> Splat {
     let first = index * PROJECTED_LEN;
     Splat {
-        centre: Pair { x: records[first], y: records[first + 1] },
-        curve_x: records[first + 2],
-        slope: records[first + 3],
-        curve_y: records[first + 4],
-        opacity: records[first + 5],
-        reach: records[first + 6],
-        depth: records[first + 7],
+        centre: Pair { x: records[first + projected_row::CENTRE_X], y: records[first + projected_row::CENTRE_Y] },
+        curve_x: records[first + projected_row::CURVE_X],
+        slope: records[first + projected_row::SLOPE],
+        curve_y: records[first + projected_row::CURVE_Y],
+        opacity: records[first + projected_row::OPACITY],
+        reach: records[first + projected_row::REACH],
+        depth: records[first + projected_row::DEPTH],
     }
 }
 
@@ -153,7 +153,7 @@ pub fn collect_visible(records: &[f32], touched: &[u32], ranks: &[u32], keys: &m
     if id < count as usize && touched[id] > 0u32 {
         let rank = ranks[id] as usize;
         // Depths are positive, and positive floats are ordered as their bits.
-        keys[rank] = u32::reinterpret(records[id * PROJECTED_LEN + 7]);
+        keys[rank] = u32::reinterpret(records[id * PROJECTED_LEN + projected_row::DEPTH]);
         ids[rank] = id as u32;
     }
 }

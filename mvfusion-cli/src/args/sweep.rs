@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum};
 
-use super::ComputeArgs;
+use super::compute::ComputeArgs;
 
 /// `mvfusion sweep`.
 #[derive(Clone, Debug, Args)]

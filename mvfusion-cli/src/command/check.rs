@@ -15,7 +15,7 @@ use mvfusion_model::{Config, ModelError};
 use serde::Serialize;
 
 use crate::args::CheckArgs;
-use crate::progress::Talk;
+use crate::progress::Verbosity;
 use crate::{atomic, config, scene};
 
 /// Photos on the picture of the points.
@@ -47,12 +47,12 @@ struct Report<'a> {
 ///
 /// # Errors
 /// If training could not start, once everything was said; if the command line is wrong, or a file cannot be written.
-pub fn check(args: &CheckArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<()> {
-    let resolved = config::resolve(&args.layers, Some(&args.folder))?;
+pub fn check(args: &CheckArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
+    let resolved = config::resolve(&args.sources, Some(&args.folder))?;
     let folder = std::path::absolute(&args.folder)?;
     let pictures = if args.quick { Pictures::Sampled } else { Pictures::Decoded };
     if pictures == Pictures::Decoded {
-        talk.note("decoding every picture (--quick decodes a few)");
+        verbosity.note("decoding every picture (--quick decodes a few)");
     }
     let (mut inspection, mut scene) = inspect(&folder, &scene::read_options(&resolved.config), pictures);
     if let (Some(scene), Some(masks)) = (&mut scene, &resolved.config.eval.dynamic_masks) {

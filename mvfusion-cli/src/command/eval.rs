@@ -10,7 +10,7 @@ use mvfusion_model::files::sha256;
 
 use super::score::{self, Trained};
 use crate::args::EvalArgs;
-use crate::progress::Talk;
+use crate::progress::Verbosity;
 use crate::run::{self, MasksRequest, OpenRun, PicturesWriter, Results, RunRequest, TrainTime};
 use crate::{report, table};
 
@@ -18,19 +18,19 @@ use crate::{report, table};
 ///
 /// # Errors
 /// If the run is not complete, its data are gone, the device fails, or a file cannot be written.
-pub fn eval(args: &EvalArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<()> {
+pub fn eval(args: &EvalArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let masks = args.masks.as_deref().map_or(MasksRequest::AsConfigured, MasksRequest::Folder);
     let request = RunRequest { run: &args.run, data: args.data.as_deref(), masks, device: &args.compute.device };
     let folder = figures_folder(&args.run, args.protocol);
     let before = earlier_results(&folder)?;
-    let OpenRun { config, device, scene, state } = OpenRun::open(&request, talk)?;
-    let weights = args.lpips_weights.as_deref().or(configured_weights(&config, talk));
+    let OpenRun { config, device, scene, state } = OpenRun::open(&request, verbosity)?;
+    let weights = args.lpips_weights.as_deref().or(configured_weights(&config, verbosity));
     let trained = Trained {
         state: &state,
         scene: &scene,
         config: &config,
         config_sha256: config_hash(&args.run)?,
-        judge: &score::judge(args.protocol, weights, &device.device)?,
+        evaluator: &score::evaluator(args.protocol, weights, &device.device)?,
         speed_frames: args.speed_frames,
         time: training_time(&args.run, before.as_ref())?,
         device: &device.name,
@@ -38,7 +38,7 @@ pub fn eval(args: &EvalArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<
     // The pictures are the same whatever the protocol.
     let is_own = args.protocol == Protocol::Mvfusion;
     let pictures = (args.write && is_own).then(|| PicturesWriter::new(&args.run, &config.eval, scene.test.len()));
-    let mut scored = trained.score(pictures.as_ref(), talk)?;
+    let mut scored = trained.score(pictures.as_ref(), verbosity)?;
     if args.speed_frames == 0 {
         scored.results.speed = before.as_ref().and_then(|before| before.speed_of(&scored.results));
     }
@@ -63,11 +63,11 @@ fn figures_folder(run: &Path, protocol: Protocol) -> PathBuf {
 }
 
 /// The weights of LPIPS that the training had, if they are still there.
-fn configured_weights(config: &Config, talk: Talk) -> Option<&Path> {
+fn configured_weights(config: &Config, verbosity: Verbosity) -> Option<&Path> {
     let folder = config.eval.lpips_weights.as_deref()?;
     if !folder.is_dir() {
         let folder = folder.display();
-        talk.note(&format!(
+        verbosity.note(&format!(
             "note:   the weights of LPIPS are no longer in {folder}; --lpips-weights gives another folder"
         ));
         return None;

@@ -3,11 +3,11 @@
 use std::io::Write;
 
 use mvfusion_data::GaussianCloud;
-use mvfusion_model::train::final_movement;
+use mvfusion_model::train::final_level;
 
 use crate::args::{ExportArgs, ExportFormat};
 use crate::export::{self, Exporter, InriaModel, Moment};
-use crate::progress::{Progress, Talk};
+use crate::progress::{Progress, Verbosity};
 use crate::run::{Existing, MasksRequest, OpenRun, RunFolder, RunPlan, RunRequest, write_ply};
 
 /// Width of the first column.
@@ -18,23 +18,23 @@ const LABEL: usize = 16;
 /// # Errors
 /// If the run is not complete, its data are gone, something lies in the folder already, the device fails, or a file
 /// cannot be written.
-pub fn export(args: &ExportArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<()> {
+pub fn export(args: &ExportArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let existing = if args.force { Existing::Replace } else { Existing::Keep };
     let plan = RunPlan::for_contents(&args.out, existing, export::CONTENTS)?;
     let data = args.data.as_deref();
     let request = RunRequest { run: &args.run, data, masks: MasksRequest::Unused, device: &args.compute.device };
-    let run = OpenRun::open(&request, talk)?;
-    let exporter = exporter(args, &run, talk);
+    let run = OpenRun::open(&request, verbosity)?;
+    let exporter = exporter(args, &run, verbosity);
     let mut folder = plan.create()?;
-    Session { args, run: &run, exporter, folder: &folder }.write(talk, out)?;
+    Session { args, run: &run, exporter, folder: &folder }.write(verbosity, out)?;
     folder.keep();
     Ok(())
 }
 
 /// The model as it is to be shown.
-fn exporter(args: &ExportArgs, run: &OpenRun, talk: Talk) -> Exporter {
-    let movement = final_movement(&run.config);
-    Exporter { model: run.state.model.plain(), movement, surroundings: run.surroundings(args.no_mfta, talk) }
+fn exporter(args: &ExportArgs, run: &OpenRun, verbosity: Verbosity) -> Exporter {
+    let level = final_level(&run.config);
+    Exporter { model: run.state.model.plain(), level, context: run.render_context(args.no_mfta, verbosity) }
 }
 
 /// An export under way.
@@ -46,7 +46,7 @@ struct Session<'a> {
 }
 
 impl Session<'_> {
-    fn write(&self, talk: Talk, out: &mut dyn Write) -> anyhow::Result<()> {
+    fn write(&self, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
         export::write_cameras(&self.run.scene, &self.folder.place(&[export::CAMERAS])?)?;
         let wanted = |format| self.args.format.contains(&format);
         if wanted(ExportFormat::Ply) {
@@ -67,7 +67,7 @@ impl Session<'_> {
             tell(out, "point_cloud", gaussians)?;
         }
         if let Some(frames) = self.args.frames {
-            self.write_frames(frames.get(), talk)?;
+            self.write_frames(frames.get(), verbosity)?;
             writeln!(out, "{:LABEL$}{frames}", export::FRAMES)?;
         }
         writeln!(out, "{:LABEL$}{}", "written to", self.folder.path().display())?;
@@ -86,9 +86,9 @@ impl Session<'_> {
     }
 
     /// The whole scene at times that are evenly spread.
-    fn write_frames(&self, frames: usize, talk: Talk) -> anyhow::Result<()> {
-        let last = self.exporter.surroundings.timeline.times().last().copied().unwrap_or(0.0);
-        let mut progress = Progress::new("frames", frames, talk);
+    fn write_frames(&self, frames: usize, verbosity: Verbosity) -> anyhow::Result<()> {
+        let last = self.exporter.context.timeline.times().last().copied().unwrap_or(0.0);
+        let mut progress = Progress::new("frames", frames, verbosity);
         for (frame, time) in export::frame_times(frames, last).into_iter().enumerate() {
             let gaussians = self.exporter.scene(Moment::At(time))?;
             write_ply(&gaussians, &self.folder.place(&[export::FRAMES, &export::frame_name(frame)])?)?;

@@ -23,5 +23,5 @@ pub use presets::presets;
 pub use render::render;
 pub use report::report;
 pub use sweep::sweep;
-pub use synth::{parse_size, synth};
+pub use synth::synth;
 pub use train::train;

@@ -3,12 +3,12 @@
 use std::io::Write;
 
 use mvfusion_model::evaluation::{Layer, LayerRenderer};
-use mvfusion_model::model::{Model, Movement};
+use mvfusion_model::model::{DeformationLevel, Model};
 use mvfusion_model::timeline::spread;
-use mvfusion_model::train::final_movement;
+use mvfusion_model::train::final_level;
 
 use crate::args::RenderArgs;
-use crate::progress::{Pace, Progress, Talk};
+use crate::progress::{Pace, Progress, Verbosity};
 use crate::render::{FileFormat, Film, LayerChoice, OutputsPlan, Reframing, Selection};
 use crate::run::{self, MasksRequest, OpenRun, RunRequest};
 
@@ -20,31 +20,31 @@ const DEPTH_FRAMES: usize = 8;
 /// # Errors
 /// If the run is not complete, its scene is gone, a camera path cannot be used, the model lacks a layer, files would be
 /// overwritten, the device fails, or a file cannot be written.
-pub fn render(args: &RenderArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<()> {
+pub fn render(args: &RenderArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let request = RunRequest {
         run: &args.run,
         data: args.data.as_deref(),
         masks: MasksRequest::Unused,
         device: &args.compute.device,
     };
-    let run = OpenRun::open(&request, talk)?;
-    let surroundings = run.surroundings(args.no_mfta, talk);
+    let run = OpenRun::open(&request, verbosity)?;
+    let context = run.render_context(args.no_mfta, verbosity);
     let OpenRun { config, scene, state, .. } = run;
     let film = args.views.film(&scene, &selection(args))?;
-    let (model, movement) = (state.model.plain(), final_movement(&config));
+    let (model, level) = (state.model.plain(), final_level(&config));
     let is_clean = film.is_clean && model.static_.is_some();
     let film = Film { fps: args.fps.unwrap_or(film.fps), is_clean, ..film };
-    let layers = layers(&args.layers, &model, movement);
+    let layers = layers(&args.layers, &model, level);
     let folder = args.out.clone().unwrap_or_else(|| args.run.join(run::FILMS).join(args.views.name()));
-    let plan = OutputsPlan::new(&folder, &layers, &FileFormat::choose(&args.format, film.frames.len(), talk)?);
+    let plan = OutputsPlan::new(&folder, &layers, &FileFormat::choose(&args.format, film.frames.len(), verbosity)?);
     if !args.force {
         plan.check_free()?;
     }
     // Only now: it may measure trajectories, which takes its time.
     let weights = args.motion_weights.unwrap_or(config.motion.weights);
-    let renderer = LayerRenderer::new(&model, movement, &surroundings, &layers, weights)?;
+    let renderer = LayerRenderer::new(&model, level, &context, &layers, weights)?;
     let renderer = if plan.has_pictures() { with_depths(renderer, &film)? } else { renderer };
-    let plan = write(&film, &renderer, plan, talk)?;
+    let plan = write(&film, &renderer, plan, verbosity)?;
     tell(&film, &layers, &plan, out)
 }
 
@@ -59,17 +59,15 @@ fn selection(args: &RenderArgs) -> Selection {
 }
 
 /// The layers that were asked for, each once.
-fn layers(asked: &[LayerChoice], model: &Model, movement: Movement) -> Vec<Layer> {
+fn layers(asked: &[LayerChoice], model: &Model, level: DeformationLevel) -> Vec<Layer> {
     if asked.is_empty() {
-        return Layer::usual(model, movement);
+        return Layer::usual(model, level);
     }
     let mut layers = Vec::new();
     for choice in asked {
         match choice {
             LayerChoice::One(layer) => layers.push(*layer),
-            LayerChoice::All => {
-                layers.extend(Layer::ALL.iter().filter(|layer| layer.lacking(model, movement).is_none()))
-            }
+            LayerChoice::All => layers.extend(Layer::ALL.iter().filter(|layer| layer.lacking(model, level).is_none())),
         }
     }
     let mut seen = Vec::new();
@@ -92,10 +90,15 @@ fn with_depths<'a>(renderer: LayerRenderer<'a>, film: &Film) -> anyhow::Result<L
 }
 
 /// Renders frame after frame.
-fn write(film: &Film, renderer: &LayerRenderer<'_>, plan: OutputsPlan, talk: Talk) -> anyhow::Result<OutputsPlan> {
+fn write(
+    film: &Film,
+    renderer: &LayerRenderer<'_>,
+    plan: OutputsPlan,
+    verbosity: Verbosity,
+) -> anyhow::Result<OutputsPlan> {
     let camera = &film.frames[0].camera;
     let mut outputs = plan.create((camera.width, camera.height), film.fps)?;
-    let mut progress = Progress::new("rendering", film.frames.len(), talk);
+    let mut progress = Progress::new("rendering", film.frames.len(), verbosity);
     let mut pace = Pace::default();
     for (done, frame) in film.frames.iter().enumerate() {
         let rendered = renderer.render(&frame.camera, film.moment(done))?;

@@ -6,14 +6,16 @@ use std::time::Instant;
 use anyhow::Context;
 use image::RgbImage;
 use mvfusion_data::{DataError, Scene, View};
-use mvfusion_model::evaluation::{Evaluation, Judge, Layer, LayerRenderer, Protocol, Split, ViewPictures, evaluate};
-use mvfusion_model::model::{Model, Movement, Surroundings};
-use mvfusion_model::train::{TrainState, final_movement, parameter_hash};
+use mvfusion_model::evaluation::{
+    Evaluation, Evaluator, Layer, LayerRenderer, Protocol, Split, ViewPictures, evaluate,
+};
+use mvfusion_model::model::{DeformationLevel, Model, RenderContext};
+use mvfusion_model::train::{TrainState, final_level, parameter_hash};
 use mvfusion_model::{Config, Device, ModelError};
 
 use super::speed;
 use crate::atomic;
-use crate::progress::{Progress, Talk};
+use crate::progress::{Progress, Verbosity};
 use crate::run::{
     self, EvalTime, FieldScores, GaussianCounts, LpipsWeights, PerView, PicturesHash, PicturesWriter, Results,
     TrainTime,
@@ -22,14 +24,14 @@ use crate::run::{
 /// The layers of which the motion intensity is made.
 const VARIANCES: [Layer; 3] = [Layer::PositionVariance, Layer::RotationVariance, Layer::ScaleVariance];
 
-/// A judge of a protocol, with the networks of LPIPS if there is a folder of weights.
+/// An evaluator of a protocol, with the networks of LPIPS if there is a folder of weights.
 ///
 /// # Errors
 /// If the folder or a file in it cannot be read, or does not fit.
-pub(super) fn judge(protocol: Protocol, weights: Option<&Path>, device: &Device) -> anyhow::Result<Judge> {
+pub(super) fn evaluator(protocol: Protocol, weights: Option<&Path>, device: &Device) -> anyhow::Result<Evaluator> {
     match weights {
-        None => Ok(Judge::without_lpips(protocol)),
-        Some(folder) => Judge::with_lpips(protocol, folder, device)
+        None => Ok(Evaluator::without_lpips(protocol)),
+        Some(folder) => Evaluator::with_lpips(protocol, folder, device)
             .context("cannot use the weights of LPIPS; give their folder with --lpips-weights"),
     }
 }
@@ -45,7 +47,7 @@ pub(super) struct Trained<'a> {
     /// SHA-256 of the configuration as it was written down.
     pub config_sha256: String,
     /// Who compares.
-    pub judge: &'a Judge,
+    pub evaluator: &'a Evaluator,
     /// Frames over which the speed of rendering is measured; 0 for not at all.
     pub speed_frames: usize,
     /// How long training took, where that is known.
@@ -96,26 +98,26 @@ impl Hashes {
 
 impl Trained<'_> {
     /// Renders and scores all held-out views; `pictures` gets what it wants of them.
-    pub fn score(self, pictures: Option<&PicturesWriter>, talk: Talk) -> anyhow::Result<Scored> {
+    pub fn score(self, pictures: Option<&PicturesWriter>, verbosity: Verbosity) -> anyhow::Result<Scored> {
         let started = Instant::now();
         let model = self.state.model.plain();
-        let surroundings = Surroundings::new(self.config, self.scene);
+        let context = RenderContext::new(self.config, self.scene);
         let mut hashes = Hashes::new(&self.scene.test);
         let add = |index, view: &View, composed: &RgbImage| Ok(hashes.add(index, view, composed)?);
-        let test = self.score_views(&model, Split::Test, &surroundings, pictures, talk, add)?;
+        let test = self.score_views(&model, Split::Test, &context, pictures, verbosity, add)?;
         let training_views = match self.config.eval.training_views {
-            true => Some(self.score_views(&model, Split::Training, &surroundings, None, talk, |_, _, _| Ok(()))?.mean),
+            true => Some(self.score_views(&model, Split::Training, &context, None, verbosity, |_, _, _| Ok(()))?.mean),
             false => None,
         };
         let seconds = started.elapsed().as_secs_f64();
-        let movement = final_movement(self.config);
-        let speed = speed::measure(&model, &self.scene.test, movement, &surroundings, self.speed_frames, talk);
+        let level = final_level(self.config);
+        let speed = speed::measure(&model, &self.scene.test, level, &context, self.speed_frames, verbosity);
         let speed = speed.unwrap_or_else(|error| {
             // The figures are there, and took longer.
-            talk.note(&format!("the speed could not be measured: {error}"));
+            verbosity.note(&format!("the speed could not be measured: {error}"));
             None
         });
-        let protocol = self.judge.protocol().statement();
+        let protocol = self.evaluator.protocol().statement();
         let steps = self.state.completed;
         let results = Results {
             protocol: protocol.to_owned(),
@@ -125,7 +127,7 @@ impl Trained<'_> {
             train: self.time,
             eval: EvalTime { seconds },
             speed,
-            lpips: LpipsWeights::of(self.judge),
+            lpips: LpipsWeights::of(self.evaluator),
             params_sha256: parameter_hash(&self.state.model)?,
             config_sha256: self.config_sha256,
             predictions_sha256: hashes.predictions.finish(),
@@ -144,15 +146,15 @@ impl Trained<'_> {
         &self,
         model: &Model,
         split: Split,
-        surroundings: &Surroundings,
+        context: &RenderContext,
         pictures: Option<&PicturesWriter>,
-        talk: Talk,
+        verbosity: Verbosity,
         mut add: impl FnMut(usize, &View, &RgbImage) -> anyhow::Result<()>,
     ) -> anyhow::Result<Evaluation> {
-        let mut progress = Progress::new("evaluation", split.views(self.scene).len(), talk);
-        let movement = final_movement(self.config);
+        let mut progress = Progress::new("evaluation", split.views(self.scene).len(), verbosity);
+        let level = final_level(self.config);
         let variances = match pictures.filter(|pictures| pictures.writes_layers()) {
-            Some(_) => self.variances(model, movement, surroundings)?,
+            Some(_) => self.variances(model, level, context)?,
             None => None,
         };
         let sink = |index, view: &View, layers: &ViewPictures| {
@@ -167,7 +169,7 @@ impl Trained<'_> {
             progress.advance();
             anyhow::Ok(())
         };
-        let evaluation = evaluate(model, self.scene, split, movement, surroundings, self.judge, sink)?;
+        let evaluation = evaluate(model, self.scene, split, level, context, self.evaluator, sink)?;
         progress.finish();
         Ok(evaluation)
     }
@@ -176,11 +178,11 @@ impl Trained<'_> {
     fn variances<'m>(
         &self,
         model: &'m Model,
-        movement: Movement,
-        surroundings: &'m Surroundings,
+        level: DeformationLevel,
+        context: &'m RenderContext,
     ) -> Result<Option<LayerRenderer<'m>>, ModelError> {
-        let can_be_shown = VARIANCES.iter().all(|layer| layer.lacking(model, movement).is_none());
-        let renderer = || LayerRenderer::new(model, movement, surroundings, &VARIANCES, self.config.motion.weights);
+        let can_be_shown = VARIANCES.iter().all(|layer| layer.lacking(model, level).is_none());
+        let renderer = || LayerRenderer::new(model, level, context, &VARIANCES, self.config.motion.weights);
         can_be_shown.then(renderer).transpose()
     }
 }
@@ -193,7 +195,7 @@ fn write_variances(
     view: &View,
 ) -> anyhow::Result<()> {
     for layer in renderer.render(&view.camera, view.time)? {
-        pictures.write_layer(index, layer.layer.name(), &renderer.picture(&layer)?)?;
+        pictures.write_layer(index, layer.layer, &renderer.picture(&layer)?)?;
     }
     Ok(())
 }

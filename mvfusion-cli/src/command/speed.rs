@@ -3,9 +3,9 @@
 use mvfusion_data::View;
 use mvfusion_model::ModelError;
 use mvfusion_model::evaluation::{Speed, WARM_UP, measure_speed};
-use mvfusion_model::model::{Model, Movement, Surroundings};
+use mvfusion_model::model::{DeformationLevel, Model, RenderContext};
 
-use crate::progress::{Progress, Talk};
+use crate::progress::{Progress, Verbosity};
 use crate::run::RenderSpeed;
 
 /// Measures the speed of a model without autodiff over so many frames, with MFTA and, where it has an effect, without.
@@ -16,19 +16,19 @@ use crate::run::RenderSpeed;
 pub(super) fn measure(
     model: &Model,
     views: &[View],
-    movement: Movement,
-    surroundings: &Surroundings,
+    level: DeformationLevel,
+    context: &RenderContext,
     frames: usize,
-    talk: Talk,
+    verbosity: Verbosity,
 ) -> Result<Option<RenderSpeed>, ModelError> {
-    let measure = |surroundings: &Surroundings| -> Result<Option<Speed>, ModelError> {
-        let mut progress = Progress::new("speed", WARM_UP + frames, talk);
-        let speed = measure_speed(model, views, movement, surroundings, frames, || progress.advance())?;
+    let measure = |context: &RenderContext| -> Result<Option<Speed>, ModelError> {
+        let mut progress = Progress::new("speed", WARM_UP + frames, verbosity);
+        let speed = measure_speed(model, views, level, context, frames, || progress.advance())?;
         progress.finish();
         Ok(speed)
     };
-    let (Some(view), Some(speed)) = (views.first(), measure(surroundings)?) else { return Ok(None) };
-    let without = match surroundings.without_mfta(model, movement) {
+    let (Some(view), Some(speed)) = (views.first(), measure(context)?) else { return Ok(None) };
+    let without = match context.without_mfta(model, level) {
         Some(cheaper) => measure(&cheaper)?,
         None => None,
     };

@@ -11,7 +11,7 @@ use mvfusion_model::evaluation::Backbone;
 use crate::args::{Launcher, SweepAction, SweepArgs, SweepRunArgs};
 use crate::clock::spoken;
 use crate::failure::UsageError;
-use crate::progress::Talk;
+use crate::progress::Verbosity;
 use crate::sweep::{
     self, Additions, Cell, Estimate, Grid, Index, Local, Plan, SHIPPED, Slurm, Source, State, SweepFolder, table,
 };
@@ -27,14 +27,14 @@ const CLUSTER_THREADS: usize = 4;
 ///
 /// # Errors
 /// For a grid that cannot be run, before anything is; later if cells failed or the folder cannot be used.
-pub fn sweep(args: &SweepArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<()> {
+pub fn sweep(args: &SweepArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     match &args.action {
         Some(SweepAction::Status(args)) => status(&args.folder, out),
         Some(SweepAction::Table(args)) => table_of(&args.folder, out),
         Some(SweepAction::List) => list(out),
         Some(SweepAction::Show(args)) => show(&args.name, out),
-        Some(SweepAction::RunCell(args)) => sweep::run_cell(args, talk, out),
-        None => Session::new(&args.run, talk)?.run(out),
+        Some(SweepAction::RunCell(args)) => sweep::run_cell(args, verbosity, out),
+        None => Session::new(&args.run, verbosity)?.run(out),
     }
 }
 
@@ -106,12 +106,12 @@ struct Session<'a> {
     source: Source,
     plan: Plan,
     folder: SweepFolder,
-    talk: Talk,
+    verbosity: Verbosity,
 }
 
 impl<'a> Session<'a> {
     /// Reads and checks everything; nothing is written.
-    fn new(args: &'a SweepRunArgs, talk: Talk) -> anyhow::Result<Self> {
+    fn new(args: &'a SweepRunArgs, verbosity: Verbosity) -> anyhow::Result<Self> {
         let grid = args.grid.as_deref().context("a grid is needed")?;
         let source = Grid::read(grid)?;
         let additions = Additions {
@@ -127,7 +127,7 @@ impl<'a> Session<'a> {
         }
         let out = args.out.clone().unwrap_or_else(|| PathBuf::from(SWEEPS).join(&source.name));
         let folder = SweepFolder::new(&out)?;
-        let session = Self { args, source, plan, folder, talk };
+        let session = Self { args, source, plan, folder, verbosity };
         session.check_options()?;
         session.check_choice()?;
         session.check_weights()?;
@@ -144,10 +144,14 @@ impl<'a> Session<'a> {
         }
         self.folder.prepare(&self.source.text, &self.plan)?;
         let count = index.cells.len();
-        self.talk.note(&format!("sweep:  {count} cells, {} to do, in {}", to_do.len(), self.folder.path().display()));
+        self.verbosity.note(&format!(
+            "sweep:  {count} cells, {} to do, in {}",
+            to_do.len(),
+            self.folder.path().display()
+        ));
         let is_local = self.args.launcher == Launcher::Local;
         if is_local && index.wanted.speed_frames > 0 && self.args.jobs.is_some_and(|jobs| jobs.get() > 1) {
-            self.talk.note("note:   frames a second and seconds are those of cells that share the machine");
+            self.verbosity.note("note:   frames a second and seconds are those of cells that share the machine");
         }
         let failed = match self.args.launcher {
             _ if to_do.is_empty() => 0,
@@ -160,7 +164,7 @@ impl<'a> Session<'a> {
                 }
                 let at_work = to_do.len() - self.free(&to_do)?.len();
                 if at_work > 0 {
-                    self.talk.note(&format!("note:   waiting for cells that are still at work ({at_work})"));
+                    self.verbosity.note(&format!("note:   waiting for cells that are still at work ({at_work})"));
                 }
                 self.slurm().wait_for(&to_do)?;
                 self.to_do()?.len()
@@ -181,7 +185,7 @@ impl<'a> Session<'a> {
         if at_work > 0 {
             let fate = if self.args.wait { "not submitted again, but waited for" } else { "not submitted again" };
             writeln!(out, "{at_work} of {} cells at work already: {fate}", to_do.len())?;
-            self.talk
+            self.verbosity
                 .note("note:   they measure what was wanted when they began; for more, start the sweep again then");
         }
         if !free.is_empty() {
@@ -231,7 +235,8 @@ impl<'a> Session<'a> {
             bail!("--lpips-weights {folder}: there is no {files} or the like (docs/evaluation.md)");
         }
         if !needed.is_empty() && !missing.is_empty() {
-            self.talk.note(&format!("note:   {folder} has no {files} or the like; columns that need it stay empty"));
+            self.verbosity
+                .note(&format!("note:   {folder} has no {files} or the like; columns that need it stay empty"));
         }
         Ok(())
     }
@@ -285,7 +290,7 @@ impl<'a> Session<'a> {
         let jobs = self.args.jobs.map_or(1, NonZeroUsize::get).min(cells.max(1));
         let threads = (threads::count(self.args.threads) / jobs).max(1);
         let (folder, index, device) = (&self.folder, &self.plan.index, self.args.device.as_str());
-        Local { folder, index, device, jobs, threads, talk: self.talk }
+        Local { folder, index, device, jobs, threads, verbosity: self.verbosity }
     }
 
     fn slurm(&self) -> Slurm<'_> {
@@ -338,7 +343,7 @@ impl<'a> Session<'a> {
         };
         for (cell, config) in index.cells.iter().zip(configs).filter(|(cell, _)| to_do.contains(cell)) {
             if tried.insert((&cell.scene, &cell.variant)) {
-                self.talk.note(&format!("probe:  {}", cell.name(&index.axes)));
+                self.verbosity.note(&format!("probe:  {}", cell.name(&index.axes)));
                 estimate.add_probe(cell, sweep::probe_seconds(cell, config, &self.args.device, threads)?);
             }
         }

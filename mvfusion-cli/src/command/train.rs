@@ -4,9 +4,9 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use mvfusion_data::{BuiltinKind, Scene};
-use mvfusion_model::evaluation::{Judge, Protocol};
+use mvfusion_model::evaluation::{Evaluator, Protocol};
 use mvfusion_model::files::sha256;
-use mvfusion_model::train::{Position, StepLoss, Trainer};
+use mvfusion_model::train::{Losses, Position, Trainer};
 use mvfusion_model::{Config, ModelError};
 use tracing::{info, warn};
 
@@ -14,7 +14,7 @@ use super::score::{self, Trained};
 use crate::args::TrainArgs;
 use crate::config::{self, Resolved};
 use crate::device::{self, OpenDevice};
-use crate::progress::{Pace, Progress, Talk};
+use crate::progress::{Pace, Progress, Verbosity};
 use crate::run::{
     self, Existing, GaussianCounts, MetricsLine, MetricsLog, PicturesWriter, RunFolder, RunPlan, RunRecord, TrainTime,
     milliseconds, write_ply,
@@ -29,10 +29,10 @@ const RUNS: &str = "runs";
 /// # Errors
 /// For a command line that cannot be carried out, before anything is written; later if the device fails, the loss is no
 /// longer finite, or a file cannot be written.
-pub fn train(args: &TrainArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<()> {
-    let mut resolved = config::resolve(&args.layers, args.data.as_deref())?;
+pub fn train(args: &TrainArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
+    let mut resolved = config::resolve(&args.sources, args.data.as_deref())?;
     if let Some(note) = &resolved.note {
-        talk.note(note);
+        verbosity.note(note);
     }
     if let Some(weights) = &args.lpips_weights {
         resolved.config.eval.lpips_weights = Some(std::path::absolute(weights)?);
@@ -48,20 +48,20 @@ pub fn train(args: &TrainArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Resul
     let trainer = Trainer::new(resolved.config.scaled(), &scene, &device.device)?
         .with_image_cache(&scene, args.image_cache.as_u64())?;
     let weights = resolved.config.eval.lpips_weights.as_deref();
-    let judge = score::judge(Protocol::Mvfusion, weights, &device.device)?;
-    talk.note(&format!("device: {}", device.reason));
-    talk.note(&format!("scene:  {}", scene::describe(&scene)));
+    let evaluator = score::evaluator(Protocol::Mvfusion, weights, &device.device)?;
+    verbosity.note(&format!("device: {}", device.reason));
+    verbosity.note(&format!("scene:  {}", scene::describe(&scene)));
     if let Some(sentence) = times_sentence(&given, &resolved.config) {
-        talk.note(&format!("times:  {sentence}"));
+        verbosity.note(&format!("times:  {sentence}"));
     }
     if let Some(seeding) = trainer.seeding() {
-        talk.note(&format!("motion: {seeding}"));
+        verbosity.note(&format!("motion: {seeding}"));
     }
-    talk.note(&format!("run:    {}", path.display()));
+    verbosity.note(&format!("run:    {}", path.display()));
     warn_of_placement(&trainer, &scene)?;
 
     let folder = plan.create()?;
-    Session { resolved, device, scene, trainer, judge, folder, talk }.run(out)
+    Session { resolved, device, scene, trainer, evaluator, folder, verbosity }.run(out)
 }
 
 /// Says where too few dynamic Gaussians stand where something moves: the run would spend its steps on a smear.
@@ -107,9 +107,9 @@ struct Session {
     device: OpenDevice,
     scene: Scene,
     trainer: Trainer,
-    judge: Judge,
+    evaluator: Evaluator,
     folder: RunFolder,
-    talk: Talk,
+    verbosity: Verbosity,
 }
 
 impl Session {
@@ -133,11 +133,11 @@ impl Session {
     /// All steps of all stages.
     fn train(&mut self) -> anyhow::Result<TrainTime> {
         let total = self.trainer.config().train.stages.total();
-        let every = self.trainer.config().train.checkpoint_interval;
+        let every = self.trainer.config().train.checkpoint_interval.0;
         let log = MetricsLog::create(&self.folder.place(&[run::METRICS])?)?;
         let mut watch = Watch {
             log,
-            progress: Progress::new("training", total, self.talk),
+            progress: Progress::new("training", total, self.verbosity),
             pace: Pace::default(),
             logged: 0,
             total,
@@ -169,7 +169,7 @@ impl Session {
         let model = self.trainer.state().model.plain();
         for (name, branch) in model.branches() {
             let file = format!("{name}.ply");
-            let cloud = branch.gaussians.to_cloud()?;
+            let cloud = branch.to_cloud()?;
             write_ply(&cloud, &self.folder.place(&[run::POINT_CLOUD, &iteration, &file])?)?;
         }
         Ok(())
@@ -184,14 +184,14 @@ impl Session {
             scene: &self.scene,
             config,
             config_sha256,
-            judge: &self.judge,
+            evaluator: &self.evaluator,
             speed_frames: 0,
             time: Some(time),
             device: &self.device.name,
         };
-        let scored = trained.score(Some(&pictures), self.talk)?;
+        let scored = trained.score(Some(&pictures), self.verbosity)?;
         scored.write(self.folder.path())?;
-        table::write(&scored.results, self.judge.protocol(), out)?;
+        table::write(&scored.results, self.evaluator.protocol(), out)?;
         writeln!(out, "{:16}{}", "run", self.folder.path().display())?;
         if let Some(strip) = pictures.strip_to_see() {
             writeln!(out, "{:16}{}", "look first at", strip.display())?;
@@ -213,7 +213,7 @@ struct Watch {
 
 impl Watch {
     /// Reads the losses of a step, which waits for the device, and tells them.
-    fn log_step(&mut self, trainer: &Trainer, position: &Position, loss: &StepLoss) -> anyhow::Result<()> {
+    fn log_step(&mut self, trainer: &Trainer, position: &Position, loss: &Losses) -> anyhow::Result<()> {
         let (loss, squared_error) = read(loss)?;
         let state = trainer.state();
         let done = state.completed;
@@ -250,7 +250,7 @@ impl Watch {
 }
 
 /// Loss and squared error of a step. Waits for the device.
-fn read(loss: &StepLoss) -> Result<(f32, f32), ModelError> {
+fn read(loss: &Losses) -> Result<(f32, f32), ModelError> {
     let total = loss.total.clone().try_into_scalar::<f32>();
     let squared_error = loss.squared_error.clone().try_into_scalar::<f32>();
     let failed = |error: &dyn std::fmt::Display| ModelError::Device(error.to_string());

@@ -9,7 +9,7 @@ use toml::{Table, Value};
 
 use crate::failure::UsageError;
 
-use super::layer::Layer;
+use super::partial::PartialConfig;
 
 /// Least similarity at which a name is offered as the one that was meant.
 const SIMILAR_ENOUGH: f64 = 0.5;
@@ -31,7 +31,7 @@ impl KnownKeys {
     pub fn new() -> anyhow::Result<Self> {
         let mut specimen = Config::default();
         specimen.scene.data = Some(PathBuf::new());
-        specimen.scene.format = Some(Format::Neu3d);
+        specimen.scene.format = Some(Format::NEU3D);
         specimen.scene.test_cameras = Some(vec!["cam00".to_owned()]);
         specimen.scene.frame_store = Some(PathBuf::new());
         specimen.init.static_ply = Some(PathBuf::new());
@@ -47,46 +47,58 @@ impl KnownKeys {
         &self.defaults
     }
 
-    /// Whether every key of a layer exists and has a value of the right kind.
+    /// Whether every key of a partial exists and has a value of the right kind.
     ///
     /// # Errors
     /// [`UsageError`] that names the first key that does not, or has not, and where it stands.
-    pub fn check(&self, layer: &Layer) -> Result<(), UsageError> {
-        self.check_table(layer, &layer.table, &self.specimen, "")
+    pub fn check(&self, partial: &PartialConfig) -> Result<(), UsageError> {
+        self.check_table(partial, &partial.table, &self.specimen, "")
     }
 
-    fn check_table(&self, layer: &Layer, given: &Table, known: &Table, prefix: &str) -> Result<(), UsageError> {
+    fn check_table(
+        &self,
+        partial: &PartialConfig,
+        given: &Table,
+        known: &Table,
+        prefix: &str,
+    ) -> Result<(), UsageError> {
         for (name, value) in given {
             let key = format!("{prefix}{name}");
             match (known.get(name), value) {
-                (None, _) => return Err(self.unknown(layer, &key)),
+                (None, _) => return Err(self.unknown(partial, &key)),
                 (Some(Value::Table(known)), Value::Table(given)) => {
-                    self.check_table(layer, given, known, &format!("{key}."))?;
+                    self.check_table(partial, given, known, &format!("{key}."))?;
                 }
-                (Some(example), _) => self.check_value(layer, &key, value, example)?,
+                (Some(example), _) => self.check_value(partial, &key, value, example)?,
             }
         }
         Ok(())
     }
 
-    fn unknown(&self, layer: &Layer, key: &str) -> UsageError {
+    fn unknown(&self, partial: &PartialConfig, key: &str) -> UsageError {
         let mut all = Vec::new();
         list(&self.specimen, "", &mut all);
         let nearest = nearest(key, all.iter().map(String::as_str))
             .map_or(String::new(), |near| format!(" The nearest known key is `{near}`."));
-        let place = layer.place(key);
+        let place = partial.place(key);
         UsageError::new(format!("there is no key `{key}` ({place}).{nearest} `mvfusion config` prints them all."))
     }
 
     /// Tries a value in the defaults: what the configuration's own types refuse is refused.
-    fn check_value(&self, layer: &Layer, key: &str, value: &Value, example: &Value) -> Result<(), UsageError> {
+    fn check_value(
+        &self,
+        partial: &PartialConfig,
+        key: &str,
+        value: &Value,
+        example: &Value,
+    ) -> Result<(), UsageError> {
         let mut trial = self.defaults.clone();
         put(&mut trial, key, value.clone());
         if Value::Table(trial).try_into::<Config>().is_ok() {
             return Ok(());
         }
         let expected = self.expectation(key, example);
-        Err(UsageError::new(format!("`{key}` must be {expected}, not {value} ({}).", layer.place(key))))
+        Err(UsageError::new(format!("`{key}` must be {expected}, not {value} ({}).", partial.place(key))))
     }
 
     /// What should stand at a key of which there is an example.

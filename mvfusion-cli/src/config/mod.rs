@@ -1,21 +1,22 @@
-//! The configuration of a run, merged from its layers: preset, `--config`, `--set`, `--seed` and `--data`.
+//! The configuration of a run, merged from partial ones: preset, `--config`, `--set`, `--seed` and `--data`.
 
 mod keys;
-mod layer;
+mod partial;
 mod preset;
 
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use mvfusion_data::{Capture, Format, nerfstudio};
+use mvfusion_data::readers::nerfstudio;
+use mvfusion_data::{Capture, Format};
 use mvfusion_model::Config;
 use toml::{Table, Value};
 
-use crate::args::LayerArgs;
+use crate::args::ConfigSourceArgs;
 use crate::failure::UsageError;
 use keys::KnownKeys;
 pub(crate) use keys::nearest;
-pub(crate) use layer::{Layer, Origin, line_of};
+pub(crate) use partial::{Origin, PartialConfig, line_of};
 pub use preset::{PRESETS, Preset};
 
 /// The preset for the built-in scene.
@@ -44,31 +45,31 @@ pub struct Resolved {
     pub note: Option<String>,
 }
 
-/// Merges the layers of a command line, above all of them the folder of the scene.
+/// Merges what a command line gives with the preset. The folder of the scene overrides every other source.
 ///
 /// # Errors
 /// [`UsageError`] for an unknown preset or key, a value of the wrong kind, a file that cannot be read or is no TOML, and
 /// for values that cannot be trained with.
-pub fn resolve(args: &LayerArgs, data: Option<&Path>) -> anyhow::Result<Resolved> {
-    let layers = given_layers(args, data)?;
-    let given = |key: &str| layers.iter().rev().find_map(|layer| layer.table.get("scene")?.get(key)?.as_str());
+pub fn resolve(args: &ConfigSourceArgs, data: Option<&Path>) -> anyhow::Result<Resolved> {
+    let partials = given_partials(args, data)?;
+    let given = |key: &str| partials.iter().rev().find_map(|partial| partial.table.get("scene")?.get(key)?.as_str());
     let format = given("format").and_then(Format::of_key);
     let default = given("data").map_or(FOR_BUILTIN, |folder| preset_for(Path::new(folder), format));
     let preset = Preset::find(args.preset.as_deref().unwrap_or(default))?;
     let note = (args.preset.is_none() && data.is_some())
         .then(|| format!("preset: {default} (the one for such a folder; --preset takes another)"));
 
-    let mut config = resolve_layers(preset, layers)?;
+    let mut config = resolve_over(preset, partials)?;
     make_absolute(&mut config)?;
     Ok(Resolved { config, preset, note })
 }
 
-/// Lays layers over a preset, lowest first. Paths stay as they are given.
+/// Merges partial configurations over a preset. Later ones override earlier ones. Paths stay as they are given.
 ///
 /// # Errors
 /// As [`resolve`].
-pub(crate) fn resolve_layers(preset: &'static Preset, layers: Vec<Layer>) -> anyhow::Result<Config> {
-    let config = merge(&[preset_layers(preset)?, layers].concat())?;
+pub(crate) fn resolve_over(preset: &'static Preset, partials: Vec<PartialConfig>) -> anyhow::Result<Config> {
+    let config = merge(&[preset_chain(preset)?, partials].concat())?;
     config.check()?;
     Ok(config)
 }
@@ -78,7 +79,7 @@ pub(crate) fn resolve_layers(preset: &'static Preset, layers: Vec<Layer>) -> any
 /// # Errors
 /// [`UsageError`] if the file cannot be read or is no configuration of this version.
 pub fn read(path: &Path) -> anyhow::Result<Config> {
-    merge(&[file_layer(path)?])
+    merge(&[read_partial(path)?])
 }
 
 /// A configuration as TOML: every key with its value.
@@ -92,55 +93,59 @@ pub fn to_toml(config: &Config) -> anyhow::Result<String> {
 /// The preset for the scene in a folder, going by its format; a folder that cannot be read is refused later.
 fn preset_for(folder: &Path, format: Option<Format>) -> &'static str {
     match mvfusion_data::recognise(folder, format) {
-        Ok(Format::Colmap | Format::OnTheGo) => FOR_PHOTOS,
-        Ok(Format::Nerfstudio) if nerfstudio::capture(folder) == Capture::Photos => FOR_PHOTOS,
-        Ok(Format::DNerf) => FOR_OBJECTS,
-        Ok(Format::HyperNerf) => FOR_ONE_CAMERA,
+        Ok(Format::COLMAP | Format::ONTHEGO) => FOR_PHOTOS,
+        Ok(Format::NERFSTUDIO) if nerfstudio::capture(folder) == Capture::Photos => FOR_PHOTOS,
+        Ok(Format::DNERF) => FOR_OBJECTS,
+        Ok(Format::HYPERNERF) => FOR_ONE_CAMERA,
         _ => FOR_VIDEO,
     }
 }
 
-/// A preset and what it builds on, lowest first.
-fn preset_layers(preset: &'static Preset) -> Result<Vec<Layer>, UsageError> {
-    preset.lineage().into_iter().map(|preset| Layer::parse(preset.text, Origin::Preset(preset.name))).collect()
+/// A preset and those that it builds on, the most basic first.
+fn preset_chain(preset: &'static Preset) -> Result<Vec<PartialConfig>, UsageError> {
+    preset.lineage().into_iter().map(|preset| PartialConfig::parse(preset.text, Origin::Preset(preset.name))).collect()
 }
 
-/// What stands above the preset, lowest first.
-fn given_layers(args: &LayerArgs, data: Option<&Path>) -> anyhow::Result<Vec<Layer>> {
-    let mut layers = Vec::new();
+/// What overrides the preset. Later items override earlier ones.
+fn given_partials(args: &ConfigSourceArgs, data: Option<&Path>) -> anyhow::Result<Vec<PartialConfig>> {
+    let mut partials = Vec::new();
     if let Some(path) = &args.config {
-        layers.push(file_layer(path)?);
+        partials.push(read_partial(path)?);
     }
     for setting in &args.set {
-        layers.push(Layer::from_setting(setting)?);
+        partials.push(PartialConfig::from_setting(setting)?);
     }
     if let Some(seed) = args.seed {
         let seed = i64::try_from(seed).map_err(|_| UsageError::new("--seed is too large for TOML."))?;
-        layers.push(Layer::of_one("seed", Value::Integer(seed), Origin::Flag("--seed")));
+        partials.push(PartialConfig::of_one("seed", Value::Integer(seed), Origin::Flag("--seed")));
     }
     if let Some(format) = args.format {
-        layers.push(Layer::of_one("scene.format", Value::String(format.key().to_owned()), Origin::Flag("--format")));
+        partials.push(PartialConfig::of_one(
+            "scene.format",
+            Value::String(format.key().to_owned()),
+            Origin::Flag("--format"),
+        ));
     }
     if let Some(data) = data {
         let data = data.to_str().ok_or_else(|| UsageError::new("--data is not valid UTF-8; rename the folder."))?;
-        layers.push(Layer::of_one("scene.data", Value::String(data.to_owned()), Origin::Flag("--data")));
+        partials.push(PartialConfig::of_one("scene.data", Value::String(data.to_owned()), Origin::Flag("--data")));
     }
-    Ok(layers)
+    Ok(partials)
 }
 
-fn file_layer(path: &Path) -> Result<Layer, UsageError> {
+fn read_partial(path: &Path) -> Result<PartialConfig, UsageError> {
     let text = std::fs::read_to_string(path)
         .map_err(|error| UsageError::new(format!("cannot read the configuration {}: {error}.", path.display())))?;
-    Layer::parse(&text, Origin::File(path.to_owned()))
+    PartialConfig::parse(&text, Origin::File(path.to_owned()))
 }
 
-/// Lays the layers over the defaults, lowest first. Every key of every layer is checked first.
-fn merge(layers: &[Layer]) -> anyhow::Result<Config> {
+/// Merges partial configurations over the defaults. Every key is checked first. Later ones override earlier ones.
+fn merge(partials: &[PartialConfig]) -> anyhow::Result<Config> {
     let known = KnownKeys::new()?;
     let mut merged = known.defaults().clone();
-    for layer in layers {
-        known.check(layer)?;
-        overlay(&mut merged, &layer.table);
+    for partial in partials {
+        known.check(partial)?;
+        overlay(&mut merged, &partial.table);
     }
     Value::Table(merged)
         .try_into()
@@ -179,8 +184,8 @@ pub(crate) fn make_absolute(config: &mut Config) -> anyhow::Result<()> {
 mod tests {
     use super::*;
 
-    fn with_settings(settings: &[&str]) -> LayerArgs {
-        LayerArgs { set: settings.iter().map(|&setting| setting.to_owned()).collect(), ..Default::default() }
+    fn with_settings(settings: &[&str]) -> ConfigSourceArgs {
+        ConfigSourceArgs { set: settings.iter().map(|&setting| setting.to_owned()).collect(), ..Default::default() }
     }
 
     fn refusal(settings: &[&str]) -> String {
@@ -192,21 +197,21 @@ mod tests {
     #[test]
     fn every_preset_can_be_trained() {
         for preset in PRESETS {
-            let args = LayerArgs { preset: Some(preset.name.to_owned()), ..Default::default() };
+            let args = ConfigSourceArgs { preset: Some(preset.name.to_owned()), ..Default::default() };
             resolve(&args, None).unwrap_or_else(|error| panic!("{}: {error}", preset.name));
         }
     }
 
     #[test]
     fn the_preset_neu3d_is_the_defaults() {
-        let args = LayerArgs { preset: Some("neu3d".to_owned()), ..Default::default() };
+        let args = ConfigSourceArgs { preset: Some("neu3d".to_owned()), ..Default::default() };
         assert_eq!(resolve(&args, None).expect("resolved").config, Config::default());
     }
 
     #[test]
     fn a_folder_of_photos_has_a_preset_of_its_own() {
         let folder = tempfile::tempdir().expect("folder");
-        let resolved = || resolve(&LayerArgs::default(), Some(folder.path())).expect("resolved");
+        let resolved = || resolve(&ConfigSourceArgs::default(), Some(folder.path())).expect("resolved");
         assert_eq!(resolved().preset.name, FOR_VIDEO);
         for name in ["images", "sparse"] {
             std::fs::create_dir(folder.path().join(name)).expect("made");
@@ -217,28 +222,28 @@ mod tests {
     }
 
     #[test]
-    fn a_later_layer_wins() {
+    fn a_later_source_wins() {
         let folder = tempfile::tempdir().expect("folder");
         let file = folder.path().join("a.toml");
         std::fs::write(&file, "seed = 3\n[train]\nscale = 0.5\nbatch_size = 3\n[train.stages]\ngeometry = 11\n")
             .expect("written");
-        let args = LayerArgs {
+        let args = ConfigSourceArgs {
             config: Some(file),
             seed: Some(9),
             ..with_settings(&["train.scale=0.25", "train.scale=1", "seed=5", "scene.kind=casual"])
         };
         let config = resolve(&args, None).expect("resolved").config;
         assert_eq!((config.seed, config.train.scale, config.train.batch_size), (9, 1.0, 3));
-        assert_eq!(config.train.stages.geometry, 11);
+        assert_eq!(config.train.stages.geometry.0, 11);
         assert_eq!(config.scene.kind, mvfusion_data::BuiltinKind::Casual);
-        // A table in a layer adds to the table below it.
-        let preset = resolve(&LayerArgs::default(), None).expect("resolved").config;
+        // A table adds to the table that it overrides.
+        let preset = resolve(&ConfigSourceArgs::default(), None).expect("resolved").config;
         assert_eq!(config.train.stages.refinement, preset.train.stages.refinement);
     }
 
     #[test]
     fn a_folder_asks_for_its_own_preset_and_is_written_down_absolute() {
-        let resolved = resolve(&LayerArgs::default(), Some(Path::new("scenes/steak"))).expect("resolved");
+        let resolved = resolve(&ConfigSourceArgs::default(), Some(Path::new("scenes/steak"))).expect("resolved");
         assert_eq!(resolved.preset.name, FOR_VIDEO);
         assert!(resolved.note.expect("said").contains(FOR_VIDEO));
         let data = resolved.config.scene.data.expect("set");
@@ -274,8 +279,9 @@ mod tests {
         let folder = tempfile::tempdir().expect("folder");
         let file = folder.path().join("a.toml");
         std::fs::write(&file, "seed = 3\n\n[train]\nscale = 0.5\nbatchsize = 3\n").expect("written");
-        let error =
-            resolve(&LayerArgs { config: Some(file), ..Default::default() }, None).expect_err("refused").to_string();
+        let error = resolve(&ConfigSourceArgs { config: Some(file), ..Default::default() }, None)
+            .expect_err("refused")
+            .to_string();
         assert!(error.contains("a.toml, line 5") && error.contains("`train.batch_size`"), "{error}");
     }
 
@@ -308,7 +314,7 @@ mod tests {
 
     #[test]
     fn an_unknown_preset_is_refused_with_the_list() {
-        let args = LayerArgs { preset: Some("neu3".to_owned()), ..Default::default() };
+        let args = ConfigSourceArgs { preset: Some("neu3".to_owned()), ..Default::default() };
         let message = resolve(&args, None).expect_err("refused").to_string();
         assert!(message.contains("`neu3d`") && message.contains("quickstart"), "{message}");
     }

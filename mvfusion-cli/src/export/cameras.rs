@@ -7,6 +7,9 @@ use serde::Serialize;
 
 use crate::atomic;
 
+/// The cameras of all views.
+pub const CAMERAS: &str = "cameras.json";
+
 /// A camera of 3DGS. It has no principal point: viewers take the middle of the picture.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 struct Entry<'a> {

@@ -7,7 +7,7 @@ use mvfusion_model::Config;
 use mvfusion_model::config::Background;
 use mvfusion_model::gaussians::SH_C0;
 
-use super::{CAMERAS, write_cameras};
+use super::cameras::{CAMERAS, write_cameras};
 use crate::atomic;
 use crate::run::{self, RunFolder, write_ply};
 

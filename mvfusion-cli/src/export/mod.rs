@@ -5,15 +5,14 @@ mod cameras;
 mod inria;
 mod splat;
 
-pub use cameras::write_cameras;
+pub use cameras::{CAMERAS, write_cameras};
 pub use inria::{InriaModel, write_inria};
 pub use splat::write_splat;
 
 use mvfusion_data::GaussianCloud;
 use mvfusion_model::ModelError;
-use mvfusion_model::densify::Branch;
-use mvfusion_model::gaussians::RawGaussians;
-use mvfusion_model::model::{Model, Movement, Surroundings};
+use mvfusion_model::gaussians::{Gaussians, RawGaussians};
+use mvfusion_model::model::{DeformationLevel, Model, RenderContext};
 
 use crate::run::Contents;
 
@@ -25,8 +24,6 @@ pub const DYNAMIC: &str = "dynamic.ply";
 pub const SPLAT: &str = "scene.splat";
 /// Folder of the sequence.
 pub const FRAMES: &str = "frames";
-/// The cameras of all views.
-pub const CAMERAS: &str = "cameras.json";
 
 /// All that an export writes at the top of its folder.
 pub const CONTENTS: Contents = Contents {
@@ -49,9 +46,9 @@ pub struct Exporter {
     /// The model, without autodiff.
     pub model: Model,
     /// How far the dynamic Gaussians are moved.
-    pub movement: Movement,
+    pub level: DeformationLevel,
     /// What it needs to know of the scene and the run.
-    pub surroundings: Surroundings,
+    pub context: RenderContext,
 }
 
 impl Exporter {
@@ -60,7 +57,7 @@ impl Exporter {
     /// # Errors
     /// If the device cannot hand them over.
     pub fn static_(&self) -> Result<Option<GaussianCloud>, ModelError> {
-        self.model.static_.as_ref().map(|branch| in_use(branch, branch.gaussians.to_cloud()?)).transpose()
+        self.model.static_.as_ref().map(|branch| in_use(branch, branch.to_cloud()?)).transpose()
     }
 
     /// The Gaussians of the dynamic branch with the logits of their masks, if they have them.
@@ -70,7 +67,7 @@ impl Exporter {
     pub fn dynamic(&self, moment: Moment) -> Result<GaussianCloud, ModelError> {
         let branch = &self.model.dynamic;
         match moment {
-            Moment::Canonical => in_use(branch, branch.gaussians.to_cloud()?),
+            Moment::Canonical => in_use(branch, branch.to_cloud()?),
             Moment::At(_) => in_use(branch, self.dynamic_at(moment).to_cloud()?),
         }
     }
@@ -90,15 +87,15 @@ impl Exporter {
 
     fn dynamic_at(&self, moment: Moment) -> RawGaussians {
         match moment {
-            Moment::Canonical => self.model.dynamic.gaussians.canonical(),
-            Moment::At(time) => self.model.dynamic_at(time, self.movement, &self.surroundings),
+            Moment::Canonical => self.model.dynamic.canonical(),
+            Moment::At(time) => self.model.dynamic_at(time, self.level, &self.context),
         }
     }
 }
 
 /// Gaussians of a branch without the colours that it does not use yet: a viewer, which knows no degree in use, would
 /// show what the deformation does to them.
-fn in_use(branch: &Branch, gaussians: GaussianCloud) -> Result<GaussianCloud, ModelError> {
+fn in_use(branch: &Gaussians, gaussians: GaussianCloud) -> Result<GaussianCloud, ModelError> {
     Ok(gaussians.zero_above(branch.sh_degree))
 }
 

@@ -3,13 +3,14 @@
 use std::num::NonZeroUsize;
 
 use clap::ValueEnum;
-use mvfusion_data::camera_path::{FRAME_RATES, MOST_ENTRIES};
+use mvfusion_data::camera_path::{FRAME_RATES, LONGEST_SIDE, MOST_ENTRIES};
 use mvfusion_data::can_write_videos;
 use mvfusion_model::config::FusionWeights;
 use mvfusion_model::evaluation::Layer;
 
+use super::views::LEAST_SIDE;
 use crate::failure::UsageError;
-use crate::progress::Talk;
+use crate::progress::Verbosity;
 
 /// A layer that was asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,7 +39,7 @@ impl FileFormat {
     ///
     /// # Errors
     /// If videos are asked for and nothing is there to write them.
-    pub fn choose(asked: &[Self], frames: usize, talk: Talk) -> Result<Vec<Self>, UsageError> {
+    pub fn choose(asked: &[Self], frames: usize, verbosity: Verbosity) -> Result<Vec<Self>, UsageError> {
         if asked.contains(&Self::Mp4) && !can_write_videos() {
             return Err(UsageError::new(
                 "--format mp4 needs the program ffmpeg, and there is none. Install it, or ask for gif or png.",
@@ -54,7 +55,7 @@ impl FileFormat {
         if can_write_videos() {
             formats.push(Self::Mp4);
         } else {
-            talk.note("note:   no mp4 is written, because there is no program ffmpeg");
+            verbosity.note("note:   no mp4 is written, because there is no program ffmpeg");
         }
         Ok(formats)
     }
@@ -101,6 +102,17 @@ pub fn parse_frames(text: &str) -> Result<NonZeroUsize, String> {
     frames.ok_or_else(|| format!("frames are a whole number from 1 to {MOST_ENTRIES}"))
 }
 
+/// Takes the size of pictures, `160x120`.
+///
+/// # Errors
+/// If it is none, or one that cannot be rendered.
+pub fn parse_size(text: &str) -> Result<(usize, usize), String> {
+    let side = |text: &str| text.parse().ok().filter(|side: &usize| (LEAST_SIDE..=LONGEST_SIDE).contains(side));
+    let sides = text.split_once('x').and_then(|(width, height)| Some((side(width)?, side(height)?)));
+    let complaint = || format!("a size is written as 160x120, and each side has {LEAST_SIDE} to {LONGEST_SIDE} pixels");
+    sides.ok_or_else(complaint)
+}
+
 /// Takes the weights of the motion intensity, `0.7,0.2,0.1` for position, scale, rotation.
 ///
 /// # Errors
@@ -143,6 +155,15 @@ mod tests {
     }
 
     #[test]
+    fn sizes_have_bounds() {
+        assert_eq!([parse_size("16x120"), parse_size("16384x16")], [Ok((16, 120)), Ok((16_384, 16))]);
+        for bad in ["15x120", "160x15", "16385x16", "16x16385", "160", "160x", "-160x120", "axb"] {
+            let error = parse_size(bad).expect_err("refused");
+            assert!(error.contains("160x120") && error.contains("16 to 16384 pixels"), "{bad}: {error}");
+        }
+    }
+
+    #[test]
     fn moments_and_rates_have_bounds() {
         assert_eq!((parse_time("0.25"), parse_fps("29.97")), (Ok(0.25), Ok(29.97)));
         assert!(["1.01", "-0.1", "nan", ""].iter().all(|bad| parse_time(bad).is_err()));
@@ -164,7 +185,8 @@ mod tests {
 
     #[test]
     fn a_single_frame_is_a_picture_and_what_is_asked_for_is_written() {
-        let choose = |asked: &[FileFormat], frames| FileFormat::choose(asked, frames, Talk::Silent).expect("chosen");
+        let choose =
+            |asked: &[FileFormat], frames| FileFormat::choose(asked, frames, Verbosity::Silent).expect("chosen");
         assert_eq!(choose(&[], 1), [FileFormat::Png]);
         assert_eq!(choose(&[], 2)[..2], [FileFormat::Png, FileFormat::Gif]);
         assert_eq!(choose(&[FileFormat::Exr], 9), [FileFormat::Exr]);

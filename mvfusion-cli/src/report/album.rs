@@ -1,13 +1,14 @@
-//! The pictures of a run that stand in its report: which views, which layers, how large.
+//! The pictures that the report of a run shows: which views, which kinds, how large.
 
 use std::path::Path;
 
+use mvfusion_model::evaluation::Layer;
 use mvfusion_model::timeline;
 use rayon::prelude::*;
 
-use super::files::{Found, Lack, RunFiles};
+use super::files::{Found, Missing, RunFiles};
 use super::picture::{Embedded, embed};
-use crate::run;
+use crate::run::{self, PictureKind};
 
 /// Most views.
 const MOST_VIEWS: usize = 12;
@@ -26,45 +27,11 @@ const BUDGET: usize = 14_000_000;
 /// A strip has several pictures side by side, so it may be wider than one.
 const STRIP: u32 = 2;
 
-/// What a layer of pictures is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Layer {
-    /// Its folder.
-    pub folder: &'static str,
-    /// Name for people.
-    pub name: &'static str,
-}
-
-const fn layer(folder: &'static str, name: &'static str) -> Layer {
-    Layer { folder, name }
-}
-
-/// The photo and what the model makes of it, in the order of a row.
-pub(super) const LAYERS: [Layer; 9] = [
-    layer("gt", "ground truth"),
-    layer("composed", "composed"),
-    layer("static", "static branch"),
-    layer("dynamic", "dynamic branch"),
-    layer("mask", "mask"),
-    layer("masked_static", "masked static"),
-    layer("masked_dynamic", "masked dynamic"),
-    layer("true_background", "true background"),
-    layer("true_mask", "true mask"),
-];
-
-/// The heat maps, in the order of a row.
-pub(super) const HEAT_MAPS: [Layer; 4] = [
-    layer("motion", "motion intensity"),
-    layer("position_variance", "variance of position"),
-    layer("rotation_variance", "variance of rotation"),
-    layer("scale_variance", "variance of scale"),
-];
-
-/// A layer of a view.
+/// A picture of a view.
 #[derive(Debug)]
-pub(super) struct LayerPicture {
-    /// Which.
-    pub layer: Layer,
+pub(super) struct ViewPicture {
+    /// What it shows.
+    pub kind: PictureKind,
     /// The picture.
     pub picture: Found<Embedded>,
 }
@@ -76,10 +43,10 @@ pub(super) struct AlbumView {
     pub number: usize,
     /// Its name.
     pub name: String,
-    /// Photo and layers that the run has.
-    pub layers: Vec<LayerPicture>,
-    /// Heat maps that the run has.
-    pub heat_maps: Vec<LayerPicture>,
+    /// Ground truth and layers, as far as the run has them.
+    pub images: Vec<ViewPicture>,
+    /// Heat maps, as far as the run has them.
+    pub heat_maps: Vec<ViewPicture>,
 }
 
 /// The pictures.
@@ -106,7 +73,7 @@ impl Album {
 
     fn at(files: &RunFiles, widest: u32) -> Self {
         let renders = files.folder.join(run::RENDERS).join("test");
-        let (strips, rendered) = (names(&files.folder.join(run::STRIPS)), names(&renders.join("composed")));
+        let (strips, rendered) = (names(&files.folder.join(run::STRIPS)), names(&renders.join(Layer::Composed.name())));
         let in_folder = rendered.len().max(strips.len());
         let with_layers: Vec<String> = strips.iter().filter(|name| rendered.contains(name)).cloned().collect();
         let chosen = match with_layers.is_empty() {
@@ -120,8 +87,8 @@ impl Album {
     }
 
     fn bytes(&self) -> usize {
-        let layers = self.views.iter().flat_map(|view| view.layers.iter().chain(&view.heat_maps));
-        let pictures = layers.map(|layer| &layer.picture).chain(self.strips.iter().map(|(_, strip)| strip));
+        let of_views = self.views.iter().flat_map(|view| view.images.iter().chain(&view.heat_maps));
+        let pictures = of_views.map(|shown| &shown.picture).chain(self.strips.iter().map(|(_, strip)| strip));
         pictures.flatten().map(|picture| picture.uri.len()).sum()
     }
 }
@@ -140,17 +107,18 @@ fn spread(names: Vec<String>, most: usize) -> Vec<String> {
 }
 
 fn view(files: &RunFiles, renders: &Path, number: usize, file: &str, widest: u32) -> AlbumView {
-    let read = |layers: &[Layer]| -> Vec<LayerPicture> {
-        // Layers of which the run has no picture at all are not missed: a model of one branch has no mask.
-        let present: Vec<Layer> = layers.iter().copied().filter(|layer| renders.join(layer.folder).is_dir()).collect();
-        let picture = |layer: Layer| {
-            let name = format!("{}/test/{}/{file}", run::RENDERS, layer.folder);
-            LayerPicture { layer, picture: embed(&renders.join(layer.folder).join(file), &name, widest) }
+    let read = |kinds: &[PictureKind]| -> Vec<ViewPicture> {
+        // A kind without any picture is not missing: a model of one branch has no mask.
+        let is_present = |kind: &PictureKind| renders.join(kind.folder()).is_dir();
+        let present: Vec<PictureKind> = kinds.iter().copied().filter(is_present).collect();
+        let picture = |kind: PictureKind| {
+            let name = format!("{}/test/{}/{file}", run::RENDERS, kind.folder());
+            ViewPicture { kind, picture: embed(&renders.join(kind.folder()).join(file), &name, widest) }
         };
         present.into_par_iter().map(picture).collect()
     };
-    let (layers, heat_maps) = (read(&LAYERS), read(&HEAT_MAPS));
-    AlbumView { number, name: view_name(files, file), layers, heat_maps }
+    let (images, heat_maps) = (read(&PictureKind::IMAGES), read(&PictureKind::HEAT_MAPS));
+    AlbumView { number, name: view_name(files, file), images, heat_maps }
 }
 
 fn read_strips(files: &RunFiles, strips: Vec<String>, widest: u32) -> Vec<(String, Found<Embedded>)> {
@@ -169,9 +137,9 @@ fn view_name(files: &RunFiles, file: &str) -> String {
 }
 
 /// Why there are no sliders, for a run whose evaluation wrote no layers.
-pub(super) fn without_layers(files: &RunFiles) -> Lack {
+pub(super) fn without_layers(files: &RunFiles) -> Missing {
     let unwanted = files.config.as_ref().is_ok_and(|config| !config.eval.pictures);
-    Lack::new(match unwanted {
+    Missing::new(match unwanted {
         true => "The run was evaluated with eval.pictures=false, so its layers are not there to be compared.",
         false => "The run has no pictures of its layers (renders/test); `mvfusion eval RUN --write` writes them.",
     })
@@ -207,10 +175,10 @@ mod tests {
         let names: Vec<&str> = album.views.iter().map(|view| view.name.as_str()).collect();
         assert_eq!((names, album.in_folder, album.widest), (vec!["00002", "00007"], 9, 960));
         assert!(album.strips.is_empty());
-        let folders = |view: &AlbumView| view.layers.iter().map(|layer| layer.layer.folder).collect::<Vec<_>>();
+        let folders = |view: &AlbumView| view.images.iter().map(|shown| shown.kind.folder()).collect::<Vec<_>>();
         assert_eq!(folders(&album.views[0]), ["gt", "composed"]);
         assert_eq!(album.views[0].heat_maps.len(), 1);
-        let gone = album.views[1].layers[0].picture.as_ref().expect_err("a lack");
+        let gone = album.views[1].images[0].picture.as_ref().expect_err("a lack");
         assert_eq!(gone.to_string(), "There is no renders/test/gt/00007.png.");
     }
 

@@ -15,20 +15,20 @@ use crate::config;
 use crate::run::{self, PerView, Results};
 
 /// Something of a run, or why it is not there.
-pub type Found<T> = Result<T, Lack>;
+pub type Found<T> = Result<T, Missing>;
 
 /// Why a part of a run cannot be shown: a sentence that names the file.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Lack(String);
+pub struct Missing(String);
 
-impl Lack {
-    /// A lack, as a sentence.
+impl Missing {
+    /// What is missing, as a sentence.
     pub fn new(sentence: impl Into<String>) -> Self {
         Self(sentence.into())
     }
 }
 
-impl fmt::Display for Lack {
+impl fmt::Display for Missing {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.0)
     }
@@ -97,7 +97,7 @@ impl RunFiles {
     }
 }
 
-/// What other protocols than the run's own say; one that was never asked is no lack.
+/// What other protocols than the run's own say; one that was never asked is not missing.
 fn others(folder: &Path) -> Vec<(Protocol, Found<Results>)> {
     let read = |protocol: Protocol| {
         let name = format!("{}/{}/{}", run::PROTOCOLS, protocol.name(), run::RESULTS);
@@ -114,19 +114,19 @@ fn configuration(folder: &Path) -> Found<Config> {
         config.check()?;
         Ok(config)
     };
-    read().map_err(|error| Lack::new(format!("{} is of another version: {error:#}", run::CONFIG)))
+    read().map_err(|error| Missing::new(format!("{} is of another version: {error:#}", run::CONFIG)))
 }
 
 fn text(folder: &Path, name: &str) -> Found<String> {
     std::fs::read_to_string(folder.join(name)).map_err(|error| match error.kind() {
-        io::ErrorKind::NotFound => Lack::new(format!("The run has no {name}.")),
-        _ => Lack::new(format!("{name} cannot be read: {error}.")),
+        io::ErrorKind::NotFound => Missing::new(format!("The run has no {name}.")),
+        _ => Missing::new(format!("{name} cannot be read: {error}.")),
     })
 }
 
 /// Reads a file of JSON; the `remedy` follows the sentence that says why it cannot be read.
 fn json<T: DeserializeOwned>(folder: &Path, name: &str, remedy: &str) -> Found<T> {
-    let wrong = |error| Lack::new(format!("{name} cannot be read: {error}.{remedy}"));
+    let wrong = |error| Missing::new(format!("{name} cannot be read: {error}.{remedy}"));
     serde_json::from_str(&text(folder, name)?).map_err(wrong)
 }
 
@@ -158,14 +158,14 @@ mod tests {
         assert_eq!(files.recorded(&["seed"]).as_deref(), Some("7"));
         assert_eq!(files.recorded(&["git"]), None);
         assert_eq!(files.recorded(&["scene", "name"]), None);
-        let lack = |found: Option<Lack>, words: [&str; 2]| {
-            let lack = found.expect("a lack").to_string();
-            assert!(words.iter().all(|word| lack.contains(word)), "{lack}");
+        let sentence = |found: Option<Missing>, words: [&str; 2]| {
+            let found = found.expect("missing").to_string();
+            assert!(words.iter().all(|word| found.contains(word)), "{found}");
         };
-        lack(files.results.err(), ["results.json", "EOF"]);
-        lack(files.per_view.err(), ["no per_view.json", ""]);
-        lack(files.log.err(), ["metrics.jsonl", "UTF-8"]);
-        lack(files.config.err(), ["config.toml", "no_such_key"]);
+        sentence(files.results.err(), ["results.json", "EOF"]);
+        sentence(files.per_view.err(), ["no per_view.json", ""]);
+        sentence(files.log.err(), ["metrics.jsonl", "UTF-8"]);
+        sentence(files.config.err(), ["config.toml", "no_such_key"]);
         assert!(files.config_text.is_ok());
     }
 }

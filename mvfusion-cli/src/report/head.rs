@@ -3,12 +3,12 @@
 use std::borrow::Cow;
 
 use maud::{Markup, html};
-use mvfusion_model::evaluation::{Figure, LayerScores, LpipsVariant, Scores};
+use mvfusion_model::evaluation::{LayerScores, LpipsVariant, Metric, Scores};
 use serde_json::Value;
 
 use super::files::RunFiles;
 use super::meaning::meaning;
-use super::scores::number;
+use super::snippet::number;
 use crate::clock::spoken;
 use crate::run::Results;
 
@@ -94,7 +94,7 @@ fn cards(results: &Results) -> impl Iterator<Item = Card> {
 
 /// How good the pictures are.
 fn quality(test: &Scores) -> [Option<Card>; 7] {
-    let figure = |name: &str, figure: Figure, value: Option<f64>| {
+    let figure = |name: &str, figure: Metric, value: Option<f64>| {
         let (name, unit) = (Cow::from(name.to_owned()), figure.unit().unwrap_or_default());
         value.map(|value| Card { name, title: meaning(figure), value: number(value, figure.decimals()), unit })
     };
@@ -102,7 +102,7 @@ fn quality(test: &Scores) -> [Option<Card>; 7] {
     let of_part = |layer: &str, scores: LayerScores| {
         let (name, source) = test.label_and_source(layer);
         let source = source.map_or(String::new(), |source| format!(" ({})", source.words()));
-        figure(&format!("{name} PSNR{source}"), Figure::Psnr, scores.psnr)
+        figure(&format!("{name} PSNR{source}"), Metric::Psnr, scores.psnr)
     };
     let overlap = test.mask_iou.map(|value| Card {
         name: "mask IoU".into(),
@@ -111,10 +111,10 @@ fn quality(test: &Scores) -> [Option<Card>; 7] {
         unit: "",
     });
     [
-        figure("PSNR", Figure::Psnr, test.composed.psnr),
-        figure("SSIM", Figure::Ssim, test.composed.ssim),
-        figure("LPIPS-alex", Figure::Lpips(LpipsVariant::ALEX), test.composed.lpips_alex),
-        figure("static PSNR", Figure::Psnr, static_.psnr),
+        figure("PSNR", Metric::Psnr, test.composed.psnr),
+        figure("SSIM", Metric::Ssim, test.composed.ssim),
+        figure("LPIPS-alex", Metric::Lpips(LpipsVariant::ALEX), test.composed.lpips_alex),
+        figure("static PSNR", Metric::Psnr, static_.psnr),
         of_part("dynamic_region", region),
         of_part("movers", test.movers.unwrap_or_default()),
         overlap,

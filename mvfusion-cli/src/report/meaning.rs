@@ -2,22 +2,22 @@
 
 use std::collections::BTreeMap;
 
-use mvfusion_model::evaluation::{Backbone, Figure, InputRange, Protocol};
+use mvfusion_model::evaluation::{Backbone, InputRange, Metric, Protocol};
 
 use crate::run::LpipsWeights;
 
 /// What a figure is, in a sentence.
-pub(super) fn meaning(figure: Figure) -> &'static str {
+pub(super) fn meaning(figure: Metric) -> &'static str {
     match figure {
-        Figure::Psnr => "PSNR in dB of pictures rounded to 8 bits, all pixels and channels",
-        Figure::PsnrExact => "PSNR in dB of pictures as rendered",
-        Figure::Ssim => {
+        Metric::Psnr => "PSNR in dB of pictures rounded to 8 bits, all pixels and channels",
+        Metric::PsnrExact => "PSNR in dB of pictures as rendered",
+        Metric::Ssim => {
             "SSIM, 11-pixel Gaussian window of sigma 1.5, zeros outside the picture, mean of the map (3DGS)"
         }
-        Figure::SsimValid => "SSIM without the 5 outermost pixels (scikit-image, torchmetrics, nerfbaselines)",
-        Figure::MsSsim => "MS-SSIM of pytorch-msssim, five scales",
-        Figure::DSsim => "(1 - MS-SSIM) / 2",
-        Figure::Lpips(variant) => match (variant.backbone, variant.range) {
+        Metric::SsimValid => "SSIM without the 5 outermost pixels (scikit-image, torchmetrics, nerfbaselines)",
+        Metric::MsSsim => "MS-SSIM of pytorch-msssim, five scales",
+        Metric::DSsim => "(1 - MS-SSIM) / 2",
+        Metric::Lpips(variant) => match (variant.backbone, variant.range) {
             (Backbone::Alex, InputRange::Signed) => "LPIPS v0.1 by AlexNet, fed [-1, 1] as it should be",
             (Backbone::Vgg, InputRange::Signed) => "LPIPS v0.1 by VGG-16, fed [-1, 1] as it should be",
             (Backbone::Alex, InputRange::Raw) => {
@@ -29,10 +29,10 @@ pub(super) fn meaning(figure: Figure) -> &'static str {
 }
 
 /// Why no layer has a figure; `lpips` is what the networks were given, as far as the run has noted it.
-pub(super) fn why_absent(figure: Figure, lpips: &BTreeMap<String, LpipsWeights>) -> String {
+pub(super) fn why_absent(figure: Metric, lpips: &BTreeMap<String, LpipsWeights>) -> String {
     match figure {
-        Figure::MsSsim | Figure::DSsim => "of pictures of more than 160 pixels a side".to_owned(),
-        Figure::Lpips(variant) => why_no_lpips(variant.backbone, lpips.get(variant.backbone.name())),
+        Metric::MsSsim | Metric::DSsim => "of pictures of more than 160 pixels a side".to_owned(),
+        Metric::Lpips(variant) => why_no_lpips(variant.backbone, lpips.get(variant.backbone.name())),
         _ => "not written by this run\u{2019}s version".to_owned(),
     }
 }
@@ -68,7 +68,7 @@ mod tests {
         let given = LpipsWeights::WeightsSha256("0".to_owned());
         let missing = LpipsWeights::Absent("/weights has no such file".to_owned());
         let lpips = BTreeMap::from([("alex".to_owned(), given.clone()), ("vgg".to_owned(), missing)]);
-        let why = |variant, lpips: &BTreeMap<String, LpipsWeights>| why_absent(Figure::Lpips(variant), lpips);
+        let why = |variant, lpips: &BTreeMap<String, LpipsWeights>| why_absent(Metric::Lpips(variant), lpips);
         assert_eq!(why(LpipsVariant::ALEX, &lpips), "of pictures of at least 31 pixels a side");
         assert_eq!(why(LpipsVariant::VGG_RAW, &lpips), "/weights has no such file, see docs/evaluation.md");
         let lpips = BTreeMap::from([("vgg".to_owned(), given)]);
@@ -89,9 +89,9 @@ mod tests {
 
     #[test]
     fn every_figure_means_something_else() {
-        let mut meanings: Vec<&str> = Figure::ALL.into_iter().map(meaning).collect();
+        let mut meanings: Vec<&str> = Metric::ALL.into_iter().map(meaning).collect();
         meanings.sort_unstable();
         meanings.dedup();
-        assert_eq!(meanings.len(), Figure::ALL.len());
+        assert_eq!(meanings.len(), Metric::ALL.len());
     }
 }

@@ -6,15 +6,16 @@
 
 mod album;
 mod curve;
-mod figures;
 mod files;
 mod head;
+mod images;
 mod log;
 mod meaning;
 mod page;
 mod picture;
 mod record;
 mod scores;
+mod snippet;
 mod training;
 mod views;
 

@@ -6,9 +6,9 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 use sha2::{Digest, Sha256};
 
 use super::album::Album;
-use super::files::{Lack, RunFiles};
+use super::files::RunFiles;
 use super::picture::QUALITY;
-use super::{figures, head, record, scores, training};
+use super::{head, images, record, scores, training};
 
 const STYLE: &str = include_str!("report.css");
 const SCRIPT: &str = include_str!("report.js");
@@ -27,9 +27,9 @@ struct Section {
 const SECTIONS: [Section; 7] = [
     Section { anchor: "figures", title: "Figures", body: |files, _| scores::scores(files) },
     Section { anchor: "training", title: "Training", body: |files, _| training::training(files) },
-    Section { anchor: "sliders", title: "Before and after", body: figures::sliders },
-    Section { anchor: "layers", title: "Branch decomposition", body: figures::layers },
-    Section { anchor: "motion", title: "Motion", body: figures::heat_maps },
+    Section { anchor: "sliders", title: "Before and after", body: images::sliders },
+    Section { anchor: "layers", title: "Branch decomposition", body: images::layers },
+    Section { anchor: "motion", title: "Motion", body: images::heat_maps },
     Section { anchor: "record", title: "Record", body: |files, _| record::record(files) },
     Section { anchor: "config", title: "Configuration", body: |files, _| record::config(files) },
 ];
@@ -83,11 +83,6 @@ fn policy() -> String {
         "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-{hash}'; base-uri 'none'; \
          form-action 'none'"
     )
-}
-
-/// What is said in place of something that is missing.
-pub(super) fn lack(lack: &Lack) -> Markup {
-    html! { p.lack { (lack) } }
 }
 
 fn foot(album: &Album) -> Markup {

@@ -9,7 +9,7 @@ use image::codecs::jpeg::JpegEncoder;
 use image::imageops::FilterType;
 use image::{DynamicImage, ImageFormat, ImageReader};
 
-use super::files::{Found, Lack};
+use super::files::{Found, Missing};
 
 /// PNG files up to this many bytes stand in the page as they are.
 const SMALL: usize = 48 * 1024;
@@ -32,15 +32,15 @@ pub(super) struct Embedded {
 /// width.
 ///
 /// # Errors
-/// A [`Lack`] that names the file as `name` if it is missing or no picture.
+/// A [`Missing`] that names the file as `name` if it is missing or no picture.
 pub(super) fn embed(path: &Path, name: &str, widest: u32) -> Found<Embedded> {
     let bytes = std::fs::read(path).map_err(|error| match error.kind() {
-        io::ErrorKind::NotFound => Lack::new(format!("There is no {name}.")),
-        _ => Lack::new(format!("{name} cannot be read: {error}.")),
+        io::ErrorKind::NotFound => Missing::new(format!("There is no {name}.")),
+        _ => Missing::new(format!("{name} cannot be read: {error}.")),
     })?;
     // Decoded even if it stays as it is: a browser would show a broken picture without a word.
     let picture = ImageReader::with_format(Cursor::new(&bytes), ImageFormat::Png).decode();
-    let wrong = |error| Lack::new(format!("{name} is no picture: {error}."));
+    let wrong = |error| Missing::new(format!("{name} is no picture: {error}."));
     let picture = picture.map_err(wrong)?;
     let (width, height) = (picture.width(), picture.height());
     let uri = match bytes.len() <= SMALL && width <= widest {
@@ -96,9 +96,9 @@ mod tests {
     fn what_is_no_picture_is_named() {
         let folder = tempfile::tempdir().expect("folder");
         let path = folder.path().join("a.png");
-        let lack = |path: &Path| embed(path, "layer/a.png", 960).expect_err("a lack").to_string();
-        assert_eq!(lack(&path), "There is no layer/a.png.");
+        let sentence = |path: &Path| embed(path, "layer/a.png", 960).expect_err("missing").to_string();
+        assert_eq!(sentence(&path), "There is no layer/a.png.");
         std::fs::write(&path, b"\x89PNG\r\n\x1a\n and no more").expect("written");
-        assert!(lack(&path).starts_with("layer/a.png is no picture"), "{}", lack(&path));
+        assert!(sentence(&path).starts_with("layer/a.png is no picture"), "{}", sentence(&path));
     }
 }

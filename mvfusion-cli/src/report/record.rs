@@ -4,7 +4,7 @@ use maud::{Markup, html};
 use serde_json::Value;
 
 use super::files::RunFiles;
-use super::page::lack;
+use super::snippet::notice;
 use crate::run;
 
 /// `run.json` as a table, and `results.json` as it is.
@@ -14,7 +14,7 @@ pub(super) fn record(files: &RunFiles) -> Markup {
             Ok(record) => div.scroll { table.record { tbody {
                 @for (name, value) in entries(record) { tr { th scope="row" { (name) } td { (value) } } }
             } } },
-            Err(missing) => (lack(missing)),
+            Err(missing) => (notice(missing)),
         }
         @match &files.results_value {
             Ok(results) => details {
@@ -27,7 +27,7 @@ pub(super) fn record(files: &RunFiles) -> Markup {
                 }
                 pre { (serde_json::to_string_pretty(results).unwrap_or_else(|error| error.to_string())) }
             },
-            Err(missing) => (lack(missing)),
+            Err(missing) => (notice(missing)),
         }
     }
 }
@@ -45,9 +45,9 @@ pub(super) fn config(files: &RunFiles) -> Markup {
                 p.note { code { "mvfusion train --config " (run::CONFIG) } " does the run again." }
                 details { summary { (run::CONFIG) ", " (text.lines().count()) " lines" } pre { (text) } }
             },
-            Err(missing) => (lack(missing)),
+            Err(missing) => (notice(missing)),
         }
-        @if let (Err(missing), Ok(_)) = (&files.config, &files.config_text) { (lack(missing)) }
+        @if let (Err(missing), Ok(_)) = (&files.config, &files.config_text) { (notice(missing)) }
     }
 }
 

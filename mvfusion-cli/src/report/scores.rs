@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 
 use maud::{Markup, html};
-use mvfusion_model::evaluation::{Figure, LayerScores, Protocol, Scores};
+use mvfusion_model::evaluation::{LayerScores, Metric, Protocol, Scores};
 
 use super::files::{Found, RunFiles};
 use super::meaning::{meaning, protocol_of, why_absent};
-use super::page::lack;
+use super::snippet::{notice, number};
 use super::views::views;
 use crate::run::{LpipsWeights, Results};
 use crate::table::what_photos_show;
@@ -16,11 +16,11 @@ use crate::table::what_photos_show;
 pub(super) fn scores(files: &RunFiles) -> Markup {
     let own = match &files.results {
         Ok(results) => means(results),
-        Err(missing) => lack(missing),
+        Err(missing) => notice(missing),
     };
     let views = match &files.per_view {
         Ok(per_view) => views(per_view),
-        Err(missing) => lack(missing),
+        Err(missing) => notice(missing),
     };
     html! {
         (own)
@@ -36,7 +36,7 @@ fn by_another(protocol: Protocol, results: &Found<Results>) -> Markup {
         h3 { "By the protocol " (protocol.name()) }
         @match results {
             Ok(results) => (means(results)),
-            Err(missing) => (lack(missing)),
+            Err(missing) => (notice(missing)),
         }
     }
 }
@@ -117,9 +117,9 @@ fn means(results: &Results) -> Markup {
 /// The table of a set of views, and what belongs to none of its cells.
 fn layers(caption: &str, scores: &Scores, results: &Results) -> Markup {
     let rows = rows(scores, results);
-    let is_known = |figure: &Figure| rows.iter().any(|row| row.scores.is_some_and(|s| figure.of(&s).is_some()));
+    let is_known = |figure: &Metric| rows.iter().any(|row| row.scores.is_some_and(|s| figure.of(&s).is_some()));
     let figures = protocol_of(&results.protocol).figures();
-    let (known, unknown): (Vec<Figure>, Vec<Figure>) = figures.iter().copied().partition(is_known);
+    let (known, unknown): (Vec<Metric>, Vec<Metric>) = figures.iter().copied().partition(is_known);
     html! {
         div.scroll {
             table.scores {
@@ -146,7 +146,7 @@ fn layers(caption: &str, scores: &Scores, results: &Results) -> Markup {
 }
 
 /// The figures that no layer has, those with the same reason together.
-fn excuses(unknown: &[Figure], lpips: &BTreeMap<String, LpipsWeights>) -> String {
+fn excuses(unknown: &[Metric], lpips: &BTreeMap<String, LpipsWeights>) -> String {
     let mut excuses: Vec<(String, Vec<&str>)> = Vec::new();
     for &figure in unknown {
         let why = why_absent(figure, lpips);
@@ -158,7 +158,7 @@ fn excuses(unknown: &[Figure], lpips: &BTreeMap<String, LpipsWeights>) -> String
     excuses.iter().map(|(why, labels)| format!("{} ({why})", labels.join(", "))).collect::<Vec<_>>().join("; ")
 }
 
-fn cell(row: &Row, figure: Figure) -> Markup {
+fn cell(row: &Row, figure: Metric) -> Markup {
     match row.scores.and_then(|scores| figure.of(&scores)) {
         Some(value) => html! { td title=(value) { (number(value, figure.decimals())) } },
         None => {
@@ -169,16 +169,16 @@ fn cell(row: &Row, figure: Figure) -> Markup {
 }
 
 /// Why a row that has other figures lacks one that another row has.
-fn why_blank(extent: Extent, figure: Figure, scores: &LayerScores) -> &'static str {
+fn why_blank(extent: Extent, figure: Metric, scores: &LayerScores) -> &'static str {
     match (extent, figure) {
-        (_, Figure::Psnr) => "every picture equals what it is compared with once rounded, so PSNR is infinite",
-        (_, Figure::PsnrExact) if scores.psnr.is_none() => {
+        (_, Metric::Psnr) => "every picture equals what it is compared with once rounded, so PSNR is infinite",
+        (_, Metric::PsnrExact) if scores.psnr.is_none() => {
             "every picture equals what it is compared with, so PSNR is infinite"
         }
-        (Extent::Region, Figure::MsSsim | Figure::DSsim) => {
+        (Extent::Region, Metric::MsSsim | Metric::DSsim) => {
             "MS-SSIM multiplies means over five scales of the whole picture, so it has no map to take a region of"
         }
-        (Extent::Region, Figure::SsimValid) => {
+        (Extent::Region, Metric::SsimValid) => {
             "none of its pixels is inside the border of 5 pixels, or the run\u{2019}s version did not know this figure"
         }
         _ => "not written by this run\u{2019}s version",
@@ -228,14 +228,6 @@ fn beside(scores: &Scores) -> Markup {
     }
 }
 
-/// A figure; one that is not finite, as of a perfect picture, is said in words.
-pub(super) fn number(value: f64, decimals: usize) -> String {
-    match value.is_finite() {
-        true => format!("{value:.decimals$}"),
-        false => "not finite".to_owned(),
-    }
-}
-
 #[cfg(test)]
 pub(super) mod tests {
     use serde_json::{Map, Value, json};
@@ -244,7 +236,7 @@ pub(super) mod tests {
 
     /// Figures that are all known and all different.
     pub(in crate::report) fn known() -> LayerScores {
-        let numbered = Figure::ALL.into_iter().zip(1..);
+        let numbered = Metric::ALL.into_iter().zip(1..);
         let figures: Map<String, Value> =
             numbered.map(|(figure, number)| (figure.name().to_owned(), json!(number))).collect();
         serde_json::from_value(Value::Object(figures)).expect("figures")
@@ -253,15 +245,15 @@ pub(super) mod tests {
     #[test]
     fn a_dash_tells_what_a_region_cannot_have_from_what_this_one_lacks() {
         let nothing = LayerScores::default();
-        assert!(why_blank(Extent::Region, Figure::MsSsim, &known()).contains("has no map"));
-        assert!(why_blank(Extent::Region, Figure::SsimValid, &known()).contains("inside the border"));
+        assert!(why_blank(Extent::Region, Metric::MsSsim, &known()).contains("has no map"));
+        assert!(why_blank(Extent::Region, Metric::SsimValid, &known()).contains("inside the border"));
         for extent in [Extent::Picture, Extent::Region] {
-            assert!(why_blank(extent, Figure::Psnr, &known()).contains("infinite"));
-            assert!(why_blank(extent, Figure::PsnrExact, &nothing).contains("infinite"));
+            assert!(why_blank(extent, Metric::Psnr, &known()).contains("infinite"));
+            assert!(why_blank(extent, Metric::PsnrExact, &nothing).contains("infinite"));
             // The rounded pictures differ, so those as rendered do.
-            assert!(why_blank(extent, Figure::PsnrExact, &known()).contains("version"));
-            assert!(why_blank(extent, Figure::Ssim, &known()).contains("version"));
+            assert!(why_blank(extent, Metric::PsnrExact, &known()).contains("version"));
+            assert!(why_blank(extent, Metric::Ssim, &known()).contains("version"));
         }
-        assert!(why_blank(Extent::Picture, Figure::MsSsim, &known()).contains("version"));
+        assert!(why_blank(Extent::Picture, Metric::MsSsim, &known()).contains("version"));
     }
 }

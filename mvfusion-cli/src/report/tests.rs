@@ -89,7 +89,7 @@ fn a_run_becomes_a_page_with_all_its_sections() {
     }
     // Each picture once: five layers, and two of the slider and the photo of the heat map are copied.
     assert_eq!((count(&page, "src=\"data:image/png"), count(&page, "data-copy=\"v0-gt\"")), (5, 2));
-    assert_eq!(count(&page, "class=\"lack\""), 2, "the noscript's, and the one of the unknown key");
+    assert_eq!(count(&page, "class=\"missing\""), 2, "the noscript's, and the one of the unknown key");
 }
 
 fn write_report(run: &Path) -> PathBuf {

@@ -7,7 +7,7 @@ use mvfusion_model::train::Stage;
 use super::curve::{Chart, Mark, Point, Series, Weight, running_mean};
 use super::files::RunFiles;
 use super::log::Log;
-use super::page::lack;
+use super::snippet::notice;
 
 /// Curves of more points than this are drawn with their mean over [`WINDOW`].
 const NOISY: usize = 60;
@@ -18,7 +18,7 @@ const WINDOW: usize = 30;
 pub(super) fn training(files: &RunFiles) -> Markup {
     match &files.log {
         Ok(log) => curves(log, &marks(files, log)),
-        Err(missing) => lack(missing),
+        Err(missing) => notice(missing),
     }
 }
 
@@ -73,9 +73,9 @@ fn marks(files: &RunFiles, log: &Log) -> Vec<Mark> {
 fn planned(config: &Config) -> Vec<Mark> {
     let stages = config.scaled().train.stages;
     let lengths = [
-        (Stage::Geometry, stages.geometry),
-        (Stage::Deformation, stages.deformation),
-        (Stage::Refinement, stages.refinement),
+        (Stage::Geometry, stages.geometry.0),
+        (Stage::Deformation, stages.deformation.0),
+        (Stage::Refinement, stages.refinement.0),
     ];
     let mut start = 0usize;
     let mut marks = Vec::new();
@@ -90,13 +90,14 @@ fn planned(config: &Config) -> Vec<Mark> {
 
 #[cfg(test)]
 mod tests {
+    use mvfusion_model::config::StageConfig;
+
     use super::*;
 
     #[test]
     fn stages_without_steps_have_no_mark() {
         let mut config = Config::default();
-        let stages = &mut config.train.stages;
-        (stages.geometry, stages.deformation, stages.refinement) = (10, 0, 5);
+        config.train.stages = StageConfig::of([10, 0, 5]);
         let mark = |x, name: &str| Mark { x, name: name.to_owned() };
         assert_eq!(planned(&config), [mark(0.0, "geometry"), mark(10.0, "refinement")]);
     }

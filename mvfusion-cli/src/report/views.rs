@@ -1,10 +1,10 @@
 //! Every view: a curve for each PSNR, the views that are worst where things move, and a table.
 
 use maud::{Markup, html};
-use mvfusion_model::evaluation::{Figure, LpipsVariant, Scores, ViewScores};
+use mvfusion_model::evaluation::{LpipsVariant, Metric, Scores, ViewScores};
 
 use super::curve::{Chart, Point, Series, Weight};
-use super::scores::number;
+use super::snippet::number;
 use crate::run::PerView;
 
 /// Views from which their figures are drawn as well, and beyond which the table is folded up.
@@ -25,46 +25,46 @@ struct ViewColumn {
 
 const VIEW_COLUMNS: [ViewColumn; 13] = [
     ViewColumn {
-        name: Figure::Psnr.label(),
+        name: Metric::Psnr.label(),
         part: "",
         title: "composed, dB",
         decimals: 2,
         of: |scores| scores.composed.psnr,
     },
     ViewColumn {
-        name: Figure::Ssim.label(),
+        name: Metric::Ssim.label(),
         part: "",
         title: "composed",
         decimals: 4,
         of: |scores| scores.composed.ssim,
     },
     ViewColumn {
-        name: Figure::Lpips(LpipsVariant::ALEX).label(),
+        name: Metric::Lpips(LpipsVariant::ALEX).label(),
         part: "",
         title: "composed, network fed [-1, 1]",
         decimals: 4,
-        of: |scores| Figure::Lpips(LpipsVariant::ALEX).of(&scores.composed),
+        of: |scores| Metric::Lpips(LpipsVariant::ALEX).of(&scores.composed),
     },
     ViewColumn {
-        name: Figure::Lpips(LpipsVariant::VGG).label(),
+        name: Metric::Lpips(LpipsVariant::VGG).label(),
         part: "",
         title: "composed, network fed [-1, 1]",
         decimals: 4,
-        of: |scores| Figure::Lpips(LpipsVariant::VGG).of(&scores.composed),
+        of: |scores| Metric::Lpips(LpipsVariant::VGG).of(&scores.composed),
     },
     ViewColumn {
-        name: Figure::Lpips(LpipsVariant::ALEX_RAW).label(),
+        name: Metric::Lpips(LpipsVariant::ALEX_RAW).label(),
         part: "",
         title: "composed, network fed [0, 1]",
         decimals: 4,
-        of: |scores| Figure::Lpips(LpipsVariant::ALEX_RAW).of(&scores.composed),
+        of: |scores| Metric::Lpips(LpipsVariant::ALEX_RAW).of(&scores.composed),
     },
     ViewColumn {
-        name: Figure::Lpips(LpipsVariant::VGG_RAW).label(),
+        name: Metric::Lpips(LpipsVariant::VGG_RAW).label(),
         part: "",
         title: "composed, network fed [0, 1]",
         decimals: 4,
-        of: |scores| Figure::Lpips(LpipsVariant::VGG_RAW).of(&scores.composed),
+        of: |scores| Metric::Lpips(LpipsVariant::VGG_RAW).of(&scores.composed),
     },
     ViewColumn {
         name: "static PSNR",
@@ -218,7 +218,7 @@ mod tests {
         let scores = Scores { composed: known(), ..Scores::default() };
         let mut named = 0;
         for column in VIEW_COLUMNS {
-            let figure = Figure::ALL.into_iter().find(|figure| figure.label() == column.name);
+            let figure = Metric::ALL.into_iter().find(|figure| figure.label() == column.name);
             if let Some(figure) = figure {
                 assert_eq!((column.of)(&scores), figure.of(&scores.composed), "{}", column.name);
                 assert_eq!(column.decimals, figure.decimals(), "{}", column.name);

@@ -3,17 +3,17 @@
 
 use std::collections::BTreeMap;
 
-use mvfusion_model::evaluation::{Figure, LayerScores, LpipsVariant, ViewScores};
+use mvfusion_model::evaluation::{LayerScores, LpipsVariant, Metric, ViewScores};
 use serde::Serialize;
 
 /// The field's name of a figure, and what it is here: both kinds of LPIPS are fed `[0, 1]`.
-const FIGURES: [(&str, Figure); 6] = [
-    ("SSIM", Figure::Ssim),
-    ("PSNR", Figure::Psnr),
-    ("LPIPS-vgg", Figure::Lpips(LpipsVariant::VGG_RAW)),
-    ("LPIPS-alex", Figure::Lpips(LpipsVariant::ALEX_RAW)),
-    ("MS-SSIM", Figure::MsSsim),
-    ("D-SSIM", Figure::DSsim),
+const FIGURES: [(&str, Metric); 6] = [
+    ("SSIM", Metric::Ssim),
+    ("PSNR", Metric::Psnr),
+    ("LPIPS-vgg", Metric::Lpips(LpipsVariant::VGG_RAW)),
+    ("LPIPS-alex", Metric::Lpips(LpipsVariant::ALEX_RAW)),
+    ("MS-SSIM", Metric::MsSsim),
+    ("D-SSIM", Metric::DSsim),
 ];
 
 /// Means of the composed pictures, by the field's names.
@@ -42,7 +42,7 @@ impl FieldScores {
 impl FieldPerView {
     /// The figures of views that are known, by the names of their pictures.
     pub fn of(steps: usize, views: &BTreeMap<String, ViewScores>) -> BTreeMap<String, Self> {
-        let column = |figure: Figure| -> BTreeMap<String, f64> {
+        let column = |figure: Metric| -> BTreeMap<String, f64> {
             let value = |view: &ViewScores| figure.of(&view.scores.composed);
             views.iter().filter_map(|(picture, view)| Some((picture.clone(), value(view)?))).collect()
         };

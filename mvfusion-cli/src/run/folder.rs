@@ -9,7 +9,7 @@ use anyhow::{Context, bail};
 use mvfusion_model::files::is_unfinished;
 use tracing::warn;
 
-use super::ENTRIES;
+use super::files::ENTRIES;
 
 /// What becomes of a run that lies in the folder already.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -280,7 +280,7 @@ mod tests {
         let ground = tempfile::tempdir().expect("folder");
         let path = ground.path().join("a");
         fs::create_dir(&path).expect("made");
-        fs::write(path.join(super::super::RESULTS), "old").expect("written");
+        fs::write(path.join(crate::run::RESULTS), "old").expect("written");
         let create = || RunPlan::new(&path, Existing::Replace).expect("planned").create().expect("made");
         let write = |folder: &RunFolder| fs::write(folder.place(&["results.json"]).expect("placed"), "new");
         let folder = create();

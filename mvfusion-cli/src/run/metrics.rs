@@ -10,7 +10,7 @@ use anyhow::Context;
 use mvfusion_model::profile::{self, Part};
 use serde::Serialize;
 
-use super::GaussianCounts;
+use super::results::GaussianCounts;
 
 /// A log step.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use mvfusion_data::Scene;
 use mvfusion_model::Config;
-use mvfusion_model::model::Surroundings;
-use mvfusion_model::train::{TrainState, final_movement};
+use mvfusion_model::model::RenderContext;
+use mvfusion_model::train::{TrainState, final_level};
 
-use super::{CHECKPOINTS, CONFIG, FINAL};
+use super::files::{CHECKPOINTS, CONFIG, FINAL};
 use crate::device::{self, OpenDevice};
-use crate::progress::Talk;
+use crate::progress::Verbosity;
 use crate::{config, scene};
 
 /// Which run is opened, and what has moved since it was trained.
@@ -55,7 +55,7 @@ impl OpenRun {
     ///
     /// # Errors
     /// If the run is not complete, its data are gone, or there is no such device.
-    pub fn open(request: &RunRequest<'_>, talk: Talk) -> anyhow::Result<Self> {
+    pub fn open(request: &RunRequest<'_>, verbosity: Verbosity) -> anyhow::Result<Self> {
         let checkpoint = find_checkpoint(request.run)?;
         let config = configuration(request)?;
         let device = device::open(request.device)?;
@@ -66,8 +66,8 @@ impl OpenRun {
                  with --masks"
             }
         })?;
-        talk.note(&format!("device: {}", device.reason));
-        talk.note(&format!("scene:  {}", scene::describe(&scene)));
+        verbosity.note(&format!("device: {}", device.reason));
+        verbosity.note(&format!("scene:  {}", scene::describe(&scene)));
         let config = config.scaled();
         let state = TrainState::load(&checkpoint, &config, &device.device.clone().autodiff())?;
         Ok(Self { config, device, scene, state })
@@ -75,14 +75,14 @@ impl OpenRun {
 
     /// What the model needs to know to be rendered; without temporal attention if `no_mfta`, with a note where that
     /// changes nothing.
-    pub fn surroundings(&self, no_mfta: bool, talk: Talk) -> Surroundings {
-        let surroundings = Surroundings::new(&self.config, &self.scene);
+    pub fn render_context(&self, no_mfta: bool, verbosity: Verbosity) -> RenderContext {
+        let context = RenderContext::new(&self.config, &self.scene);
         if !no_mfta {
-            return surroundings;
+            return context;
         }
-        surroundings.without_mfta(&self.state.model, final_movement(&self.config)).unwrap_or_else(|| {
-            talk.note("note:   the model was trained without MFTA, so --no-mfta changes nothing");
-            surroundings
+        context.without_mfta(&self.state.model, final_level(&self.config)).unwrap_or_else(|| {
+            verbosity.note("note:   the model was trained without MFTA, so --no-mfta changes nothing");
+            context
         })
     }
 }

@@ -2,31 +2,28 @@
 
 use std::path::{Path, PathBuf};
 
-use image::{GenericImage, RgbImage};
+use image::{DynamicImage, GenericImage, RgbImage};
 use mvfusion_data::View;
 use mvfusion_model::config::EvalConfig;
-use mvfusion_model::evaluation::ViewPictures;
+use mvfusion_model::evaluation::{Layer, ViewPictures};
 use mvfusion_model::model::Model;
 use mvfusion_model::timeline;
 
+use super::files::{RENDERS, STRIPS, picture_file};
 use super::folder::place;
-use super::{RENDERS, STRIPS};
+use super::picture_kind::PictureKind;
 use crate::atomic;
 
 /// What stands side by side in a strip of a model, from left to right.
 pub fn legend(model: &Model) -> String {
-    let branches = model.static_.as_ref().map(|_| "static, dynamic, mask");
-    let motion = model.motion.as_ref().map(|_| "motion intensity");
-    ["ground truth, composed"].into_iter().chain(branches).chain(motion).collect::<Vec<_>>().join(", ")
+    let branches = model.static_.as_ref().map(|_| [Layer::Static, Layer::Dynamic, Layer::Mask].map(Layer::name));
+    let motion = model.motion.as_ref().map(|_| Layer::Motion.label());
+    let first = [PictureKind::GroundTruth.label(), Layer::Composed.name()];
+    first.into_iter().chain(branches.into_iter().flatten()).chain(motion).collect::<Vec<_>>().join(", ")
 }
 
 /// White pixels between two pictures of a strip.
 const GAP: u32 = 4;
-
-/// Name of the pictures of the view of this number.
-pub(super) fn file_name(index: usize) -> String {
-    format!("{index:05}.png")
-}
 
 /// Writes the pictures of held-out views into a run's folder.
 #[derive(Clone, Debug)]
@@ -47,7 +44,7 @@ impl PicturesWriter {
     /// A strip worth looking at: the one in the middle, if any is made.
     pub fn strip_to_see(&self) -> Option<PathBuf> {
         let middle = self.strips.get(self.strips.len() / 2)?;
-        Some(self.run.join(STRIPS).join(file_name(*middle)))
+        Some(self.run.join(STRIPS).join(picture_file(*middle)))
     }
 
     /// Whether every layer becomes a file.
@@ -64,13 +61,15 @@ impl PicturesWriter {
     ///
     /// # Errors
     /// If the file cannot be written.
-    pub fn write_layer(&self, index: usize, layer: &str, picture: &RgbImage) -> anyhow::Result<()> {
+    pub fn write_layer(&self, index: usize, layer: Layer, picture: &RgbImage) -> anyhow::Result<()> {
         match self.layers {
-            true => {
-                atomic::write_png(&place(&self.run, &[RENDERS, "test", layer, &file_name(index)])?, picture.clone())
-            }
+            true => self.write_kind(index, PictureKind::Model(layer), picture.clone()),
             false => Ok(()),
         }
+    }
+
+    fn write_kind(&self, index: usize, kind: PictureKind, picture: impl Into<DynamicImage>) -> anyhow::Result<()> {
+        atomic::write_png(&place(&self.run, &[RENDERS, "test", kind.folder(), &picture_file(index)])?, picture)
     }
 
     /// Writes what is wanted of a view.
@@ -88,32 +87,31 @@ impl PicturesWriter {
                 panels.extend([&layers.static_, &layers.dynamic, &layers.mask]);
             }
             panels.extend(&pictures.motion);
-            atomic::write_png(&place(&self.run, &[STRIPS, &file_name(index)])?, side_by_side(&panels)?)?;
+            atomic::write_png(&place(&self.run, &[STRIPS, &picture_file(index)])?, side_by_side(&panels)?)?;
         }
         Ok(())
     }
 
     fn write_layers(&self, index: usize, view: &View, pictures: &ViewPictures) -> anyhow::Result<()> {
-        let write = |layer: &str, picture: &RgbImage| self.write_layer(index, layer, picture);
-        write("composed", &pictures.composed)?;
+        let write = |layer: Layer, picture: &RgbImage| self.write_layer(index, layer, picture);
+        write(Layer::Composed, &pictures.composed)?;
         if let Some(branches) = &pictures.branches {
-            write("static", &branches.static_)?;
-            write("dynamic", &branches.dynamic)?;
-            write("mask", &branches.mask)?;
+            write(Layer::Static, &branches.static_)?;
+            write(Layer::Dynamic, &branches.dynamic)?;
+            write(Layer::Mask, &branches.mask)?;
             let [masked_static, masked_dynamic] = branches.masked()?;
-            write("masked_static", &masked_static)?;
-            write("masked_dynamic", &masked_dynamic)?;
+            write(Layer::MaskedStatic, &masked_static)?;
+            write(Layer::MaskedDynamic, &masked_dynamic)?;
         }
         if let Some(motion) = &pictures.motion {
-            write("motion", motion)?;
+            write(Layer::Motion, motion)?;
         }
-        write("gt", &*view.image.rgb()?)?;
+        self.write_kind(index, PictureKind::GroundTruth, (*view.image.rgb()?).clone())?;
         if let Some(background) = &view.truth.background {
-            write("true_background", &*background.rgb()?)?;
+            self.write_kind(index, PictureKind::TrueBackground, (*background.rgb()?).clone())?;
         }
         if let Some(mask) = &view.truth.dynamic_mask {
-            let path = place(&self.run, &[RENDERS, "test", "true_mask", &file_name(index)])?;
-            atomic::write_png(&path, mask.mask()?)?;
+            self.write_kind(index, PictureKind::TrueMask, mask.mask()?)?;
         }
         Ok(())
     }

@@ -2,13 +2,13 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use mvfusion_model::densify::Branch;
-use mvfusion_model::evaluation::{Evaluation, Figure, Judge, LayerScores, Scores, ViewScores};
+use mvfusion_model::evaluation::{Evaluation, Evaluator, LayerScores, Metric, Scores, ViewScores};
+use mvfusion_model::gaussians::Gaussians;
 use mvfusion_model::model::Model;
 use serde::{Deserialize, Serialize};
 
 use super::field::{FieldPerView, FieldScores};
-use super::pictures::file_name;
+use super::files::picture_file;
 
 /// Relative difference below which two figures are the same: the JSON reader may miss the last bit of a number.
 const SAME: f64 = 1e-12;
@@ -119,7 +119,7 @@ pub struct EvalTime {
 impl GaussianCounts {
     /// The numbers of a model.
     pub fn of(model: &Model) -> Self {
-        let count = |branch: &Branch| branch.gaussians.count();
+        let count = |branch: &Gaussians| branch.count();
         Self { static_: model.static_.as_ref().map(count), dynamic: count(&model.dynamic) }
     }
 
@@ -131,10 +131,10 @@ impl GaussianCounts {
 }
 
 impl LpipsWeights {
-    /// Those of a judge, by the networks' names.
-    pub fn of(judge: &Judge) -> BTreeMap<String, Self> {
-        let there = judge.weights().map(|(network, hash)| (network, Self::WeightsSha256(hash.to_owned())));
-        let missing = judge.missing().map(|(network, reason)| (network, Self::Absent(reason.to_owned())));
+    /// Those of an evaluator, by the networks' names.
+    pub fn of(evaluator: &Evaluator) -> BTreeMap<String, Self> {
+        let there = evaluator.weights().map(|(network, hash)| (network, Self::WeightsSha256(hash.to_owned())));
+        let missing = evaluator.missing().map(|(network, reason)| (network, Self::Absent(reason.to_owned())));
         there.chain(missing).map(|(network, weights)| (network.name().to_owned(), weights)).collect()
     }
 }
@@ -179,7 +179,7 @@ impl Results {
 /// The known figures of a set of views.
 fn figures_of(set: &str, scores: &Scores) -> BTreeMap<String, f64> {
     let of_layer = |(layer, scores): (&'static str, &LayerScores)| {
-        let known = Figure::ALL.into_iter().filter_map(|figure| Some((figure.name(), figure.of(scores)?)));
+        let known = Metric::ALL.into_iter().filter_map(|figure| Some((figure.name(), figure.of(scores)?)));
         known.map(|(figure, value)| (format!("{set}.{layer}.{figure}"), value)).collect::<Vec<_>>()
     };
     let mut figures: BTreeMap<String, f64> = scores.layers().flat_map(of_layer).collect();
@@ -220,7 +220,7 @@ impl PerView {
     /// The views of an evaluation after so many `steps` of training.
     pub fn of(protocol: &str, evaluation: &Evaluation, steps: usize) -> Self {
         let test: BTreeMap<_, _> =
-            evaluation.views.iter().enumerate().map(|(index, view)| (file_name(index), view.clone())).collect();
+            evaluation.views.iter().enumerate().map(|(index, view)| (picture_file(index), view.clone())).collect();
         let field = FieldPerView::of(steps, &test);
         Self { protocol: protocol.to_owned(), test, field }
     }
@@ -239,7 +239,7 @@ pub(crate) fn specimen(test: Scores) -> Results {
         train: Some(TrainTime { seconds: 171.2, steps: 1400 }),
         eval: EvalTime { seconds: 9.0 },
         speed: None,
-        lpips: LpipsWeights::of(&Judge::without_lpips(Protocol::Mvfusion)),
+        lpips: LpipsWeights::of(&Evaluator::without_lpips(Protocol::Mvfusion)),
         params_sha256: "0".into(),
         config_sha256: "1".into(),
         predictions_sha256: "2".into(),

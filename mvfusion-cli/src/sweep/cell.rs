@@ -9,16 +9,16 @@ use mvfusion_model::train::IMAGE_CACHE;
 use tracing::warn;
 
 use super::folder::{Order, State, SweepFolder};
-use crate::args::{ComputeArgs, EvalArgs, LayerArgs, RunCellArgs, TrainArgs};
+use crate::args::{ComputeArgs, ConfigSourceArgs, EvalArgs, RunCellArgs, TrainArgs};
 use crate::command;
-use crate::progress::Talk;
+use crate::progress::Verbosity;
 
 /// Trains a cell, evaluates it, and measures what else is wanted; does nothing if it is finished.
 ///
 /// # Errors
 /// If another process works on it; what training or evaluation fails with, in words that are left beside the cell's
 /// folder as well.
-pub fn run_cell(args: &RunCellArgs, talk: Talk, out: &mut dyn Write) -> anyhow::Result<()> {
+pub fn run_cell(args: &RunCellArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let (folder, id) = (SweepFolder::new(&args.out)?, args.cell.as_str());
     let order = folder.order(id)?;
     let name = &order.name;
@@ -29,7 +29,7 @@ pub fn run_cell(args: &RunCellArgs, talk: Talk, out: &mut dyn Write) -> anyhow::
     }
     writeln!(out, "{name}")?;
     folder.forget_failure(id)?;
-    let result = work(&folder, id, &order, &args.compute, talk, out);
+    let result = work(&folder, id, &order, &args.compute, verbosity, out);
     if let Err(error) = &result
         && let Err(note) = folder.note_failure(id, &format!("{error:#}"))
     {
@@ -43,15 +43,18 @@ fn work(
     id: &str,
     order: &Order,
     compute: &ComputeArgs,
-    talk: Talk,
+    verbosity: Verbosity,
     out: &mut dyn Write,
 ) -> anyhow::Result<()> {
     if !folder.is_trained(id) {
-        let layers =
-            LayerArgs { preset: Some(order.preset.clone()), config: Some(folder.config(id)), ..LayerArgs::default() };
+        let sources = ConfigSourceArgs {
+            preset: Some(order.preset.clone()),
+            config: Some(folder.config(id)),
+            ..ConfigSourceArgs::default()
+        };
         let run = TrainArgs {
             data: None,
-            layers,
+            sources,
             compute: compute.clone(),
             image_cache: ByteSize(IMAGE_CACHE),
             lpips_weights: None,
@@ -59,7 +62,7 @@ fn work(
             // What lies there is the remains of an interrupted run.
             force: true,
         };
-        command::train(&run, talk, out)?;
+        command::train(&run, verbosity, out)?;
     }
     if !folder.is_finished(id, &order.wanted) {
         let eval = EvalArgs {
@@ -72,7 +75,7 @@ fn work(
             compute: compute.clone(),
             write: true,
         };
-        command::eval(&eval, talk, out)?;
+        command::eval(&eval, verbosity, out)?;
         ensure!(
             folder.is_finished(id, &order.wanted),
             "it was evaluated, but without its speed, or not by the weights of LPIPS that the sweep began with; {} \

@@ -3,13 +3,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use mvfusion_model::Config;
-use mvfusion_model::evaluation::Figure;
+use mvfusion_model::evaluation::{Layer, Metric};
 use toml::{Table, Value};
 
 use super::grid::{ALL_FIGURES, Axis, ColumnGroup, Grid, PaperRow, is_same, leaves};
 use super::index::{Cell, Index};
 use super::plan::columns_of;
-use crate::config::{self, Layer, nearest};
+use crate::config::{self, PartialConfig, nearest};
 use crate::failure::UsageError;
 
 /// Keys that the grid says elsewhere, and where.
@@ -24,7 +24,7 @@ const ELSEWHERE: [(&str, &str); 4] = [
 const TRAINING_VIEWS: &str = "training_views.";
 
 /// Layers of results.json.
-const LAYERS: [&str; 2] = ["composed", "static"];
+const LAYERS: [Layer; 2] = [Layer::Composed, Layer::Static];
 
 /// Parts of a layer.
 const REGIONS: [&str; 3] = ["dynamic_region", "still_region", "movers"];
@@ -53,7 +53,7 @@ const OF_RUN: [&str; 7] = [
 ];
 
 /// Lists, names, and keys that contradict each other; `settings` are those of the command line.
-pub(super) fn grid(grid: &Grid, axes: &[Axis], settings: &[Layer], origin: &str) -> Result<(), UsageError> {
+pub(super) fn grid(grid: &Grid, axes: &[Axis], settings: &[PartialConfig], origin: &str) -> Result<(), UsageError> {
     let wrong = |what: String| UsageError::new(format!("{origin}: {what}"));
     lists(grid, axes).map_err(wrong)?;
     presets(grid).map_err(wrong)?;
@@ -112,7 +112,7 @@ fn presets(grid: &Grid) -> Result<(), String> {
 }
 
 /// Keys that are given in two places of which one would hide the other, or in the wrong one.
-fn keys(grid: &Grid, axes: &[Axis], settings: &[Layer]) -> Result<(), String> {
+fn keys(grid: &Grid, axes: &[Axis], settings: &[PartialConfig]) -> Result<(), String> {
     let own = [("[set]".to_owned(), &grid.set), ("[grid]".to_owned(), &grid.grid)];
     let scenes: Vec<Place> =
         grid.scenes.iter().map(|scene| (format!("the scene `{}`", scene.name), &scene.set)).collect();
@@ -203,9 +203,9 @@ fn columns(grid: &Grid) -> Result<(), String> {
 /// The names of all figures that a run may have.
 fn metrics() -> BTreeSet<String> {
     let mut of_views: Vec<String> = OF_VIEWS.map(str::to_owned).to_vec();
-    for figure in Figure::ALL {
+    for figure in Metric::ALL {
         let of = |layer: &str| format!("{layer}.{}", figure.name());
-        of_views.extend(LAYERS.map(of));
+        of_views.extend(LAYERS.map(|layer| of(layer.name())));
         if is_of_regions(figure) {
             of_views.extend(REGIONS.map(of));
         }
@@ -215,8 +215,8 @@ fn metrics() -> BTreeSet<String> {
 }
 
 /// Whether a part of a picture has a figure: it has no scales.
-fn is_of_regions(figure: Figure) -> bool {
-    !matches!(figure, Figure::MsSsim | Figure::DSsim)
+fn is_of_regions(figure: Metric) -> bool {
+    !matches!(figure, Metric::MsSsim | Metric::DSsim)
 }
 
 /// Whether a row of the paper belongs to something.

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 use super::shipped;
-use crate::config::{Layer, Origin, line_of};
+use crate::config::{Origin, PartialConfig, line_of};
 use crate::failure::UsageError;
 
 /// What stands in `not_comparable` of the paper's rows for all of their figures.
@@ -197,7 +197,7 @@ pub struct Source {
 impl Source {
     fn parse(name: &str, text: String, origin: String) -> Result<Self, UsageError> {
         // A text that is no TOML is told from one that is no grid.
-        Layer::parse(&text, Origin::Grid(origin.clone()))?;
+        PartialConfig::parse(&text, Origin::Grid(origin.clone()))?;
         let grid = toml::from_str(&text).map_err(|error: toml::de::Error| {
             let line = error.span().map_or(String::new(), |span| format!(", line {}", line_of(&text, span.start)));
             UsageError::new(format!("{origin}{line} is no grid: {}.", error.message()))

@@ -13,7 +13,7 @@ use super::estimate::Estimate;
 use super::folder::{State, SweepFolder};
 use super::index::{Cell, Index};
 use crate::clock::spoken;
-use crate::progress::Talk;
+use crate::progress::Verbosity;
 
 /// Pause before cells that other processes work on are looked at again.
 const PAUSE: Duration = Duration::from_secs(1);
@@ -32,7 +32,7 @@ pub struct Local<'a> {
     /// Threads of each.
     pub threads: usize,
     /// What is said.
-    pub talk: Talk,
+    pub verbosity: Verbosity,
 }
 
 /// What the workers share.
@@ -83,7 +83,8 @@ impl Local<'_> {
             if end.state == State::Running {
                 if held(progress).awaited.insert(cell.id.clone()) {
                     let name = cell.name(&self.index.axes);
-                    self.talk.note(&format!("{} {name}: another process works on it, which is waited for", cell.id));
+                    self.verbosity
+                        .note(&format!("{} {name}: another process works on it, which is waited for", cell.id));
                 }
                 held(progress).queue.push_back(cell);
                 std::thread::sleep(PAUSE);
@@ -96,7 +97,7 @@ impl Local<'_> {
                 (State::Finished, None) => {}
                 _ => progress.failed += 1,
             }
-            self.talk.note(&self.line(&progress, cell, &end, count));
+            self.verbosity.note(&self.line(&progress, cell, &end, count));
         }
         Ok(())
     }

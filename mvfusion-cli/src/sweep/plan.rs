@@ -4,14 +4,14 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use mvfusion_model::Config;
-use mvfusion_model::config::TrainConfig;
+use mvfusion_model::config::{Interval, TrainConfig};
 use mvfusion_model::files::sha256;
 use toml::{Table, Value};
 
 use super::check;
 use super::grid::{Axis, ColumnGroup, Grid, SceneEntry, Source, VariantEntry, is_same, leaves};
 use super::index::{Cell, Index, Wanted};
-use crate::config::{self, Layer, Origin, PRESETS, Preset};
+use crate::config::{self, Origin, PRESETS, PartialConfig, Preset};
 use crate::failure::UsageError;
 
 /// Digits of a cell's id: of a million cells, the chance that any two share one is below one in five hundred.
@@ -64,7 +64,7 @@ struct Ground<'a> {
     axes: &'a [Axis],
     additions: &'a Additions,
     /// The settings of the command line.
-    settings: &'a [Layer],
+    settings: &'a [PartialConfig],
 }
 
 impl Plan {
@@ -76,8 +76,8 @@ impl Plan {
     pub fn new(source: &Source, additions: &Additions) -> anyhow::Result<Self> {
         let grid = &source.grid;
         let axes = grid.axes()?;
-        let settings: Vec<Layer> =
-            additions.set.iter().map(|setting| Layer::from_setting(setting)).collect::<Result<_, _>>()?;
+        let settings: Vec<PartialConfig> =
+            additions.set.iter().map(|setting| PartialConfig::from_setting(setting)).collect::<Result<_, _>>()?;
         check::grid(grid, &axes, &settings, &source.origin)?;
         let ground = Ground { grid, origin: &source.origin, axes: &axes, additions, settings: &settings };
         let nameless = [VariantEntry::default()];
@@ -145,7 +145,7 @@ impl Ground<'_> {
 
     fn cell(&self, place: Place<'_>) -> anyhow::Result<(Cell, Config)> {
         let preset = self.preset(place)?;
-        let mut config = config::resolve_layers(preset, self.layers(place)?)?;
+        let mut config = config::resolve_over(preset, self.partials(place)?)?;
         let cell = Cell {
             id: self.id(place, &config)?,
             scene: place.scene.name.clone(),
@@ -181,24 +181,24 @@ impl Ground<'_> {
         Preset::find(named.unwrap_or(&self.grid.preset))
     }
 
-    /// What stands above the preset, lowest first.
-    fn layers(&self, place: Place<'_>) -> Result<Vec<Layer>, UsageError> {
+    /// What overrides the preset. Later items override earlier ones.
+    fn partials(&self, place: Place<'_>) -> Result<Vec<PartialConfig>, UsageError> {
         let origin = self.origin;
         let part = |part: String| Origin::Grid(format!("{origin}, {part}"));
-        let mut layers = vec![
-            Layer::of_table(self.grid.set.clone(), part("[set]".to_owned())),
-            Layer::of_table(place.scene.set.clone(), part(format!("the scene `{}`", place.scene.name))),
-            Layer::of_table(place.variant.set.clone(), part(format!("the variant `{}`", place.variant.name))),
+        let mut partials = vec![
+            PartialConfig::of_table(self.grid.set.clone(), part("[set]".to_owned())),
+            PartialConfig::of_table(place.scene.set.clone(), part(format!("the scene `{}`", place.scene.name))),
+            PartialConfig::of_table(place.variant.set.clone(), part(format!("the variant `{}`", place.variant.name))),
         ];
         for (axis, value) in self.axes.iter().zip(place.values) {
-            layers.push(Layer::of_one(&axis.key, value.clone(), part("[grid]".to_owned())));
+            partials.push(PartialConfig::of_one(&axis.key, value.clone(), part("[grid]".to_owned())));
         }
-        layers.extend(self.settings.iter().cloned());
+        partials.extend(self.settings.iter().cloned());
         let seed = i64::try_from(place.seed).map_err(|_| {
             UsageError::new(format!("{origin}: the seed {} is too large; {} is the largest.", place.seed, i64::MAX))
         })?;
-        layers.push(Layer::of_one("seed", Value::Integer(seed), part("seeds".to_owned())));
-        Ok(layers)
+        partials.push(PartialConfig::of_one("seed", Value::Integer(seed), part("seeds".to_owned())));
+        Ok(partials)
     }
 
     /// Why the paper's numbers are of something else: another scene, or another schedule than the paper's. How a grid
@@ -244,12 +244,12 @@ impl Ground<'_> {
         if given.is_empty() {
             return given;
         }
-        let schedule = |preset, layers| {
-            let train = config::resolve_layers(preset, layers).ok()?.train;
-            Some(TrainConfig { log_interval: 1, checkpoint_interval: 1, ..train })
+        let schedule = |preset, partials| {
+            let train = config::resolve_over(preset, partials).ok()?.train;
+            Some(TrainConfig { log_interval: 1, checkpoint_interval: Interval(1), ..train })
         };
         let origin = Origin::Grid(self.origin.to_owned());
-        let own = schedule(preset, vec![Layer::of_table(variant.set.clone(), origin)]);
+        let own = schedule(preset, vec![PartialConfig::of_table(variant.set.clone(), origin)]);
         let is_relative =
             |name: &str| name.strip_prefix(preset.name).is_some_and(|rest| rest.is_empty() || rest.starts_with('-'));
         let mut methods = PRESETS.iter().filter(|method| is_relative(method.name));

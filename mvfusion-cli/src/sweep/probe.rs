@@ -53,9 +53,9 @@ pub fn seconds(cell: &Cell, configuration: &Config, device: &str, threads: usize
     let paces = paces(&read(&out.join(run::METRICS))?)?;
     let stages = configuration.scaled().train.stages;
     let lengths = [
-        (Stage::Geometry, stages.geometry),
-        (Stage::Deformation, stages.deformation),
-        (Stage::Refinement, stages.refinement),
+        (Stage::Geometry, stages.geometry.0),
+        (Stage::Deformation, stages.deformation.0),
+        (Stage::Refinement, stages.refinement.0),
     ];
     // A stage too short for the probe is counted as the slowest.
     let slowest = paces.values().copied().fold(0.0, f64::max);

@@ -252,7 +252,7 @@ fn what_is_wanted_later_is_measured_without_training_again() {
 
 #[test]
 fn a_cell_that_fails_is_told_and_the_others_go_on() {
-    let failing = TINY.replace("set = { motion.mfta = false }", "set = { loss.main = inf }");
+    let failing = TINY.replace("set = { motion.mfta = false }", "set = { loss.main = 1e39 }");
     let ground = Ground::new(&failing);
     let output = ground.sweep(&[]);
     assert_eq!(output.status.code(), Some(FAILED));

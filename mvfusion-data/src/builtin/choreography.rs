@@ -1,4 +1,4 @@
-//! What moves in the built-in scenes, and where it is at each moment.
+//! Moving objects of the built-in scenes and their poses at each moment.
 
 use std::f64::consts::TAU;
 
@@ -10,18 +10,18 @@ use super::solid::{Pose, Shape, Solid};
 use super::stage::ROOM_HALF;
 use super::texture::{Rgb, Texture};
 
-/// Part of a circle that the tumbling block flies during the video: a fifth of its own size from frame to frame, fast
-/// for 24 frames, yet within reach of a few hundred training steps.
+/// Fraction of a circle that the tumbling block flies during the video. From frame to frame it moves by a fifth of its
+/// own size. That is fast for 24 frames, yet a few hundred training steps can learn it.
 const LAPS: f64 = 0.4;
-/// Turns of the tumbling block about its own axis during the video.
+/// Turns of the block about its own axis during the video.
 const TURNS: f64 = 0.6;
-/// Hops of the tumbling block during the video.
+/// Hops of the block during the video.
 const HOPS: f64 = 1.0;
-/// Largest angle of the lamp from the vertical, radians: two centimetres, less than a pixel.
+/// Largest angle of the lamp from the vertical, radians. It moves the lamp by two centimetres, less than a pixel.
 const LAMP_SWAY: f64 = 0.018;
-/// Times between which the visitor of the video is there.
+/// When the visitor of the video enters and leaves.
 const VISIT: (f64, f64) = (0.30, 0.72);
-/// Streams of the random numbers: each part of a scene has draws of its own, whatever the others draw.
+/// Streams of random numbers. Each part of a scene has its own, so its draws do not depend on the others.
 const STREAM_LINGERERS: u64 = 1;
 const STREAM_PHOTOS: u64 = 16;
 
@@ -36,7 +36,7 @@ const JERSEYS: [[Rgb; 2]; 5] = [
 const TROUSERS: [Rgb; 3] = [[0.12, 0.13, 0.22], [0.35, 0.28, 0.18], [0.20, 0.20, 0.20]];
 const SKIN: [Rgb; 3] = [[0.93, 0.74, 0.60], [0.62, 0.42, 0.30], [0.36, 0.23, 0.16]];
 
-/// Places on the floor that are free of furniture.
+/// Places on the floor without furniture.
 const SPOTS: [DVec2; 6] = [
     DVec2::new(-1.3, -0.3),
     DVec2::new(-0.6, 0.9),
@@ -46,20 +46,20 @@ const SPOTS: [DVec2; 6] = [
     DVec2::new(-0.2, 0.2),
 ];
 
-/// Something that moves, at one moment.
+/// An object that moves, at one moment.
 #[derive(Clone, Debug)]
 pub struct MovingObject {
     /// Name within the scene: `block`, `lamp`, `visitor`, `person 2`, `toy`, …
     pub name: String,
-    /// Where it is and how it is turned.
+    /// Its position and orientation.
     pub pose: Pose,
-    /// Radius of a sphere around the pose's position that holds the object, metres.
+    /// Radius of a sphere around the pose's position that contains the object, metres.
     pub reach: f64,
     pub(super) solids: Vec<Solid>,
 }
 
 impl MovingObject {
-    /// An object made of parts whose poses are given within the object.
+    /// An object made of parts. Their poses are given in the object's own coordinates.
     fn new(name: impl Into<String>, pose: Pose, parts: Vec<Solid>) -> Self {
         let reach = parts.iter().map(|p| p.pose.position.length() + p.reach()).fold(0.0, f64::max);
         let solids = parts.into_iter().map(|p| Solid::new(p.shape, p.texture, pose.of_part(&p.pose))).collect();
@@ -67,8 +67,8 @@ impl MovingObject {
     }
 }
 
-/// What moves in the video, at a time in `[0, 1]`: a block that flies in an arc and tumbles, a lamp that barely
-/// sways, and a visitor who walks in from the right, stands and leaves.
+/// The moving objects of the video at a time in `[0, 1]`. A block flies in an arc and tumbles, and a lamp barely sways.
+/// A visitor walks in from the right, stands and leaves.
 pub(super) fn in_video(time: f64) -> Vec<MovingObject> {
     let mut objects = vec![block(time), lamp(time)];
     if (VISIT.0..=VISIT.1).contains(&time) {
@@ -91,7 +91,7 @@ fn block(time: f64) -> MovingObject {
     MovingObject::new("block", Pose { position, rotation }, vec![part])
 }
 
-/// The lamp's own origin is its hook in the ceiling.
+/// A lamp; its origin is its hook in the ceiling.
 fn lamp(time: f64) -> MovingObject {
     let rotation = DQuat::from_rotation_y(LAMP_SWAY * (TAU * 1.5 * time).sin());
     let cord = Solid::new(
@@ -104,14 +104,14 @@ fn lamp(time: f64) -> MovingObject {
     MovingObject::new("lamp", Pose { position: DVec3::new(1.0, 1.0, 2.0 * ROOM_HALF.z), rotation }, vec![cord, globe])
 }
 
-/// Walks in during the first quarter of the visit and out during the last.
+/// A visitor, who walks in during the first quarter of the visit and out during the last.
 fn visitor(share: f64) -> MovingObject {
     let away = 1.0 - (4.0 * share).min(4.0 * (1.0 - share)).clamp(0.0, 1.0);
     let pose = Pose::turned(0.75 + 1.85 * away * away, 0.74, 0.0, 0.4 * (TAU * share).sin());
     MovingObject::new("visitor", pose, person(JERSEYS[1], TROUSERS[1], SKIN[0]))
 }
 
-/// A person who stands on the floor at their own origin, looking along -y.
+/// A person who stands on the floor at their own origin and looks along -y.
 fn person(jersey: [Rgb; 2], trousers: Rgb, skin: Rgb) -> Vec<Solid> {
     let clothes = Texture::Clothes { jersey, trousers, waist: -0.05 };
     let hair =
@@ -122,8 +122,8 @@ fn person(jersey: [Rgb; 2], trousers: Rgb, skin: Rgb) -> Vec<Solid> {
     ]
 }
 
-/// What stands in the way in photo `index` of `count`: people who linger for a few photos, toys that were put elsewhere
-/// for each photo, and things that were there only once.
+/// The distractors of photo `index` of `count`. People linger for a few photos, toys are moved for each photo, and some
+/// things appear only once.
 pub(super) fn in_photo(index: usize, count: usize, seed: u64) -> Vec<MovingObject> {
     let mut objects = lingerers(index as f64 / count.max(1) as f64, seed);
     let mut rng = stream(seed, STREAM_PHOTOS + index as u64);
@@ -132,7 +132,7 @@ pub(super) fn in_photo(index: usize, count: usize, seed: u64) -> Vec<MovingObjec
     objects
 }
 
-/// People who stand nearly still during a tenth of the photos each.
+/// People who stand nearly still, each for a tenth of the photos.
 fn lingerers(share: f64, seed: u64) -> Vec<MovingObject> {
     let mut rng = stream(seed, STREAM_LINGERERS);
     let mut objects = Vec::new();
@@ -150,7 +150,7 @@ fn lingerers(share: f64, seed: u64) -> Vec<MovingObject> {
     objects
 }
 
-/// A block and a ball that are somewhere else in every photo.
+/// A block and a ball, which lie somewhere else in every photo.
 fn toys(rng: &mut ChaCha8Rng) -> [MovingObject; 2] {
     let first = rng.random_range(0..SPOTS.len());
     let second = (first + rng.random_range(1..SPOTS.len())) % SPOTS.len();
@@ -198,7 +198,7 @@ fn looks(rng: &mut ChaCha8Rng) -> Vec<Solid> {
     )
 }
 
-/// The random numbers of one purpose.
+/// The random numbers for one purpose.
 pub(super) fn stream(seed: u64, stream: u64) -> ChaCha8Rng {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     rng.set_stream(stream);

@@ -1,93 +1,34 @@
-//! Built-in scenes: a furnished room, drawn by ray casting, with everything known about it.
+//! Built-in scenes: a furnished room, rendered by ray casting, with full ground truth.
 //!
-//! They need no files, are the same for the same options, and come with the truth: the background without moving
-//! things, masks of what moves and of what goes somewhere, depths and trajectories. [`BuiltinKind::Video`] is a small multi-camera video,
-//! [`BuiltinKind::Casual`] a set of photos with passers-by.
+//! They need no files, and equal options give equal scenes. The ground truth holds the background without moving
+//! objects, masks of what moves, masks of the movers, depths and trajectories. [`BuiltinKind::Video`] is a small
+//! multi-camera video, [`BuiltinKind::Casual`] a set of photos with passers-by.
 
 mod choreography;
 mod movers;
+mod options;
 mod rig;
 mod shot;
 mod solid;
 mod sparse_points;
 mod stage;
+#[cfg(test)]
+mod tests;
 mod texture;
 
 use std::sync::Arc;
 
 use image::{DynamicImage, GrayImage, RgbImage};
 use rayon::prelude::*;
-use serde::{Deserialize, Serialize};
 
 pub use choreography::MovingObject;
+pub use options::{BuiltinKind, BuiltinOptions};
 pub use solid::Pose;
 
-use crate::{Camera, Capture, Picture, Scene, Truth, View};
+use crate::scene::{Camera, Capture, Picture, Scene, Truth, View};
 use movers::Movers;
 use shot::{Backdrop, Shot};
 use solid::Solid;
-
-/// Which built-in scene.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum BuiltinKind {
-    /// Eight synchronised cameras; the first, in the middle of the others, is held out. A block flies and tumbles, a
-    /// lamp barely sways, a visitor is there for part of the time.
-    #[default]
-    Video,
-    /// Single photos from a walk, each with people and things that are elsewhere in the next; ten empty photos from
-    /// poses in between are held out.
-    Casual,
-}
-
-/// What the built-in scene is like.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct BuiltinOptions {
-    /// Which scene. Default: video.
-    pub kind: BuiltinKind,
-    /// Seed of everything random: patterns, noise of the points, the photographer's hand, passers-by. Default 0.
-    pub seed: u64,
-    /// Width of the pictures in pixels, at least 16. Default 160.
-    pub width: usize,
-    /// Height of the pictures in pixels, at least 16. Default 120.
-    pub height: usize,
-    /// Frames of each camera of the video, at least 1. Default 24.
-    pub frames: usize,
-    /// Training photos of the casual scene, at least 2. Default 60.
-    pub photos: usize,
-    /// Held-out photos of the casual scene. Default 10.
-    pub test_photos: usize,
-}
-
-impl Default for BuiltinOptions {
-    fn default() -> Self {
-        Self { kind: BuiltinKind::Video, seed: 0, width: 160, height: 120, frames: 24, photos: 60, test_photos: 10 }
-    }
-}
-
-impl BuiltinOptions {
-    /// The default scene of a kind.
-    pub fn of_kind(kind: BuiltinKind) -> Self {
-        Self { kind, ..Self::default() }
-    }
-
-    /// Numbers that are too small are raised to the least that makes a scene.
-    fn at_least(self) -> Self {
-        Self {
-            width: self.width.max(16),
-            height: self.height.max(16),
-            frames: self.frames.max(1),
-            photos: self.photos.max(2),
-            ..self
-        }
-    }
-
-    /// Patterns know 32 bits of the seed.
-    fn pattern_seed(&self) -> u32 {
-        (self.seed ^ (self.seed >> 32)) as u32
-    }
-}
 
 /// Makes a built-in scene. Options below their least value are raised to it.
 pub fn builtin(options: &BuiltinOptions) -> Scene {
@@ -99,9 +40,9 @@ pub fn builtin(options: &BuiltinOptions) -> Scene {
     }
 }
 
-/// What moves at a time in `[0, 1]`, with poses; things that are not there at that time are left out.
+/// The objects that are present and move at a time in `[0, 1]`, with their poses.
 ///
-/// In the casual scene this is what stood in the way of the training photo whose time is nearest.
+/// For the casual scene, these are the distractors of the training photo with the nearest time.
 pub fn moving_objects(options: &BuiltinOptions, time: f64) -> Vec<MovingObject> {
     let options = options.at_least();
     match options.kind {
@@ -193,6 +134,3 @@ fn in_memory(image: RgbImage) -> Picture {
 fn as_rgb(mask: GrayImage) -> RgbImage {
     DynamicImage::from(mask).into_rgb8()
 }
-
-#[cfg(test)]
-mod tests;

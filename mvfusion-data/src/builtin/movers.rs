@@ -1,15 +1,16 @@
-//! Which of the things that move go somewhere, and which only sway in their places.
+//! Which moving objects go somewhere and which only sway in their places.
 //!
-//! What sways by less than a pixel is as easily shown as what stands still, and is scored as such: a figure of all that
-//! moves says little of what one looks at. So the truth has a second mask, of movers alone.
+//! An object that sways by less than a pixel is as easy to render as a still one. A score over everything that moves
+//! therefore says little about what one looks at. The ground truth has a second mask of movers alone.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::choreography::MovingObject;
 use super::solid::Pose;
 
-/// Metres that no point of a thing goes from its first place unless it is a mover: three pixels of the default pictures
-/// at the middle of the stage. The lamp sways by 2.6 centimetres, the block flies for metres.
+/// Distance, in metres, that every point of an object stays within of its first place unless the object is a mover. It
+/// is three pixels of the default pictures at the middle of the stage. The lamp sways by 2.6 centimetres, the block
+/// flies for metres.
 const LEAST_TRAVEL: f64 = 0.1;
 
 /// The names of the movers of a sequence.
@@ -17,8 +18,8 @@ const LEAST_TRAVEL: f64 = 0.1;
 pub(super) struct Movers(BTreeSet<String>);
 
 impl Movers {
-    /// The movers among what is there at each moment of a sequence: things that leave their first place by more than
-    /// 0.1 m, and those that are not always there, since they come or go.
+    /// The movers among the objects at each moment of a sequence. An object is a mover if it leaves its first place by
+    /// more than 0.1 m. So is an object that is not always present, since it comes or goes.
     pub(super) fn of(moments: impl Iterator<Item = Vec<MovingObject>>) -> Self {
         let mut seen: BTreeMap<String, Sighting> = BTreeMap::new();
         let mut count = 0;
@@ -31,7 +32,7 @@ impl Movers {
         Self(seen.into_iter().filter(|(_, sighting)| is_mover(sighting)).map(|(name, _)| name).collect())
     }
 
-    /// The object, whose solids know whether they belong to a mover.
+    /// Marks the object's solids as those of a mover, if it is one.
     pub(super) fn marked(&self, mut object: MovingObject) -> MovingObject {
         let is_mover = self.0.contains(&object.name);
         object.solids.iter_mut().for_each(|solid| solid.is_mover = is_mover);
@@ -39,12 +40,12 @@ impl Movers {
     }
 }
 
-/// What is known of a thing over a sequence.
+/// What a sequence shows of an object.
 struct Sighting {
     first: Pose,
-    /// At how many moments it is there.
+    /// Number of moments at which it is present.
     moments: usize,
-    /// The furthest that a point of it may have gone from its first place, metres.
+    /// Upper bound of the distance that any point of it is from its first place, metres.
     travel: f64,
 }
 

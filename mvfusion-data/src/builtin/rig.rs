@@ -1,4 +1,4 @@
-//! Where the cameras of the built-in scenes stand.
+//! Cameras of the built-in scenes.
 
 use std::f64::consts::TAU;
 
@@ -7,20 +7,20 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::choreography::stream;
-use crate::Camera;
+use crate::scene::Camera;
 
 /// Focal length for a picture one pixel wide: 63 degrees from edge to edge.
 const FOCAL: f64 = 0.82;
-/// What the cameras look at, metres.
+/// Point that the cameras look at, metres.
 const TARGET: DVec3 = DVec3::new(0.0, 0.2, 1.05);
 /// Distance of the cameras from the target, metres.
 const DISTANCE: f64 = 4.7;
 /// Directions of the video cameras from the target: degrees to the right, degrees up. The first, which is held out, has
-/// others on all sides; neighbours are 8 to 12 degrees apart.
+/// others on all sides. Neighbours are 8 to 12 degrees apart.
 const VIDEO_RIG: [(f64, f64); 8] =
     [(0.0, 12.0), (-19.5, 12.5), (-9.5, 11.0), (9.5, 12.5), (19.5, 11.0), (-5.5, 20.5), (6.5, 20.0), (1.0, 3.0)];
 const STREAM_HAND: u64 = 2;
-/// How far the photographer's hand strays from the path, metres, to each side.
+/// Largest camera shake away from the path, metres, to each side.
 const HAND: f64 = 0.09;
 
 /// The cameras of the video; the first is the test camera.
@@ -28,14 +28,14 @@ pub(super) fn video_cameras(width: usize, height: usize) -> Vec<Camera> {
     VIDEO_RIG.iter().map(|&(right, up)| camera(width, height, place(right, up, DISTANCE), TARGET)).collect()
 }
 
-/// The cameras of `count` photos taken on a walk around the stage and back, by hand.
+/// The cameras of `count` photos. They are taken by hand on a walk around the stage and back.
 pub(super) fn photo_cameras(width: usize, height: usize, count: usize, seed: u64) -> Vec<Camera> {
     let mut rng = stream(seed, STREAM_HAND);
     let last = count.saturating_sub(1).max(1) as f64;
     (0..count).map(|i| on_walk(width, height, i as f64 / last, jitter(&mut rng), jitter(&mut rng))).collect()
 }
 
-/// A camera on the walk of [`photo_cameras`] itself, for a time in `[0, 1]`.
+/// A camera on the walk of [`photo_cameras`] without camera shake, for a time in `[0, 1]`.
 pub(super) fn held_out_camera(width: usize, height: usize, time: f64) -> Camera {
     on_walk(width, height, time, DVec3::ZERO, DVec3::ZERO)
 }
@@ -51,7 +51,7 @@ fn on_walk(width: usize, height: usize, time: f64, stray: DVec3, aim: DVec3) -> 
     camera(width, height, position + stray, TARGET + aim)
 }
 
-/// The point at this distance from the target; straight ahead means from the open side of the room, -y.
+/// The point at this distance from the target. Zero angles mean the open side of the room, -y.
 fn place(right: f64, up: f64, distance: f64) -> DVec3 {
     let ((sin_right, cos_right), (sin_up, cos_up)) = (right.to_radians().sin_cos(), up.to_radians().sin_cos());
     TARGET + distance * DVec3::new(sin_right * cos_up, -cos_right * cos_up, sin_up)

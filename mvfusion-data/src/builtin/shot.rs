@@ -1,4 +1,5 @@
-//! Pictures of solids by ray casting: 4 x 4 rays a pixel for the colours, one through its centre for the depth.
+//! Pictures of solids by ray casting. Each pixel has 4 x 4 rays for its colour and one through its centre for its
+//! depth.
 
 use std::ops::Range;
 
@@ -6,58 +7,58 @@ use glam::{DVec2, DVec3, Vec3};
 use image::{GrayImage, Luma, Rgb, RgbImage};
 
 use super::solid::{Ray, Solid};
-use crate::Camera;
+use crate::scene::Camera;
 
 /// Rays along each side of a pixel.
 const GRID: usize = 4;
-/// Rays of a pixel that make its colour.
+/// Rays of a pixel that determine its colour.
 const COLOUR_RAYS: usize = GRID * GRID;
 /// All rays of a pixel; the last goes through its centre.
 const RAYS: usize = COLOUR_RAYS + 1;
 
 /// The lamp that lights everything, metres.
 const LIGHT: DVec3 = DVec3::new(-2.0, -3.6, 3.1);
-/// Light that comes from everywhere.
+/// Ambient light.
 const AMBIENT: f64 = 0.46;
-/// Light from the lamp on a surface that faces it.
+/// Light of the lamp on a surface that faces it.
 const DIFFUSE: f64 = 0.62;
-/// More light from above than from below.
+/// Additional light from above.
 const FROM_ABOVE: f64 = 0.10;
 
-/// What a ray sees.
+/// The first surface that a ray meets.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Seen {
     pub(super) colour: Vec3,
-    /// Along the camera's z axis for rays of [`ray_through`], else in lengths of the ray's direction.
+    /// Along the camera's z axis for rays of [`ray_through`], otherwise in lengths of the ray's direction.
     pub(super) depth: f64,
-    /// Whether it is a mover.
+    /// Whether it belongs to a mover.
     pub(super) is_mover: bool,
 }
 
-/// What a camera sees of the still solids, kept for all rays so that moving things can be put in front.
+/// What a camera sees of the still solids. All rays are kept so that moving objects can be drawn in front.
 pub(super) struct Backdrop {
     camera: Camera,
     seen: Vec<[Seen; RAYS]>,
 }
 
-/// A finished picture with what is known about it.
+/// A finished picture with its ground truth.
 pub(super) struct Shot {
     pub(super) image: RgbImage,
-    /// 255 where moving things cover more than half of the pixel.
+    /// 255 where moving objects cover more than half of the pixel.
     pub(super) mask: GrayImage,
-    /// 255 where movers do.
+    /// 255 where movers cover more than half of the pixel.
     pub(super) movers: GrayImage,
     /// Along the camera's z axis at the pixel centres, row by row.
     pub(super) depth: Vec<f32>,
 }
 
-/// The ray of a pixel position; its direction reaches depth 1.
+/// The ray through a pixel position. Its direction reaches depth 1.
 pub(super) fn ray_through(camera: &Camera, pixel: DVec2) -> Ray {
     let local = DVec3::new((pixel.x - camera.cx) / camera.fx, (pixel.y - camera.cy) / camera.fy, 1.0);
     Ray { origin: camera.centre(), direction: camera.rotation.transpose() * local }
 }
 
-/// What the ray sees first of these solids.
+/// The first surface of these solids that the ray meets.
 pub(super) fn first_seen<'a>(ray: &Ray, solids: impl IntoIterator<Item = &'a Solid>) -> Option<Seen> {
     let hits = solids.into_iter().filter_map(|solid| solid.hit(ray).map(|hit| (solid, hit)));
     let (solid, hit) = hits.min_by(|a, b| a.1.distance.total_cmp(&b.1.distance))?;
@@ -83,12 +84,12 @@ impl Backdrop {
         Self { camera, seen }
     }
 
-    /// The picture without anything in front.
+    /// The picture without moving objects.
     pub(super) fn image(&self) -> RgbImage {
         RgbImage::from_fn(self.camera.width as u32, self.camera.height as u32, |x, y| self.rgb(x as usize, y as usize))
     }
 
-    /// The picture with `moving` in front.
+    /// The picture with `moving` in front of the still solids.
     pub(super) fn shot(&self, moving: &[Solid]) -> Shot {
         let (width, height) = (self.camera.width as u32, self.camera.height as u32);
         let mut image = self.image();
@@ -123,7 +124,7 @@ impl Backdrop {
     }
 }
 
-/// Where ray `index` goes through a pixel whose corner is at zero.
+/// Where ray `index` passes through a pixel, relative to the pixel's corner.
 fn offset(index: usize) -> DVec2 {
     if index == COLOUR_RAYS {
         return DVec2::splat(0.5);
@@ -131,7 +132,7 @@ fn offset(index: usize) -> DVec2 {
     (DVec2::new((index % GRID) as f64, (index / GRID) as f64) + 0.5) / GRID as f64
 }
 
-/// White if so many of a pixel's rays are more than half.
+/// White if this many rays are more than half of a pixel's.
 fn white_for_most(rays: usize) -> Luma<u8> {
     Luma([if 2 * rays > COLOUR_RAYS { 255 } else { 0 }])
 }
@@ -141,7 +142,7 @@ fn average(rays: &[Seen; RAYS]) -> Rgb<u8> {
     Rgb((sum / COLOUR_RAYS as f32 * 255.0).round().to_array().map(|v| v as u8))
 }
 
-/// Calls `visit` for each pixel, row by row, with its corner and the solids that may be seen in it.
+/// Calls `visit` for each pixel, row by row, with its corner and the solids that it may show.
 fn for_each_pixel<'a>(camera: &Camera, solids: &'a [Solid], mut visit: impl FnMut(DVec2, &[&'a Solid])) {
     let frames: Vec<_> = solids.iter().map(|s| (s, frame_of(camera, s))).collect();
     let mut near = Vec::new();
@@ -155,7 +156,7 @@ fn for_each_pixel<'a>(camera: &Camera, solids: &'a [Solid], mut visit: impl FnMu
     }
 }
 
-/// The columns and rows of pixels, by their corners, outside of which the solid is certainly not seen.
+/// The columns and rows of pixels, by their corners, that contain everything of the solid.
 fn frame_of(camera: &Camera, solid: &Solid) -> (Range<f64>, Range<f64>) {
     let centre = camera.to_camera(solid.pose.position);
     let reach = solid.reach();

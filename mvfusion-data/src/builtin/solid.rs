@@ -1,13 +1,13 @@
-//! Solids with a pose, and where a ray meets them.
+//! Solids with a pose, and their intersections with rays.
 
 use glam::{DMat3, DQuat, DVec3};
 
 use super::texture::Texture;
 
-/// Rays that start on a surface do not meet it again within this many units of their direction's length.
+/// Smallest distance of a hit, in lengths of the ray's direction. A ray that starts on a surface does not hit it again.
 const NEAREST: f64 = 1e-6;
 
-/// A shape around the origin of its own coordinates; its axis, if it has one, is z. Sizes in metres.
+/// A shape around the origin of its own coordinates. Its axis, if any, is z. Sizes are in metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Shape {
     Sphere {
@@ -20,7 +20,7 @@ pub(super) enum Shape {
         radius: f64,
         half_height: f64,
     },
-    /// A cylinder with a half sphere at each end, which lie beyond `half_height`.
+    /// A cylinder with a half sphere at each end. The half spheres lie beyond `half_height`.
     Capsule {
         radius: f64,
         half_height: f64,
@@ -31,7 +31,7 @@ pub(super) enum Shape {
     },
 }
 
-/// Where an object is and how it is turned.
+/// Position and orientation of an object.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
     /// Position of the object's own origin in the world, metres.
@@ -51,14 +51,14 @@ pub(super) struct Solid {
     to_local: DMat3,
 }
 
-/// A ray in the world. The direction need not have length one; distances count its lengths.
+/// A ray in the world. Distances are in lengths of its direction, which need not be 1.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ray {
     pub(super) origin: DVec3,
     pub(super) direction: DVec3,
 }
 
-/// Where a ray meets a shape, in the shape's own coordinates.
+/// The point where a ray meets a shape, in the shape's own coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Hit {
     pub(super) distance: f64,
@@ -72,23 +72,24 @@ impl Pose {
         Self { position: DVec3::new(x, y, z), rotation: DQuat::IDENTITY }
     }
 
-    /// At `position`, turned by `angle` radians about the upright axis.
+    /// At `position`, turned by `angle` radians about the vertical axis.
     pub(super) fn turned(x: f64, y: f64, z: f64, angle: f64) -> Self {
         Self { position: DVec3::new(x, y, z), rotation: DQuat::from_rotation_z(angle) }
     }
 
-    /// A point in the object's own coordinates, in the world.
+    /// World coordinates of a point in the object's own coordinates.
     pub fn place(&self, local: DVec3) -> DVec3 {
         self.rotation * local + self.position
     }
 
-    /// No point within `reach` of the object's own origin is further from its place at `other` than this.
+    /// Upper bound of the distance between a point's places at this pose and at `other`. The point lies within `reach`
+    /// of the object's origin.
     pub(super) fn travel(&self, other: &Pose, reach: f64) -> f64 {
         let half_angle = 0.5 * self.rotation.angle_between(other.rotation);
         self.position.distance(other.position) + 2.0 * reach * half_angle.sin()
     }
 
-    /// This pose of a part whose pose within the whole is `part`.
+    /// The world pose of a part, given the part's pose within the whole.
     pub(super) fn of_part(&self, part: &Pose) -> Pose {
         Pose { position: self.place(part.position), rotation: self.rotation * part.rotation }
     }
@@ -121,7 +122,7 @@ impl Solid {
         }
     }
 
-    /// Radius of a sphere around the pose's position that holds the solid; infinite for a room.
+    /// Radius of a sphere around the pose's position that contains the solid; infinite for a room.
     pub(super) fn reach(&self) -> f64 {
         match self.shape {
             Shape::Sphere { radius } => radius,
@@ -132,7 +133,7 @@ impl Solid {
         }
     }
 
-    /// A direction of the solid's own coordinates in the world.
+    /// World direction of a direction in the solid's own coordinates.
     pub(super) fn to_world(&self, local: DVec3) -> DVec3 {
         self.pose.rotation * local
     }
@@ -156,7 +157,7 @@ fn sphere(origin: DVec3, direction: DVec3, radius: f64) -> Option<Hit> {
     (distance > NEAREST).then(|| Hit { distance, point, normal: point / radius })
 }
 
-/// Distances at which the ray enters and leaves the block, and the axes of the faces.
+/// Distances at which the ray enters and leaves the block, with the axes of those faces.
 fn slabs(origin: DVec3, direction: DVec3, half: DVec3) -> ((f64, usize), (f64, usize)) {
     let (mut enter, mut leave) = ((f64::NEG_INFINITY, 0), (f64::INFINITY, 0));
     for axis in 0..3 {
@@ -211,7 +212,7 @@ fn side(origin: DVec3, direction: DVec3, radius: f64, half_height: f64) -> Optio
 fn cap(origin: DVec3, direction: DVec3, radius: f64, z: f64) -> Option<Hit> {
     let distance = (z - origin.z) / direction.z;
     let point = origin + distance * direction;
-    // Written so that a ray within the disc's plane, whose distance is not a number, misses.
+    // Written so that a ray within the disc's plane, whose distance is NaN, misses.
     let inside = distance > NEAREST && distance.is_finite() && point.truncate().length_squared() <= radius * radius;
     inside.then(|| Hit { distance, point, normal: DVec3::new(0.0, 0.0, z.signum()) })
 }

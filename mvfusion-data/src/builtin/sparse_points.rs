@@ -1,4 +1,4 @@
-//! The points that structure from motion would find in a built-in scene.
+//! Points that structure from motion would find in a built-in scene.
 
 use glam::{DVec2, DVec3};
 use rand::RngExt;
@@ -8,23 +8,24 @@ use super::choreography::stream;
 use super::shot::{first_seen, ray_through};
 use super::solid::{Ray, Solid};
 use super::stage::SCENE_SIZE;
-use crate::{Camera, PointCloud};
+use crate::scene::{Camera, PointCloud};
 
-/// Points that are looked for.
+/// Number of points.
 pub(super) const WANTED: usize = 4000;
-/// Cameras that must see a point.
+/// Number of cameras that must see a point.
 const SEEN_BY: usize = 2;
-/// Root mean square error of a position, as a part of the scene's size.
+/// Root mean square error of a position, as a fraction of the scene's size.
 const NOISE: f64 = 0.003;
-/// How much nearer than the point another surface must be to hide it, as a part of the distance.
+/// A surface hides a point if it is nearer than the point by more than this fraction of the distance.
 const HIDDEN: f64 = 1e-6;
 const STREAM_POINTS: u64 = 3;
 
-/// Points on still surfaces, at random pixels of the cameras, each seen by two cameras or more and slightly misplaced.
+/// Samples points on still surfaces at random pixels of the cameras. At least two cameras see each point, and its
+/// position is slightly noisy.
 pub(super) fn sample(cameras: &[Camera], solids: &[Solid], seed: u64) -> PointCloud {
     let mut rng = stream(seed, STREAM_POINTS);
     let mut points = PointCloud::default();
-    // Of the pixels three quarters give a point; the limit is for rigs where none does.
+    // Three quarters of the pixels give a point. The limit is for rigs where none does.
     for _ in 0..20 * WANTED {
         let camera = &cameras[rng.random_range(0..cameras.len())];
         let pixel = DVec2::new(rng.random::<f64>() * camera.width as f64, rng.random::<f64>() * camera.height as f64);
@@ -51,7 +52,7 @@ fn sees(camera: &Camera, point: DVec3, solids: &[Solid]) -> bool {
     !solids.iter().any(|s| s.hit(&ray).is_some_and(|hit| hit.distance < 1.0 - HIDDEN))
 }
 
-/// Nearly normal: the sum of three uniform numbers has a bell's shape, and its variance is one if each spans (-1, 1).
+/// Nearly normal noise. The sum of three uniform numbers in (-1, 1) has a bell's shape and variance one.
 fn misplacement(rng: &mut ChaCha8Rng) -> DVec3 {
     let mut bell = || (0..3).map(|_| rng.random_range(-1.0..1.0)).sum::<f64>();
     let direction = DVec3::new(bell(), bell(), bell());

@@ -8,11 +8,11 @@ use super::*;
 
 /// A picture of one colour must score below this, in decibels, so that a score above means something.
 const FLAT_PSNR: f64 = 16.0;
-/// Share of the pixels that moving things cover.
+/// Fraction of the pixels that moving objects cover.
 const COVERAGE: std::ops::RangeInclusive<f64> = 0.04..=0.15;
 /// Depths are stored in single precision and lie below ten metres.
 const DEPTH_ROUNDING: f64 = 1e-5;
-/// Half a pixel's diagonal beside the mask's edge may be covered by less than half: one pixel, and one for corners.
+/// Pixels at the mask's edge that may be covered by less than half: one, and one more for corners.
 const EDGE: i64 = 2;
 
 const KINDS: [BuiltinKind; 2] = [BuiltinKind::Video, BuiltinKind::Casual];

@@ -1,4 +1,4 @@
-//! Colours of surfaces as smooth functions of the place, with nothing finer than [`FINEST`].
+//! Colours of surfaces as smooth functions of position. No feature is finer than [`FINEST`].
 
 use std::f64::consts::{PI, TAU};
 
@@ -10,7 +10,7 @@ const FINEST: f64 = 0.08;
 /// A colour, RGB in `[0, 1]`.
 pub(super) type Rgb = [f32; 3];
 
-/// How a surface is coloured, in the solid's own coordinates.
+/// The colour pattern of a surface, in the solid's own coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Texture {
     /// One colour.
@@ -23,7 +23,7 @@ pub(super) enum Texture {
     Checks { colours: [Rgb; 2], period: f64 },
     /// Gores around z, as on a beach ball.
     Gores { colours: [Rgb; 3] },
-    /// Three pairs of faces in three colours, each with a ring of the fourth.
+    /// Three pairs of faces in three colours, each with a ring in a fourth.
     Faces { colours: [Rgb; 3], ring: Rgb, size: f64 },
     /// Rings around z.
     Rings { colours: [Rgb; 2], period: f64, seed: u32 },
@@ -137,12 +137,12 @@ fn smooth(t: f32) -> f32 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// 0 below `edge`, 1 above, blurred over [`FINEST`].
+/// 0 below `edge`, 1 above it, blurred over [`FINEST`].
 fn step(x: f64, edge: f64) -> f32 {
     smooth(((x - edge) / FINEST) as f32 + 0.5)
 }
 
-/// 1 at `middle`, falling to 0 at `width` from it.
+/// 1 at `middle`, falling to 0 at `width` from there.
 fn bump(x: f64, middle: f64, width: f64) -> f32 {
     smooth((1.5 - 1.5 * (x - middle).abs() / width.max(FINEST)) as f32)
 }
@@ -152,7 +152,7 @@ fn wave(x: f64, period: f64) -> f32 {
     smooth((0.5 + 0.9 * (TAU * x / period).sin()) as f32)
 }
 
-/// The two coordinates along the face that has this normal.
+/// The two coordinates along the face with this normal.
 fn on_face(point: DVec3, normal: DVec3) -> DVec2 {
     let n = normal.abs();
     if n.x > n.y && n.x > n.z {
@@ -164,7 +164,7 @@ fn on_face(point: DVec3, normal: DVec3) -> DVec2 {
     }
 }
 
-/// Small variations around one, for surfaces that would look printed otherwise.
+/// Small variations around one. Without them some surfaces look printed.
 fn grain(point: DVec3, seed: u32) -> f32 {
     0.85 + 0.3 * clouds(point / 0.25, seed)
 }
@@ -175,12 +175,12 @@ fn clouds(p: DVec3, seed: u32) -> f32 {
     smooth(sum * 1.4 - 0.2)
 }
 
-/// Value noise on the integer lattice, between 0 and 1. Most of the time that a picture takes is spent here.
+/// Value noise on the integer lattice, between 0 and 1. Rendering spends most of its time here.
 fn noise(p: DVec3, seed: u32) -> f32 {
     let cell = [floor(p.x), floor(p.y), floor(p.z)];
     let f = Vec3::from_array([0, 1, 2].map(|i| (p[i] - f64::from(cell[i])) as f32));
     let f = f * f * (Vec3::splat(3.0) - 2.0 * f);
-    // Each coordinate is spread over 32 bits once for its two lattice points.
+    // Each coordinate is spread over 32 bits once, for both of its lattice points.
     let [x, y, z] = [0, 1, 2].map(|i| [0, 1].map(|d: i32| spread(cell[i].wrapping_add(d), i)));
     let at = |i: usize, j: usize, k: usize| scramble(x[i] ^ y[j] ^ z[k] ^ seed.wrapping_mul(SPREAD[3]));
     let line = |j, k| at(0, j, k) + (at(1, j, k) - at(0, j, k)) * f.x;
@@ -195,14 +195,14 @@ fn spread(coordinate: i32, axis: usize) -> u32 {
     (coordinate as u32).wrapping_mul(SPREAD[axis])
 }
 
-/// A number between 0 and 1 that jumps about with its argument.
+/// A pseudo-random number between 0 and 1 for this argument.
 fn scramble(mut h: u32) -> f32 {
     h = (h ^ (h >> 16)).wrapping_mul(0x7feb_352d);
     h = (h ^ (h >> 15)).wrapping_mul(0x846c_a68b);
     (h >> 8) as f32 / (1u32 << 24) as f32
 }
 
-/// The next whole number below; `f64::floor` is a slow call where the processor's own instruction is not assumed.
+/// The largest integer below `x`. `f64::floor` is a slow call unless the processor's own instruction may be used.
 fn floor(x: f64) -> i32 {
     let whole = x as i32;
     whole - i32::from(f64::from(whole) > x)

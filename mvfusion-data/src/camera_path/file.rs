@@ -1,14 +1,14 @@
-//! Camera paths in files: what nerfstudio's viewer exports, and the `cameras.json` of 3DGS.
+//! Camera paths in files: exports of nerfstudio's viewer, and the `cameras.json` of 3DGS.
 //!
 //! * nerfstudio: `{"camera_path": [{"camera_to_world": 16 numbers by rows, "fov": vertical, in degrees}, …],
-//!   "render_width", "render_height", "fps"}`; the camera looks along -z with y up (OpenGL). `render_time` of an entry
+//!   "render_width", "render_height", "fps"}`. The camera looks along -z with y up (OpenGL). `render_time` of an entry
 //!   is its moment.
 //! * 3DGS: `[{"position", "rotation": camera-to-world by rows, "fx", "fy", "width", "height"}, …]` in OpenCV axes.
 //!
-//! In both, `time` of an entry is its moment in `[0, 1]` as well, which is ours.
+//! In both, we also accept `time` of an entry: its moment in `[0, 1]`. This is our own addition.
 //!
-//! Poses are taken as they are, in the scene's own coordinates. nerfstudio's viewer exports those of the world that it
-//! shows, which nerfstudio has turned, centred and scaled unless it was told not to; nothing in the file says how.
+//! Poses are taken as they are, in the scene's coordinates. nerfstudio's viewer exports poses in the world that it
+//! shows. nerfstudio rotates, centres and scales that world unless told not to, and the file does not say how.
 
 use std::ops::RangeInclusive;
 use std::path::Path;
@@ -18,25 +18,25 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use crate::paths::read_json;
-use crate::rotation::rotation_of;
-use crate::{Camera, DataError};
+use crate::error::DataError;
+use crate::files::{read_json, rotation_of};
+use crate::scene::Camera;
 
 const ADVICE: &str = "Camera paths are what nerfstudio's viewer exports, or lists like the cameras.json of 3DGS: \
                       export it again, or mend the entry by hand.";
-/// Most cameras of a path: an hour at 30 frames a second.
+/// Largest number of cameras in a path: an hour at 30 frames a second.
 pub const MOST_ENTRIES: usize = 108_000;
 /// Longest side of a picture, pixels.
 pub const LONGEST_SIDE: usize = 16_384;
-/// How many frames may be shown in a second.
+/// Allowed frame rates, in frames a second.
 pub const FRAME_RATES: RangeInclusive<f64> = 0.1..=240.0;
 
-/// A path that was read.
+/// A camera path from a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraPath {
-    /// The cameras, in their order. Never empty.
+    /// The cameras, in order. Never empty.
     pub entries: Vec<PathEntry>,
-    /// Frames a second, where the file says so.
+    /// Frames a second, if the file says so.
     pub fps: Option<f64>,
 }
 
@@ -45,7 +45,7 @@ pub struct CameraPath {
 pub struct PathEntry {
     /// The camera.
     pub camera: Camera,
-    /// Its moment in `[0, 1]`, where the file says so.
+    /// Its moment in `[0, 1]`, if the file says so.
     pub time: Option<f64>,
 }
 
@@ -68,7 +68,7 @@ struct Key {
     time: Option<f64>,
 }
 
-/// An entry of 3DGS' file.
+/// An entry of the 3DGS file.
 #[derive(Deserialize)]
 struct Listed {
     position: [f64; 3],
@@ -83,7 +83,7 @@ struct Listed {
 /// Reads a path.
 ///
 /// # Errors
-/// [`DataError::Content`] that names the entry, counted from 0.
+/// [`DataError::Content`] that names the entry by its index, from 0.
 pub fn read_camera_path(path: &Path) -> Result<CameraPath, DataError> {
     let value: Value = read_json(path, ADVICE)?;
     let parsed = if value.is_array() { parse_list(value) } else { parse_export(value) };
@@ -97,7 +97,7 @@ fn parse_export(value: Value) -> Result<CameraPath, String> {
     }
     if let Some(fps) = export.fps.filter(|fps| !FRAME_RATES.contains(fps)) {
         let (least, most) = FRAME_RATES.into_inner();
-        // As a decimal, which `{fps}` is, it may have hundreds of digits.
+        // Printed with `{fps}`, the number could have hundreds of digits.
         return Err(format!("its fps is {fps:?}, and frames a second lie between {least} and {most}"));
     }
     let (width, height) = (export.render_width, export.render_height);
@@ -110,7 +110,7 @@ fn parse_list(value: Value) -> Result<CameraPath, String> {
     Ok(CameraPath { entries: entries(list, |listed: Listed| listed.entry())?, fps: None })
 }
 
-/// The entries of a list, checked; a complaint names the entry.
+/// The checked entries of a list. An error names the entry.
 fn entries<R: DeserializeOwned>(
     list: Vec<Value>,
     entry: impl Fn(R) -> Result<PathEntry, String>,

@@ -1,27 +1,18 @@
-//! Where to look at a scene from when no photo says so: paths around it, and paths from files.
+//! Camera paths for rendering: generated around a scene, or read from files.
 
 mod file;
 mod orbit;
+mod placed;
 mod spiral;
 mod vantage;
-
-use glam::{DMat3, DVec3};
 
 pub use file::{CameraPath, FRAME_RATES, LONGEST_SIDE, MOST_ENTRIES, PathEntry, read_camera_path};
 pub use orbit::orbit;
 pub use spiral::spiral;
 
-use crate::{Scene, View};
+use crate::scene::{Scene, View};
 
-/// The axes of a camera that looks along `forward` with `down` as nearly downwards as that allows: columns right, down,
-/// forward. `None` if the two are parallel or one is zero.
-fn axes(forward: DVec3, down: DVec3) -> Option<DMat3> {
-    let forward = forward.try_normalize()?;
-    let right = down.cross(forward).try_normalize()?;
-    Some(DMat3::from_cols(right, forward.cross(right), forward))
-}
-
-/// `count` moments, evenly spread from the first to the last time of the training views.
+/// `count` moments, evenly spaced from the first to the last time of the training views.
 pub fn running_times(scene: &Scene, count: usize) -> Vec<f64> {
     let times = scene.training_times();
     let (first, last) = (times.first().copied().unwrap_or(0.0), times.last().copied().unwrap_or(0.0));
@@ -29,9 +20,9 @@ pub fn running_times(scene: &Scene, count: usize) -> Vec<f64> {
     (0..count).map(|i| first + (last - first) * (i as f64 / steps)).collect()
 }
 
-/// The view whose camera a user means: the name of a view (`cam00/0003`), that of a camera (`cam00`: its first view),
-/// or the number of a held-out view (of a training view, where none is held out). Held-out views are looked through
-/// first.
+/// The view whose camera a user means. `wanted` is the name of a view (`cam00/0003`), the name of a camera (`cam00`,
+/// meaning its first view), or an index into the held-out views. If no view is held out, the index counts training
+/// views. Names of held-out views win over those of training views.
 pub fn find_view<'a>(scene: &'a Scene, wanted: &str) -> Option<&'a View> {
     let all = || scene.test.iter().chain(&scene.train);
     let named = |view: &&View| view.name == wanted;
@@ -46,19 +37,11 @@ pub fn find_view<'a>(scene: &'a Scene, wanted: &str) -> Option<&'a View> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{BuiltinKind, BuiltinOptions, builtin};
+    use crate::builtin;
+    use crate::builtin::{BuiltinKind, BuiltinOptions};
 
     fn scene() -> Scene {
         builtin::builtin(&BuiltinOptions { width: 32, height: 24, ..BuiltinOptions::of_kind(BuiltinKind::Video) })
-    }
-
-    #[test]
-    fn axes_are_orthonormal_and_turn_right_handed() {
-        let axes = axes(DVec3::new(0.3, -2.0, 0.5), DVec3::new(0.1, 0.2, 3.0)).expect("axes");
-        let off = axes * axes.transpose() - DMat3::IDENTITY;
-        assert!(off.to_cols_array().iter().all(|v| v.abs() < 1e-14) && axes.determinant() > 0.0);
-        assert!(axes.y_axis.dot(DVec3::Z) > 0.9, "down was to be along z");
-        assert_eq!(super::axes(DVec3::Z, 2.0 * DVec3::Z), None);
     }
 
     #[test]

@@ -1,40 +1,40 @@
-//! A way around what the cameras of a capture look at.
+//! An orbit around the point that the cameras of a capture look at.
 
 use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 
-use super::axes;
-use super::vantage::{Vantage, placed};
-use crate::{Camera, Scene};
+use super::placed::{axes, placed};
+use super::vantage::Vantage;
+use crate::scene::{Camera, Scene};
 
-/// Least angle to either side, radians, for captures by one camera that stands still.
+/// Least angle to either side, radians. It applies to captures by one camera that stands still.
 const LEAST_SWING: f64 = 0.05;
 
-/// `count` cameras on a closed way around the point that the training cameras look at, at their median distance and
-/// height. The one after the last would be the first.
+/// `count` cameras on a closed orbit around the point that the training cameras look at. The orbit has their median
+/// distance and height. The camera after the last would be the first.
 ///
-/// If the training cameras stand on more than half of the circle, the way is the whole circle. Otherwise it swings to
-/// and fro between the outermost of them: nobody has seen the rest.
+/// If the training cameras cover more than half of the circle, the orbit is the whole circle. Otherwise it swings
+/// between the outermost of them, because no photo shows the rest.
 pub fn orbit(scene: &Scene, count: usize) -> Vec<Camera> {
     let circle = Circle::of(scene);
     let camera = |i: usize| {
         let angle = circle.arc.angle(i as f64 / count as f64);
         let centre = circle.place(angle);
         let axes = axes(circle.target - centre, -circle.axis);
-        // A camera right above the target has no up; it keeps looking as the middle one does.
+        // A camera right above the target has no up direction. It keeps the orientation of the middle camera.
         axes.map_or(circle.middle, |axes| placed(&circle.middle, axes, centre))
     };
     (0..count).map(camera).collect()
 }
 
-/// The circle that the cameras stand about on.
+/// The circle around which the cameras stand.
 struct Circle {
     middle: Camera,
     target: DVec3,
     /// Upwards.
     axis: DVec3,
-    /// Direction of the angle 0, that of the middle camera, and of a quarter turn.
+    /// Directions of angle 0, towards the middle camera, and of a quarter turn.
     across: [DVec3; 2],
     radius: f64,
     height: f64,
@@ -68,13 +68,13 @@ impl Circle {
     }
 }
 
-/// The middle one of some numbers.
+/// The median.
 fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values[values.len() / 2]
 }
 
-/// The part of a circle that is travelled.
+/// The part of a circle that the orbit covers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Arc {
     Whole,
@@ -82,10 +82,10 @@ enum Arc {
 }
 
 impl Arc {
-    /// The part that has the given angles, which lie in `[-PI, PI]`, on it.
+    /// The part that contains the given angles, which lie in `[-PI, PI]`.
     fn of(mut angles: Vec<f64>) -> Self {
         angles.sort_by(f64::total_cmp);
-        // The largest gap between neighbours; the first follows the last.
+        // The largest gap between neighbours. The first follows the last.
         let gap = |i: usize| match angles.get(i + 1) {
             Some(next) => next - angles[i],
             None => angles[0] + TAU - angles[i],
@@ -99,7 +99,7 @@ impl Arc {
         Self::Swing { middle: first + covered / 2.0, half: (covered / 2.0).max(LEAST_SWING) }
     }
 
-    /// The angle at a share of the way.
+    /// The angle after a fraction of the way.
     fn angle(self, share: f64) -> f64 {
         match self {
             Self::Whole => TAU * share,
@@ -111,7 +111,8 @@ impl Arc {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{BuiltinKind, BuiltinOptions, builtin};
+    use crate::builtin;
+    use crate::builtin::{BuiltinKind, BuiltinOptions};
 
     fn scene() -> Scene {
         builtin::builtin(&BuiltinOptions { width: 32, height: 24, ..BuiltinOptions::of_kind(BuiltinKind::Video) })

@@ -1,27 +1,26 @@
-//! A spiral around the cameras of a capture that looks one way, as LLFF made it the custom.
+//! A spiral around the cameras of a forward-facing capture, as LLFF introduced it.
 
 use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-use super::axes;
-use super::vantage::{Vantage, placed};
-use crate::{Camera, Scene};
+use super::placed::{axes, placed};
+use super::vantage::Vantage;
+use crate::scene::{Camera, Scene};
 
-/// Turns around the viewing direction while the camera goes to and fro along it once.
+/// Turns around the viewing direction while the camera moves back and forth along it once.
 const TURNS: f64 = 2.0;
-/// Share of the training cameras that are within the spiral, on each axis.
+/// Fraction of the training cameras within the spiral, on each axis.
 const WITHIN: f64 = 0.9;
-/// Largest radius, as a share of the depth of what is seen: farther away, nobody has seen what comes into view.
+/// Largest radius, as a fraction of the depth of the scene. A larger one shows what no photo has seen.
 const LARGEST: f64 = 0.25;
-/// Smallest radius across the viewing direction, for captures by one camera that stands still.
+/// Smallest radius across the viewing direction. It applies to captures by one camera that stands still.
 const SMALLEST: f64 = 0.02;
 
-/// `count` cameras on a closed spiral about the middle of the training cameras, all of them looking at the same point,
-/// which lies straight ahead of the middle at the depth of what is seen there. The one after the last would be the
-/// first.
+/// `count` cameras on a closed spiral around the middle of the training cameras. All look at one point: straight ahead
+/// of the middle camera, at the depth of what it sees. The camera after the last would be the first.
 ///
-/// The spiral is as wide as the training cameras are spread, on each axis of its own, within bounds.
+/// On each of its axes, the spiral is as wide as the training cameras are spread, within bounds.
 pub fn spiral(scene: &Scene, count: usize) -> Vec<Camera> {
     let vantage = Vantage::of(scene);
     let middle = vantage.middle;
@@ -33,14 +32,15 @@ pub fn spiral(scene: &Scene, count: usize) -> Vec<Camera> {
         let (sin, cos) = (TURNS * phase).sin_cos();
         let offset = radii * DVec3::new(cos, sin, phase.sin());
         let centre = middle.centre() + middle.rotation.transpose() * offset;
-        // Proof: the offset is shorter than the way to the target, so neither is zero nor are they parallel.
+        // Proof: the offset is shorter than the distance to the target, so neither vector is zero and they are not
+        // parallel.
         let axes = axes(target - centre, down).expect("the target is ahead");
         placed(&middle, axes, centre)
     };
     (0..count).map(camera).collect()
 }
 
-/// Half widths of the spiral to the right, downwards and forwards.
+/// Half widths of the spiral: right, down, forward.
 fn radii(scene: &Scene, vantage: &Vantage) -> DVec3 {
     let offsets: Vec<DVec3> = scene.train.iter().map(|view| vantage.middle.to_camera(view.camera.centre())).collect();
     let half_width = |axis: usize| {
@@ -55,7 +55,8 @@ fn radii(scene: &Scene, vantage: &Vantage) -> DVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{BuiltinKind, BuiltinOptions, builtin};
+    use crate::builtin;
+    use crate::builtin::{BuiltinKind, BuiltinOptions};
 
     fn scene(kind: BuiltinKind) -> Scene {
         builtin::builtin(&BuiltinOptions { width: 32, height: 24, ..BuiltinOptions::of_kind(kind) })

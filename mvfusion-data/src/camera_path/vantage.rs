@@ -1,38 +1,38 @@
-//! What the training cameras of a scene have in common: from where, and at what, they look.
+//! The vantage point of a scene: where its training cameras stand and what they look at.
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
-use super::axes;
-use crate::camera::nearest_to_axes;
-use crate::{Camera, PointCloud, Scene};
+use super::placed::{axes, placed};
+use crate::scene::{Camera, PointCloud, Scene, nearest_to_axes};
 
-/// Length of the mean viewing direction above which the cameras look the same way: they stray by 37 degrees then.
+/// Length of the mean viewing direction above which the cameras look the same way. Cameras that all deviate from their
+/// mean by 37 degrees have this length.
 const ALIKE: f64 = 0.8;
-/// Determinant of the normal equations above which the optical axes meet somewhere. It is 0 for parallel ones, and this
-/// for axes that stray by about 2 degrees.
+/// Determinant of the normal equations above which the optical axes meet. It is 0 for parallel axes. This value is
+/// reached by axes that deviate by about 2 degrees.
 const MEETING: f64 = 1e-3;
-/// Points that must be in the picture for their depth to mean something.
+/// Points that a picture must contain for their median depth to be reliable.
 const FEWEST_POINTS: usize = 10;
-/// How many times nearer or farther than what is seen the meeting point may lie.
+/// The meeting point may be this many times nearer or farther than the visible points.
 const FARTHEST: f64 = 4.0;
 
-/// From where, and at what, the training cameras look.
+/// Where the training cameras stand and what they look at.
 #[derive(Clone, Debug)]
 pub(super) struct Vantage {
-    /// In the middle of the cameras. If they look the same way, it stands at their mean and looks their mean way;
-    /// otherwise, where that would be inside of what they surround, it is the one of median height.
+    /// A camera in the middle. If the cameras look the same way, it has their mean position and direction. Otherwise
+    /// the mean would lie inside of what they surround, so it is the camera of median height.
     pub(super) middle: Camera,
-    /// What the cameras look at: the point nearest to all optical axes, or, where they do not meet within what is seen,
-    /// the middle of what is straight ahead of the middle camera.
+    /// The point that the cameras look at: the point nearest to all optical axes. If the axes do not meet near the
+    /// visible points, it lies straight ahead of the middle camera instead.
     pub(super) target: DVec3,
-    /// Depth of the things that the middle camera sees.
+    /// Depth of what the middle camera sees.
     pub(super) depth: f64,
-    /// Upwards for most cameras, of length one.
+    /// The upward direction of most cameras, a unit vector.
     pub(super) up: DVec3,
 }
 
 impl Vantage {
-    /// That of the scene's training cameras.
+    /// The vantage of the scene's training cameras.
     pub(super) fn of(scene: &Scene) -> Self {
         let cameras: Vec<&Camera> = scene.train.iter().map(|view| &view.camera).collect();
         let down: DVec3 = cameras.iter().map(|camera| camera.rotation.row(1)).sum();
@@ -52,7 +52,7 @@ impl Vantage {
     }
 }
 
-/// The camera in the middle, see [`Vantage::middle`]; there is one camera at least.
+/// The camera in the middle, see [`Vantage::middle`]. `cameras` is not empty.
 fn middle(cameras: &[&Camera], mean: DVec3, up: DVec3) -> Camera {
     let mut by_height = cameras.to_vec();
     by_height.sort_by(|a, b| up.dot(a.centre()).total_cmp(&up.dot(b.centre())));
@@ -65,13 +65,7 @@ fn middle(cameras: &[&Camera], mean: DVec3, up: DVec3) -> Camera {
     }
 }
 
-/// A camera like another, elsewhere; `axes` has the columns right, down, forward.
-pub(super) fn placed(like: &Camera, axes: DMat3, centre: DVec3) -> Camera {
-    let rotation = axes.transpose();
-    Camera { rotation, translation: -(rotation * centre), ..*like }
-}
-
-/// The median depth of the points in a camera's picture, if there are enough of them.
+/// The median depth of the points within a camera's picture, if there are enough of them.
 fn median_depth(camera: &Camera, points: &PointCloud) -> Option<f64> {
     let inside = |point: DVec3| {
         let pixel = camera.project(point)?;

@@ -1,26 +1,26 @@
-//! Whether lenses and places of the cameras make sense.
+//! Checks of the cameras: lenses and positions.
 
 use glam::DVec3;
 
 use super::problem::{Problem, Severity, Subject, count, few, median};
-use super::rig::{all_views, by_camera};
-use crate::camera::nearest_to_axes;
-use crate::{Camera, Scene, View};
+use super::rig::all_views;
+use crate::scene::{Camera, Scene, View, by_camera, nearest_to_axes};
 
-/// Fields of view that a focal length for another picture size leads to, degrees.
+/// Bounds of plausible fields of view, degrees. A focal length for another picture size exceeds them.
 const NARROW: f64 = 5.0;
 const WIDE: f64 = 150.0;
-/// Distance of the cameras from the origin, in extents, from which on single precision is coarser than a thousandth of one.
+/// Distance of the cameras from the origin, in extents, above which single precision is coarser than a thousandth of an
+/// extent.
 const REMOTE: f64 = 1e4;
-/// Extent, in distances of the points, below which cameras nearly stand in one spot; and in distances of the points or the
-/// origin, below which single precision does not tell them apart.
+/// Extent below which cameras nearly stand in one spot, in distances of the points.
 const ONE_SPOT: f64 = 1e-3;
+/// Extent below which single precision cannot tell cameras apart, in distances of the points or the origin.
 const ROUNDING: f64 = 1e-7;
-/// Length of the mean viewing direction below which cameras surround something, or stand in the middle of it.
+/// Length of the mean viewing direction below which cameras surround a scene or stand in its middle.
 const PARALLEL: f64 = 0.9;
-/// Determinant of the mean normal equations of a point near all optical axes above which there is one.
+/// Determinant of the mean normal equations above which the optical axes have a nearest point.
 const MEETING: f64 = 1e-9;
-/// Share of the cameras that look away from the others' common region before the user is told.
+/// Fraction of the cameras that must look away from the common region for a warning.
 const MOSTLY: f64 = 0.9;
 
 pub(super) fn problems(scene: &Scene) -> Vec<Problem> {
@@ -34,7 +34,7 @@ pub(super) fn problems(scene: &Scene) -> Vec<Problem> {
     problems
 }
 
-/// Names of the views whose camera is as told.
+/// Names of the views whose cameras fulfil a condition.
 fn those(scene: &Scene, is: impl Fn(&Camera) -> bool) -> Vec<&str> {
     let name = |view: &'_ &View| is(&view.camera);
     all_views(scene).filter(name).map(|view| view.name.as_str()).collect()
@@ -79,7 +79,7 @@ fn places(scene: &Scene) -> Option<Problem> {
             format!("all training cameras stand in one spot (extent {extent:.2e}): depths cannot be told from it");
         let remedy = "Train on pictures from several places. If these are, the translations of the poses are lost.";
         let problem = Problem::warning(Subject::Cameras, what, remedy);
-        // Losses and rates are measured by the extent (METHOD §3).
+        // Losses and learning rates scale with the extent (METHOD §3).
         let is_nothing = extent <= ROUNDING * distance.max(centre.length());
         return Some(if is_nothing { Problem { severity: Severity::Error, ..problem } } else { problem });
     }
@@ -92,7 +92,7 @@ fn places(scene: &Scene) -> Option<Problem> {
     })
 }
 
-/// Without points, directions tell a little: cameras that stand around something look towards it.
+/// Without points, only the directions tell something: cameras around a scene should look towards it.
 fn directions(scene: &Scene) -> Option<Problem> {
     let cameras: Vec<&Camera> = scene.train.iter().map(|view| &view.camera).collect();
     let mean = cameras.iter().map(|camera| camera.forward()).sum::<DVec3>() / cameras.len() as f64;

@@ -1,4 +1,4 @@
-//! The usual mistakes in poses, each with the warp that undoes it.
+//! Common mistakes in poses, each with the warp that undoes it.
 
 use glam::{DMat3, DVec3};
 
@@ -7,9 +7,9 @@ use super::sight::Warp;
 /// A mistake that may have been made with all poses.
 pub(super) struct Mistake {
     pub(super) warp: Warp,
-    /// How to undo it: `with the y and z axes of the cameras turned`.
+    /// How to undo it, such as `with the y and z axes of the cameras turned`.
     pub(super) undone: String,
-    /// What was mistaken for what.
+    /// What was confused with what.
     pub(super) cause: &'static str,
 }
 
@@ -27,7 +27,7 @@ const WORLD: &str = "the points were turned, and the cameras were not";
 const MIRRORED: &str = "the pictures are mirrored, or an axis of the cameras has the wrong sign";
 const UNIT: &str = "cameras and points are in different units";
 
-/// All mistakes that are tried, the likeliest first.
+/// All mistakes that are tried, the most likely first.
 pub(super) fn all() -> Vec<Mistake> {
     let of = |warp, undone: &str, cause| Mistake { warp, undone: undone.into(), cause };
     let inverted = Warp { inverted: true, ..Warp::NONE };
@@ -64,7 +64,7 @@ pub(super) fn all() -> Vec<Mistake> {
     all
 }
 
-/// The 23 rotations that exchange axes, with names like `y, x, -z`.
+/// The 23 rotations that permute axes, with names like `y, x, -z`.
 fn turns() -> Vec<(DMat3, String)> {
     const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [1, 0, 2], [0, 2, 1], [2, 1, 0], [1, 2, 0], [2, 0, 1]];
     const NAMES: [&str; 3] = ["x", "y", "z"];

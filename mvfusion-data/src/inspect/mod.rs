@@ -1,10 +1,11 @@
-//! Looks a scene over before any time is spent on it: what was found, what is wrong with it, and what to do.
+//! Checks a scene before training: what it holds, what is wrong with it, and what to do.
 //!
-//! Each kind of problem has a file here. None of them stops at the first problem, and none changes the scene.
+//! Each kind of problem has its own file. All problems are reported, and the scene is not changed.
 
 mod cameras;
 mod mistakes;
 mod order;
+mod origin;
 mod pictures;
 mod points;
 mod poses;
@@ -16,6 +17,8 @@ mod sight;
 mod size;
 mod split;
 mod summary;
+#[cfg(test)]
+mod tests;
 mod times;
 
 use std::collections::BTreeMap;
@@ -23,109 +26,71 @@ use std::path::Path;
 
 use serde::Serialize;
 
+pub use origin::{Origin, PointsOrigin};
+pub use pictures::Pictures;
 pub use problem::{Problem, Severity, Subject};
-pub(crate) use rig::by_camera;
 pub use sheet::{ContactSheet, points_over_photos};
 pub use summary::Summary;
 
-use crate::reader::{Format, open, recognise};
-use crate::{DataError, ReadOptions, Scene, View, dnerf, masks};
+use crate::error::DataError;
+use crate::readers::{self, Format, ReadOptions, open, reader_for};
+use crate::scene::{Scene, View};
 use pictures::Looked;
 use sight::{Cloud, Witness};
 
-/// What was found in a scene's folder.
+/// The result of inspecting a scene's folder.
 #[derive(Clone, Debug, Serialize)]
 pub struct Inspection {
     /// The format, if one was recognised.
     pub format: Option<Format>,
-    /// What the scene holds; absent if it could not be read.
+    /// The scene's numbers; absent if it could not be read.
     pub summary: Option<Summary>,
-    /// What is wrong, the worst first.
+    /// The problems, the worst first.
     pub problems: Vec<Problem>,
 }
 
 impl Inspection {
-    /// Whether nothing stands in the way of training.
+    /// Whether training can start.
     pub fn can_train(&self) -> bool {
         self.problems.iter().all(|problem| problem.severity != Severity::Error)
     }
 
-    /// Attaches the masks of what moves that lie in `folder`, as training does, and adds what is wrong with them. Those of the
-    /// held-out views, which are scored with them, are decoded.
+    /// Attaches the motion masks in `folder`, as training does, and adds the problems with them. Masks of held-out
+    /// views are decoded, because evaluation uses them.
     pub fn attach_masks(&mut self, scene: &mut Scene, folder: &Path) {
         let decoded = |view: &View| view.truth.dynamic_mask.as_ref().map_or(Ok(()), |mask| mask.mask().map(drop));
-        let attached = masks::attach_masks(scene, folder);
+        let attached = readers::attach_masks(scene, folder);
         if let Err(error) = attached.and_then(|_| scene.test.iter().try_for_each(decoded)) {
             self.problems.insert(0, refusal::problem(&error));
         }
     }
 }
 
-/// How closely the pictures are looked at.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Pictures {
-    /// Only their headers, which the reader needs anyway.
-    Headers,
-    /// One of each camera, of at most 24 cameras: a matter of seconds. The points' colours are compared with these, which
-    /// finds wrong poses that no other test finds.
-    #[default]
-    Sampled,
-    /// Every picture and mask is decoded, which takes as long as the first round of training does. Finds broken, empty and
-    /// repeated pictures.
-    Decoded,
-}
-
-/// Where a scene came from, as far as that helps to judge it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Origin {
-    /// Its format; absent for one that was not read from a folder.
-    pub format: Option<Format>,
-    /// The factor by which its pictures were made smaller. Default 1.
-    pub downscale: f64,
-    /// How its points came to be.
-    pub points: PointsOrigin,
-}
-
-/// How a scene's points came to be.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum PointsOrigin {
-    /// Measured; colours are those of the photos. The default.
-    #[default]
-    Measured,
-    /// Strewn at random by the reader; colours say nothing.
-    Strewn,
-}
-
-impl Default for Origin {
-    fn default() -> Self {
-        Self { format: None, downscale: 1.0, points: PointsOrigin::default() }
-    }
-}
-
-/// Reads the scene in `folder` and looks it over. The scene comes back where it could be read, to be trained on or drawn.
+/// Reads and inspects the scene in `folder`. The scene is returned if it could be read.
 ///
-/// Whatever is wrong, an error of the reader included, stands in [`Inspection::problems`].
+/// All problems, including an error of the reader, are in [`Inspection::problems`].
 pub fn inspect(folder: &Path, options: &ReadOptions, pictures: Pictures) -> (Inspection, Option<Scene>) {
     let refused = |format, error: &DataError| {
         let problems = vec![refusal::problem(error)];
         (Inspection { format, summary: None, problems }, None)
     };
-    let format = match recognise(folder, options.format) {
-        Ok(format) => format,
+    let reader = match reader_for(folder, options.format) {
+        Ok(reader) => reader,
         Err(error) => return refused(None, &error),
     };
-    let points = match format {
-        Format::DNerf if !dnerf::has_points(folder) => PointsOrigin::Strewn,
-        _ => PointsOrigin::Measured,
+    let points = match (reader.hints.has_random_points)(folder) {
+        true => PointsOrigin::Strewn,
+        false => PointsOrigin::Measured,
     };
-    let origin = Origin { format: Some(format), downscale: options.downscale, points };
-    match open(folder, &ReadOptions { format: Some(format), ..options.clone() }) {
+    let format = Some(reader.format);
+    let origin = Origin { format, downscale: options.downscale, points };
+    match open(folder, &ReadOptions { format, ..options.clone() }) {
         Ok(scene) => (inspect_scene(&scene, &origin, pictures), Some(scene)),
-        Err(error) => refused(Some(format), &error),
+        Err(error) => refused(format, &error),
     }
 }
 
-/// Looks over a scene that is read already.
+/// Inspects a scene that was read already.
 pub fn inspect_scene(scene: &Scene, origin: &Origin, pictures: Pictures) -> Inspection {
     let numbers = rig::witnesses(scene);
     let looks: BTreeMap<usize, Looked<'_>> = pictures::look(scene, pictures, &numbers);
@@ -148,6 +113,3 @@ pub fn inspect_scene(scene: &Scene, origin: &Origin, pictures: Pictures) -> Insp
     problems.sort_by_key(|problem| problem.severity);
     Inspection { format: origin.format, summary: Some(Summary::of(scene, looks.len(), fit)), problems }
 }
-
-#[cfg(test)]
-mod tests;

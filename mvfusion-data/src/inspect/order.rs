@@ -1,26 +1,27 @@
-//! Whether each picture belongs to its pose, or to that of another.
+//! Checks whether each picture belongs to its pose or to another camera's.
 
 use super::problem::{Problem, Subject};
 use super::rig::stands_still;
 use super::sight::{Cloud, Witness, agreement};
-use crate::Scene;
+use crate::scene::Scene;
 
-/// What another place must reach to fit much better than the own one.
+/// Thresholds for another match to count as much better.
 struct Much {
     /// The correlation.
     agreement: f64,
-    /// How much larger it must be than that of picture and pose as they are.
+    /// Its least gain over the present match.
     gain: f64,
 }
 
 /// For the picture of another camera.
 const PICTURE: Much = Much { agreement: 0.35, gain: 0.25 };
-/// For the pose of another camera, where the picture only has to belong rather than to be the best of all.
+/// For the pose of another camera. Here the picture only has to fit, and need not be the best of all.
 const POSE: Much = Much { agreement: 0.25, gain: 0.15 };
-/// Where each camera has one photo, so many must be out of place: one may be by chance.
+/// With one photo a camera, at least this many must be misplaced. A single one may be chance.
 const FEWEST_PHOTOS: usize = 2;
 
-/// Cameras to whose pose another's picture fits much better than their own, and whose own picture fits another pose better. Where somebody stands in front of a camera, the first holds as well, but the second does not.
+/// Finds cameras whose pose fits another picture much better than its own, while their own picture fits another pose
+/// better. If somebody stands in front of a camera, the first condition holds as well, but the second does not.
 pub(super) fn problem(scene: &Scene, cloud: &Cloud, witnesses: &[Witness<'_>]) -> Option<Problem> {
     let fits = Fits::of(cloud, witnesses);
     let misplaced = |place: usize| {
@@ -45,7 +46,7 @@ pub(super) fn problem(scene: &Scene, cloud: &Cloud, witnesses: &[Witness<'_>]) -
     Some(Problem::warning(Subject::Poses, what, remedy))
 }
 
-/// How well each picture fits each pose.
+/// The correlation of each picture with each pose.
 struct Fits {
     count: usize,
     agreements: Vec<Option<f64>>,
@@ -62,7 +63,7 @@ impl Fits {
         self.agreements[pose * self.count + picture]
     }
 
-    /// The other place that fits much better than the own one, if there is one.
+    /// The other match that fits much better than the present one, if there is one.
     fn better(&self, place: usize, much: &Much, fit: impl Fn(usize) -> Option<f64>) -> Option<usize> {
         let own = self.at(place, place)?;
         let others = (0..self.count).filter_map(|other| Some((other, fit(other)?)));

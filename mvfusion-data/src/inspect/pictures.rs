@@ -1,4 +1,4 @@
-//! Whether pictures and masks can be decoded, and whether they show something.
+//! Checks of pictures and masks: whether they decode, and whether they show something.
 
 use std::collections::BTreeMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -8,41 +8,55 @@ use image::RgbImage;
 use image::imageops::{self, FilterType};
 use rayon::prelude::*;
 
-use super::Pictures;
 use super::problem::{Problem, Subject, count, few, percent};
 use super::rig::all_views;
-use crate::{DataError, Scene, View};
+use crate::error::DataError;
+use crate::scene::{Scene, View};
 
-/// Broken files that are listed; the others are counted.
+/// Number of broken files that are listed. The rest is counted.
 const LISTED: usize = 20;
-/// Levels that the pixels of a picture of one colour may differ by.
+/// Largest difference between pixels of a one-colour picture, in levels.
 const NOISE: u8 = 2;
-/// Largest side of the copies to which the points are compared.
+/// Largest side of the thumbnails that points are compared with.
 const THUMBNAIL: u32 = 480;
-/// Share of pixels that a mask must leave at the least.
+/// Least fraction of pixels that a mask must keep.
 const NOTHING: f64 = 0.01;
-/// Share of pixels, over all masks, below which they may be inverted.
+/// Fraction of pixels, over all masks, below which the masks may be inverted.
 const LITTLE: f64 = 0.5;
 
-/// What is remembered of a view's picture after it was decoded.
+/// How closely the pictures are inspected.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Pictures {
+    /// Only headers, which the reader needs anyway.
+    Headers,
+    /// One picture of each camera, for at most 24 cameras. This takes seconds. Comparing the points' colours with these
+    /// pictures finds wrong poses that no other check finds.
+    #[default]
+    Sampled,
+    /// Every picture and mask is decoded. This takes as long as decoding for the first round of training. It finds
+    /// broken, empty and repeated pictures.
+    Decoded,
+}
+
+/// Results of decoding a view's picture.
 pub(super) struct Look {
     /// Equal for equal pictures.
     digest: u64,
-    /// Whether it shows one colour.
+    /// Whether it has one colour only.
     blank: bool,
-    /// Share of the pixels that its mask leaves, if it has one.
+    /// Fraction of the pixels that its mask keeps, if it has one.
     kept: Option<f64>,
-    /// A small copy, of the witnesses' pictures only.
+    /// A small copy, for the pictures of witnesses only.
     pub(super) thumbnail: Option<RgbImage>,
 }
 
-/// A view whose picture was decoded, or could not be.
+/// A view and the outcome of decoding its picture.
 pub(super) struct Looked<'a> {
     view: &'a View,
     pub(super) look: Result<Look, Vec<DataError>>,
 }
 
-/// Decodes pictures and masks, by the numbers of their views. `witnesses` are those of which a small copy is kept.
+/// Decodes pictures and masks. The keys are indices of views. Thumbnails are kept for `witnesses` only.
 pub(super) fn look<'a>(scene: &'a Scene, pictures: Pictures, witnesses: &[usize]) -> BTreeMap<usize, Looked<'a>> {
     let views: Vec<(usize, &View)> = match pictures {
         Pictures::Headers => Vec::new(),
@@ -95,7 +109,7 @@ fn thumbnail(picture: &RgbImage) -> RgbImage {
     }
 }
 
-/// What is wrong with the decoded pictures.
+/// Problems with the decoded pictures.
 pub(super) fn problems(scene: &Scene, looks: &BTreeMap<usize, Looked<'_>>) -> Vec<Problem> {
     let seen: Vec<(&View, &Look)> =
         looks.values().filter_map(|looked| Some((looked.view, looked.look.as_ref().ok()?))).collect();
@@ -104,7 +118,7 @@ pub(super) fn problems(scene: &Scene, looks: &BTreeMap<usize, Looked<'_>>) -> Ve
 }
 
 fn broken(looks: &BTreeMap<usize, Looked<'_>>) -> Option<Problem> {
-    // A broken video breaks each of its frames; it is named once.
+    // A broken video breaks each of its frames. It is named once.
     let mut reasons: BTreeMap<&Path, String> = BTreeMap::new();
     for error in looks.values().filter_map(|looked| looked.look.as_ref().err()).flatten() {
         if let DataError::Image { path, reason } | DataError::Content { path, reason, .. } = error {
@@ -132,7 +146,7 @@ fn blank(seen: &[(&View, &Look)]) -> Option<Problem> {
     })
 }
 
-/// Pictures that are equal to the last bit, which no camera takes twice.
+/// Bit-identical pictures. No camera takes the same picture twice.
 fn twins(scene: &Scene, looks: &BTreeMap<usize, Looked<'_>>) -> Option<Problem> {
     let mut first: BTreeMap<u64, (&str, bool)> = BTreeMap::new();
     let (mut pairs, mut held_out) = (Vec::new(), 0);
@@ -140,7 +154,7 @@ fn twins(scene: &Scene, looks: &BTreeMap<usize, Looked<'_>>) -> Option<Problem> 
         let Some(look) = look.as_ref().ok().filter(|look| !look.blank) else { continue };
         let is_test = number >= scene.train.len();
         match first.get(&look.digest) {
-            // A view that is trained on and held out is a matter of the split.
+            // The check of the split reports views that are both trained on and held out.
             Some(&(twin, twin_is_test)) if !twin_is_test && twin != view.name => {
                 pairs.push((twin, view.name.as_str()));
                 held_out += usize::from(is_test);
@@ -182,7 +196,7 @@ fn empty_masks(seen: &[(&View, &Look)]) -> Option<Problem> {
     })
 }
 
-/// Masks that leave little, and views that have none where others do.
+/// Masks that keep few pixels, over all masks.
 fn small_masks(scene: &Scene, seen: &[(&View, &Look)]) -> Option<Problem> {
     let shares: Vec<f64> = seen.iter().filter_map(|(_, look)| look.kept).collect();
     let mean = shares.iter().sum::<f64>() / shares.len().max(1) as f64;

@@ -1,21 +1,21 @@
-//! Whether there are points to start from, and whether they lie where they are of use.
+//! Checks of the initial points: their number and their positions.
 
 use glam::{DVec3, Vec3};
 
+use super::origin::{Origin, PointsOrigin};
 use super::problem::{Problem, Subject, median, percent};
 use super::sight::{Cloud, Witness, pixel};
-use super::{Origin, PointsOrigin};
-use crate::{Capture, Scene};
+use crate::scene::{Capture, Scene};
 
-/// Fewer points than this are as good as none.
+/// Fewer points than this are useless.
 const FEW: usize = 20;
-/// Share of the coordinates at either end that does not count as the bulk.
+/// Fraction of the coordinates at either end that is outside of the bulk.
 const TAIL: f64 = 0.01;
-/// How many times larger than the bulk the box of all points may be.
+/// Largest ratio of the box of all points to the box of the bulk.
 const STRAY: f64 = 10.0;
-/// What the rasteriser leaves out in front of a camera, world units (METHOD: 3DGS' near plane).
+/// Near plane of the rasteriser, world units (METHOD: that of 3DGS).
 const NEAR_PLANE: f64 = 0.2;
-/// Share of the seen points that may lie nearer.
+/// Fraction of the visible points that may lie nearer.
 const TOO_NEAR: f64 = 0.05;
 
 pub(super) fn problems(scene: &Scene, origin: &Origin, cloud: &Cloud, witnesses: &[Witness<'_>]) -> Vec<Problem> {
@@ -36,7 +36,7 @@ pub(super) fn problems(scene: &Scene, origin: &Origin, cloud: &Cloud, witnesses:
     }
 }
 
-/// A few points so far away that they alone decide how large the box of all is.
+/// A few points so far away that they alone determine the size of the bounding box.
 fn strays(scene: &Scene) -> Option<Problem> {
     let (low, high) = bulk(&scene.points.positions);
     let (min, max) = scene.points.bounds()?;
@@ -62,7 +62,7 @@ fn strays(scene: &Scene) -> Option<Problem> {
     })
 }
 
-/// The box of the middle of the coordinates.
+/// The box around the middle of the coordinates.
 fn bulk(positions: &[Vec3]) -> (Vec3, Vec3) {
     let (mut low, mut high) = (Vec3::ZERO, Vec3::ZERO);
     for axis in 0..3 {
@@ -74,7 +74,7 @@ fn bulk(positions: &[Vec3]) -> (Vec3, Vec3) {
     (low, high)
 }
 
-/// A scene in so large a unit that the near plane cuts it away.
+/// A scene whose unit is so large that the near plane cuts it away.
 fn too_near(cloud: &Cloud, witnesses: &[Witness<'_>]) -> Option<Problem> {
     let depth =
         |witness: &Witness<'_>, point: DVec3| pixel(witness.camera, point).map(|_| witness.camera.to_camera(point).z);

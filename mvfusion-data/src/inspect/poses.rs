@@ -1,28 +1,29 @@
-//! Whether the poses follow the convention of their format: the points tell, or else the directions of the cameras.
+//! Checks whether the poses follow their format's convention. The points tell, or else the directions of the cameras.
 
-use super::mistakes::{self, Mistake};
-use super::order;
+use super::mistakes::Mistake;
 use super::problem::{Problem, Subject, percent};
-use super::sight::{self, Cloud, Fit, Witness};
-use crate::{Format, Scene};
+use super::sight::{Cloud, Fit, Witness};
+use super::{mistakes, order, sight};
+use crate::readers::{Format, reader_of};
+use crate::scene::Scene;
 
-/// Share of the points that a camera usually sees at the least; the sound scenes at hand show 36 % to 96 %.
+/// Fraction of the points that a camera normally sees. Sound scenes that we tried show 36 % to 96 %.
 const SEEN: f64 = 0.10;
-/// Below this share something is wrong even where no usual mistake explains it.
+/// Below this fraction something is wrong even if no common mistake explains it.
 const HARDLY_SEEN: f64 = 0.03;
-/// Share that an undone mistake must bring into view, where there are no colours to tell.
+/// Fraction of the points that undoing a mistake must bring into view, if there are no colours to compare.
 const WELL_SEEN: f64 = 0.3;
-/// By what factor it must bring more into view.
+/// Factor by which undoing it must increase that fraction.
 const MORE: f64 = 3.0;
-/// Correlation of colours below which poses and photos do not seem to belong together; the sound scenes at hand reach
+/// Correlation of colours below which poses and photos do not seem to belong together. Sound scenes that we tried reach
 /// 0.5 to 0.9.
 const DISAGREEMENT: f64 = 0.15;
-/// Correlation that an undone mistake must reach, and what it must gain.
+/// Correlation that undoing a mistake must reach, and its least gain.
 const AGREEMENT: f64 = 0.35;
 const GAIN: f64 = 0.2;
-/// Of mistakes that explain nearly as much as the best does, the likeliest is named.
+/// If several mistakes explain nearly as much as the best, the most likely one is named.
 const NEARLY: f64 = 0.03;
-/// Fewest photos whose disagreement is told.
+/// Fewest photos for a report of disagreement.
 const ENOUGH_PHOTOS: usize = 2;
 
 pub(super) fn problems(
@@ -42,7 +43,7 @@ pub(super) fn problems(
     unexplained(witnesses, fit, format).into_iter().collect()
 }
 
-/// The usual mistake that explains a poor fit, and the fit once it is undone.
+/// The common mistake that explains a poor fit, and the fit after undoing it.
 fn explanation(cloud: &Cloud, witnesses: &[Witness<'_>], own: Fit) -> Option<(Mistake, Fit)> {
     let tried: Vec<(Mistake, Fit)> = mistakes::all()
         .into_iter()
@@ -52,11 +53,11 @@ fn explanation(cloud: &Cloud, witnesses: &[Witness<'_>], own: Fit) -> Option<(Mi
         Some(agreement) if fit.seen >= SEEN => agreement,
         _ => f64::NEG_INFINITY,
     };
-    // On a long walk a camera sees few of the points, but these in the right colours.
+    // On a long walk a camera sees few of the points, but sees them in the right colours.
     let own_agreement = own.agreement.unwrap_or(f64::NEG_INFINITY);
     let needed = AGREEMENT.max(own_agreement + GAIN);
     let found = likeliest(&tried, by_colours, needed).or_else(|| {
-        // What colours speak against is not an explanation, and cameras that are moved far away see everything.
+        // Colours that disagree rule a mistake out. Cameras that are moved far away see everything.
         let by_share = |mistake: &Mistake, fit: &Fit| {
             let is_none = mistake.warp.scale > 1.0 || fit.agreement.is_some_and(|a| a < DISAGREEMENT);
             if is_none { 0.0 } else { fit.seen }
@@ -67,7 +68,8 @@ fn explanation(cloud: &Cloud, witnesses: &[Witness<'_>], own: Fit) -> Option<(Mi
     tried.into_iter().nth(found?)
 }
 
-/// The first of those that score nearly as well as the best, if that scores as much as is needed. Another unit comes last.
+/// The first mistake that scores nearly as well as the best, if the best reaches `needed`. Mistakes of the unit come
+/// last.
 fn likeliest(tried: &[(Mistake, Fit)], score: impl Fn(&Mistake, &Fit) -> f64, needed: f64) -> Option<usize> {
     let among = |units: bool| {
         let tried = tried.iter().enumerate().filter(move |(_, (mistake, _))| (mistake.warp.scale != 1.0) == units);
@@ -126,24 +128,8 @@ fn unexplained(witnesses: &[Witness<'_>], fit: Fit, format: Option<Format>) -> O
     })
 }
 
-/// What a format's poses must be.
+/// The convention of a format's poses.
 fn convention(format: Option<Format>) -> &'static str {
-    match format {
-        Some(Format::Colmap | Format::MultipleView) => {
-            "COLMAP's poses lead from the world to the camera: quaternion w, x, y, z and translation, x right, y down, z \
-             forward."
-        }
-        Some(Format::Neu3d) => {
-            "Rows of poses_bounds.npy lead from the camera to the world, and their columns are the camera's down, right and \
-             backward axes and its centre."
-        }
-        Some(Format::DNerf | Format::OnTheGo | Format::Nerfstudio) => {
-            "A transform_matrix leads from the camera to the world, in OpenGL's axes: x right, y up, z backward."
-        }
-        Some(Format::HyperNerf) => {
-            "An orientation leads from the world to the camera (x right, y down, z forward), a position is the camera's centre."
-        }
-        Some(Format::Panoptic) => "A w2c leads from the world to the camera: x right, y down, z forward.",
-        None => "A camera's rotation leads from the world to the camera: x right, y down, z forward.",
-    }
+    const OURS: &str = "A camera's rotation leads from the world to the camera: x right, y down, z forward.";
+    format.and_then(reader_of).map_or(OURS, |reader| reader.hints.poses)
 }

@@ -1,37 +1,37 @@
-//! What is wrong with a scene, and what to do about it.
+//! A problem with a scene, and its remedy.
 
 use serde::Serialize;
 
 /// Something about a scene that its owner should know.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Problem {
-    /// How bad it is.
+    /// How severe it is.
     pub severity: Severity,
-    /// What it is about.
+    /// What it concerns.
     pub subject: Subject,
-    /// What was found, with names and numbers; a sentence without its full stop. A list may follow, a line each.
+    /// What was found, with names and numbers: a sentence without its full stop. A list may follow, one entry a line.
     pub what: String,
-    /// What to do about it; one or more sentences.
+    /// What to do about it: one or more sentences.
     pub remedy: String,
 }
 
-/// How bad a problem is, the worst first.
+/// Severity of a problem, the worst first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Severity {
-    /// Training cannot start, or would stop on the way.
+    /// Training cannot start, or will stop.
     Error,
-    /// Training runs, but what it learns is likely to be wrong or poor.
+    /// Training runs, but its result is likely to be wrong or poor.
     Warning,
-    /// Worth knowing; may well be meant so.
+    /// Worth knowing, but may be intended.
     Note,
 }
 
-/// What a problem is about.
+/// The subject of a problem.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Subject {
-    /// The folder or a file of it cannot be read.
+    /// A folder or file that cannot be read.
     Reading,
     /// The pictures.
     Pictures,
@@ -39,15 +39,15 @@ pub enum Subject {
     Size,
     /// The masks.
     Masks,
-    /// What trains and what is held out.
+    /// The split into training and held-out views.
     Split,
-    /// Lenses and places of the cameras.
+    /// Lenses and positions of the cameras.
     Cameras,
-    /// Directions of the cameras, and which picture belongs to which.
+    /// Directions of the cameras, and the match of pictures to poses.
     Poses,
-    /// The points to start from.
+    /// The initial points.
     Points,
-    /// The moments of the views.
+    /// The times of the views.
     Times,
 }
 
@@ -65,7 +65,7 @@ impl Problem {
     }
 }
 
-/// A few names, and how many more there are.
+/// The first names, and how many more there are.
 pub(super) fn few(names: &[&str]) -> String {
     const SHOWN: usize = 3;
     let shown = names[..names.len().min(SHOWN)].join(", ");
@@ -75,18 +75,18 @@ pub(super) fn few(names: &[&str]) -> String {
     }
 }
 
-/// So many things: `1 picture`, `3 pictures`.
+/// A number with its noun: `1 picture`, `3 pictures`.
 pub(super) fn count(number: usize, thing: &str) -> String {
     if number == 1 { format!("1 {thing}") } else { format!("{number} {thing}s") }
 }
 
-/// A share as percent.
+/// A fraction as percent.
 pub(super) fn percent(share: f64) -> String {
     let percent = 100.0 * share;
     if percent > 0.0 && percent < 1.0 { format!("{percent:.1} %") } else { format!("{percent:.0} %") }
 }
 
-/// The number in the middle; `None` if there is none. The upper one of an even number.
+/// The median; `None` if there are no values. Of an even number it is the upper middle one.
 pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied()

@@ -1,17 +1,16 @@
-//! Why a folder could not be read, as a problem with its remedy.
+//! Errors of a reader as problems with remedies.
 
 use std::path::Path;
 
 use super::problem::{Problem, Subject};
-use crate::error::Refusal;
-use crate::frames::pictures_in;
-use crate::reader::recognise;
-use crate::{DataError, Format};
+use crate::error::{DataError, Refusal};
+use crate::files::pictures_in;
+use crate::readers::{Format, recognise};
 
-/// Folders that are looked into for a scene.
+/// Most subfolders that are searched for a scene.
 const LOOKED_INTO: usize = 100;
 
-/// The problem that kept a reader from reading a folder.
+/// The problem for a reader's error.
 pub(super) fn problem(error: &DataError) -> Problem {
     let (what, remedy) = match error {
         DataError::Image { path, reason } => (
@@ -42,13 +41,13 @@ fn stopped(advice: &str) -> String {
     if advice.ends_with('.') { advice.into() } else { format!("{advice}.") }
 }
 
-/// What each format misses, a line each.
+/// The reasons of all formats, one a line.
 fn unrecognised(folder: &Path, refusals: &[Refusal]) -> String {
     let listed: String = refusals.iter().map(|refusal| format!("\n{refusal}")).collect();
     format!("{} is in no format that can be read{listed}", folder.display())
 }
 
-/// What somebody may have meant who gave a folder that holds no scene.
+/// A hint for a folder that holds no scene.
 fn where_to_look(folder: &Path) -> String {
     if let Some((inner, format)) = scene_within(folder) {
         return format!("Give a folder that holds one scene, such as {inner} ({}).", format.name());
@@ -62,7 +61,8 @@ fn where_to_look(folder: &Path) -> String {
     "Add what is missing for one of the formats, or give the folder that lies right above the files they name.".into()
 }
 
-/// The first folder right below that holds a scene; or the one above, for who gave `images` itself.
+/// The first subfolder that holds a scene. If none does, the parent folder is tried, for users who give `images`
+/// itself.
 fn scene_within(folder: &Path) -> Option<(String, Format)> {
     let below = std::fs::read_dir(folder).ok()?.filter_map(|entry| Some(entry.ok()?.path()));
     let hidden = |path: &Path| path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));

@@ -1,4 +1,4 @@
-//! A contact sheet: the points drawn over a few photos, so that wrong poses are seen at once.
+//! A contact sheet: the points drawn over a few photos, so that wrong poses are visible at once.
 
 use glam::{DVec2, DVec3};
 use image::imageops::{self, FilterType};
@@ -6,38 +6,40 @@ use image::{Rgb, RgbImage};
 
 use super::rig::spread;
 use super::sight::pixel;
-use crate::{DataError, Scene, View};
+use crate::error::DataError;
+use crate::scene::{Scene, View};
 
-/// Points that are drawn on each photo at most.
+/// Most points drawn on each photo.
 const POINTS: usize = 3000;
 /// Pixels between the photos.
 const GAP: u32 = 6;
-/// Between the photos.
+/// Colour between the photos.
 const PAPER: Rgb<u8> = Rgb([32, 32, 32]);
-/// Around each point, so that it stands out from any photo.
+/// Colour around each point, so that it stands out from any photo.
 const OUTLINE: Rgb<u8> = Rgb([0, 0, 0]);
-/// Photos are enlarged by this factor at most.
+/// Largest enlargement of photos.
 const LARGEST_SCALE: f64 = 3.0;
-/// Colours of the depths, from the nearest to the farthest.
+/// Colours of depths, from near to far.
 const RAMP: [[f64; 3]; 5] =
     [[235.0, 45.0, 40.0], [250.0, 200.0, 40.0], [80.0, 210.0, 70.0], [50.0, 190.0, 240.0], [75.0, 70.0, 230.0]];
 
-/// Photos with the points on them: near points are red, far ones blue.
+/// Photos with the points on them. Near points are red, far ones blue.
 #[derive(Clone, Debug)]
 pub struct ContactSheet {
     /// The photos in rows.
     pub image: RgbImage,
     /// The names of the views, in reading order.
     pub names: Vec<String>,
-    /// Photos in a row.
+    /// Photos a row.
     pub columns: usize,
 }
 
-/// Draws a scene's points over some of its photos, in a sheet whose sides are at most `largest_side` pixels: training views
-/// from the first to the last, evenly spread, and one held-out view at the end. At most `photos`, but at least one.
+/// Draws a scene's points over some of its photos, in a sheet of at most `largest_side` pixels a side. The photos are
+/// training views, evenly spread from first to last, and one held-out view at the end. There are at most `photos` of
+/// them, but at least one.
 ///
 /// # Errors
-/// [`DataError::Image`] if one of the pictures cannot be read.
+/// [`DataError::Image`] if a picture cannot be read.
 pub fn points_over_photos(scene: &Scene, photos: usize, largest_side: u32) -> Result<ContactSheet, DataError> {
     let views = chosen(scene, photos.max(1));
     let Some(first) = views.first() else {
@@ -52,7 +54,7 @@ pub fn points_over_photos(scene: &Scene, photos: usize, largest_side: u32) -> Re
     Ok(ContactSheet { image: mounted(&cells, columns), names, columns })
 }
 
-/// Training views from the first to the last, and one that is held out.
+/// Training views from first to last, and one held-out view.
 fn chosen(scene: &Scene, photos: usize) -> Vec<&View> {
     let held_out = usize::from(photos > 1 && !scene.test.is_empty());
     let train = spread(scene.train.len(), photos - held_out).into_iter().map(|index| &scene.train[index]);
@@ -89,7 +91,7 @@ fn cell(scene: &Scene, view: &View, scale: f64) -> Result<RgbImage, DataError> {
     let mut dots: Vec<Dot> = spread(all.len(), POINTS).into_iter().map(|index| all[index]).collect();
     dots.sort_by(|a, b| b.depth.total_cmp(&a.depth));
     let radius = (size.max_element() / 300.0).clamp(1.0, 4.0);
-    // Colours go by rank: a few far points would leave one colour to all others.
+    // Colours follow the rank. Otherwise a few far points would leave one colour to all others.
     for (rank, dot) in dots.iter().enumerate() {
         disc(&mut cell, dot.at, radius, colour((dots.len() - 1 - rank) as f64 / (dots.len() - 1).max(1) as f64));
     }
@@ -103,7 +105,7 @@ struct Dot {
     depth: f64,
 }
 
-/// The colour of a depth's rank, 0 for the nearest and 1 for the farthest.
+/// The colour of a depth's rank: 0 for the nearest, 1 for the farthest.
 fn colour(rank: f64) -> Rgb<u8> {
     let place = rank.clamp(0.0, 1.0) * (RAMP.len() - 1) as f64;
     let step = (place as usize).min(RAMP.len() - 2);
@@ -111,7 +113,7 @@ fn colour(rank: f64) -> Rgb<u8> {
     Rgb(mixed.to_array().map(|channel| channel.round() as u8))
 }
 
-/// A disc with an outline a pixel wide.
+/// Draws a disc with an outline one pixel wide.
 fn disc(image: &mut RgbImage, at: DVec2, radius: f64, colour: Rgb<u8>) {
     let reach = (radius + 1.0).ceil() as i64;
     let (centre_x, centre_y) = (at.x as i64, at.y as i64);
@@ -126,7 +128,7 @@ fn disc(image: &mut RgbImage, at: DVec2, radius: f64, colour: Rgb<u8>) {
     }
 }
 
-/// The photos in rows on a sheet.
+/// Lays out the photos in rows.
 fn mounted(cells: &[RgbImage], columns: usize) -> RgbImage {
     let width = cells.iter().map(RgbImage::width).max().unwrap_or(1);
     let height = cells.iter().map(RgbImage::height).max().unwrap_or(1);

@@ -1,24 +1,24 @@
-//! What the cameras see of the points, and whether its colours are those of the photos.
+//! Visibility of the points in the cameras, and the agreement of their colours with the photos.
 
 use glam::{DMat3, DVec2, DVec3, Vec3};
 use image::RgbImage;
 
-use super::PointsOrigin;
+use super::origin::PointsOrigin;
 use super::problem::median;
 use super::rig::spread;
-use crate::{Camera, PointCloud};
+use crate::scene::{Camera, PointCloud};
 
-/// Points that are projected; more change the shares by less than a percent.
+/// Most points that are projected. More change the fractions by less than a percent.
 const POINTS: usize = 2000;
-/// Points that must fall inside a photo for their colours to be compared with it.
+/// Points that must fall into a photo for a comparison of colours.
 const ENOUGH: usize = 30;
-/// Standard deviation of colours, of 1, below which they are all alike and say nothing.
+/// Standard deviation of colours in `[0, 1]` below which they are too uniform to compare.
 const ALIKE: f64 = 0.02;
 
-/// The points, or some of them that are spread over the file.
+/// The points, or an even sample of them.
 pub(super) struct Cloud {
     positions: Vec<DVec3>,
-    /// Empty if colours say nothing.
+    /// Empty if colours mean nothing.
     colours: Vec<Vec3>,
 }
 
@@ -42,21 +42,21 @@ impl Cloud {
     }
 }
 
-/// A view that tells what is seen.
+/// A view that represents its camera.
 pub(super) struct Witness<'a> {
     pub(super) camera: &'a Camera,
-    /// Of the view.
+    /// Name of the view.
     pub(super) name: &'a str,
-    /// Its photo, made small; absent where photos are not decoded, or this one cannot be.
+    /// Its photo, downscaled; absent if photos are not decoded or this one cannot be.
     pub(super) picture: Option<&'a RgbImage>,
 }
 
 /// A change of all cameras that undoes a possible mistake.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Warp {
-    /// Applied to what the camera sees; may mirror.
+    /// Applied to camera coordinates. May mirror.
     pub(super) axes: DMat3,
-    /// Whether the pose leads the other way.
+    /// Whether the pose is inverted.
     pub(super) inverted: bool,
     /// Applied to the points.
     pub(super) world: DMat3,
@@ -77,16 +77,16 @@ impl Warp {
     }
 }
 
-/// How points and photos fit together.
+/// How well points and photos fit together.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Fit {
-    /// Share of the points in front of a camera and inside its picture, the median over the cameras.
+    /// Fraction of the points within a camera's picture, as the median over the cameras.
     pub(super) seen: f64,
-    /// Correlation of the points' colours with the pixels on which they fall, the median over the photos.
+    /// Correlation of the points' colours with the pixels that they fall on, as the median over the photos.
     pub(super) agreement: Option<f64>,
 }
 
-/// How the points fit the cameras and photos after a warp; `None` without points or cameras.
+/// The fit of points, cameras and photos after a warp; `None` without points or cameras.
 pub(super) fn fit(cloud: &Cloud, witnesses: &[Witness<'_>], warp: &Warp) -> Option<Fit> {
     if cloud.is_empty() {
         return None;
@@ -97,7 +97,7 @@ pub(super) fn fit(cloud: &Cloud, witnesses: &[Witness<'_>], warp: &Warp) -> Opti
         witnesses.iter().zip(&cameras).filter_map(|(witness, camera)| Some((camera, witness.picture?))).collect();
     let agreements: Vec<f64> =
         photos.iter().filter_map(|(camera, picture)| agreement(cloud, camera, picture)).collect();
-    // The few photos that happen to see points do not speak for the others.
+    // A few photos that happen to see points do not represent the others.
     let agreement = if 2 * agreements.len() > photos.len() { median(agreements) } else { None };
     Some(Fit { seen: median(seen)?, agreement })
 }
@@ -107,15 +107,15 @@ fn share_seen(cloud: &Cloud, camera: &Camera) -> f64 {
     seen as f64 / cloud.positions.len() as f64
 }
 
-/// Where in the picture a point falls; `None` if it does not.
+/// The pixel position of a point; `None` if it is outside of the picture.
 pub(super) fn pixel(camera: &Camera, point: DVec3) -> Option<DVec2> {
     let size = DVec2::new(camera.width as f64, camera.height as f64);
     camera.project(point).filter(|pixel| pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(size).all())
 }
 
-/// The correlation of the points' colours with those of the photo, over the points that fall inside; the three channels
-/// together, each about its own mean, so that exposure and white balance do not matter. `None` if colours say nothing, or
-/// too few points fall inside.
+/// Correlation of the points' colours with those of the photo, over the points that fall inside. It joins the three
+/// channels, each about its own mean, so exposure and white balance do not matter. `None` if the colours mean nothing
+/// or too few points fall inside.
 pub(super) fn agreement(cloud: &Cloud, camera: &Camera, photo: &RgbImage) -> Option<f64> {
     let scale = DVec2::new(f64::from(photo.width()), f64::from(photo.height()))
         / DVec2::new(camera.width as f64, camera.height as f64);

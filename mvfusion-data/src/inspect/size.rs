@@ -1,15 +1,12 @@
-//! Pictures that are larger than those on which anybody trains.
+//! Checks the size of the pictures against what is commonly trained on.
 
-use super::Origin;
+use super::origin::Origin;
 use super::problem::{Problem, Subject};
-use crate::{Format, Scene};
+use crate::readers::{Format, UsualSize, reader_of};
+use crate::scene::Scene;
 
-/// Widest pictures that 3DGS trains on without being told to.
+/// Width above which 3DGS downscales pictures by default.
 const WIDE: f64 = 1600.0;
-/// Width at which Neu3D is trained and scored.
-const NEU3D_WIDTH: f64 = 1352.0;
-/// Scenes of NeRF On-the-go that were published half as large as the others.
-const SMALL_ON_THE_GO: [&str; 2] = ["patio", "arcdetriomphe"];
 
 pub(super) fn problems(scene: &Scene, origin: &Origin) -> Vec<Problem> {
     let Some(view) = scene.train.first() else { return Vec::new() };
@@ -17,25 +14,16 @@ pub(super) fn problems(scene: &Scene, origin: &Origin) -> Vec<Problem> {
     if f64::from(width) <= WIDE {
         return Vec::new();
     }
-    // The factor counts from the files' size.
+    // The factor refers to the files' size.
     let on_disk = f64::from(width) * origin.downscale;
-    let (factor, whose) = usual_factor(scene, origin.format, on_disk);
-    let what = format!("the pictures are {width}x{height}: training is slow, and {whose}");
+    let UsualSize { factor, source } = usual_size(scene, origin.format, on_disk);
+    let what = format!("the pictures are {width}x{height}: training is slow, and {source}");
     vec![Problem::note(Subject::Size, what, format!("Add `--set scene.downscale={factor}`."))]
 }
 
-/// By which factor pictures of a width are usually made smaller, and who says so.
-fn usual_factor(scene: &Scene, format: Option<Format>, width: f64) -> (f64, &'static str) {
-    let named = |word: &str| scene.train.iter().all(|view| view.name.contains(word));
-    match format {
-        Some(Format::Neu3d) => ((width / NEU3D_WIDTH).round().max(2.0), "papers train Neu3D at 1352x1014"),
-        Some(Format::OnTheGo) | Some(Format::Colmap) if named("clutter") || format == Some(Format::OnTheGo) => {
-            let small = SMALL_ON_THE_GO.contains(&scene.name.trim_end_matches("_new"));
-            (
-                if small { 4.0 } else { 8.0 },
-                "papers train photos with passers-by at an 8th of their size (patio and arcdetriomphe: a 4th)",
-            )
-        }
-        _ => ((width / WIDE).ceil(), "3DGS, too, trains on at most 1600 pixels across"),
-    }
+/// The usual size for pictures of this width on disk: the format's custom, else that of 3DGS.
+fn usual_size(scene: &Scene, format: Option<Format>, width: f64) -> UsualSize {
+    let known = format.and_then(reader_of).and_then(|reader| (reader.hints.usual_size)(scene, width));
+    let source = "3DGS, too, trains on at most 1600 pixels across";
+    known.unwrap_or(UsualSize { factor: (width / WIDE).ceil(), source })
 }

@@ -1,10 +1,9 @@
-//! Whether there is enough to learn from, and something to score on.
+//! Checks of the split: enough to learn from, and something to score on.
 
 use std::collections::BTreeSet;
 
 use super::problem::{Problem, Subject, few};
-use super::rig::by_camera;
-use crate::Scene;
+use crate::scene::{Scene, by_camera};
 
 pub(super) fn problems(scene: &Scene) -> Vec<Problem> {
     let mut problems = Vec::new();
@@ -14,7 +13,7 @@ pub(super) fn problems(scene: &Scene) -> Vec<Problem> {
             "there is no view to train on",
             "Hold out fewer views, or add pictures with cameras.",
         )),
-        // Losses and rates are measured by the distance between cameras (METHOD §3), which is 0 here.
+        // Losses and learning rates scale with the distance between cameras (METHOD §3), which is 0 here.
         1 => problems.push(Problem::error(
             Subject::Split,
             "there is one view to train on: shapes cannot be learned from it",
@@ -40,7 +39,7 @@ pub(super) fn problems(scene: &Scene) -> Vec<Problem> {
     problems
 }
 
-/// Held-out views that are trained on as well.
+/// Held-out views that are also trained on.
 fn shared(scene: &Scene) -> Option<Problem> {
     let trained: BTreeSet<&str> = scene.train.iter().map(|view| view.name.as_str()).collect();
     let names: Vec<&str> =

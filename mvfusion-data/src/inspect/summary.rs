@@ -2,9 +2,9 @@
 
 use serde::{Serialize, Serializer};
 
-use super::rig::{all_views, by_camera};
+use super::rig::all_views;
 use super::sight::Fit;
-use crate::{Capture, Picture, Scene};
+use crate::scene::{Capture, Picture, Scene, by_camera};
 
 /// What a scene holds.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -14,43 +14,42 @@ pub struct Summary {
     /// How it was captured.
     #[serde(serialize_with = "capture_key")]
     pub capture: Capture,
-    /// Distinct cameras: poses and lenses.
+    /// Distinct cameras (pose and lens).
     pub cameras: usize,
-    /// Fewest and most views of a camera.
+    /// Fewest and most views a camera.
     pub views_per_camera: [usize; 2],
-    /// Views to learn from.
+    /// Training views.
     pub train: usize,
-    /// Views held out.
+    /// Held-out views.
     pub test: usize,
     /// Distinct times of all views.
     pub moments: usize,
     /// First and last time.
     pub times: [f64; 2],
-    /// Width of the pictures in pixels, as they are trained on.
+    /// Width of the pictures in pixels, as trained on.
     pub width: usize,
     /// Height of the pictures in pixels.
     pub height: usize,
-    /// Narrowest and widest horizontal field of view, degrees.
+    /// Smallest and largest horizontal field of view, degrees.
     pub field_of_view: [f64; 2],
-    /// Bytes of all pictures when they are decoded.
+    /// Bytes of all pictures when decoded.
     pub decoded_bytes: u64,
-    /// Pictures that were decoded to look at them.
+    /// Pictures that were decoded for the inspection.
     pub decoded: usize,
-    /// Views whose lens bends: their pictures are straightened as they are read.
+    /// Views with a distorting lens. Their pictures are undistorted when read.
     pub straightened: usize,
     /// Views with a mask of the pixels that count.
     pub masked: usize,
-    /// Points to start from.
+    /// Initial points.
     pub points: usize,
-    /// Share of the points that lie in front of a camera and within its picture, the median over the cameras;
-    /// absent without points.
+    /// Fraction of the points within a camera's picture, as the median over the cameras; absent without points.
     pub points_seen: Option<f64>,
-    /// How well the points' colours agree with the pixels on which they fall: the correlation, from -1 to 1 and by chance 0,
-    /// the median over the photos. Absent unless pictures were decoded and colours mean something.
+    /// Correlation of the points' colours with the pixels that they fall on, as the median over the photos. It lies in
+    /// -1 to 1 and is 0 by chance. Absent unless pictures were decoded and colours mean something.
     pub colour_agreement: Option<f64>,
-    /// 1.1 times the largest distance of a training camera from the mean of all, world units ([`Scene::extent`]).
+    /// 1.1 times the largest distance of a training camera from the mean of all, in world units ([`Scene::extent`]).
     pub extent: f64,
-    /// No surface is nearer to a camera than this, world units, as the capture says.
+    /// Lower bound of the distance from a camera to any surface, in world units, if the capture states it.
     pub near: Option<f64>,
 }
 

@@ -1,18 +1,18 @@
-//! Whether the moments of the views make sense.
+//! Checks of the times of the views.
 
 use super::problem::{Problem, Subject, count, few, median};
-use super::rig::{all_views, by_camera};
-use crate::{Capture, Scene, View};
+use super::rig::all_views;
+use crate::scene::{Capture, Scene, View, by_camera};
 
-/// Gaps between frames that are longer than this many usual ones are told.
+/// Gaps between frames longer than this many usual gaps are reported.
 const LONG_GAP: f64 = 2.5;
-/// What a gap may differ from the usual one and still count as usual.
+/// Largest relative deviation of a usual gap.
 const REGULAR: f64 = 0.1;
-/// Share of usual gaps from which on a video counts as regularly sampled.
+/// Fraction of usual gaps above which a video counts as regularly sampled.
 const MOSTLY: f64 = 0.8;
-/// Fewest gaps for which there is a usual one.
+/// Fewest gaps that define a usual one.
 const ENOUGH_GAPS: usize = 6;
-/// How far, in usual gaps, a held-out view may be from the nearest moment that is trained on.
+/// Largest distance, in usual gaps, of a held-out view from the nearest training moment.
 const FAR: f64 = 2.5;
 
 pub(super) fn problems(scene: &Scene) -> Vec<Problem> {
@@ -27,7 +27,7 @@ pub(super) fn problems(scene: &Scene) -> Vec<Problem> {
     }
     let gaps: Vec<f64> = moments.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let Some(usual) = median(gaps.clone()) else { return Vec::new() };
-    // The numbers of photos have gaps of any length, and their held-out ones are scored without what moves.
+    // The numbers of photos may have gaps of any length, and held-out photos are scored without moving objects.
     match scene.capture {
         Capture::Video => missing(&moments, &gaps, usual).into_iter().chain(far(scene, &moments, usual)).collect(),
         Capture::Photos => Vec::new(),
@@ -60,7 +60,7 @@ fn standstill(scene: &Scene) -> Option<Problem> {
     })
 }
 
-/// Long gaps in a video that is regular otherwise.
+/// Long gaps in an otherwise regular video.
 fn missing(moments: &[f64], gaps: &[f64], usual: f64) -> Option<Problem> {
     let regular = gaps.iter().filter(|gap| (*gap / usual - 1.0).abs() < REGULAR).count();
     if gaps.len() < ENOUGH_GAPS || (regular as f64) < MOSTLY * gaps.len() as f64 {
@@ -79,7 +79,7 @@ fn missing(moments: &[f64], gaps: &[f64], usual: f64) -> Option<Problem> {
     Some(Problem::warning(Subject::Times, what, "Extract the frames again, or train on the part without gaps."))
 }
 
-/// Held-out views of moments that no training view is near to.
+/// Held-out views that are far in time from every training view.
 fn far(scene: &Scene, moments: &[f64], usual: f64) -> Option<Problem> {
     let distance = |time: f64| {
         let after = moments.partition_point(|&moment| moment < time);

@@ -1,25 +1,24 @@
-//! How many seeds each moment has, and which of its places.
+//! The number of seeds of each moment, and the choice of their places.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use super::MotionHullOptions;
 use super::clusters::sizes_of_things;
+use super::options::MotionHullOptions;
 use super::places::Place;
 
-/// Places that a thing must have to be one: single ones may be chance.
+/// Fewest places of an object. Fewer may be chance.
 const LEAST_PLACES: usize = 3;
 
-/// What has no neighbour on one side has so many times its share of seeds more. With 1 the first frame of the built-in video
-/// stays 3 dB behind the mean.
+/// Weight of loneliness in a moment's quota. With 1, the first frame of the built-in video stays 3 dB behind the mean.
 const LONELY: f64 = 2.0;
 
-/// How much the next neighbour and the one after it count for a moment's loneliness, on either side.
+/// Weights of the next neighbour and the one after it in a moment's loneliness, on either side.
 const NEIGHBOURS: [f64; 2] = [2.0 / 3.0, 1.0 / 3.0];
 
-/// For each moment on how many sides it has no neighbours that show what it shows, from 0 to 2, where so much moves at each:
-/// 1 for the first and the last, a third for those beside them; at others the share of what moves that comes there, and
-/// the share that goes. 0 where nothing moves.
+/// Loneliness of each moment, from 0 to 2: the number of sides without neighbours that show the same motion. `amounts`
+/// is the amount of motion at each moment. The first and the last moment have 1, those beside them a third. At other
+/// moments it is the fraction of motion that appears there plus the fraction that disappears. It is 0 if nothing moves.
 pub fn loneliness(amounts: &[u64]) -> Vec<f64> {
     let amount =
         |moment: Option<usize>| moment.and_then(|moment| amounts.get(moment)).map_or(0.0, |&amount| amount as f64);
@@ -33,9 +32,9 @@ pub fn loneliness(amounts: &[u64]) -> Vec<f64> {
     (0..amounts.len()).map(of).collect()
 }
 
-/// How many of `points` seeds each moment has: a share in equal parts for all in which something moves, the rest by how
-/// much does. What comes or goes counts more, as does all of the first and the last moment: a moment borrows from its
-/// neighbours, and these have nothing to lend there.
+/// The number of seeds of each moment, `points` in total. The fraction `even` is shared equally by all moments with
+/// motion, the rest in proportion to its amount. Lonely moments count more, because a moment borrows from its
+/// neighbours.
 pub(super) fn quotas(points: usize, amounts: &[u64], even: f64) -> Vec<usize> {
     let lonely = loneliness(amounts).into_iter().map(|loneliness| 1.0 + LONELY * loneliness);
     let evenly: Vec<f64> = lonely.zip(amounts).map(|(lonely, &amount)| if amount > 0 { lonely } else { 0.0 }).collect();
@@ -45,7 +44,7 @@ pub(super) fn quotas(points: usize, amounts: &[u64], even: f64) -> Vec<usize> {
     let mut given = 0;
     let quota = |(evenly, by_amount): (&f64, &f64)| {
         sum += points as f64 * (even * evenly / totals[0] + (1.0 - even) * by_amount / totals[1]);
-        // Of the sums so far, so that rounding loses none.
+        // Rounds the running sum, so that no seed is lost.
         let quota = sum.round() as usize - given;
         given += quota;
         quota
@@ -53,9 +52,9 @@ pub(super) fn quotas(points: usize, amounts: &[u64], even: f64) -> Vec<usize> {
     evenly.iter().zip(&by_amount).map(quota).collect()
 }
 
-/// Which of a moment's places become seeds: at most `wanted`, drawn by their motion, for a share of them so that a
-/// thing's chance grows with the root of its places only: something small has seeds beside people. Lone places are left
-/// out.
+/// Chooses at most `wanted` of a moment's places as seeds, with probabilities that grow with their motion. For a
+/// fraction of the seeds, an object's probability grows only with the root of its number of places. So small objects
+/// get seeds beside people. Isolated places are left out.
 pub(super) fn choose(places: &[Place], wanted: usize, options: &MotionHullOptions, rng: &mut ChaCha8Rng) -> Vec<usize> {
     let positions: Vec<_> = places.iter().map(|place| place.position).collect();
     let things = sizes_of_things(&positions);
@@ -71,12 +70,12 @@ pub(super) fn choose(places: &[Place], wanted: usize, options: &MotionHullOption
     chosen
 }
 
-/// Draws at most so many indices without replacement, in proportion to their weights; none of weight 0. Each has a
-/// waiting time that is exponential with its weight as its rate, and the first to come are drawn (Efraimidis and
+/// Draws at most `wanted` indices without replacement, in proportion to their weights. Weights of 0 are never drawn.
+/// Each index has an exponential waiting time with its weight as the rate, and the earliest are drawn (Efraimidis and
 /// Spirakis 2006).
 fn draw(weights: &[f64], wanted: usize, rng: &mut ChaCha8Rng) -> Vec<usize> {
     let waiting = |(index, &weight): (usize, &f64)| {
-        // In (0, 1], whose logarithm is finite.
+        // In (0, 1], so its logarithm is finite.
         let uniform = 1.0 - rng.random::<f64>();
         (-uniform.ln() / weight, index)
     };

@@ -1,14 +1,14 @@
-//! Which places belong to one thing: those that chains of neighbours join.
+//! Clusters of places: places of one object are connected through neighbours.
 
 use glam::{DVec3, I64Vec3};
 
-/// Places that say how far apart they lie.
+/// Places that are sampled to estimate the spacing.
 const WITNESSES: usize = 256;
-/// Side of a cube in distances between neighbouring places: large enough for what belongs together to hang together.
+/// Side of a cube, in distances between neighbouring places. It is large enough to connect the places of one object.
 const SIDE: f64 = 3.0;
 
-/// For each place, how many places its thing has, itself among them. Cubes that hold places and touch each other, at
-/// least in a corner, hold one thing; their side follows from how far apart places lie.
+/// For each place, the number of places in its object, including itself. Occupied cubes that touch, at least in a
+/// corner, hold one object. The side of the cubes follows from the spacing of the places.
 pub(super) fn sizes_of_things(places: &[DVec3]) -> Vec<usize> {
     let side = SIDE * spacing(places);
     let cubes: Vec<[i64; 3]> = places.iter().map(|place| (place / side).floor().as_i64vec3().to_array()).collect();
@@ -31,7 +31,7 @@ pub(super) fn sizes_of_things(places: &[DVec3]) -> Vec<usize> {
     roots.into_iter().map(|root| sizes[root]).collect()
 }
 
-/// Median distance of a place to the nearest other one; positive.
+/// Median distance from a place to the nearest other one; positive.
 fn spacing(places: &[DVec3]) -> f64 {
     let nearest = |index: usize| {
         let others = places.iter().enumerate().filter(|&(other, _)| other != index);
@@ -44,26 +44,26 @@ fn spacing(places: &[DVec3]) -> f64 {
     if median.is_finite() && median > 0.0 { median } else { 1.0 }
 }
 
-/// The cubes around a cube, of those pairs each once.
+/// Half of the 26 cubes around a cube, so that each pair comes once.
 fn neighbours(cube: [i64; 3]) -> impl Iterator<Item = [i64; 3]> {
-    // The first 13 of the 27 cubes around and including this one; the last 13 are those that have it among their first.
+    // The first 13 of the 27 cubes around and including this one. The last 13 have it among their first.
     (0..13).map(move |index| {
         let step = I64Vec3::new(index / 9 - 1, index / 3 % 3 - 1, index % 3 - 1);
         (I64Vec3::from_array(cube).saturating_add(step)).to_array()
     })
 }
 
-/// Sets that are joined step by step.
+/// Disjoint sets (union-find).
 #[derive(Debug)]
 struct Things {
-    /// Another member of the same set, nearer to its root; a root is its own.
+    /// Another member of the same set, nearer to its root. A root points to itself.
     above: Vec<usize>,
 }
 
 impl Things {
     fn root(&mut self, mut member: usize) -> usize {
         while self.above[member] != member {
-            // Halves the way for the next time.
+            // Halves the path for the next time.
             self.above[member] = self.above[self.above[member]];
             member = self.above[member];
         }

@@ -1,10 +1,11 @@
-//! One camera at one moment: where it sees a place, and what it sees there.
+//! A camera at one moment: its projection and its picture of motion.
 
 use glam::{DMat3, DVec2, DVec3, Vec3};
 
+use super::film::MotionFilm;
+use super::moving_pixels::MotionMap;
 use super::rig::{Moment, Shot};
-use super::{MotionFilm, MotionMap};
-use crate::Camera;
+use crate::scene::Camera;
 
 /// A camera's view of a moment.
 #[derive(Clone, Debug)]
@@ -12,22 +13,22 @@ pub(super) struct Eye<'a> {
     /// From the world to homogeneous pixels: `pixels * x + offset`.
     pixels: DMat3,
     offset: DVec3,
-    /// From positions in pixels, with a one, to directions of depth 1 in the world.
+    /// From homogeneous pixel positions to world directions of depth 1.
     directions: DMat3,
     pub centre: DVec3,
     pub map: &'a MotionMap,
     colours: &'a [u8],
-    /// Depths between which its rays look for places, world units.
+    /// Depths between which its rays search for places, world units.
     pub reach: [f64; 2],
 }
 
 impl<'a> Eye<'a> {
-    /// The eyes of a moment. `reaches` are those of the rig's cameras.
+    /// The eyes of a moment. `reaches` belong to the rig's cameras.
     pub fn of_moment(film: &'a MotionFilm, moment: &Moment, reaches: &[[f64; 2]]) -> Vec<Self> {
         moment.shots.iter().filter_map(|shot| Self::of_shot(film, shot, reaches)).collect()
     }
 
-    /// The eye of a shot; `None` where the film keeps no pictures.
+    /// The eye of a shot; `None` if the film keeps no pictures.
     pub fn of_shot(film: &'a MotionFilm, shot: &Shot, reaches: &[[f64; 2]]) -> Option<Self> {
         let (map, colours) = film.picture(shot.view)?;
         Some(Self::new(&film.rig.cameras[shot.camera].camera, map, colours, reaches[shot.camera]))
@@ -50,7 +51,7 @@ impl<'a> Eye<'a> {
         }
     }
 
-    /// Number of the block on which a place falls; `None` if it is not in the picture, or the block does not count.
+    /// The block that a place falls on. `None` if it is outside of the picture, or the block does not count.
     #[inline]
     pub fn block(&self, place: DVec3) -> Option<usize> {
         let p = self.pixels * place + self.offset;

@@ -1,45 +1,47 @@
-//! The pictures of cameras that stand still, and what moves in them against each camera's own median over time.
+//! Film of still cameras, and its motion: the difference from each camera's median over time.
 
 use rayon::prelude::*;
 use tracing::debug;
 
+use super::moving_pixels::{MotionMap, MovingPixels, PixelMotion};
+use super::options::MovingPixelsOptions;
 use super::reduce::{Reduced, reduced};
 use super::rig::{LEAST_FRAMES, StillRig};
-use super::{MotionMap, MovingPixels, MovingPixelsOptions, PixelMotion};
-use crate::{DataError, Scene};
+use crate::error::DataError;
+use crate::scene::Scene;
 
-/// Bytes of a picture's block: three of its colour, one of its motion.
+/// Bytes of a block: three for its colour, one for its motion.
 const COLOUR_BYTES: u64 = 3;
 const MOTION_BYTES: u64 = 1;
-/// What makes the median of distances from the median the standard deviation of normal noise.
+/// Factor from the median absolute deviation to the standard deviation of normal noise.
 const DEVIATION_OF_MEDIAN: f64 = 1.4826;
-/// Stands for the median of a pixel that counts too seldom to have one.
+/// Stands for a missing median: the block counts in too few frames.
 const NO_MEDIAN: u16 = u16::MAX;
-/// Blocks whose medians a thread takes at once: what it reads of all frames stays in its cache.
+/// Blocks whose medians a thread computes at once. Their samples of all frames stay in its cache.
 const CHUNK: usize = 512;
 
-/// The pictures of synchronised cameras that stand still, reduced to a budget of memory, and what moves in them.
+/// The pictures of synchronised, still cameras, reduced to a memory budget, and the motion in them.
 #[derive(Clone, Debug)]
 pub struct MotionFilm {
     pub(super) rig: StillRig,
     factor: usize,
     moving: MovingPixels,
-    /// Colours of the blocks by training view; empty where they are not kept.
+    /// Colours of the blocks by training view; empty if they are not kept.
     colours: Vec<Vec<u8>>,
 }
 
-/// What is kept of a film.
+/// The parts of a film that are kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Keep {
-    /// The moving pixels.
+enum Keep {
+    /// The moving pixels only.
     Motion,
     /// The pictures as well.
     Pictures,
 }
 
 impl MotionFilm {
-    /// Reads the training views of synchronised cameras that stand still, each once, one camera after another; `None`
-    /// where the scene has no three such cameras with three moments in common. Held-out views are not opened.
+    /// Reads the training views of synchronised, still cameras, each once, one camera after another. `None` if the
+    /// scene has no three such cameras with three moments in common. Held-out views are not opened.
     ///
     /// # Errors
     /// [`DataError::Image`] if a picture or mask cannot be read.
@@ -47,7 +49,7 @@ impl MotionFilm {
         Self::make(scene, options, Keep::Pictures)
     }
 
-    pub(super) fn make(scene: &Scene, options: &MovingPixelsOptions, keep: Keep) -> Result<Option<Self>, DataError> {
+    fn make(scene: &Scene, options: &MovingPixelsOptions, keep: Keep) -> Result<Option<Self>, DataError> {
         let Some(rig) = StillRig::of(scene) else { return Ok(None) };
         let factor = reduction(&rig, options.memory);
         let mut maps = vec![None; scene.train.len()];
@@ -69,36 +71,47 @@ impl MotionFilm {
         Ok(Some(Self { rig, factor, moving, colours }))
     }
 
-    /// Which pixels move.
+    /// The moving pixels.
     pub fn moving(&self) -> &MovingPixels {
         &self.moving
     }
 
-    /// Which pixels move; the pictures are let go.
+    /// The moving pixels. The pictures are dropped.
     pub fn into_moving(self) -> MovingPixels {
         self.moving
     }
 
-    /// Each side of the pictures was made shorter by this.
+    /// The factor by which each side of the pictures was reduced.
     pub fn factor(&self) -> usize {
         self.factor
     }
 
-    /// Bytes that are kept.
+    /// Bytes of the kept data.
     pub fn bytes(&self) -> u64 {
         let colours = self.colours.iter().map(Vec::len).sum::<usize>() as u64;
         let maps = (0..self.colours.len()).filter_map(|view| self.moving.map(view));
         colours + MOTION_BYTES * maps.map(|map| map.blocks().len() as u64).sum::<u64>()
     }
 
-    /// What a training view shows: its motion, and the colours of its blocks.
+    /// Motion and block colours of a training view.
     pub(super) fn picture(&self, view: usize) -> Option<(&MotionMap, &[u8])> {
         Some((self.moving.map(view)?, self.colours.get(view)?))
     }
 }
 
-/// The smallest whole factor by which pictures are reduced so that they fit the budget with their colours. It is the same
-/// where these are not kept, so that a run finds the same motion again when it goes on.
+impl MovingPixels {
+    /// The moving pixels in the views of synchronised, still cameras. `None` if the scene has no three such cameras
+    /// with three moments in common. Held-out views are not opened.
+    ///
+    /// # Errors
+    /// [`DataError::Image`] if a picture or mask cannot be read.
+    pub fn of(scene: &Scene, options: &MovingPixelsOptions) -> Result<Option<Self>, DataError> {
+        Ok(MotionFilm::make(scene, options, Keep::Motion)?.map(MotionFilm::into_moving))
+    }
+}
+
+/// The smallest integer reduction at which the pictures fit the budget with their colours. It does not depend on
+/// whether colours are kept, so a resumed run finds the same motion again.
 fn reduction(rig: &StillRig, memory: u64) -> usize {
     let bytes = |factor: usize| {
         let blocks = rig.cameras.iter().map(|still| {
@@ -111,7 +124,7 @@ fn reduction(rig: &StillRig, memory: u64) -> usize {
     (1..longest).find(|&factor| bytes(factor) <= memory).unwrap_or(longest.max(1))
 }
 
-/// What moves in the frames of one camera.
+/// The motion in the frames of one camera.
 fn motion(frames: &[Reduced], options: &MovingPixelsOptions) -> Vec<Vec<PixelMotion>> {
     let medians = medians(frames);
     let distances: Vec<Vec<Option<u8>>> = frames.par_iter().map(|frame| distances(frame, &medians)).collect();
@@ -129,7 +142,7 @@ fn motion(frames: &[Reduced], options: &MovingPixelsOptions) -> Vec<Vec<PixelMot
     distances.into_par_iter().map(picture).collect()
 }
 
-/// A threshold in half levels. What no distance exceeds, none shall.
+/// A threshold in half levels. A threshold that no distance can exceed stays one.
 fn in_half_levels(levels: f64) -> f64 {
     (2.0 * levels).min(f64::from(u8::MAX))
 }
@@ -152,7 +165,7 @@ fn medians(frames: &[Reduced]) -> Vec<u16> {
     medians
 }
 
-/// Twice the median, which is whole. `levels` is not empty.
+/// Twice the median, which is an integer. `levels` is not empty.
 fn twice_the_median(levels: &mut [u8]) -> u16 {
     let odd = levels.len() % 2 == 1;
     let (below, &mut upper, _) = levels.select_nth_unstable(levels.len() / 2);
@@ -162,12 +175,12 @@ fn twice_the_median(levels: &mut [u8]) -> u16 {
 
 impl Reduced {
     fn counts(&self, block: usize) -> bool {
-        self.counted.as_ref().is_none_or(|counted| counted[block])
+        self.valid.as_ref().is_none_or(|valid| valid[block])
     }
 }
 
-/// How far each block of a frame is from the median in the channel that is furthest from it, in half levels, at most
-/// 255; `None` where it does not count.
+/// Distance of each block of a frame from its median, in the channel where it is largest. It is in half levels, at most
+/// 255. `None` if the block does not count.
 fn distances(frame: &Reduced, medians: &[u16]) -> Vec<Option<u8>> {
     let away = |level: u8, twice: u16| (2 * u16::from(level)).abs_diff(twice);
     let blocks = frame.colours.chunks_exact(3).zip(medians.chunks_exact(3)).enumerate();
@@ -182,7 +195,7 @@ fn distances(frame: &Reduced, medians: &[u16]) -> Vec<Option<u8>> {
         .collect()
 }
 
-/// The median of all distances, in levels: most of what a camera sees is still, so it tells of noise alone.
+/// The median of all distances, in levels. Most of a picture is still, so this measures noise alone.
 fn median_distance(distances: &[Vec<Option<u8>>]) -> f64 {
     let mut histogram = [0u64; 256];
     for distance in distances.iter().flatten().flatten() {
@@ -197,10 +210,10 @@ fn median_distance(distances: &[Vec<Option<u8>>]) -> f64 {
     median.unwrap_or(0) as f64 / 2.0
 }
 
-/// Blocks that are further than `slow` half levels from the median in more than half of the frames in which they count.
+/// Blocks that are more than `slow` half levels from the median in over half of the frames in which they count.
 fn restless(distances: &[Vec<Option<u8>>], slow: f64) -> Vec<bool> {
     let blocks = distances.first().map_or(0, Vec::len);
-    // Frames in which a block counts, and is away.
+    // Number of frames in which a block counts, and in which it is away from the median.
     let mut frames = vec![[0u32; 2]; blocks];
     for picture in distances {
         for (frames, distance) in frames.iter_mut().zip(picture) {
@@ -210,5 +223,5 @@ fn restless(distances: &[Vec<Option<u8>>], slow: f64) -> Vec<bool> {
             }
         }
     }
-    frames.iter().map(|&[counted, away]| 2 * away > counted).collect()
+    frames.iter().map(|&[seen, away]| 2 * away > seen).collect()
 }

@@ -1,4 +1,4 @@
-//! Places behind chosen pixels, for Gaussians that are added while training goes on.
+//! Places behind chosen pixels, for Gaussians that are added during training.
 
 use std::collections::BTreeMap;
 
@@ -7,24 +7,25 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::eye::Eye;
+use super::film::MotionFilm;
+use super::options::MotionHullOptions;
 use super::places::Search;
 use super::reach::reaches;
-use super::{MotionFilm, MotionHullOptions};
-use crate::Scene;
+use crate::scene::Scene;
 
-/// Finds where in the world something is that a training view shows moving, by the rule of the motion hull.
+/// Finds the world position of something that a training view shows moving, by the rule of the motion hull.
 #[derive(Clone, Debug)]
 pub struct MotionFinder {
     film: MotionFilm,
     options: MotionHullOptions,
-    /// Of the rig's cameras.
+    /// Those of the rig's cameras.
     reaches: Vec<[f64; 2]>,
     /// Moment and shot of each training view.
     shots: BTreeMap<usize, (usize, usize)>,
 }
 
 impl MotionFinder {
-    /// From the film of a scene.
+    /// A finder for the film of a scene.
     pub fn new(scene: &Scene, film: MotionFilm, options: MotionHullOptions) -> Self {
         let reaches = reaches(scene, &film.rig, &options);
         let moments = film.rig.moments.iter().enumerate();
@@ -41,8 +42,8 @@ impl MotionFinder {
         &self.film
     }
 
-    /// For each position in pixels of a training view the place behind it, in world units, at which nearly all cameras
-    /// that see it see motion at the view's moment, in one colour; `None` where there is no such place.
+    /// The places behind pixel positions of a training view, in world units. At such a place, nearly all cameras that
+    /// see it see motion in one colour at the view's moment. `None` if there is no such place.
     pub fn locate(&self, view: usize, positions: &[DVec2], seed: u64) -> Vec<Option<DVec3>> {
         let Some(&(moment, shot)) = self.shots.get(&view) else { return vec![None; positions.len()] };
         let moment = &self.film.rig.moments[moment];

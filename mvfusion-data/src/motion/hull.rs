@@ -1,4 +1,4 @@
-//! The motion hull: seeds for Gaussians where something moves, at the moment at which it is there.
+//! The motion hull: seeds for Gaussians where something moves, at the right moment.
 
 use std::fmt::{self, Display};
 
@@ -8,42 +8,44 @@ use rayon::prelude::*;
 
 use super::choice::{choose, quotas};
 use super::eye::Eye;
+use super::film::MotionFilm;
+use super::moving_pixels::MotionMap;
+use super::options::MotionHullOptions;
 use super::places::{Place, Search};
 use super::reach::reaches;
 use super::rig::Moment;
-use super::{MotionFilm, MotionHullOptions, MotionMap};
-use crate::{PointCloud, Scene};
+use crate::scene::{PointCloud, Scene};
 
-/// The number of the first moment's random stream: those of other purposes have small numbers.
+/// Random stream of the first moment. Streams of other purposes have small numbers.
 const STREAM: u64 = 1 << 32;
 
-/// Places where something moves, each at one moment.
+/// Places with motion, each at one moment.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MotionSeeds {
-    /// Positions in world units and colours, in order of time. May be empty.
+    /// Positions in world units and colours, sorted by time. May be empty.
     pub points: PointCloud,
     /// The moment of each point, in `[0, 1]`.
     pub times: Vec<f64>,
-    /// What there is to say about them.
+    /// Statistics.
     pub summary: MotionSummary,
 }
 
-/// What there is to say about a motion hull.
+/// Statistics of a motion hull.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MotionSummary {
-    /// Cameras that stand still.
+    /// Still cameras.
     pub cameras: usize,
-    /// Moments that at least three of them film.
+    /// Moments that at least three cameras film.
     pub moments: usize,
-    /// Each side of the pictures was made shorter by this.
+    /// The factor by which each side of the pictures was reduced.
     pub reduction: usize,
-    /// Mean share of a picture's pixels that move.
+    /// Mean fraction of a picture's pixels that move.
     pub moving_share: f64,
-    /// Places that were found.
+    /// Places found.
     pub candidates: usize,
-    /// Places that were chosen.
+    /// Places chosen.
     pub seeds: usize,
-    /// Moments that have a seed.
+    /// Moments with a seed.
     pub seeded_moments: usize,
 }
 
@@ -59,14 +61,15 @@ impl Display for MotionSummary {
     }
 }
 
-/// Places where, at one moment, nearly all cameras that see them see motion, in one colour. No place at all is no
-/// error.
+/// Places where, at one moment, nearly all cameras that see them see motion in one colour. It is no error if there are
+/// none.
 ///
-/// For each moment, rays through moving pixels, drawn by how much these differ, are searched at jittered places that
-/// lie evenly in inverse depth; of each ray the place stays in whose colour the cameras agree best, and seeds are drawn
-/// of these. Each moment has a random stream of its own, so that the result is the same for any number of threads.
+/// For each moment, rays through moving pixels are drawn in proportion to the pixels' differences. Each ray is searched
+/// at jittered depths, evenly spaced in inverse depth. Its best place is the one where the cameras' colours agree best,
+/// and seeds are drawn from these places. Each moment has its own random stream, so the result does not depend on the
+/// number of threads.
 ///
-/// `film` must be of `scene`.
+/// `film` must belong to `scene`.
 pub fn motion_hull(scene: &Scene, film: &MotionFilm, options: &MotionHullOptions, seed: u64) -> MotionSeeds {
     let rig = &film.rig;
     let amounts: Vec<u64> = rig.moments.par_iter().map(|moment| amount(film, moment)).collect();
@@ -85,13 +88,13 @@ pub fn motion_hull(scene: &Scene, film: &MotionFilm, options: &MotionHullOptions
     gathered(film, &found)
 }
 
-/// What was found at a moment.
+/// The result for one moment.
 struct Found {
     candidates: usize,
     seeds: Vec<Place>,
 }
 
-/// How much moves at a moment.
+/// The amount of motion at a moment.
 fn amount(film: &MotionFilm, moment: &Moment) -> u64 {
     moment.shots.iter().filter_map(|shot| film.moving().map(shot.view)).map(MotionMap::amount).sum()
 }

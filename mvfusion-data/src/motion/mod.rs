@@ -1,15 +1,14 @@
-//! What moves in the pictures of cameras that stand still, and where in the world it is.
+//! Motion in the pictures of still cameras, and its position in the world.
 //!
-//! [`MovingPixels`] tells for each training view which pixels show something that moves: those that differ from what
-//! their camera shows otherwise. [`motion_hull`] looks for the places in the world where, at one moment, nearly all
-//! cameras that see them see motion, in one colour. Gaussians that start there need not travel across the room to what
-//! they shall show.
+//! [`MovingPixels`] marks the pixels of each training view that show motion: those that differ from what their camera
+//! shows otherwise. [`motion_hull`] finds the places where, at one moment, nearly all cameras that see them see motion
+//! in one colour. Gaussians that start there need not travel across the room first.
 //!
-//! [`MovingPixels::of`] is for who wants the pixels alone. [`MotionFilm::of`] keeps the pictures beside them, which the
-//! hull needs for its colours, and [`MotionFilm::into_moving`] lets them go.
+//! [`MovingPixels::of`] computes the pixels alone. [`MotionFilm::of`] also keeps the pictures, whose colours the hull
+//! needs. [`MotionFilm::into_moving`] drops them again.
 //!
 //! Departure: the paper starts its dynamic branch from the static cloud. The hull is a visual hull over motion instead
-//! of silhouettes, with the test of photo consistency that space carving has (Kutulakos and Seitz 2000).
+//! of silhouettes. It adds the photo-consistency test of space carving (Kutulakos and Seitz 2000).
 
 mod choice;
 mod clusters;

@@ -1,25 +1,21 @@
-//! Which pixels of the training views show something that moves, whoever found it out.
+//! Moving pixels of the training views.
 
 use glam::DVec2;
 use image::{GrayImage, Luma};
 
-use super::MovingPixelsOptions;
-use super::film::{Keep, MotionFilm};
-use crate::{DataError, Scene};
-
-/// Which pixels of the training views show something that moves.
+/// The pixels of the training views that show motion.
 ///
-/// It is kept at a size that is reduced by a whole factor, and asked in pixels of the full size.
+/// They are stored at a size reduced by an integer factor, and addressed in pixels of the full size.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MovingPixels {
-    /// By training view; none where nothing is known.
+    /// By training view; `None` if nothing is known.
     maps: Vec<Option<MotionMap>>,
 }
 
-/// What moves in one picture: a byte for each block of `factor` by `factor` pixels.
+/// The motion in one picture: a byte for each block of `factor` by `factor` pixels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MotionMap {
-    /// Pixels of the picture.
+    /// Size of the picture in pixels.
     width: usize,
     height: usize,
     factor: usize,
@@ -27,70 +23,70 @@ pub struct MotionMap {
     blocks: Vec<PixelMotion>,
 }
 
-/// What is known of the motion of a block of pixels, in one byte: whether it counts, whether it moves, and by how many
-/// levels it differs from what is still.
+/// The motion of a block in one byte: whether it counts, whether it moves, and its difference from the still scene in
+/// levels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PixelMotion(u8);
 
 impl PixelMotion {
-    /// Largest difference that is told apart, 8-bit levels: more weighs no more.
+    /// Largest difference that is stored, in 8-bit levels. Larger ones have no more weight.
     pub const MOST: u8 = 63;
     const COUNTS: u8 = 1 << 6;
     const MOVES: u8 = 1 << 7;
-    /// A block that the view's mask takes out: it neither moves nor says that a place is still.
+    /// A block that the view's mask excludes. It is neither moving nor evidence of stillness.
     pub const IGNORED: Self = Self(0);
 
-    /// A block that differs by so many 8-bit levels from what is still there and stays.
+    /// A still block with this difference from the still scene, in 8-bit levels.
     pub fn still(difference: u8) -> Self {
         Self(Self::COUNTS | difference.min(Self::MOST))
     }
 
-    /// A block that differs by so many 8-bit levels and moves.
+    /// A moving block with this difference, in 8-bit levels.
     pub fn moving(difference: u8) -> Self {
         Self(Self::MOVES | Self::still(difference).0)
     }
 
-    /// Whether the view's mask, if there is one, lets it count.
+    /// Whether the view's mask, if any, includes it.
     pub fn counts(self) -> bool {
         self.0 & Self::COUNTS != 0
     }
 
-    /// Whether it shows something that moves.
+    /// Whether it shows motion.
     pub fn moves(self) -> bool {
         self.0 & Self::MOVES != 0
     }
 
-    /// Difference to what is still, 8-bit levels, at most [`PixelMotion::MOST`].
+    /// Difference from the still scene in 8-bit levels, at most [`PixelMotion::MOST`].
     pub fn difference(self) -> u8 {
         self.0 & Self::MOST
     }
 }
 
 impl MotionMap {
-    /// The map of a picture of `width` by `height` pixels, of blocks row by row, each of `factor` by `factor` pixels
-    /// but for those cut off by the edge; `None` if their number is another.
+    /// The map of a picture of `width` by `height` pixels. `blocks` are stored row by row, each of `factor` by `factor`
+    /// pixels. Blocks at the edge may be smaller. `None` if the number of blocks is wrong.
     pub fn new((width, height): (usize, usize), factor: usize, blocks: Vec<PixelMotion>) -> Option<Self> {
         let fits = factor > 0 && width.div_ceil(factor) * height.div_ceil(factor) == blocks.len();
         fits.then_some(Self { width, height, factor, blocks })
     }
 
-    /// The block at a position in pixels of the full size, as [`Camera::project`](crate::Camera::project) gives it;
+    /// The block at a position in pixels of the full size, as [`Camera::project`](crate::Camera::project) returns it.
     /// `None` outside of the picture.
     pub fn at(&self, position: DVec2) -> Option<PixelMotion> {
         self.index(position).map(|index| self.blocks[index])
     }
 
-    /// Number of the block at a position in pixels of the full size.
+    /// The index of the block at a position in pixels of the full size.
     #[inline]
     pub(super) fn index(&self, position: DVec2) -> Option<usize> {
-        // What is not a number is in no picture.
+        // NaN is in no picture.
         let inside =
             position.x >= 0.0 && position.y >= 0.0 && position.x < self.width as f64 && position.y < self.height as f64;
         let block = |coordinate: f64| coordinate as usize / self.factor;
         inside.then(|| block(position.y) * self.columns() + block(position.x))
     }
 
-    /// Blocks in a row.
+    /// Blocks a row.
     pub(super) fn columns(&self) -> usize {
         self.width.div_ceil(self.factor)
     }
@@ -100,7 +96,7 @@ impl MotionMap {
         &self.blocks
     }
 
-    /// Corners of a block in pixels of the full size: top left, bottom right.
+    /// Top left and bottom right corner of a block, in pixels of the full size.
     pub(super) fn corners(&self, index: usize) -> [DVec2; 2] {
         let (column, row) = (index % self.columns(), index / self.columns());
         let first = DVec2::new((column * self.factor) as f64, (row * self.factor) as f64);
@@ -108,20 +104,20 @@ impl MotionMap {
         [first, (first + self.factor as f64).min(end)]
     }
 
-    /// Share of the blocks that count which move; 0 where none counts.
+    /// Moving fraction of the blocks that count; 0 if none counts.
     pub fn share(&self) -> f64 {
         let counted = self.blocks.iter().filter(|block| block.counts()).count();
         let moving = self.blocks.iter().filter(|block| block.moves()).count();
         moving as f64 / counted.max(1) as f64
     }
 
-    /// How much moves: the sum over the moving blocks of their difference and one.
+    /// The amount of motion: the sum over moving blocks of their difference plus one.
     pub fn amount(&self) -> u64 {
         let moving = self.blocks.iter().filter(|block| block.moves());
         moving.map(|block| u64::from(block.difference()) + 1).sum()
     }
 
-    /// The picture at full size: 255 where something moves, 0 elsewhere.
+    /// The mask at full size: 255 where something moves, 0 elsewhere.
     pub fn mask(&self) -> GrayImage {
         let columns = self.columns();
         GrayImage::from_fn(self.width as u32, self.height as u32, |x, y| {
@@ -132,43 +128,34 @@ impl MotionMap {
 }
 
 impl MovingPixels {
-    /// What moves in the views of synchronised cameras that stand still; `None` where the scene has no three such
-    /// cameras with three moments in common. Held-out views are not opened.
-    ///
-    /// # Errors
-    /// [`DataError::Image`] if a picture or mask cannot be read.
-    pub fn of(scene: &Scene, options: &MovingPixelsOptions) -> Result<Option<Self>, DataError> {
-        Ok(MotionFilm::make(scene, options, Keep::Motion)?.map(MotionFilm::into_moving))
-    }
-
-    /// From a map for each training view; none where nothing is known of a view.
+    /// From a map for each training view; `None` for views of which nothing is known.
     pub fn from_maps(maps: Vec<Option<MotionMap>>) -> Self {
         Self { maps }
     }
 
-    /// What moves in a training view, by its number; `None` where nothing is known.
+    /// The motion in a training view; `None` if nothing is known.
     pub fn map(&self, view: usize) -> Option<&MotionMap> {
         self.maps.get(view)?.as_ref()
     }
 
-    /// Whether a training view shows something that moves at a position in pixels of the full size, as
-    /// [`Camera::project`](crate::Camera::project) gives it. Outside of the picture and in views of which nothing is
-    /// known nothing moves.
+    /// Whether a training view shows motion at a position in pixels of the full size, as
+    /// [`Camera::project`](crate::Camera::project) returns it. `false` outside of the picture and in views of which
+    /// nothing is known.
     pub fn is_moving(&self, view: usize, position: DVec2) -> bool {
         self.map(view).and_then(|map| map.at(position)).is_some_and(PixelMotion::moves)
     }
 
-    /// A training view's mask at full size, 255 where something moves; `None` where nothing is known.
+    /// A training view's mask at full size, 255 where something moves; `None` if nothing is known.
     pub fn mask(&self, view: usize) -> Option<GrayImage> {
         self.map(view).map(MotionMap::mask)
     }
 
-    /// Share of a training view's pixels that move, of those that count; `None` where nothing is known.
+    /// Moving fraction of a training view's pixels, among those that count; `None` if nothing is known.
     pub fn share(&self, view: usize) -> Option<f64> {
         self.map(view).map(MotionMap::share)
     }
 
-    /// Mean of [`MovingPixels::share`] over the views of which something is known; 0 where there is none.
+    /// Mean of [`MovingPixels::share`] over the views with known motion; 0 if there are none.
     pub fn mean_share(&self) -> f64 {
         let known = self.maps.iter().flatten();
         let count = known.clone().count();

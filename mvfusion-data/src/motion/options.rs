@@ -1,19 +1,19 @@
-//! What counts as motion, and what as a place of the hull.
+//! Options for moving pixels and for the motion hull.
 
 /// How moving pixels are found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MovingPixelsOptions {
-    /// Bytes that all that is kept may take. Pictures are reduced by the smallest whole factor that fits. Default 512
-    /// MiB.
+    /// Memory budget of the kept data, in bytes. Pictures are reduced by the smallest integer factor that fits. Default
+    /// 512 MiB.
     pub memory: u64,
-    /// A pixel moves at a moment if it is further than this from its camera's median over time, in 8-bit levels.
-    /// Default 12: shadows and the noise of compression stay below on the rigs looked at.
+    /// A pixel moves at a moment if it is more than this from its camera's median over time, in 8-bit levels. Default
+    /// 12. Shadows and compression noise stay below it on the rigs that we looked at.
     pub fast_levels: f64,
-    /// A pixel moves at all times if it is further than this from the median in more than half of the frames, in 8-bit
-    /// levels: it shows something slow, of which the median tells nothing. Default 1.5: the lamp of the built-in video, which
-    /// sways by less than a pixel, differs by 2 levels.
+    /// A pixel moves at all times if it is more than this from the median in over half of the frames, in 8-bit levels.
+    /// It then shows slow motion, which the median does not represent. Default 1.5. The lamp of the built-in video
+    /// sways by less than a pixel and differs by 2 levels.
     pub slow_levels: f64,
-    /// Both thresholds are at least so many standard deviations of the camera's noise. Default 5.
+    /// Both thresholds are at least this many standard deviations of the camera's noise. Default 5.
     pub noise_deviations: f64,
 }
 
@@ -23,32 +23,31 @@ impl Default for MovingPixelsOptions {
     }
 }
 
-/// How places of the motion hull are found and chosen. The defaults were tried on the built-in video and on 15 cameras
-/// of the CMU Panoptic studio.
+/// How places of the motion hull are found and chosen. The defaults were tuned on the built-in video and on 15 cameras
+/// of the CMU Panoptic Studio.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotionHullOptions {
-    /// Seeds that are wanted; fewer come where fewer places are found. Default 2500.
+    /// Number of seeds. There are fewer if fewer places are found. Default 2500.
     pub points: usize,
-    /// Rays that are tried for each seed wanted. Default 20: twice as many change neither precision nor recall.
+    /// Rays for each seed. Default 20. Twice as many change neither precision nor recall.
     pub rays_per_point: usize,
-    /// Places that are tried along each ray. Default 64.
+    /// Candidate places on each ray. Default 64.
     pub depths: usize,
-    /// At least so many cameras must see a place, and as many must agree in its colour. Default 3.
+    /// Least number of cameras that must see a place, and that must agree in its colour. Default 3.
     pub least_cameras: usize,
-    /// At least this share of the cameras of the moment must see a place. Default 0.5.
+    /// Least fraction of the moment's cameras that must see a place. Default 0.5.
     pub seeing_share: f64,
-    /// At least this share of the cameras that see a place must see motion there. Default 0.9: a mask has holes.
+    /// Least fraction of the cameras seeing a place that must see motion there. Default 0.9, because masks have holes.
     pub moving_share: f64,
-    /// Cameras within so many degrees of a ray should see the colour that it sees. Default 60: others see another side.
+    /// Cameras within this many degrees of a ray should see the ray's colour. Default 60. Others see another side.
     pub side_degrees: f64,
-    /// This share of those cameras must agree in the colour. Default 0.9: the rest may see something before the place.
+    /// Least fraction of those cameras that must agree in the colour. Default 0.9. Others may be occluded.
     pub agreeing_share: f64,
-    /// Largest standard deviation of colours that agree, in 8-bit levels. Default 20.
+    /// Largest standard deviation of agreeing colours, in 8-bit levels. Default 20.
     pub colour_levels: f64,
-    /// Share of the seeds that all moments have in equal parts; the rest goes where much moves. Default 0.5.
+    /// Fraction of the seeds that is shared equally by all moments. The rest follows the amount of motion. Default 0.5.
     pub even_over_moments: f64,
-    /// Share of a moment's seeds that is drawn so that small things have more of them than their size gives. Default
-    /// 0.25.
+    /// Fraction of a moment's seeds that is drawn in favour of small objects. Default 0.25.
     pub even_over_things: f64,
 }
 

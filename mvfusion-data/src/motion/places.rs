@@ -1,23 +1,24 @@
-//! Places of one moment where cameras see motion in one colour.
+//! Places at one moment where cameras see motion in one colour.
 
 use glam::{DVec2, DVec3, Vec3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::eye::Eye;
+use super::moving_pixels::MotionMap;
+use super::options::MotionHullOptions;
 use super::reach::least_seeing;
-use super::{MotionHullOptions, MotionMap};
 
-/// A place where something moves.
+/// A place with motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Place {
     /// World units.
     pub position: DVec3,
-    /// Mean of the colours that agree, 8-bit levels.
+    /// Mean of the agreeing colours, 8-bit levels.
     pub colour: Vec3,
-    /// Mean difference to what is still, over the cameras that see it, 8-bit levels.
+    /// Mean difference from the still scene over the cameras that see it, 8-bit levels.
     pub motion: f64,
-    /// Standard deviation of the colours that agree, 8-bit levels.
+    /// Standard deviation of the agreeing colours, 8-bit levels.
     spread: f32,
 }
 
@@ -33,18 +34,18 @@ struct Ray {
 }
 
 impl Ray {
-    /// In a direction of depth 1, in the colour of a block.
+    /// The ray in a direction of depth 1, with the colour of a block.
     fn of(eye: &Eye, direction: DVec3, block: usize) -> Self {
         Self { origin: eye.centre, direction, colour: eye.colour(block), reach: eye.reach }
     }
 }
 
-/// What decides about the places of a moment.
+/// The search for places at one moment.
 #[derive(Debug)]
 pub(super) struct Search<'a> {
     eyes: Vec<Eye<'a>>,
     options: &'a MotionHullOptions,
-    /// So many cameras must see a place.
+    /// Number of cameras that must see a place.
     needed: usize,
     cos_side: f64,
 }
@@ -52,18 +53,18 @@ pub(super) struct Search<'a> {
 impl<'a> Search<'a> {
     pub fn new(mut eyes: Vec<Eye<'a>>, options: &'a MotionHullOptions) -> Self {
         let needed = least_seeing(eyes.len(), options);
-        // The camera that sees least motion is asked first: it refuses most places.
+        // The camera with the least motion comes first, because it rejects most places.
         eyes.sort_by_key(|eye| eye.map.blocks().iter().filter(|block| block.moves()).count());
         Self { eyes, options, needed, cos_side: options.side_degrees.to_radians().cos() }
     }
 
-    /// The best place on each of about `rays` rays, equally many of each camera; none on most rays that see a chance.
+    /// The best place on each of about `rays` rays, equally many from each camera. Most rays through noise have none.
     pub fn places(&self, rays: usize, rng: &mut ChaCha8Rng) -> Vec<Place> {
         let each = rays.div_ceil(self.eyes.len().max(1));
         let mut places = Vec::new();
         for eye in &self.eyes {
             let moving = MovingBlocks::of(eye.map);
-            // Nothing can be drawn where nothing moves.
+            // If nothing moves, nothing can be drawn.
             for _ in 0..if moving.is_empty() { 0 } else { each } {
                 let block = moving.draw(rng);
                 let [first, end] = eye.map.corners(block);
@@ -75,13 +76,13 @@ impl<'a> Search<'a> {
         places
     }
 
-    /// The best place on the ray of an eye through a position in its pixels.
+    /// The best place on an eye's ray through a pixel position.
     pub fn place_through(&self, eye: &Eye, position: DVec2, rng: &mut ChaCha8Rng) -> Option<Place> {
         let block = eye.map.index(position)?;
         self.best_on(&Ray::of(eye, eye.direction(position), block), rng)
     }
 
-    /// The place on a ray whose colours agree best.
+    /// The place on a ray where the colours agree best.
     fn best_on(&self, ray: &Ray, rng: &mut ChaCha8Rng) -> Option<Place> {
         let [near, far] = ray.reach.map(f64::recip);
         let mut best: Option<Place> = None;
@@ -98,8 +99,8 @@ impl<'a> Search<'a> {
         best
     }
 
-    /// Whether enough cameras see a place and nearly all of them see motion there. `blocks` is filled with those
-    /// cameras and the blocks on which the place falls.
+    /// Whether enough cameras see a place, and nearly all of them see motion there. Fills `blocks` with these cameras
+    /// and the blocks that the place falls on.
     fn sees_motion(&self, place: DVec3, blocks: &mut Vec<(usize, usize)>) -> bool {
         blocks.clear();
         let all = self.eyes.len();
@@ -113,7 +114,7 @@ impl<'a> Search<'a> {
                     blocks.push((index, block));
                 }
             }
-            // Whatever the cameras say that were not asked yet.
+            // Stops as soon as the remaining cameras cannot change the answer.
             if blind + self.needed > all || still as f64 > still_share * all as f64 + ROUNDING {
                 return false;
             }
@@ -121,7 +122,7 @@ impl<'a> Search<'a> {
         still as f64 <= still_share * blocks.len() as f64 + ROUNDING
     }
 
-    /// The place with the colour in which the cameras on the ray's side agree, if they do.
+    /// The place with its colour, if the cameras on the ray's side agree in one.
     fn coloured(&self, position: DVec3, ray: &Ray, blocks: &[(usize, usize)]) -> Option<Place> {
         let forward = ray.direction.normalize_or_zero();
         let beside = |eye: &Eye| (position - eye.centre).normalize_or_zero().dot(forward) > self.cos_side;
@@ -134,7 +135,7 @@ impl<'a> Search<'a> {
         colours.sort_by(|a, b| a.distance_squared(ray.colour).total_cmp(&b.distance_squared(ray.colour)));
         colours.truncate(agreeing);
         let colour = colours.iter().sum::<Vec3>() / agreeing as f32;
-        // Of the three channels the mean.
+        // Mean over the three channels.
         let variance = colours.iter().map(|c| c.distance_squared(colour) / 3.0).sum::<f32>() / agreeing as f32;
         let spread = variance.sqrt();
         let difference = |&(eye, block): &(usize, usize)| f64::from(self.eyes[eye].map.blocks()[block].difference());
@@ -143,14 +144,14 @@ impl<'a> Search<'a> {
     }
 }
 
-/// A tenth of ten cameras is one camera.
+/// Tolerance, so that a tenth of ten cameras is one camera.
 const ROUNDING: f64 = 1e-9;
 
-/// The moving blocks of a picture, to draw from in proportion to their difference and one.
+/// The moving blocks of a picture, drawn in proportion to their difference plus one.
 #[derive(Debug)]
 struct MovingBlocks {
     blocks: Vec<usize>,
-    /// Sums of the weights up to each block, itself among them.
+    /// Cumulative weights, each including its own block.
     sums: Vec<u64>,
 }
 
@@ -171,7 +172,7 @@ impl MovingBlocks {
         self.blocks.is_empty()
     }
 
-    /// One of the blocks, of which there is at least one.
+    /// Draws a block. There is at least one.
     fn draw(&self, rng: &mut ChaCha8Rng) -> usize {
         let total = self.sums[self.sums.len() - 1];
         let number = rng.random_range(0..total);

@@ -1,32 +1,32 @@
-//! How near and how far the rays of each camera look for places.
+//! The range of depths in which each camera's rays search for places.
 
 use glam::{DVec2, DVec3};
 
-use super::MotionHullOptions;
+use super::options::MotionHullOptions;
 use super::rig::StillRig;
-use crate::camera::nearest_to_axes;
-use crate::{Camera, Scene};
+use crate::scene::{Camera, Scene, nearest_to_axes};
 
-/// Known points that a camera must see for their depths to say how far it looks.
+/// Known points that a camera must see for their depths to define its range.
 const LEAST_POINTS: usize = 10;
-/// Share of the known points that lie nearer than the far bound: single ones may be far outside.
+/// Fraction of the known points within the far bound. Single points may be far outside.
 const FAR_SHARE: f64 = 0.99;
-/// Rays look so many times further than known points lie, or than the place at which all cameras look. Evenly in
-/// inverse depth that costs few places.
+/// Rays extend this many times beyond the known points, or beyond the point that all cameras look at. In inverse depth
+/// that costs few places.
 const BEYOND_POINTS: f64 = 1.5;
 const BEYOND_TARGET: f64 = 4.0;
-/// Where nothing is known of the scene, rays look so many times further than the cameras are apart.
+/// If nothing is known of the scene, rays extend to this many times the distance between the cameras.
 const BEYOND_CAMERAS: f64 = 100.0;
-/// Where no near bound is known, rays start at this part of the far one, or where enough cameras see.
+/// If no near bound is known, rays start at this fraction of the far bound, or where enough cameras see.
 const NEAREST: f64 = 0.01;
-/// Axes meet if the determinant of their mean normal equations is above this: less than about 6 degrees between them.
+/// Axes meet if the determinant of their mean normal equations is above this. Below it they differ by less than about 6
+/// degrees.
 const AXES_MEET: f64 = 1e-3;
-/// Rays along each side of the picture, and places along each, at which it is asked how many cameras see.
+/// Rays along each side of the picture, and depths on each ray, for counting the cameras that see a place.
 const SIDE: usize = 5;
 const STEPS: usize = 128;
 
-/// For each camera of the rig, the depths between which its rays look, world units: within what is known of the scene,
-/// and where enough cameras see.
+/// For each camera of the rig, the depths between which its rays search, in world units. They lie within the known
+/// scene and where enough cameras see.
 pub(super) fn reaches(scene: &Scene, rig: &StillRig, options: &MotionHullOptions) -> Vec<[f64; 2]> {
     let cameras: Vec<&Camera> = rig.cameras.iter().map(|still| &still.camera).collect();
     let needed = least_seeing(cameras.len(), options);
@@ -43,12 +43,12 @@ pub(super) fn reaches(scene: &Scene, rig: &StillRig, options: &MotionHullOptions
     cameras.iter().map(reach).collect()
 }
 
-/// How many of so many cameras must see a place.
+/// How many of `cameras` cameras must see a place.
 pub(super) fn least_seeing(cameras: usize, options: &MotionHullOptions) -> usize {
     options.least_cameras.max((options.seeing_share * cameras as f64).ceil() as usize)
 }
 
-/// How far a camera looks by the known points that it sees.
+/// The far bound of a camera, from the known points that it sees.
 fn far_of_points(scene: &Scene, camera: &Camera) -> Option<f64> {
     let seen = |point: DVec3| camera.project(point).is_some_and(|position| in_picture(camera, position));
     let points = scene.points.positions.iter().map(|point| point.as_dvec3()).filter(|&point| seen(point));
@@ -65,7 +65,7 @@ fn in_picture(camera: &Camera, position: DVec2) -> bool {
     inside(position.x, camera.width) && inside(position.y, camera.height)
 }
 
-/// The part of a range of depths in which enough cameras see what the camera sees; all of it where that is nowhere.
+/// The part of a range of depths where enough cameras share a camera's view. The whole range if there is no such part.
 fn where_seen([near, far]: [f64; 2], camera: &Camera, cameras: &[&Camera], needed: usize) -> [f64; 2] {
     let inverse = |step: usize| 1.0 / near + (1.0 / far - 1.0 / near) * step as f64 / STEPS as f64;
     let directions = directions(camera);
@@ -79,11 +79,11 @@ fn where_seen([near, far]: [f64; 2], camera: &Camera, cameras: &[&Camera], neede
     let first = (0..=STEPS).find(seen);
     let last = (0..=STEPS).rev().find(seen);
     let (Some(first), Some(last)) = (first, last) else { return [near, far] };
-    // One step more on each side: between two steps more may be seen.
+    // One more step on each side, because more may be visible between two steps.
     [1.0 / inverse(first.saturating_sub(1)), 1.0 / inverse((last + 1).min(STEPS))]
 }
 
-/// Directions, of depth 1, evenly over a camera's picture.
+/// Directions of depth 1, evenly spaced over a camera's picture.
 fn directions(camera: &Camera) -> Vec<DVec3> {
     let position = |index: usize, side: usize| (index as f64 + 0.5) / SIDE as f64 * side as f64;
     let positions = (0..SIDE * SIDE)

@@ -1,19 +1,20 @@
-//! Pictures made smaller by a whole factor, each block the mean of its pixels that count.
+//! Pictures reduced by an integer factor. Each block is the mean of its pixels that count.
 
 use image::{GrayImage, RgbImage};
 
-use crate::{DataError, View};
+use crate::error::DataError;
+use crate::scene::View;
 
 /// A picture of blocks.
 #[derive(Clone, Debug)]
 pub(super) struct Reduced {
     /// RGB in 8-bit levels, block by block.
     pub colours: Vec<u8>,
-    /// Which blocks count; all where there is none.
-    pub counted: Option<Vec<bool>>,
+    /// Which blocks count; all if there is none.
+    pub valid: Option<Vec<bool>>,
 }
 
-/// A view's picture and mask, decoded and reduced.
+/// Decodes and reduces a view's picture and mask.
 ///
 /// # Errors
 /// [`DataError::Image`] if one of them cannot be read.
@@ -21,14 +22,14 @@ pub(super) fn reduced(view: &View, factor: usize) -> Result<Reduced, DataError> 
     let picture = view.image.rgb()?;
     let mask = view.mask.as_ref().map(|mask| mask.read()).transpose()?;
     if factor == 1 {
-        let counted = mask.map(|mask| mask.as_raw().iter().map(|&level| level > 0).collect());
-        return Ok(Reduced { colours: picture.as_raw().clone(), counted });
+        let valid = mask.map(|mask| mask.as_raw().iter().map(|&level| level > 0).collect());
+        return Ok(Reduced { colours: picture.as_raw().clone(), valid });
     }
     Ok(match mask {
-        None => Reduced { colours: averaged(&picture, None, factor).0, counted: None },
+        None => Reduced { colours: averaged(&picture, None, factor).0, valid: None },
         Some(mask) => {
-            let (colours, counted) = averaged(&picture, Some(&mask), factor);
-            Reduced { colours, counted: Some(counted) }
+            let (colours, valid) = averaged(&picture, Some(&mask), factor);
+            Reduced { colours, valid: Some(valid) }
         }
     })
 }
@@ -37,8 +38,8 @@ pub(super) fn reduced(view: &View, factor: usize) -> Result<Reduced, DataError> 
 fn averaged(picture: &RgbImage, mask: Option<&GrayImage>, factor: usize) -> (Vec<u8>, Vec<bool>) {
     let (width, height) = (picture.width() as usize, picture.height() as usize);
     let (columns, rows) = (width.div_ceil(factor), height.div_ceil(factor));
-    let (mut colours, mut counted) = (Vec::with_capacity(3 * columns * rows), Vec::with_capacity(columns * rows));
-    // Of each block in a row: the sums of the colours, the pixels that count, all pixels.
+    let (mut colours, mut valid) = (Vec::with_capacity(3 * columns * rows), Vec::with_capacity(columns * rows));
+    // Of each block in a row: sums of the colours, number of pixels that count, number of all pixels.
     let mut sums = vec![[0u32; 5]; columns];
     for top in (0..height).step_by(factor) {
         sums.fill([0; 5]);
@@ -55,10 +56,10 @@ fn averaged(picture: &RgbImage, mask: Option<&GrayImage>, factor: usize) -> (Vec
             }
         }
         for &[red, green, blue, count, all] in &sums {
-            // Rounded; a mean of bytes is a byte.
+            // Rounded. The mean of bytes is a byte.
             colours.extend([red, green, blue].map(|sum| ((sum + count / 2) / count.max(1)) as u8));
-            counted.push(2 * count >= all);
+            valid.push(2 * count >= all);
         }
     }
-    (colours, counted)
+    (colours, valid)
 }

@@ -1,16 +1,15 @@
-//! Cameras that stand still and film the same moments.
+//! Still cameras that film the same moments.
 
 use std::collections::BTreeMap;
 
-use crate::inspect::by_camera;
-use crate::{Camera, Scene};
+use crate::scene::{Camera, Scene, by_camera};
 
-/// Cameras that must film a moment together: two cannot tell a place from a chance.
+/// Cameras that must share a moment. Two cannot tell a place from chance.
 pub(super) const LEAST_CAMERAS: usize = 3;
-/// Frames that a camera must have, and moments that the cameras must share: a median needs as many.
+/// Frames that a camera must have, and moments that it must share. A median needs as many.
 pub(super) const LEAST_FRAMES: usize = 3;
 
-/// The cameras that stand still and what they film together.
+/// The still cameras and the moments that they share.
 #[derive(Clone, Debug)]
 pub(super) struct StillRig {
     pub cameras: Vec<StillCamera>,
@@ -26,25 +25,25 @@ pub(super) struct StillCamera {
     pub views: Vec<usize>,
 }
 
-/// What several cameras see at one time.
+/// A moment that several cameras film.
 #[derive(Clone, Debug)]
 pub(super) struct Moment {
     pub time: f64,
-    /// The cameras that film it, and their training views.
+    /// The cameras that film it, with their training views.
     pub shots: Vec<Shot>,
 }
 
 /// A camera's view of a moment.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Shot {
-    /// Number in [`StillRig::cameras`].
+    /// Index into [`StillRig::cameras`].
     pub camera: usize,
-    /// Number of the training view.
+    /// Index of the training view.
     pub view: usize,
 }
 
 impl StillRig {
-    /// The rig that filmed a scene, or `None` if it was filmed otherwise.
+    /// The rig that filmed a scene; `None` if the scene was not filmed by such a rig.
     pub fn of(scene: &Scene) -> Option<Self> {
         let groups = by_camera(scene.train.iter()).into_iter().filter(|views| views.len() >= LEAST_FRAMES);
         let cameras: Vec<StillCamera> =
@@ -64,9 +63,9 @@ fn moments(scene: &Scene, cameras: &[StillCamera]) -> Vec<Moment> {
     let mut by_time: BTreeMap<u64, Vec<Shot>> = BTreeMap::new();
     for (camera, still) in cameras.iter().enumerate() {
         for &view in &still.views {
-            // Times lie in [0, 1], where the order of the bits is that of the numbers; -0.0 is 0.0.
+            // Times lie in [0, 1], where bits sort like numbers. Adding 0.0 turns -0.0 into 0.0.
             let shots = by_time.entry((scene.train[view].time + 0.0).to_bits()).or_default();
-            // A camera has one vote.
+            // Each camera has one vote.
             if shots.last().is_none_or(|last| last.camera != camera) {
                 shots.push(Shot { camera, view });
             }

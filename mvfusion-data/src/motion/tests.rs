@@ -1,13 +1,15 @@
+//! Moving pixels and the motion hull of built-in scenes.
+
 use std::sync::Arc;
 
 use glam::DVec2;
 use image::{GrayImage, Luma, Rgb, RgbImage};
 
 use super::*;
-use crate::builtin::builtin;
-use crate::{BuiltinKind, BuiltinOptions, Mask, Picture, Scene, View};
+use crate::builtin::{BuiltinKind, BuiltinOptions, builtin};
+use crate::scene::{Mask, Picture, Scene, View};
 
-/// The true mask of what moves in a view.
+/// The ground-truth motion mask of a view.
 fn truth(view: &View) -> GrayImage {
     view.truth.dynamic_mask.as_ref().expect("a built-in scene").mask().expect("in memory")
 }
@@ -25,7 +27,7 @@ fn position(view: &View, point: glam::Vec3) -> Option<DVec2> {
     inside.then_some(position)
 }
 
-/// Share of the seeds that lie in the true mask of every training camera that sees them, at their moment.
+/// Fraction of the seeds that lie in the ground-truth mask of every training camera that sees them, at their moment.
 fn precision(scene: &Scene, seeds: &MotionSeeds) -> f64 {
     let masks: Vec<GrayImage> = scene.train.iter().map(truth).collect();
     let right = seeds.points.positions.iter().zip(&seeds.times).filter(|&(&point, &time)| {
@@ -35,7 +37,7 @@ fn precision(scene: &Scene, seeds: &MotionSeeds) -> f64 {
     right.count() as f64 / seeds.times.len() as f64
 }
 
-/// Share of the true masks' pixels that have a seed of their moment within so many pixels.
+/// Fraction of the ground-truth masks' pixels with a seed of their moment within this many pixels.
 fn recall(scene: &Scene, seeds: &MotionSeeds, radius: i64) -> f64 {
     let (mut found, mut all) = (0usize, 0usize);
     for view in &scene.train {

@@ -1,14 +1,14 @@
-//! From the luma and chroma of a decoder to RGB (ITU-T H.273, section 8.3).
+//! Conversion from a decoder's luma and chroma to RGB (ITU-T H.273, section 8.3).
 
 use image::RgbImage;
 use openh264::formats::YUVSource;
 
-/// Bits behind the point of the factors.
+/// Fractional bits of the factors.
 const SHIFT: u32 = 16;
 const HALF: i32 = 1 << (SHIFT - 1);
 
-/// How a video codes colours, as factors with [`SHIFT`] bits behind the point. The chroma's are by 16 smaller, because
-/// its interpolation leaves sums of sixteen.
+/// The colour coding of a video, as factors with [`SHIFT`] fractional bits. Chroma factors are 16 times smaller,
+/// because the interpolation leaves sums of sixteen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Colours {
     black: i32,
@@ -20,8 +20,8 @@ pub(super) struct Colours {
 }
 
 impl Colours {
-    /// `matrix` is the number of the matrix coefficients in H.273; what is not told or not known here is taken for
-    /// BT.601, as ffmpeg does.
+    /// `matrix` is the number of the matrix coefficients in H.273. Unknown and unspecified ones are taken as BT.601, as
+    /// in ffmpeg.
     pub(super) fn new(matrix: u16, full_range: bool) -> Self {
         let (red, blue) = match matrix {
             1 => (0.2126, 0.0722),      // BT.709
@@ -46,15 +46,15 @@ impl Colours {
         }
     }
 
-    /// A frame with one pair of chroma values for two by two pixels, which are interpolated between the centres of
-    /// these.
+    /// Converts a frame with one pair of chroma values for two by two pixels. Chroma is interpolated between the
+    /// centres of these blocks.
     pub(super) fn convert(&self, frame: &impl YUVSource) -> RgbImage {
         let ((width, height), strides) = (frame.dimensions(), frame.strides());
         let (chroma_width, chroma_height) = (width.div_ceil(2), height.div_ceil(2));
         let mut pixels = vec![0; 3 * width * height];
         let mut chroma = [vec![0; width], vec![0; width]];
         for (y, pixels) in pixels.chunks_exact_mut(3 * width).enumerate() {
-            // The nearer row of chroma counts three times, the farther one once.
+            // The nearer row of chroma has weight three, the farther one weight one.
             let (near, far) = (y / 2, neighbour(y, chroma_height));
             for (values, (plane, stride)) in chroma.iter_mut().zip([(frame.u(), strides.1), (frame.v(), strides.2)]) {
                 let row = |y: usize| &plane[y * stride..][..chroma_width];
@@ -69,7 +69,7 @@ impl Colours {
         RgbImage::from_raw(width as u32, height as u32, pixels).unwrap_or_default()
     }
 
-    /// `u` and `v` are sixteenfold and without their offset.
+    /// `u` and `v` are multiplied by 16 and have no offset.
     fn pixel(&self, luma: u8, u: i32, v: i32) -> [u8; 3] {
         let grey = (i32::from(luma) - self.black) * self.luma + HALF;
         let rounded = |sum: i32| (sum >> SHIFT).clamp(0, 255) as u8;
@@ -78,7 +78,7 @@ impl Colours {
     }
 }
 
-/// The chroma sample beside that of pixel `at`, on the side to which the pixel lies.
+/// The chroma sample next to that of pixel `at`, on the pixel's side.
 fn neighbour(at: usize, count: usize) -> usize {
     match at % 2 {
         0 => (at / 2).saturating_sub(1),
@@ -86,7 +86,7 @@ fn neighbour(at: usize, count: usize) -> usize {
     }
 }
 
-/// Sixteenfold chroma of a row of pixels, without the offset, from the nearer and the farther row of samples.
+/// Chroma of a row of pixels times 16, without the offset, from the nearer and the farther row of samples.
 fn interpolate(near: &[u8], far: &[u8], values: &mut [i32]) {
     let column = |x: usize| 3 * i32::from(near[x]) + i32::from(far[x]) - 4 * 128;
     for (x, value) in values.iter_mut().enumerate() {

@@ -1,4 +1,4 @@
-//! Writes videos with the program ffmpeg.
+//! Encoding of videos with the program ffmpeg.
 
 use std::io::{self, BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -9,37 +9,37 @@ use ffmpeg_sidecar::paths::ffmpeg_path;
 use image::RgbImage;
 
 use super::ffmpeg::{is_installed, local};
-use crate::DataError;
+use crate::error::DataError;
 
-/// Colours as televisions have them, whose matrix players assume where there are many pixels, and say so in the file;
-/// sizes that the chroma can be halved to, by leaving out the last column or row.
+/// Converts to BT.709 colours, as players assume for large pictures, and tags the file with them. Crops the last column
+/// or row of odd sizes, because the chroma is subsampled.
 const FILTERS: &str = "crop=trunc(iw/2)*2:trunc(ih/2)*2,scale=out_color_matrix=bt709:out_range=tv,format=yuv420p";
-/// Constant quality of x264 at which no artefacts are seen.
+/// Constant quality of x264 without visible artefacts.
 const QUALITY: &str = "18";
-/// Most lines of ffmpeg's complaints that are passed on.
+/// Most lines of ffmpeg's messages that are passed on.
 const MOST_COMPLAINTS: usize = 3;
 
 const ADVICE: &str = "Check that the program ffmpeg was built with libx264, or write the frames as pictures.";
 
-/// Whether videos can be written: the program ffmpeg can be run.
+/// Whether videos can be written, that is, whether the program ffmpeg can be run.
 pub fn can_write_videos() -> bool {
     is_installed()
 }
 
-/// A video that is being written, frame by frame: H.264 with halved chroma in an mp4 file, which every player knows.
+/// A video that is written frame by frame: H.264 with 4:2:0 chroma in an mp4 file, which every player supports.
 #[derive(Debug)]
 pub struct VideoWriter {
     path: PathBuf,
     size: (u32, u32),
     child: Child,
     frames: Option<ChildStdin>,
-    /// Reads what ffmpeg complains of, lest it waits for a reader.
+    /// Reads ffmpeg's messages, so that it never blocks on them.
     complaints: Option<JoinHandle<Vec<String>>>,
 }
 
 impl VideoWriter {
-    /// Starts a video of frames of `size`, at `fps` frames a second, in place of what lies at `path`. The last column
-    /// or row of an odd size is not shown.
+    /// Starts a video of frames of `size` at `fps` frames a second, replacing any file at `path`. The last column or
+    /// row of an odd size is dropped.
     ///
     /// # Errors
     /// If ffmpeg cannot be started, or a side has less than two pixels.
@@ -86,7 +86,7 @@ impl VideoWriter {
         }
     }
 
-    /// Ends the video and waits until it is whole.
+    /// Ends the video and waits until it is complete.
     ///
     /// # Errors
     /// If ffmpeg failed.
@@ -94,7 +94,7 @@ impl VideoWriter {
         self.end().map_err(|reason| flaw(&self.path, reason))
     }
 
-    /// Ends the program; says what it complained of if it failed.
+    /// Ends the program. The error holds its messages if it failed.
     fn end(&mut self) -> Result<(), String> {
         self.frames = None;
         let status = self.child.wait().map_err(|error| error.to_string())?;
@@ -110,7 +110,7 @@ impl VideoWriter {
 }
 
 impl Drop for VideoWriter {
-    /// A video that was not finished is nobody's: the program must not go on waiting for frames.
+    /// Kills ffmpeg if the video was not finished, so that it does not wait for frames.
     fn drop(&mut self) {
         if self.complaints.is_some() {
             let _ = self.child.kill();
@@ -119,7 +119,7 @@ impl Drop for VideoWriter {
     }
 }
 
-/// The first lines of a stream, all of which is read.
+/// The first lines of a stream, which is read to its end.
 fn first_lines(stream: impl io::Read) -> Vec<String> {
     let mut lines = Vec::new();
     for line in BufReader::new(stream).split(b'\n').map_while(Result::ok) {
@@ -138,8 +138,8 @@ fn flaw(path: &Path, reason: String) -> DataError {
 mod tests {
     use image::Rgb;
 
-    use super::super::{FrameStore, Video, VideoDecoder};
     use super::*;
+    use crate::video::{FrameStore, Video, VideoDecoder};
 
     /// Levels that coding, halved chroma and the way to YCbCr and back may cost on average; frames are 20 apart.
     const LIKE: f64 = 4.0;

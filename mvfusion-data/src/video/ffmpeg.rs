@@ -1,4 +1,4 @@
-//! Decodes with the program ffmpeg, which knows every codec.
+//! Decoding with the program ffmpeg, which knows every codec.
 
 use std::ffi::OsString;
 use std::path::Path;
@@ -12,13 +12,13 @@ use ffmpeg_sidecar::ffprobe::ffprobe_path;
 use image::RgbImage;
 use serde_json::Value;
 
-use super::{CHECK_FILE, EXTRACT, Flaw, READ_FEWER};
+use super::flaw::{CHECK_FILE, EXTRACT, Flaw, READ_FEWER};
 
-/// Numbers the frames instead of timing them, or frames would be dropped and doubled to make the rate even (the option
-/// for that has another name in every other version), and interpolates the chroma rather than repeat it, which is 1 dB
-/// nearer to the pictures that a video was made of.
+/// Numbers the frames instead of timing them. Otherwise ffmpeg would drop and duplicate frames for a constant rate, and
+/// the option against that has different names in different versions. Interpolates the chroma instead of repeating it,
+/// which is 1 dB closer to the original pictures.
 const FILTERS: &str = "settb=1/25,setpts=N,scale=flags=bicubic+accurate_rnd+full_chroma_int";
-/// Most lines of ffmpeg's complaints that are passed on.
+/// Most lines of ffmpeg's messages that are passed on.
 const MOST_COMPLAINTS: usize = 3;
 
 /// Whether the program can be run.
@@ -27,7 +27,7 @@ pub(super) fn is_installed() -> bool {
     *INSTALLED.get_or_init(ffmpeg_is_installed)
 }
 
-/// Gives the first `wanted` frames, upright.
+/// Passes the first `wanted` frames to `sink`, upright.
 pub(super) fn decode(
     path: &Path,
     wanted: usize,
@@ -41,7 +41,7 @@ pub(super) fn decode(
         .rawvideo();
     let mut child = command.spawn().map_err(|e| Flaw::new(path, format!("ffmpeg cannot be started ({e})"), EXTRACT))?;
     let passed = pass_on(&mut child, path, wanted, sink);
-    // If a frame was refused, the program is still at work.
+    // If a frame was refused, the program is still running.
     let _ = child.kill();
     let _ = child.wait();
     passed
@@ -82,7 +82,7 @@ fn pass_on(
     Ok(())
 }
 
-/// Size of the upright frames and their number, from ffprobe, which reads the file but decodes nothing.
+/// Size of the upright frames and their number, from ffprobe. It reads the file but decodes nothing.
 pub(super) fn probe(path: &Path) -> Result<((u32, u32), usize), String> {
     const ENTRIES: &str = "stream=width,height,nb_read_packets:stream_side_data=rotation:stream_tags=rotate";
     let output = Command::new(ffprobe_path())
@@ -112,7 +112,7 @@ fn stream(stream: &Value) -> Option<((u32, u32), usize)> {
     })
 }
 
-/// A file name that cannot be mistaken for an option or an address.
+/// A file name that ffmpeg takes for neither an option nor an address.
 pub(super) fn local(path: &Path) -> OsString {
     let mut name = OsString::from("file:");
     name.push(path);

@@ -1,4 +1,4 @@
-//! Decodes H.264 with the decoder that is compiled in.
+//! Decoding of H.264 with the built-in decoder.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -11,18 +11,18 @@ use openh264::OpenH264API;
 use openh264::decoder::{DecodedYUV, Decoder, DecoderConfig, Flush};
 
 use super::colour::Colours;
+use super::flaw::{CHECK_FILE, EXTRACT, Flaw};
 use super::mp4::{Codec, H264Setup, Track, Turn};
 use super::samples::Sample;
-use super::{CHECK_FILE, EXTRACT, Flaw};
 
 /// Most bytes of a coded frame. Uncompressed frames of 8 megapixels have 12 MB.
 const MOST_SAMPLE_BYTES: u32 = 1 << 26;
 const START_CODE: [u8; 4] = [0, 0, 0, 1];
-/// Kinds of units that make pictures: slices, slices of key frames, sequence and picture parameter sets. Others are
-/// remarks, or layers that the decoder would take for its own.
+/// Types of units that make pictures: slices, slices of key frames, sequence and picture parameter sets. Others are
+/// metadata, or layers that the decoder would mistake for its own.
 const KINDS: [u8; 4] = [1, 5, 7, 8];
 
-/// Colours of a track, or why it cannot be decoded here.
+/// Colours of a track, or the reason why it cannot be decoded here.
 pub(super) fn colours(setup: &H264Setup) -> Result<Colours, String> {
     let is_sequence = |set: &&Vec<u8>| set.first().is_some_and(|byte| byte & 0x1f == 7);
     let Some(set) = setup.parameter_sets.iter().find(is_sequence) else {
@@ -52,7 +52,7 @@ pub(super) fn colours(setup: &H264Setup) -> Result<Colours, String> {
     ))
 }
 
-/// Gives the first `wanted` frames that are shown, in the order in which they are, upright.
+/// Passes the first `wanted` visible frames to `sink`, in display order and upright.
 pub(super) fn decode(
     path: &Path,
     track: &Track,
@@ -62,7 +62,7 @@ pub(super) fn decode(
     let Codec::H264(setup) = &track.codec else { return Err(Flaw::new(path, "it is not H.264", EXTRACT)) };
     let colours = colours(setup).map_err(|reason| Flaw::new(path, reason, EXTRACT))?;
     let broken = |e: &dyn std::fmt::Display| Flaw::new(path, format!("the decoder for H.264 stops ({e})"), EXTRACT);
-    // Flushing after each frame would give frames in the order of decoding.
+    // Flushing after each frame would give frames in decoding order.
     let config = DecoderConfig::new().flush_after_decode(Flush::NoFlush);
     let mut decoder = Decoder::with_api_config(OpenH264API::from_source(), config).map_err(|e| broken(&e))?;
     let mut file = File::open(path).map_err(|e| Flaw::new(path, e, CHECK_FILE))?;
@@ -106,7 +106,7 @@ fn read(file: &mut File, sample: Sample) -> Result<Vec<u8>, String> {
     Ok(bytes)
 }
 
-/// Puts start codes in the place of the lengths before the units of a sample, as the decoder wants it.
+/// Replaces the lengths before the units of a sample with start codes, as the decoder expects.
 fn with_start_codes(mut sample: &[u8], length_size: usize) -> Result<Vec<u8>, String> {
     let mut units = Vec::with_capacity(sample.len() + 16);
     while !sample.is_empty() {

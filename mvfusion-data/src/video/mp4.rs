@@ -1,20 +1,21 @@
-//! The headers of an mp4 file: what its first video track is, and where the coded frames lie.
+//! The headers of an mp4 file: its first video track, and the positions of the coded frames.
 //!
-//! Only the boxes of that track are taken apart. A sound track in a form that the parser does not know does no harm.
+//! Only the boxes of that track are parsed. A sound track in an unknown form does no harm.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
-use mp4_atom::{Atom, Colr, Decode, Elst, FourCC, Hdlr, Header, Mdhd, Mvhd, ReadFrom, Stsd, Tkhd};
+use mp4_atom::{Colr, Elst, FourCC, Hdlr, Header, Mdhd, Mvhd, ReadFrom, Stsd, Tkhd};
 
+use super::boxes::{child, children, leaf, optional_leaf};
 use super::samples::{Sample, Samples};
 
 /// Largest `moov` box that is read. An hour of frames takes about two megabytes.
 const MOST_HEADER_BYTES: u64 = 1 << 28;
-/// Most boxes that are looked at before the `moov` box.
+/// Most boxes that are read before the `moov` box.
 const MOST_BOXES: usize = 4096;
-/// Kinds of boxes with which a file may begin to be taken for an mp4 or QuickTime file.
+/// Types of boxes that may begin an mp4 or QuickTime file.
 const FIRST_KINDS: [&[u8; 4]; 7] = [b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"pnot"];
 
 /// The first video track of a file.
@@ -23,27 +24,27 @@ const FIRST_KINDS: [&[u8; 4]; 7] = [b"ftyp", b"moov", b"mdat", b"free", b"skip",
 pub(super) struct Track {
     /// Width and height as coded.
     coded_size: (u32, u32),
-    /// What makes the frames upright.
+    /// The rotation that makes the frames upright.
     pub(super) turn: Turn,
     pub(super) codec: Codec,
-    /// The coded frames, in the order in which they are decoded.
+    /// The coded frames, in decoding order.
     pub(super) samples: Vec<Sample>,
-    /// Number of frames at the start that are decoded but not shown, because the edit list cuts them off.
+    /// Number of frames at the start that are decoded but not shown, because the edit list cuts them.
     pub(super) hidden: usize,
     /// Number of frames that are shown.
     pub(super) shown: usize,
 }
 
-/// How a track is coded.
+/// The codec of a track.
 #[derive(Debug)]
 #[cfg_attr(not(feature = "h264"), allow(dead_code, reason = "the setup is for the built-in decoder"))]
 pub(super) enum Codec {
     H264(H264Setup),
-    /// Something else, by its common name or the four letters of its box.
+    /// Another codec, by its common name or its four-letter code.
     Other(String),
 }
 
-/// What the file tells about an H.264 track.
+/// The parameters of an H.264 track in the container.
 #[derive(Debug)]
 #[cfg_attr(not(feature = "h264"), allow(dead_code, reason = "only the built-in decoder reads it"))]
 pub(super) struct H264Setup {
@@ -51,7 +52,7 @@ pub(super) struct H264Setup {
     pub(super) parameter_sets: Vec<Vec<u8>>,
     /// Bytes of the length before each unit of a sample, 1 to 4.
     pub(super) length_size: u8,
-    /// Matrix coefficients (ITU-T H.273) and whether the range is full, if the container says so.
+    /// Matrix coefficients (ITU-T H.273) and whether the range is full, if the container states them.
     pub(super) colour: Option<(u16, bool)>,
 }
 
@@ -75,7 +76,7 @@ impl Track {
     }
 }
 
-/// Reads the headers. The error says what is wrong, as a clause that goes on after "cannot use the file:".
+/// Reads the headers. The error is a clause that continues "cannot use the file:".
 pub(super) fn read(path: &Path) -> Result<Track, String> {
     let mut file = File::open(path).map_err(|e| e.to_string())?;
     let file_bytes = file.metadata().map_err(|e| e.to_string())?.len();
@@ -96,7 +97,7 @@ fn is_video(handler: Hdlr) -> bool {
     handler.handler == FourCC::new(b"vide")
 }
 
-/// The content of the `moov` box, which can stand at either end of the file.
+/// The content of the `moov` box, which may stand at either end of the file.
 fn moov(file: &mut File, file_bytes: u64) -> Result<Vec<u8>, String> {
     const CUT: &str = "it is cut short: there is no index (moov box)";
     let mut at = 0;
@@ -189,13 +190,13 @@ fn edit(list: &Elst, media_timescale: u32, movie_timescale: u32) -> Result<(i64,
     if entry.segment_duration == 0 || movie_timescale == 0 {
         return Ok((start, i64::MAX));
     }
-    // Rounded up: durations are often counted in milliseconds, and the last frame must not fall to that.
+    // Rounded up. Durations are often in milliseconds, and rounding must not cut the last frame.
     let (duration, media) = (u128::from(entry.segment_duration), u128::from(media_timescale));
     let duration = (duration * media).div_ceil(u128::from(movie_timescale));
     Ok((start, start.saturating_add(i64::try_from(duration).unwrap_or(i64::MAX))))
 }
 
-/// The turn that a transformation matrix stands for.
+/// The rotation in a transformation matrix.
 fn turn(matrix: &mp4_atom::Matrix) -> Result<Turn, String> {
     match [matrix.a, matrix.b, matrix.c, matrix.d].map(i32::signum) {
         [1, 0, 0, 1] => Ok(Turn::None),
@@ -204,32 +205,4 @@ fn turn(matrix: &mp4_atom::Matrix) -> Result<Turn, String> {
         [0, -1, 1, 0] => Ok(Turn::ThreeQuarters),
         _ => Err("its header asks for frames that are mirrored or turned by other than quarter turns".into()),
     }
-}
-
-/// The boxes that lie in `content` side by side, with their contents. Ends where the bytes make no sense.
-fn children(mut content: &[u8]) -> impl Iterator<Item = ([u8; 4], &[u8])> {
-    std::iter::from_fn(move || {
-        let mut rest = content;
-        let header = Header::decode(&mut rest).ok()?;
-        let (inside, after) = rest.split_at_checked(header.size.unwrap_or(rest.len()))?;
-        content = after;
-        Some((header.kind.into(), inside))
-    })
-}
-
-/// The content of the first box of a kind.
-pub(super) fn child<'a>(content: &'a [u8], kind: &[u8; 4]) -> Option<&'a [u8]> {
-    children(content).find(|(k, _)| k == kind).map(|(_, inside)| inside)
-}
-
-/// The first box of a type, if there is one.
-pub(super) fn optional_leaf<T: Atom>(content: &[u8]) -> Result<Option<T>, String> {
-    let kind = T::KIND;
-    let Some(mut inside) = child(content, kind.as_ref()) else { return Ok(None) };
-    T::decode_body(&mut inside).map(Some).map_err(|e| format!("its box {kind} cannot be read ({e})"))
-}
-
-/// The first box of a type.
-pub(super) fn leaf<T: Atom>(content: &[u8]) -> Result<T, String> {
-    optional_leaf(content)?.ok_or_else(|| format!("it has no box {}", T::KIND))
 }

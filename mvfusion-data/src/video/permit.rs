@@ -1,11 +1,11 @@
-//! How many videos are decoded at a time.
+//! A limit for the number of videos that are decoded at a time.
 //!
-//! Every thread that decodes pictures can come to a video of its own, and a video holds several frames of full size
-//! while they are resized and written. A rig of twenty cameras on a large machine would take tens of gigabytes.
+//! Every thread that decodes pictures may come to a video of its own. A video holds several full-size frames while they
+//! are resized and written. Without a limit, a rig of twenty cameras on a large machine would take tens of gigabytes.
 
 use std::sync::{Condvar, Mutex, PoisonError};
 
-/// Most videos that are decoded at a time. Decoding and writing one of them keeps a few threads busy.
+/// Most videos that are decoded at a time. Decoding and writing one keeps a few threads busy.
 const MOST_VIDEOS: usize = 4;
 /// Most frames of all videos that are resized and written at a time.
 const MOST_FRAMES: usize = 16;
@@ -17,7 +17,7 @@ static GIVEN_BACK: Condvar = Condvar::new();
 pub(super) struct Permit(());
 
 impl Permit {
-    /// Waits until fewer than [`MOST_VIDEOS`] are held.
+    /// Waits until fewer than [`MOST_VIDEOS`] permits are held.
     pub(super) fn take() -> Self {
         let taken = TAKEN.lock().unwrap_or_else(PoisonError::into_inner);
         let mut taken =
@@ -26,7 +26,7 @@ impl Permit {
         Self(())
     }
 
-    /// Frames that may be resized and written side by side under one permit.
+    /// Number of frames that one permit allows to be resized and written in parallel.
     pub(super) fn frames_at_once() -> usize {
         let threads = std::thread::available_parallelism().map_or(1, |n| n.get().min(MOST_FRAMES));
         threads.div_ceil(MOST_VIDEOS)

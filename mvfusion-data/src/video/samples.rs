@@ -1,10 +1,10 @@
-//! Where the coded frames of an mp4 track lie and when each is shown (ISO/IEC 14496-12, section 8.6 and 8.7).
+//! Position and time of the coded frames of an mp4 track (ISO/IEC 14496-12, section 8.6 and 8.7).
 
 use std::iter::repeat_n;
 
 use mp4_atom::{Co64, Ctts, Stco, Stsc, StscEntry, Stsz, StszSamples, Stts};
 
-use super::mp4::{leaf, optional_leaf};
+use super::boxes::{leaf, optional_leaf};
 
 /// Most frames of a video: a day at 48 frames a second. A header can claim billions in a few bytes.
 const MOST_SAMPLES: usize = 1 << 22;
@@ -19,10 +19,10 @@ pub(super) struct Sample {
     pub(super) bytes: u32,
 }
 
-/// The coded frames of a track, in the order in which they are decoded.
+/// The coded frames of a track, in decoding order.
 pub(super) struct Samples {
     pub(super) samples: Vec<Sample>,
-    /// When each is shown, in the time units of the track.
+    /// Display time of each, in the time units of the track.
     pub(super) times: Vec<i64>,
 }
 
@@ -42,7 +42,7 @@ impl Samples {
     }
 }
 
-/// Where each chunk of samples begins in the file.
+/// The position of each chunk of samples in the file.
 fn chunks(stbl: &[u8]) -> Result<Vec<u64>, String> {
     if let Some(large) = optional_leaf::<Co64>(stbl)? {
         return Ok(large.entries);
@@ -50,7 +50,7 @@ fn chunks(stbl: &[u8]) -> Result<Vec<u64>, String> {
     Ok(leaf::<Stco>(stbl)?.entries.into_iter().map(u64::from).collect())
 }
 
-/// Lays the samples into the chunks, one behind another.
+/// Assigns the samples to the chunks, one after another.
 fn places(
     sizes: &StszSamples,
     count: usize,
@@ -83,7 +83,7 @@ fn places(
     }
 }
 
-/// When each sample is shown. Sums saturate, so that no header can bring them to overflow.
+/// Display time of each sample. Sums saturate, so that no header can make them overflow.
 fn times(stbl: &[u8], count: usize) -> Result<Vec<i64>, String> {
     let steps = leaf::<Stts>(stbl)?.entries;
     let shifts = optional_leaf::<Ctts>(stbl)?.unwrap_or_default().entries;

@@ -1,4 +1,4 @@
-//! Where decoded frames are kept: a folder of PNG files for each video and size.
+//! Storage of decoded frames: a folder of PNG files for each video and size.
 
 use std::fs::{self, Metadata};
 use std::io;
@@ -12,13 +12,13 @@ use image::{ImageEncoder, ImageError, RgbImage};
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 
-use super::Flaw;
+use super::flaw::Flaw;
 use super::permit::Permit;
 use super::temporary::TemporaryFolder;
 
-/// Goes into the names of frame sets. To be raised when other pixels are made of the same file.
+/// Part of the names of frame sets. Increase it when the same file gives other pixels.
 const VERSION: u32 = 1;
-/// After this time without a new frame a half-done set belongs to a run that was broken off.
+/// A partial set without a new frame for this time belongs to an interrupted run.
 const ABANDONED: Duration = Duration::from_secs(3600);
 const PARTIAL: &str = ".partial-";
 
@@ -26,22 +26,22 @@ const MAKE_WRITABLE: &str = "Name a folder in which this program may write with 
 const MAKE_ROOM: &str = "Free some space there, or name a folder on a disk with more room with the option frame_store; smaller \
                          or fewer frames need less.";
 
-/// Where the frames of videos are kept once they are decoded.
+/// Where decoded frames of videos are stored.
 #[derive(Clone, Debug)]
 pub(crate) struct FrameStore {
     folder: Option<PathBuf>,
-    /// Made when the first frame is asked for, removed when the last store and video are dropped.
+    /// Created when the first frame is requested, removed with the last store and video.
     temporary: Arc<Mutex<Option<TemporaryFolder>>>,
 }
 
 impl FrameStore {
-    /// A store in `folder`, where the frames stay from run to run; without one in a folder of the system's for
-    /// temporary files, which goes with the last video. Nothing is made on disk until the first frame is asked for.
+    /// A store in `folder`, where frames stay from run to run. Without a folder, the store is a temporary one that is
+    /// removed with the last video. Nothing is written until the first frame is requested.
     pub(crate) fn new(folder: Option<&Path>) -> Self {
         Self { folder: folder.map(Path::to_owned), temporary: Arc::default() }
     }
 
-    /// The folder in which the sets are.
+    /// The folder that holds the sets.
     pub(super) fn folder(&self) -> Result<PathBuf, Flaw> {
         if let Some(folder) = &self.folder {
             fs::create_dir_all(folder).map_err(|e| unwritable(folder, &e))?;
@@ -57,7 +57,7 @@ impl FrameStore {
     }
 }
 
-/// Name of the folder with the frames of a video. A file that was replaced gets another name.
+/// Name of the folder with the frames of a video. A replaced file gets another name.
 pub(super) fn set_name(video: &Path, metadata: &Metadata, (width, height): (u32, u32), frames: usize) -> String {
     let whole = fs::canonicalize(video).unwrap_or_else(|_| video.to_owned());
     let changed = metadata.modified().ok().and_then(|time| time.duration_since(UNIX_EPOCH).ok()).unwrap_or_default();
@@ -80,11 +80,11 @@ pub(super) fn is_complete(folder: &Path, frames: usize) -> bool {
     folder.is_dir() && (0..frames).all(|index| frame_file(folder, index).is_file())
 }
 
-/// Writes the frames of a video into a new set. They lie in a folder of another name until all are there, so that a
-/// run that is broken off leaves no set that looks whole.
+/// Writes the frames of a video into a new set. The set has a temporary name until it is complete, so an interrupted
+/// run leaves no set that looks complete.
 pub(super) struct SetWriter {
     folder: PathBuf,
-    /// Removed with what is in it unless the set is finished.
+    /// Removed with its content unless the set is finished.
     partial: TempDir,
     size: (u32, u32),
     wanted: usize,
@@ -94,7 +94,7 @@ pub(super) struct SetWriter {
 }
 
 impl SetWriter {
-    /// `folder` is that of the finished set, `wanted` the number of frames in it.
+    /// `folder` is that of the finished set, `wanted` its number of frames.
     pub(super) fn new(folder: &Path, size: (u32, u32), wanted: usize) -> Result<Self, Flaw> {
         let (parent, name) = (folder.parent().unwrap_or(folder), folder.file_name().unwrap_or_default());
         let prefix = format!("{}{PARTIAL}", name.to_string_lossy());
@@ -105,7 +105,7 @@ impl SetWriter {
         Ok(Self { folder: folder.to_owned(), partial, size, wanted, written: 0, at_once, waiting: Vec::new() })
     }
 
-    /// Takes the next frame. What comes after the last one wanted is dropped.
+    /// Adds the next frame. Frames after the last wanted one are dropped.
     pub(super) fn push(&mut self, frame: RgbImage) -> Result<(), Flaw> {
         if self.written + self.waiting.len() < self.wanted {
             self.waiting.push(frame);
@@ -116,8 +116,8 @@ impl SetWriter {
         }
     }
 
-    /// Resizes and writes the frames that wait. Threads of its own: a caller from rayon's pool could be made to do
-    /// another frame of this very video while it waits here, and that one would wait for this for ever.
+    /// Resizes and writes the waiting frames, on threads of its own. A thread of rayon's pool that waits here could be
+    /// given another frame of this very video, and would then deadlock.
     fn write(&mut self) -> Result<(), Flaw> {
         let (folder, size) = (self.partial.path(), self.size);
         let frames = (self.written..).zip(&self.waiting);
@@ -132,7 +132,7 @@ impl SetWriter {
         Ok(())
     }
 
-    /// Gives the set its name, if it is whole, and tells the number of frames in it.
+    /// Renames the set if it is complete. Returns its number of frames.
     pub(super) fn finish(mut self) -> Result<usize, Flaw> {
         self.write()?;
         if self.written < self.wanted {
@@ -142,7 +142,7 @@ impl SetWriter {
         let placed = match place() {
             // Another process has made the same set in the meantime, and may be reading it.
             Err(_) if is_complete(&self.folder, self.wanted) => return Ok(self.written),
-            // A set that has lost files is in the way.
+            // An incomplete set is in the way.
             Err(_) => match fs::remove_dir_all(&self.folder) {
                 Err(e) if e.kind() != io::ErrorKind::NotFound => Err(e),
                 _ => place(),
@@ -156,7 +156,7 @@ impl SetWriter {
     }
 }
 
-/// Temporary folders are closed to other users, kept sets need not be.
+/// Opens a folder to other users. Temporary folders are private, but kept sets need not be.
 fn share(folder: &Path) -> io::Result<()> {
     #[cfg(unix)]
     {
@@ -188,7 +188,7 @@ fn write_frame(folder: &Path, index: usize, frame: &RgbImage, (width, height): (
     fs::write(frame_file(folder, index), bytes).map_err(|e| unwritable(folder, &e))
 }
 
-/// Removes half-done sets that nobody is at work on. That it fails does no harm.
+/// Removes partial sets of interrupted runs. Failure does no harm.
 fn remove_abandoned(parent: &Path, prefix: &str) {
     let Ok(entries) = fs::read_dir(parent) else { return };
     for entry in entries.flatten().filter(|entry| entry.file_name().to_string_lossy().starts_with(prefix)) {

@@ -1,5 +1,5 @@
-//! A folder for frames among the system's temporary files. It goes when the program ends; that of a program that was
-//! stopped goes when the next one needs such a folder.
+//! A temporary folder for frames. It is removed when the program ends. If the program was killed, the next one that
+//! needs such a folder removes it.
 
 use std::fs::{self, File};
 use std::io;
@@ -8,24 +8,23 @@ use std::path::Path;
 use tempfile::TempDir;
 
 const PREFIX: &str = "mvfusion-frames-";
-/// A file in the folder that is locked as long as the folder is used. The system frees the lock however a program
-/// ends.
+/// A file in the folder that is locked while the folder is used. The system releases the lock however a program ends.
 const IN_USE: &str = "in-use";
 
-/// The folder, removed with what is in it when it is dropped.
+/// The folder. It is removed with its content when dropped.
 #[derive(Debug)]
 pub(super) struct TemporaryFolder {
-    /// Before the folder, because some systems remove no file that is open.
+    /// Dropped before the folder, because some systems cannot remove an open file.
     _in_use: File,
     folder: TempDir,
 }
 
 impl TemporaryFolder {
-    /// A new folder in `parent`, from which those of programs that were stopped are removed.
+    /// A new folder in `parent`. Removes those of killed programs there.
     pub(super) fn new(parent: &Path) -> io::Result<Self> {
         remove_abandoned(parent);
         let folder = tempfile::Builder::new().prefix(PREFIX).tempdir_in(parent)?;
-        // It gets its name when it is locked: a folder without such a file is left alone.
+        // The file gets its name once it is locked. A folder without such a file is left alone.
         let unlocked = folder.path().join("unlocked");
         let in_use = File::create(&unlocked)?;
         if in_use.try_lock().is_ok() {
@@ -39,12 +38,12 @@ impl TemporaryFolder {
     }
 }
 
-/// That it fails does no harm: the folder may be another user's.
+/// Removes the folders of killed programs. Failure does no harm: a folder may be another user's.
 fn remove_abandoned(parent: &Path) {
     let Ok(entries) = fs::read_dir(parent) else { return };
     for entry in entries.flatten().filter(|entry| entry.file_name().to_string_lossy().starts_with(PREFIX)) {
         let in_use = entry.path().join(IN_USE);
-        // Asked first, because to open a pipe could take for ever.
+        // Checked first, because opening a pipe could block for ever.
         let is_ours = entry.file_type().is_ok_and(|kind| kind.is_dir())
             && fs::symlink_metadata(&in_use).is_ok_and(|metadata| metadata.is_file());
         if is_ours && File::options().write(true).open(&in_use).is_ok_and(|file| file.try_lock().is_ok()) {

@@ -11,7 +11,7 @@ use super::*;
 const FIXTURE: &[u8] = include_bytes!("../../tests-data/bframes.mp4");
 const SIZE: (u32, u32) = (60, 44);
 const FRAMES: usize = 12;
-/// Coding and the colours' halved resolution leave 40 dB; a frame in the wrong place has 22.
+/// Encoding and chroma subsampling leave 40 dB. A frame in the wrong place has 22 dB.
 const LIKE: f64 = 35.0;
 /// The decoders differ in rounding and in the filter for the chroma.
 const ALIKE: f64 = 45.0;
@@ -41,7 +41,7 @@ fn rgb(video: &Video, index: usize) -> RgbImage {
     video.frame(index, video.size()).expect("decoded").into_rgb8()
 }
 
-/// What was coded.
+/// The frames that were encoded.
 fn original(index: usize) -> RgbImage {
     RgbImage::from_fn(SIZE.0, SIZE.1, |x, y| Rgb([20 * index as u8, 4 * x as u8, 5 * y as u8]))
 }
@@ -295,7 +295,7 @@ fn a_store_that_cannot_be_written_is_named() {
     }
 }
 
-/// Real videos of the test data, which lie outside the project, against the pictures that they were made of.
+/// Compares real videos of the test data, which lie outside the project, with the pictures that they were made from.
 #[test]
 fn real_videos_look_like_the_pictures_they_were_made_of() {
     let Some(folder) = std::env::var_os("MVFUSION_ORACLES") else {

@@ -1,18 +1,18 @@
-//! COLMAP models in binary files, and the layouts of photos that rest on them.
+//! COLMAP models in binary files, and the photo layouts with such a model.
 //!
-//! Nothing says which points were seen where, so images have no observations and points no tracks.
+//! It is unknown which image shows which point, so images have no observations and points no tracks.
 
 use super::encode::byte;
 use super::package::Package;
 use super::{photos, poses};
-use crate::{Camera, PointCloud, Scene};
+use crate::scene::{Camera, PointCloud, Scene};
 
 /// A camera model of COLMAP.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum LensModel {
-    /// Focal lengths and principal point: all that 3DGS takes.
+    /// Focal lengths and principal point. 3DGS accepts no other model.
     Pinhole,
-    /// The same and four coefficients of a distortion, here zero: DeGauss straightens what it reads and wants them.
+    /// The same plus four distortion coefficients, here zero. DeGauss undistorts its input and requires them.
     OpenCv,
 }
 
@@ -26,7 +26,7 @@ pub(super) fn package<'a>(scene: &'a Scene, inner: &str, lens: LensModel) -> Pac
     Package { pictures, files }
 }
 
-/// The three files of a model. Images are numbered in their order, from 1 on; cameras that are alike are one.
+/// The three files of a model. Images are numbered in order, from 1. Equal cameras share one number.
 pub(super) fn model(
     folder: &str,
     images: &[(String, &Camera)],
@@ -50,7 +50,7 @@ pub(super) fn model(
     ]
 }
 
-/// What COLMAP calls a camera.
+/// A camera in COLMAP's sense: intrinsics without pose.
 #[derive(PartialEq)]
 struct Lens {
     size: [u64; 2],
@@ -64,7 +64,7 @@ impl Lens {
     }
 }
 
-/// Records behind their number: number of the camera and of its model, size, parameters.
+/// A count and records: camera number, model number, size, parameters.
 fn cameras(lenses: &[Lens], model: LensModel) -> Vec<u8> {
     let (number, distortion): (i32, &[f64]) = match model {
         LensModel::Pinhole => (1, &[]),
@@ -81,7 +81,7 @@ fn cameras(lenses: &[Lens], model: LensModel) -> Vec<u8> {
     bytes
 }
 
-/// Records behind their number: number of the image, pose, number of the camera, name, observations.
+/// A count and records: image number, pose, camera number, name, observations.
 fn posed(images: &[(String, &Camera)], numbers: &[u32]) -> Vec<u8> {
     let mut bytes = count(images.len()).to_vec();
     for (index, ((name, camera), number)) in images.iter().zip(numbers).enumerate() {
@@ -95,7 +95,7 @@ fn posed(images: &[(String, &Camera)], numbers: &[u32]) -> Vec<u8> {
     bytes
 }
 
-/// Records behind their number: number of the point, position, colour, reprojection error, track.
+/// A count and records: point number, position, colour, reprojection error, track.
 fn cloud(points: &PointCloud) -> Vec<u8> {
     let mut bytes = count(points.len()).to_vec();
     for (index, (position, colour)) in points.positions.iter().zip(&points.colours).enumerate() {

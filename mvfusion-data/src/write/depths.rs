@@ -1,33 +1,33 @@
-//! The depths between which cameras see something, which some layouts store.
+//! Depth bounds of cameras, which some layouts store.
 
-use crate::{Camera, PointCloud, Scene, View};
+use crate::scene::{Camera, PointCloud, Scene, View};
 
-/// Parts of the points in view that lie nearer, and farther, than the bounds (LLFF's percentiles 0.1 and 99.9).
+/// Fractions of the visible points nearer, and farther, than the bounds (LLFF's percentiles 0.1 and 99.9).
 const STRAYS: f64 = 0.001;
 
-/// The far bound where nothing is known: DeGauss' far plane (METHOD §5.0).
+/// The far bound if nothing is known: DeGauss' far plane (METHOD §5.0).
 const FAR: f64 = 100.0;
 
 /// Depths along the camera's axis, world units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Depths {
-    /// Nothing is nearer; 0 if that is not known.
+    /// Lower bound; 0 if unknown.
     pub(super) near: f64,
     pub(super) far: f64,
 }
 
 impl Depths {
-    /// Those of some views: from their true depths if there are any, or else from the points in view, as LLFF has it.
-    /// The near bound of the scene comes first.
+    /// The bounds of views: from their ground-truth depths if there are any, else from the visible points, as in LLFF.
+    /// The near bound of the scene wins.
     pub(super) fn of(scene: &Scene, views: &[&View]) -> Self {
         let known = Self::true_of(views).or_else(|| Self::of_points(&scene.points, &views.first()?.camera));
         let known = known.unwrap_or(Self { near: 0.0, far: FAR });
         let near = scene.near.unwrap_or(known.near);
-        // Bounds must not cross: a scene's may stem from another capture than its points.
+        // Bounds must not cross. A scene's near bound may come from another capture than its points.
         Self { near, far: known.far.max(2.0 * near) }
     }
 
-    /// Of all of these together.
+    /// The bounds that contain all of these.
     pub(super) fn around(all: impl IntoIterator<Item = Self>) -> Option<Self> {
         all.into_iter().reduce(|a, b| Self { near: a.near.min(b.near), far: a.far.max(b.far) })
     }

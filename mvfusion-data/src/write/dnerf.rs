@@ -2,10 +2,11 @@
 
 use serde::Serialize;
 
+use super::error::Misfit;
 use super::package::{Package, PictureEntry};
 use super::transforms::FrameRecord;
-use super::{Misfit, encode, poses};
-use crate::{Scene, View};
+use super::{encode, poses};
+use crate::scene::{Scene, View};
 
 #[derive(Serialize)]
 struct Transforms {

@@ -1,4 +1,4 @@
-//! Files of the common formats, as bytes.
+//! Files of common formats, as bytes.
 
 use std::io::{self, Cursor, Write};
 
@@ -6,8 +6,8 @@ use npyz::{AutoSerialize, WriteOptions, WriterBuilder};
 use serde::Serialize;
 use zip::write::SimpleFileOptions;
 
-use super::Misfit;
-use crate::PointCloud;
+use super::error::Misfit;
+use crate::scene::PointCloud;
 
 /// A colour channel in `[0, 1]` as 8 bits.
 pub(super) fn byte(channel: f32) -> u8 {
@@ -40,7 +40,7 @@ pub(super) fn json(value: &impl Serialize) -> Result<Vec<u8>, Misfit> {
     Ok(bytes)
 }
 
-/// A point cloud as a binary PLY file. It has normals, all zero, because 3DGS and its kin demand them.
+/// A point cloud as a binary PLY file. Its normals are zero. 3DGS and similar programs require them.
 pub fn ply(points: &PointCloud) -> Vec<u8> {
     let mut bytes = format!("ply\nformat binary_little_endian 1.0\nelement vertex {}\n", points.len()).into_bytes();
     for name in ["x", "y", "z", "nx", "ny", "nz"] {

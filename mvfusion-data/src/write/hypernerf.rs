@@ -1,16 +1,17 @@
-//! Nerfies and HyperNeRF: a file for each camera, and lists of what belongs where.
+//! Nerfies and HyperNeRF: a file for each camera, and lists that define the split.
 //!
-//! `points.npy` has no room for colours, so `fused.ply`, which DeGauss reads, repeats the points with them.
+//! `points.npy` cannot hold colours, so `fused.ply`, which DeGauss reads, repeats the points with colours.
 
 use std::collections::BTreeMap;
 
 use serde::Serialize;
 
 use super::depths::Depths;
+use super::encode;
+use super::error::Misfit;
 use super::package::{Package, PictureEntry};
 use super::rig::camera_name;
-use super::{Misfit, encode};
-use crate::{Camera, Scene, View};
+use crate::scene::{Camera, Scene, View};
 
 #[derive(Serialize)]
 struct Dataset<'a> {
@@ -21,7 +22,7 @@ struct Dataset<'a> {
     val_ids: &'a [String],
 }
 
-/// What the networks of the originals learn codes for: the moment, the lighting and the camera.
+/// Indices of the codes that the original networks learn: for the moment, the lighting and the camera.
 #[derive(Serialize)]
 struct Metadata {
     warp_id: usize,
@@ -29,7 +30,7 @@ struct Metadata {
     camera_id: usize,
 }
 
-/// From the world to that of the cameras: ours is left as it is.
+/// The similarity from the world to that of the cameras; here the identity.
 #[derive(Serialize)]
 struct SceneRecord {
     scale: f64,
@@ -78,7 +79,7 @@ pub(super) fn package(scene: &Scene) -> Result<Package<'_>, Misfit> {
     Ok(Package { pictures: ids.iter().zip(views).map(entry).collect(), files })
 }
 
-/// The moment of each view is the place of its time among all times.
+/// The moment of a view is the rank of its time.
 fn metadata<'a>(views: &[&View], ids: &'a [String]) -> BTreeMap<&'a str, Metadata> {
     let mut times: Vec<f64> = views.iter().map(|view| view.time).collect();
     times.sort_by(f64::total_cmp);

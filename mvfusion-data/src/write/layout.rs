@@ -1,45 +1,46 @@
-//! The layouts, and which scenes fit them.
+//! The layouts, and the kind of scene that each one holds.
 
 use serde::{Deserialize, Serialize};
 
+use super::error::Misfit;
 use super::package::Package;
-use super::{Misfit, colmap, dnerf, hypernerf, multipleview, nerfstudio, neu3d, onthego, panoptic};
-use crate::{Capture, Scene};
+use super::{colmap, dnerf, hypernerf, multipleview, nerfstudio, neu3d, onthego, panoptic};
+use crate::scene::{Capture, Scene};
 
-/// The layouts in which a scene can be written.
+/// The layouts that a scene can be written in.
 ///
-/// Cameras, pictures and points survive in all of them; each says below what else becomes of a scene. Videos go to the
-/// first six, photos to the rest.
+/// All of them keep cameras, pictures and points. Each variant says what else changes. The first six are for videos,
+/// the rest for photos.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Layout {
-    /// `camNN/images/0000.png`, `poses_bounds.npy`, `points3D.ply`. For cameras that stand still, with square pixels
-    /// and the principal point in the middle, of which one is held out. Times become index / number of frames.
+    /// `camNN/images/0000.png`, `poses_bounds.npy`, `points3D.ply`. For still cameras with square pixels and a centred
+    /// principal point, exactly one of them held out. Times become index / number of frames.
     Neu3d,
     /// Dynamic 3D Gaussians: `train_meta.json`, `test_meta.json`, `ims/<camera>/000000.png`, `init_pt_cld.npz`. For
     /// synchronised cameras. Times become index / number of frames.
     Panoptic,
-    /// `transforms.json` and `images/<view>.png`, with times and the split as they are.
+    /// `transforms.json` and `images/<view>.png`. Times and split stay as they are.
     Nerfstudio,
-    /// 4DGaussians' own: `camNN/frame_00001.png`, `sparse_/`, `points3D_multipleview.ply`. For cameras that stand
-    /// still. Times become index / number of frames; which camera is held out has no place in it and is lost.
+    /// 4DGaussians' own: `camNN/frame_00001.png`, `sparse_/`, `points3D_multipleview.ply`. For still cameras. Times
+    /// become index / number of frames. The choice of held-out cameras is lost.
     MultipleView,
     /// `transforms_{train,val,test}.json`, `train/r_000.png`, `test/r_000.png`, `fused.ply`. For cameras of one focal
-    /// length, with square pixels and the principal point in the middle. Its readers divide the times by their maximum.
+    /// length, with square pixels and a centred principal point. Its readers divide times by the largest.
     DNerf,
     /// Nerfies' and HyperNeRF's: `dataset.json`, `metadata.json`, `scene.json`, `camera/`, `rgb/1x/`, `points.npy`.
     /// Times become their index / the largest index.
     HyperNerf,
-    /// `images/` and `sparse/0`, a PINHOLE camera, as other splatting programs read it. In all layouts for photos these
-    /// are named `2clutter000.png` for training and `1extra000.png` if held out; number / largest number is the time.
+    /// `images/` and `sparse/0` with a PINHOLE camera, as other splatting programs read it. All layouts for photos name
+    /// training photos `2clutter000.png` and held-out photos `1extra000.png`. The time is number / largest number.
     Colmap,
-    /// NeRF On-the-go as published: `images/`, `transforms.json`, `split.json`; and `points3D.ply`, which the original
-    /// lacks.
+    /// NeRF On-the-go as published: `images/`, `transforms.json`, `split.json`. We add `points3D.ply`, which the
+    /// original lacks.
     OnTheGo,
-    /// NeRF On-the-go as SpotLessSplats and DeGauss take it: `images/` and `sparse/0`, an OPENCV camera.
+    /// NeRF On-the-go as SpotLessSplats and DeGauss read it: `images/` and `sparse/0` with an OPENCV camera.
     #[serde(rename = "onthego-colmap")]
     OnTheGoColmap,
-    /// The same in an inner folder `0`.
+    /// The same in a subfolder `0`.
     RobustNerf,
 }
 
@@ -79,7 +80,7 @@ impl Layout {
         Self::ALL.into_iter().find(|layout| layout.key() == key)
     }
 
-    /// The kind of scene that it is for.
+    /// The kind of scene that it holds.
     pub fn capture(self) -> Capture {
         match self {
             Self::Neu3d | Self::Panoptic | Self::Nerfstudio | Self::MultipleView | Self::DNerf | Self::HyperNerf => {
@@ -89,12 +90,12 @@ impl Layout {
         }
     }
 
-    /// Whether readers hold something out, or fail, where the files hold out nothing.
+    /// Whether readers fail, or choose held-out views themselves, if the files hold none out.
     pub(super) fn needs_test_views(self) -> bool {
         matches!(self, Self::Neu3d | Self::Panoptic | Self::DNerf | Self::HyperNerf)
     }
 
-    /// What the folder will hold for a scene of the kind that this is for.
+    /// The content of the folder for a scene of this layout's kind.
     pub(super) fn package(self, scene: &Scene) -> Result<Package<'_>, Misfit> {
         match self {
             Self::Neu3d => neu3d::package(scene),

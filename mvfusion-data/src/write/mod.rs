@@ -1,13 +1,13 @@
-//! Writes scenes in the layouts of the field: for other programs, and as input for our own readers.
+//! Writers for common layouts, for other programs and for our own readers.
 //!
-//! Every layout is settled in memory first (`package`), so a scene that does not fit is refused before anything lies on
-//! the disk. Pictures are PNG files, whatever the layout's own tools write, because nothing may be lost.
+//! Every layout is built in memory first (`package`), so an unsuitable scene is refused before anything is written.
+//! Pictures are PNG files, whatever the layout's own tools write, so nothing is lost.
 //!
-//! What is known beyond the photos lies in folders beside them, under the names that our readers give to the views:
-//! [`MASKS_TRUTH`], [`MOVERS_TRUTH`], [`BACKGROUND_TRUTH`] and [`DEPTH_TRUTH`]. No layout knows them, so no tool trains
-//! on them by mistake.
+//! Ground truth is stored in folders beside the photos, under the names that our readers give to the views:
+//! [`MASKS_TRUTH`], [`MOVERS_TRUTH`], [`BACKGROUND_TRUTH`] and [`DEPTH_TRUTH`]. These folders belong to no layout, so
+//! no tool trains on them by mistake.
 //!
-//! What a layout has no words for is lost: see [`Layout`].
+//! What a layout cannot express is lost: see [`Layout`].
 
 mod colmap;
 mod depths;
@@ -25,6 +25,8 @@ mod panoptic;
 mod photos;
 mod poses;
 mod rig;
+#[cfg(test)]
+mod tests;
 mod transforms;
 
 use std::path::Path;
@@ -36,17 +38,16 @@ pub use error::WriteError;
 pub use layout::Layout;
 pub use package::{BACKGROUND_TRUTH, DEPTH_TRUTH, MASKS_TRUTH, MOVERS_TRUTH};
 
-use crate::{Capture, Scene};
+use crate::scene::{Capture, Scene, View};
+use error::Misfit;
 use package::Package;
 
-/// Why a scene does not fit a layout, to stand behind a colon.
-type Misfit = String;
-
-/// Writes `scene` in `layout` to `folder`, which must be empty or not there yet.
+/// Writes `scene` in `layout` to `folder`, which must be empty or not exist.
 ///
 /// # Errors
-/// [`WriteError::Layout`] if the layout cannot hold the scene, [`WriteError::Occupied`] if there is something in the folder,
-/// [`WriteError::Unwritable`] if a file cannot be written, [`WriteError::Picture`] if a picture of the scene cannot be read.
+/// [`WriteError::Layout`] if the layout cannot hold the scene, [`WriteError::Occupied`] if the folder is not empty.
+/// [`WriteError::Unwritable`] if a file cannot be written, [`WriteError::Picture`] if a picture of the scene cannot be
+/// read.
 pub fn write(scene: &Scene, layout: Layout, folder: &Path) -> Result<(), WriteError> {
     let package = package(scene, layout).map_err(|reason| refusal(scene.capture, layout, reason))?;
     let unplaced = package.pictures.iter().filter(|p| p.view.mask.is_some() && p.mask.is_none()).count();
@@ -59,7 +60,7 @@ pub fn write(scene: &Scene, layout: Layout, folder: &Path) -> Result<(), WriteEr
     Ok(())
 }
 
-/// What the folder will hold.
+/// The content of the folder.
 fn package(scene: &Scene, layout: Layout) -> Result<Package<'_>, Misfit> {
     if scene.capture != layout.capture() {
         let is = match scene.capture {
@@ -69,7 +70,7 @@ fn package(scene: &Scene, layout: Layout) -> Result<Package<'_>, Misfit> {
         return Err(is.into());
     }
     let Some(first) = scene.train.first() else { return Err("it has no view to train on".into()) };
-    let size = |v: &crate::View| (v.camera.width, v.camera.height);
+    let size = |v: &View| (v.camera.width, v.camera.height);
     if let Some(other) = scene.train.iter().chain(&scene.test).find(|view| size(view) != size(first)) {
         let ((w, h), (v, g)) = (size(first), size(other));
         return Err(format!("its pictures differ in size ({} is {w}x{h}, {} is {v}x{g})", first.name, other.name));
@@ -88,6 +89,3 @@ fn refusal(capture: Capture, layout: Layout, reason: Misfit) -> WriteError {
     };
     WriteError::Layout { layout: layout.key(), reason, advice: format!("{kind} are written as {}", fitting.join(", ")) }
 }
-
-#[cfg(test)]
-mod tests;

@@ -1,16 +1,17 @@
-//! The layout that 4DGaussians offers for own captures: `camNN/frame_00001.png` and a COLMAP model `sparse_` of one
-//! image a camera.
+//! 4DGaussians' layout for custom captures: `camNN/frame_00001.png` and a COLMAP model `sparse_` with one image a
+//! camera.
 //!
-//! Its reader makes the folder's name from that of the image: what stands between `image` and the extension.
+//! Its reader derives a folder's name from the image's: the text between `image` and the extension.
 
 use tracing::warn;
 
-use super::colmap::{self, LensModel};
+use super::colmap::LensModel;
+use super::error::Misfit;
 use super::package::{Package, PictureEntry};
 use super::rig::{Rig, RigCamera};
-use super::{Misfit, encode, poses};
-use crate::Scene;
-use crate::poses::ROW;
+use super::{colmap, encode, poses};
+use crate::readers::shared::poses::ROW;
+use crate::scene::Scene;
 
 pub(super) fn package(scene: &Scene) -> Result<Package<'_>, Misfit> {
     let rig = Rig::of(scene)?;

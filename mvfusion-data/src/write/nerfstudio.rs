@@ -3,10 +3,11 @@
 use std::collections::BTreeSet;
 use std::path::{Component, Path};
 
+use super::encode;
+use super::error::Misfit;
 use super::package::{Package, PictureEntry};
 use super::transforms::{SplitRecord, Transforms};
-use super::{Misfit, encode};
-use crate::{Scene, View};
+use crate::scene::{Scene, View};
 
 const POINTS: &str = "points3D.ply";
 
@@ -33,13 +34,14 @@ fn entry(view: &View) -> PictureEntry<'_> {
     PictureEntry { view, file: format!("{name}.png"), name, mask }
 }
 
-/// Views give their names to files, so the names must be paths that stay inside, no two alike.
+/// Checks the names of views, because files are named after them. They must be unique paths that stay inside the
+/// folder.
 fn check_names(scene: &Scene) -> Result<(), Misfit> {
     let mut names = BTreeSet::new();
     for view in scene.train.iter().chain(&scene.test) {
         let path = Path::new(&view.name);
         let inside = path.components().all(|part| matches!(part, Component::Normal(_)));
-        // As paths, because `a/b` and `a//b` are one file.
+        // Compared as paths, because `a/b` and `a//b` are one file.
         if !inside || path.file_name().is_none() || !names.insert(path) {
             return Err(format!("the name of its view `{}` cannot be that of a file, or two views have it", view.name));
         }

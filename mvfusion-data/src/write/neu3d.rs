@@ -1,10 +1,11 @@
 //! Neu3D: `camNN/images/0000.png`, `poses_bounds.npy` and `points3D.ply`.
 
+use super::error::Misfit;
 use super::package::{Package, PictureEntry};
 use super::rig::{Rig, RigCamera};
-use super::{Misfit, encode, poses};
-use crate::Scene;
-use crate::poses::ROW;
+use super::{encode, poses};
+use crate::readers::shared::poses::ROW;
+use crate::scene::Scene;
 
 pub(super) fn package(scene: &Scene) -> Result<Package<'_>, Misfit> {
     let rig = Rig::of(scene)?;
@@ -24,7 +25,7 @@ pub(super) fn package(scene: &Scene) -> Result<Package<'_>, Misfit> {
         rows.extend(poses::llff_row(still, camera.depths(scene)));
     }
     let rows = encode::npy(&[count, ROW], rows).map_err(|e| e.to_string())?;
-    // Rows follow the sorted names, so all numbers have equally many digits.
+    // Rows follow the sorted names, so all numbers need equally many digits.
     let digits = rig.cameras.last().map_or(0, |c| c.number).to_string().len().max(2);
     Ok(Package {
         pictures: rig.cameras.iter().flat_map(|camera| pictures(camera, digits)).collect(),

@@ -1,13 +1,14 @@
-//! NeRF On-the-go as it was published: `images/`, `transforms.json` and `split.json`.
+//! NeRF On-the-go as published: `images/`, `transforms.json` and `split.json`.
 
 use serde::Serialize;
 
+use super::error::Misfit;
 use super::package::{Package, PictureEntry};
 use super::transforms::Transforms;
-use super::{Misfit, encode, photos};
-use crate::Scene;
+use super::{encode, photos};
+use crate::scene::Scene;
 
-/// `split.json`: places among the sorted names of the photos.
+/// `split.json`: indices into the sorted names of the photos.
 #[derive(Serialize)]
 struct Split {
     clutter: Vec<usize>,
@@ -16,7 +17,7 @@ struct Split {
 }
 
 pub(super) fn package(scene: &Scene) -> Result<Package<'_>, Misfit> {
-    // The reader names the views by the paths in `transforms.json`.
+    // The reader names views by the paths in `transforms.json`.
     let mut pictures = photos::entries(scene, "");
     for entry in &mut pictures {
         entry.name = format!("images/{}", entry.name);

@@ -1,4 +1,4 @@
-//! What a layout makes of a scene, and how it gets to the disk.
+//! The content of a folder in some layout, and its way to the disk.
 
 use std::fmt::Display;
 use std::path::Path;
@@ -7,56 +7,55 @@ use std::{fs, io};
 use image::{ImageError, ImageFormat};
 use rayon::prelude::*;
 
-use super::WriteError;
-use super::encode;
-use crate::View;
+use super::{WriteError, encode};
+use crate::scene::View;
 
-/// Folder of the masks of what moves (white = moving), as [`attach_masks`](crate::attach_masks) takes it.
+/// Folder of the motion masks (white = moving), as [`attach_masks`](crate::attach_masks) reads it.
 pub const MASKS_TRUTH: &str = "masks_truth";
 
-/// Folder of the masks of what goes somewhere, which leave out what sways in its place.
+/// Folder of the masks of movers, which exclude objects that sway in their places.
 pub const MOVERS_TRUTH: &str = "movers_truth";
 
-/// Folder of the photos as they would be without anything that moves.
+/// Folder of the photos without anything that moves.
 pub const BACKGROUND_TRUTH: &str = "background_truth";
 
 /// Folder of the depths along the camera's axis: `.npy` files, float32, `[height, width]`.
 pub const DEPTH_TRUTH: &str = "depth_truth";
 
-/// Beginning of the name of the folder in which everything lies until all of it is written.
+/// Prefix of the folder in which everything lies until it is complete.
 const DRAFT: &str = ".unfinished-";
 
-/// Everything that will lie in the folder; paths are relative to it.
+/// The content of the folder, with relative paths.
 #[derive(Default)]
 pub(super) struct Package<'a> {
     pub(super) pictures: Vec<PictureEntry<'a>>,
-    /// All files but pictures and truths.
+    /// All files except pictures and ground truth.
     pub(super) files: Vec<(String, Vec<u8>)>,
 }
 
-/// A view's picture and where it goes.
+/// A view's picture and its destination.
 #[derive(Clone)]
 pub(super) struct PictureEntry<'a> {
     pub(super) view: &'a View,
     pub(super) file: String,
-    /// The name that our reader will give to the view; its truth is filed under it.
+    /// The name that our reader gives to the view. Its ground truth is stored under it.
     pub(super) name: String,
-    /// Where its mask goes, if it has one and the layout has a place for it.
+    /// Destination of its mask, if it has one and the layout supports masks.
     pub(super) mask: Option<String>,
 }
 
 impl Package<'_> {
-    /// Writes everything to `folder`, where nothing appears before all of it is written: what a program leaves behind that
-    /// was stopped must not look like a scene, and an error leaves nothing.
+    /// Writes everything to `folder`. Nothing appears there before all of it is written. An interrupted program leaves
+    /// nothing that looks like a scene, and an error leaves nothing at all.
     pub(super) fn store(&self, folder: &Path) -> Result<(), WriteError> {
         make_room(folder)?;
-        // Within the folder, because that may be a link or the place where a disk is mounted.
+        // Within the folder, because that may be a link or a mount point.
         let draft = tempfile::Builder::new().prefix(DRAFT).tempdir_in(folder).map_err(|e| unwritable(folder, &e))?;
         self.store_draft(draft.path())?;
         publish(draft.path(), folder).map_err(|e| unwritable(folder, &e))
     }
 
-    /// The pictures come first: without the files that describe them they are no scene.
+    /// The pictures come first. Without the files that describe them they are no scene.
     fn store_draft(&self, folder: &Path) -> Result<(), WriteError> {
         let stored: Vec<Result<(), WriteError>> = self.pictures.par_iter().map(|entry| entry.store(folder)).collect();
         // The first error in the order of the views, whichever thread met one first.
@@ -102,7 +101,7 @@ impl PictureEntry<'_> {
     }
 }
 
-/// Makes the folder, which must not hold anything.
+/// Creates the folder. It must be empty.
 fn make_room(folder: &Path) -> Result<(), WriteError> {
     let fail = |e: io::Error| unwritable(folder, &e);
     fs::create_dir_all(folder).map_err(fail)?;
@@ -112,7 +111,7 @@ fn make_room(folder: &Path) -> Result<(), WriteError> {
     }
 }
 
-/// Moves what is in `draft` to `folder`: a few renames, the folders first and then the files that describe them.
+/// Moves the content of `draft` to `folder` by a few renames: folders first, then the files that describe them.
 fn publish(draft: &Path, folder: &Path) -> io::Result<()> {
     let entry = |entry: io::Result<fs::DirEntry>| entry.map(|entry| (entry.path().is_file(), entry.file_name()));
     let mut entries = fs::read_dir(draft)?.map(entry).collect::<io::Result<Vec<_>>>()?;
@@ -120,7 +119,7 @@ fn publish(draft: &Path, folder: &Path) -> io::Result<()> {
     entries.iter().try_for_each(|(_, name)| fs::rename(draft.join(name), folder.join(name)))
 }
 
-/// Writes a file, and the folders that it lies in.
+/// Writes a file and creates its folders.
 fn save(path: &Path, write: impl FnOnce(&Path) -> Result<(), ImageError>) -> Result<(), WriteError> {
     let made = path.parent().map_or(Ok(()), fs::create_dir_all).map_err(ImageError::IoError);
     made.and_then(|()| write(path)).map_err(|e| unwritable(path, &e))

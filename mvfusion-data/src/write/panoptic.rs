@@ -1,17 +1,18 @@
-//! Panoptic Sports, as Dynamic 3D Gaussians takes it: a file of cameras for training and one for testing, `ims/`, and
+//! Panoptic Sports in the format of Dynamic 3D Gaussians: files of training and test cameras, `ims/`, and
 //! `init_pt_cld.npz`.
 
 use serde::Serialize;
 
+use super::error::Misfit;
 use super::package::{Package, PictureEntry};
 use super::rig::{Rig, RigCamera};
-use super::{Misfit, encode, poses};
-use crate::{PointCloud, Scene};
+use super::{encode, poses};
+use crate::scene::{PointCloud, Scene};
 
-/// Numbers of a point: position, colour, and whether it is in the foreground.
+/// Numbers of a point: position, colour, and a foreground flag.
 const POINT: usize = 7;
 
-/// `train_meta.json` and `test_meta.json`: lists by moment, and in these by camera.
+/// `train_meta.json` and `test_meta.json`: lists by moment, then by camera.
 #[derive(Serialize)]
 struct Meta {
     w: usize,
@@ -43,7 +44,7 @@ pub(super) fn package(scene: &Scene) -> Result<Package<'_>, Misfit> {
     })
 }
 
-/// `7/000003`, for the camera 7.
+/// `7/000003`, for camera 7.
 fn frame_name(camera: &RigCamera<'_>, index: usize) -> String {
     format!("{}/{index:06}", camera.number)
 }
@@ -62,7 +63,7 @@ fn meta(rig: &Rig<'_>, held_out: bool) -> Meta {
     meta
 }
 
-/// The points; all count as background, since structure from motion finds what stands still.
+/// The points. All count as background, because structure from motion finds still points.
 fn init_points(points: &PointCloud) -> std::io::Result<Vec<u8>> {
     let rows = points.positions.iter().zip(&points.colours);
     let numbers = rows.flat_map(|(p, c)| [p.x, p.y, p.z, c.x, c.y, c.z, 0.0].map(f64::from));

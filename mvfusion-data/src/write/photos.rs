@@ -1,14 +1,14 @@
-//! What photos are called: `2clutter008.png` trains, `1extra003.png` is held out, as SpotLessSplats renamed them.
+//! Names of photos as in SpotLessSplats: `2clutter008.png` trains, `1extra003.png` is held out.
 //!
-//! The numbers count in the order of the scene, and the readers make times of them: number / largest number.
+//! Numbers follow the order of the scene. Readers turn them into times: number / largest number.
 
 use super::package::PictureEntry;
-use crate::{Scene, View};
+use crate::scene::{Scene, View};
 
-/// Digits of the numbers, if there are not more photos than they can count: names must sort as the numbers do.
+/// Digits of the numbers, unless there are more photos. Names must sort like numbers.
 const DIGITS: usize = 3;
 
-/// The photos, those to train on first. They go to `images` below `inner` and their masks to `masks`.
+/// The photos, training photos first. Pictures go to `images` below `inner`, masks to `masks`.
 pub(super) fn entries<'a>(scene: &'a Scene, inner: &str) -> Vec<PictureEntry<'a>> {
     let most = scene.train.len().max(scene.test.len());
     let digits = most.saturating_sub(1).to_string().len().max(DIGITS);

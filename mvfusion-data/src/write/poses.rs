@@ -1,36 +1,36 @@
-//! A camera's pose and pixels in the conventions of the layouts.
+//! Poses and intrinsics in the conventions of the layouts.
 //!
-//! Ours leads from the world to the camera, in OpenCV axes. The readers hold the inverse of each of these.
+//! Our poses map the world to the camera, in OpenCV axes. The readers hold the inverse of each function here.
 
 use glam::{DMat3, DQuat, DVec3};
 
 use super::depths::Depths;
-use crate::Camera;
-use crate::poses::ROW;
+use crate::readers::shared::poses::ROW;
+use crate::scene::Camera;
 
-/// Up to which part of a length cameras may miss what a layout takes for granted: far below what any file keeps.
+/// Relative tolerance for the requirements of a layout. It is far below the precision of any file.
 const EXACT: f64 = 1e-9;
 
-/// The rotation from the world to the camera as COLMAP writes it: w, x, y, z of length one, and w not negative.
+/// The world-to-camera rotation as COLMAP writes it: a unit quaternion w, x, y, z with w not negative.
 pub(super) fn quaternion(camera: &Camera) -> [f64; 4] {
     let q = DQuat::from_mat3(&camera.rotation).normalize();
     let q = if q.w < 0.0 { -q } else { q };
     [q.w, q.x, q.y, q.z]
 }
 
-/// From the world to the camera, OpenCV axes: rows of a 4x4 matrix.
+/// World-to-camera pose in OpenCV axes: rows of a 4x4 matrix.
 pub(super) fn world_to_camera(camera: &Camera) -> [[f64; 4]; 4] {
     affine(camera.rotation, camera.translation)
 }
 
-/// From the camera to the world, where the camera looks along -z with y up (OpenGL): rows of a 4x4 matrix.
+/// Camera-to-world pose, where the camera looks along -z with y up (OpenGL): rows of a 4x4 matrix.
 pub(super) fn opengl_to_world(camera: &Camera) -> [[f64; 4]; 4] {
     let [right, down, forward] = axes(camera);
     affine(DMat3::from_cols(right, -down, -forward), camera.centre())
 }
 
-/// A row of `poses_bounds.npy`: a 3x5 matrix whose columns are down, right, backward, the centre and (height, width,
-/// focal length), row by row; then the bounds.
+/// A row of `poses_bounds.npy`: a 3x5 matrix by rows, then the bounds. The columns of the matrix are down, right,
+/// backward, the centre and (height, width, focal length).
 pub(super) fn llff_row(camera: &Camera, depths: Depths) -> [f64; ROW] {
     let [right, down, forward] = axes(camera);
     let sizes = DVec3::new(camera.height as f64, camera.width as f64, camera.fx);
@@ -48,7 +48,7 @@ pub(super) fn intrinsics(camera: &Camera) -> [[f64; 3]; 3] {
     [[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]]
 }
 
-/// Whether pixels are square and the principal point is in the middle.
+/// Whether pixels are square and the principal point is centred.
 pub(super) fn is_plain(camera: &Camera) -> bool {
     let (width, height) = (camera.width as f64, camera.height as f64);
     let square = (camera.fx - camera.fy).abs() <= EXACT * camera.fx;
@@ -76,7 +76,7 @@ fn affine(rotation: DMat3, translation: DVec3) -> [[f64; 4]; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::poses::camera_from_row;
+    use crate::readers::shared::poses::camera_from_row;
 
     /// Room for rounding in a handful of products of numbers near one.
     const ROUNDING: f64 = 1e-12;

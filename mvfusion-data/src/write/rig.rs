@@ -1,27 +1,27 @@
-//! The cameras of a video and the frames that they filmed at the same moments.
+//! The cameras of a video and their synchronised frames.
 
 use std::collections::BTreeMap;
 
-use super::Misfit;
 use super::depths::Depths;
-use crate::{Camera, Scene, View};
+use super::error::Misfit;
+use crate::scene::{Camera, Scene, View};
 
-/// How much the times of frames that belong together may differ.
+/// Largest difference between the times of synchronised frames.
 const SAME_MOMENT: f64 = 1e-9;
 
-/// Synchronised cameras, in the order of their numbers.
+/// Synchronised cameras, sorted by number.
 pub(super) struct Rig<'a> {
     pub(super) cameras: Vec<RigCamera<'a>>,
 }
 
 /// A camera of a rig.
 pub(super) struct RigCamera<'a> {
-    /// `7` for `cam07`. Cameras that are named otherwise are numbered, those that are held out first.
+    /// `7` for `cam07`. Cameras with other names are numbered, held-out ones first.
     pub(super) number: usize,
     /// Its name in the scene.
     pub(super) name: &'a str,
     pub(super) held_out: bool,
-    /// Its frames, in the order of time.
+    /// Its frames, sorted by time.
     pub(super) views: Vec<&'a View>,
 }
 
@@ -34,7 +34,7 @@ impl<'a> Rig<'a> {
     /// The rig that filmed a scene.
     ///
     /// # Errors
-    /// If views are not named `camera/frame`, cameras did not film at the same moments, or one is only partly held out.
+    /// If views are not named `camera/frame`, cameras are not synchronised, or a camera is only partly held out.
     pub(super) fn of(scene: &'a Scene) -> Result<Self, Misfit> {
         let mut cameras: BTreeMap<&str, RigCamera<'a>> = BTreeMap::new();
         for (part, held_out) in [(&scene.train, false), (&scene.test, true)] {
@@ -58,12 +58,12 @@ impl<'a> Rig<'a> {
         Ok(Self { cameras })
     }
 
-    /// Frames of each camera.
+    /// Frames a camera.
     pub(super) fn frames(&self) -> usize {
         self.cameras.first().map_or(0, |camera| camera.views.len())
     }
 
-    /// The cameras that train, or those that are held out.
+    /// The training cameras, or the held-out ones.
     pub(super) fn part(&self, held_out: bool) -> impl Iterator<Item = &RigCamera<'a>> {
         self.cameras.iter().filter(move |camera| camera.held_out == held_out)
     }
@@ -79,13 +79,13 @@ impl RigCamera<'_> {
         }
     }
 
-    /// Between which depths it sees something.
+    /// Its depth bounds.
     pub(super) fn depths(&self, scene: &Scene) -> Depths {
         Depths::of(scene, &self.views)
     }
 }
 
-/// All cameras must have filmed at the same moments, each moment once.
+/// Checks that all cameras film the same moments, each moment once.
 fn check_moments(cameras: &[RigCamera]) -> Result<(), Misfit> {
     let Some(first) = cameras.first() else { return Ok(()) };
     if let Some(pair) = first.views.windows(2).find(|pair| pair[1].time - pair[0].time <= SAME_MOMENT) {
@@ -105,9 +105,9 @@ fn check_moments(cameras: &[RigCamera]) -> Result<(), Misfit> {
     Ok(())
 }
 
-/// Gives the cameras their numbers and sorts them by these.
+/// Numbers the cameras and sorts them by number.
 ///
-/// The numbers in names like `cam07` stay, if those that are held out come first: readers hold out the first.
+/// Numbers in names like `cam07` stay if the held-out cameras come first, because readers hold out the first.
 fn number(cameras: &mut [RigCamera]) {
     let own = |camera: &RigCamera| -> Option<usize> { camera.name.strip_prefix("cam")?.parse().ok() };
     let mut numbers: Vec<Option<(usize, bool)>> = cameras.iter().map(|c| Some((own(c)?, c.held_out))).collect();

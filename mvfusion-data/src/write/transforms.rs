@@ -1,15 +1,15 @@
-//! `transforms.json` and its kin: cameras for nerfstudio, NeRF On-the-go and D-NeRF.
+//! `transforms.json` and related files: cameras for nerfstudio, NeRF On-the-go and D-NeRF.
 
 use serde::Serialize;
 
 use super::package::PictureEntry;
 use super::poses;
-use crate::Camera;
+use crate::scene::Camera;
 
 /// A file of cameras with their own intrinsics.
 #[derive(Serialize)]
 pub(super) struct Transforms {
-    /// For all frames, if it is one.
+    /// The common intrinsics, if all frames share them.
     #[serde(flatten)]
     pub(super) lens: Option<LensRecord>,
     #[serde(flatten)]
@@ -19,16 +19,16 @@ pub(super) struct Transforms {
     pub(super) frames: Vec<FrameRecord>,
 }
 
-/// Which pictures are for what.
+/// The split of the pictures.
 #[derive(Serialize)]
 pub(super) struct SplitRecord {
     pub(super) train_filenames: Vec<String>,
-    /// The same as for testing: nerfstudio demands all three, if there is one.
+    /// The same as for testing. nerfstudio requires all three if there is one.
     pub(super) val_filenames: Vec<String>,
     pub(super) test_filenames: Vec<String>,
 }
 
-/// A lens that does not bend. It is called OPENCV with no distortion, since every reader knows that.
+/// A lens without distortion. It is called OPENCV with zero coefficients, because every reader knows that model.
 #[derive(Clone, Copy, PartialEq, Serialize)]
 pub(super) struct LensRecord {
     camera_model: &'static str,

@@ -1,8 +1,8 @@
-//! What can happen to a file.
+//! Damage to a file.
 
 use proptest::prelude::*;
 
-/// Numbers as text that readers should not meet.
+/// Numbers as text that may confuse readers.
 const NUMBERS: [&str; 16] = [
     "0",
     "-1",
@@ -22,11 +22,11 @@ const NUMBERS: [&str; 16] = [
     "[]",
 ];
 
-/// Texts in place of a word: names and paths that lead elsewhere, or nowhere.
+/// Replacements for a word: names, and paths that lead elsewhere or nowhere.
 const WORDS: [&str; 10] =
     ["../..", "/etc/passwd", "", ".", "a/../../b", "images", "\u{0}", "\u{1F98A}", "2clutter000.png", "NaN"];
 
-/// Bytes that lengths and floats are made of.
+/// Byte patterns of unusual lengths and floats.
 const PATTERNS: [[u8; 8]; 8] = [
     [0; 8],
     [255; 8],
@@ -38,32 +38,32 @@ const PATTERNS: [[u8; 8]; 8] = [
     [16, 39, 0, 0, 0, 0, 0, 0],
 ];
 
-/// A change to the bytes of a file. Places are shares of its length, in 1/65536.
+/// A change to the bytes of a file. Positions are fractions of its length, in 1/65536.
 #[derive(Clone, Debug)]
 pub enum Damage {
-    /// Bits of a byte are turned.
+    /// Flips bits of a byte.
     Flip { at: u16, bits: u8 },
-    /// Some bytes are replaced by part of a pattern.
+    /// Replaces bytes by part of a pattern.
     Pattern { at: u16, which: usize, length: usize },
-    /// The rest is missing.
+    /// Removes the rest.
     Cut { at: u16 },
-    /// A piece is missing.
+    /// Removes a piece.
     Remove { at: u16, length: u16 },
-    /// A piece stands there several times.
+    /// Repeats a piece.
     Repeat { at: u16, length: u16, times: u8 },
-    /// Bytes are put in.
+    /// Inserts bytes.
     Insert { at: u16, bytes: Vec<u8> },
-    /// A number that is written as text is another one.
+    /// Replaces a number in text.
     Number { nth: u16, which: usize },
-    /// A word is another one.
+    /// Replaces a word.
     Word { nth: u16, which: usize },
-    /// Two lines change places.
+    /// Swaps two lines.
     Swap { one: u16, other: u16 },
-    /// Everything is something else.
+    /// Replaces everything.
     Replace { bytes: Vec<u8> },
 }
 
-/// Any change, the common ones more often.
+/// Any change. Common ones are more frequent.
 pub fn any_damage() -> impl Strategy<Value = Damage> {
     let bytes = |most| prop::collection::vec(any::<u8>(), 0..most);
     prop_oneof![
@@ -81,7 +81,7 @@ pub fn any_damage() -> impl Strategy<Value = Damage> {
 }
 
 impl Damage {
-    /// Does it.
+    /// Applies the change.
     pub fn apply(&self, content: &mut Vec<u8>) {
         let length = content.len();
         let place = |at: u16| usize::from(at) * length / 65536;
@@ -127,7 +127,7 @@ impl Damage {
     }
 }
 
-/// Puts a text in the place of one of the tokens: runs of bytes that are part of one, of which `counts` takes some.
+/// Replaces a token, which is a run of bytes with `is_part`. Only tokens that `counts` accepts are considered.
 fn replace_token(
     content: &mut Vec<u8>,
     nth: u16,

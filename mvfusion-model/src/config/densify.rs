@@ -2,20 +2,30 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::keys::{keys, leaves};
+use super::{Interval, Steps};
+
+/// Gaussians are never added or removed more often than this, however short the run: the statistics need some views.
+const MIN_ROUND: usize = 20;
+
+/// Opacities are never reset more often than this, however short the run: at 3DGS' rate it takes a hundred steps before a
+/// Gaussian that is needed is opaque again.
+const MIN_RESET: usize = 500;
+
 /// Densification of both branches (METHOD §4.7 to §4.12).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DensifyConfig {
     /// First step after which Gaussians are added.
-    pub from: usize,
+    pub from: Steps,
     /// Step of a stage after which nothing is added, removed or reset.
-    pub until: usize,
+    pub until: Steps,
     /// Steps between rounds of cloning and splitting.
-    pub interval: usize,
+    pub interval: Interval<MIN_ROUND>,
     /// First step after which Gaussians are pruned.
-    pub prune_from: usize,
+    pub prune_from: Steps,
     /// Steps between rounds of pruning.
-    pub prune_interval: usize,
+    pub prune_interval: Interval<MIN_ROUND>,
     /// Gaussians below this opacity are pruned.
     pub min_opacity: f64,
     /// Gaussians whose radius on the screen was above this many pixels are pruned as well, after the first
@@ -29,11 +39,11 @@ pub struct DensifyConfig {
     pub relocate: f64,
     /// Steps, in the deforming stages and before `until`, between births in a film: dynamic Gaussians where a view of each
     /// moment differs from the model, with `model.lifetime` (docs/METHOD.md, section 13; CEM-4DGS: 920). 0 lets none be born.
-    pub births_interval: usize,
+    pub births_interval: Interval<MIN_ROUND>,
     /// At most so many are born at once.
     pub births: usize,
     /// Steps between opacity resets.
-    pub reset_interval: usize,
+    pub reset_interval: Interval<MIN_RESET>,
     /// What a reset does to the Gaussians that it does not select (METHOD §4.11).
     pub reset: OpacityReset,
     /// Whether a reset on the very last step of the first stage is carried out (A40).
@@ -81,18 +91,18 @@ pub enum OpacityReset {
 impl Default for DensifyConfig {
     fn default() -> Self {
         Self {
-            from: 500,
-            until: 16_000,
-            interval: 100,
-            prune_from: 500,
-            prune_interval: 600,
+            from: Steps(500),
+            until: Steps(16_000),
+            interval: Interval(100),
+            prune_from: Steps(500),
+            prune_interval: Interval(600),
             min_opacity: 0.005,
             max_radius: 0.0,
             max_scale: 0.0,
             relocate: 0.0,
-            births_interval: 0,
+            births_interval: Interval(0),
             births: 1000,
-            reset_interval: 2000,
+            reset_interval: Interval(2000),
             reset: OpacityReset::Quirk,
             reset_at_stage_end: true,
             clone_below: 0.01,
@@ -115,3 +125,35 @@ impl Default for DensifyConfig {
         }
     }
 }
+
+keys!(DensifyConfig {
+    from: ANY,
+    until: ANY,
+    interval: FROM_1,
+    prune_from: ANY,
+    prune_interval: FROM_1,
+    min_opacity: SHARE,
+    max_radius: FROM_0,
+    max_scale: FROM_0,
+    relocate: SHARE.saying("give a share from 0 to 1; 0 prunes instead"),
+    births_interval: ANY,
+    births: ANY,
+    reset_interval: FROM_1,
+    reset: ANY,
+    reset_at_stage_end: ANY,
+    clone_below: FROM_0,
+    dynamic: ANY,
+    static_: ANY,
+    mask_gradient: ANY,
+    prune_unused: ANY,
+});
+
+keys!(BranchDensifyConfig {
+    geometry_threshold: FROM_0,
+    threshold: FROM_0,
+    max_gaussians: ANY,
+    prune_above: ANY,
+    reset_share: SHARE,
+});
+
+leaves!(OpacityReset);

@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
+use super::keys::keys;
+
 /// Evaluation on the test views.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -28,3 +30,5 @@ impl Default for EvalConfig {
         Self { dynamic_masks: None, lpips_weights: None, strips: 6, pictures: true, training_views: false }
     }
 }
+
+keys!(EvalConfig { dynamic_masks: ANY, lpips_weights: ANY, strips: ANY, pictures: ANY, training_views: ANY });

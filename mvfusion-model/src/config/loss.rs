@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::keys::keys;
+
 /// The losses (METHOD §4.4; numbers of DeGauss' Neu3D config). The main loss drives densification, the light one does not.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -43,7 +45,7 @@ pub struct LossConfig {
     /// The same for the dynamic Gaussians.
     pub dynamic_opacity: f64,
     /// Weight of the mean opacity of those dynamic Gaussians that stand still: each counts by its stillness
-    /// ([`MotionCache::stillness`](crate::motion::MotionCache::stillness)), from the first measurement of motion on. Ours: the
+    /// ([`MotionCache::stillness`](crate::model::motion::MotionCache::stillness)), from the first measurement of motion on. Ours: the
     /// soft form of `motion.still = "prune"`.
     pub still_opacity: f64,
     /// Weight of the spatial planes' second differences.
@@ -111,3 +113,35 @@ impl Default for LossConfig {
         }
     }
 }
+
+keys!(LossConfig {
+    main: WEIGHT,
+    geometry_mean: ANY,
+    geometry_dssim: WEIGHT,
+    composed_dssim: WEIGHT,
+    branch_dssim: WEIGHT,
+    branch_l1: WEIGHT,
+    static_above: SHARE,
+    dynamic_above: SHARE,
+    dynamic_where_moving: ANY,
+    static_where_still: ANY,
+    mask_motion: WEIGHT,
+    mask_still: WEIGHT,
+    static_opacity: WEIGHT,
+    dynamic_opacity: WEIGHT,
+    still_opacity: WEIGHT,
+    plane_smooth: WEIGHT,
+    time_smooth: WEIGHT,
+    time_l1: WEIGHT,
+    depth_back: WEIGHT,
+    depth_back_detached: ANY,
+    depth_forward: WEIGHT,
+    depth_smooth: WEIGHT,
+    penalize_dynamic: WEIGHT,
+    brightness: WEIGHT,
+    brightness_end: WEIGHT,
+    brightness_explicit: WEIGHT,
+    large: WEIGHT,
+    spiky: WEIGHT,
+    entropy: WEIGHT,
+});

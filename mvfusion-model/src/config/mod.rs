@@ -4,8 +4,10 @@
 //! of §11.2); a shipped preset names only what it changes. Each default cites its source.
 
 mod check;
+mod contradiction;
 mod densify;
 mod evaluation;
+mod keys;
 mod loss;
 mod model;
 mod motion;
@@ -18,8 +20,11 @@ mod variants;
 
 use serde::{Deserialize, Serialize};
 
+use keys::keys;
+
 pub use densify::{BranchDensifyConfig, DensifyConfig, OpacityReset};
 pub use evaluation::EvalConfig;
+pub use keys::{Interval, Steps};
 pub use loss::LossConfig;
 pub use model::{Background, Branches, GridBoundsRule, GridConfig, ModelConfig, TimeRows, Uncovered};
 pub use motion::{FusionWeights, MotionConfig, Spread, StillRule};
@@ -53,3 +58,16 @@ pub struct Config {
     /// What is rendered and scored after training.
     pub eval: EvalConfig,
 }
+
+keys!(Config {
+    seed: ANY,
+    scene: ANY,
+    init: ANY,
+    model: ANY,
+    motion: ANY,
+    train: ANY,
+    optim: ANY,
+    densify: ANY,
+    loss: ANY,
+    eval: ANY,
+});

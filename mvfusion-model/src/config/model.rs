@@ -3,6 +3,8 @@
 use mvfusion_render::grid::GridLayout;
 use serde::{Deserialize, Serialize};
 
+use super::keys::{keys, leaves};
+
 /// The branches and the deformation network (METHOD §2, §9).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -61,14 +63,14 @@ pub enum Uncovered {
 }
 
 impl Uncovered {
-    /// Mask probabilities behind all Gaussians: brightness, static, dynamic.
+    /// Mask probabilities behind all Gaussians, one for each [`MaskChannel`](crate::model::mask::MaskChannel).
     pub fn masks(self) -> [f64; 3] {
         /// Near black (METHOD §1.2).
         const NOTHING: f64 = 1e-7;
         match self {
             Self::Undecided => [NOTHING; 3],
             // A brightness of a half leaves the static branch as it is (METHOD §1.3, step 3).
-            Self::Static => [0.5, 1.0, NOTHING],
+            Self::Static => [1.0, 0.5, NOTHING],
         }
     }
 }
@@ -171,3 +173,29 @@ impl GridConfig {
         GridLayout { features: self.features, resolution: self.resolution, multipliers: self.multipliers.clone() }
     }
 }
+
+keys!(ModelConfig {
+    branches: ANY,
+    background: ANY,
+    uncovered: ANY,
+    deformation: ANY,
+    deform_opacity: ANY,
+    deform_sh: ANY,
+    width: FROM_1.saying("a network needs at least one unit"),
+    depth: ANY,
+    grid: ANY,
+    sh_degree: ANY,
+    lifetime: ANY,
+    exposure: ANY,
+    near_share: SHARE,
+});
+
+keys!(GridConfig {
+    features: FROM_1.saying("a plane needs at least one feature"),
+    resolution: ANY,
+    time_rows: ANY,
+    bounds: ANY,
+    multipliers: ANY,
+});
+
+leaves!(Branches, Background, Uncovered, TimeRows, GridBoundsRule);

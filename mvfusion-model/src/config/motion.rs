@@ -2,7 +2,12 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Descriptor, Refinement, Temporal, TokenMode};
+use super::keys::{keys, leaves};
+use super::{Descriptor, Interval, Refinement, Temporal, TokenMode};
+
+/// Motion is never measured more often than this, however short the run: the descriptors of a motion that is still being
+/// learned change by more than their encoding's period, so that each measurement throws the refined deformation back.
+const MIN_MEASURING: usize = 500;
 
 /// MVG and MFTA (METHOD §10; the readings A5 to A30 are named at the keys). What the paper's tables compare is said at
 /// the keys as well, and gathered in docs/ablations.md.
@@ -19,12 +24,12 @@ pub struct MotionConfig {
     /// What MFTA makes of the tokens (A28, A30). Main paper, component ablation; supplement, temporal consistency.
     pub temporal: Temporal,
     /// Steps between refreshes of the statistics, `E` (paper: 2000). Supplement, update interval: 100, 500, 1000, 2000.
-    pub interval: usize,
+    pub interval: Interval<MIN_MEASURING>,
     /// Trajectory samples, `K` (paper: 64; A6).
     pub samples: usize,
-    /// Only every so-manieth of them is evaluated, and the last (A6).
+    /// Only every n-th of them is evaluated, and the last one (A6).
     pub sample_stride: usize,
-    /// Every so-manieth sample is a knot of the variance dictionary (paper: 16; A6).
+    /// Every n-th sample is a knot of the variance dictionary, with this n (paper: 16; A6).
     pub knot_stride: usize,
     /// Number of evenly spread knots instead; 0 goes by `knot_stride` (A6).
     pub knots: usize,
@@ -89,7 +94,7 @@ impl Default for MotionConfig {
             descriptor: Descriptor::default(),
             mfta: true,
             temporal: Temporal::default(),
-            interval: 2000,
+            interval: Interval(2000),
             samples: 64,
             sample_stride: 1,
             knot_stride: 16,
@@ -171,3 +176,43 @@ pub enum StillRule {
     /// They move to the static branch, as they are at the middle of the video.
     Reassign,
 }
+
+keys!(MotionConfig {
+    mvg: ANY,
+    descriptor: ANY,
+    mfta: ANY,
+    temporal: ANY,
+    interval: FROM_1.saying("give the steps between two measurements of motion, at least 1"),
+    samples: FROM_1.saying("statistics need at least one sample"),
+    sample_stride: FROM_1.saying("give 1 to evaluate every sample"),
+    knot_stride: FROM_1,
+    knots: ANY,
+    spread: ANY,
+    in_extents: ANY,
+    window: FROM_1.saying("a neighbour is at least one frame away"),
+    by_times: ANY,
+    weights: ANY,
+    decay: SHARE,
+    zero_start: ANY,
+    normalise_local: ANY,
+    epsilon: ABOVE_0,
+    soft_clip: ABOVE_0,
+    octaves: ANY,
+    hidden: FROM_1,
+    attention_width: FROM_1.saying("queries, keys and values need at least one column"),
+    heads: FROM_1.saying("it must divide motion.attention_width"),
+    tokens: ANY,
+    include_self: ANY,
+    neighbour_gradient: ANY,
+    refinement: ANY,
+    refine_masks: ANY,
+    inherit: ANY,
+    still: ANY,
+    still_below: SHARE,
+    chunk: FROM_1,
+});
+
+// Zeros alone are a choice as well: an intensity that says nothing.
+keys!(FusionWeights { position: FROM_0, scale: FROM_0, rotation: FROM_0 });
+
+leaves!(Spread, StillRule);

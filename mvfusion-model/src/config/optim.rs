@@ -2,6 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::Steps;
+use super::keys::{Key, Range, keys};
+use crate::ModelError;
+
 /// Learning rates of every parameter group. Those marked "times the extent" are multiplied by the scene's extent.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -17,7 +21,7 @@ pub struct OptimConfig {
     /// MVG and MFTA; times the extent (A22: as `deformation`).
     pub motion: Decay,
     /// Steps over which the rates above decay.
-    pub decay_steps: usize,
+    pub decay_steps: Steps,
     /// Constant colour of both branches.
     pub sh_dc: f64,
     /// Higher colour coefficients of the dynamic branch.
@@ -49,7 +53,7 @@ pub struct OptimConfig {
     pub epsilon: f64,
 }
 
-/// A learning rate that falls log-linearly from `start` to `end` (METHOD §4.5).
+/// A learning rate that falls log-linearly from `start` to `end` (METHOD §4.5). A `start` of 0 is off: the rate is 0 all along.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Decay {
@@ -62,6 +66,9 @@ pub struct Decay {
 impl Decay {
     /// The rate at `step` of `horizon` steps: `exp((1 - tau) ln start + tau ln end)`, `tau` clipped to `[0, 1]`.
     pub fn at(&self, step: usize, horizon: usize) -> f64 {
+        if self.start == 0.0 {
+            return 0.0;
+        }
         let tau = (step as f64 / horizon.max(1) as f64).clamp(0.0, 1.0);
         ((1.0 - tau) * self.start.ln() + tau * self.end.ln()).exp()
     }
@@ -123,7 +130,7 @@ impl Default for OptimConfig {
             mask_heads: Decay { start: 1.6e-6, end: 1.6e-7 },
             grid: Decay { start: 8e-4, end: 5e-6 },
             motion: Decay { start: 1.6e-4, end: 1.6e-5 },
-            decay_steps: 20_000,
+            decay_steps: Steps(20_000),
             sh_dc: 0.0025,
             dynamic_sh_rest: Decay { start: 0.0025 / 8.0, end: 0.0025 / 20.0 },
             mask_logits: Decay { start: 0.0025 / 8.0, end: 0.0025 / 20.0 },
@@ -142,6 +149,40 @@ impl Default for OptimConfig {
     }
 }
 
+keys!(OptimConfig {
+    means: RATE,
+    deformation: RATE,
+    mask_heads: RATE,
+    grid: RATE,
+    motion: RATE,
+    decay_steps: FROM_1,
+    sh_dc: RATE,
+    dynamic_sh_rest: RATE,
+    mask_logits: RATE,
+    static_sh_rest: RATE,
+    opacity: RATE,
+    scale: RATE,
+    rotation: RATE,
+    time_centre: RATE,
+    duration: RATE,
+    velocity: RATE,
+    exposure: RATE,
+    beta1: BELOW_1,
+    beta2: BELOW_1,
+    epsilon: ABOVE_0,
+});
+
+impl Key for Decay {
+    fn check(&self, key: &str, range: Range) -> Result<(), ModelError> {
+        self.start.check(&format!("{key}.start"), range)?;
+        let end = match self.start {
+            0.0 => range,
+            _ => Range::ABOVE_0.saying("a rate that falls log-linearly ends above 0"),
+        };
+        self.end.check(&format!("{key}.end"), end)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -151,5 +192,15 @@ mod tests {
         let rate = Decay { start: 1e-2, end: 1e-4 };
         assert!((rate.at(50, 100) - 1e-3).abs() < 1e-15);
         assert_eq!(rate.at(100, 100), rate.at(1000, 100));
+    }
+
+    #[test]
+    fn a_rate_that_starts_at_0_is_off_to_the_end_of_the_run_and_beyond() {
+        for end in [0.0, 1e-4] {
+            let rate = Decay { start: 0.0, end };
+            for step in [0, 1, 50, 99, 100, 101, 1000] {
+                assert_eq!(rate.at(step, 100), 0.0, "step {step}");
+            }
+        }
     }
 }

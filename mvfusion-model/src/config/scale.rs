@@ -1,60 +1,25 @@
 //! Shortening a run without changing its shape.
 
+use super::keys::Key;
 use super::{Branches, Config};
-
-/// Opacities are never reset more often than this, however short the run: at 3DGS' rate it takes a hundred steps before a
-/// Gaussian that is needed is opaque again.
-const MIN_RESET_INTERVAL: usize = 500;
-
-/// Motion is never measured more often than this, however short the run: the descriptors of a motion that is still being
-/// learned change by more than their encoding's period, so that each measurement throws the refined deformation back.
-const MIN_MEASURING_INTERVAL: usize = 500;
-
-/// Densification never happens more often than this, however short the run: the statistics need some views.
-const MIN_DENSIFY_INTERVAL: usize = 20;
 
 impl Config {
     /// The configuration with every iteration count multiplied by `train.scale`, which becomes 1.
     ///
     /// Stage lengths, learning-rate horizons, spherical-harmonics steps, the refresh interval `E`, and the intervals and
-    /// ends of densification, pruning and resets all shrink alike; an interval is at least 1, Gaussians are added at most
-    /// every 20 steps, and motion is measured and opacities are reset at most every 500. A run that is shortened also
+    /// ends of densification, pruning and resets all shrink alike: every key of type [`Steps`](super::Steps) or
+    /// [`Interval`](super::Interval). Gaussians are added at most every 20 steps, and motion is measured and opacities are
+    /// reset at most every 500. A run that is shortened also
     /// learns faster and starts closer, as the keys `train.scale_*` say. `train.scale_times` is not among them: it needs
     /// the scene, see [`Config::for_times_of`].
     pub fn scaled(&self) -> Self {
         let mut scaled = self.clone();
         let factor = self.train.scale;
-        let count = |steps: usize| (steps as f64 * factor).round() as usize;
-        let interval = |steps: usize| count(steps).max(1);
-
-        let train = &mut scaled.train;
-        train.scale = 1.0;
-        train.stages.geometry = count(train.stages.geometry);
-        train.stages.deformation = count(train.stages.deformation);
-        train.stages.refinement = count(train.stages.refinement);
-        train.dynamic_sh_interval = interval(train.dynamic_sh_interval);
-        train.static_sh_interval = interval(train.static_sh_interval);
-        train.checkpoint_interval = count(train.checkpoint_interval);
-
+        scaled.scale_steps(factor);
+        scaled.train.scale = 1.0;
         if factor < 1.0 {
             scaled.adapt_to_few_steps(factor);
         }
-        scaled.optim.decay_steps = interval(scaled.optim.decay_steps);
-        let motion = &mut scaled.motion;
-        motion.interval = interval(motion.interval).max(MIN_MEASURING_INTERVAL.min(motion.interval));
-
-        let densify = &mut scaled.densify;
-        densify.from = count(densify.from);
-        densify.until = count(densify.until);
-        densify.prune_from = count(densify.prune_from);
-        // A run at full length keeps its own interval, even a shorter one: the floor is for shortened runs.
-        densify.interval = interval(densify.interval).max(MIN_DENSIFY_INTERVAL.min(densify.interval));
-        densify.prune_interval = interval(densify.prune_interval).max(MIN_DENSIFY_INTERVAL.min(densify.prune_interval));
-        densify.births_interval = match densify.births_interval {
-            0 => 0,
-            births => interval(births).max(MIN_DENSIFY_INTERVAL.min(births)),
-        };
-        densify.reset_interval = interval(densify.reset_interval).max(MIN_RESET_INTERVAL.min(densify.reset_interval));
         scaled
     }
 
@@ -76,24 +41,24 @@ impl Config {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::Decay;
+    use crate::config::{Decay, Interval};
 
     #[test]
     fn every_iteration_count_shrinks_alike() {
         let mut config = Config::default();
         config.train.scale = 0.1;
-        config.train.checkpoint_interval = 5000;
+        config.train.checkpoint_interval = Interval(5000);
         let scaled = config.scaled();
         assert_eq!(scaled.train.scale, 1.0);
         assert_eq!(
-            (scaled.train.stages.geometry, scaled.train.stages.deformation, scaled.train.stages.refinement),
+            (scaled.train.stages.geometry.0, scaled.train.stages.deformation.0, scaled.train.stages.refinement.0),
             (200, 300, 2000)
         );
-        assert_eq!((scaled.train.dynamic_sh_interval, scaled.train.static_sh_interval), (20, 20));
-        assert_eq!(scaled.train.checkpoint_interval, 500);
-        assert_eq!((scaled.optim.decay_steps, scaled.motion.interval), (2000, 500));
-        assert_eq!((scaled.densify.from, scaled.densify.until, scaled.densify.prune_from), (50, 1600, 50));
-        assert_eq!((scaled.densify.prune_interval, scaled.densify.reset_interval), (60, 500));
+        assert_eq!((scaled.train.dynamic_sh_interval.0, scaled.train.static_sh_interval.0), (20, 20));
+        assert_eq!(scaled.train.checkpoint_interval.0, 500);
+        assert_eq!((scaled.optim.decay_steps.0, scaled.motion.interval.0), (2000, 500));
+        assert_eq!((scaled.densify.from.0, scaled.densify.until.0, scaled.densify.prune_from.0), (50, 1600, 50));
+        assert_eq!((scaled.densify.prune_interval.0, scaled.densify.reset_interval.0), (60, 500));
     }
 
     #[test]
@@ -101,12 +66,12 @@ mod tests {
         let mut config = Config::default();
         for (scale, interval) in [(0.02, 500), (0.5, 1000), (2.0, 4000)] {
             config.train.scale = scale;
-            assert_eq!(config.scaled().densify.reset_interval, interval);
+            assert_eq!(config.scaled().densify.reset_interval.0, interval);
         }
-        config.densify.reset_interval = 80;
-        assert_eq!(config.scaled().densify.reset_interval, 160);
+        config.densify.reset_interval = Interval(80);
+        assert_eq!(config.scaled().densify.reset_interval.0, 160);
         config.train.scale = 0.5;
-        assert_eq!(config.scaled().densify.reset_interval, 80);
+        assert_eq!(config.scaled().densify.reset_interval.0, 80);
     }
 
     #[test]
@@ -155,7 +120,7 @@ mod tests {
     fn gaussians_are_added_at_most_every_twenty_steps() {
         let mut config = Config::default();
         config.train.scale = 0.02;
-        assert_eq!(config.scaled().densify.interval, 20);
+        assert_eq!(config.scaled().densify.interval.0, 20);
     }
 
     #[test]

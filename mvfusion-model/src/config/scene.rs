@@ -6,6 +6,8 @@ use mvfusion_data::builtin::BuiltinKind;
 use mvfusion_data::{Format, TimeRule};
 use serde::{Deserialize, Serialize};
 
+use super::keys::{keys, leaves};
+
 /// How the scene is read.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -133,3 +135,39 @@ impl Default for InitConfig {
         }
     }
 }
+
+keys!(SceneConfig {
+    data: ANY,
+    format: ANY,
+    kind: ANY,
+    seed: ANY,
+    downscale: FROM_1.saying("pictures can be reduced, not enlarged; give 1 or more"),
+    frames: ANY,
+    time: ANY,
+    test_every: ANY,
+    test_cameras: ANY,
+    invert_masks: ANY,
+    frame_store: ANY,
+});
+
+keys!(InitConfig {
+    static_ply: ANY,
+    dynamic_ply: ANY,
+    dynamic_points: ANY,
+    dynamic_from_cloud: ANY,
+    dynamic_cloud_share: SHARE,
+    dynamic_cloud_colours: ANY,
+    motion_points: ANY,
+    motion_duration: ABOVE_0.saying("a duration is a number above 0"),
+    motion_logit: FINITE.saying("give a number; above 0 is in favour of the foreground"),
+    photo_points: ANY,
+    photo_duration: ABOVE_0.saying("a duration is a number above 0"),
+    static_points: ANY,
+    sky_points: ANY,
+    box_margin: FROM_0,
+    box_reach: FROM_0_OR_WITHOUT_END,
+    opacity: INSIDE_0_1,
+    dynamic_logit: FINITE.saying("give a number; above 0 is in favour of the foreground"),
+});
+
+leaves!(SceneKind, TimeRule);

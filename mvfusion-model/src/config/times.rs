@@ -28,7 +28,7 @@ impl Config {
     /// its own, at the end of a first stage in which a static branch learns what is still.
     pub fn has_births(&self, scene: &Scene) -> bool {
         let is_asked = self.init.photo_points > 0 && self.model.lifetime && self.init.dynamic_ply.is_none();
-        let has_still = self.model.branches == Branches::Both && self.train.stages.geometry > 0;
+        let has_still = self.model.branches == Branches::Both && self.train.stages.geometry.0 > 0;
         let is_collection = scene.capture == Capture::Photos && scene.training_times().len() == scene.train.len();
         is_asked && has_still && is_collection
     }

@@ -2,6 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::keys::keys;
+use super::{Interval, Steps};
+
 /// The course of training (METHOD §4.1, §10.3 A1, §11.2).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -38,13 +41,13 @@ pub struct TrainConfig {
     /// (DeGauss: 1 for video, 4 for photos; METHOD §4.3). The dynamic branch learns at every step.
     pub accumulation: usize,
     /// Steps between one more degree of spherical harmonics, dynamic branch (METHOD §4.6).
-    pub dynamic_sh_interval: usize,
+    pub dynamic_sh_interval: Interval,
     /// The same for the static branch.
-    pub static_sh_interval: usize,
+    pub static_sh_interval: Interval,
     /// Steps between lines of `metrics.jsonl`; not scaled.
     pub log_interval: usize,
     /// Steps between checkpoints; 0 writes one at the end only.
-    pub checkpoint_interval: usize,
+    pub checkpoint_interval: Interval,
 }
 
 /// Lengths of the three stages in optimiser steps (paper, training strategy; METHOD §11.2).
@@ -52,11 +55,11 @@ pub struct TrainConfig {
 #[serde(default, deny_unknown_fields)]
 pub struct StageConfig {
     /// Base geometry: both branches, no deformation.
-    pub geometry: usize,
+    pub geometry: Steps,
     /// Base deformation: HexPlane and heads.
-    pub deformation: usize,
+    pub deformation: Steps,
     /// Motion-aware refinement: MVG and MFTA join.
-    pub refinement: usize,
+    pub refinement: Steps,
     /// Whether that stage has counter, moments and schedules of its own, instead of going on with those of the stage before
     /// (A1).
     pub refinement_restarts: bool,
@@ -64,7 +67,7 @@ pub struct StageConfig {
 
 impl Default for StageConfig {
     fn default() -> Self {
-        Self { geometry: 2000, deformation: 3000, refinement: 20_000, refinement_restarts: false }
+        Self { geometry: Steps(2000), deformation: Steps(3000), refinement: Steps(20_000), refinement_restarts: false }
     }
 }
 
@@ -82,10 +85,30 @@ impl Default for TrainConfig {
             batch_size: 2,
             lonely_visits: 0.0,
             accumulation: 1,
-            dynamic_sh_interval: 200,
-            static_sh_interval: 200,
+            dynamic_sh_interval: Interval(200),
+            static_sh_interval: Interval(200),
             log_interval: 10,
-            checkpoint_interval: 0,
+            checkpoint_interval: Interval(0),
         }
     }
 }
+
+keys!(TrainConfig {
+    scale: ABOVE_0.saying("give a number above 0; 1 is the full length"),
+    scale_rates: SHARE.saying("give a power from 0 (rates stay) to 1 (rates grow as the run shrinks)"),
+    scale_mask: SHARE.saying("give a power from 0 (rates stay) to 1 (rates grow as the run shrinks)"),
+    scale_tail: SHARE,
+    scale_octaves: ANY,
+    scale_cloud: ANY,
+    scale_times: ANY,
+    stages: ANY,
+    batch_size: FROM_1.saying("a step needs at least one view"),
+    lonely_visits: FROM_0.saying("give a number that is not below 0; 0 shows every view as often"),
+    accumulation: FROM_1.saying("give the steps to learn from at once; 1 or more"),
+    dynamic_sh_interval: FROM_1,
+    static_sh_interval: FROM_1,
+    log_interval: FROM_1.saying("give the steps between log lines, at least 1"),
+    checkpoint_interval: ANY,
+});
+
+keys!(StageConfig { geometry: ANY, deformation: ANY, refinement: ANY, refinement_restarts: ANY });

@@ -6,13 +6,13 @@ use burn::tensor::Tensor;
 use image::{GrayImage, RgbImage};
 use mvfusion_data::{Capture, Scene, View};
 
-use super::judge::{Judge, Pair, Regions, Verdict};
+use super::evaluator::{Evaluator, Pair, Regions, ViewMetrics};
 use super::metrics::{MaskOverlap, RegionSource, SmallMovers, TemporalDeviation, sequences};
 use super::protocol::Protocol;
 use super::render::{ViewPictures, render_view, view_renderer};
 use super::scores::{Evaluation, HeldOutPhoto, Scores, ViewScores};
 use crate::ModelError;
-use crate::model::{Model, Movement, Surroundings};
+use crate::model::{DeformationLevel, Model, RenderContext};
 use crate::train::mask_tensor;
 
 /// Which views of a scene are scored.
@@ -62,18 +62,18 @@ pub fn evaluate<E: From<ModelError>>(
     model: &Model,
     scene: &Scene,
     split: Split,
-    movement: Movement,
-    surroundings: &Surroundings,
-    judge: &Judge,
+    level: DeformationLevel,
+    context: &RenderContext,
+    evaluator: &Evaluator,
     mut sink: impl FnMut(usize, &View, &ViewPictures) -> Result<(), E>,
 ) -> Result<Evaluation, E> {
     let views = split.views(scene);
-    let renderer = view_renderer(model, movement, surroundings)?;
+    let renderer = view_renderer(model, level, context)?;
     let mut scoring = Scoring {
         split,
         capture: scene.capture,
-        composed_shows: split.composed_shows(scene.capture, model, judge.protocol()),
-        judge,
+        composed_shows: split.composed_shows(scene.capture, model, evaluator.protocol()),
+        evaluator,
         source: region_source(views),
         overlap: MaskOverlap::default(),
         small_movers: SmallMovers::default(),
@@ -115,7 +115,7 @@ struct Scoring<'a> {
     split: Split,
     capture: Capture,
     composed_shows: Option<HeldOutPhoto>,
-    judge: &'a Judge,
+    evaluator: &'a Evaluator,
     source: RegionSource,
     overlap: MaskOverlap,
     small_movers: SmallMovers,
@@ -147,13 +147,14 @@ impl Scoring<'_> {
         varying: Option<&GrayImage>,
         before: Option<&Pair>,
     ) -> Result<(Scores, Pair), ModelError> {
-        let counted = Counted::of(view)?;
+        let valid = ValidMask::of(view)?;
         let given = view.truth.dynamic_mask.as_ref().map(|mask| mask.mask()).transpose()?;
         let movers = view.truth.movers_mask.as_ref().map(|mask| mask.mask()).transpose()?;
-        let regions = given.as_ref().or(varying).map(|mask| counted.regions(mask, movers.as_ref()));
+        let regions = given.as_ref().or(varying).map(|mask| valid.regions(mask, movers.as_ref()));
         let photo = view.image.rgb()?;
-        let pair = counted.pair(&pictures.composed, &pictures.composed_tensor, &photo);
-        let Verdict { whole, dynamic, still, movers, temporal } = self.judge.judge(&pair, before, regions.as_ref())?;
+        let pair = valid.pair(&pictures.composed, &pictures.composed_tensor, &photo);
+        let ViewMetrics { whole, dynamic, still, movers, temporal } =
+            self.evaluator.metrics(&pair, before, regions.as_ref())?;
         let mut scores = Scores {
             composed: whole,
             composed_shows: self.composed_shows,
@@ -167,7 +168,7 @@ impl Scoring<'_> {
         .with_difference();
         if let Some(layers) = &pictures.branches {
             if let (Some(_), Some(regions)) = (&given, &regions) {
-                let predicted = counted.visible(&layers.mask);
+                let predicted = valid.visible(&layers.mask);
                 let (mut overlap, mut small) = (MaskOverlap::default(), SmallMovers::default());
                 overlap.add(&predicted, &regions.dynamic);
                 // What sways in its place is no mover, where that is known.
@@ -177,8 +178,8 @@ impl Scoring<'_> {
                 self.small_movers.merge(small);
             }
             if let Some(clean) = self.split.clean_background(view, self.capture)? {
-                let pair = counted.pair(&layers.static_, &layers.static_tensor, &clean);
-                scores.static_ = Some(self.judge.judge(&pair, None, None)?.whole);
+                let pair = valid.pair(&layers.static_, &layers.static_tensor, &clean);
+                scores.static_ = Some(self.evaluator.metrics(&pair, None, None)?.whole);
             }
         }
         Ok((scores, pair))
@@ -186,9 +187,9 @@ impl Scoring<'_> {
 }
 
 /// Which pixels of a view count; both pictures are black elsewhere, as nerfbaselines has it.
-struct Counted(Option<GrayImage>);
+struct ValidMask(Option<GrayImage>);
 
-impl Counted {
+impl ValidMask {
     fn of(view: &View) -> Result<Self, ModelError> {
         Ok(Self(view.mask.as_ref().map(|mask| mask.read()).transpose()?))
     }
@@ -198,9 +199,9 @@ impl Counted {
         let Some(mask) = &self.0 else {
             return Pair::new(picture.clone(), exact.clone(), reference.clone());
         };
-        let counted = mask_tensor(mask, &exact.device());
-        let mut pair = Pair::new(blackened(picture, mask), exact.clone() * counted.clone(), reference.clone());
-        pair.reference_exact = pair.reference_exact * counted;
+        let valid = mask_tensor(mask, &exact.device());
+        let mut pair = Pair::new(blackened(picture, mask), exact.clone() * valid.clone(), reference.clone());
+        pair.reference_exact = pair.reference_exact * valid;
         pair.reference = blackened(&pair.reference, mask);
         pair
     }
@@ -220,9 +221,9 @@ impl Counted {
             for pixel in part.pixels_mut() {
                 pixel.0[0] = if is_white(pixel.0[0]) { u8::MAX } else { 0 };
             }
-            if let Some(counted) = &self.0 {
-                for (pixel, counted) in part.pixels_mut().zip(counted.pixels()) {
-                    pixel.0[0] = pixel.0[0].min(counted.0[0]);
+            if let Some(valid) = &self.0 {
+                for (pixel, valid) in part.pixels_mut().zip(valid.pixels()) {
+                    pixel.0[0] = pixel.0[0].min(valid.0[0]);
                 }
             }
             part
@@ -238,8 +239,8 @@ impl Counted {
 
 fn blackened(picture: &RgbImage, mask: &GrayImage) -> RgbImage {
     let mut picture = picture.clone();
-    for (pixel, counted) in picture.pixels_mut().zip(mask.pixels()) {
-        if counted.0[0] == 0 {
+    for (pixel, valid) in picture.pixels_mut().zip(mask.pixels()) {
+        if valid.0[0] == 0 {
             pixel.0 = [0; 3];
         }
     }
@@ -257,8 +258,8 @@ mod tests {
     #[test]
     fn pixels_that_do_not_count_are_in_neither_region() {
         let row = |levels: [u8; 4]| GrayImage::from_raw(4, 1, levels.to_vec()).expect("four pixels");
-        let counted = Counted(Some(row([255, 255, 0, 0])));
-        let regions = counted.regions(&row([128, 127, 255, 0]), Some(&row([200, 100, 255, 0])));
+        let valid = ValidMask(Some(row([255, 255, 0, 0])));
+        let regions = valid.regions(&row([128, 127, 255, 0]), Some(&row([200, 100, 255, 0])));
         let white = |mask: &GrayImage| mask.pixels().map(|pixel| *pixel == Luma([255])).collect::<Vec<_>>();
         assert_eq!(regions.movers.as_ref().map(white), Some(vec![true, false, false, false]));
         assert_eq!(white(&regions.dynamic), [true, false, false, false]);
@@ -267,11 +268,11 @@ mod tests {
 
     #[test]
     fn what_is_predicted_where_pixels_do_not_count_is_no_mistake() {
-        let counted = Counted(Some(GrayImage::from_raw(2, 1, vec![255, 0]).expect("two pixels")));
-        let regions = counted.regions(&GrayImage::from_pixel(2, 1, Luma([255])), None);
+        let valid = ValidMask(Some(GrayImage::from_raw(2, 1, vec![255, 0]).expect("two pixels")));
+        let regions = valid.regions(&GrayImage::from_pixel(2, 1, Luma([255])), None);
         assert!(regions.movers.is_none());
         let mut overlap = MaskOverlap::default();
-        overlap.add(&counted.visible(&RgbImage::from_pixel(2, 1, image::Rgb([255; 3]))), &regions.dynamic);
+        overlap.add(&valid.visible(&RgbImage::from_pixel(2, 1, image::Rgb([255; 3]))), &regions.dynamic);
         assert_eq!(overlap.ratio(), Some(1.0));
     }
 

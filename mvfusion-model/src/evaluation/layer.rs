@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::model::{Model, Movement};
+use crate::model::{DeformationLevel, Model};
 
 /// What is shown of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -53,20 +53,29 @@ impl Layer {
     ];
 
     /// Name on command lines and in files.
-    pub fn name(self) -> &'static str {
+    pub const fn name(self) -> &'static str {
+        self.name_and_label().0
+    }
+
+    /// Name in captions and reports.
+    pub const fn label(self) -> &'static str {
+        self.name_and_label().1
+    }
+
+    const fn name_and_label(self) -> (&'static str, &'static str) {
         match self {
-            Self::Composed => "composed",
-            Self::Static => "static",
-            Self::Dynamic => "dynamic",
-            Self::Mask => "mask",
-            Self::MaskedStatic => "masked_static",
-            Self::MaskedDynamic => "masked_dynamic",
-            Self::Depth => "depth",
-            Self::Alpha => "alpha",
-            Self::Motion => "motion",
-            Self::PositionVariance => "position_variance",
-            Self::RotationVariance => "rotation_variance",
-            Self::ScaleVariance => "scale_variance",
+            Self::Composed => ("composed", "composed"),
+            Self::Static => ("static", "static branch"),
+            Self::Dynamic => ("dynamic", "dynamic branch"),
+            Self::Mask => ("mask", "mask"),
+            Self::MaskedStatic => ("masked_static", "masked static"),
+            Self::MaskedDynamic => ("masked_dynamic", "masked dynamic"),
+            Self::Depth => ("depth", "depth"),
+            Self::Alpha => ("alpha", "alpha"),
+            Self::Motion => ("motion", "motion intensity"),
+            Self::PositionVariance => ("position_variance", "variance of position"),
+            Self::RotationVariance => ("rotation_variance", "variance of rotation"),
+            Self::ScaleVariance => ("scale_variance", "variance of scale"),
         }
     }
 
@@ -93,20 +102,20 @@ impl Layer {
     }
 
     /// Why a model cannot be shown in this layer; `None` if it can.
-    pub fn lacking(self, model: &Model, movement: Movement) -> Option<&'static str> {
+    pub fn lacking(self, model: &Model, level: DeformationLevel) -> Option<&'static str> {
         let of_two = matches!(self, Self::Static | Self::Mask | Self::MaskedStatic | Self::MaskedDynamic);
         if of_two && model.static_.is_none() {
             return Some("the model has no static branch and no mask");
         }
-        (self.is_motion() && movement == Movement::Still).then_some("nothing moves in the model")
+        (self.is_motion() && level == DeformationLevel::Still).then_some("nothing moves in the model")
     }
 
     /// The layers that a model is shown in unless somebody asks for others.
-    pub fn usual(model: &Model, movement: Movement) -> Vec<Self> {
+    pub fn usual(model: &Model, level: DeformationLevel) -> Vec<Self> {
         let two = [Self::Composed, Self::Static, Self::Dynamic, Self::Mask, Self::Depth, Self::Motion];
         let one = [Self::Composed, Self::Depth, Self::Motion];
         let usual: &[Self] = if model.static_.is_some() { &two } else { &one };
-        usual.iter().copied().filter(|layer| layer.lacking(model, movement).is_none()).collect()
+        usual.iter().copied().filter(|layer| layer.lacking(model, level).is_none()).collect()
     }
 }
 

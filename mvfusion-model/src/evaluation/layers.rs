@@ -3,22 +3,21 @@
 use burn::tensor::{Tensor, TensorData};
 use image::RgbImage;
 use mvfusion_data::Camera;
-use mvfusion_render::splat::SplatLayers;
+use mvfusion_render::splat::SplatPlanes;
 
 use super::layer::Layer;
 use super::metrics::quantise;
 use super::tone::{DepthRange, depth_picture, heat_picture};
-use crate::alive::AliveRows;
-use crate::composition::{Blending, Composition, Layers};
 use crate::config::FusionWeights;
-use crate::model::{Model, Movement, Surroundings};
-use crate::motion::{AttributeSpread, Trajectories};
+use crate::model::alive::AliveRows;
+use crate::model::composition::{Blending, BranchRenders, Composition};
+use crate::model::mask::MaskChannel;
+use crate::model::motion::{AttributeSpread, Trajectories};
+use crate::model::{DeformationLevel, Model, RenderContext};
 use crate::{ModelError, tensors};
 
 /// Quantile, over the dynamic Gaussians, of what is shown as white in a layer of motion.
 const BRIGHTEST_QUANTILE: f64 = 0.98;
-/// Channels of the mask among the features of the dynamic branch.
-const MASK_CHANNELS: usize = 3;
 /// Features that a layer of motion takes: as it is shown, and as it is.
 const HEAT_CHANNELS: usize = 2;
 /// Alpha below which there is nothing to tell the depth of: no more than 8 bits resolve.
@@ -28,8 +27,8 @@ const LEAST_ALPHA: f64 = 0.5 / 255.0;
 #[derive(Clone, Debug)]
 pub struct LayerRenderer<'a> {
     model: &'a Model,
-    movement: Movement,
-    surroundings: &'a Surroundings,
+    level: DeformationLevel,
+    context: &'a RenderContext,
     layers: Vec<Layer>,
     heats: Vec<Heat>,
     depths: Option<DepthRange>,
@@ -64,34 +63,34 @@ impl<'a> LayerRenderer<'a> {
     /// If the model cannot be shown in one of the layers, or the device fails.
     pub fn new(
         model: &'a Model,
-        movement: Movement,
-        surroundings: &'a Surroundings,
+        level: DeformationLevel,
+        context: &'a RenderContext,
         layers: &[Layer],
         weights: FusionWeights,
     ) -> Result<Self, ModelError> {
         for &layer in layers {
-            if let Some(reason) = layer.lacking(model, movement) {
-                return Err(ModelError::Layer { layer, reason });
+            if let Some(reason) = layer.lacking(model, level) {
+                return Err(ModelError::Layer { layer: layer.name(), reason });
             }
         }
         let heats = match layers.iter().any(|layer| layer.is_motion()) {
-            true => measured(model, surroundings, layers, weights)?,
+            true => measured(model, context, layers, weights)?,
             false => Vec::new(),
         };
-        Ok(Self { model, movement, surroundings, layers: layers.to_vec(), heats, depths: None })
+        Ok(Self { model, level, context, layers: layers.to_vec(), heats, depths: None })
     }
 
     /// A renderer of those among `layers` that the model has, with the motion intensity as it was last measured in
     /// training, if it was.
     pub(super) fn as_trained(
         model: &'a Model,
-        movement: Movement,
-        surroundings: &'a Surroundings,
+        level: DeformationLevel,
+        context: &'a RenderContext,
         layers: &[Layer],
     ) -> Result<Self, ModelError> {
         let known = |layer: Layer| match layer {
             Layer::Motion => model.motion.is_some(),
-            _ => layer.lacking(model, movement).is_none(),
+            _ => layer.lacking(model, level).is_none(),
         };
         let layers: Vec<Layer> = layers.iter().copied().filter(|&layer| known(layer)).collect();
         let heats = match &model.motion {
@@ -100,7 +99,7 @@ impl<'a> LayerRenderer<'a> {
             }
             _ => Vec::new(),
         };
-        Ok(Self { model, movement, surroundings, layers, heats, depths: None })
+        Ok(Self { model, level, context, layers, heats, depths: None })
     }
 
     /// Takes the scale of depth pictures from these cameras and moments, so that all pictures have the same; without,
@@ -152,27 +151,27 @@ impl<'a> LayerRenderer<'a> {
 
     /// Both branches at a time.
     fn at(&self, camera: &Camera, time: f64) -> Result<Seen, ModelError> {
-        let alive = AliveRows::of(&self.model.dynamic.gaussians, time)?;
-        let moved = self.model.rows_at(alive.as_ref(), time, self.movement, self.surroundings);
+        let alive = AliveRows::of(&self.model.dynamic, time)?;
+        let moved = self.model.rows_at(alive.as_ref(), time, self.level, self.context);
         let of_rows = |features: Tensor<2>| match &alive {
             Some(alive) => features.select(0, alive.rows().clone()),
             None => features,
         };
         let masks = moved.mask_features();
-        let first_heat = if masks.is_some() { MASK_CHANNELS } else { 0 };
+        let first_heat = if masks.is_some() { MaskChannel::ALL.len() } else { 0 };
         let features: Vec<_> =
             masks.into_iter().chain(self.heats.iter().map(|heat| of_rows(heat.features.clone()))).collect();
         let features = (!features.is_empty()).then(|| Tensor::cat(features, 1));
-        let settings = self.surroundings.splat_settings(self.model.dynamic.sh_degree, false);
-        let dynamic = moved.splat(features, None, camera, &settings, self.surroundings.behind)?;
-        let static_ = self.model.static_picture(camera, None, self.surroundings)?;
+        let settings = self.context.splat_settings(self.model.dynamic.sh_degree, false);
+        let dynamic = moved.splat(features, None, camera, &settings, self.context.behind)?;
+        let static_ = self.model.static_picture(camera, None, self.context)?;
         Ok(Seen::new(dynamic.main(), static_.map(|picture| picture.main()), first_heat))
     }
 
     /// The static branch alone.
     fn without_moment(&self, camera: &Camera) -> Result<Seen, ModelError> {
-        let static_ = self.model.static_picture(camera, None, self.surroundings)?.ok_or(ModelError::Layer {
-            layer: Layer::Static,
+        let static_ = self.model.static_picture(camera, None, self.context)?.ok_or(ModelError::Layer {
+            layer: Layer::Static.name(),
             reason: "without a moment only the static branch can be shown, and the model has none",
         })?;
         Ok(Seen::of_static(static_.main(), self.heats.len()))
@@ -218,17 +217,17 @@ impl RenderedLayer {
 /// The layers of motion, from trajectories that are measured now.
 fn measured(
     model: &Model,
-    surroundings: &Surroundings,
+    context: &RenderContext,
     layers: &[Layer],
     weights: FusionWeights,
 ) -> Result<Vec<Heat>, ModelError> {
     let trajectories = Trajectories {
         network: &model.network,
-        timeline: &surroundings.timeline,
-        config: &surroundings.motion,
-        extent: surroundings.extent,
+        timeline: &context.timeline,
+        config: &context.motion,
+        extent: context.extent,
     };
-    let means = model.dynamic.gaussians.means.val();
+    let means = model.dynamic.means.val();
     let spreads = trajectories.measure(&means)?.spreads();
     let heat = |&layer: &Layer| {
         let number: fn(&AttributeSpread, FusionWeights) -> f64 = match layer {
@@ -262,20 +261,20 @@ impl Heat {
 
 /// What both branches show, blended where there are two.
 struct Seen {
-    dynamic: SplatLayers,
-    static_: Option<SplatLayers>,
+    dynamic: SplatPlanes,
+    static_: Option<SplatPlanes>,
     blend: Option<Composition>,
     first_heat: usize,
 }
 
 impl Seen {
-    fn new(dynamic: SplatLayers, static_: Option<SplatLayers>, first_heat: usize) -> Self {
+    fn new(dynamic: SplatPlanes, static_: Option<SplatPlanes>, first_heat: usize) -> Self {
         let blend = match (&static_, &dynamic.features) {
             (Some(static_), Some(features)) if first_heat > 0 => {
-                let layers = Layers {
+                let layers = BranchRenders {
                     dynamic: dynamic.colour.clone().unsqueeze_dim(0),
                     static_: static_.colour.clone().unsqueeze_dim(0),
-                    mask: features.clone().narrow(0, 0, MASK_CHANNELS).unsqueeze_dim(0),
+                    mask: features.clone().narrow(0, 0, MaskChannel::ALL.len()).unsqueeze_dim(0),
                 };
                 Some(layers.compose(Blending::Evaluation))
             }
@@ -285,16 +284,16 @@ impl Seen {
     }
 
     /// What there is where the dynamic branch shows nothing; its features are black, `heats` layers of motion among them.
-    fn of_static(static_: SplatLayers, heats: usize) -> Self {
+    fn of_static(static_: SplatPlanes, heats: usize) -> Self {
         let nothing = static_.alpha.zeros_like();
-        let dynamic = SplatLayers {
+        let dynamic = SplatPlanes {
             colour: static_.colour.zeros_like(),
-            features: Some(nothing.clone().repeat_dim(0, MASK_CHANNELS + HEAT_CHANNELS * heats)),
+            features: Some(nothing.clone().repeat_dim(0, MaskChannel::ALL.len() + HEAT_CHANNELS * heats)),
             alpha: nothing.clone(),
             depth: nothing,
         };
         let blend = Some(Composition::of_static(static_.colour.clone().unsqueeze_dim(0)));
-        Self { dynamic, static_: Some(static_), blend, first_heat: MASK_CHANNELS }
+        Self { dynamic, static_: Some(static_), blend, first_heat: MaskChannel::ALL.len() }
     }
 
     /// A layer that is no motion.
@@ -315,7 +314,7 @@ impl Seen {
     }
 
     /// A plane of both branches, `[1, H, W]`, blended as their colours are.
-    fn blended(&self, plane: impl Fn(&SplatLayers) -> Tensor<3>) -> Tensor<3> {
+    fn blended(&self, plane: impl Fn(&SplatPlanes) -> Tensor<3>) -> Tensor<3> {
         match (&self.static_, &self.blend) {
             (Some(static_), Some(blend)) => {
                 let share = |mask: &Tensor<4>| -> Tensor<3> { mask.clone().squeeze_dim(0) };
@@ -356,12 +355,12 @@ mod tests {
         Tensor::from_data(TensorData::new(numbers.to_vec(), [1, 1, W]), device)
     }
 
-    /// A branch that shows these alphas and depths; `features` are brightness, static and dynamic probability.
-    fn branch(alpha: [f32; 3], depth: [f32; 3], features: Option<[f32; 3]>, device: &Device) -> SplatLayers {
+    /// A branch that shows these alphas and depths; `features` are the probabilities of the mask channels.
+    fn branch(alpha: [f32; 3], depth: [f32; 3], features: Option<[f32; 3]>, device: &Device) -> SplatPlanes {
         let sum: [f32; 3] = std::array::from_fn(|i| alpha[i] * depth[i]);
         let features = features.map(|levels| Tensor::cat(levels.map(|level| row([level; 3], device)).to_vec(), 0));
         let colour = row([0.5; 3], device).repeat_dim(0, 3);
-        SplatLayers { colour, features, alpha: row(alpha, device), depth: row(sum, device) }
+        SplatPlanes { colour, features, alpha: row(alpha, device), depth: row(sum, device) }
     }
 
     fn assert_close(found: Tensor<3>, expected: [f64; 3]) {
@@ -382,9 +381,9 @@ mod tests {
     fn depths_of_both_branches_are_blended_by_share_and_weight() {
         for_each_device(|device| {
             // A quarter of the picture is the dynamic branch's.
-            let dynamic = branch([1.0, 0.5, 0.0], [2.0; 3], Some([0.5, 0.75, 0.25]), &device);
+            let dynamic = branch([1.0, 0.5, 0.0], [2.0; 3], Some([0.75, 0.5, 0.25]), &device);
             let static_ = branch([1.0; 3], [4.0; 3], None, &device);
-            let seen = Seen::new(dynamic, Some(static_), MASK_CHANNELS);
+            let seen = Seen::new(dynamic, Some(static_), MaskChannel::ALL.len());
             assert_close(seen.layer(Layer::Mask), [0.25; 3]);
             assert_close(seen.layer(Layer::Alpha), [1.0, 0.875, 0.75]);
             // (0.25 a 2 + 0.75 4) / (0.25 a + 0.75) for the alphas 1, 0.5 and 0.
@@ -396,7 +395,7 @@ mod tests {
     fn without_a_moment_the_static_branch_has_the_whole_picture() {
         for_each_device(|device| {
             let bright = row([0.25, 1.5, 0.5], &device).repeat_dim(0, 3);
-            let static_ = SplatLayers { colour: bright, ..branch([1.0, 0.5, 0.0], [3.0, 2.0, 0.0], None, &device) };
+            let static_ = SplatPlanes { colour: bright, ..branch([1.0, 0.5, 0.0], [3.0, 2.0, 0.0], None, &device) };
             let seen = Seen::of_static(static_, 1);
             let red = |layer: Layer| seen.layer(layer).narrow(0, 0, 1);
             assert_eq!(values(red(Layer::Composed)), [0.25, 1.0, 0.5]);

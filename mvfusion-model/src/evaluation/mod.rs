@@ -1,10 +1,11 @@
 //! Evaluation on held-out views: render, compare, average.
 
 mod evaluate;
-mod figure;
-mod judge;
+mod evaluator;
 mod layer;
+mod layer_scores;
 mod layers;
+mod metric;
 mod metrics;
 mod protocol;
 mod render;
@@ -13,10 +14,11 @@ mod speed;
 mod tone;
 
 pub use evaluate::{Split, evaluate};
-pub use figure::{Better, Figure};
-pub use judge::{Judge, Pair, Regions, Verdict};
+pub use evaluator::{Evaluator, Pair, Regions, ViewMetrics};
 pub use layer::Layer;
+pub use layer_scores::LayerScores;
 pub use layers::{LayerRenderer, RenderedLayer};
+pub use metric::{Better, Metric};
 pub use metrics::lpips::{Backbone, Distance, InputRange, Lpips, LpipsVariant};
 pub use metrics::{
     MaskOverlap, PixelMap, Psnr, RegionSource, SMALL, SSIM_BORDER, SmallMovers, SmallMoversRecall, TemporalDeviation,
@@ -24,6 +26,6 @@ pub use metrics::{
     squared_errors, ssim_map,
 };
 pub use protocol::{Precision, Protocol};
-pub use render::{BranchLayers, ViewPictures};
-pub use scores::{Evaluation, HeldOutPhoto, LayerScores, Scores, ViewScores};
+pub use render::{BranchImages, ViewPictures};
+pub use scores::{Evaluation, HeldOutPhoto, Scores, ViewScores};
 pub use speed::{Speed, WARM_UP, measure_speed};

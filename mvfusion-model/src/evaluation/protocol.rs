@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use super::figure::Figure;
+use super::metric::Metric;
 use super::metrics::lpips::LpipsVariant;
 use super::scores::HeldOutPhoto;
 
@@ -35,7 +35,7 @@ pub enum Protocol {
     NerfBaselines,
 }
 
-/// What pictures SSIM and LPIPS are taken of. PSNR has a [`Figure`] for each.
+/// What pictures SSIM and LPIPS are taken of. PSNR has a [`Metric`] for each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Precision {
     /// As rendered.
@@ -44,33 +44,33 @@ pub enum Precision {
     EightBit,
 }
 
-const MVFUSION: &[Figure] = &[
-    Figure::Psnr,
-    Figure::Ssim,
-    Figure::Lpips(LpipsVariant::ALEX),
-    Figure::Lpips(LpipsVariant::VGG),
-    Figure::MsSsim,
-    Figure::DSsim,
-    Figure::PsnrExact,
-    Figure::SsimValid,
-    Figure::Lpips(LpipsVariant::ALEX_RAW),
-    Figure::Lpips(LpipsVariant::VGG_RAW),
+const MVFUSION: &[Metric] = &[
+    Metric::Psnr,
+    Metric::Ssim,
+    Metric::Lpips(LpipsVariant::ALEX),
+    Metric::Lpips(LpipsVariant::VGG),
+    Metric::MsSsim,
+    Metric::DSsim,
+    Metric::PsnrExact,
+    Metric::SsimValid,
+    Metric::Lpips(LpipsVariant::ALEX_RAW),
+    Metric::Lpips(LpipsVariant::VGG_RAW),
 ];
 
-const DEGAUSS: &[Figure] = &[
-    Figure::Psnr,
-    Figure::SsimValid,
-    Figure::Lpips(LpipsVariant::ALEX),
-    Figure::Lpips(LpipsVariant::ALEX_RAW),
-    Figure::Lpips(LpipsVariant::VGG_RAW),
-    Figure::MsSsim,
-    Figure::DSsim,
+const DEGAUSS: &[Metric] = &[
+    Metric::Psnr,
+    Metric::SsimValid,
+    Metric::Lpips(LpipsVariant::ALEX),
+    Metric::Lpips(LpipsVariant::ALEX_RAW),
+    Metric::Lpips(LpipsVariant::VGG_RAW),
+    Metric::MsSsim,
+    Metric::DSsim,
 ];
 
-const THREE_DGS: &[Figure] = &[Figure::Psnr, Figure::Ssim, Figure::Lpips(LpipsVariant::VGG_RAW)];
+const THREE_DGS: &[Metric] = &[Metric::Psnr, Metric::Ssim, Metric::Lpips(LpipsVariant::VGG_RAW)];
 
-const NERF_BASELINES: &[Figure] =
-    &[Figure::Psnr, Figure::SsimValid, Figure::Lpips(LpipsVariant::ALEX), Figure::Lpips(LpipsVariant::VGG)];
+const NERF_BASELINES: &[Metric] =
+    &[Metric::Psnr, Metric::SsimValid, Metric::Lpips(LpipsVariant::ALEX), Metric::Lpips(LpipsVariant::VGG)];
 
 impl Protocol {
     /// All protocols.
@@ -124,7 +124,7 @@ impl Protocol {
     }
 
     /// What it reports, in the order of its tables.
-    pub fn figures(self) -> &'static [Figure] {
+    pub fn figures(self) -> &'static [Metric] {
         match self {
             Self::Mvfusion => MVFUSION,
             Self::DeGauss => DEGAUSS,
@@ -144,7 +144,7 @@ impl Protocol {
     /// The kinds of LPIPS that it reports.
     pub fn lpips(self) -> impl Iterator<Item = LpipsVariant> {
         self.figures().iter().filter_map(|&figure| match figure {
-            Figure::Lpips(variant) => Some(variant),
+            Metric::Lpips(variant) => Some(variant),
             _ => None,
         })
     }
@@ -182,6 +182,6 @@ mod tests {
 
     #[test]
     fn our_own_protocol_reports_every_figure() {
-        assert!(Figure::ALL.into_iter().all(|figure| MVFUSION.contains(&figure)));
+        assert!(Metric::ALL.into_iter().all(|figure| MVFUSION.contains(&figure)));
     }
 }

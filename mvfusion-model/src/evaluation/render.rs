@@ -7,7 +7,7 @@ use mvfusion_data::View;
 use super::layer::Layer;
 use super::layers::LayerRenderer;
 use crate::ModelError;
-use crate::model::{Model, Movement, Surroundings};
+use crate::model::{DeformationLevel, Model, RenderContext};
 
 /// The layers of a view as 8-bit pictures.
 #[derive(Clone, Debug)]
@@ -15,7 +15,7 @@ pub struct ViewPictures {
     /// What the whole model shows: the branches blended, or the only one.
     pub composed: RgbImage,
     /// What it is blended from, in a model of two branches.
-    pub branches: Option<BranchLayers>,
+    pub branches: Option<BranchImages>,
     /// Motion intensity of the dynamic branch, on a scale of its own; absent until motion was measured.
     pub motion: Option<RgbImage>,
     /// The composed picture in full precision: `[1, 3, H, W]`.
@@ -24,7 +24,7 @@ pub struct ViewPictures {
 
 /// What a view is blended from.
 #[derive(Clone, Debug)]
-pub struct BranchLayers {
+pub struct BranchImages {
     /// The static branch alone, without brightness control.
     pub static_: RgbImage,
     /// The dynamic branch alone.
@@ -38,7 +38,7 @@ pub struct BranchLayers {
     pub static_tensor: Tensor<4>,
 }
 
-impl BranchLayers {
+impl BranchImages {
     /// What the static branch adds to the composed picture, and what the dynamic one adds. Read from the device when it
     /// is asked for: no score needs it.
     ///
@@ -56,8 +56,8 @@ impl BranchLayers {
 /// If the device fails.
 pub(super) fn view_renderer<'a>(
     model: &'a Model,
-    movement: Movement,
-    surroundings: &'a Surroundings,
+    level: DeformationLevel,
+    context: &'a RenderContext,
 ) -> Result<LayerRenderer<'a>, ModelError> {
     let mut wanted = vec![
         Layer::Composed,
@@ -72,7 +72,7 @@ pub(super) fn view_renderer<'a>(
         // It would be the composed picture again.
         wanted.retain(|&layer| layer != Layer::Dynamic);
     }
-    LayerRenderer::as_trained(model, movement, surroundings, &wanted)
+    LayerRenderer::as_trained(model, level, context, &wanted)
 }
 
 /// Renders a view by what [`view_renderer`] made, at a moment or without one (see [`LayerRenderer::render`]).
@@ -94,7 +94,7 @@ pub(super) fn render_view(
     let branches = match (alone, tensors) {
         ((Some(static_), Some(dynamic), Some(mask)), (Some(values), Some(masked_static), Some(masked_dynamic))) => {
             let static_tensor = values.clamp(0.0, 1.0);
-            Some(BranchLayers { static_, dynamic, mask, masked: [masked_static, masked_dynamic], static_tensor })
+            Some(BranchImages { static_, dynamic, mask, masked: [masked_static, masked_dynamic], static_tensor })
         }
         _ => None,
     };

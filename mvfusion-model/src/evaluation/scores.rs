@@ -2,43 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::figure::Figure;
+use super::layer_scores::LayerScores;
+use super::metric::Metric;
 use super::metrics::{RegionSource, SmallMoversRecall, TemporalScores};
-
-/// Figures of a layer, or of a part of it. A figure that is not known is absent.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct LayerScores {
-    /// Mean PSNR in dB, of 8-bit pictures.
-    #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub psnr: Option<f64>,
-    /// Mean PSNR in dB without the 8-bit round trip.
-    #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub psnr_exact: Option<f64>,
-    /// Mean SSIM as 3DGS computes it: zeros outside the picture.
-    #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub ssim: Option<f64>,
-    /// Mean SSIM as scikit-image computes it: without the 5 outermost pixels of the picture, also in a part of it.
-    #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub ssim_valid: Option<f64>,
-    /// Mean MS-SSIM; pictures of more than 160 pixels a side have one, parts of them have none.
-    #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub ms_ssim: Option<f64>,
-    /// Mean D-SSIM, `(1 - MS-SSIM) / 2`.
-    #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub d_ssim: Option<f64>,
-    /// Mean LPIPS by AlexNet on `[-1, 1]`.
-    #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub lpips_alex: Option<f64>,
-    /// Mean LPIPS by VGG-16 on `[-1, 1]`.
-    #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub lpips_vgg: Option<f64>,
-    /// Mean LPIPS by AlexNet on `[0, 1]`, as the code of 3DGS' descendants prints it.
-    #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub lpips_alex_raw: Option<f64>,
-    /// Mean LPIPS by VGG-16 on `[0, 1]`, as the code of 3DGS prints it.
-    #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub lpips_vgg_raw: Option<f64>,
-}
 
 /// What the composed picture of a held-out photo shows. Its moment was not trained on: a photo has a moment of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -153,7 +119,7 @@ impl Scores {
         let layer = |of: fn(&Scores) -> Option<LayerScores>| {
             let layers: Vec<LayerScores> = views.iter().filter_map(|view| of(&view.scores)).collect();
             let mut means = LayerScores::default();
-            for figure in Figure::ALL {
+            for figure in Metric::ALL {
                 *figure.place(&mut means) = mean(layers.iter().map(|layer| figure.of(layer)));
             }
             (means != LayerScores::default()).then_some(means)

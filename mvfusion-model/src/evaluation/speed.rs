@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::layer::Layer;
 use super::layers::LayerRenderer;
 use crate::ModelError;
-use crate::model::{Model, Movement, Surroundings};
+use crate::model::{DeformationLevel, Model, RenderContext};
 
 /// Frames before the clock starts.
 pub const WARM_UP: usize = 20;
@@ -38,17 +38,17 @@ impl Speed {
 pub fn measure_speed(
     model: &Model,
     views: &[View],
-    movement: Movement,
-    surroundings: &Surroundings,
+    level: DeformationLevel,
+    context: &RenderContext,
     frames: usize,
     mut each: impl FnMut(),
 ) -> Result<Option<Speed>, ModelError> {
     if views.is_empty() || frames == 0 {
         return Ok(None);
     }
-    let device = model.dynamic.gaussians.means.device();
+    let device = model.dynamic.means.device();
     let sync = || device.sync().map_err(|error| ModelError::Device(error.to_string()));
-    let renderer = LayerRenderer::as_trained(model, movement, surroundings, &[Layer::Composed])?;
+    let renderer = LayerRenderer::as_trained(model, level, context, &[Layer::Composed])?;
     let mut turns = views.iter().cycle();
     let mut render = |count: usize| {
         turns.by_ref().take(count).try_for_each(|view| {

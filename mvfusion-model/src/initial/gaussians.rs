@@ -5,7 +5,7 @@ use glam::Vec3;
 use mvfusion_data::{GaussianCloud, Lifetime, PointCloud, rest_width};
 
 use super::neighbours::mean_squared_distances;
-use crate::gaussians::{Attribute, Gaussians, SH_C0, attribute_tensor};
+use crate::model::gaussians::{Attribute, Gaussians, SH_C0, attribute_tensor};
 
 /// Mean squared distances below this are taken as this, so that a scale has a logarithm (3DGS).
 const MIN_SQUARED_DISTANCE: f64 = 1e-7;

@@ -138,10 +138,10 @@ impl FileKey {
     fn read(&self, path: &Path, most: usize, sh_degree: usize) -> Result<GaussianCloud, ModelError> {
         let cloud = mvfusion_data::read_gaussians(path)?;
         let count = cloud.len();
-        let refuse = |reason| ModelError::Config {
-            key: self.key,
+        let refuse = |reason: &str| ModelError::Config {
+            key: self.key.to_owned(),
             value: format!("{} with {count} Gaussians", path.display()),
-            reason,
+            reason: reason.to_owned(),
         };
         if count == 0 {
             return Err(refuse("a branch needs at least one to start from"));

@@ -97,7 +97,7 @@ impl SceneMotion {
 }
 
 fn needs_finder(config: &Config) -> bool {
-    config.densify.births_interval > 0 && config.model.lifetime && config.model.branches == Branches::Both
+    config.densify.births_interval.0 > 0 && config.model.lifetime && config.model.branches == Branches::Both
 }
 
 fn needs_moving_pixels(config: &Config) -> bool {

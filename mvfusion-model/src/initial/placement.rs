@@ -7,7 +7,7 @@ use mvfusion_data::{Camera, PointCloud, Scene};
 use rayon::prelude::*;
 
 use crate::ModelError;
-use crate::gaussians::Gaussians;
+use crate::model::gaussians::Gaussians;
 use crate::timeline::spread;
 
 /// So many cameras are looked at, at so many moments; each spread over those that there are. A long recording is not read

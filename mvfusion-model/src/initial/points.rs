@@ -4,7 +4,7 @@ use glam::{DVec3, Vec3};
 use mvfusion_data::{Bounds, PointCloud, Scene};
 
 use crate::config::InitConfig;
-use crate::gaussians::SH_C0;
+use crate::model::gaussians::SH_C0;
 use crate::random::Stream;
 
 /// The box that random points are strewn in: the cloud's with its margin, but not farther from the cameras than

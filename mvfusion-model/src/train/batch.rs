@@ -3,35 +3,24 @@
 use burn::tensor::{Device, Tensor, TensorData};
 use image::{GrayImage, RgbImage};
 use mvfusion_data::motion::MovingPixels;
-use mvfusion_data::{Camera, Decoded, PictureCache, Scene};
+use mvfusion_data::{Decoded, PictureCache, Scene};
 
-use super::Visits;
+use super::{TrainingView, Visits};
 use crate::ModelError;
 use crate::evaluation::dilate;
-use crate::loss::{MotionMasks, MotionWitness};
 use crate::timeline::Timeline;
+use crate::train::loss::{MotionMasks, MotionWitness};
 
 /// Pixels by which what was seen to move is grown before the losses see it: edges are blends of both branches.
 const MOTION_REACH: usize = 2;
 
 /// The training views.
 #[derive(Debug)]
-pub struct Photos {
-    views: Vec<Photo>,
+pub struct TrainingViews {
+    views: Vec<TrainingView>,
     pictures: PictureCache,
     /// Which of their pixels move, where the losses ask for that.
     moving: Option<MovingPixels>,
-}
-
-/// One training view.
-#[derive(Clone, Copy, Debug)]
-pub struct Photo {
-    /// The camera.
-    pub camera: Camera,
-    /// The moment.
-    pub time: f64,
-    /// Number of the camera among those that train ([`Scene::training_cameras`]).
-    pub number: usize,
 }
 
 /// What a batch is compared with. Without autodiff.
@@ -40,17 +29,17 @@ pub struct Batch {
     /// The photos, black where they do not count: `[B, 3, H, W]` in `[0, 1]`.
     pub photos: Tensor<4>,
     /// 1 where they count, else 0: `[B, 1, H, W]`; absent if they count everywhere.
-    pub counted: Option<Tensor<4>>,
+    pub valid: Option<Tensor<4>>,
     /// Where something was seen to move; absent if nothing is known.
     pub motion: Option<MotionMasks>,
 }
 
-impl Photos {
+impl TrainingViews {
     /// The training views of a scene, of which at most `budget` bytes are kept decoded. Nothing is decoded yet. That all
     /// pictures have one size, as batches need, the readers see to.
     pub fn new(scene: &Scene, budget: u64) -> Self {
         let views = scene.train.iter().zip(scene.training_cameras());
-        let views = views.map(|(view, number)| Photo { camera: view.camera, time: view.time, number }).collect();
+        let views = views.map(|(view, number)| TrainingView { camera: view.camera, time: view.time, number }).collect();
         Self { views, pictures: PictureCache::new(&scene.train, budget, rayon::current_num_threads()), moving: None }
     }
 
@@ -93,7 +82,7 @@ impl Photos {
     }
 
     /// A view.
-    pub fn get(&self, index: usize) -> &Photo {
+    pub fn get(&self, index: usize) -> &TrainingView {
         &self.views[index]
     }
 
@@ -104,16 +93,16 @@ impl Photos {
     pub fn stack(&self, indices: &[usize], device: &Device) -> Result<Batch, ModelError> {
         let decoded = indices.iter().map(|&index| self.pictures.get(index)).collect::<Result<Vec<_>, _>>()?;
         let photos = Tensor::cat(decoded.iter().map(|photo| picture_tensor(&photo.rgb, device)).collect(), 0);
-        if decoded.iter().all(|photo| photo.counted.is_none()) {
-            return Ok(Batch { photos, counted: None, motion: self.motion_masks(indices, device) });
+        if decoded.iter().all(|photo| photo.valid.is_none()) {
+            return Ok(Batch { photos, valid: None, motion: self.motion_masks(indices, device) });
         }
-        let mask = |photo: &Decoded| match &photo.counted {
+        let mask = |photo: &Decoded| match &photo.valid {
             Some(mask) => mask_tensor(mask, device),
             None => Tensor::ones([1, 1, photo.rgb.height() as usize, photo.rgb.width() as usize], &inner(device)),
         };
-        let counted = Tensor::cat(decoded.iter().map(mask).collect(), 0);
+        let valid = Tensor::cat(decoded.iter().map(mask).collect(), 0);
         let motion = self.motion_masks(indices, device);
-        Ok(Batch { photos: photos * counted.clone(), counted: Some(counted), motion })
+        Ok(Batch { photos: photos * valid.clone(), valid: Some(valid), motion })
     }
 
     /// [`Batch::motion`] of the given views.

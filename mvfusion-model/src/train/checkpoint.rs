@@ -1,32 +1,33 @@
 //! A run's state as one file: tensors as safetensors, everything else as JSON in its header.
 
 use std::collections::{BTreeMap, HashMap};
-use std::io::Write;
+use std::fs::File;
+use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
 use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{DType, Device, Tensor, TensorData};
 use mvfusion_render::grid::GridBounds;
 use mvfusion_render::optim::AdamMoments;
-use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+use safetensors::tensor::{Dtype, Metadata, TensorInfo, TensorView};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use super::Visibility;
 use super::parameters::{Sink, walk};
-use super::step::Sighting;
-use super::{Contribution, Sampler, TrainState};
+use super::{BranchGradients, Sampler, TrainState};
 use crate::ModelError;
 use crate::config::{Branches, Config};
-use crate::densify::{Branch, Census, DensifyStatistics};
-use crate::exposure::Exposures;
 use crate::files::hexadecimal;
-use crate::gaussians::{Attribute, Gaussians};
 use crate::model::Model;
-use crate::motion::{MotionCache, MotionRefinement, Normalisers};
-use crate::network::{DeformationConfig, LayerInit};
-use crate::optim::{GaussianOptimiser, ModuleOptimiser};
+use crate::model::exposure::Exposures;
+use crate::model::gaussians::{Attribute, Gaussians};
+use crate::model::motion::{MotionCache, MotionRefinement, Normalisers};
+use crate::model::network::{DeformationConfig, ModuleInit};
 use crate::parameter_path::ParameterPath;
 use crate::random::{Stream, Streams};
+use crate::train::densify::{BranchState, DensifyCounts, DensifyStatistics};
+use crate::train::optim::{GaussianOptimiser, ModuleOptimiser};
 
 /// Header key under which everything but the tensors is stored.
 const HEADER: &str = "mvfusion";
@@ -52,7 +53,9 @@ struct Header {
     normalisers: Normalisers,
     streams: Streams,
     sampler: Sampler,
-    census: [Census; 2],
+    /// Of the dynamic branch, then of the static one.
+    #[serde(rename = "census")]
+    counts: [DensifyCounts; 2],
     refreshes: usize,
 }
 
@@ -67,15 +70,22 @@ impl TrainState {
     pub fn save(&self, path: &Path) -> Result<(), ModelError> {
         let mut tensors = parameters(&self.model)?;
         let mut adam_steps = BTreeMap::new();
-        for (name, branch) in self.model.branches() {
-            for (attribute, moments) in &branch.optimiser.moments {
-                store_moments(&mut tensors, &mut adam_steps, &format!("{name}.{attribute}"), moments)?;
+        let states = std::iter::once(&self.dynamic).chain(&self.static_);
+        for ((name, _), state) in self.model.branches().zip(states) {
+            // A field that is added to the state does not compile until it is said here whether a file needs it.
+            let BranchState { optimiser, statistics, pending, counts: _ } = state;
+            for (attribute, moments) in &optimiser.moments {
+                let AdamMoments { first, second, steps } = moments.clone();
+                let moments = AdamMoments { first: first, second: second, steps };
+                store_moments(&mut tensors, &mut adam_steps, &format!("{name}.{attribute}"), &moments)?;
             }
-            let statistics = &branch.statistics;
             store(&mut tensors, format!("statistics.{name}.gradients"), statistics.gradients.clone())?;
             store(&mut tensors, format!("statistics.{name}.seen"), statistics.seen.clone())?;
             store(&mut tensors, format!("statistics.{name}.foreground"), statistics.foreground.clone())?;
             store(&mut tensors, format!("statistics.{name}.radii"), statistics.radii.clone())?;
+            if let Some(pending) = pending {
+                store_pending(&mut tensors, pending)?;
+            }
         }
         for (path, moments) in &self.optimiser.moments {
             store_moments(&mut tensors, &mut adam_steps, path, moments)?;
@@ -85,13 +95,10 @@ impl TrainState {
             store(&mut tensors, "motion.local".to_owned(), cache.local.clone())?;
             store(&mut tensors, "motion.intensity".to_owned(), cache.intensity.clone())?;
         }
-        if let Some(pending) = &self.pending {
-            store_pending(&mut tensors, pending)?;
-        }
         let bounds = self.model.network.grid.bounds();
         let header = Header {
             completed: self.completed,
-            sh_degrees: self.model.branches().map(|(_, branch)| branch.sh_degree).collect(),
+            sh_degrees: self.model.branches().map(|(_, gaussians)| gaussians.sh_degree).collect(),
             grid_max: bounds.max,
             grid_min: bounds.min,
             knot_times: self.model.motion.as_ref().map(|cache| cache.knot_times.clone()),
@@ -99,7 +106,7 @@ impl TrainState {
             normalisers: self.normalisers.clone(),
             streams: self.streams.clone(),
             sampler: self.sampler.clone(),
-            census: self.census,
+            counts: self.counts(),
             refreshes: self.refreshes,
         };
         write(path, &tensors, &header)
@@ -118,29 +125,29 @@ impl TrainState {
                 optimiser.moments.insert(name.clone(), reader.moments(name, steps)?);
             }
         }
-        let bounds = GridBounds { max: header.grid_max, min: header.grid_min };
-        let model = reader.model(config, bounds, &header)?;
-        let pending = reader.pending()?;
+        let model = reader.model(config, &header)?;
         Ok(Self {
             completed: header.completed,
+            dynamic: reader.state("dynamic", &header)?,
+            static_: model.static_.is_some().then(|| reader.state("static", &header)).transpose()?,
             model,
             optimiser,
             normalisers: header.normalisers,
             streams: header.streams,
             sampler: header.sampler,
-            pending,
-            census: header.census,
             refreshes: header.refreshes,
         })
     }
 }
 
-/// The model of a checkpoint, without autodiff, ready to be evaluated.
+/// The model of a checkpoint, without autodiff, ready to be evaluated. Nothing else of the file is read.
 ///
 /// # Errors
 /// As [`TrainState::load`].
 pub fn load_model(path: &Path, config: &Config, device: &Device) -> Result<Model, ModelError> {
-    Ok(TrainState::load(path, config, &device.clone().autodiff())?.model.plain())
+    let device = device.clone().autodiff();
+    let (mut reader, header) = Reader::open(path, &device)?;
+    Ok(reader.model(config, &header)?.plain())
 }
 
 /// SHA-256 over all learned parameters: names in order, each followed by its numbers, little endian.
@@ -172,17 +179,17 @@ fn store<const D: usize>(tensors: &mut Tensors, name: String, tensor: Tensor<D>)
     Ok(())
 }
 
-fn store_pending(tensors: &mut Tensors, pending: &Contribution) -> Result<(), ModelError> {
+fn store_pending(tensors: &mut Tensors, pending: &BranchGradients) -> Result<(), ModelError> {
     for attribute in Attribute::ALL {
-        if let Some(gradient) = pending.gradients.of(attribute) {
+        if let Some(gradient) = pending.attributes.of(attribute) {
             store(tensors, format!("pending.{attribute}"), gradient.clone())?;
         }
     }
     if let Some(screen) = &pending.screen {
         store(tensors, PENDING_SCREEN.to_owned(), screen.clone())?;
     }
-    store(tensors, PENDING_RADII.to_owned(), pending.sighting.radii.clone())?;
-    store(tensors, PENDING_VISIBLE.to_owned(), pending.sighting.visible.clone())
+    store(tensors, PENDING_RADII.to_owned(), pending.visibility.radii.clone())?;
+    store(tensors, PENDING_VISIBLE.to_owned(), pending.visibility.visible.clone())
 }
 
 fn store_moments<const D: usize>(
@@ -229,42 +236,47 @@ fn write(path: &Path, tensors: &Tensors, header: &Header) -> Result<(), ModelErr
     Ok(())
 }
 
-/// A checkpoint being read.
+fn unreadable(path: &Path, error: &io::Error) -> ModelError {
+    ModelError::File { action: "read", path: path.to_owned(), reason: error.to_string() }
+}
+
+/// A checkpoint being read: tensors are read from the file when they are asked for, so that those nobody asks for cost
+/// nothing.
 struct Reader<'a> {
     path: &'a Path,
-    tensors: BTreeMap<String, TensorData>,
+    file: File,
+    /// Where the tensors begin in the file.
+    start: u64,
+    tensors: HashMap<String, TensorInfo>,
     device: &'a Device,
 }
 
 impl<'a> Reader<'a> {
     fn open(path: &'a Path, device: &'a Device) -> Result<(Self, Header), ModelError> {
-        let bytes = std::fs::read(path).map_err(|error| ModelError::File {
-            action: "read",
-            path: path.to_owned(),
-            reason: error.to_string(),
-        })?;
         let misfit = |reason: String| ModelError::Checkpoint { path: path.to_owned(), reason };
-        let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(|error| misfit(error.to_string()))?;
-        let header = metadata
-            .metadata()
-            .as_ref()
-            .and_then(|entries| entries.get(HEADER))
-            .ok_or_else(|| misfit("it has no header of this program".to_owned()))?;
+        let mut file = File::open(path).map_err(|error| unreadable(path, &error))?;
+        let length = file.metadata().map_err(|error| unreadable(path, &error))?.len();
+        let mut size = [0; 8];
+        let broken = |_| misfit("it ends before its header does".to_owned());
+        file.read_exact(&mut size).map_err(broken)?;
+        let size = u64::from_le_bytes(size);
+        if size > length {
+            return Err(misfit("it ends before its header does".to_owned()));
+        }
+        let mut header = vec![0; usize::try_from(size).map_err(|error| misfit(error.to_string()))?];
+        file.read_exact(&mut header).map_err(broken)?;
+        let metadata: Metadata = serde_json::from_slice(&header).map_err(|error| misfit(error.to_string()))?;
+        let header = metadata.metadata().as_ref().and_then(|entries| entries.get(HEADER));
+        let header = header.ok_or_else(|| misfit("it has no header of this program".to_owned()))?;
         let header: Header = serde_json::from_str(header).map_err(|error| misfit(error.to_string()))?;
-        let file = SafeTensors::deserialize(&bytes).map_err(|error| misfit(error.to_string()))?;
-        let tensors = file
-            .tensors()
-            .into_iter()
-            .map(|(name, view)| {
-                let values: Vec<f32> = view
-                    .data()
-                    .chunks_exact(4)
-                    .map(|bytes| f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]))
-                    .collect();
-                (name, TensorData::new(values, view.shape().to_vec()))
-            })
-            .collect();
-        Ok((Self { path, tensors, device }, header))
+        let tensors: HashMap<String, TensorInfo> =
+            metadata.tensors().into_iter().map(|(name, info)| (name, info.clone())).collect();
+        let end = tensors.values().map(|info| info.data_offsets.1 as u64).max().unwrap_or(0);
+        let start = 8 + size;
+        if start.checked_add(end) != Some(length) {
+            return Err(misfit(format!("it has {length} bytes, and its header says {start} and {end}")));
+        }
+        Ok((Self { path, file, start, tensors, device }, header))
     }
 
     fn misfit(&self, reason: String) -> ModelError {
@@ -273,11 +285,20 @@ impl<'a> Reader<'a> {
 
     /// A tensor without autodiff.
     fn tensor<const D: usize>(&mut self, name: &str) -> Result<Tensor<D>, ModelError> {
-        let data = self.tensors.remove(name).ok_or_else(|| self.misfit(format!("`{name}` is missing")))?;
-        if data.shape().len() != D {
-            return Err(self.misfit(format!("`{name}` has {} dimensions instead of {D}", data.shape().len())));
+        let info = self.tensors.remove(name).ok_or_else(|| self.misfit(format!("`{name}` is missing")))?;
+        if info.shape.len() != D {
+            return Err(self.misfit(format!("`{name}` has {} dimensions instead of {D}", info.shape.len())));
         }
-        Ok(Tensor::from_data(data, &self.device.clone().inner()))
+        let (first, end) = info.data_offsets;
+        let numbers = info.shape.iter().try_fold(4usize, |bytes, &side| bytes.checked_mul(side));
+        if info.dtype != Dtype::F32 || end.checked_sub(first) != numbers {
+            return Err(self.misfit(format!("`{name}` does not hold {:?} numbers of 32 bits", info.shape)));
+        }
+        let mut bytes = vec![0; end - first];
+        let read = self.file.seek(SeekFrom::Start(self.start + first as u64));
+        read.and_then(|_| self.file.read_exact(&mut bytes)).map_err(|error| unreadable(self.path, &error))?;
+        let values: Vec<f32> = bytes.as_chunks().0.iter().map(|&number| f32::from_le_bytes(number)).collect();
+        Ok(Tensor::from_data(TensorData::new(values, info.shape), &self.device.clone().inner()))
     }
 
     fn moments<const D: usize>(&mut self, name: &str, steps: usize) -> Result<AdamMoments<D>, ModelError> {
@@ -286,10 +307,11 @@ impl<'a> Reader<'a> {
         Ok(AdamMoments { first, second, steps })
     }
 
-    fn model(&mut self, config: &Config, bounds: GridBounds, header: &Header) -> Result<Model, ModelError> {
+    fn model(&mut self, config: &Config, header: &Header) -> Result<Model, ModelError> {
+        let bounds = GridBounds { max: header.grid_max, min: header.grid_min };
         // The weights are overwritten below, so any will do.
         let mut stream = Stream::new(0, 0);
-        let mut init = LayerInit { device: self.device, dtype: DType::F32, stream: &mut stream };
+        let mut init = ModuleInit { device: self.device, dtype: DType::F32, stream: &mut stream };
         let deformation = DeformationConfig::of(&config.model, bounds);
         let network = deformation.init(&mut init);
         let refinement = MotionRefinement::new(&deformation, &config.motion, &mut init);
@@ -299,8 +321,8 @@ impl<'a> Reader<'a> {
             return Err(self.misfit(format!("it holds {} branches", degrees.len())));
         };
         Ok(Model {
-            dynamic: self.branch("dynamic", dynamic_degree, header)?,
-            static_: static_degree.map(|&degree| self.branch("static", degree, header)).transpose()?,
+            dynamic: self.gaussians("dynamic", dynamic_degree)?,
+            static_: static_degree.map(|&degree| self.gaussians("static", degree)).transpose()?,
             network: self.fill("network", network)?,
             refinement: self.fill("refinement", refinement)?,
             exposures: self
@@ -312,33 +334,49 @@ impl<'a> Reader<'a> {
                     local: self.tensor("motion.local")?,
                     intensity: self.tensor("motion.intensity")?,
                     knot_times: knot_times.clone(),
+                    inherits: config.motion.inherit,
                 }),
                 None => None,
             },
         })
     }
 
-    fn branch(&mut self, name: &str, sh_degree: usize, header: &Header) -> Result<Branch, ModelError> {
+    fn gaussians(&mut self, name: &str, sh_degree: usize) -> Result<Gaussians, ModelError> {
         let mut tensors = BTreeMap::new();
+        for attribute in Attribute::ALL {
+            if let Some(values) = self.optional::<2>(&format!("{name}.{attribute}"))? {
+                tensors.insert(attribute, values.autodiff());
+            }
+        }
+        let gaussians = Gaussians::from_tensors(|attribute| tensors.get(&attribute).cloned())
+            .ok_or_else(|| self.misfit(format!("an attribute of the {name} branch is missing")))?;
+        Ok(Gaussians { sh_degree, ..gaussians })
+    }
+
+    /// What training keeps about a branch.
+    fn state(&mut self, name: &str, header: &Header) -> Result<BranchState, ModelError> {
         let mut optimiser = GaussianOptimiser::default();
         for attribute in Attribute::ALL {
             let path = format!("{name}.{attribute}");
-            if let Some(values) = self.optional::<2>(&path)? {
-                tensors.insert(attribute, values);
-            }
             if let Some(&steps) = header.adam_steps.get(&path) {
-                optimiser.moments.insert(attribute, self.moments(&path, steps)?);
+                let AdamMoments { first, second, steps } = self.moments(&path, steps)?;
+                let moments = AdamMoments { first: first, second: second, steps };
+                optimiser.moments.insert(attribute, moments);
             }
         }
-        let gaussians = Gaussians::from_tensors(|attribute| tensors.get(&attribute).map(|t| t.clone().autodiff()))
-            .ok_or_else(|| self.misfit(format!("an attribute of the {name} branch is missing")))?;
+        let mut statistic = |of: &str| self.tensor(&format!("statistics.{name}.{of}"));
         let statistics = DensifyStatistics {
-            gradients: self.tensor(&format!("statistics.{name}.gradients"))?,
-            seen: self.tensor(&format!("statistics.{name}.seen"))?,
-            foreground: self.tensor(&format!("statistics.{name}.foreground"))?,
-            radii: self.tensor(&format!("statistics.{name}.radii"))?,
+            gradients: statistic("gradients")?,
+            seen: statistic("seen")?,
+            foreground: statistic("foreground")?,
+            radii: statistic("radii")?,
         };
-        Ok(Branch { gaussians, optimiser, statistics, sh_degree })
+        // Only the static branch has gradients that wait.
+        let [dynamic, static_] = header.counts;
+        Ok(match name {
+            "static" => BranchState { optimiser, statistics, pending: self.pending()?, counts: static_ },
+            _ => BranchState { optimiser, statistics, pending: None, counts: dynamic },
+        })
     }
 
     /// A tensor, if it is there.
@@ -347,7 +385,7 @@ impl<'a> Reader<'a> {
     }
 
     /// What the static branch had yet to learn from.
-    fn pending(&mut self) -> Result<Option<Contribution>, ModelError> {
+    fn pending(&mut self) -> Result<Option<BranchGradients>, ModelError> {
         let Some(visible) = self.optional(PENDING_VISIBLE)? else { return Ok(None) };
         let mut gradients = Vec::new();
         for attribute in Attribute::ALL {
@@ -355,10 +393,10 @@ impl<'a> Reader<'a> {
                 gradients.push((attribute, gradient));
             }
         }
-        Ok(Some(Contribution {
-            sighting: Sighting { visible, foreground: None, radii: self.tensor(PENDING_RADII)? },
+        Ok(Some(BranchGradients {
+            visibility: Visibility { visible, foreground: None, radii: self.tensor(PENDING_RADII)? },
             screen: self.optional(PENDING_SCREEN)?,
-            gradients: gradients.into_iter().collect(),
+            attributes: gradients.into_iter().collect(),
         }))
     }
 

@@ -1,11 +1,15 @@
 //! Training: stages, batches, one step after the other.
 
 mod batch;
-mod births;
+pub mod births;
 mod checkpoint;
-mod contribution;
+pub mod densify;
 mod finite;
+pub mod loss;
+mod losses;
+pub mod optim;
 mod parameters;
+mod rendered;
 mod sampler;
 mod stage;
 mod state;
@@ -14,12 +18,16 @@ mod still;
 mod trainer;
 mod turn;
 mod update;
+mod view;
 
-pub use batch::{Batch, Photo, Photos, mask_tensor, picture_tensor};
+pub use batch::{Batch, TrainingViews, mask_tensor, picture_tensor};
 pub use checkpoint::{load_model, parameter_hash};
-pub use contribution::Contribution;
+pub use densify::{BranchGradients, Visibility};
+pub use losses::Losses;
+pub use rendered::RenderedBatch;
 pub use sampler::{Sampler, Visits};
 pub use stage::{Position, Stage};
 pub use state::TrainState;
-pub use step::StepLoss;
-pub use trainer::{IMAGE_CACHE, Trainer, final_movement};
+pub use trainer::{IMAGE_CACHE, Trainer, final_level};
+pub use update::StepGradients;
+pub use view::TrainingView;

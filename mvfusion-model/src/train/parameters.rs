@@ -3,8 +3,8 @@
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::Tensor;
 
-use crate::gaussians::Attribute;
 use crate::model::Model;
+use crate::model::gaussians::Attribute;
 use crate::parameter_path::ParameterPath;
 
 /// What takes the parameters.
@@ -14,11 +14,11 @@ pub(super) trait Sink {
 }
 
 /// Hands every learned parameter over: `dynamic.means`, …, `static.means`, …, `network.grid.planes`, …, `refinement.…`, and
-/// `exposures.departures` where there are any.
+/// `exposures.departures` where there are any. In the order of files.
 pub(super) fn walk(model: &Model, sink: &mut impl Sink) {
     for (name, branch) in model.branches() {
         for attribute in Attribute::ALL {
-            if let Some(values) = branch.gaussians.plain(attribute) {
+            if let Some(values) = branch.plain(attribute) {
                 sink.take(format!("{name}.{attribute}"), values);
             }
         }

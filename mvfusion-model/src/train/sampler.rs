@@ -3,7 +3,7 @@
 use mvfusion_data::motion::{MovingPixels, loneliness};
 use serde::{Deserialize, Serialize};
 
-use super::Photo;
+use super::TrainingView;
 use crate::random::Stream;
 use crate::timeline::Timeline;
 
@@ -46,9 +46,9 @@ impl Visits {
     }
 
     /// Every view once, and `lonely` times the [`loneliness`] of its moment more.
-    pub fn by_loneliness(photos: &[Photo], moving: &MovingPixels, timeline: &Timeline, lonely: f64) -> Self {
+    pub fn by_loneliness(photos: &[TrainingView], moving: &MovingPixels, timeline: &Timeline, lonely: f64) -> Self {
         let times = timeline.times();
-        let moment = |photo: &Photo| times.partition_point(|&time| time < photo.time).min(times.len() - 1);
+        let moment = |photo: &TrainingView| times.partition_point(|&time| time < photo.time).min(times.len() - 1);
         let mut amounts = vec![0; times.len()];
         for (view, photo) in photos.iter().enumerate() {
             amounts[moment(photo)] += moving.map(view).map_or(0, |map| map.amount());
@@ -118,7 +118,7 @@ mod tests {
     fn moments_without_a_neighbour_are_shown_more_often() {
         let camera = Camera::centred(2, 1, 2.0, DMat3::IDENTITY, DVec3::ZERO);
         let times = [0.0, 0.25, 0.5, 0.75, 1.0];
-        let photos = times.map(|time| Photo { camera, time, number: 0 });
+        let photos = times.map(|time| TrainingView { camera, time, number: 0 });
         let map = |levels| MotionMap::new((2, 1), 1, vec![PixelMotion::moving(levels), PixelMotion::still(9)]);
         // At the third of five moments twice as much moves as at the others.
         let moving = MovingPixels::from_maps([9, 9, 19, 9, 9].map(map).to_vec());

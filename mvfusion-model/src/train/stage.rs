@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use crate::ModelError;
-use crate::config::StageConfig;
-use crate::model::Movement;
+use crate::config::{StageConfig, Steps};
+use crate::model::DeformationLevel;
 
 /// The three stages (paper, training strategy).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -29,12 +29,12 @@ impl Stage {
     }
 
     /// How far this stage moves the dynamic Gaussians.
-    pub fn movement(self, deformation: bool) -> Movement {
+    pub fn level(self, deformation: bool) -> DeformationLevel {
         match self {
-            _ if !deformation => Movement::Still,
-            Self::Geometry => Movement::Still,
-            Self::Deformation => Movement::Base,
-            Self::Refinement => Movement::Refined,
+            _ if !deformation => DeformationLevel::Still,
+            Self::Geometry => DeformationLevel::Still,
+            Self::Deformation => DeformationLevel::Base,
+            Self::Refinement => DeformationLevel::Refined,
         }
     }
 }
@@ -59,16 +59,16 @@ impl Position {
     /// The step after `completed` steps, or `None` when the run is over.
     pub fn after(completed: usize, stages: &StageConfig) -> Option<Self> {
         let lengths = [
-            (Stage::Geometry, stages.geometry),
-            (Stage::Deformation, stages.deformation),
-            (Stage::Refinement, stages.refinement),
+            (Stage::Geometry, stages.geometry.0),
+            (Stage::Deformation, stages.deformation.0),
+            (Stage::Refinement, stages.refinement.0),
         ];
         let mut before = 0;
         for (stage, length) in lengths {
             if completed < before + length {
                 let stage_step = completed - before + 1;
                 let step = match stage {
-                    Stage::Refinement if !stages.refinement_restarts => stage_step + stages.deformation,
+                    Stage::Refinement if !stages.refinement_restarts => stage_step + stages.deformation.0,
                     _ => stage_step,
                 };
                 return Some(Self { run_step: completed + 1, stage, stage_step, stage_length: length, step });
@@ -95,14 +95,20 @@ impl Position {
 }
 
 impl StageConfig {
+    /// Stages of so many steps: geometry, deformation, refinement.
+    pub fn of([geometry, deformation, refinement]: [usize; 3]) -> Self {
+        let [geometry, deformation, refinement] = [geometry, deformation, refinement].map(Steps);
+        Self { geometry, deformation, refinement, ..Self::default() }
+    }
+
     /// Steps of the whole run.
     pub fn total(&self) -> usize {
-        self.geometry + self.deformation + self.refinement
+        self.geometry.0 + self.deforming()
     }
 
     /// Steps of the counter that the last two stages share.
     pub fn deforming(&self) -> usize {
-        self.deformation + self.refinement
+        self.deformation.0 + self.refinement.0
     }
 }
 
@@ -110,7 +116,8 @@ impl StageConfig {
 mod tests {
     use super::*;
 
-    const STAGES: StageConfig = StageConfig { geometry: 2, deformation: 3, refinement: 4, refinement_restarts: false };
+    const STAGES: StageConfig =
+        StageConfig { geometry: Steps(2), deformation: Steps(3), refinement: Steps(4), refinement_restarts: false };
 
     fn at(completed: usize) -> (Stage, usize, usize) {
         let position = Position::after(completed, &STAGES).expect("within the run");
@@ -137,7 +144,7 @@ mod tests {
 
     #[test]
     fn a_stage_of_no_steps_is_skipped() {
-        let stages = StageConfig { deformation: 0, ..STAGES };
+        let stages = StageConfig { deformation: Steps(0), ..STAGES };
         let position = Position::after(2, &stages).expect("within the run");
         assert_eq!((position.stage, position.step), (Stage::Refinement, 1));
         assert!(position.restarts());

@@ -7,25 +7,29 @@ use mvfusion_render::grid::GridBounds;
 
 use crate::ModelError;
 use crate::config::{Branches, Config, GridBoundsRule};
-use crate::densify::{Branch, Census};
-use crate::exposure::Exposures;
 use crate::initial::{InitialClouds, Masking, MotionPoints, gaussians_of};
 use crate::model::Model;
-use crate::motion::{MotionRefinement, Normalisers};
-use crate::network::{DeformationConfig, LayerInit};
-use crate::optim::ModuleOptimiser;
+use crate::model::exposure::Exposures;
+use crate::model::gaussians::Gaussians;
+use crate::model::motion::{MotionRefinement, Normalisers};
+use crate::model::network::{DeformationConfig, ModuleInit};
 use crate::random::Streams;
+use crate::train::densify::{Branch, BranchState, DensifyCounts};
+use crate::train::optim::ModuleOptimiser;
 
-use super::{Contribution, Sampler};
+use super::Sampler;
 
-/// The state of a run: parameters, moments, statistics, motion cache, random streams, counters. What is not in here can
-/// be computed anew from configuration and scene.
+/// The state of a run. What is not in here can be computed anew from configuration and scene.
 #[derive(Clone, Debug)]
 pub struct TrainState {
     /// Steps done.
     pub completed: usize,
-    /// Parameters, and the branches' moments and statistics.
+    /// What is learned.
     pub model: Model,
+    /// What training keeps about the dynamic Gaussians.
+    pub dynamic: BranchState,
+    /// The same of the static ones, if there is a static branch.
+    pub static_: Option<BranchState>,
     /// Moments of network and refinement.
     pub optimiser: ModuleOptimiser,
     /// Normalisers of the motion descriptors.
@@ -34,10 +38,6 @@ pub struct TrainState {
     pub streams: Streams,
     /// Views not yet shown in this round.
     pub sampler: Sampler,
-    /// What the static branch has yet to learn from, under gradient accumulation.
-    pub pending: Option<Contribution>,
-    /// How often rows changed, dynamic branch first.
-    pub census: [Census; 2],
     /// Refreshes of the motion statistics.
     pub refreshes: usize,
 }
@@ -58,9 +58,10 @@ impl TrainState {
         let of_motion = motion.filter(|_| config.model.grid.bounds == GridBoundsRule::Motion);
         let bounds = of_motion.and_then(MotionPoints::bounds).or_else(|| grid_bounds(&clouds.dynamic)).ok_or(
             ModelError::Config {
-                key: "init.dynamic_points",
+                key: "init.dynamic_points".to_owned(),
                 value: config.init.dynamic_points.to_string(),
-                reason: "the dynamic branch needs at least one Gaussian to start from; give a number above 0",
+                reason: "the dynamic branch needs at least one Gaussian to start from; give a number above 0"
+                    .to_owned(),
             },
         )?;
         let dtype = DType::F32;
@@ -71,7 +72,7 @@ impl TrainState {
         let dynamic = first_branch(&clouds.dynamic, masking, config, device, dtype);
         let static_ = clouds.static_.as_ref().map(|seeds| first_branch(seeds, Masking::Absent, config, device, dtype));
 
-        let mut init = LayerInit { device, dtype, stream: &mut streams.weights };
+        let mut init = ModuleInit { device, dtype, stream: &mut streams.weights };
         let deformation = DeformationConfig::of(&config.model, bounds);
         let network = deformation.init(&mut init);
         let refinement = MotionRefinement::new(&deformation, &config.motion, &mut init);
@@ -79,26 +80,49 @@ impl TrainState {
         let exposures = config.model.exposure.then(|| Exposures::new(cameras(), device, dtype));
         Ok(Self {
             completed: 0,
+            dynamic: BranchState::new(&dynamic),
+            static_: static_.as_ref().map(BranchState::new),
             model: Model { dynamic, static_, network, refinement, exposures, motion: None },
             optimiser: ModuleOptimiser::default(),
             normalisers: Normalisers::default(),
             streams,
             sampler: Sampler::default(),
-            pending: None,
-            census: [Census::default(); 2],
             refreshes: 0,
         })
+    }
+
+    /// Forgets moments and statistics, as at the start of a stage.
+    pub(super) fn restart(&mut self) {
+        self.dynamic.restart(&self.model.dynamic);
+        if let (Some(state), Some(gaussians)) = (&mut self.static_, &self.model.static_) {
+            state.restart(gaussians);
+        }
+        self.optimiser = ModuleOptimiser::default();
+    }
+
+    /// The dynamic branch, whose rows may change between two steps.
+    pub fn dynamic_branch(&mut self) -> Branch<'_> {
+        let Model { dynamic, motion, .. } = &mut self.model;
+        Branch { gaussians: dynamic, state: &mut self.dynamic, motion: motion.as_mut(), gradients: None }
+    }
+
+    /// The static branch, if there is one.
+    pub fn static_branch(&mut self) -> Option<Branch<'_>> {
+        let (gaussians, state) = (self.model.static_.as_mut()?, self.static_.as_mut()?);
+        Some(Branch { gaussians, state, motion: None, gradients: None })
+    }
+
+    /// How often the rows of the branches changed, those of the dynamic branch first.
+    pub fn counts(&self) -> [DensifyCounts; 2] {
+        [self.dynamic.counts, self.static_.as_ref().map_or_else(DensifyCounts::default, |state| state.counts)]
     }
 }
 
 /// A branch before the first step. Gaussians from a file keep the degree of their colours, as far as there is room
 /// for it.
-fn first_branch(cloud: &GaussianCloud, masking: Masking, config: &Config, device: &Device, dtype: DType) -> Branch {
+fn first_branch(cloud: &GaussianCloud, masking: Masking, config: &Config, device: &Device, dtype: DType) -> Gaussians {
     let highest = config.model.sh_degree;
-    Branch {
-        sh_degree: cloud.sh_degree.min(highest),
-        ..Branch::new(gaussians_of(cloud, masking, highest, device, dtype))
-    }
+    Gaussians { sh_degree: cloud.sh_degree.min(highest), ..gaussians_of(cloud, masking, highest, device, dtype) }
 }
 
 /// The box of the dynamic cloud, without margin (METHOD §2.1); `None` for an empty one.

@@ -4,8 +4,8 @@ use burn::tensor::Tensor;
 
 use super::Trainer;
 use crate::config::StillRule;
-use crate::gaussians::Gaussians;
-use crate::model::Movement;
+use crate::model::DeformationLevel;
+use crate::model::gaussians::Gaussians;
 use crate::{ModelError, tensors};
 
 /// Quantile of the motion intensity that others are compared with: the largest values may be strays.
@@ -25,32 +25,25 @@ impl Trainer {
         if rule == StillRule::Reassign {
             self.reassign(&still);
         }
-        let model = &mut self.state.model;
-        model.dynamic.keep(&moving);
-        let rows = tensors::rows_like(&moving, &model.dynamic.gaussians.means.val());
-        model.motion = model.motion.take().map(|cache| cache.select(&rows));
-        self.state.census[0].pruned += still.len();
+        self.state.dynamic_branch().keep(moving);
         Ok(())
     }
 
     /// Puts dynamic Gaussians, as they are at the middle of the video, into the static branch, if there is one.
     fn reassign(&mut self, rows: &[usize]) {
         let plain = self.state.model.plain();
-        let times = self.surroundings.timeline.times();
+        let times = self.context.timeline.times();
         let middle = times[times.len() / 2];
-        let raw = plain.dynamic_at(middle, Movement::Base, &self.surroundings);
+        let raw = plain.dynamic_at(middle, DeformationLevel::Base, &self.context);
         let rows: Tensor<1, burn::tensor::Int> = tensors::rows_like(rows, &raw.means);
-        if let Some(static_) = &mut self.state.model.static_ {
+        if let Some(mut static_) = self.state.static_branch() {
             let moved = raw.select(&rows);
-            self.state.census[1].added += moved.means.dims()[0];
             let still =
                 |attribute| static_.gaussians.plain(attribute).and(moved.attribute(attribute)).map(Tensor::autodiff);
             // Proof: the static branch has every attribute that `RawGaussians` has but masks, which may be absent.
             let still = Gaussians::from_tensors(still).expect("only masks and lifetimes may be absent");
             static_.append(&still);
         }
-        // Gradients that wait for their step have the rows of before.
-        self.state.pending = None;
     }
 }
 

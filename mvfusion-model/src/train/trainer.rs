@@ -1,4 +1,4 @@
-//! The trainer: one wheel for every device.
+//! The trainer, the same for every device.
 
 use burn::tensor::Device;
 use mvfusion_data::Scene;
@@ -6,15 +6,13 @@ use mvfusion_data::motion::MotionFinder;
 use mvfusion_render::splat::SplatRules;
 
 use super::finite::Findings;
-use super::step::Forward;
-use super::{Photos, Position, Stage, StepLoss, TrainState, Visits};
+use super::{Losses, Position, RenderedBatch, Stage, TrainState, TrainingViews, Visits};
 use crate::config::Config;
-use crate::densify::Branch;
-use crate::gaussians::Behind;
 use crate::initial::{Placement, SceneMotion, Seeding};
-use crate::loss::Windows;
-use crate::model::{Movement, Surroundings};
+use crate::model::gaussians::Behind;
+use crate::model::{DeformationLevel, RenderContext};
 use crate::timeline::Timeline;
+use crate::train::loss::Windows;
 use crate::{ModelError, tensors};
 
 /// Bytes of decoded pictures that are kept unless somebody asks for another number: 4 GiB.
@@ -27,8 +25,8 @@ const LOOK_AHEAD: usize = 32;
 #[derive(Debug)]
 pub struct Trainer {
     pub(super) config: Config,
-    pub(super) surroundings: Surroundings,
-    pub(super) photos: Photos,
+    pub(super) context: RenderContext,
+    pub(super) photos: TrainingViews,
     /// How often each of them is shown.
     visits: Visits,
     pub(super) windows: Windows,
@@ -67,23 +65,12 @@ impl Trainer {
     }
 
     fn assembled(config: Config, scene: &Scene, motion: SceneMotion, device: &Device, state: TrainState) -> Self {
-        let surroundings = Surroundings::new(&config, scene);
-        let photos = Photos::new(scene, IMAGE_CACHE).with_motion(motion.moving);
-        let visits = photos.visits(&surroundings.timeline, config.train.lonely_visits);
+        let context = RenderContext::new(&config, scene);
+        let photos = TrainingViews::new(scene, IMAGE_CACHE).with_motion(motion.moving);
+        let visits = photos.visits(&context.timeline, config.train.lonely_visits);
         let (windows, finder, seeding) = (Windows::default(), motion.finder, motion.seeding);
         let has_births = config.has_births(scene);
-        Self {
-            config,
-            surroundings,
-            photos,
-            visits,
-            windows,
-            device: device.clone(),
-            state,
-            has_births,
-            finder,
-            seeding,
-        }
+        Self { config, context, photos, visits, windows, device: device.clone(), state, has_births, finder, seeding }
     }
 
     /// Keeps at most `budget` bytes of decoded pictures instead of [`IMAGE_CACHE`]. If they all fit, they are decoded now.
@@ -91,7 +78,7 @@ impl Trainer {
     /// # Errors
     /// If one of them cannot be read then.
     pub fn with_image_cache(self, scene: &Scene, budget: u64) -> Result<Self, ModelError> {
-        let photos = Photos::new(scene, budget).with_motion(self.photos.into_motion());
+        let photos = TrainingViews::new(scene, budget).with_motion(self.photos.into_motion());
         photos.pictures().fill()?;
         Ok(Self { photos, ..self })
     }
@@ -101,54 +88,67 @@ impl Trainer {
         Position::after(self.state.completed, &self.config.train.stages)
     }
 
-    /// Does the next step and returns its losses, or `None` when training is over.
+    /// Does the next step and returns its losses without autodiff, or `None` when training is over.
     ///
     /// # Errors
     /// If the device fails or an op refuses its input.
-    pub fn step(&mut self) -> Result<Option<StepLoss>, ModelError> {
-        let Some(position) = self.position() else { return Ok(None) };
-        self.enter(&position)?;
-        let views = self.draw();
-        let forward = self.forward(&views, &position)?;
-        let loss = forward.loss.clone();
-        self.check_loss(&forward, &position)?;
-        self.learn(forward, &position)?;
-        if self.log_due(&position) {
-            self.check_parameters(&position)?;
+    pub fn step(&mut self) -> Result<Option<Losses>, ModelError> {
+        let Some(position) = self.begin_step()? else { return Ok(None) };
+        let views = self.draw_views();
+        let rendered = self.render_batch(&views, &position)?;
+        let losses = self.losses(&rendered, &position)?;
+        self.check_loss(&rendered, &losses, &position)?;
+        let found = losses.detached();
+        let gradients = self.backward(rendered, losses.total, &position);
+        let rates = self.rates(&position);
+        self.update(gradients, &rates, &position)?;
+        self.finish_step(&position)?;
+        Ok(Some(found))
+    }
+
+    /// What is done after a step has learned: Gaussians are born and motion is measured where that is due, and the step is
+    /// counted.
+    ///
+    /// # Errors
+    /// If a parameter is not finite, a photo cannot be read, or the device fails.
+    pub fn finish_step(&mut self, position: &Position) -> Result<(), ModelError> {
+        if self.log_due(position) {
+            self.check_parameters(position)?;
         }
-        if self.photo_births_due(&position) {
+        if self.photo_births_due(position) {
             self.give_birth_in_photos()?;
         }
-        if self.refresh_due(&position) {
+        if self.refresh_due(position) {
             self.refresh_motion()?;
-            if position.step < self.config.densify.until {
+            if position.step < self.config.densify.until.0 {
                 self.sort_out_still_ones()?;
             }
         }
-        if self.film_births_due(&position) {
-            self.give_birth_in_film(&position)?;
+        if self.film_births_due(position) {
+            self.give_birth_in_film(position)?;
         }
         self.state.completed += 1;
-        Ok(Some(loss))
+        Ok(())
     }
 
-    /// The views of the next step. Those after them are decoded while this step is computed.
-    fn draw(&mut self) -> Vec<usize> {
+    /// Draws the training views of the next step. The views after them are decoded while this step is computed.
+    pub fn draw_views(&mut self) -> Vec<usize> {
         let (size, visits) = (self.config.train.batch_size, &self.visits);
         let TrainState { sampler, streams, .. } = &mut self.state;
         self.photos.pictures().announce(&sampler.upcoming(size + LOOK_AHEAD, visits, &streams.sampling));
         sampler.draw(size, visits, &mut streams.sampling)
     }
 
-    /// What happens before a step: a stage may begin, colours may gain a degree.
-    fn enter(&mut self, position: &Position) -> Result<(), ModelError> {
+    /// Begins the next step: a stage may begin, spherical harmonics may gain a degree. `None` when training is over.
+    ///
+    /// # Errors
+    /// If the device fails.
+    pub fn begin_step(&mut self) -> Result<Option<Position>, ModelError> {
+        let Some(position) = self.position() else { return Ok(None) };
         if position.restarts() {
-            self.state.model.dynamic.restart();
-            self.state.model.static_.iter_mut().for_each(Branch::restart);
-            self.state.optimiser = Default::default();
-            self.state.pending = None;
+            self.state.restart();
         }
-        let refined = position.stage.movement(self.config.model.deformation) == Movement::Refined;
+        let refined = position.stage.level(self.config.model.deformation) == DeformationLevel::Refined;
         if refined && self.state.model.motion.is_none() {
             self.refresh_motion()?;
         }
@@ -157,11 +157,11 @@ impl Trainer {
         let intervals = (self.config.train.dynamic_sh_interval, self.config.train.static_sh_interval);
         let dynamic = std::iter::once((&mut model.dynamic, intervals.0));
         for (branch, interval) in dynamic.chain(model.static_.iter_mut().map(|branch| (branch, intervals.1))) {
-            if position.step.is_multiple_of(interval) && branch.sh_degree < highest {
+            if interval.is_due(position.step) && branch.sh_degree < highest {
                 branch.sh_degree += 1;
             }
         }
-        Ok(())
+        Ok(Some(position))
     }
 
     /// Whether the step is one of those that are logged.
@@ -171,14 +171,17 @@ impl Trainer {
     }
 
     /// Stops the run at a loss that is not finite, before it spoils the parameters.
-    fn check_loss(&self, forward: &Forward, position: &Position) -> Result<(), ModelError> {
-        let total: Vec<f32> = tensors::read(forward.loss.total.clone())?;
+    ///
+    /// # Errors
+    /// [`ModelError::NotFinite`] that names the parameter or the picture at fault.
+    pub fn check_loss(&self, rendered: &RenderedBatch, losses: &Losses, position: &Position) -> Result<(), ModelError> {
+        let total: Vec<f32> = tensors::read(losses.total.clone().inner())?;
         if total.iter().all(|loss| loss.is_finite()) {
             return Ok(());
         }
         let bad = match Findings::of_parameters(&self.state.model).first_bad()? {
             Some(parameter) => parameter,
-            None => forward.pictures().first_bad()?.unwrap_or_else(|| "the loss".to_owned()),
+            None => rendered.findings().first_bad()?.unwrap_or_else(|| "the loss".to_owned()),
         };
         Err(position.not_finite(bad))
     }
@@ -197,16 +200,14 @@ impl Trainer {
         self.config.model.deformation
             && match position.stage {
                 Stage::Geometry => false,
-                Stage::Deformation => position.ends_stage() && self.config.train.stages.refinement > 0,
-                Stage::Refinement => {
-                    position.stage_step.is_multiple_of(self.config.motion.interval) && !position.ends_stage()
-                }
+                Stage::Deformation => position.ends_stage() && self.config.train.stages.refinement.0 > 0,
+                Stage::Refinement => self.config.motion.interval.is_due(position.stage_step) && !position.ends_stage(),
             }
     }
 
     /// How the finished model is to be rendered.
-    pub fn final_movement(&self) -> Movement {
-        final_movement(&self.config)
+    pub fn final_level(&self) -> DeformationLevel {
+        final_level(&self.config)
     }
 
     /// The configuration that the state was made by, and under which a checkpoint of it is loaded.
@@ -227,7 +228,7 @@ impl Trainer {
     /// If a picture cannot be read, or the device fails.
     pub fn placement(&self, scene: &Scene) -> Result<Option<Placement>, ModelError> {
         match self.state.model.static_ {
-            Some(_) => Placement::of(&self.state.model.dynamic.gaussians, scene),
+            Some(_) => Placement::of(&self.state.model.dynamic, scene),
             None => Ok(None),
         }
     }
@@ -238,23 +239,23 @@ impl Trainer {
     }
 
     /// What the model needs to know of scene and run.
-    pub fn surroundings(&self) -> &Surroundings {
-        &self.surroundings
+    pub fn render_context(&self) -> &RenderContext {
+        &self.context
     }
 }
 
 /// How a model trained by `config` is to be rendered: as in the last stage that it went through.
-pub fn final_movement(config: &Config) -> Movement {
+pub fn final_level(config: &Config) -> DeformationLevel {
     let stages = &config.train.stages;
-    let last = match (stages.refinement, stages.deformation) {
+    let last = match (stages.refinement.0, stages.deformation.0) {
         (0, 0) => Stage::Geometry,
         (0, _) => Stage::Deformation,
         _ => Stage::Refinement,
     };
-    last.movement(config.model.deformation)
+    last.level(config.model.deformation)
 }
 
-impl Surroundings {
+impl RenderContext {
     /// What a model trained by `config` needs to know of its scene.
     pub fn new(config: &Config, scene: &Scene) -> Self {
         Self {

@@ -4,27 +4,28 @@
 use burn::tensor::Tensor;
 use mvfusion_render::profile::{Part, measure};
 
-use super::step::Sighting;
-use super::{Contribution, Position, Sampler, Stage};
+use super::{BranchGradients, Position, Sampler, Stage, Visibility};
 use crate::ModelError;
 use crate::config::{BranchDensifyConfig, Config};
-use crate::densify::{Branch, Census, PruneRule, ResetPlan};
-use crate::gaussians::Attribute;
-use crate::motion::MotionCache;
-use crate::optim::{GaussianGradients, GaussianRates};
+use crate::model::gaussians::Gaussians;
+use crate::model::motion::MotionCache;
 use crate::random::Stream;
+use crate::train::densify::{Branch, BranchState, PruneRule, ResetPlan};
+use crate::train::optim::{GaussianGradients, GaussianRates};
 
 /// Foreground probability below which a dynamic Gaussian counts as unused, as a share of the least opacity (METHOD §4.10).
 const UNUSED_SHARE: f64 = 0.1;
 
 /// A branch at its turn in a step.
 pub(super) struct BranchTurn<'a> {
-    pub branch: &'a mut Branch,
-    pub census: &'a mut Census,
+    pub gaussians: &'a mut Gaussians,
+    pub state: &'a mut BranchState,
+    /// Motion descriptors, of the dynamic branch alone.
+    pub motion: Option<&'a mut MotionCache>,
+    /// Knows when every view was shown; of the dynamic branch alone.
+    pub sampler: Option<&'a mut Sampler>,
     pub limits: &'a BranchDensifyConfig,
     pub rates: &'a GaussianRates,
-    /// What only the dynamic branch has.
-    pub moving: Option<Moving<'a>>,
     /// Whether no Gaussian is to be added yet.
     pub waits: bool,
     pub config: &'a Config,
@@ -33,107 +34,72 @@ pub(super) struct BranchTurn<'a> {
     pub stream: &'a mut Stream,
 }
 
-/// What only the dynamic branch has.
-pub(super) struct Moving<'a> {
-    /// Motion descriptors, whose rows follow the Gaussians' (A25).
-    pub cache: &'a mut Option<MotionCache>,
-    /// Knows when every view was shown.
-    pub sampler: &'a mut Sampler,
-}
-
 impl BranchTurn<'_> {
-    /// Learns from what was contributed since the last turn.
-    pub fn learn(mut self, contribution: Contribution) -> Result<(), ModelError> {
-        let Contribution { sighting, screen, mut gradients } = contribution;
-        if self.position.step < self.config.densify.until {
+    /// Learns from the gradients since the last turn.
+    pub fn learn(mut self, gradients: BranchGradients) -> Result<(), ModelError> {
+        let BranchGradients { visibility, screen, mut attributes } = gradients;
+        if self.position.step < self.config.densify.until.0 {
             measure(Part::Densify, || {
-                self.observe(sighting, screen);
-                self.change_rows(&mut gradients)
+                self.observe(visibility, screen);
+                self.change_rows(&mut attributes)
             })?;
         }
-        let branch = self.branch;
-        let step = || branch.optimiser.step(&mut branch.gaussians, gradients, self.rates, &self.config.optim);
+        let step = || self.state.optimiser.step(self.gaussians, attributes, self.rates, &self.config.optim);
         measure(Part::Optimiser, step);
         Ok(())
     }
 
-    fn observe(&mut self, sighting: Sighting, screen: Option<Tensor<2>>) {
-        let statistics = &mut self.branch.statistics;
-        statistics.record_radii(sighting.radii);
-        if let Some(foreground) = sighting.foreground {
-            statistics.record_foreground(foreground, sighting.visible.clone());
+    fn observe(&mut self, visibility: Visibility, screen: Option<Tensor<2>>) {
+        let statistics = &mut self.state.statistics;
+        statistics.record_radii(visibility.radii);
+        if let Some(foreground) = visibility.foreground {
+            statistics.record_foreground(foreground, visibility.visible.clone());
         }
         if let Some(screen) = screen {
-            statistics.record(screen, sighting.visible);
+            statistics.record(screen, visibility.visible);
         }
+    }
+
+    /// The branch, whose rows may change.
+    fn branch<'b>(&'b mut self, gradients: &'b mut GaussianGradients) -> (Branch<'b>, &'b mut Stream) {
+        let branch = Branch {
+            gaussians: self.gaussians,
+            state: self.state,
+            motion: self.motion.as_deref_mut(),
+            gradients: Some(gradients),
+        };
+        (branch, self.stream)
     }
 
     /// Clones, splits, prunes and resets, each when due.
     fn change_rows(&mut self, gradients: &mut GaussianGradients) -> Result<(), ModelError> {
         let config = &self.config.densify;
         let step = self.position.step;
-        let due = |from: usize, interval: usize| step > from && step.is_multiple_of(interval);
-
-        let tidies = due(config.prune_from, config.prune_interval);
+        let tidies = step > config.prune_from.0 && config.prune_interval.is_due(step);
         if tidies && config.relocate > 0.0 && !self.waits {
             // Before densification, which takes the statistics.
-            self.relocate(gradients)?;
+            let most = (config.relocate * self.gaussians.count() as f64) as usize;
+            let (rule, round_ended) = self.prune_rule();
+            let (mut branch, stream) = self.branch(gradients);
+            branch.relocate(&rule, most, stream)?;
+            self.begin_round(round_ended);
         }
-        if due(config.from, config.interval) && !self.waits && self.branch.gaussians.count() < self.limits.max_gaussians
-        {
-            self.densify(gradients)?;
+        let adds = step > config.from.0 && config.interval.is_due(step);
+        if adds && !self.waits && self.gaussians.count() < self.limits.max_gaussians {
+            let (threshold, clone_size) = (self.threshold(), config.clone_below * self.extent);
+            let most = self.limits.max_gaussians;
+            let (mut branch, stream) = self.branch(gradients);
+            branch.densify(threshold, clone_size, most, stream)?;
         }
-        if tidies && config.relocate == 0.0 && self.branch.gaussians.count() > self.limits.prune_above {
-            self.prune(gradients)?;
+        if tidies && config.relocate == 0.0 && self.gaussians.count() > self.limits.prune_above {
+            let (rule, round_ended) = self.prune_rule();
+            self.branch(gradients).0.prune(&rule)?;
+            self.begin_round(round_ended);
         }
         let ends_geometry = self.position.stage == Stage::Geometry && self.position.ends_stage();
-        if step.is_multiple_of(config.reset_interval) && (config.reset_at_stage_end || !ends_geometry) {
-            let plan = ResetPlan::draw(self.branch.gaussians.count(), self.limits.reset_share, self.stream);
-            self.branch.reset_opacity(&plan, config.reset)?;
-            self.census.resets += 1;
-            gradients.forget(Attribute::OpacityLogits);
-        }
-        Ok(())
-    }
-
-    fn densify(&mut self, gradients: &mut GaussianGradients) -> Result<(), ModelError> {
-        let before = self.branch.gaussians.count();
-        let clone_size = self.config.densify.clone_below * self.extent;
-        let most = self.limits.max_gaussians;
-        if let Some(growth) = self.branch.densify(self.threshold(), clone_size, most, self.stream)? {
-            self.census.added += growth.sources.len() - before;
-            self.rows_moved(&growth.sources);
-            if let Some(moving) = self.moving.as_mut().filter(|_| !self.config.motion.inherit) {
-                *moving.cache = moving.cache.take().map(|cache| cache.forget_from(growth.kept));
-            }
-            gradients.forget_all();
-        }
-        Ok(())
-    }
-
-    /// Moves Gaussians that show nothing to where some are needed.
-    fn relocate(&mut self, gradients: &mut GaussianGradients) -> Result<(), ModelError> {
-        let (rule, round_ended) = self.prune_rule();
-        let most = (self.config.densify.relocate * self.branch.gaussians.count() as f64) as usize;
-        let moved = self.branch.relocate(&rule, most, self.stream)?;
-        self.begin_round(round_ended);
-        if let Some(growth) = moved {
-            self.census.relocated += (growth.sources.len() - growth.kept) / 2;
-            self.rows_moved(&growth.sources);
-            gradients.forget_all();
-        }
-        Ok(())
-    }
-
-    fn prune(&mut self, gradients: &mut GaussianGradients) -> Result<(), ModelError> {
-        let (rule, round_ended) = self.prune_rule();
-        let before = self.branch.gaussians.count();
-        let kept = self.branch.prune(&rule)?;
-        self.begin_round(round_ended);
-        if let Some(kept) = kept {
-            self.census.pruned += before - kept.len();
-            self.rows_moved(&kept);
-            gradients.forget_all();
+        if config.reset_interval.is_due(step) && (config.reset_at_stage_end || !ends_geometry) {
+            let plan = ResetPlan::draw(self.gaussians.count(), self.limits.reset_share, self.stream);
+            self.branch(gradients).0.reset_opacity(&plan, config.reset)?;
         }
         Ok(())
     }
@@ -142,10 +108,10 @@ impl BranchTurn<'_> {
     fn prune_rule(&mut self) -> (PruneRule, bool) {
         let config = &self.config.densify;
         // Only after every view was shown does an unused Gaussian deserve the name.
-        let round_ended = self.moving.as_mut().is_some_and(|moving| std::mem::take(&mut moving.sampler.round_ended));
+        let round_ended = self.sampler.as_mut().is_some_and(|sampler| std::mem::take(&mut sampler.round_ended));
         let late = self.position.step > self.config.train.stages.deforming() / 2;
-        let masked = self.branch.gaussians.mask_logits.is_some();
-        let sized = |most: f64| (most > 0.0 && self.position.step > config.reset_interval).then_some(most);
+        let masked = self.gaussians.mask_logits.is_some();
+        let sized = |most: f64| (most > 0.0 && self.position.step > config.reset_interval.0).then_some(most);
         let rule = PruneRule {
             min_opacity: config.min_opacity,
             min_foreground: ((config.prune_unused || config.relocate > 0.0) && masked && round_ended && late)
@@ -159,7 +125,7 @@ impl BranchTurn<'_> {
     /// What was part of the foreground is counted anew once every view was shown.
     fn begin_round(&mut self, round_ended: bool) {
         if round_ended {
-            let statistics = &mut self.branch.statistics;
+            let statistics = &mut self.state.statistics;
             statistics.foreground = statistics.foreground.zeros_like();
         }
     }
@@ -169,15 +135,6 @@ impl BranchTurn<'_> {
         match self.position.stage {
             Stage::Geometry => self.limits.geometry_threshold,
             _ => self.limits.threshold,
-        }
-    }
-
-    fn rows_moved(&mut self, sources: &[usize]) {
-        if let Some(moving) = &mut self.moving
-            && let Some(cache) = moving.cache.take()
-        {
-            let rows = crate::tensors::rows_like(sources, &cache.signatures);
-            *moving.cache = Some(cache.select(&rows));
         }
     }
 }

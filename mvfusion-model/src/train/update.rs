@@ -1,81 +1,122 @@
-//! The backward half of a step: statistics, changes of rows, optimiser steps (METHOD §4.1, order inside an iteration).
+//! The backward half of a step: gradients, changes of rows, optimiser steps (METHOD §4.1, order inside an iteration).
 
-use burn::tensor::Gradients;
+use burn::tensor::{Gradients, Tensor};
 use mvfusion_render::profile::{Part, measure};
 
-use super::step::Forward;
-use super::turn::{BranchTurn, Moving};
-use super::{Contribution, Position, Stage, Trainer};
+use super::turn::BranchTurn;
+use super::{BranchGradients, Position, RenderedBatch, Stage, Trainer};
 use crate::ModelError;
-use crate::motion::{MotionCache, Trajectories};
-use crate::optim::Rates;
+use crate::model::motion::{MotionCache, Trajectories};
+use crate::train::optim::Rates;
+
+/// The gradients of a step.
+pub struct StepGradients {
+    /// Of the dynamic branch.
+    pub dynamic: BranchGradients,
+    /// Of the static branch, if there is one.
+    pub static_: Option<BranchGradients>,
+    /// Of network, refinement and exposures.
+    pub modules: Gradients,
+}
 
 impl Trainer {
-    /// Learns from a forward pass.
-    pub(super) fn learn(&mut self, forward: Forward, position: &Position) -> Result<(), ModelError> {
-        let accumulation = match position.stage {
-            Stage::Geometry => 1,
-            _ => self.config.train.accumulation,
-        };
-        let Forward { probes, dynamic, static_, total, loss: _, rendered: _ } = forward;
-        let mut gradients = measure(Part::BackwardRest, || (total / accumulation as f64).backward());
-        let rates = Rates::at(position.step, self.surroundings.extent, &self.config.optim);
-        let rates = rates.with_frame(self.surroundings.timeline.spacing());
-
+    /// The gradients of a loss with respect to all that is learned. Under gradient accumulation the loss is divided by its
+    /// number of steps.
+    pub fn backward(&self, rendered: RenderedBatch, loss: Tensor<1>, position: &Position) -> StepGradients {
+        let RenderedBatch { views, probes, batch: _ } = rendered;
+        let (dynamic, static_) = (views.dynamic_visibility(), views.static_visibility());
+        let mut gradients = measure(Part::BackwardRest, || (loss / self.accumulation(position) as f64).backward());
         let model = &self.state.model;
-        let moved = Contribution::take(&model.dynamic, dynamic, probes.dynamic, &mut gradients);
-        let still = model.static_.as_ref().zip(static_);
-        let still = still.map(|(branch, seen)| Contribution::take(branch, seen, probes.static_, &mut gradients));
+        let dynamic = BranchGradients::take(&model.dynamic, dynamic, probes.dynamic, &mut gradients);
+        let static_ = model.static_.as_ref().zip(static_);
+        let static_ = static_.map(|(still, seen)| BranchGradients::take(still, seen, probes.static_, &mut gradients));
+        StepGradients { dynamic, static_, modules: gradients }
+    }
 
-        self.dynamic_turn(position, &rates).learn(moved)?;
-        if let Some(still) = still {
+    /// The learning rates of a step (METHOD §4.5).
+    pub fn rates(&self, position: &Position) -> Rates {
+        let rates = Rates::at(position.step, self.context.extent, &self.config.optim);
+        rates.with_frame(self.context.timeline.spacing())
+    }
+
+    /// Learns from the gradients of a step: statistics, changes of rows where they are due, Adam's steps.
+    ///
+    /// # Errors
+    /// If the device cannot hand its numbers back.
+    pub fn update(&mut self, gradients: StepGradients, rates: &Rates, position: &Position) -> Result<(), ModelError> {
+        let accumulation = self.accumulation(position);
+        let StepGradients { dynamic, static_, mut modules } = gradients;
+        self.update_dynamic(dynamic, rates, position)?;
+        if let (Some(gradients), Some(state)) = (static_, &mut self.state.static_) {
             // The background learns from several steps at once, the foreground from each (METHOD §4.3).
-            let sum = match self.state.pending.take() {
-                Some(earlier) => earlier.and(still),
-                None => still,
+            let sum = match state.pending.take() {
+                Some(earlier) => earlier.and(gradients),
+                None => gradients,
             };
-            if !position.step.is_multiple_of(accumulation) {
-                self.state.pending = Some(sum);
-            } else if let Some(turn) = self.static_turn(position, &rates) {
-                turn.learn(sum)?;
+            match position.step.is_multiple_of(accumulation) {
+                true => self.update_static(sum, rates, position)?,
+                false => state.pending = Some(sum),
             }
         }
-        measure(Part::Optimiser, || self.step_networks(&mut gradients, &rates));
+        measure(Part::Optimiser, || self.step_networks(&mut modules, rates));
         Ok(())
     }
 
-    fn dynamic_turn<'a>(&'a mut self, position: &'a Position, rates: &'a Rates) -> BranchTurn<'a> {
-        // What is there before has nothing to show, and would take the room of those that are to be born.
-        let waits_for_births = position.stage == Stage::Geometry && self.has_births;
-        let state = &mut self.state;
-        BranchTurn {
-            branch: &mut state.model.dynamic,
-            census: &mut state.census[0],
-            limits: &self.config.densify.dynamic,
-            rates: &rates.dynamic,
-            moving: Some(Moving { cache: &mut state.model.motion, sampler: &mut state.sampler }),
-            waits: waits_for_births,
-            config: &self.config,
-            position,
-            extent: self.surroundings.extent,
-            stream: &mut state.streams.densify,
+    /// Steps from whose gradients the static branch learns at once.
+    fn accumulation(&self, position: &Position) -> usize {
+        match position.stage {
+            Stage::Geometry => 1,
+            _ => self.config.train.accumulation,
         }
     }
 
-    fn static_turn<'a>(&'a mut self, position: &'a Position, rates: &'a Rates) -> Option<BranchTurn<'a>> {
+    fn update_dynamic(
+        &mut self,
+        gradients: BranchGradients,
+        rates: &Rates,
+        position: &Position,
+    ) -> Result<(), ModelError> {
+        // What is there before has nothing to show, and would take the room of those that are to be born.
+        let waits_for_births = position.stage == Stage::Geometry && self.has_births;
         let state = &mut self.state;
-        Some(BranchTurn {
-            branch: state.model.static_.as_mut()?,
-            census: &mut state.census[1],
+        let turn = BranchTurn {
+            gaussians: &mut state.model.dynamic,
+            state: &mut state.dynamic,
+            motion: state.model.motion.as_mut(),
+            sampler: Some(&mut state.sampler),
+            limits: &self.config.densify.dynamic,
+            rates: &rates.dynamic,
+            waits: waits_for_births,
+            config: &self.config,
+            position,
+            extent: self.context.extent,
+            stream: &mut state.streams.densify,
+        };
+        turn.learn(gradients)
+    }
+
+    fn update_static(
+        &mut self,
+        gradients: BranchGradients,
+        rates: &Rates,
+        position: &Position,
+    ) -> Result<(), ModelError> {
+        let state = &mut self.state;
+        let (Some(gaussians), Some(branch)) = (&mut state.model.static_, &mut state.static_) else { return Ok(()) };
+        let turn = BranchTurn {
+            gaussians,
+            state: branch,
+            motion: None,
+            sampler: None,
             limits: &self.config.densify.static_,
             rates: &rates.static_,
-            moving: None,
             waits: false,
             config: &self.config,
             position,
-            extent: self.surroundings.extent,
+            extent: self.context.extent,
             stream: &mut state.streams.densify,
-        })
+        };
+        turn.learn(gradients)
     }
 
     fn step_networks(&mut self, gradients: &mut Gradients, rates: &Rates) {
@@ -104,11 +145,11 @@ impl Trainer {
         let model = self.state.model.plain();
         let trajectories = Trajectories {
             network: &model.network,
-            timeline: &self.surroundings.timeline,
+            timeline: &self.context.timeline,
             config: &self.config.motion,
-            extent: self.surroundings.extent,
+            extent: self.context.extent,
         };
-        let means = model.dynamic.gaussians.means.val();
+        let means = model.dynamic.means.val();
         let statistics = trajectories.measure(&means)?;
         let cache = MotionCache::new(statistics, &mut self.state.normalisers, &self.config.motion, &means);
         self.state.model.motion = Some(cache);

@@ -5,10 +5,10 @@ use mvfusion_kernels::cube::tiles::{
     collect_visible, counts_by_depth, emit_pairs, find_starts, list_pairs, mark_visible,
 };
 
+use super::frame::{Frame, Projected};
 use super::gpu::CUBE;
 use super::scan::{RunningSums, running_sums};
 use super::sort::{Keyed, sort};
-use super::splat::{Frame, Projected};
 use crate::splat::SplatError;
 
 /// Bits of a depth's sort key.
@@ -17,7 +17,7 @@ const DEPTH_BITS: usize = 32;
 /// Bytes that a pair of a Gaussian and a tile takes in each of the lists.
 pub(super) const PAIR_BYTES: u64 = 4;
 
-/// The tile lists, as [`SplatSaved`] names them.
+/// The tile lists, as [`SplatSaved`](crate::splat::op::SplatSaved) names them.
 pub(super) struct Bins {
     pub sorted: CubeTensor,
     pub starts: CubeTensor,

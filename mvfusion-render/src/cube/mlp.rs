@@ -5,12 +5,12 @@ use burn::backend::tensor::FloatTensor;
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::CubeDim;
-use mvfusion_kernels::cube::product::{End, PlaceLaunch, ProductKind, ProductSizeLaunch, product};
+use mvfusion_kernels::cube::product::{End, MatrixLayoutLaunch, ProductKind, ProductSizeLaunch, product};
 
 use super::gpu::{Gpu, single};
 use crate::mlp::MlpLayout;
 use crate::mlp::cpu::Wanted;
-use crate::mlp::layout::Layer;
+use crate::mlp::layout::LinearLayout;
 use crate::mlp::op::{Arguments, MlpAdjoint, MlpOps};
 
 /// Rows that a cube sums for the adjoint of a weight: enough that the slabs' shares are few, few enough that there are
@@ -98,13 +98,13 @@ impl Matrix {
     }
 
     /// For a kernel.
-    fn place(&self) -> PlaceLaunch {
-        PlaceLaunch::new(self.first as u32, self.stride as u32, 1)
+    fn layout(&self) -> MatrixLayoutLaunch {
+        MatrixLayoutLaunch::new(self.first as u32, self.stride as u32, 1)
     }
 
     /// For a kernel that takes columns for rows.
-    fn transposed_place(&self) -> PlaceLaunch {
-        PlaceLaunch::new(self.first as u32, 1, self.stride as u32)
+    fn transposed_layout(&self) -> MatrixLayoutLaunch {
+        MatrixLayoutLaunch::new(self.first as u32, 1, self.stride as u32)
     }
 }
 
@@ -127,7 +127,7 @@ impl Run {
     }
 
     /// The rectified outputs of a chain's layers but the last.
-    fn hidden(&self, chain: &[Layer]) -> Vec<Matrix> {
+    fn hidden(&self, chain: &[LinearLayout]) -> Vec<Matrix> {
         let mut hidden: Vec<Matrix> = Vec::new();
         for layer in &chain[..chain.len() - 1] {
             let result = Matrix::of(self.gpu.floats([self.rows, layer.outputs]));
@@ -143,12 +143,12 @@ impl Run {
     }
 
     /// `source W + b`.
-    fn layer(&self, source: &Matrix, layer: &Layer, rectified: bool, result: &Matrix) {
+    fn layer(&self, source: &Matrix, layer: &LinearLayout, rectified: bool, result: &Matrix) {
         self.launch(Product {
             left: &source.tensor,
-            left_place: source.place(),
+            left_layout: source.layout(),
             right: &self.parameters,
-            right_place: PlaceLaunch::new(layer.weight.start as u32, layer.outputs as u32, 1),
+            right_layout: MatrixLayoutLaunch::new(layer.weight.start as u32, layer.outputs as u32, 1),
             size: [self.rows, layer.outputs, layer.inputs],
             result,
             gate: source,
@@ -159,12 +159,12 @@ impl Run {
     }
 
     /// The adjoint of a layer's source, `v Wᵀ`.
-    fn source_adjoint(&self, v: &Matrix, layer: &Layer, source: &Matrix, end: End, result: &Matrix) {
+    fn source_adjoint(&self, v: &Matrix, layer: &LinearLayout, source: &Matrix, end: End, result: &Matrix) {
         self.launch(Product {
             left: &v.tensor,
-            left_place: v.place(),
+            left_layout: v.layout(),
             right: &self.parameters,
-            right_place: PlaceLaunch::new(layer.weight.start as u32, 1, layer.outputs as u32),
+            right_layout: MatrixLayoutLaunch::new(layer.weight.start as u32, 1, layer.outputs as u32),
             size: [self.rows, layer.inputs, layer.outputs],
             result,
             gate: source,
@@ -176,14 +176,14 @@ impl Run {
 
     /// The slabs' shares of the adjoint of a layer's weight, `sourceᵀ v`, and of its bias, the sum of v: the bias lies
     /// behind the weight as another row.
-    fn weight_adjoint(&self, source: &Matrix, v: &Matrix, layer: &Layer, shares: &CubeTensor) {
+    fn weight_adjoint(&self, source: &Matrix, v: &Matrix, layer: &LinearLayout, shares: &CubeTensor) {
         let result =
             Matrix { tensor: shares.clone(), columns: layer.outputs, first: layer.weight.start, stride: layer.outputs };
         self.launch(Product {
             left: &source.tensor,
-            left_place: source.transposed_place(),
+            left_layout: source.transposed_layout(),
             right: &v.tensor,
-            right_place: v.place(),
+            right_layout: v.layout(),
             size: [layer.inputs, layer.outputs, self.rows],
             result: &result,
             gate: source,
@@ -214,10 +214,10 @@ impl Run {
                 of.gate.tensor.clone().into_buffer_arg(),
                 of.result.tensor.clone().into_buffer_arg(),
                 ProductSizeLaunch::new(rows as u32, columns as u32, depth as u32, slab as u32),
-                of.left_place,
-                of.right_place,
-                of.result.place(),
-                of.gate.place(),
+                of.left_layout,
+                of.right_layout,
+                of.result.layout(),
+                of.gate.layout(),
                 of.bias as u32,
                 slab_stride as u32,
                 kind,
@@ -229,9 +229,9 @@ impl Run {
 /// A product to launch.
 struct Product<'a> {
     left: &'a CubeTensor,
-    left_place: PlaceLaunch,
+    left_layout: MatrixLayoutLaunch,
     right: &'a CubeTensor,
-    right_place: PlaceLaunch,
+    right_layout: MatrixLayoutLaunch,
     /// Rows, columns, depth.
     size: [usize; 3],
     result: &'a Matrix,

@@ -6,11 +6,13 @@
 mod adam;
 mod attention;
 mod bins;
+mod frame;
 pub(crate) mod gpu;
 mod grid;
 mod mlp;
 mod penalties;
 mod scan;
+pub(crate) mod shared_memory;
 mod sort;
-pub(crate) mod splat;
+mod splat;
 mod window;

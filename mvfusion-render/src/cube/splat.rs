@@ -2,25 +2,25 @@
 
 use burn::backend::TensorMetadata;
 use burn::backend::tensor::FloatTensor;
+use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
-use burn_cubecl::{CubeBackend, CubeDevice};
 use cubecl::CubeDim;
+use cubecl::prelude::BufferArg;
+use mvfusion_kernels::cube::backward_kind::{BlendBackwardKind, CountedChannels, record_bytes, record_numbers};
 use mvfusion_kernels::cube::blend::blend;
-use mvfusion_kernels::cube::blend_backward::{BlendBackwardKind, CountedChannels, blend_backward, record_vectors};
-use mvfusion_kernels::cube::maths::{PairLaunch, TripleLaunch};
+use mvfusion_kernels::cube::blend_backward::blend_backward;
 use mvfusion_kernels::cube::project::project;
 use mvfusion_kernels::cube::project_backward::project_backward;
 use mvfusion_kernels::cube::stage::TileShare;
-use mvfusion_kernels::cube::view::{BlendRulesLaunch, ProjectionKind, ViewLaunch};
-use mvfusion_kernels::splat::{COLOUR_CHANNELS, PROJECTED_LEN, TILE_PIXELS};
+use mvfusion_kernels::splat::{PROJECTED_LEN, TILE_PIXELS, background_channels, plane_count};
 
 use super::bins::{Bins, PAIR_BYTES};
-use super::gpu::{CUBE, Gpu, TilePlan, single};
-use crate::splat::cpu::view::View;
-use crate::splat::op::{
-    SplatForward, SplatGradients, SplatKernels, SplatOps, SplatOutput, SplatPlan, SplatPrimitives, SplatSaved,
-};
-use crate::splat::{Antialias, Extent, Statistic};
+use super::frame::{Frame, Projected};
+use super::gpu::{CUBE, single};
+use super::shared_memory::fitting;
+use crate::splat::Statistic;
+use crate::splat::op::{SplatForward, SplatKernels, SplatOps, SplatOutput, SplatPlan, SplatPrimitives, SplatSaved};
+use crate::splat::tensors::SplatTensors;
 
 impl SplatOps for CubeBackend {
     fn splat(inputs: SplatPrimitives<Self>, plan: SplatPlan) -> SplatOutput<Self> {
@@ -30,8 +30,7 @@ impl SplatOps for CubeBackend {
 
 impl SplatKernels for CubeBackend {
     fn splat_forward(inputs: SplatPrimitives<Self>, plan: SplatPlan) -> SplatForward<Self> {
-        let channels = COLOUR_CHANNELS + plan.feature_count + 1;
-        forward(inputs, &plan, PAIR_BYTES.max(record_bytes(channels)))
+        forward(inputs, &plan, PAIR_BYTES.max(record_bytes(plan.sizes.channels()) as u64))
     }
 
     fn splat_backward(
@@ -40,7 +39,7 @@ impl SplatKernels for CubeBackend {
         v_picture: FloatTensor<Self>,
         plan: SplatPlan,
         statistic: Option<Statistic>,
-    ) -> SplatGradients<Self> {
+    ) -> SplatPrimitives<Self> {
         let frame = Frame::new(inputs, &plan);
         let (gradients, background) = frame.blend_backward(&saved, single(v_picture), statistic);
         frame.project_backward(&saved, gradients, background)
@@ -60,115 +59,7 @@ fn forward(inputs: SplatPrimitives<CubeBackend>, plan: &SplatPlan, pair_bytes: u
     forward
 }
 
-/// Bytes of the gradient record of a pair of a Gaussian and a tile.
-fn record_bytes(channels: usize) -> u64 {
-    16 * record_vectors(channels) as u64
-}
-
-/// One picture to render, or to pull back.
-pub(super) struct Frame {
-    pub gpu: Gpu,
-    means: CubeTensor,
-    quaternions: CubeTensor,
-    log_scales: CubeTensor,
-    opacity_logits: CubeTensor,
-    sh: CubeTensor,
-    features: CubeTensor,
-    background: CubeTensor,
-    pub view: View<f32>,
-    feature_count: usize,
-}
-
-/// Projected Gaussians.
-pub(super) struct Projected {
-    /// `[N, PROJECTED_LEN]`.
-    pub records: CubeTensor,
-    /// `[N, 2]`.
-    pub radii: CubeTensor,
-    /// `[N]`, the larger radius.
-    largest: CubeTensor,
-    /// `[N]`, tiles that each touches.
-    pub touched: CubeTensor,
-}
-
 impl Frame {
-    fn new(inputs: SplatPrimitives<CubeBackend>, plan: &SplatPlan) -> Self {
-        Self {
-            gpu: Gpu::of(&inputs.means),
-            means: single(inputs.means),
-            quaternions: single(inputs.quaternions),
-            log_scales: single(inputs.log_scales),
-            opacity_logits: single(inputs.opacity_logits),
-            sh: single(inputs.sh),
-            features: single(inputs.features),
-            background: single(inputs.background),
-            view: View::new(&plan.camera, &plan.settings),
-            feature_count: plan.feature_count,
-        }
-    }
-
-    /// Number of Gaussians.
-    pub fn count(&self) -> usize {
-        self.opacity_logits.shape()[0]
-    }
-
-    /// Coefficients of a Gaussian.
-    fn stored(&self) -> usize {
-        self.sh.shape()[1]
-    }
-
-    /// Blended channels: colour, features, depth.
-    fn channels(&self) -> usize {
-        COLOUR_CHANNELS + self.feature_count + 1
-    }
-
-    fn kind(&self) -> ProjectionKind {
-        ProjectionKind {
-            square: self.is_square(),
-            compensated: self.view.antialias == Antialias::Compensated,
-            degree: self.view.sh_degree,
-        }
-    }
-
-    /// Whether tiles are reckoned by one radius.
-    pub fn is_square(&self) -> bool {
-        matches!(self.view.extent, Extent::Square { .. })
-    }
-
-    /// The camera and the rules of projection, for a kernel.
-    pub fn view(&self) -> ViewLaunch {
-        let view = &self.view;
-        let pair = |[x, y]: [f32; 2]| PairLaunch::new(x, y);
-        let triple = |[x, y, z]: [f32; 3]| TripleLaunch::new(x, y, z);
-        let [right, down, forward] = view.rotation;
-        let sigmas = match view.extent {
-            Extent::Square { sigmas } | Extent::PerAxis { sigmas } => sigmas as f32,
-        };
-        ViewLaunch::new(
-            view.width as u32,
-            view.height as u32,
-            pair(view.focal),
-            pair(view.principal),
-            triple(right),
-            triple(down),
-            triple(forward),
-            triple(view.translation),
-            triple(view.centre),
-            pair(view.tangent_low),
-            pair(view.tangent_high),
-            view.near,
-            finite(view.far),
-            view.depth_guard,
-            view.dilation,
-            sigmas,
-        )
-    }
-
-    fn rules(&self) -> BlendRulesLaunch {
-        let view = &self.view;
-        BlendRulesLaunch::new(view.alpha_clamp, finite(view.gradient_clamp), view.stop)
-    }
-
     fn project(&self) -> Projected {
         let (gpu, count) = (&self.gpu, self.count());
         let projected = Projected {
@@ -178,24 +69,25 @@ impl Frame {
             touched: gpu.naturals(count),
         };
         if count > 0 {
+            let inputs = arguments(&self.tensors);
             project::launch(
                 &gpu.client,
                 gpu.units(count),
                 CUBE,
-                self.means.clone().into_buffer_arg(),
-                self.quaternions.clone().into_buffer_arg(),
-                self.log_scales.clone().into_buffer_arg(),
-                self.opacity_logits.clone().into_buffer_arg(),
-                self.sh.clone().into_buffer_arg(),
-                self.features.clone().into_buffer_arg(),
+                inputs.means,
+                inputs.quaternions,
+                inputs.log_scales,
+                inputs.opacity_logits,
+                inputs.sh,
+                inputs.features,
                 projected.records.clone().into_buffer_arg(),
                 projected.radii.clone().into_buffer_arg(),
                 projected.largest.clone().into_buffer_arg(),
                 projected.touched.clone().into_buffer_arg(),
                 self.view(),
                 count as u32,
-                self.stored() as u32,
-                self.feature_count as u32,
+                self.sizes.coefficients as u32,
+                self.sizes.features as u32,
                 self.kind(),
             );
         }
@@ -204,11 +96,12 @@ impl Frame {
 
     fn blend(&self, projected: Projected, bins: Bins) -> SplatForward<CubeBackend> {
         let (gpu, tiles, view) = (&self.gpu, self.view.tile_count(), &self.view);
-        let picture = gpu.floats([2, self.channels() + 1, view.height, view.width]);
+        let picture = gpu.floats([2, plane_count(self.channels()), view.height, view.width]);
         let (transmittance, last) = (gpu.floats([tiles, TILE_PIXELS]), gpu.integers([tiles, TILE_PIXELS]));
         // Proof: `splat` has made sure that the backward pass fits, which needs more.
         let share = fitting(gpu.tile_plan(), |span, memory| TileShare::fitting(span, self.channels(), memory))
             .expect("the channels fit");
+        let inputs = arguments(&self.tensors);
         // SAFETY: the kernel's indices lie within its arguments: tiles, pixels and channels by the sizes of the tensors
         // made here, the places in the lists by `starts`, and the lists name projected Gaussians. Its loops end with
         // the lists.
@@ -218,8 +111,8 @@ impl Frame {
                 gpu.cubes(tiles),
                 CubeDim::new_1d(share.units() as u32),
                 projected.records.clone().into_buffer_arg(),
-                self.features.clone().into_buffer_arg(),
-                self.background.clone().into_buffer_arg(),
+                inputs.features,
+                inputs.background,
                 bins.sorted.clone().into_buffer_arg(),
                 bins.starts.clone().into_buffer_arg(),
                 picture.clone().into_buffer_arg(),
@@ -262,8 +155,9 @@ impl Frame {
             fitting(gpu.tile_plan(), |span, memory| BlendBackwardKind::fitting(span, channels, statistic, memory))
                 .expect("the channels fit");
         // One row at least: the kernel reads and writes vectors, for which no device binds less.
-        let gradients = gpu.floats([saved.sorted.shape()[0].max(1), 4 * record_vectors(channels)]);
-        let background = gpu.floats([tiles, channels - 1]);
+        let gradients = gpu.floats([saved.sorted.shape()[0].max(1), record_numbers(channels)]);
+        let background = gpu.floats([tiles, background_channels(channels)]);
+        let inputs = arguments(&self.tensors);
         // SAFETY: as for the forward pass; the gradients have a row for each entry of the lists.
         unsafe {
             blend_backward::launch_unchecked(
@@ -271,8 +165,8 @@ impl Frame {
                 gpu.cubes(tiles),
                 CubeDim::new_1d(kind.share.units() as u32),
                 saved.records.clone().into_buffer_arg(),
-                self.features.clone().into_buffer_arg(),
-                self.background.clone().into_buffer_arg(),
+                inputs.features,
+                inputs.background,
                 saved.sorted.clone().into_buffer_arg(),
                 saved.starts.clone().into_buffer_arg(),
                 saved.transmittance.clone().into_buffer_arg(),
@@ -294,19 +188,12 @@ impl Frame {
         saved: &SplatSaved<CubeBackend>,
         gradients: CubeTensor,
         background: CubeTensor,
-    ) -> SplatGradients<CubeBackend> {
+    ) -> SplatPrimitives<CubeBackend> {
         let (gpu, count) = (&self.gpu, self.count());
-        let result = SplatGradients::<CubeBackend> {
-            means: gpu.floats([count, 3]),
-            quaternions: gpu.floats([count, 4]),
-            log_scales: gpu.floats([count, 3]),
-            opacity_logits: gpu.floats([count]),
-            sh: gpu.floats([count, self.stored(), COLOUR_CHANNELS]),
-            features: gpu.floats([count, self.feature_count]),
-            background: gpu.sum_rows(background),
-            statistic: gpu.floats([count, 2]),
-        };
+        let room = self.sizes.shapes().map(|shape| gpu.floats(shape));
+        let result = SplatTensors { background: gpu.sum_rows(background), ..room };
         if count > 0 {
+            let (inputs, outputs) = (arguments(&self.tensors), arguments(&result));
             // SAFETY: units beyond the Gaussians do nothing, and the others read and write their own rows; `spans` and
             // `slots` name rows of `gradients`.
             unsafe {
@@ -314,25 +201,25 @@ impl Frame {
                     &gpu.client,
                     gpu.units(count),
                     CUBE,
-                    self.means.clone().into_buffer_arg(),
-                    self.quaternions.clone().into_buffer_arg(),
-                    self.log_scales.clone().into_buffer_arg(),
-                    self.opacity_logits.clone().into_buffer_arg(),
-                    self.sh.clone().into_buffer_arg(),
+                    inputs.means,
+                    inputs.quaternions,
+                    inputs.log_scales,
+                    inputs.opacity_logits,
+                    inputs.sh,
                     saved.records.clone().into_buffer_arg(),
                     saved.spans.clone().into_buffer_arg(),
                     saved.slots.clone().into_buffer_arg(),
                     gradients.into_buffer_arg(),
-                    result.means.clone().into_buffer_arg(),
-                    result.quaternions.clone().into_buffer_arg(),
-                    result.log_scales.clone().into_buffer_arg(),
-                    result.opacity_logits.clone().into_buffer_arg(),
-                    result.sh.clone().into_buffer_arg(),
-                    result.features.clone().into_buffer_arg(),
-                    result.statistic.clone().into_buffer_arg(),
+                    outputs.means,
+                    outputs.quaternions,
+                    outputs.log_scales,
+                    outputs.opacity_logits,
+                    outputs.sh,
+                    outputs.features,
+                    outputs.probe,
                     self.view(),
                     count as u32,
-                    self.stored() as u32,
+                    self.sizes.coefficients as u32,
                     self.channels(),
                     self.kind(),
                 );
@@ -342,35 +229,7 @@ impl Frame {
     }
 }
 
-/// Whether the units of a device share enough memory to blend so many channels, there and back.
-pub(crate) fn fits_shared_memory(device: &CubeDevice, channels: usize) -> bool {
-    let statistic = Some(CountedChannels::All);
-    let kind = |span, memory| BlendBackwardKind::fitting(span, channels, statistic, memory);
-    fitting(TilePlan::of(device), kind).is_some()
-}
-
-/// The first of the plan's sizes of memory in which something fits.
-fn fitting<T>(plan: TilePlan, kind: impl Fn(usize, usize) -> Option<T>) -> Option<T> {
-    plan.memory.into_iter().find_map(|memory| kind(plan.span, memory))
-}
-
-/// The largest number for one without end: a shader may take floats to be finite.
-fn finite(number: f32) -> f32 {
-    number.min(f32::MAX)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn sixteen_kibibytes_hold_the_blending_of_47_features_on_hardware() {
-        let hardware = TilePlan { span: 4, memory: [16 << 10; 2] };
-        let fits = |features: usize| {
-            let channels = COLOUR_CHANNELS + features + 1;
-            let kind = |span, memory| BlendBackwardKind::fitting(span, channels, Some(CountedChannels::All), memory);
-            fitting(hardware, kind).is_some()
-        };
-        assert!((0..=47).all(fits) && !fits(48));
-    }
+/// The tensors as arguments of a kernel.
+fn arguments(tensors: &SplatTensors<CubeTensor>) -> SplatTensors<BufferArg> {
+    tensors.each_ref().map(|tensor| tensor.clone().into_buffer_arg())
 }

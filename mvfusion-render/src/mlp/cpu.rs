@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use self::product::{Matrix, add_product};
 use super::MlpLayout;
-use super::layout::Layer;
+use super::layout::LinearLayout;
 use crate::Real;
 use crate::simd::vectorised;
 
@@ -141,7 +141,7 @@ impl<'a, T: Real> Block<'a, T> {
     }
 
     /// Fills `hidden` with what the layers of a chain but the last make of the rows.
-    fn pass_hidden_layers(&mut self, chain: &[Layer], parameters: &[T]) {
+    fn pass_hidden_layers(&mut self, chain: &[LinearLayout], parameters: &[T]) {
         for (index, layer) in chain[..chain.len() - 1].iter().enumerate() {
             let mut rows = std::mem::take(self.hidden_mut(index));
             rows.resize(self.rows * layer.outputs, T::zero());
@@ -161,7 +161,7 @@ impl<'a, T: Real> Block<'a, T> {
     /// Adds the adjoints of these rows to `v_parameters`, unless that is empty, and writes those of the input.
     fn pull_back(
         &mut self,
-        layers: &[Vec<Layer>],
+        layers: &[Vec<LinearLayout>],
         parameters: &[T],
         v_outputs: &[T],
         columns: usize,
@@ -203,7 +203,7 @@ impl<'a, T: Real> Block<'a, T> {
 /// `source W + b` into the columns of `target` from `first` on; `target` has `columns` columns.
 fn linear<T: Real>(
     source: Matrix<'_, T>,
-    layer: &Layer,
+    layer: &LinearLayout,
     parameters: &[T],
     target: &mut [T],
     columns: usize,

@@ -15,7 +15,7 @@ pub struct MlpLayout {
 
 /// One linear layer within the parameters.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Layer {
+pub(crate) struct LinearLayout {
     /// Width of its input.
     pub inputs: usize,
     /// Width of its output.
@@ -38,12 +38,12 @@ impl MlpLayout {
     }
 
     /// The layers of each chain.
-    pub(crate) fn layers(&self) -> Vec<Vec<Layer>> {
+    pub(crate) fn layers(&self) -> Vec<Vec<LinearLayout>> {
         let mut at = 0;
         let mut layer = |inputs: usize, outputs: usize| {
             let weight = at..at + inputs * outputs;
             at = weight.end + outputs;
-            Layer { inputs, outputs, bias: weight.end..at, weight }
+            LinearLayout { inputs, outputs, bias: weight.end..at, weight }
         };
         let mut chain = |widths: &Vec<usize>| {
             let inputs = std::iter::once(&self.inputs).chain(widths);

@@ -8,6 +8,7 @@ use burn::backend::{Autodiff, Backend};
 use crate::profile::{self, Part};
 
 use super::op::{SplatKernels, SplatOps, SplatOutput, SplatPlan, SplatPrimitives, SplatSaved};
+use super::tensors::{SplatTensors, TENSORS};
 
 /// The op's step back.
 #[derive(Debug)]
@@ -22,26 +23,17 @@ struct SplatState<B: Backend> {
     part: Option<Part>,
 }
 
-impl<B: SplatKernels> Backward<B, 8> for SplatBackward {
+impl<B: SplatKernels> Backward<B, TENSORS> for SplatBackward {
     type State = SplatState<B>;
 
-    fn backward(self, ops: Ops<Self::State, 8>, grads: &mut Gradients, _: &mut Checkpointer) {
+    fn backward(self, ops: Ops<Self::State, TENSORS>, grads: &mut Gradients, _: &mut Checkpointer) {
         let SplatState { inputs, saved, plan, part } = ops.state;
         let v_picture = grads.consume::<B>(&ops.node);
-        let statistic = ops.parents[7].as_ref().map(|_| plan.settings.statistic);
+        let parents = SplatTensors::from_array(ops.parents);
+        let statistic = parents.probe.as_ref().map(|_| plan.settings.statistic);
         let gradients =
             profile::measure_backward(part, || B::splat_backward(inputs, saved, v_picture, plan, statistic));
-        let in_order = [
-            gradients.means,
-            gradients.quaternions,
-            gradients.log_scales,
-            gradients.opacity_logits,
-            gradients.sh,
-            gradients.features,
-            gradients.background,
-            gradients.statistic,
-        ];
-        for (parent, gradient) in ops.parents.into_iter().zip(in_order) {
+        for (parent, gradient) in parents.zip(gradients).into_array() {
             if let Some(node) = parent {
                 grads.register::<B>(node.id, gradient);
             }
@@ -51,27 +43,9 @@ impl<B: SplatKernels> Backward<B, 8> for SplatBackward {
 
 impl<B: SplatKernels, C: CheckpointStrategy> SplatOps for Autodiff<B, C> {
     fn splat(inputs: SplatPrimitives<Self>, plan: SplatPlan) -> SplatOutput<Self> {
-        let nodes = [
-            inputs.means.node(),
-            inputs.quaternions.node(),
-            inputs.log_scales.node(),
-            inputs.opacity_logits.node(),
-            inputs.sh.node(),
-            inputs.features.node(),
-            inputs.background.node(),
-            inputs.probe.node(),
-        ];
+        let nodes = inputs.each_ref().map(|tensor| tensor.node()).into_array();
         let preparation = SplatBackward.prepare::<C>(nodes).compute_bound().stateful();
-        let inputs = SplatPrimitives::<B> {
-            means: inputs.means.into_primitive(),
-            quaternions: inputs.quaternions.into_primitive(),
-            log_scales: inputs.log_scales.into_primitive(),
-            opacity_logits: inputs.opacity_logits.into_primitive(),
-            sh: inputs.sh.into_primitive(),
-            features: inputs.features.into_primitive(),
-            background: inputs.background.into_primitive(),
-            probe: inputs.probe.into_primitive(),
-        };
+        let inputs = inputs.map(|tensor| tensor.into_primitive());
         match preparation {
             OpsKind::Tracked(preparation) => {
                 let forward = B::splat_forward(inputs.clone(), plan);

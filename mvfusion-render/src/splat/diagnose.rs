@@ -1,6 +1,8 @@
 //! A look inside the CPU twin, for benchmarks and for comparison with other rasterisers.
 
-use burn::tensor::Tensor;
+use burn::backend::ops::FloatTensorOps;
+use burn::backend::{Dispatch, DispatchTensor, TensorMetadata};
+use burn::tensor::{Shape, Tensor};
 use mvfusion_data::Camera;
 use mvfusion_kernels::splat::{PROJECTED_LEN, Projected};
 
@@ -40,28 +42,18 @@ pub struct SplatDiagnosis {
 /// # Errors
 /// As [`super::splat`].
 pub fn diagnose(inputs: &SplatInputs, camera: &Camera, settings: &SplatSettings) -> Result<SplatDiagnosis, SplatError> {
-    let feature_count = check(inputs, None, camera, settings)?;
+    let (tensors, sizes) = check(inputs.clone(), None, camera, settings)?;
     Ok(with_real!(inputs.means.dtype(), T => {
-        let features = inputs.features.clone().map(numbers::<T, 2>);
-        let [means, quaternions, log_scales] =
-            [&inputs.means, &inputs.quaternions, &inputs.log_scales].map(|tensor| numbers::<T, 2>(tensor.clone()));
-        let cloud = Cloud {
-            means: &means,
-            quaternions: &quaternions,
-            log_scales: &log_scales,
-            opacity_logits: &numbers::<T, 1>(inputs.opacity_logits.clone()),
-            sh: &numbers::<T, 3>(inputs.sh.clone()),
-            features: features.as_deref().unwrap_or_default(),
-            background: &numbers::<T, 1>(inputs.background.clone()),
-            coefficients: inputs.sh.dims()[1],
-            feature_count,
-        };
+        let values = tensors.map(|tensor| tensor.map_or_else(Vec::new, numbers::<T>));
+        let cloud = Cloud { values: values.each_ref().map(Vec::as_slice), sizes };
         look_inside(&cloud, &View::new(camera, settings))
     }))
 }
 
-fn numbers<T: Lane, const D: usize>(tensor: Tensor<D>) -> Vec<T> {
-    tensor.into_data().iter::<T>().collect()
+/// The numbers of a tensor of any rank, row-major.
+fn numbers<T: Lane>(tensor: DispatchTensor) -> Vec<T> {
+    let shape = Shape::from([tensor.shape().num_elements()]);
+    Tensor::<1>::from_dispatch(Dispatch::float_reshape(tensor, shape)).into_data().iter::<T>().collect()
 }
 
 fn look_inside<T: Lane>(cloud: &Cloud<T>, view: &View<T>) -> SplatDiagnosis {

@@ -13,19 +13,21 @@ mod diagnose;
 mod error;
 pub(crate) mod op;
 mod settings;
+pub(crate) mod tensors;
 
-use burn::backend::Dispatch;
+use burn::backend::{Dispatch, DispatchTensor, TensorMetadata};
 use burn::tensor::{DType, Int, Tensor};
 use mvfusion_data::Camera;
 use mvfusion_kernels::sh::{MAX_DEGREE, coefficient_count};
-use mvfusion_kernels::splat::{COLOUR_CHANNELS, PROJECTED_LEN};
+use mvfusion_kernels::splat::{COLOUR_CHANNELS, PROJECTED_LEN, alpha_plane, plane_count};
 
 pub use diagnose::{SplatDiagnosis, diagnose};
 pub use error::SplatError;
 pub use settings::{Antialias, ClampGradient, Extent, SplatRules, SplatSettings, Statistic, Stop, TangentClamp};
 
 use crate::device::{blends, buffer_limit, takes};
-use op::{SplatOps, SplatPlan, SplatPrimitives};
+use op::{SplatOps, SplatPlan};
+use tensors::{SplatSizes, SplatTensors};
 
 /// Raw parameters of `N` Gaussians, all of one dtype (`f32`, or `f64` on CPU backends) and on one device.
 ///
@@ -60,7 +62,7 @@ pub struct SplatPicture {
 
 /// The layers of one copy of a picture.
 #[derive(Clone, Debug)]
-pub struct SplatLayers {
+pub struct SplatPlanes {
     /// `[3, H, W]`, background included.
     pub colour: Tensor<3>,
     /// `[F, H, W]`, background included; `None` if there are no features.
@@ -73,25 +75,26 @@ pub struct SplatLayers {
 
 impl SplatPicture {
     /// The copy whose gradients feed the statistic.
-    pub fn main(&self) -> SplatLayers {
+    pub fn main(&self) -> SplatPlanes {
         self.layers(0)
     }
 
     /// The copy whose gradients do not.
-    pub fn light(&self) -> SplatLayers {
+    pub fn light(&self) -> SplatPlanes {
         self.layers(1)
     }
 
-    fn layers(&self, copy: usize) -> SplatLayers {
-        let [_, channels, height, width] = self.packed.dims();
-        let copy: Tensor<3> = self.packed.clone().narrow(0, copy, 1).reshape([channels, height, width]);
+    fn layers(&self, copy: usize) -> SplatPlanes {
+        let [_, count, height, width] = self.packed.dims();
+        let copy: Tensor<3> = self.packed.clone().narrow(0, copy, 1).reshape([count, height, width]);
         let planes = |begin: usize, end: usize| copy.clone().narrow(0, begin, end - begin);
-        let features_end = channels - 2;
-        SplatLayers {
+        // All planes but alpha's are blended channels.
+        let alpha = alpha_plane(count - 1);
+        SplatPlanes {
             colour: planes(0, COLOUR_CHANNELS),
-            features: (features_end > COLOUR_CHANNELS).then(|| planes(COLOUR_CHANNELS, features_end)),
-            alpha: planes(channels - 2, channels - 1),
-            depth: planes(channels - 1, channels),
+            features: (alpha > COLOUR_CHANNELS).then(|| planes(COLOUR_CHANNELS, alpha)),
+            alpha: planes(alpha, alpha + 1),
+            depth: planes(alpha + 1, count),
         }
     }
 }
@@ -99,9 +102,8 @@ impl SplatPicture {
 /// Renders Gaussians (METHOD §8).
 ///
 /// `probe` is a leaf with `require_grad`, of shape `[1, 2]`, or rows selected of one, `[N, 2]`: after the backward pass its
-/// gradient is `[N, 2]`, that of the `main`
-/// picture with respect to the projected centres, in normalised device coordinates (per pixel times half the picture's
-/// width, height). Several calls with one probe add up. Which channels count is [`SplatSettings::statistic`].
+/// gradient is `[N, 2]`, that of the `main` picture with respect to the projected centres, in normalised device coordinates
+/// (per pixel times half the picture's width, height). Several calls with one probe add up. Which channels count is [`SplatSettings::statistic`].
 ///
 /// # Errors
 /// If shapes or dtypes do not fit together, the degree is above 3, the near plane lies behind the camera, the camera has no
@@ -113,27 +115,19 @@ pub fn splat(
     camera: &Camera,
     settings: &SplatSettings,
 ) -> Result<SplatPicture, SplatError> {
-    let feature_count = check(&inputs, probe.as_ref(), camera, settings)?;
     let (device, dtype) = (inputs.means.device(), inputs.means.dtype());
+    let (tensors, sizes) = check(inputs, probe, camera, settings)?;
     if let Some(limit) = buffer_limit(&device) {
-        let [count, stored, _] = inputs.sh.dims();
-        BufferSizes { count, stored, features: feature_count }.check(camera, limit)?;
+        check_buffers(sizes, camera, limit)?;
     }
-    if !blends(&device, COLOUR_CHANNELS + feature_count + 1) {
-        return Err(SplatError::Features(feature_count));
+    if !blends(&device, sizes.channels()) {
+        return Err(SplatError::Features(sizes.features));
     }
-    let stand_in = |shape: [usize; 2]| Tensor::<2>::zeros(shape, (&device, dtype));
-    let primitives = SplatPrimitives::<Dispatch> {
-        features: inputs.features.filter(|_| feature_count > 0).unwrap_or_else(|| stand_in([1, 1])).into_dispatch(),
-        probe: probe.unwrap_or_else(|| stand_in([1, 2])).into_dispatch(),
-        means: inputs.means.into_dispatch(),
-        quaternions: inputs.quaternions.into_dispatch(),
-        log_scales: inputs.log_scales.into_dispatch(),
-        opacity_logits: inputs.opacity_logits.into_dispatch(),
-        sh: inputs.sh.into_dispatch(),
-        background: inputs.background.into_dispatch(),
-    };
-    let plan = SplatPlan { camera: *camera, settings: *settings, feature_count };
+    // A missing tensor gets a stand-in, and so do features without channels, because no device binds an empty buffer.
+    let tensors = SplatTensors { features: tensors.features.filter(|_| sizes.features > 0), ..tensors };
+    let stand_in = || Tensor::<2>::zeros([1, 2], (&device, dtype)).into_dispatch();
+    let primitives = tensors.map(|tensor| tensor.unwrap_or_else(stand_in));
+    let plan = SplatPlan { camera: *camera, settings: *settings, sizes };
     let output = <Dispatch as SplatOps>::splat(primitives, plan);
     if let Some(error) = output.refused {
         return Err(error);
@@ -141,13 +135,47 @@ pub fn splat(
     Ok(SplatPicture { packed: Tensor::from_dispatch(output.picture), radii: Tensor::from_dispatch(output.radii) })
 }
 
-/// Checks the arguments, and returns the number of features.
+/// Checks the arguments. Returns the tensors, of which `features` and `probe` may be missing, and their sizes.
 fn check(
-    inputs: &SplatInputs,
-    probe: Option<&Tensor<2>>,
+    inputs: SplatInputs,
+    probe: Option<Tensor<2>>,
     camera: &Camera,
     settings: &SplatSettings,
-) -> Result<usize, SplatError> {
+) -> Result<(SplatTensors<Option<DispatchTensor>>, SplatSizes), SplatError> {
+    check_picture(camera, settings)?;
+    let dtype = match inputs.means.dtype() {
+        dtype if takes(&inputs.means.device(), dtype) => dtype,
+        found => return Err(SplatError::Dtype { argument: "means", found, expected: DType::F32 }),
+    };
+    let sizes = SplatSizes {
+        count: inputs.means.dims()[0],
+        coefficients: inputs.sh.dims()[1].max(coefficient_count(settings.sh_degree)),
+        features: inputs.features.as_ref().map_or(0, |features| features.dims()[1]),
+    };
+    let mut shapes = sizes.shapes();
+    if probe.as_ref().is_some_and(|probe| probe.dims()[0] == 1) {
+        shapes.probe[0] = 1;
+    }
+    let tensors = SplatTensors {
+        means: Some(inputs.means.into_dispatch()),
+        quaternions: Some(inputs.quaternions.into_dispatch()),
+        log_scales: Some(inputs.log_scales.into_dispatch()),
+        opacity_logits: Some(inputs.opacity_logits.into_dispatch()),
+        sh: Some(inputs.sh.into_dispatch()),
+        features: inputs.features.map(Tensor::into_dispatch),
+        background: Some(inputs.background.into_dispatch()),
+        probe: probe.map(Tensor::into_dispatch),
+    };
+    for ((argument, tensor), shape) in SplatTensors::NAMES.zip(tensors.each_ref()).zip(shapes).into_array() {
+        if let Some(tensor) = tensor {
+            check_tensor(argument, tensor, &shape, dtype)?;
+        }
+    }
+    Ok((tensors, sizes))
+}
+
+/// Checks the settings and the size of the picture.
+fn check_picture(camera: &Camera, settings: &SplatSettings) -> Result<(), SplatError> {
     if settings.sh_degree > MAX_DEGREE {
         return Err(SplatError::Degree(settings.sh_degree));
     }
@@ -159,71 +187,38 @@ fn check(
     if width == 0 || height == 0 || width.saturating_mul(height) > i32::MAX as usize {
         return Err(SplatError::Size { width, height });
     }
-    let count = inputs.means.dims()[0];
-    let feature_count = inputs.features.as_ref().map_or(0, |features| features.dims()[1]);
-    let dtype = match inputs.means.dtype() {
-        dtype if takes(&inputs.means.device(), dtype) => dtype,
-        found => return Err(SplatError::Dtype { argument: "means", found, expected: DType::F32 }),
-    };
-    check_tensor("means", &inputs.means, [count, 3], dtype)?;
-    check_tensor("quaternions", &inputs.quaternions, [count, 4], dtype)?;
-    check_tensor("log_scales", &inputs.log_scales, [count, 3], dtype)?;
-    check_tensor("opacity_logits", &inputs.opacity_logits, [count], dtype)?;
-    let (stored, needed) = (inputs.sh.dims()[1], coefficient_count(settings.sh_degree));
-    check_tensor("sh", &inputs.sh, [count, stored.max(needed), COLOUR_CHANNELS], dtype)?;
-    if let Some(features) = &inputs.features {
-        check_tensor("features", features, [count, feature_count], dtype)?;
-    }
-    check_tensor("background", &inputs.background, [COLOUR_CHANNELS + feature_count], dtype)?;
-    if let Some(probe) = probe {
-        let rows = if probe.dims()[0] == 1 { 1 } else { count };
-        check_tensor("probe", probe, [rows, 2], dtype)?;
-    }
-    Ok(feature_count)
+    Ok(())
 }
 
-/// What decides how large the largest tensors of known size are.
-#[derive(Clone, Copy, Debug)]
-struct BufferSizes {
-    /// Gaussians.
-    count: usize,
-    /// Coefficients of a Gaussian.
-    stored: usize,
-    /// Features of a Gaussian.
-    features: usize,
-}
-
-impl BufferSizes {
-    /// Whether buffers of `limit` bytes hold them.
-    fn check(self, camera: &Camera, limit: u64) -> Result<(), SplatError> {
-        let Self { count, stored, features } = self;
-        for (tensor, numbers) in [
-            ("spherical harmonics", COLOUR_CHANNELS * stored * count),
-            ("features", features * count),
-            ("projected Gaussians", PROJECTED_LEN * count),
-            ("picture with its copy", 2 * (COLOUR_CHANNELS + features + 2) * camera.width * camera.height),
-        ] {
-            let bytes = 4 * numbers as u64;
-            if bytes > limit {
-                return Err(SplatError::Buffer { tensor, bytes, limit });
-            }
-        }
-        Ok(())
-    }
-}
-
-fn check_tensor<const D: usize>(
+fn check_tensor(
     argument: &'static str,
-    tensor: &Tensor<D>,
-    expected: [usize; D],
+    tensor: &DispatchTensor,
+    expected: &[usize],
     dtype: DType,
 ) -> Result<(), SplatError> {
-    if tensor.dims() != expected {
-        let (found, expected) = (tensor.dims().to_vec(), format!("{expected:?}"));
-        return Err(SplatError::Shape { argument, found, expected });
+    let shape = tensor.shape();
+    if shape[..] != *expected {
+        return Err(SplatError::Shape { argument, found: shape.to_vec(), expected: format!("{expected:?}") });
     }
     if tensor.dtype() != dtype {
         return Err(SplatError::Dtype { argument, found: tensor.dtype(), expected: dtype });
+    }
+    Ok(())
+}
+
+/// Whether buffers of `limit` bytes hold the largest tensors of known size.
+fn check_buffers(sizes: SplatSizes, camera: &Camera, limit: u64) -> Result<(), SplatError> {
+    let SplatSizes { count, coefficients, features } = sizes;
+    for (tensor, numbers) in [
+        ("spherical harmonics", COLOUR_CHANNELS * coefficients * count),
+        ("features", features * count),
+        ("projected Gaussians", PROJECTED_LEN * count),
+        ("picture with its copy", 2 * plane_count(sizes.channels()) * camera.width * camera.height),
+    ] {
+        let bytes = 4 * numbers as u64;
+        if bytes > limit {
+            return Err(SplatError::Buffer { tensor, bytes, limit });
+        }
     }
     Ok(())
 }

@@ -1,9 +1,12 @@
 //! The splat op as a Burn backend extension: what a backend implements, and the CPU backends' implementation.
 
 use burn::backend::tensor::{FloatTensor, IntTensor};
-use burn::backend::{Backend, ExtensionType, TensorMetadata, backend_extension};
+use burn::backend::{
+    Backend, BackendTensor, Dispatch, DispatchAutodiffContext, DispatchTensor, DispatchTensorKind, ExtensionType,
+    TensorMetadata, backend_extension,
+};
 use mvfusion_data::Camera;
-use mvfusion_kernels::splat::{PROJECTED_LEN, TILE_PIXELS};
+use mvfusion_kernels::splat::{PROJECTED_LEN, TILE_PIXELS, plane_count};
 
 use super::cpu::backward::{Saved, backward};
 use super::cpu::cloud::Cloud;
@@ -12,6 +15,7 @@ use super::cpu::lanes::Lane;
 use super::cpu::view::View;
 use super::error::SplatError;
 use super::settings::{SplatSettings, Statistic};
+use super::tensors::{SplatSizes, SplatTensors};
 use crate::host::HostBackend;
 use crate::real::with_real;
 
@@ -20,22 +24,42 @@ use crate::real::with_real;
 pub(crate) struct SplatPlan {
     pub camera: Camera,
     pub settings: SplatSettings,
-    /// Extra features a Gaussian; with none, the tensor of the features is a stand-in of one number.
-    pub feature_count: usize,
+    pub sizes: SplatSizes,
 }
 
-/// The tensors that go into the op, shaped as [`super::SplatInputs`].
-#[derive(ExtensionType, Clone, Debug)]
-pub(crate) struct SplatPrimitives<B: Backend> {
-    pub means: FloatTensor<B>,
-    pub quaternions: FloatTensor<B>,
-    pub log_scales: FloatTensor<B>,
-    pub opacity_logits: FloatTensor<B>,
-    pub sh: FloatTensor<B>,
-    pub features: FloatTensor<B>,
-    pub background: FloatTensor<B>,
-    /// `[1, 2]`; its value is not read.
-    pub probe: FloatTensor<B>,
+/// The tensors that go into the op, or their gradients, on a backend.
+pub(crate) type SplatPrimitives<B> = SplatTensors<FloatTensor<B>>;
+
+// Written by hand: the derive recognises tensors by the types of the fields, and here the type is `T`.
+impl<B: Backend> ExtensionType<B> for SplatPrimitives<B> {
+    type Target = SplatPrimitives<Dispatch>;
+
+    fn map_to_dispatch<F>(self, map_kind: F, autodiff: DispatchAutodiffContext) -> Self::Target
+    where
+        F: Fn(BackendTensor<B>) -> DispatchTensorKind,
+    {
+        self.map(|tensor| DispatchTensor { kind: map_kind(BackendTensor::Float(tensor)), autodiff })
+    }
+
+    fn map_from_dispatch<F>(target: Self::Target, unwrap_kind: F) -> Self
+    where
+        F: Fn(DispatchTensor) -> BackendTensor<B>,
+    {
+        target.map(|tensor| unwrap_kind(tensor).float())
+    }
+
+    fn routing_tensor(target: &Self::Target) -> Option<&DispatchTensor> {
+        Some(&target.means)
+    }
+
+    fn routing_float_tensor(target: &Self::Target) -> Option<&DispatchTensor> {
+        Some(&target.means)
+    }
+
+    fn autodiff_context(target: &Self::Target) -> DispatchAutodiffContext {
+        let contexts = target.each_ref().map(|tensor| tensor.autodiff).into_array();
+        contexts.into_iter().fold(DispatchAutodiffContext::Disabled, DispatchAutodiffContext::merge)
+    }
 }
 
 /// What the op gives.
@@ -52,7 +76,7 @@ pub(crate) struct SplatOutput<B: Backend> {
 
 /// What the forward pass leaves for the backward pass. Plain tensors, so that every backend can fill them;
 /// what they mean in detail is between a backend's forward and its backward.
-#[derive(ExtensionType, Clone, Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct SplatSaved<B: Backend> {
     /// `[N, PROJECTED_LEN]`, rows of [`mvfusion_kernels::splat::Projected`].
     pub records: FloatTensor<B>,
@@ -71,26 +95,10 @@ pub(crate) struct SplatSaved<B: Backend> {
 }
 
 /// The op with what it leaves for its backward pass.
-#[derive(ExtensionType, Clone, Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct SplatForward<B: Backend> {
-    #[extension_type]
     pub output: SplatOutput<B>,
-    #[extension_type]
     pub saved: SplatSaved<B>,
-}
-
-/// Gradients of the op's tensors, shaped as [`SplatPrimitives`], but for the statistic.
-#[derive(ExtensionType, Clone, Debug)]
-pub(crate) struct SplatGradients<B: Backend> {
-    pub means: FloatTensor<B>,
-    pub quaternions: FloatTensor<B>,
-    pub log_scales: FloatTensor<B>,
-    pub opacity_logits: FloatTensor<B>,
-    pub sh: FloatTensor<B>,
-    pub features: FloatTensor<B>,
-    pub background: FloatTensor<B>,
-    /// `[N, 2]`, the probe's gradient.
-    pub statistic: FloatTensor<B>,
 }
 
 /// The op, for plain backends and for `Autodiff`.
@@ -105,14 +113,15 @@ pub(crate) trait SplatKernels: SplatOps {
     /// Renders, and keeps what the backward pass needs.
     fn splat_forward(inputs: SplatPrimitives<Self>, plan: SplatPlan) -> SplatForward<Self>;
 
-    /// Pulls the cotangent of the packed picture back; `statistic` is what the probe counts, if there is one.
+    /// Pulls the cotangent of the packed picture back to the inputs. The gradient of the probe, `[N, 2]`, is the statistic;
+    /// `statistic` says what it counts, if there is a probe.
     fn splat_backward(
         inputs: SplatPrimitives<Self>,
         saved: SplatSaved<Self>,
         v_picture: FloatTensor<Self>,
         plan: SplatPlan,
         statistic: Option<Statistic>,
-    ) -> SplatGradients<Self>;
+    ) -> SplatPrimitives<Self>;
 }
 
 impl<B: HostBackend> SplatOps for B {
@@ -132,64 +141,22 @@ impl<B: HostBackend> SplatKernels for B {
         v_picture: FloatTensor<Self>,
         plan: SplatPlan,
         statistic: Option<Statistic>,
-    ) -> SplatGradients<Self> {
+    ) -> SplatPrimitives<Self> {
         with_real!(v_picture.dtype(), T => {
             backward_on_host::<B, T>(inputs, saved, &B::values::<T>(v_picture), plan, statistic)
         })
     }
 }
 
-/// The numbers of the inputs, held while the twin works on them.
-struct HostCloud<B: HostBackend, T: Lane> {
-    means: B::Values<T>,
-    quaternions: B::Values<T>,
-    log_scales: B::Values<T>,
-    opacity_logits: B::Values<T>,
-    sh: B::Values<T>,
-    features: B::Values<T>,
-    background: B::Values<T>,
-    coefficients: usize,
-    feature_count: usize,
-}
-
-impl<B: HostBackend, T: Lane> HostCloud<B, T> {
-    fn new(inputs: SplatPrimitives<B>, plan: &SplatPlan) -> Self {
-        Self {
-            coefficients: inputs.sh.shape()[1],
-            means: B::values(inputs.means),
-            quaternions: B::values(inputs.quaternions),
-            log_scales: B::values(inputs.log_scales),
-            opacity_logits: B::values(inputs.opacity_logits),
-            sh: B::values(inputs.sh),
-            features: B::values(inputs.features),
-            background: B::values(inputs.background),
-            feature_count: plan.feature_count,
-        }
-    }
-
-    fn cloud(&self) -> Cloud<'_, T> {
-        Cloud {
-            means: &self.means,
-            quaternions: &self.quaternions,
-            log_scales: &self.log_scales,
-            opacity_logits: &self.opacity_logits,
-            sh: &self.sh,
-            features: if self.feature_count == 0 { &[] } else { &self.features },
-            background: &self.background,
-            coefficients: self.coefficients,
-            feature_count: self.feature_count,
-        }
-    }
-}
-
 fn forward_on_host<B: HostBackend, T: Lane>(inputs: SplatPrimitives<B>, plan: SplatPlan) -> SplatForward<B> {
-    let host = HostCloud::<B, T>::new(inputs, &plan);
-    let (cloud, view) = (host.cloud(), View::new(&plan.camera, &plan.settings));
+    let values = inputs.map(B::values::<T>);
+    let cloud = Cloud { values: values.each_ref().map(|values| &**values), sizes: plan.sizes };
+    let view = View::new(&plan.camera, &plan.settings);
     let result = forward::<T, ()>(&cloud, &view);
     let (count, tiles, pairs) = (cloud.len(), view.tile_count(), result.bins.sorted.len());
     SplatForward {
         output: SplatOutput {
-            picture: B::tensor(result.picture, [2, cloud.channels() + 1, view.height, view.width]),
+            picture: B::tensor(result.picture, [2, plane_count(cloud.channels()), view.height, view.width]),
             radii: B::index_tensor(result.radii, [count]),
             refused: None,
         },
@@ -214,9 +181,10 @@ fn backward_on_host<B: HostBackend, T: Lane>(
     v_picture: &[T],
     plan: SplatPlan,
     statistic: Option<Statistic>,
-) -> SplatGradients<B> {
-    let host = HostCloud::<B, T>::new(inputs, &plan);
-    let (cloud, view) = (host.cloud(), View::new(&plan.camera, &plan.settings));
+) -> SplatPrimitives<B> {
+    let values = inputs.map(B::values::<T>);
+    let cloud = Cloud { values: values.each_ref().map(|values| &**values), sizes: plan.sizes };
+    let view = View::new(&plan.camera, &plan.settings);
     let (records, transmittance) = (B::values::<T>(saved.records), B::values::<T>(saved.transmittance));
     let (sorted, starts) = (B::indices(saved.sorted), B::indices(saved.starts));
     let (spans, slots, last) = (B::indices(saved.spans), B::indices(saved.slots), B::indices(saved.last));
@@ -229,16 +197,6 @@ fn backward_on_host<B: HostBackend, T: Lane>(
         transmittance: &transmittance,
         last: &last,
     };
-    let result = backward(&cloud, &view, saved, v_picture, statistic);
-    let (count, gradients) = (cloud.len(), result.cloud);
-    SplatGradients {
-        means: B::tensor(gradients.means, [count, 3]),
-        quaternions: B::tensor(gradients.quaternions, [count, 4]),
-        log_scales: B::tensor(gradients.log_scales, [count, 3]),
-        opacity_logits: B::tensor(gradients.opacity_logits, [count]),
-        sh: B::tensor(gradients.sh, [count, cloud.coefficients, 3]),
-        features: B::tensor(gradients.features, [count, cloud.feature_count]),
-        background: B::tensor(result.background, [cloud.background.len()]),
-        statistic: B::tensor(gradients.statistic, [count, 2]),
-    }
+    let gradients = backward(&cloud, &view, saved, v_picture, statistic);
+    gradients.zip(plan.sizes.shapes()).map(|(numbers, shape)| B::tensor(numbers, shape))
 }

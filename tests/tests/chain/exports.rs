@@ -8,12 +8,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use mvfusion_cli::args::{ComputeArgs, ExportArgs, ExportFormat};
-use mvfusion_cli::progress::Talk;
+use mvfusion_cli::progress::Verbosity;
 use mvfusion_cli::{command, config as layers, scene as scenes};
 use mvfusion_data::{Layout, Scene, write};
-use mvfusion_model::config::{Branches, Config};
-use mvfusion_model::gaussians::RawGaussians;
-use mvfusion_model::model::{Model, Movement, Surroundings};
+use mvfusion_model::config::{Branches, Config, Interval};
+use mvfusion_model::model::gaussians::RawGaussians;
+use mvfusion_model::model::mask::MaskChannel;
+use mvfusion_model::model::{DeformationLevel, Model, RenderContext};
 use mvfusion_model::train::Trainer;
 use mvfusion_tests::{Ply, backends, numbers};
 use tempfile::TempDir;
@@ -69,7 +70,7 @@ impl Run {
             force: false,
         };
         change(&mut args);
-        command::export(&args, Talk::Silent, &mut Vec::new()).expect("exported");
+        command::export(&args, Verbosity::Silent, &mut Vec::new()).expect("exported");
         out
     }
 
@@ -77,12 +78,12 @@ impl Run {
         self.trainer.state().model.plain()
     }
 
-    fn moved(&self, time: f64, surroundings: &Surroundings) -> RawGaussians {
-        self.model().dynamic_at(time, Movement::Refined, surroundings)
+    fn moved(&self, time: f64, context: &RenderContext) -> RawGaussians {
+        self.model().dynamic_at(time, DeformationLevel::Refined, context)
     }
 
     fn static_(&self) -> RawGaussians {
-        self.model().static_.expect("a static branch").gaussians.canonical()
+        self.model().static_.expect("a static branch").canonical()
     }
 }
 
@@ -144,7 +145,7 @@ fn every_exported_number_is_the_models_own() {
     assert_opacities(&static_, 0..static_.rows.len(), &run.static_());
 
     let dynamic = parse(&out.join("dynamic.ply"));
-    let canonical = run.model().dynamic.gaussians.canonical();
+    let canonical = run.model().dynamic.canonical();
     let masks = ["mask_static", "mask_brightness", "mask_dynamic"];
     assert_eq!(dynamic.names, [standard(24), masks.map(str::to_owned).to_vec()].concat());
     assert_holds(&dynamic, 0..dynamic.rows.len(), &canonical);
@@ -157,18 +158,18 @@ fn every_exported_number_is_the_models_own() {
 #[test]
 fn a_moment_is_the_deformed_model_with_or_without_attention() {
     let run = Run::new(config());
-    let with = run.trainer.surroundings().clone();
+    let with = run.trainer.render_context().clone();
     let mut without = with.clone();
     without.motion.mfta = false;
-    for (name, no_mfta, surroundings) in [("with", false, &with), ("without", true, &without)] {
+    for (name, no_mfta, context) in [("with", false, &with), ("without", true, &without)] {
         let out = run.export(name, |args| (args.time, args.no_mfta) = (Some(0.4), no_mfta));
         let found = parse(&out.join("dynamic.ply"));
-        let wanted = run.moved(0.4, surroundings);
+        let wanted = run.moved(0.4, context);
         assert_holds(&found, 0..found.rows.len(), &wanted);
         assert_opacities(&found, 0..found.rows.len(), &wanted);
-        assert_ne!(numbers(wanted.means), numbers(run.model().dynamic.gaussians.means.val()));
+        assert_ne!(numbers(wanted.means), numbers(run.model().dynamic.means.val()));
     }
-    let means = |surroundings| numbers(run.moved(0.4, surroundings).means);
+    let means = |context| numbers(run.moved(0.4, context).means);
     assert_ne!(means(&with), means(&without));
 }
 
@@ -177,12 +178,12 @@ fn a_sequence_has_the_frames_that_were_asked_for_and_begins_at_time_zero() {
     let run = Run::new(config());
     let out = run.export("sequence", |args| args.frames = std::num::NonZeroUsize::new(3));
     assert_eq!(names(&out.join("frames")), ["frame0001.ply", "frame0002.ply", "frame0003.ply"]);
-    let surroundings = run.trainer.surroundings();
-    let last = *surroundings.timeline.times().last().expect("a time");
+    let context = run.trainer.render_context();
+    let last = *context.timeline.times().last().expect("a time");
     for (name, time) in [("frame0001.ply", 0.0), ("frame0002.ply", last / 2.0), ("frame0003.ply", last)] {
         let frame = parse(&out.join("frames").join(name));
         assert_eq!(frame.names, standard(24), "a viewer knows no masks");
-        let (static_, dynamic) = (run.static_(), run.moved(time, surroundings));
+        let (static_, dynamic) = (run.static_(), run.moved(time, context));
         let border = static_.means.dims()[0];
         assert_holds(&frame, 0..border, &static_);
         assert_opacities(&frame, 0..border, &static_);
@@ -198,7 +199,8 @@ fn assert_masked_opacities(found: &[f32], gaussians: &RawGaussians) {
     let masks = numbers(gaussians.mask_logits.clone().expect("masks"));
     let mut lowered = 0;
     for (index, (&found, &own)) in found.iter().zip(&logits).enumerate() {
-        let (static_, dynamic) = (sigmoid(masks[3 * index]), sigmoid(masks[3 * index + 2]));
+        let [static_, dynamic] =
+            [MaskChannel::Static, MaskChannel::Dynamic].map(|channel| sigmoid(masks[3 * index + channel as usize]));
         let wanted = sigmoid(own) * dynamic / (dynamic + static_);
         assert!((sigmoid(f64::from(found)) - wanted).abs() < 3e-6, "Gaussian {index}: {found}, not {wanted}");
         lowered += usize::from(f64::from(found) < own);
@@ -215,7 +217,7 @@ fn a_model_of_one_branch_is_exported_as_it_is() {
     let out = run.export("one", |args| args.frames = std::num::NonZeroUsize::new(1));
     assert_eq!(names(&out), ["cameras.json", "dynamic.ply", "frames"]);
     let frame = parse(&out.join("frames/frame0001.ply"));
-    let dynamic = run.moved(0.0, run.trainer.surroundings());
+    let dynamic = run.moved(0.0, run.trainer.render_context());
     assert_eq!(frame.names, standard(24));
     assert_holds(&frame, 0..frame.rows.len(), &dynamic);
     assert_opacities(&frame, 0..frame.rows.len(), &dynamic);
@@ -224,11 +226,11 @@ fn a_model_of_one_branch_is_exported_as_it_is() {
 #[test]
 fn colours_above_the_degree_in_use_are_zero_as_they_are_not_drawn() {
     let mut config = config();
-    (config.train.dynamic_sh_interval, config.train.static_sh_interval) = (1000, 1000);
+    (config.train.dynamic_sh_interval, config.train.static_sh_interval) = (Interval(1000), Interval(1000));
     let run = Run::new(config);
     assert_eq!(run.model().dynamic.sh_degree, 0);
-    let surroundings = run.trainer.surroundings();
-    let moved = numbers(run.moved(0.4, surroundings).sh.narrow(1, 1, 8));
+    let context = run.trainer.render_context();
+    let moved = numbers(run.moved(0.4, context).sh.narrow(1, 1, 8));
     assert!(moved.iter().any(|&value| value != 0.0), "the deformation offers colours that are not drawn yet");
     let out = run.export("low", |args| args.time = Some(0.4));
     let found = parse(&out.join("dynamic.ply"));

@@ -2,8 +2,8 @@
 
 use burn::tensor::{DType, Device, Tensor};
 use mvfusion_model::config::{GridConfig, MotionConfig};
-use mvfusion_model::motion::{MotionCache, Normalisers, Trajectories};
-use mvfusion_model::network::{DeformationConfig, DeformationNetwork, HeadChoice, LayerInit};
+use mvfusion_model::model::motion::{MotionCache, Normalisers, Trajectories};
+use mvfusion_model::model::network::{DeformationConfig, DeformationNetwork, HeadChoice, ModuleInit};
 use mvfusion_model::random::Stream;
 use mvfusion_model::timeline::Timeline;
 use mvfusion_render::grid::GridBounds;
@@ -42,7 +42,7 @@ fn need(device: &Device) -> usize {
         depth: 1,
         heads: HeadChoice::ALL,
     };
-    let network = config.init(&mut LayerInit { device, dtype: DType::F32, stream });
+    let network = config.init(&mut ModuleInit { device, dtype: DType::F32, stream });
     let values: Vec<f64> = (0..GAUSSIANS * 3).map(|_| stream.uniform(-1.0, 1.0)).collect();
     let means: Tensor<2> = tensor(&values, [GAUSSIANS, 3], device, DType::F32);
     let motion = MotionConfig::default();

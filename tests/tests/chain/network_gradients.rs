@@ -4,9 +4,9 @@ use burn::module::Param;
 use burn::nn::Linear;
 use burn::tensor::{DType, Device, Tensor};
 use mvfusion_data::Camera;
-use mvfusion_model::gaussians::{Attribute, Behind, Gaussians, RawGaussians};
-use mvfusion_model::network::{
-    AttributeHeads, DeformationConfig, DeformationNetwork, HeadChoice, HexPlane, LayerInit, MaskHeads, Mlp,
+use mvfusion_model::model::gaussians::{Attribute, Behind, Gaussians, RawGaussians};
+use mvfusion_model::model::network::{
+    AttributeHeads, DeformationConfig, DeformationNetwork, HeadChoice, HexPlane, MaskHeads, Mlp, ModuleInit,
 };
 use mvfusion_model::random::Stream;
 use mvfusion_render::grid::{GridBounds, GridLayout};
@@ -150,7 +150,7 @@ fn scene(camera: &Camera, settings: &SplatSettings) -> Values {
     let stream = &mut Stream::new(21, 0);
     let config =
         DeformationConfig { layout: layout(), bounds: bounds(), width: WIDTH, depth: 1, heads: HeadChoice::ALL };
-    let network = config.init(&mut LayerInit { device: &device, dtype: DType::F64, stream });
+    let network = config.init(&mut ModuleInit { device: &device, dtype: DType::F64, stream });
     let mut values = Parts::of_network(&network, Array::of, Array::of);
     // Fresh time planes are one everywhere, and time would not matter.
     let planes = values["planes"].shape.clone();

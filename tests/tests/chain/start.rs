@@ -1,7 +1,7 @@
 //! The start of the last stage: refinement begins as the base deformation.
 
-use mvfusion_model::gaussians::RawGaussians;
-use mvfusion_model::model::Movement;
+use mvfusion_model::model::DeformationLevel;
+use mvfusion_model::model::gaussians::RawGaussians;
 use mvfusion_model::train::{Stage, Trainer};
 use mvfusion_tests::{backends, numbers};
 
@@ -33,15 +33,15 @@ fn the_refined_model_starts_as_the_base_model() {
         assert!(model.motion.is_some(), "motion is measured when the stage begins");
         // On frames, between them, and outside of them.
         for time in [0.0, 1.0 / 6.0, 0.4, 5.0 / 6.0, 0.99, -0.2, 1.3] {
-            let at = |movement| bits(model.dynamic_at(time, movement, trainer.surroundings()));
-            let (base, refined) = (at(Movement::Base), at(Movement::Refined));
-            assert_ne!(base, at(Movement::Still), "{}: the base model moves at {time}", backend.name);
+            let at = |level| bits(model.dynamic_at(time, level, trainer.render_context()));
+            let (base, refined) = (at(DeformationLevel::Base), at(DeformationLevel::Refined));
+            assert_ne!(base, at(DeformationLevel::Still), "{}: the base model moves at {time}", backend.name);
             assert_eq!(base, refined, "{}: at {time}", backend.name);
         }
         trainer.step().expect("a step succeeds");
         trainer.step().expect("a step succeeds");
         let model = &trainer.state().model;
-        let at = |movement| bits(model.dynamic_at(0.4, movement, trainer.surroundings()));
-        assert_ne!(at(Movement::Base), at(Movement::Refined), "{}: refinement learns", backend.name);
+        let at = |level| bits(model.dynamic_at(0.4, level, trainer.render_context()));
+        assert_ne!(at(DeformationLevel::Base), at(DeformationLevel::Refined), "{}: refinement learns", backend.name);
     }
 }

@@ -6,8 +6,8 @@ mod runs;
 
 use burn::module::Module;
 use mvfusion_model::config::{Descriptor, MotionConfig, Temporal};
-use mvfusion_model::motion::MotionRefinement;
-use mvfusion_model::network::{HeadChoice, Mlp};
+use mvfusion_model::model::motion::MotionRefinement;
+use mvfusion_model::model::network::{HeadChoice, Mlp};
 use mvfusion_tests::{backends, numbers};
 
 use bench::{ATTENTION, Bench, HIDDEN, Switch, WIDTH, defaults, with};

@@ -8,10 +8,10 @@ use mvfusion_data::builtin::builtin;
 use mvfusion_data::{BuiltinOptions, Scene};
 use mvfusion_model::ModelError;
 use mvfusion_model::config::{
-    BranchDensifyConfig, Config, DensifyConfig, GridBoundsRule, GridConfig, InitConfig, ModelConfig, MotionConfig,
-    StageConfig, TrainConfig, Uncovered,
+    BranchDensifyConfig, Config, DensifyConfig, GridBoundsRule, GridConfig, InitConfig, Interval, ModelConfig,
+    MotionConfig, StageConfig, Steps, TrainConfig, Uncovered,
 };
-use mvfusion_model::evaluation::{Evaluation, Judge, Protocol, Split, evaluate};
+use mvfusion_model::evaluation::{Evaluation, Evaluator, Protocol, Split, evaluate};
 use mvfusion_model::train::{TrainState, Trainer, parameter_hash};
 use mvfusion_tests::{backends, numbers};
 
@@ -45,7 +45,7 @@ pub fn config() -> Config {
             ..ModelConfig::default()
         },
         motion: MotionConfig {
-            interval: 5,
+            interval: Interval(5),
             samples: 6,
             knot_stride: 2,
             window: 1,
@@ -56,20 +56,20 @@ pub fn config() -> Config {
             ..MotionConfig::default()
         },
         train: TrainConfig {
-            stages: StageConfig { geometry: 10, deformation: 10, refinement: 12, ..StageConfig::default() },
-            dynamic_sh_interval: 6,
-            static_sh_interval: 9,
+            stages: StageConfig::of([10, 10, 12]),
+            dynamic_sh_interval: Interval(6),
+            static_sh_interval: Interval(9),
             ..TrainConfig::default()
         },
         densify: DensifyConfig {
-            from: 2,
-            until: 100,
-            interval: 5,
-            prune_from: 2,
-            prune_interval: 6,
+            from: Steps(2),
+            until: Steps(100),
+            interval: Interval(5),
+            prune_from: Steps(2),
+            prune_interval: Interval(6),
             // Above what a reset leaves, so that the next pruning finds something.
             min_opacity: 0.012,
-            reset_interval: 8,
+            reset_interval: Interval(8),
             dynamic: thresholds(&defaults.dynamic),
             static_: thresholds(&defaults.static_),
             ..defaults
@@ -86,8 +86,8 @@ pub fn train(trainer: &mut Trainer) {
 fn figures(trainer: &Trainer, scene: &Scene) -> Evaluation {
     let model = trainer.state().model.plain();
     let nothing = |_, _: &_, _: &_| Ok::<(), ModelError>(());
-    let judge = Judge::without_lpips(Protocol::Mvfusion);
-    evaluate(&model, scene, Split::Test, trainer.final_movement(), trainer.surroundings(), &judge, nothing)
+    let evaluator = Evaluator::without_lpips(Protocol::Mvfusion);
+    evaluate(&model, scene, Split::Test, trainer.final_level(), trainer.render_context(), &evaluator, nothing)
         .expect("the views can be scored")
 }
 
@@ -102,11 +102,11 @@ pub const MEASUREMENTS: usize = 3;
 
 /// Fails unless the run had in it what the tests are about.
 fn assert_eventful(state: &TrainState) {
-    let [dynamic, static_] = state.census;
-    for census in [dynamic, static_] {
-        assert!(census.added > 0 && census.resets > 0, "{:?}", state.census);
+    let [dynamic, static_] = state.counts();
+    for counts in [dynamic, static_] {
+        assert!(counts.added > 0 && counts.resets > 0, "{:?}", state.counts());
     }
-    assert!(dynamic.pruned + static_.pruned > 0, "{:?}", state.census);
+    assert!(dynamic.pruned + static_.pruned > 0, "{:?}", state.counts());
     assert_eq!(state.refreshes, MEASUREMENTS);
 }
 
@@ -119,8 +119,8 @@ fn account() -> String {
         train(&mut trainer);
         assert_eventful(trainer.state());
         let figures = serde_json::to_string(&figures(&trainer, &scene)).expect("figures serialise");
-        let census = trainer.state().census;
-        writeln!(account, "{}: {} {census:?} {figures}", backend.name, hash(&trainer)).expect("a string takes it");
+        let counts = trainer.state().counts();
+        writeln!(account, "{}: {} {counts:?} {figures}", backend.name, hash(&trainer)).expect("a string takes it");
     }
     account
 }
@@ -167,7 +167,7 @@ fn with_lifetimes() -> Config {
     (config.loss.dynamic_where_moving, config.loss.static_where_still) = (true, true);
     (config.loss.mask_motion, config.loss.mask_still, config.loss.static_opacity) = (0.1, 0.1, 0.1);
     (config.loss.still_opacity, config.train.lonely_visits) = (0.1, 0.5);
-    (config.densify.births_interval, config.densify.births, config.densify.relocate) = (6, 20, 0.05);
+    (config.densify.births_interval, config.densify.births, config.densify.relocate) = (Interval(6), 20, 0.05);
     config
 }
 
@@ -181,9 +181,9 @@ fn a_run_that_was_saved_and_loaded_goes_on_as_if_it_had_not_been() {
         // Within each stage, on its borders, and right after a densification, a pruning, a reset and a refresh.
         let resumed = interrupted(&config, &[3, 5, 8, 10, 16, 20, 25, 29], &scene, &device);
         assert_eq!(hash(&resumed), hash(&whole), "{}, lifetimes: {}", backend.name, config.model.lifetime);
-        assert_eq!(resumed.state().census, whole.state().census);
-        let relocated: usize = whole.state().census.iter().map(|census| census.relocated).sum();
-        assert_eq!(relocated > 0, config.densify.relocate > 0.0, "{:?}", whole.state().census);
+        assert_eq!(resumed.state().counts(), whole.state().counts());
+        let relocated: usize = whole.state().counts().iter().map(|counts| counts.relocated).sum();
+        assert_eq!(relocated > 0, config.densify.relocate > 0.0, "{:?}", whole.state().counts());
         assert_eq!(resumed.state().streams, whole.state().streams);
         assert_eq!(resumed.state().normalisers, whole.state().normalisers);
     }
@@ -199,11 +199,10 @@ fn motion_is_measured_at_the_end_of_the_second_stage_and_then_at_every_interval(
     const MEASURED: [(usize, &[usize]); 5] =
         [(1, &[5, 6, 7, 8, 9, 10, 11]), (2, &[5, 7, 9, 11]), (3, &[5, 8, 11]), (7, &[5]), (100, &[5])];
     let scene = scene();
-    let [geometry, deformation, refinement] = STAGES;
     for (interval, expected) in MEASURED {
         let mut config = config();
-        config.motion.interval = interval;
-        config.train.stages = StageConfig { geometry, deformation, refinement, ..StageConfig::default() };
+        config.motion.interval = Interval(interval);
+        config.train.stages = StageConfig::of(STAGES);
         let mut trainer = Trainer::new(config, &scene, &(backends()[0].device)()).expect("the run can start");
         let mut measured = Vec::new();
         while trainer.step().expect("a step succeeds").is_some() {
@@ -217,7 +216,7 @@ fn motion_is_measured_at_the_end_of_the_second_stage_and_then_at_every_interval(
 fn training_lowers_the_error() {
     // Without resets, which throw a run of this length back.
     let mut config = config();
-    config.densify.reset_interval = 1000;
+    config.densify.reset_interval = Interval(1000);
     let mut trainer = Trainer::new(config, &scene(), &(backends()[0].device)()).expect("the run can start");
     let mut errors = Vec::new();
     while let Some(loss) = trainer.step().expect("a step succeeds") {

@@ -4,10 +4,10 @@ use burn::tensor::Tensor;
 use glam::{DVec2, DVec3};
 use mvfusion_data::Scene;
 use mvfusion_model::ModelError;
-use mvfusion_model::config::{Branches, Config, StageConfig, StillRule};
-use mvfusion_model::evaluation::{Judge, Protocol, Split, evaluate};
-use mvfusion_model::gaussians::Attribute;
-use mvfusion_model::model::Movement;
+use mvfusion_model::config::{Branches, Config, Interval, StageConfig, Steps, StillRule};
+use mvfusion_model::evaluation::{Evaluator, Protocol, Split, evaluate};
+use mvfusion_model::model::DeformationLevel;
+use mvfusion_model::model::gaussians::Attribute;
 use mvfusion_model::train::{TrainState, Trainer};
 use mvfusion_tests::{backends, numbers};
 
@@ -30,7 +30,7 @@ fn started(config: &Config) -> Trainer {
 fn one_branch_trains_refines_and_is_scored_without_a_static_picture() {
     let mut config = one_branch();
     // Without resets, which throw a run of this length back.
-    config.densify.reset_interval = 1000;
+    config.densify.reset_interval = Interval(1000);
     let mut trainer = started(&config);
     let mut errors = Vec::new();
     while let Some(loss) = trainer.step().expect("a step succeeds") {
@@ -40,15 +40,15 @@ fn one_branch_trains_refines_and_is_scored_without_a_static_picture() {
     assert!(mean(&errors[27..]) < mean(&errors[..5]), "{errors:?}");
     let state = trainer.state();
     assert!(state.model.static_.is_none() && state.model.network.masks.is_none());
-    assert!(state.census[0].added > 0, "{:?}", state.census);
+    assert!(state.counts()[0].added > 0, "{:?}", state.counts());
     assert_eq!(state.refreshes, MEASUREMENTS);
 
     let nothing = |_, _: &_, _: &_| Ok::<(), ModelError>(());
     let model = state.model.plain();
-    let (movement, surroundings) = (trainer.final_movement(), trainer.surroundings());
-    let judge = Judge::without_lpips(Protocol::Mvfusion);
-    let figures = evaluate(&model, &scene(), Split::Test, movement, surroundings, &judge, nothing)
-        .expect("the views can be scored");
+    let (level, context) = (trainer.final_level(), trainer.render_context());
+    let evaluator = Evaluator::without_lpips(Protocol::Mvfusion);
+    let figures =
+        evaluate(&model, &scene(), Split::Test, level, context, &evaluator, nothing).expect("the views can be scored");
     assert!(figures.mean.composed.psnr.is_some() && figures.mean.dynamic_region.is_some());
     assert!(figures.mean.static_.is_none() && figures.mean.mask_iou.is_none());
 }
@@ -60,10 +60,10 @@ fn plugged_in_refinement_starts_as_the_identity() {
         trainer.step().expect("a step succeeds").expect("the run is not over");
     }
     let model = trainer.state().model.plain();
-    let at = |movement| numbers(model.dynamic_at(0.4, movement, trainer.surroundings()).means);
+    let at = |level| numbers(model.dynamic_at(0.4, level, trainer.render_context()).means);
     assert!(model.motion.is_some());
-    assert_eq!(at(Movement::Base), at(Movement::Refined));
-    assert_ne!(at(Movement::Base), at(Movement::Still));
+    assert_eq!(at(DeformationLevel::Base), at(DeformationLevel::Refined));
+    assert_ne!(at(DeformationLevel::Base), at(DeformationLevel::Still));
 }
 
 #[test]
@@ -73,7 +73,7 @@ fn runs_of_other_shapes_survive_saving_and_loading() {
     for config in [one_branch(), accumulating] {
         let mut whole = started(&config);
         train(&mut whole);
-        assert!(whole.state().census.iter().any(|census| census.pruned > 0), "{:?}", whole.state().census);
+        assert!(whole.state().counts().iter().any(|counts| counts.pruned > 0), "{:?}", whole.state().counts());
         // 11 and 22 lie between two steps of an accumulating static branch.
         let device = (backends()[0].device)();
         let resumed = interrupted(&config, &[3, 11, 20, 22, 29], &scene(), &device);
@@ -85,12 +85,13 @@ fn runs_of_other_shapes_survive_saving_and_loading() {
 fn under_accumulation_the_static_branch_moves_at_every_fourth_step_and_the_dynamic_one_at_each() {
     let mut config = config();
     config.train.accumulation = 4;
-    config.densify.until = 0;
+    config.densify.until = Steps(0);
     let mut trainer = started(&config);
     let positions = |trainer: &Trainer| {
         let model = &trainer.state().model;
-        let of = |gaussians: &mvfusion_model::gaussians::Gaussians| gaussians.plain(Attribute::Means).map(numbers);
-        (of(&model.dynamic.gaussians), model.static_.as_ref().and_then(|branch| of(&branch.gaussians)))
+        let of =
+            |gaussians: &mvfusion_model::model::gaussians::Gaussians| gaussians.plain(Attribute::Means).map(numbers);
+        (of(&model.dynamic), model.static_.as_ref().and_then(|branch| of(branch)))
     };
     // The first stage does not accumulate.
     for _ in 0..10 {
@@ -104,7 +105,11 @@ fn under_accumulation_the_static_branch_moves_at_every_fourth_step_and_the_dynam
         let after = positions(&trainer);
         assert_ne!(before.0, after.0, "step {step}");
         assert_eq!(before.1 != after.1, step % 4 == 0, "step {step}");
-        assert_eq!(trainer.state().pending.is_some(), step % 4 != 0, "step {step}");
+        assert_eq!(
+            trainer.state().static_.as_ref().is_some_and(|state| state.pending.is_some()),
+            step % 4 != 0,
+            "step {step}"
+        );
     }
 }
 
@@ -114,12 +119,12 @@ fn still_gaussians_move_to_the_static_branch_or_go() {
         let mut config = config();
         (config.motion.still, config.motion.still_below) = (rule, 0.5);
         // Nothing else changes rows.
-        (config.densify.interval, config.densify.prune_interval) = (1000, 1000);
+        (config.densify.interval, config.densify.prune_interval) = (Interval(1000), Interval(1000));
         let mut trainer = started(&config);
         let counts = |trainer: &Trainer| {
             let model = &trainer.state().model;
-            let static_ = model.static_.as_ref().map_or(0, |branch| branch.gaussians.count());
-            (model.dynamic.gaussians.count(), static_)
+            let static_ = model.static_.as_ref().map_or(0, |branch| branch.count());
+            (model.dynamic.count(), static_)
         };
         let before = counts(&trainer);
         train(&mut trainer);
@@ -136,10 +141,10 @@ fn still_gaussians_move_to_the_static_branch_or_go() {
 fn complaint(attribute: Attribute, value: f64) -> String {
     let device = (backends()[0].device)();
     let mut state: TrainState = started(&config()).state().clone();
-    let values: Tensor<2> = state.model.dynamic.gaussians.plain(attribute).expect("the dynamic branch has it");
+    let values: Tensor<2> = state.model.dynamic.plain(attribute).expect("the dynamic branch has it");
     let spoilt = values.clone().narrow(0, 0, 1) * value;
     let rest = values.clone().narrow(0, 1, values.dims()[0] - 1);
-    state.model.dynamic.gaussians.replace(attribute, Tensor::cat(vec![spoilt, rest], 0));
+    state.model.dynamic.replace(attribute, Tensor::cat(vec![spoilt, rest], 0));
     let mut config = config();
     config.train.log_interval = 1;
     let mut trainer = Trainer::with_state(config, &scene(), &device.autodiff(), state).expect("the run can go on");
@@ -173,24 +178,24 @@ fn gaussians_are_born_where_a_film_is_wrong() {
         let mut config = config();
         config.model.lifetime = true;
         // One round, after the last step, and nothing else that changes rows.
-        config.train.stages = StageConfig { geometry: 10, deformation: 10, refinement: 2, ..StageConfig::default() };
-        (config.densify.interval, config.densify.prune_interval) = (1000, 1000);
-        (config.densify.births_interval, config.densify.births) = (12, 60);
+        config.train.stages = StageConfig::of([10, 10, 2]);
+        (config.densify.interval, config.densify.prune_interval) = (Interval(1000), Interval(1000));
+        (config.densify.births_interval, config.densify.births) = (Interval(12), 60);
         let device = (backends()[0].device)();
         let mut trainer = Trainer::new(config, &film, &device).expect("the run can start");
-        let before = trainer.state().model.dynamic.gaussians.count();
+        let before = trainer.state().model.dynamic.count();
         train(&mut trainer);
         let model = trainer.state().model.plain();
-        let born = model.dynamic.gaussians.count() - before;
-        assert!((1..=60).contains(&born) && trainer.state().census[0].added == born, "{born}");
+        let born = model.dynamic.count() - before;
+        assert!((1..=60).contains(&born) && trainer.state().counts()[0].added == born, "{born}");
         let cache = model.motion.as_ref().expect("motion was measured");
         assert_eq!(cache.intensity.dims()[0], before + born);
 
         // The network, as far as it has learned, leaves them on what moves at their moment.
-        let moments = numbers(model.dynamic.gaussians.plain(Attribute::TimeCentres).expect("it has lifetimes"));
+        let moments = numbers(model.dynamic.plain(Attribute::TimeCentres).expect("it has lifetimes"));
         let (mut seen, mut right) = (0usize, 0usize);
         for (row, &moment) in moments.iter().enumerate().skip(before) {
-            let means = numbers(model.dynamic_at(moment, Movement::Base, trainer.surroundings()).means);
+            let means = numbers(model.dynamic_at(moment, DeformationLevel::Base, trainer.render_context()).means);
             let place = DVec3::from_slice(&means[3 * row..]);
             for view in film.train.iter().filter(|view| (view.time - moment).abs() < 1e-6) {
                 let mask = view.truth.dynamic_mask.as_ref().expect("a built-in scene").mask().expect("in memory");

@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use burn::tensor::Device;
 use glam::{DMat3, DVec3};
-use mvfusion_data::neu3d::{ROW, camera_from_row};
+use mvfusion_data::readers::neu3d::{ROW, camera_from_row};
 use mvfusion_data::{Camera, ReadOptions, Scene, TimeRule};
 use mvfusion_tests::{Array, Checklist, Tolerance};
 use npyz::WriterBuilder;

@@ -1,8 +1,9 @@
 //! `compose_eval` and `brightness`: how the pictures of the branches become one.
 
 use anyhow::Result;
-use burn::tensor::Device;
-use mvfusion_model::composition::{Blending, Layers, brightness};
+use burn::tensor::{Device, Tensor};
+use mvfusion_model::model::composition::{Blending, BranchRenders, brightness};
+use mvfusion_model::model::mask::MaskChannel;
 use mvfusion_tests::{Array, Checklist, Tolerance, gradient};
 
 use crate::archive::Archive;
@@ -16,12 +17,19 @@ const BRIGHTNESS: Tolerance = Tolerance::of_largest(1e-6);
 /// Brightness where the control is zero; the oracle has the map without it as well.
 const OFFSET: f64 = 0.5;
 
+/// The mask channels of a picture or of splat features, from the files' order (brightness, static, dynamic) to ours, and
+/// back again.
+pub fn mask_pictures<const D: usize>(channels: Tensor<D>) -> Tensor<D> {
+    let order = [MaskChannel::Brightness, MaskChannel::Static, MaskChannel::Dynamic];
+    Tensor::cat(order.map(|channel| channel.of(&channels)).to_vec(), 1)
+}
+
 /// The layers of a file.
-pub fn layers(archive: &Archive, device: &Device) -> Result<Layers> {
-    Ok(Layers {
+pub fn layers(archive: &Archive, device: &Device) -> Result<BranchRenders> {
+    Ok(BranchRenders {
         dynamic: archive.tensor("in.I_f", device)?,
         static_: archive.tensor("in.I_b", device)?,
-        mask: archive.tensor("in.M", device)?,
+        mask: mask_pictures(archive.tensor("in.M", device)?),
     })
 }
 

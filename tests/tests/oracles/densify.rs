@@ -6,8 +6,8 @@ use anyhow::{Context, Result};
 use burn::tensor::{DType, Device, Tensor};
 use glam::DVec3;
 use mvfusion_model::config::OpacityReset;
-use mvfusion_model::densify::{Branch, DensifyPlan, DensifyStatistics, PruneRule, ResetPlan};
-use mvfusion_model::gaussians::{Attribute, Gaussians};
+use mvfusion_model::model::gaussians::{Attribute, Gaussians};
+use mvfusion_model::train::densify::{Branch, BranchState, DensifyPlan, DensifyStatistics, PruneRule, ResetPlan};
 use mvfusion_render::optim::AdamMoments;
 use mvfusion_tests::{Array, Checklist, Tolerance, numbers, tensor};
 
@@ -39,7 +39,7 @@ pub const LEFT_OUT: &[(&str, &str)] = &[
 ];
 
 /// A file's branch with its moments; statistics as before the step that the file describes.
-fn branch(archive: &Archive, device: &Device) -> Result<Branch> {
+fn branch(archive: &Archive, device: &Device) -> Result<(Gaussians, BranchState)> {
     let count = archive.array("in.xyz")?.shape[0];
     let on = |device: &Device, values: &[f64]| tensor(values, [count, values.len() / count], device, DType::F32);
     let autodiff = device.clone().autodiff();
@@ -55,9 +55,10 @@ fn branch(archive: &Archive, device: &Device) -> Result<Branch> {
         Attribute::MaskLogits => None,
         Attribute::TimeCentres | Attribute::LogDurations | Attribute::Velocities => None,
     });
-    let mut branch = Branch::new(gaussians.context("an attribute is missing")?);
+    let gaussians = gaussians.context("an attribute is missing")?;
+    let mut state = BranchState::new(&gaussians);
     let plain = |name: &str| archive.array(name).map(|array| on(device, &array.values));
-    branch.statistics = DensifyStatistics {
+    state.statistics = DensifyStatistics {
         gradients: plain("in.accum")?,
         seen: plain("in.denom")?,
         foreground: plain("in.buf")?,
@@ -71,8 +72,13 @@ fn branch(archive: &Archive, device: &Device) -> Result<Branch> {
         // The file has no second moments; ones show as well whether rows are kept.
         moments.insert(attribute, AdamMoments { second: first.ones_like(), first, steps: 7 });
     }
-    branch.optimiser.moments = moments;
-    Ok(branch)
+    state.optimiser.moments = moments;
+    Ok((gaussians, state))
+}
+
+/// The branch whose rows may change.
+fn lent<'a>(gaussians: &'a mut Gaussians, state: &'a mut BranchState) -> Branch<'a> {
+    Branch { gaussians, state, motion: None, gradients: None }
 }
 
 /// A branch under comparison with the outputs under a prefix.
@@ -96,8 +102,7 @@ impl Comparison<'_> {
     }
 
     /// Compares everything that is stored of a branch.
-    fn branch(&mut self, branch: &Branch) {
-        let gaussians = &branch.gaussians;
+    fn branch(&mut self, gaussians: &Gaussians, state: &BranchState) {
         for (name, parameter) in [
             ("xyz", &gaussians.means),
             ("f_dc", &gaussians.sh_dc),
@@ -110,9 +115,9 @@ impl Comparison<'_> {
         for (attribute, name) in
             [(Attribute::Means, "xyz"), (Attribute::OpacityLogits, "opacity"), (Attribute::LogScales, "scaling")]
         {
-            self.rows(&format!("adam_m.{name}"), branch.optimiser.moments[&attribute].first.clone());
+            self.rows(&format!("adam_m.{name}"), state.optimiser.moments[&attribute].first.clone());
         }
-        self.rows("accum", branch.statistics.gradients.clone());
+        self.rows("accum", state.statistics.gradients.clone());
     }
 }
 
@@ -128,19 +133,19 @@ pub fn check(archive: &Archive, device: &Device) -> Result<()> {
 }
 
 fn check_densify(checks: &mut Checklist, archive: &Archive, device: &Device, name: &str) -> Result<()> {
-    let mut branch = branch(archive, device)?;
-    let count = branch.gaussians.count();
+    let (mut gaussians, mut state) = branch(archive, device)?;
+    let count = gaussians.count();
     let screen = archive.tensor::<2>("in.vs_grad", device)?.narrow(1, 0, 2);
     let visible: Tensor<2> = tensor(&archive.array("in.visible")?.values, [count, 1], device, DType::F32);
-    branch.statistics.record(screen, visible);
+    state.statistics.record(screen, visible);
     let out = format!("out.{name}");
     let mut compare = Comparison { checks, archive, prefix: out.clone() };
-    compare.rows("stats.accum", branch.statistics.gradients.clone());
-    compare.rows("stats.denom", branch.statistics.seen.clone());
-    compare.rows("mean_grad", branch.statistics.mean_gradients());
+    compare.rows("stats.accum", state.statistics.gradients.clone());
+    compare.rows("stats.denom", state.statistics.seen.clone());
+    compare.rows("mean_grad", state.statistics.mean_gradients());
 
-    let gradients = numbers(branch.statistics.mean_gradients());
-    let axes = numbers(branch.gaussians.log_scales.val().max_dim(1).exp());
+    let gradients = numbers(state.statistics.mean_gradients());
+    let axes = numbers(gaussians.log_scales.val().max_dim(1).exp());
     let clone_size = CLONE_BELOW * archive.number("in.ext")?;
     let plan = DensifyPlan::new(&gradients, &axes, archive.number("in.tau")?, clone_size);
     let chosen = |rows: &[usize]| (0..count).map(|row| rows.contains(&row)).collect::<Vec<_>>();
@@ -156,12 +161,12 @@ fn check_densify(checks: &mut Checklist, archive: &Archive, device: &Device, nam
         .take(2 * plan.split.len())
         .map(DVec3::from_slice)
         .collect();
-    let sources = branch.grow(&plan, &normals)?;
-    checks.same("sources", &[Some(plan.sources())], &[sources.map(|growth| growth.sources)]);
+    let map = lent(&mut gaussians, &mut state).grow(&plan, &normals)?;
+    checks.same("sources", &[Some(plan.sources())], &[map.map(|map| map.sources().to_vec())]);
     let mut compare = Comparison { checks, archive, prefix: format!("{out}.densified") };
-    compare.branch(&branch);
+    compare.branch(&gaussians, &state);
     if name == "fg" {
-        compare.rows("buf", branch.statistics.foreground.clone());
+        compare.rows("buf", state.statistics.foreground.clone());
     }
     Ok(())
 }
@@ -174,16 +179,17 @@ fn check_prune(checks: &mut Checklist, archive: &Archive, device: &Device, name:
         if !archive.has(&removed) {
             continue;
         }
-        let mut branch = branch(archive, device)?;
-        let count = branch.gaussians.count();
+        let (mut gaussians, mut state) = branch(archive, device)?;
+        let count = gaussians.count();
         let rule = PruneRule { min_opacity: MIN_OPACITY, min_foreground, max_radius: None, max_scale: None };
-        let kept = branch.prune(&rule)?.unwrap_or_else(|| (0..count).collect());
+        let map = lent(&mut gaussians, &mut state).prune(&rule)?;
+        let kept = map.map_or_else(|| (0..count).collect(), |map| map.sources().to_vec());
         let found: Vec<bool> = (0..count).map(|row| !kept.contains(&row)).collect();
         checks.same(&removed, &archive.flags(&removed)?, &found);
         let mut compare = Comparison { checks, archive, prefix };
-        compare.branch(&branch);
+        compare.branch(&gaussians, &state);
         if (name, variant) == ("fg", "plain") {
-            compare.rows("buf", branch.statistics.foreground.clone());
+            compare.rows("buf", state.statistics.foreground.clone());
         }
     }
     Ok(())
@@ -193,20 +199,20 @@ fn check_reset(checks: &mut Checklist, archive: &Archive, device: &Device, name:
     let order = archive.counts("in.reset_order")?;
     let share = if name == "fg" { 0.5 } else { 0.7 };
     for (variant, share) in [("reset", share), ("reset_full", 1.0)] {
-        let mut branch = branch(archive, device)?;
+        let (mut gaussians, mut state) = branch(archive, device)?;
         let plan = ResetPlan::from_order(&order, share);
-        branch.reset_opacity(&plan, OpacityReset::Quirk)?;
+        lent(&mut gaussians, &mut state).reset_opacity(&plan, OpacityReset::Quirk)?;
         let prefix = format!("out.{name}.{variant}");
         if variant == "reset" {
             let selected = format!("{prefix}.selected");
             checks.same(&selected, &archive.flags(&selected)?, &plan.selected);
-            let moments = &branch.optimiser.moments[&Attribute::OpacityLogits];
+            let moments = &state.optimiser.moments[&Attribute::OpacityLogits];
             for (part, moment) in [("adam_m_absmax", &moments.first), ("adam_v_absmax", &moments.second)] {
                 let key = format!("{prefix}.{part}");
                 checks.close_number(&key, archive.number(&key)?, Array::of(moment.clone()).largest(), TOLERANCE);
             }
         }
-        let logits = branch.gaussians.opacity_logits.val().inner();
+        let logits = gaussians.opacity_logits.val().inner();
         let mut compare = Comparison { checks, archive, prefix };
         compare.rows("opacity_raw", logits.clone());
         compare.rows("opacity_act", burn::tensor::activation::sigmoid(logits));

@@ -3,7 +3,7 @@
 use anyhow::Result;
 use burn::module::Param;
 use burn::tensor::{DType, Device, Gradients, Tensor};
-use mvfusion_model::network::HexPlane;
+use mvfusion_model::model::network::HexPlane;
 use mvfusion_render::grid::regulariser::{GridPenalties, penalties};
 use mvfusion_render::grid::{GridBounds, GridLayout, PlaneLayout};
 use mvfusion_tests::{Array, Checklist, Tolerance, gradient, tensor};

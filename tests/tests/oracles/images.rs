@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use burn::tensor::Device;
-use mvfusion_model::loss::terms::{edge_variation, entropy};
+use mvfusion_model::train::loss::terms::{edge_variation, entropy};
 use mvfusion_render::window::{Window, ssim_map, structure_map};
 use mvfusion_tests::{Array, Checklist, Tolerance, gradient};
 

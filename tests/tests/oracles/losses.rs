@@ -2,16 +2,17 @@
 
 use anyhow::{Result, bail, ensure};
 use burn::tensor::{Device, Tensor};
-use mvfusion_model::composition::{Blending, Composition, Layers};
 use mvfusion_model::config::LossConfig;
-use mvfusion_model::loss::terms::{
+use mvfusion_model::model::composition::{Blending, BranchRenders, Composition};
+use mvfusion_model::train::loss::terms::{
     above, behind, dssim, edge_variation, entropy, l1, large, likeness, masked_dssim, spiky,
 };
-use mvfusion_model::loss::{LossContext, LossSchedule, Pictures, Windows, light_loss, main_loss};
+use mvfusion_model::train::loss::{LossContext, LossSchedule, Pictures, Windows, light_loss, main_loss};
 use mvfusion_render::window::{ssim_map, structure_map};
 use mvfusion_tests::{Array, Checklist, Tolerance, gradient, numbers};
 
 use crate::archive::Archive;
+use crate::composition::mask_pictures;
 
 /// Of maps; from the README of the oracle.
 const MAPS: Tolerance = Tolerance::absolute(1e-5);
@@ -49,7 +50,9 @@ enum Stage {
 
 /// The leaves of one graph, and what they are composed to.
 struct Inputs {
-    layers: Layers,
+    layers: BranchRenders,
+    /// Its mask in the order of the files.
+    mask: Tensor<4>,
     dynamic_depth: Tensor<4>,
     static_depth: Tensor<4>,
     log_scales: [Tensor<2>; 2],
@@ -61,7 +64,8 @@ impl Inputs {
     fn read(archive: &Archive, device: &Device, stage: Stage) -> Result<Self> {
         let leaf = |name: &str| archive.tensor::<4>(&format!("in.{name}"), device).map(|t| t.require_grad());
         let rows = |name: &str| archive.tensor::<2>(&format!("in.{name}"), device).map(|t| t.require_grad());
-        let layers = Layers { dynamic: leaf("I_f")?, static_: leaf("I_b")?, mask: leaf("M")? };
+        let mask = leaf("M")?;
+        let layers = BranchRenders { dynamic: leaf("I_f")?, static_: leaf("I_b")?, mask: mask_pictures(mask.clone()) };
         // Ours clamps the mask of the first stage; the oracle, as the original, does not.
         let blending = match stage {
             Stage::Geometry => Blending::GeometryUnclamped,
@@ -70,6 +74,7 @@ impl Inputs {
         Ok(Self {
             blend: layers.clone().compose(blending),
             layers,
+            mask,
             dynamic_depth: leaf("D_f")?,
             static_depth: leaf("D_b")?,
             log_scales: [rows("scaling_f")?, rows("scaling_b")?],
@@ -95,7 +100,7 @@ impl Inputs {
         let found = [
             gradient(&self.layers.dynamic, &gradients),
             gradient(&self.layers.static_, &gradients),
-            gradient(&self.layers.mask, &gradients),
+            gradient(&self.mask, &gradients),
             gradient(&self.dynamic_depth, &gradients),
             gradient(&self.static_depth, &gradients),
             gradient(&self.log_scales[0], &gradients),

@@ -10,9 +10,9 @@ use burn::tensor::{Device, Tensor};
 use image::RgbImage;
 use libtest_mimic::Trial;
 use mvfusion_model::evaluation::{
-    Backbone, InputRange, Judge, LayerScores, Lpips, Pair, Protocol, decibels, squared_errors,
+    Backbone, Evaluator, InputRange, LayerScores, Lpips, Pair, Protocol, decibels, squared_errors,
 };
-use mvfusion_model::loss::terms::l1;
+use mvfusion_model::train::loss::terms::l1;
 use mvfusion_model::train::picture_tensor;
 use mvfusion_render::window::{Window, ssim_map};
 use mvfusion_tests::{Array, Backend, Checklist, Tolerance, gradient, numbers};
@@ -178,7 +178,7 @@ impl<'a> Entry<'a> {
 const LPIPS_FIGURES: [&str; 5] =
     ["lpips_alex", "lpips_alex_layers", "lpips_vgg", "lpips_vgg_layers", "lpips_vgg_with_f16_weights"];
 
-/// What needs no weights. The judge's figures are those of the pictures as they are, since these are 8-bit already.
+/// What needs no weights. The evaluator's figures are those of the pictures as they are, since these are 8-bit already.
 fn check_figures(folder: &Path, pair: &str, figures: &Value, device: &Device) -> Result<()> {
     let [a, b] = pictures(folder, pair)?;
     let mut entry = Entry::new(figures)?;
@@ -193,9 +193,9 @@ fn check_figures(folder: &Path, pair: &str, figures: &Value, device: &Device) ->
     let squared_error = squared_errors(exact.clone(), reference.clone())?.mean();
     entry.compare(&mut checks, "mse", Some(squared_error), MEANS);
     entry.compare(&mut checks, "l1", Some(numbers(l1(exact.clone(), reference))[0]), MEANS);
-    let verdict = Judge::without_lpips(Protocol::Mvfusion).judge(&Pair::new(a, exact, b), None, None)?;
-    let LayerScores { psnr, psnr_exact, ssim, ssim_valid, ms_ssim, d_ssim, .. } = verdict.whole;
-    checks.same("unknown figures", &[verdict.whole.lpips_alex, verdict.whole.lpips_vgg], &[None, None]);
+    let metrics = Evaluator::without_lpips(Protocol::Mvfusion).metrics(&Pair::new(a, exact, b), None, None)?;
+    let LayerScores { psnr, psnr_exact, ssim, ssim_valid, ms_ssim, d_ssim, .. } = metrics.whole;
+    checks.same("unknown figures", &[metrics.whole.lpips_alex, metrics.whole.lpips_vgg], &[None, None]);
     for found in [psnr, psnr_exact, decibels(squared_error)] {
         entry.compare(&mut checks, "psnr", found, PSNR);
     }

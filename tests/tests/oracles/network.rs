@@ -4,12 +4,15 @@ use anyhow::{Context, Result};
 use burn::module::Param;
 use burn::nn::Linear;
 use burn::tensor::{DType, Device, Gradients, Tensor};
-use mvfusion_model::gaussians::{Attribute, Gaussians};
-use mvfusion_model::network::{AttributeHeads, DeformationNetwork, MaskHeads, Mlp, Offsets};
+use mvfusion_model::model::gaussians::{Attribute, Gaussians};
+use mvfusion_model::model::mask::MaskChannel;
+use mvfusion_model::model::network::{AttributeHeads, DeformationNetwork, MaskHeads, Mlp, Offsets};
 use mvfusion_tests::{Array, Checklist, Tolerance, gradient, tensor};
 
 use crate::archive::Archive;
+use crate::composition::mask_pictures;
 use crate::hexplane::{compare_planes, field};
+use crate::variants::direct_in_file_order;
 
 /// From the README of the oracle.
 const TOLERANCE: Tolerance = Tolerance::of_largest(5e-5).plus(1e-6);
@@ -109,7 +112,11 @@ pub fn compare_layers(
     tolerance: Tolerance,
 ) {
     for (name, layer) in layers {
-        for (part, found) in ["weight", "bias"].into_iter().zip(layer_gradients(layer, gradients)) {
+        let [mut weight, bias] = layer_gradients(layer, gradients);
+        if let Some(gradient) = layer.weight.val().grad(gradients).filter(|_| name == "direct.l1") {
+            weight = Array::of(direct_in_file_order(gradient).transpose());
+        }
+        for (part, found) in [("weight", weight), ("bias", bias)] {
             let name = format!("{prefix}{name}.{part}");
             if let Some(expected) = archive.find(&name) {
                 checks.close(&name, expected, &found, tolerance);
@@ -124,7 +131,8 @@ pub fn in_file_order(offsets: Offsets) -> Tensor<2> {
     let mut columns = vec![offsets.means, offsets.log_scales, offsets.quaternions];
     columns.extend(offsets.opacity_logits.into_iter().chain(offsets.sh));
     if let Some(masks) = offsets.mask_logits {
-        columns.extend([2, 1, 0].map(|column| masks.clone().narrow(1, column, 1)));
+        let order = [MaskChannel::Dynamic, MaskChannel::Brightness, MaskChannel::Static];
+        columns.extend(order.map(|channel| channel.of(&masks)));
     }
     Tensor::cat(columns, 1)
 }
@@ -178,8 +186,8 @@ pub fn check(archive: &Archive, device: &Device) -> Result<()> {
         compare(name, Array::of(offsets));
     }
     if let Some(masks) = &offsets.mask_logits {
-        for (column, name) in ["static", "bright", "dynamic"].into_iter().enumerate() {
-            compare(&format!("out.head.mask_{name}"), Array::of(masks.clone().narrow(1, column, 1)));
+        for (channel, name) in MaskChannel::ALL.into_iter().zip(["static", "bright", "dynamic"]) {
+            compare(&format!("out.head.mask_{name}"), Array::of(channel.of(masks)));
         }
     }
 
@@ -189,7 +197,7 @@ pub fn check(archive: &Archive, device: &Device) -> Result<()> {
     compare("out.rotation", Array::of(deformed.quaternions.clone()));
     compare("out.opacity", Array::of(deformed.opacity_logits.clone()));
     if let Some(features) = deformed.mask_features() {
-        compare("out.act.mask_colour", Array::of(features));
+        compare("out.act.mask_colour", Array::of(mask_pictures(features)));
     }
     if let Some(probability) = deformed.foreground_probability() {
         compare("out.act.fg_prob", Array::of(probability));

@@ -7,7 +7,7 @@ use burn::tensor::{DType, Device, Gradients, Tensor};
 use glam::{DMat3, DVec3};
 use libtest_mimic::Trial;
 use mvfusion_data::Camera;
-use mvfusion_model::network::Mlp;
+use mvfusion_model::model::network::Mlp;
 use mvfusion_render::splat::{SplatInputs, SplatRules, SplatSettings, splat};
 use mvfusion_render::window::{Window, ssim_map};
 use mvfusion_tests::{Array, Backend, Checklist, Tolerance, gradient, tensor};

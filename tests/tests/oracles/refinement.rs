@@ -5,10 +5,10 @@ use burn::module::Param;
 use burn::nn::Linear;
 use burn::tensor::{DType, Device, Gradients, Tensor};
 use mvfusion_model::config::MotionConfig;
-use mvfusion_model::motion::{
+use mvfusion_model::model::motion::{
     Guidance, MotionCache, MotionEncoder, MotionRefinement, RefinementConfig, TemporalModule, Tokens,
 };
-use mvfusion_model::network::{DeformationNetwork, Mlp, zero_last_layer};
+use mvfusion_model::model::network::{DeformationNetwork, Mlp, zero_last_layer};
 use mvfusion_model::timeline::Timeline;
 use mvfusion_tests::{Array, Checklist, Tolerance, gradient, numbers, tensor};
 
@@ -63,6 +63,7 @@ impl Setting {
                 local: archive.tensor("in.e_norm", plain)?,
                 intensity,
                 knot_times: archive.array("in.knot_times")?.values.clone(),
+                inherits: true,
             },
             timeline: Timeline::new(archive.array("in.train_times")?.values.clone()),
             motion,

@@ -3,8 +3,8 @@
 use anyhow::Result;
 use burn::tensor::Device;
 use mvfusion_model::config::{Decay, OptimConfig};
-use mvfusion_model::gaussians::Attribute;
-use mvfusion_model::optim::Rates;
+use mvfusion_model::model::gaussians::Attribute;
+use mvfusion_model::train::optim::Rates;
 use mvfusion_tests::{Array, Checklist, Tolerance};
 
 use crate::archive::Archive;

@@ -3,10 +3,10 @@
 use anyhow::Result;
 use burn::tensor::{DType, Device, Tensor};
 use mvfusion_model::config::{FusionWeights, MotionConfig};
-use mvfusion_model::motion::{
+use mvfusion_model::model::motion::{
     MotionCache, MovingNormaliser, Normalisers, SIGNATURE_WIDTH, Trajectories, TrajectoryStatistics,
 };
-use mvfusion_model::network::DeformationNetwork;
+use mvfusion_model::model::network::DeformationNetwork;
 use mvfusion_model::timeline::{Timeline, spread, strided};
 use mvfusion_tests::{Array, Checklist, Tolerance, tensor};
 

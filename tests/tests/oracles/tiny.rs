@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result, bail};
 use clap::Parser;
 use mvfusion_cli::args::Command;
-use mvfusion_cli::progress::Talk;
+use mvfusion_cli::progress::Verbosity;
 use mvfusion_cli::{Cli, command};
 
 /// Settings of a run that passes through all stages in seconds.
@@ -32,9 +32,9 @@ pub fn train(run: &Path, more: &[&str]) -> Result<String> {
 pub fn mvfusion(arguments: &[&str]) -> Result<String> {
     let mut said = Vec::new();
     match Cli::try_parse_from(["mvfusion"].iter().chain(arguments))?.command {
-        Command::Train(args) => command::train(&args, Talk::Silent, &mut said)?,
-        Command::Render(args) => command::render(&args, Talk::Silent, &mut said)?,
-        Command::Export(args) => command::export(&args, Talk::Silent, &mut said)?,
+        Command::Train(args) => command::train(&args, Verbosity::Silent, &mut said)?,
+        Command::Render(args) => command::render(&args, Verbosity::Silent, &mut said)?,
+        Command::Export(args) => command::export(&args, Verbosity::Silent, &mut said)?,
         other => bail!("no test runs {other:?}"),
     }
     Ok(String::from_utf8(said)?)

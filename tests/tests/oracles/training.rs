@@ -9,7 +9,8 @@ use libtest_mimic::{Completion, Trial};
 use mvfusion_data::builtin::builtin;
 use mvfusion_data::{BuiltinOptions, Scene};
 use mvfusion_model::config::{
-    Branches, Config, DensifyConfig, GridConfig, InitConfig, ModelConfig, MotionConfig, StageConfig, TrainConfig,
+    Branches, Config, DensifyConfig, GridConfig, InitConfig, Interval, ModelConfig, MotionConfig, StageConfig, Steps,
+    TrainConfig,
 };
 use mvfusion_model::train::Trainer;
 use mvfusion_tests::{Backend, Checklist, Tolerance, backends, numbers};
@@ -89,7 +90,7 @@ fn config(branches: Branches, stages: StageConfig) -> Config {
             ..ModelConfig::default()
         },
         motion: MotionConfig {
-            interval: 5,
+            interval: Interval(5),
             samples: 6,
             knot_stride: 2,
             window: 1,
@@ -100,9 +101,9 @@ fn config(branches: Branches, stages: StageConfig) -> Config {
         },
         train: TrainConfig { stages, ..TrainConfig::default() },
         densify: DensifyConfig {
-            from: 1_000_000,
-            prune_from: 1_000_000,
-            reset_interval: 1_000_000,
+            from: Steps(1_000_000),
+            prune_from: Steps(1_000_000),
+            reset_interval: Interval(1_000_000),
             ..DensifyConfig::default()
         },
         ..Config::default()
@@ -111,7 +112,7 @@ fn config(branches: Branches, stages: StageConfig) -> Config {
 
 /// The losses of twenty steps through all stages.
 fn losses(device: &Device) -> Result<Vec<f64>> {
-    let stages = StageConfig { geometry: 6, deformation: 6, refinement: 8, ..StageConfig::default() };
+    let stages = StageConfig::of([6, 6, 8]);
     let mut trainer = Trainer::new(config(Branches::Both, stages), &scene(), device)?;
     let mut losses = Vec::new();
     while let Some(loss) = trainer.step()? {
@@ -142,8 +143,7 @@ fn held(device: &Device) -> Result<[i64; 2]> {
 }
 
 fn memory_stays(device: &Device) -> Result<()> {
-    let [geometry, deformation, refinement] = LONG.map(|[steps, _]| steps);
-    let stages = StageConfig { geometry, deformation, refinement, ..StageConfig::default() };
+    let stages = StageConfig::of(LONG.map(|[steps, _]| steps));
     // One branch takes a third of the launches of two: on a driver that computes on the CPU they are what a step costs.
     let config = config(Branches::Dynamic, stages);
     let config = Config { init: InitConfig { dynamic_points: 500, dynamic_from_cloud: 0, ..config.init }, ..config };

@@ -3,12 +3,13 @@
 use anyhow::Result;
 use burn::module::Param;
 use burn::nn::Linear;
-use burn::tensor::{DType, Device, Gradients};
+use burn::tensor::{DType, Device, Gradients, Tensor};
 use mvfusion_model::config::{Descriptor, MotionConfig, Refinement, Temporal, TokenMode};
-use mvfusion_model::motion::{
+use mvfusion_model::model::motion::{
     DirectEncoder, Guidance, MotionEncoder, MotionRefinement, TemporalAttention, TemporalAverage, TemporalConvolution,
     TemporalModule,
 };
+use mvfusion_model::model::network::Mlp;
 use mvfusion_tests::{Array, Checklist, Tolerance, tensor};
 
 use crate::archive::Archive;
@@ -37,7 +38,7 @@ pub fn refinement(archive: &Archive, config: &MotionConfig, device: &Device) -> 
     let layer = |name: &str| linear(archive, name, device);
     let guidance = || -> Result<Guidance> {
         Ok(match config.descriptor {
-            Descriptor::Offsets => Guidance::Direct(DirectEncoder { mlp: chain("direct")? }),
+            Descriptor::Offsets => Guidance::Direct(DirectEncoder { mlp: direct(chain("direct")?) }),
             _ => Guidance::Encoder(MotionEncoder::from_layers(chain("mvg")?, config.octaves)),
         })
     };
@@ -59,6 +60,26 @@ pub fn refinement(archive: &Archive, config: &MotionConfig, device: &Device) -> 
         guidance: config.mvg.then(guidance).transpose()?,
         temporal: config.mfta.then(temporal).transpose()?,
     })
+}
+
+/// The perceptron that reads offsets, whose first weight has a row for each. Those of the masks are the last three rows:
+/// dynamic, brightness, static in the files, in the order of `MaskChannel` here.
+fn direct(mut chain: Mlp) -> Mlp {
+    let first = &mut chain.layers[0].weight;
+    *first = Param::from_tensor(Tensor::from_inner(with_last_rows(first.val().inner(), [2, 1, 0])));
+    chain
+}
+
+/// A gradient of that weight, `[inputs, outputs]`, as the files have it.
+pub fn direct_in_file_order(gradient: Tensor<2>) -> Tensor<2> {
+    with_last_rows(gradient, [2, 1, 0])
+}
+
+/// The last three rows in another order.
+fn with_last_rows(rows: Tensor<2>, order: [usize; 3]) -> Tensor<2> {
+    let first = rows.dims()[0] - order.len();
+    let last = order.map(|row| rows.clone().narrow(0, first + row, 1));
+    Tensor::cat([vec![rows.narrow(0, 0, first)], last.to_vec()].concat(), 0)
 }
 
 /// Every layer under its name in the files, but for the convolution, whose weight has three axes there.

@@ -5,7 +5,7 @@ use burn::tensor::{DType, Tensor, TensorData};
 use clap::Args;
 use mvfusion_model::Device;
 use mvfusion_model::config::GridConfig;
-use mvfusion_model::network::{DeformationConfig, DeformationNetwork, HeadChoice, LayerInit};
+use mvfusion_model::model::network::{DeformationConfig, DeformationNetwork, HeadChoice, ModuleInit};
 use mvfusion_model::random::Stream;
 use mvfusion_render::grid::GridBounds;
 
@@ -53,7 +53,7 @@ pub fn measure(
 
 fn network(device: &Device) -> DeformationNetwork {
     let mut stream = Stream::new(1, 0);
-    let mut init = LayerInit { device, dtype: DType::F32, stream: &mut stream };
+    let mut init = ModuleInit { device, dtype: DType::F32, stream: &mut stream };
     let config = DeformationConfig {
         layout: GridConfig::default().layout(),
         bounds: GridBounds { max: [1.0; 3], min: [-1.0; 3] },

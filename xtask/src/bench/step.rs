@@ -4,7 +4,7 @@ use anyhow::{Context, Result};
 use clap::Args;
 use mvfusion_data::builtin::builtin;
 use mvfusion_data::{BuiltinOptions, Scene};
-use mvfusion_model::config::{Config, DensifyConfig, InitConfig, StageConfig, TrainConfig};
+use mvfusion_model::config::{Config, DensifyConfig, InitConfig, Interval, StageConfig, Steps, TrainConfig};
 use mvfusion_model::train::Trainer;
 
 use super::scene::SceneSize;
@@ -72,12 +72,13 @@ fn config(dynamic: usize, still: usize) -> Config {
             static_points: still,
             ..InitConfig::default()
         },
-        train: TrainConfig {
-            batch_size: BATCH,
-            stages: StageConfig { geometry: 0, deformation: 0, refinement: NEVER, ..StageConfig::default() },
-            ..TrainConfig::default()
+        train: TrainConfig { batch_size: BATCH, stages: StageConfig::of([0, 0, NEVER]), ..TrainConfig::default() },
+        densify: DensifyConfig {
+            from: Steps(NEVER),
+            prune_from: Steps(NEVER),
+            reset_interval: Interval(NEVER),
+            ..DensifyConfig::default()
         },
-        densify: DensifyConfig { from: NEVER, prune_from: NEVER, reset_interval: NEVER, ..DensifyConfig::default() },
         ..Config::default()
     }
 }

@@ -104,7 +104,7 @@ impl<'a> Chart<'a> {
                     }
                 }
                 @if is_empty {
-                    p.lack { "Nothing was recorded." }
+                    p.missing { "Nothing was recorded." }
                 } @else {
                     (self.drawing())
                 }

@@ -2,7 +2,7 @@
 
 use image::{GrayImage, Luma, Rgb, RgbImage};
 use mvfusion_model::evaluation::{
-    Judge, LayerScores, Pair, Protocol, Regions, Scores, SmallMoversRecall, TemporalScores, Verdict,
+    Evaluator, LayerScores, Pair, Protocol, Regions, Scores, SmallMoversRecall, TemporalScores, ViewMetrics,
 };
 use mvfusion_model::train::picture_tensor;
 
@@ -14,8 +14,8 @@ use crate::sweep::folder::figures;
 /// Large enough for MS-SSIM, which needs more than 160 pixels.
 const SIDE: u32 = 176;
 
-/// What a judge without networks says of two pictures that differ everywhere, and of their halves.
-fn verdict() -> Verdict {
+/// What an evaluator without networks says of two pictures that differ everywhere, and of their halves.
+fn view_metrics() -> ViewMetrics {
     let device = device::open("cpu").expect("there is one").device;
     let picture = |shift: u32| {
         RgbImage::from_fn(SIDE, SIDE, |x, y| Rgb([x * 7 + y * 3 + shift, x + y * 5 + shift, x * y + shift].map(byte)))
@@ -27,7 +27,7 @@ fn verdict() -> Verdict {
     let exact = picture_tensor(&shown, &device);
     let pair = Pair::new(shown, exact, picture(0));
     let regions = Regions { dynamic: half(true), still: half(false), movers: Some(half(true)) };
-    Judge::without_lpips(Protocol::Mvfusion).judge(&pair, None, Some(&regions)).expect("judged")
+    Evaluator::without_lpips(Protocol::Mvfusion).metrics(&pair, None, Some(&regions)).expect("judged")
 }
 
 fn byte(number: u32) -> u8 {
@@ -42,7 +42,7 @@ fn with_lpips(scores: LayerScores) -> LayerScores {
 
 #[test]
 fn the_names_that_are_known_are_those_of_a_run_that_has_everything() {
-    let Verdict { whole, dynamic, still, movers, .. } = verdict();
+    let ViewMetrics { whole, dynamic, still, movers, .. } = view_metrics();
     let temporal = TemporalScores {
         t_lpips_alex: Some(0.5),
         t_lpips_vgg: Some(0.5),

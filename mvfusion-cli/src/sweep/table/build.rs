@@ -3,7 +3,7 @@
 use mvfusion_model::evaluation::Better;
 use toml::Value;
 
-use super::metric::Metric;
+use super::metric::TableMetric;
 use super::{CellCounts, Column, Entry, Method, Outcome, Row, SeedMean, Spread, State, Table, paper, regions};
 use crate::sweep::index::{Cell, Index};
 
@@ -103,7 +103,7 @@ fn columns(index: &Index) -> Vec<Column> {
                 group: group.title.clone(),
                 group_index,
                 scenes: scenes.clone(),
-                metric: Metric::of(name),
+                metric: TableMetric::of(name),
                 paper_decimals: None,
             })
         })
@@ -210,13 +210,13 @@ fn spread(values: &[f64]) -> Option<Spread> {
 }
 
 /// As many decimals as the paper needs in a column, but no more than ours have: 0.943 is not shown as 0.9430.
-fn paper_decimals(rows: &[Row], place: usize, metric: &Metric) -> Option<usize> {
+fn paper_decimals(rows: &[Row], place: usize, metric: &TableMetric) -> Option<usize> {
     let decimals = |value: f64| value.to_string().split_once('.').map_or(0, |(_, decimals)| decimals.len());
     rows.iter().filter_map(|row| row.entries[place].paper).map(|value| decimals(value).min(metric.decimals)).max()
 }
 
 /// Marks the best entries of a column, if there is more than one to choose from. What looks the same is as good.
-fn mark_best(rows: &mut [Row], place: usize, metric: &Metric) {
+fn mark_best(rows: &mut [Row], place: usize, metric: &TableMetric) {
     let means = || rows.iter().filter_map(|row| row.entries[place].spread.map(|spread| spread.mean));
     let best = match metric.better {
         Some(Better::Higher) => means().max_by(f64::total_cmp),

@@ -1,10 +1,10 @@
 //! What the columns of a table are: labels, units, digits, and which way a figure is better.
 
-use mvfusion_model::evaluation::{Backbone, Better, Figure};
+use mvfusion_model::evaluation::{Backbone, Better, Metric};
 
 /// A figure by its name, and how it is written.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Metric {
+pub struct TableMetric {
     /// Its name, as in results.json: `composed.psnr`.
     pub name: String,
     /// What people call it.
@@ -34,7 +34,7 @@ const fn kind(label: &'static str, unit: Option<&'static str>, decimals: usize, 
 /// Label, unit, digits and direction of the figures that are known by the last part of their names.
 fn known(name: &str) -> Option<Kind> {
     use Better::{Higher, Lower};
-    if let Some(figure) = Figure::ALL.into_iter().find(|figure| figure.name() == name) {
+    if let Some(figure) = Metric::ALL.into_iter().find(|figure| figure.name() == name) {
         return Some(kind(figure.label(), figure.unit(), figure.decimals(), Some(figure.better())));
     }
     Some(match name {
@@ -72,7 +72,7 @@ pub fn lpips_network(name: &str) -> Option<Backbone> {
     Backbone::ALL.into_iter().find(|network| last.contains(&format!("lpips_{}", network.name())))
 }
 
-impl Metric {
+impl TableMetric {
     /// The figure of a name; one that is not known is shown by its name, with four digits.
     pub fn of(name: &str) -> Self {
         let (places, last) = name.rsplit_once('.').unwrap_or(("", name));
@@ -136,9 +136,9 @@ mod tests {
 
     #[test]
     fn every_figure_knows_its_network() {
-        for figure in Figure::ALL {
+        for figure in Metric::ALL {
             let network = match figure {
-                Figure::Lpips(variant) => Some(variant.backbone),
+                Metric::Lpips(variant) => Some(variant.backbone),
                 _ => None,
             };
             assert_eq!(lpips_network(&format!("static.{}", figure.name())), network, "{figure:?}");
@@ -171,7 +171,7 @@ mod tests {
             ("speed.fps_without_mfta", "FPS without MFTA \u{2191}"),
             ("some.new_figure", "some.new_figure"),
         ] {
-            assert_eq!(Metric::of(name).heading(), heading, "{name}");
+            assert_eq!(TableMetric::of(name).heading(), heading, "{name}");
         }
     }
 
@@ -189,14 +189,14 @@ mod tests {
             ("gaussians.static", -1000.0, "-1,000"),
             ("composed.psnr", -0.001, "0.00"),
         ] {
-            assert_eq!(Metric::of(name).shown(value), shown, "{name} {value}");
+            assert_eq!(TableMetric::of(name).shown(value), shown, "{name} {value}");
         }
     }
 
     #[test]
     fn differences_have_signs_unless_they_are_nothing() {
-        let psnr = Metric::of("composed.psnr");
+        let psnr = TableMetric::of("composed.psnr");
         assert_eq!([-3.96, 0.125, -0.004, 0.004].map(|value| psnr.signed(value)), ["-3.96", "+0.12", "0.00", "0.00"]);
-        assert_eq!(Metric::of("gaussians.dynamic").signed(12_000.0), "+12,000");
+        assert_eq!(TableMetric::of("gaussians.dynamic").signed(12_000.0), "+12,000");
     }
 }

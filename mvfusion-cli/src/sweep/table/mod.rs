@@ -26,7 +26,7 @@ use anyhow::Context;
 use mvfusion_model::evaluation::RegionSource;
 use serde::Serialize;
 
-pub use metric::Metric;
+pub use metric::TableMetric;
 pub(super) use metric::lpips_network;
 
 use super::index::{Index, Wanted};
@@ -94,7 +94,7 @@ pub struct Column {
     /// The scenes that are averaged.
     pub scenes: Vec<String>,
     /// The figure.
-    pub metric: Metric,
+    pub metric: TableMetric,
     /// Decimals of the paper's numbers, as it gives them; absent where it has none in this column.
     pub paper_decimals: Option<usize>,
 }

@@ -1,7 +1,7 @@
 //! Which curves a table has: each figure over each swept key whose values are numbers.
 
 use super::build::spoken;
-use super::metric::Metric;
+use super::metric::TableMetric;
 use super::{Column, Method, Row, Spread, Table, paper};
 use crate::sweep::grid::number;
 
@@ -56,7 +56,7 @@ impl Series {
 
 /// The curves of a table, by key and figure; those without a point are left out.
 pub(super) fn of(table: &Table) -> Vec<Plot> {
-    let mut metrics: Vec<&Metric> = Vec::new();
+    let mut metrics: Vec<&TableMetric> = Vec::new();
     for column in &table.columns {
         if !metrics.iter().any(|metric| metric.name == column.metric.name) {
             metrics.push(&column.metric);
@@ -85,7 +85,7 @@ fn is_numeric(table: &Table, axis: usize) -> bool {
     numbers.is_some_and(|numbers| numbers.iter().any(|number| *number != numbers[0]))
 }
 
-fn plot(table: &Table, axis: usize, metric: &Metric) -> Plot {
+fn plot(table: &Table, axis: usize, metric: &TableMetric) -> Plot {
     let key = &table.axes[axis];
     let mut lines: Vec<(Line, Series)> = Vec::new();
     for (place, column) in table.columns.iter().enumerate().filter(|(_, column)| column.metric.name == metric.name) {

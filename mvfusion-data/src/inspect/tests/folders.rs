@@ -51,7 +51,7 @@ fn an_error_of_the_reader_is_parted_into_what_and_remedy() {
     let folder = tempfile::tempdir().expect("folder");
     fs::write(folder.path().join("transforms_train.json"), "{").expect("written");
     let (inspection, _) = inspect(folder.path(), &ReadOptions::default(), Pictures::Headers);
-    assert_eq!(inspection.format, Some(Format::DNerf));
+    assert_eq!(inspection.format, Some(Format::DNERF));
     let problem = refusal(folder.path());
     assert!(problem.what.contains("transforms_train.json"), "{problem:?}");
     assert!(!problem.remedy.is_empty() && problem.remedy.ends_with('.'), "{problem:?}");

@@ -1,4 +1,4 @@
-//! Sound scenes raise no problem; each damage is named.
+//! Sound scenes have no problem, and each damage is named.
 
 mod folders;
 mod pictures;
@@ -11,8 +11,8 @@ use std::sync::{Arc, OnceLock};
 use image::RgbImage;
 
 use super::*;
-use crate::builtin::builtin;
-use crate::{BuiltinKind, BuiltinOptions, Picture, View};
+use crate::builtin::{BuiltinKind, BuiltinOptions, builtin};
+use crate::scene::{Picture, View};
 
 /// A small sound scene, made once for all tests.
 fn sound(kind: BuiltinKind) -> Scene {
@@ -40,14 +40,14 @@ fn video() -> Scene {
     sound(BuiltinKind::Video)
 }
 
-/// The problems of a scene in the format `format`, all of its pictures decoded.
+/// The problems of a scene in the format `format`, with all pictures decoded.
 fn problems_in(scene: &Scene, format: Format) -> Vec<Problem> {
     inspect_scene(scene, &Origin { format: Some(format), ..Default::default() }, Pictures::Decoded).problems
 }
 
 /// The one problem of a scene.
 fn only_problem(scene: &Scene) -> Problem {
-    let mut problems = problems_in(scene, Format::Neu3d);
+    let mut problems = problems_in(scene, Format::NEU3D);
     assert_eq!(problems.len(), 1, "{problems:#?}");
     problems.remove(0)
 }

@@ -1,10 +1,12 @@
+//! Problems with pictures and masks.
+
 use std::fs;
 use std::path::Path;
 
 use image::{GrayImage, Luma, Rgb};
 
 use super::*;
-use crate::Mask;
+use crate::scene::Mask;
 
 const SIZE: (u32, u32) = (96, 72);
 
@@ -28,7 +30,7 @@ fn cut(path: &Path, share: f64) {
 fn whole_files_raise_no_problem() {
     for extension in ["png", "jpg"] {
         let folder = tempfile::tempdir().expect("folder");
-        assert_eq!(problems_in(&on_disk(folder.path(), extension), Format::Neu3d), [], "{extension}");
+        assert_eq!(problems_in(&on_disk(folder.path(), extension), Format::NEU3D), [], "{extension}");
     }
 }
 
@@ -109,7 +111,7 @@ fn masks_that_leave_little_are_told() {
         let mask = GrayImage::from_fn(SIZE.0, SIZE.1, |x, _| Luma([if x < width { 255 } else { 0 }]));
         let picture = in_memory(image::DynamicImage::from(mask).into_rgb8());
         scene.train[3].mask = Some(Mask { picture, inverted: false });
-        problems_in(&scene, Format::Neu3d)
+        problems_in(&scene, Format::NEU3D)
     };
     assert_eq!(masked(90), []);
     let few = masked(24);

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use super::*;
-use crate::Picture;
+use crate::scene::Picture;
 
 #[test]
 fn a_scene_without_held_out_views_is_told() {
@@ -61,7 +61,7 @@ fn implausible_lenses_are_told() {
     let mut scene = video();
     all_mut(&mut scene).for_each(|view| (view.camera.fx, view.camera.fy) = (4000.0, 4000.0));
     let told = |scene: &Scene, what: &str| {
-        problems_in(scene, Format::Colmap).iter().any(|p| p.subject == Subject::Cameras && p.what.contains(what))
+        problems_in(scene, Format::COLMAP).iter().any(|p| p.subject == Subject::Cameras && p.what.contains(what))
     };
     assert!(told(&scene, "field of view of 64 views"));
     let mut scene = video();
@@ -89,7 +89,7 @@ fn cameras_in_one_spot_are_told() {
             let centre = spot + share * (view.camera.centre() - spot);
             view.camera.translation = -(view.camera.rotation * centre);
         }
-        let problems = problems_in(&scene, Format::Colmap);
+        let problems = problems_in(&scene, Format::COLMAP);
         let told = |problem: &Problem| problem.severity == severity && problem.what.contains("stand in one spot");
         assert!(problems.iter().any(told), "{share}: {problems:#?}");
     }
@@ -103,7 +103,7 @@ fn a_scene_far_from_the_origin_is_told() {
         view.camera.translation -= view.camera.rotation * away;
     }
     scene.points = Default::default();
-    let problems = problems_in(&scene, Format::Colmap);
+    let problems = problems_in(&scene, Format::COLMAP);
     assert!(problems.iter().any(|problem| problem.what.contains("single precision")), "{problems:#?}");
 }
 
@@ -146,13 +146,13 @@ fn large_pictures_come_with_the_factor_that_papers_use() {
         problems.into_iter().next().map(|problem| problem.remedy)
     };
     for (format, name, width, downscale, expected) in [
-        (Format::Neu3d, "coffee_martini", 2704, 1.0, Some("2")),
-        (Format::Neu3d, "coffee_martini", 1352, 2.0, None),
-        (Format::OnTheGo, "mountain", 4032, 1.0, Some("8")),
-        (Format::OnTheGo, "mountain", 2016, 2.0, Some("8")),
-        (Format::OnTheGo, "patio", 1920, 1.0, Some("4")),
-        (Format::Colmap, "statue", 4032, 1.0, Some("8")),
-        (Format::Nerfstudio, "garden", 3840, 1.0, Some("3")),
+        (Format::NEU3D, "coffee_martini", 2704, 1.0, Some("2")),
+        (Format::NEU3D, "coffee_martini", 1352, 2.0, None),
+        (Format::ONTHEGO, "mountain", 4032, 1.0, Some("8")),
+        (Format::ONTHEGO, "mountain", 2016, 2.0, Some("8")),
+        (Format::ONTHEGO, "patio", 1920, 1.0, Some("4")),
+        (Format::COLMAP, "statue", 4032, 1.0, Some("8")),
+        (Format::NERFSTUDIO, "garden", 3840, 1.0, Some("3")),
     ] {
         let expected = expected.map(|factor| format!("Add `--set scene.downscale={factor}`."));
         assert_eq!(factor(format, name, width, downscale), expected, "{name}");

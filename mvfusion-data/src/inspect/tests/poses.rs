@@ -1,8 +1,10 @@
+//! Problems with poses.
+
 use glam::{DMat3, DVec3};
 use image::imageops;
 
-use super::super::sight::Warp;
 use super::*;
+use crate::inspect::sight::Warp;
 
 const TURNED: DMat3 = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
 
@@ -24,7 +26,7 @@ fn poses_problem(scene: &Scene, format: Format) -> Problem {
 #[test]
 fn opengl_cameras_are_named() {
     for kind in [BuiltinKind::Video, BuiltinKind::Casual] {
-        let problem = poses_problem(&warped(kind, Warp { axes: TURNED, ..Warp::NONE }), Format::Nerfstudio);
+        let problem = poses_problem(&warped(kind, Warp { axes: TURNED, ..Warp::NONE }), Format::NERFSTUDIO);
         assert!(problem.what.contains("with the y and z axes of the cameras turned"), "{problem:?}");
         assert!(problem.remedy.contains("OpenGL") && problem.remedy.contains("transform_matrix"), "{problem:?}");
     }
@@ -32,17 +34,17 @@ fn opengl_cameras_are_named() {
 
 #[test]
 fn inverted_poses_are_named() {
-    let problem = poses_problem(&warped(BuiltinKind::Casual, Warp { inverted: true, ..Warp::NONE }), Format::Colmap);
+    let problem = poses_problem(&warped(BuiltinKind::Casual, Warp { inverted: true, ..Warp::NONE }), Format::COLMAP);
     assert!(problem.what.contains("with the poses inverted, "), "{problem:?}");
     let both = Warp { axes: TURNED, inverted: true, ..Warp::NONE };
-    let problem = poses_problem(&warped(BuiltinKind::Casual, both), Format::Colmap);
+    let problem = poses_problem(&warped(BuiltinKind::Casual, both), Format::COLMAP);
     assert!(problem.what.contains("y and z turned and then the poses inverted"), "{problem:?}");
 }
 
 #[test]
 fn axes_in_another_order_are_named() {
     let quarter = DMat3::from_cols(DVec3::Y, DVec3::NEG_X, DVec3::Z);
-    let problem = poses_problem(&warped(BuiltinKind::Video, Warp { axes: quarter, ..Warp::NONE }), Format::Neu3d);
+    let problem = poses_problem(&warped(BuiltinKind::Video, Warp { axes: quarter, ..Warp::NONE }), Format::NEU3D);
     assert!(problem.what.contains("the cameras' axes x, y, z taken as y, -x, z"), "{problem:?}");
     assert!(problem.remedy.contains("down, right and backward"), "{problem:?}");
 }
@@ -50,13 +52,13 @@ fn axes_in_another_order_are_named() {
 #[test]
 fn points_that_were_turned_without_the_cameras_are_named() {
     let up = DMat3::from_cols(DVec3::X, DVec3::Z, DVec3::NEG_Y);
-    let problem = poses_problem(&warped(BuiltinKind::Video, Warp { world: up, ..Warp::NONE }), Format::Neu3d);
+    let problem = poses_problem(&warped(BuiltinKind::Video, Warp { world: up, ..Warp::NONE }), Format::NEU3D);
     assert!(problem.what.contains("the points' axes x, y, z taken as x, z, -y"), "{problem:?}");
 }
 
 #[test]
 fn another_unit_is_named() {
-    let problem = poses_problem(&warped(BuiltinKind::Video, Warp { scale: 1000.0, ..Warp::NONE }), Format::Neu3d);
+    let problem = poses_problem(&warped(BuiltinKind::Video, Warp { scale: 1000.0, ..Warp::NONE }), Format::NEU3D);
     assert!(problem.what.contains("positions multiplied by 0.001"), "{problem:?}");
 }
 
@@ -97,10 +99,10 @@ fn photos_that_are_mostly_blocked_raise_no_doubt() {
         }
         view.image = in_memory(photo);
     }
-    assert_eq!(problems_in(&scene, Format::Colmap), []);
+    assert_eq!(problems_in(&scene, Format::COLMAP), []);
 }
 
-/// The scene at the beginning of a street with so many more houses, each as large as it.
+/// The scene at the beginning of a street with more houses of its size.
 fn street(mut scene: Scene, houses: usize) -> Scene {
     let first = scene.points.clone();
     for house in 1..=houses {
@@ -138,7 +140,7 @@ fn points_of_another_scene_are_told() {
 fn colours_that_say_nothing_raise_no_doubt() {
     let mut scene = video();
     scene.points.colours.fill(glam::Vec3::splat(0.5));
-    assert_eq!(problems_in(&scene, Format::Neu3d), []);
+    assert_eq!(problems_in(&scene, Format::NEU3D), []);
     scene.points.colours = video().points.colours;
     scene.points.colours.rotate_left(1234);
     let strewn = Origin { points: PointsOrigin::Strewn, ..Default::default() };
@@ -160,7 +162,7 @@ fn without_points_cameras_that_turn_their_backs_on_each_others_view_are_told() {
             let axes = DMat3::from_cols(forward.cross(DVec3::Z), DVec3::NEG_Z, forward);
             view.camera = crate::Camera::centred(96, 72, 80.0, axes, DVec3::new(3.0 * cos, 3.0 * sin, 0.4));
         }
-        problems_in(&scene, Format::DNerf).into_iter().filter(|problem| problem.subject == Subject::Poses).count()
+        problems_in(&scene, Format::DNERF).into_iter().filter(|problem| problem.subject == Subject::Poses).count()
     };
     assert_eq!((around(1.0), around(-1.0)), (0, 1));
 }

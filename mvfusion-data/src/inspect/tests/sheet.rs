@@ -1,5 +1,7 @@
-use super::super::sight::pixel;
+//! The contact sheet.
+
 use super::*;
+use crate::inspect::sight::pixel;
 
 #[test]
 fn the_sheet_shows_first_middle_and_last_and_a_held_out_view() {

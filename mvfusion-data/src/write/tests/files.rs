@@ -1,4 +1,4 @@
-//! What stands in the files of some layouts, seen without our readers, which might share an error with the writers.
+//! The content of the files of some layouts, checked without our readers. These might share an error with the writers.
 
 use serde_json::Value;
 
@@ -58,7 +58,8 @@ fn multipleview_has_an_image_a_camera_whose_number_is_the_folders() {
         let name = format!("image{camera}.jpg\0");
         assert!(images.windows(name.len()).any(|part| part == name.as_bytes()), "{name}");
     }
-    let rows = crate::poses::read_rows(&folder.path().join("poses_bounds_multipleview.npy")).expect("rows");
+    let rows =
+        crate::readers::shared::poses::read_rows(&folder.path().join("poses_bounds_multipleview.npy")).expect("rows");
     assert_eq!(rows.len(), 8);
     let points = crate::read_points(&folder.path().join("points3D_multipleview.ply")).expect("points");
     assert_same_points(&scene.points, &points);

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// Something that goes wrong with a scene.
+/// A change that makes a scene unsuitable.
 type Damage = fn(&mut Scene);
 
 fn refused(scene: &Scene, layout: Layout) -> String {

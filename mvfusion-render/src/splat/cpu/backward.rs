@@ -4,9 +4,10 @@ use super::blend::TileSource;
 use super::blend_backward::{BlendGradientSource, blend_backward};
 use super::cloud::Cloud;
 use super::lanes::{LANES, Lane, SEGMENTS};
-use super::project_backward::{CloudGradients, RecordIndex, project_backward};
+use super::project_backward::{RecordIndex, project_backward};
 use super::view::View;
 use crate::splat::Statistic;
+use crate::splat::tensors::SplatTensors;
 
 /// What the forward pass saved, as it lies in tensors.
 #[derive(Clone, Copy)]
@@ -23,12 +24,6 @@ pub(crate) struct Saved<'a, T> {
     pub last: &'a [i32],
 }
 
-/// Gradients of all inputs.
-pub(crate) struct Gradients<T> {
-    pub cloud: CloudGradients<T>,
-    pub background: Vec<T>,
-}
-
 /// Pulls the cotangent `[2, channels + 1, height, width]` of the packed picture back to the inputs.
 pub(crate) fn backward<T: Lane>(
     cloud: &Cloud<T>,
@@ -36,7 +31,7 @@ pub(crate) fn backward<T: Lane>(
     saved: Saved<T>,
     v_picture: &[T],
     statistic: Option<Statistic>,
-) -> Gradients<T> {
+) -> SplatTensors<Vec<T>> {
     let records = saved.records.as_chunks().0;
     let source = BlendGradientSource {
         tiles: TileSource { cloud: *cloud, view, records, sorted: saved.sorted, starts: saved.starts },
@@ -47,5 +42,6 @@ pub(crate) fn backward<T: Lane>(
     };
     let blended = blend_backward(&source);
     let index = RecordIndex { spans: saved.spans, slots: saved.slots };
-    Gradients { cloud: project_backward(cloud, view, records, index, &blended.records), background: blended.background }
+    let gradients = project_backward(cloud, view, records, index, &blended.records);
+    SplatTensors { background: blended.background, ..gradients }
 }

@@ -1,6 +1,6 @@
 //! Blending the Gaussians of each tile, front to back.
 
-use mvfusion_kernels::splat::{COLOUR_CHANNELS, MIN_ALPHA, PROJECTED_LEN, Projected, TILE};
+use mvfusion_kernels::splat::{COLOUR_CHANNELS, MIN_ALPHA, PROJECTED_LEN, Projected, TILE, depth_channel};
 use rayon::prelude::*;
 
 use super::cloud::Cloud;
@@ -128,7 +128,7 @@ impl<T: Lane, K: Tally, const C: usize> VectorJob<T> for BlendTile<'_, T, K, C> 
                         last: &mut self.output.last[segment],
                         place: (number * BATCH + k + 1) as i32,
                     };
-                    let weights = pixels.take_up(x, splat.opacity, falloff, self.source.view);
+                    let weights = pixels.composite_forward(x, splat.opacity, falloff, self.source.view);
                     for (channel, &value) in channels.iter_mut().zip(values) {
                         let sum = x.fma(weights, x.splat(value), x.load(&channel[segment]));
                         channel[segment] = x.store(sum);
@@ -137,7 +137,7 @@ impl<T: Lane, K: Tally, const C: usize> VectorJob<T> for BlendTile<'_, T, K, C> 
                 }
             }
         }
-        add_background::<T>(channels, self.output.transmittance, self.source.cloud.background);
+        add_background::<T>(channels, self.output.transmittance, self.source.cloud.values.background);
         self.tally
     }
 }
@@ -153,7 +153,7 @@ struct Pixels<'a, T> {
 impl<T: Lane> Pixels<'_, T> {
     /// Lets the Gaussian in where it is seen, and returns its weights.
     #[inline(always)]
-    fn take_up<X: Vectors<T>>(self, x: X, opacity: T, falloff: X::V, view: &View<T>) -> X::V {
+    fn composite_forward<X: Vectors<T>>(self, x: X, opacity: T, falloff: X::V, view: &View<T>) -> X::V {
         let zero = x.splat(T::zero());
         let alpha = x.min(x.mul(x.splat(opacity), falloff), x.splat(view.alpha_clamp));
         let before = x.load(self.transmittance);
@@ -253,6 +253,7 @@ impl<T: Lane> Stage<T> {
     #[inline(always)]
     pub fn gather<X: Vectors<T>>(&mut self, x: X, source: &TileSource<T>, origin: [usize; 2], ids: &[i32]) {
         let channels = self.values.len() / BATCH;
+        let depth = depth_channel(channels);
         let (origin, half) = (origin.map(|x| T::of(x as f64)), T::of(0.5));
         let rooms = self.splats.iter_mut().zip(self.values.chunks_exact_mut(channels));
         for (&id, (staged, values)) in ids.iter().zip(rooms) {
@@ -266,8 +267,8 @@ impl<T: Lane> Stage<T> {
                 segments: touched_segments(x, &splat, origin),
             };
             values[..COLOUR_CHANNELS].copy_from_slice(&splat.colour);
-            values[COLOUR_CHANNELS..channels - 1].copy_from_slice(source.cloud.features_of(id as usize));
-            values[channels - 1] = splat.depth;
+            values[COLOUR_CHANNELS..depth].copy_from_slice(source.cloud.features_of(id as usize));
+            values[depth] = splat.depth;
         }
     }
 }

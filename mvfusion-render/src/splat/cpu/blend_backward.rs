@@ -4,7 +4,10 @@
 //! What depends on the pixel's place only through `1`, `x`, `y`, `x²`, `xy`, `y²` is summed as these six moments about
 //! the middle of the tile, and turned into gradients of centre and covariance once a record.
 
-use mvfusion_kernels::splat::{MIN_ALPHA, PROJECTED_GRADIENT_LEN, ProjectedGradient, TILE};
+use mvfusion_kernels::splat::{
+    COLOUR_CHANNELS, MIN_ALPHA, PROJECTED_GRADIENT_LEN, ProjectedGradient, TILE, alpha_plane, background_channels,
+    depth_channel, gradient_record, plane_count, plane_of_channel,
+};
 use rayon::prelude::*;
 
 use super::blend::{BATCH, Stage, Staged, TileSource};
@@ -36,7 +39,7 @@ pub(crate) struct BlendGradients<T> {
 /// Gradients of [`super::blend::blend`].
 pub(crate) fn blend_backward<T: Lane>(source: &BlendGradientSource<T>) -> BlendGradients<T> {
     let tiles = &source.tiles;
-    let record_len = PROJECTED_GRADIENT_LEN + tiles.cloud.channels();
+    let record_len = gradient_record::len(tiles.cloud.channels());
     let mut records = vec![T::zero(); tiles.sorted.len() * record_len];
     let mut jobs = Vec::with_capacity(tiles.view.tile_count());
     let mut rest = records.as_mut_slice();
@@ -54,7 +57,7 @@ pub(crate) fn blend_backward<T: Lane>(source: &BlendGradientSource<T>) -> BlendG
             cotangent.background_share(&source.transmittance[tile])
         })
         .collect();
-    let mut background = vec![T::zero(); tiles.cloud.background.len()];
+    let mut background = vec![T::zero(); tiles.cloud.values.background.len()];
     for share in &shares {
         for (sum, &part) in background.iter_mut().zip(share) {
             *sum += part;
@@ -74,12 +77,12 @@ struct TileCotangent<T> {
 impl<T: Lane> TileCotangent<T> {
     fn read(source: &BlendGradientSource<T>, tile: usize) -> Self {
         let channels = source.tiles.cloud.channels();
-        let mut all = vec![[[T::zero(); LANES]; SEGMENTS]; channels + 1];
+        let mut all = vec![[[T::zero(); LANES]; SEGMENTS]; plane_count(channels)];
         source.add_tile(0, tile, &mut all);
         let mut counted = all.clone();
         source.add_tile(1, tile, &mut all);
         if source.statistic == Some(Statistic::ColourAndDepth) {
-            counted[mvfusion_kernels::splat::COLOUR_CHANNELS..channels - 1].fill([[T::zero(); LANES]; SEGMENTS]);
+            counted[COLOUR_CHANNELS..depth_channel(channels)].fill([[T::zero(); LANES]; SEGMENTS]);
         }
         let apart = source.statistic.is_some() && counted != all;
         Self { all, counted: apart.then_some(counted) }
@@ -88,7 +91,7 @@ impl<T: Lane> TileCotangent<T> {
     /// The tile's part of the background's gradient.
     fn background_share(&self, transmittance: &Plane<T>) -> Vec<T> {
         let channels = self.all.len() - 1;
-        self.all[..channels - 1]
+        self.all[..background_channels(channels)]
             .iter()
             .map(|plane| {
                 let mut sums = [T::zero(); LANES];
@@ -132,12 +135,11 @@ impl<T: Lane> BlendGradientSource<'_, T> {
     /// Adds a tile of the cotangents of picture `copy` to planes in the order colour, features, depth, alpha.
     fn add_tile(&self, copy: usize, tile: usize, planes: &mut [Plane<T>]) {
         let view = self.tiles.view;
-        let (width, pixels, count) = (view.width, view.width * view.height, planes.len());
+        let (width, pixels, channels) = (view.width, view.width * view.height, planes.len() - 1);
         let [left, top] = self.tiles.origin(tile);
         for (index, plane) in planes.iter_mut().enumerate() {
-            // The picture has alpha before depth.
-            let channel = if index < count - 2 { index } else { 2 * count - 3 - index };
-            let picture = &self.v_picture[(copy * count + channel) * pixels..][..pixels];
+            let from = if index < channels { plane_of_channel(index, channels) } else { alpha_plane(channels) };
+            let picture = &self.v_picture[(copy * plane_count(channels) + from) * pixels..][..pixels];
             for row in 0..TILE.min(view.height - top) {
                 for half in 0..HALVES {
                     let begin = left + half * LANES;
@@ -176,7 +178,7 @@ impl<T: Lane, const C: usize, const COUNTED: bool> VectorJob<T> for BlendTileBac
         let mut stage = Stage::new(count);
         let zero = x.splat(T::zero());
         let mut room = vec![zero; if C == 0 { count } else { 0 }];
-        let record_len = PROJECTED_GRADIENT_LEN + count;
+        let record_len = gradient_record::len(count);
         for number in (0..used.div_ceil(BATCH)).rev() {
             let begin = number * BATCH;
             let ids = &list[begin..(begin + BATCH).min(used)];
@@ -226,7 +228,7 @@ impl<T: Lane> PixelState<T> {
     #[inline(always)]
     fn new(source: &BlendGradientSource<T>, cotangent: &TileCotangent<T>, tile: usize) -> Self {
         let transmittance = source.transmittance[tile];
-        let background = source.tiles.cloud.background;
+        let background = source.tiles.cloud.values.background;
         let behind = |planes: &[Plane<T>]| {
             // The last plane is alpha's, which is one minus the transmittance.
             let mut sum = planes[planes.len() - 1].map(|lanes| lanes.map(|v| -v));

@@ -1,6 +1,6 @@
 //! The whole forward pass: project, bin, blend, and lay the picture out.
 
-use mvfusion_kernels::splat::TILE;
+use mvfusion_kernels::splat::{TILE, alpha_plane, depth_channel, plane_count};
 use rayon::prelude::*;
 
 use super::blend::{Blended, Tally, TileSource, blend};
@@ -42,12 +42,11 @@ pub(crate) fn forward<T: Lane, K: Tally>(cloud: &Cloud<T>, view: &View<T>) -> Fo
 /// From tiles to the packed picture.
 fn lay_out<T: Lane>(blended: &Blended<T>, channels: usize, view: &View<T>) -> Vec<T> {
     let (width, height, columns) = (view.width, view.height, view.grid()[0]);
-    let mut picture = vec![T::zero(); 2 * (channels + 1) * height * width];
+    let mut picture = vec![T::zero(); 2 * plane_count(channels) * height * width];
     picture.par_chunks_mut(width).enumerate().for_each(|(line, row)| {
-        let (plane, y) = (line / height % (channels + 1), line % height);
-        let is_alpha = plane + 1 == channels;
-        // Alpha stands before depth, which is the last of the blended channels.
-        let channel = if plane == channels { channels - 1 } else { plane };
+        let (plane, y) = (line / height % plane_count(channels), line % height);
+        let is_alpha = plane == alpha_plane(channels);
+        let channel = if plane < alpha_plane(channels) { plane } else { depth_channel(channels) };
         let segment = |index: usize| {
             let (tile, half) = (y / TILE * columns + index / HALVES, index % HALVES);
             let source =

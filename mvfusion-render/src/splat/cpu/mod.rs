@@ -13,5 +13,6 @@ pub(crate) mod lanes;
 pub(crate) mod project;
 pub(crate) mod project_backward;
 pub(crate) mod sh;
+pub(crate) mod tile_rectangle;
 pub(crate) mod tiles;
 pub(crate) mod view;

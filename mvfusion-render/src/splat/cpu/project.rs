@@ -2,14 +2,14 @@
 
 use mvfusion_kernels::splat::{
     MIN_ALPHA, MIN_COMPENSATION, MIN_DETERMINANT, MIN_EIGENVALUE_SPREAD, MIN_QUATERNION_NORM, PROJECTED_LEN, Projected,
-    REACH_SLACK,
+    REACH_SLACK, projected_row,
 };
 use rayon::prelude::*;
 
 use super::cloud::{Cloud, triple};
 use super::lanes::Lane;
 use super::sh;
-use super::tiles::TileRectangle;
+use super::tile_rectangle::TileRectangle;
 use super::view::View;
 use crate::Real;
 use crate::splat::settings::{Antialias, Extent};
@@ -48,7 +48,7 @@ fn project_one<T: Lane>(cloud: &Cloud<T>, view: &View<T>, index: usize) -> Optio
     if radii[0] <= 0 || TileRectangle::of(geometry.centre, radii, view).is_empty() {
         return None;
     }
-    let logit = cloud.opacity_logits[index];
+    let logit = cloud.values.opacity_logits[index];
     let opacity = sigmoid(logit) * geometry.compensation(view.antialias);
     let colour = sh::colour(view.sh_degree, Direction::between(cloud, view, index).unit, cloud.sh_of(index));
     let [_, xy, yy] = geometry.covariance;
@@ -63,14 +63,13 @@ fn project_one<T: Lane>(cloud: &Cloud<T>, view: &View<T>, index: usize) -> Optio
         // Not `max`, which would turn NaN into zero.
         colour: colour.map(|c| if c < T::zero() { T::zero() } else { c }),
     };
+    // The reach is minus infinity where the opacity has underflowed.
+    let underflowed = |place: usize, x: T| place == projected_row::REACH && x < T::zero();
     let harmless = logit.is_finite()
         && cloud.features_of(index).iter().all(|f| f.is_finite())
-        && projected.to_row().iter().enumerate().all(|(i, x)| x.is_finite() || i == REACH_FIELD && *x < T::zero());
+        && projected.to_row().into_iter().enumerate().all(|(place, x)| x.is_finite() || underflowed(place, x));
     harmless.then_some((projected, radii))
 }
-
-/// Place of the reach in a projected row: minus infinity where the opacity has underflowed, which is harmless.
-const REACH_FIELD: usize = 6;
 
 /// The logistic function.
 pub(crate) fn sigmoid<T: Real>(x: T) -> T {
@@ -86,7 +85,7 @@ pub(crate) struct Direction<T> {
 impl<T: Lane> Direction<T> {
     /// From the camera's centre to a Gaussian.
     pub fn between(cloud: &Cloud<T>, view: &View<T>, index: usize) -> Self {
-        let mean = triple(cloud.means, index);
+        let mean = triple(cloud.values.means, index);
         let offset: [T; 3] = std::array::from_fn(|i| mean[i] - view.centre[i]);
         let distance = dot(offset, offset).sqrt();
         Self { unit: offset.map(|x| x / distance), distance }
@@ -123,21 +122,21 @@ pub(crate) struct Geometry<T> {
 impl<T: Lane> Geometry<T> {
     /// The geometry of a Gaussian, or `None` if it lies before the near plane, beyond the far one, or is not finite.
     pub fn of(cloud: &Cloud<T>, view: &View<T>, index: usize) -> Option<Self> {
-        let mean = triple(cloud.means, index);
+        let mean = triple(cloud.values.means, index);
         let point: [T; 3] = std::array::from_fn(|row| dot(view.rotation[row], mean) + view.translation[row]);
         let depth = point[2];
         // Written so that NaN fails.
         if !(depth > view.near && depth < view.far) {
             return None;
         }
-        let raw: [T; 4] = std::array::from_fn(|i| cloud.quaternions[4 * index + i]);
+        let raw: [T; 4] = std::array::from_fn(|i| cloud.values.quaternions[4 * index + i]);
         let quaternion_norm = raw.iter().map(|&q| q * q).sum::<T>().sqrt();
         if !(quaternion_norm > T::of(MIN_QUATERNION_NORM) && quaternion_norm.is_finite()) {
             return None;
         }
         let quaternion = raw.map(|q| q / quaternion_norm);
         let rotation = rotation_matrix(quaternion);
-        let scales = triple(cloud.log_scales, index).map(|s| s.exp());
+        let scales = triple(cloud.values.log_scales, index).map(|s| s.exp());
 
         let slopes = [point[0] / depth, point[1] / depth];
         let tangents: [T; 2] =

@@ -1,7 +1,7 @@
 //! Gradients of projection: from the records of the tiles to the raw parameters.
 
 use mvfusion_kernels::sh::coefficient_count;
-use mvfusion_kernels::splat::{COLOUR_CHANNELS, PROJECTED_GRADIENT_LEN, PROJECTED_LEN, Projected, ProjectedGradient};
+use mvfusion_kernels::splat::{PROJECTED_LEN, Projected, ProjectedGradient, gradient_record};
 use rayon::prelude::*;
 
 use super::cloud::Cloud;
@@ -10,6 +10,7 @@ use super::project::{Direction, GAUSSIANS_PER_JOB, Geometry, dot, sigmoid};
 use super::sh;
 use super::view::View;
 use crate::splat::settings::Antialias;
+use crate::splat::tensors::{SplatSizes, SplatTensors};
 
 /// Gaussians whose records are summed before the first of them is pulled back: their records lie anywhere, and are
 /// fetched faster together.
@@ -22,110 +23,45 @@ pub(crate) struct RecordIndex<'a> {
     pub slots: &'a [i32],
 }
 
-/// Gradients of the raw parameters, shaped as [`Cloud`], and the statistic `[N, 2]` in normalised device coordinates.
-pub(crate) struct CloudGradients<T> {
-    pub means: Vec<T>,
-    pub quaternions: Vec<T>,
-    pub log_scales: Vec<T>,
-    pub opacity_logits: Vec<T>,
-    pub sh: Vec<T>,
-    pub features: Vec<T>,
-    pub statistic: Vec<T>,
-}
-
 /// Sums the records of each Gaussian, in the order of its tiles, and pulls them back through the projection.
+///
+/// The gradient of the probe is the statistic in normalised device coordinates; that of the background, which belongs to
+/// no Gaussian, is left empty.
 pub(crate) fn project_backward<T: Lane>(
     cloud: &Cloud<T>,
     view: &View<T>,
     projected: &[[T; PROJECTED_LEN]],
     index: RecordIndex,
     records: &[T],
-) -> CloudGradients<T> {
+) -> SplatTensors<Vec<T>> {
     let count = cloud.len();
-    let zeros = |columns: usize| vec![T::zero(); count * columns];
-    let mut gradients = CloudGradients {
-        means: zeros(3),
-        quaternions: zeros(4),
-        log_scales: zeros(3),
-        opacity_logits: zeros(1),
-        sh: zeros(3 * cloud.coefficients),
-        features: zeros(cloud.feature_count),
-        statistic: zeros(2),
-    };
+    let mut gradients = cloud.sizes.columns().map(|columns| vec![T::zero(); count * columns]);
     let source = RecordSource { cloud, view, projected, index, records };
-    gradients.jobs().into_par_iter().for_each(|job| source.run(job));
+    jobs(&mut gradients, &cloud.sizes).into_par_iter().for_each(|job| source.run(job));
     gradients
 }
 
 /// The rows of some neighbouring Gaussians in each gradient.
 struct Job<'a, T> {
+    /// The first of the Gaussians.
     first: usize,
-    means: &'a mut [T],
-    quaternions: &'a mut [T],
-    log_scales: &'a mut [T],
-    opacity_logits: &'a mut [T],
-    sh: &'a mut [T],
-    features: &'a mut [T],
-    statistic: &'a mut [T],
+    rows: SplatTensors<&'a mut [T]>,
 }
 
-impl<T> CloudGradients<T> {
-    fn jobs(&mut self) -> Vec<Job<'_, T>> {
-        let count = self.opacity_logits.len();
-        let mut rest = Job {
-            first: 0,
-            means: &mut self.means,
-            quaternions: &mut self.quaternions,
-            log_scales: &mut self.log_scales,
-            opacity_logits: &mut self.opacity_logits,
-            sh: &mut self.sh,
-            features: &mut self.features,
-            statistic: &mut self.statistic,
-        };
-        let mut jobs = Vec::with_capacity(count.div_ceil(GAUSSIANS_PER_JOB));
-        while rest.first < count {
-            let take = GAUSSIANS_PER_JOB.min(count - rest.first);
-            let (job, others) = rest.split(take, count);
-            jobs.push(job);
-            rest = others;
-        }
-        jobs
-    }
-}
-
-impl<'a, T> Job<'a, T> {
-    /// Splits off the first `take` Gaussians of those up to `count`.
-    fn split(self, take: usize, count: usize) -> (Self, Self) {
-        let len = count - self.first;
-        let cut = |slice: &'a mut [T]| {
-            let columns = slice.len() / len;
-            slice.split_at_mut(take * columns)
-        };
-        let (means, quaternions) = (cut(self.means), cut(self.quaternions));
-        let (log_scales, opacity_logits) = (cut(self.log_scales), cut(self.opacity_logits));
-        let (sh, features, statistic) = (cut(self.sh), cut(self.features), cut(self.statistic));
-        let job = Self {
-            first: self.first,
-            means: means.0,
-            quaternions: quaternions.0,
-            log_scales: log_scales.0,
-            opacity_logits: opacity_logits.0,
-            sh: sh.0,
-            features: features.0,
-            statistic: statistic.0,
-        };
-        let others = Self {
-            first: self.first + take,
-            means: means.1,
-            quaternions: quaternions.1,
-            log_scales: log_scales.1,
-            opacity_logits: opacity_logits.1,
-            sh: sh.1,
-            features: features.1,
-            statistic: statistic.1,
-        };
-        (job, others)
-    }
+/// Splits the gradients into jobs of [`GAUSSIANS_PER_JOB`] Gaussians.
+fn jobs<'a, T>(gradients: &'a mut SplatTensors<Vec<T>>, sizes: &SplatSizes) -> Vec<Job<'a, T>> {
+    let (count, columns) = (sizes.count, sizes.columns());
+    let mut rest = gradients.each_mut().map(Vec::as_mut_slice);
+    let job = |first: usize| {
+        let take = GAUSSIANS_PER_JOB.min(count - first);
+        // Proof: each gradient has its columns for every Gaussian.
+        let rows = rest
+            .each_mut()
+            .zip(columns)
+            .map(|(rest, columns)| rest.split_off_mut(..take * columns).expect("the rows are there"));
+        Job { first, rows }
+    };
+    (0..count).step_by(GAUSSIANS_PER_JOB).map(job).collect()
 }
 
 struct RecordSource<'a, T> {
@@ -138,8 +74,8 @@ struct RecordSource<'a, T> {
 
 impl<T: Lane> RecordSource<'_, T> {
     fn run(&self, mut job: Job<T>) {
-        let record_len = PROJECTED_GRADIENT_LEN + self.cloud.channels();
-        let (count, mut sums) = (job.opacity_logits.len(), vec![T::zero(); SUMMED * record_len]);
+        let record_len = gradient_record::len(self.cloud.channels());
+        let (count, mut sums) = (job.rows.opacity_logits.len(), vec![T::zero(); SUMMED * record_len]);
         for begin in (0..count).step_by(SUMMED) {
             let mut seen = [false; SUMMED];
             let group = begin..count.min(begin + SUMMED);
@@ -169,35 +105,37 @@ impl<T: Lane> RecordSource<'_, T> {
 
     /// Writes the gradients of Gaussian `i` of the job.
     fn pull_back(&self, job: &mut Job<T>, i: usize, record: &[T]) {
-        let (cloud, view, index) = (self.cloud, self.view, job.first + i);
+        let (cloud, view, index, rows) = (self.cloud, self.view, job.first + i, &mut job.rows);
         let Some(geometry) = Geometry::of(cloud, view, index) else { return };
-        let (head, channels) = record.split_at(PROJECTED_GRADIENT_LEN);
-        let mut v_head = ProjectedGradient::from_row(&std::array::from_fn(|k| head[k]));
-        let (v_depth, v_features) = (channels[channels.len() - 1], &channels[COLOUR_CHANNELS..channels.len() - 1]);
+        let mut v_head = ProjectedGradient::from_row(&std::array::from_fn(|place| record[place]));
+        let depth = gradient_record::depth(cloud.channels());
 
-        let logit_opacity = sigmoid(cloud.opacity_logits[index]);
+        let logit_opacity = sigmoid(cloud.values.opacity_logits[index]);
         let compensation = geometry.compensation(view.antialias);
-        job.opacity_logits[i] = v_head.opacity * compensation * logit_opacity * (T::one() - logit_opacity);
+        rows.opacity_logits[i] = v_head.opacity * compensation * logit_opacity * (T::one() - logit_opacity);
         if view.antialias == Antialias::Compensated && !geometry.compensation_is_bounded() {
             let v_compensation = v_head.opacity * logit_opacity;
             geometry.add_compensation_gradient(v_compensation, view.dilation, &mut v_head.covariance);
         }
         let shape = geometry.shape_gradient(v_head.covariance);
-        job.quaternions[4 * i..4 * i + 4].copy_from_slice(&shape.quaternion);
-        job.log_scales[3 * i..3 * i + 3].copy_from_slice(&shape.log_scales);
+        rows.quaternions[4 * i..4 * i + 4].copy_from_slice(&shape.quaternion);
+        rows.log_scales[3 * i..3 * i + 3].copy_from_slice(&shape.log_scales);
 
-        let v_point = geometry.point_gradient(view, v_head.centre, v_depth, &shape);
+        let v_point = geometry.point_gradient(view, v_head.centre, record[depth], &shape);
         let colour = Projected::from_row(&self.projected[index]).colour;
-        let v_colour: [T; 3] = std::array::from_fn(|c| if colour[c] > T::zero() { channels[c] } else { T::zero() });
-        let v_offset = self.colour_gradient(index, v_colour, &mut job.sh[3 * cloud.coefficients * i..]);
-        for (axis, v_mean) in job.means[3 * i..3 * i + 3].iter_mut().enumerate() {
+        let v_colour: [T; 3] = std::array::from_fn(|channel| {
+            if colour[channel] > T::zero() { record[gradient_record::RED + channel] } else { T::zero() }
+        });
+        let v_offset = self.colour_gradient(index, v_colour, &mut rows.sh[3 * cloud.sizes.coefficients * i..]);
+        for (axis, v_mean) in rows.means[3 * i..3 * i + 3].iter_mut().enumerate() {
             let column = [0, 1, 2].map(|row| view.rotation[row][axis]);
             *v_mean = dot(column, v_point) + v_offset[axis];
         }
-        job.features[cloud.feature_count * i..cloud.feature_count * (i + 1)].copy_from_slice(v_features);
+        rows.features[cloud.sizes.features * i..cloud.sizes.features * (i + 1)]
+            .copy_from_slice(&record[gradient_record::FEATURES..depth]);
         let half_size = [view.width, view.height].map(|size| T::of(size as f64 / 2.0));
         let [x, y] = v_head.statistic;
-        job.statistic[2 * i..2 * i + 2].copy_from_slice(&[x * half_size[0], y * half_size[1]]);
+        rows.probe[2 * i..2 * i + 2].copy_from_slice(&[x * half_size[0], y * half_size[1]]);
     }
 
     /// Writes the gradient of the coefficients, and returns that of the mean through the direction.

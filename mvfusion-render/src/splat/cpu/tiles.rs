@@ -7,8 +7,8 @@ use rayon::prelude::*;
 
 use super::lanes::{HALVES, LANES, Lane, Vectors, columns};
 use super::project::Projections;
+use super::tile_rectangle::TileRectangle;
 use super::view::View;
-use crate::splat::settings::Extent;
 
 /// Gaussians of a chunk are at least this many, so that the counters of a chunk are worth their memory.
 const MIN_GAUSSIANS_PER_CHUNK: usize = 1024;
@@ -26,41 +26,6 @@ pub(crate) struct Bins {
     pub spans: Vec<i32>,
     /// Places in `sorted`, by Gaussian and inside a Gaussian by tile.
     pub slots: Vec<i32>,
-}
-
-/// A rectangle of tiles, ends exclusive.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct TileRectangle {
-    pub low: [usize; 2],
-    pub high: [usize; 2],
-}
-
-impl TileRectangle {
-    /// The tiles that a Gaussian reaches by the rule of the view.
-    pub fn of<T: Lane>(centre: [T; 2], radii: [i32; 2], view: &View<T>) -> Self {
-        let grid = view.grid();
-        let size = [view.width, view.height];
-        let side = TILE as f64;
-        let (mut low, mut high) = ([0; 2], [0; 2]);
-        for axis in 0..2 {
-            let (middle, radius) = (centre[axis].wide(), f64::from(radii[axis]));
-            let range = match view.extent {
-                // The arithmetic of 3DGS: pixel centres at whole numbers, and truncation.
-                Extent::Square { .. } => [(middle - 0.5 - radius) / side, (middle - 0.5 + radius + side - 1.0) / side],
-                Extent::PerAxis { .. } if middle + radius <= 0.0 || middle - radius >= size[axis] as f64 => [0.0, 0.0],
-                Extent::PerAxis { .. } => [((middle - radius) / side).floor(), ((middle + radius) / side).ceil()],
-            };
-            // A float turns into the nearest `usize`, which cuts off below zero.
-            low[axis] = (range[0] as usize).min(grid[axis]);
-            high[axis] = (range[1] as usize).min(grid[axis]);
-        }
-        Self { low, high }
-    }
-
-    /// Whether there is no tile in it.
-    pub fn is_empty(&self) -> bool {
-        self.low[0] >= self.high[0] || self.low[1] >= self.high[1]
-    }
 }
 
 /// Whether the ellipse on which alpha is just visible touches the box of pixel centres `low..=high`.

@@ -133,11 +133,11 @@ fn wrong_arguments_are_named() {
 fn tensors_beyond_the_buffers_of_a_device_are_refused_by_name() {
     let camera = camera();
     let picture = 4 * 2 * 7 * (camera.width * camera.height) as u64;
-    let few = BufferSizes { count: 10, stored: 1, features: 2 };
-    assert_eq!(few.check(&camera, picture), Ok(()));
-    let refused = few.check(&camera, picture - 1).expect_err("one byte is missing").to_string();
+    let few = SplatSizes { count: 10, coefficients: 1, features: 2 };
+    assert_eq!(check_buffers(few, &camera, picture), Ok(()));
+    let refused = check_buffers(few, &camera, picture - 1).expect_err("one byte is missing").to_string();
     assert!(refused.contains("picture") && refused.contains("`--device cpu`"), "{refused}");
-    let many = BufferSizes { count: 1 << 20, stored: 16, features: 0 };
-    let refused = many.check(&camera, 128 << 20).expect_err("16 M rows do not fit").to_string();
+    let many = SplatSizes { count: 1 << 20, coefficients: 16, features: 0 };
+    let refused = check_buffers(many, &camera, 128 << 20).expect_err("16 M rows do not fit").to_string();
     assert!(refused.contains("spherical harmonics") && refused.contains("201326592"), "{refused}");
 }

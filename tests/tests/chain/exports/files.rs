@@ -77,7 +77,7 @@ fn the_folder_of_3dgs_has_all_that_its_viewers_ask_for() {
     let cloud = parse(&out.join("point_cloud/iteration_32/point_cloud.ply"));
     assert_eq!(cloud.names, standard(24));
     let model = run.model();
-    assert_eq!(cloud.rows.len(), model.branches().map(|(_, branch)| branch.gaussians.count()).sum::<usize>());
+    assert_eq!(cloud.rows.len(), model.branches().map(|(_, branch)| branch.count()).sum::<usize>());
 
     let settings = fs::read_to_string(out.join("cfg_args")).expect("read");
     let inside = settings.strip_prefix("Namespace(").and_then(|text| text.strip_suffix(')')).expect("a Namespace");

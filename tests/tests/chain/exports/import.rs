@@ -5,8 +5,8 @@ use std::path::Path;
 use burn::tensor::Device;
 use mvfusion_model::ModelError;
 use mvfusion_model::config::{Branches, Config};
-use mvfusion_model::gaussians::Attribute;
-use mvfusion_model::model::{Model, Movement, Surroundings};
+use mvfusion_model::model::gaussians::Attribute;
+use mvfusion_model::model::{DeformationLevel, Model, RenderContext};
 use mvfusion_model::train::{Trainer, load_model};
 use mvfusion_tests::{backends, every_backend, numbers};
 
@@ -25,9 +25,9 @@ fn starting_from(run: &Run, export: &Path) -> Config {
 }
 
 /// Every number of the layers of a model, as the first held-out view shows them at a time.
-fn layers(model: &Model, run: &Run, time: f64, movement: Movement, surroundings: &Surroundings) -> Vec<f64> {
+fn layers(model: &Model, run: &Run, time: f64, level: DeformationLevel, context: &RenderContext) -> Vec<f64> {
     let view = &run.scene.test[0];
-    let pictures = model.render(&view.camera, time, movement, None, surroundings).expect("rendered");
+    let pictures = model.render(&view.camera, time, level, None, context).expect("rendered");
     let dynamic = pictures.dynamic.main();
     let mut values = numbers(dynamic.colour);
     values.extend(dynamic.features.map(numbers).into_iter().flatten());
@@ -46,20 +46,20 @@ fn what_was_exported_looks_the_same_when_training_starts_from_it() {
     one_branch.loss.composed_dssim = 0.0;
     for config in [config(), one_branch] {
         let run = Run::new(config);
-        for (time, movement) in [(None, Movement::Still), (Some(0.4), Movement::Refined)] {
-            let export = run.export(&format!("{movement:?}"), |args| args.time = time);
+        for (time, level) in [(None, DeformationLevel::Still), (Some(0.4), DeformationLevel::Refined)] {
+            let export = run.export(&format!("{level:?}"), |args| args.time = time);
             for backend in every_backend() {
                 let device = (backend.device)();
                 let before = load_model(&run.checkpoint(), &run.config, &device).expect("the checkpoint fits");
                 let trainer = started(&starting_from(&run, &export), &run, &device);
                 let after = trainer.state().model.plain();
-                let wanted = layers(&before, &run, time.unwrap_or(0.0), movement, trainer.surroundings());
+                let wanted = layers(&before, &run, time.unwrap_or(0.0), level, trainer.render_context());
                 // What was moved when it was written is not moved once more.
-                let found = layers(&after, &run, 0.0, Movement::Still, trainer.surroundings());
+                let found = layers(&after, &run, 0.0, DeformationLevel::Still, trainer.render_context());
                 assert!(wanted.iter().any(|&value| value > 0.1), "there is something to see");
                 let off = found.iter().zip(&wanted).map(|(a, b)| (a - b).abs()).max_by(f64::total_cmp);
                 let off = off.expect("pixels");
-                assert!(found.len() == wanted.len() && off < PICTURE, "{}, {movement:?}: off by {off}", backend.name);
+                assert!(found.len() == wanted.len() && off < PICTURE, "{}, {level:?}: off by {off}", backend.name);
             }
         }
     }
@@ -83,7 +83,7 @@ fn colours_are_cut_or_filled_up_to_the_degree_of_the_configuration() {
     let device = (backends()[0].device)();
     let rest = |trainer: &Trainer| {
         let branch = trainer.state().model.static_.clone().expect("a static branch");
-        let values = branch.gaussians.plain(Attribute::ShRest).expect("colours");
+        let values = branch.plain(Attribute::ShRest).expect("colours");
         (values.dims()[1], branch.sh_degree, numbers(values))
     };
     let own = rest(&run.trainer).2;
@@ -113,12 +113,12 @@ fn a_file_may_start_one_branch_alone_and_masks_are_made_up_where_it_has_none() {
     let plain = started(&run.config, &run, &device);
     let means = |trainer: &Trainer| {
         let model = &trainer.state().model;
-        let of = |gaussians: &mvfusion_model::gaussians::Gaussians| numbers(gaussians.means.val());
-        (of(&model.dynamic.gaussians), of(&model.static_.as_ref().expect("a static branch").gaussians))
+        let of = |gaussians: &mvfusion_model::model::gaussians::Gaussians| numbers(gaussians.means.val());
+        (of(&model.dynamic), of(&model.static_.as_ref().expect("a static branch")))
     };
     assert_eq!(means(&trainer).1, means(&plain).1, "the static branch is drawn as without the file");
     assert_eq!(means(&trainer).0, means(&run.trainer).1);
-    let masks = trainer.state().model.dynamic.gaussians.plain(Attribute::MaskLogits).expect("masks");
+    let masks = trainer.state().model.dynamic.plain(Attribute::MaskLogits).expect("masks");
     assert_eq!(numbers(masks)[..6], [0.0, 0.0, 0.75, 0.0, 0.0, 0.75]);
 }
 
@@ -136,7 +136,7 @@ fn files_that_do_not_fit_the_configuration_are_refused_with_the_key() {
     let mut few = config.clone();
     few.densify.static_.max_gaussians = 3;
     let said = refusal(&run, &few);
-    assert!(matches!(said, ModelError::Config { key: "init.static_ply", .. }), "{said}");
+    assert!(matches!(&said, ModelError::Config { key, .. } if key == "init.static_ply"), "{said}");
     assert!(said.to_string().contains("`densify.static.max_gaussians`"), "{said}");
 
     let mut one_branch = config.clone();

@@ -4,11 +4,11 @@ use burn::module::{Module, Param};
 use burn::nn::Linear;
 use burn::tensor::{DType, Device, Tensor};
 use mvfusion_model::config::MotionConfig;
-use mvfusion_model::motion::{
+use mvfusion_model::model::motion::{
     Guidance, MotionCache, MotionRefinement, Normalisers, RefinementConfig, SIGNATURE_WIDTH, TemporalModule,
     Trajectories, TrajectoryStatistics,
 };
-use mvfusion_model::network::{DeformationConfig, DeformationNetwork, HeadChoice, LayerInit, Mlp, Offsets};
+use mvfusion_model::model::network::{DeformationConfig, DeformationNetwork, HeadChoice, Mlp, ModuleInit, Offsets};
 use mvfusion_model::random::Stream;
 use mvfusion_model::timeline::Timeline;
 use mvfusion_render::grid::{GridBounds, GridLayout};
@@ -86,7 +86,7 @@ impl Bench {
         };
         let mut stream = Stream::new(3, 0);
         let learning = device.clone().autodiff();
-        let mut init = LayerInit { device: &learning, dtype: DType::F32, stream: &mut stream };
+        let mut init = ModuleInit { device: &learning, dtype: DType::F32, stream: &mut stream };
         let mut network = deformation.init(&mut init).valid();
         // Time planes of ones, as a run has them at the start, would let nothing move.
         let shape = network.grid.planes.val().dims();
@@ -100,7 +100,7 @@ impl Bench {
     pub fn fresh(&self, motion: &MotionConfig) -> (MotionRefinement, Stream) {
         let mut stream = Stream::new(5, 0);
         let learning = self.device.clone().autodiff();
-        let mut init = LayerInit { device: &learning, dtype: DType::F32, stream: &mut stream };
+        let mut init = ModuleInit { device: &learning, dtype: DType::F32, stream: &mut stream };
         let refinement = MotionRefinement::new(&self.deformation, motion, &mut init);
         (refinement.valid(), stream)
     }
@@ -126,7 +126,7 @@ impl Bench {
 
     fn awaken(&self, mlp: &mut Mlp, number: u64) {
         let mut stream = Stream::new(5, number);
-        let mut init = LayerInit { device: &self.device, dtype: DType::F32, stream: &mut stream };
+        let mut init = ModuleInit { device: &self.device, dtype: DType::F32, stream: &mut stream };
         let last: &mut Linear = mlp.layers.last_mut().expect("two layers");
         *last = init.linear(HIDDEN, WIDTH);
     }

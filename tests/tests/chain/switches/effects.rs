@@ -1,7 +1,9 @@
 //! What each switch changes in what comes out, and what it does not.
 
-use mvfusion_model::config::{Descriptor, FusionWeights, MotionConfig, Refinement, Spread, Temporal, TokenMode};
-use mvfusion_model::motion::SIGNATURE_WIDTH;
+use mvfusion_model::config::{
+    Descriptor, FusionWeights, Interval, MotionConfig, Refinement, Spread, Temporal, TokenMode,
+};
+use mvfusion_model::model::motion::SIGNATURE_WIDTH;
 
 use super::bench::{Switch, defaults, disturbed, with};
 use super::{DESCRIPTORS, bench};
@@ -66,7 +68,7 @@ const EFFECTS: [Effect; 31] = [
     ("full window, self-attention", self_attention, full_window, true),
     ("full window, average", average, full_window, true),
     // What training alone looks at.
-    ("interval", |_| (), |motion| motion.interval = 100, false),
+    ("interval", |_| (), |motion| motion.interval = Interval(100), false),
     ("neighbour gradient", |_| (), |motion| motion.neighbour_gradient = true, false),
     ("decay, first measurement", |_| (), |motion| motion.decay = 0.5, false),
     // Without MVG there are no statistics, in the tokens neither.

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use mvfusion_model::config::Config;
-use mvfusion_model::model::Movement;
+use mvfusion_model::model::DeformationLevel;
 use mvfusion_model::train::{TrainState, Trainer};
 use mvfusion_tests::{backends, numbers};
 
@@ -45,8 +45,8 @@ fn every_variant_learns() {
             assert!(numbers(loss.squared_error)[0].is_finite(), "{name}");
         }
         let model = trainer.state().model.plain();
-        let at = |movement| numbers(model.dynamic_at(0.4, movement, trainer.surroundings()).means);
-        let (base, refined) = (at(Movement::Base), at(Movement::Refined));
+        let at = |level| numbers(model.dynamic_at(0.4, level, trainer.render_context()).means);
+        let (base, refined) = (at(DeformationLevel::Base), at(DeformationLevel::Refined));
         assert!(base.iter().chain(&refined).all(|value| value.is_finite()), "{name}");
         assert_eq!(base != refined, parameters > 0, "{name}");
     }

@@ -1,0 +1,74 @@
+//! The kinds of pictures that an evaluation writes, with the folder and the label of each.
+
+use mvfusion_model::evaluation::Layer;
+
+/// What a picture of a held-out view shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PictureKind {
+    /// The photo.
+    GroundTruth,
+    /// A layer of the model.
+    Model(Layer),
+    /// The background, where the scene knows it.
+    TrueBackground,
+    /// The mask of what moves, where the scene knows it.
+    TrueMask,
+}
+
+impl PictureKind {
+    /// The ground truth and the layers of the model in colours, in the order of a row of the report.
+    pub const IMAGES: [Self; 9] = [
+        Self::GroundTruth,
+        Self::Model(Layer::Composed),
+        Self::Model(Layer::Static),
+        Self::Model(Layer::Dynamic),
+        Self::Model(Layer::Mask),
+        Self::Model(Layer::MaskedStatic),
+        Self::Model(Layer::MaskedDynamic),
+        Self::TrueBackground,
+        Self::TrueMask,
+    ];
+
+    /// The heat maps of motion, in the order of a row of the report.
+    pub const HEAT_MAPS: [Self; 4] = [
+        Self::Model(Layer::Motion),
+        Self::Model(Layer::PositionVariance),
+        Self::Model(Layer::RotationVariance),
+        Self::Model(Layer::ScaleVariance),
+    ];
+
+    /// The folder of these pictures within `renders/test`.
+    pub const fn folder(self) -> &'static str {
+        match self {
+            Self::GroundTruth => "gt",
+            Self::Model(layer) => layer.name(),
+            Self::TrueBackground => "true_background",
+            Self::TrueMask => "true_mask",
+        }
+    }
+
+    /// What captions call it.
+    pub const fn label(self) -> &'static str {
+        match self {
+            Self::GroundTruth => "ground truth",
+            Self::Model(layer) => layer.label(),
+            Self::TrueBackground => "true background",
+            Self::TrueMask => "true mask",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+
+    #[test]
+    fn every_kind_has_a_folder_and_a_label_of_its_own() {
+        let kinds = [&PictureKind::IMAGES[..], &PictureKind::HEAT_MAPS[..]].concat();
+        for name in [PictureKind::folder, PictureKind::label] {
+            assert_eq!(kinds.iter().map(|kind| name(*kind)).collect::<BTreeSet<_>>().len(), kinds.len());
+        }
+    }
+}

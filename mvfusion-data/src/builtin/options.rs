@@ -1,0 +1,65 @@
+//! Options of the built-in scenes.
+
+use serde::{Deserialize, Serialize};
+
+/// Which built-in scene.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum BuiltinKind {
+    /// Eight synchronised cameras. The first, in the middle of the others, is held out. A block flies and tumbles, a
+    /// lamp barely sways, and a visitor comes and goes.
+    #[default]
+    Video,
+    /// Single photos from a walk. Each has people and things that are gone or elsewhere in the next one. Ten empty
+    /// photos from poses in between are held out.
+    Casual,
+}
+
+/// Options of a built-in scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct BuiltinOptions {
+    /// Which scene. Default: video.
+    pub kind: BuiltinKind,
+    /// Seed of everything random: patterns, noise of the points, camera shake, passers-by. Default 0.
+    pub seed: u64,
+    /// Width of the pictures in pixels, at least 16. Default 160.
+    pub width: usize,
+    /// Height of the pictures in pixels, at least 16. Default 120.
+    pub height: usize,
+    /// Frames of each camera of the video, at least 1. Default 24.
+    pub frames: usize,
+    /// Training photos of the casual scene, at least 2. Default 60.
+    pub photos: usize,
+    /// Held-out photos of the casual scene. Default 10.
+    pub test_photos: usize,
+}
+
+impl Default for BuiltinOptions {
+    fn default() -> Self {
+        Self { kind: BuiltinKind::Video, seed: 0, width: 160, height: 120, frames: 24, photos: 60, test_photos: 10 }
+    }
+}
+
+impl BuiltinOptions {
+    /// The default scene of a kind.
+    pub fn of_kind(kind: BuiltinKind) -> Self {
+        Self { kind, ..Self::default() }
+    }
+
+    /// Raises numbers that are too small to the least that makes a scene.
+    pub(super) fn at_least(self) -> Self {
+        Self {
+            width: self.width.max(16),
+            height: self.height.max(16),
+            frames: self.frames.max(1),
+            photos: self.photos.max(2),
+            ..self
+        }
+    }
+
+    /// The part of the seed that patterns use: 32 bits.
+    pub(super) fn pattern_seed(&self) -> u32 {
+        (self.seed ^ (self.seed >> 32)) as u32
+    }
+}

@@ -1,0 +1,40 @@
+//! Paths: of files that a scene's files name, and of the scene itself.
+
+use std::path::{Component, Path, PathBuf};
+
+/// The path of `name` below `folder`. The name was found in a file. Scenes are passed on, and none may reach beyond its
+/// folder.
+///
+/// # Errors
+/// If the name is empty, absolute, or leads upwards.
+pub(crate) fn below(folder: &Path, name: &str) -> Result<PathBuf, String> {
+    let path = Path::new(name);
+    let inside = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
+    if path.components().all(inside) && path.file_name().is_some() {
+        Ok(folder.join(path.strip_prefix("./").unwrap_or(path)))
+    } else {
+        Err(format!("the path `{name}` leads out of the folder; it must be relative and free of `..`"))
+    }
+}
+
+/// The scene's name for people: the folder's.
+pub(crate) fn scene_name(folder: &Path) -> String {
+    let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
+    folder.file_name().map_or_else(|| "scene".into(), |name| name.to_string_lossy().into_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_stay_below_their_folder() {
+        let folder = Path::new("scene");
+        assert_eq!(below(folder, "./a/b.png"), Ok(PathBuf::from("scene/a/b.png")));
+        assert_eq!(below(folder, "a/./b"), Ok(PathBuf::from("scene/a/b")));
+        for name in ["", ".", "..", "/etc/passwd", "a/../../b", "../b"] {
+            let reason = below(folder, name).expect_err(name);
+            assert!(reason.contains(&format!("`{name}`")), "{reason}");
+        }
+    }
+}

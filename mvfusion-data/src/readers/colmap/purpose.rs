@@ -1,0 +1,26 @@
+//! What a photo is for, and when it was taken, as its name says.
+
+/// What a photo is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Purpose {
+    Test,
+    Train,
+    Neither,
+}
+
+/// Words that define a photo's purpose. The first one found in the file's name decides.
+const KEYWORDS: [(&str, Purpose); 3] =
+    [("extra", Purpose::Test), ("clutter", Purpose::Train), ("clean", Purpose::Neither)];
+
+/// The purpose that a file's name defines, and the text after the word that defines it.
+pub(super) fn purpose(name: &str) -> Option<(&str, Purpose)> {
+    let file = name.rsplit('/').next().unwrap_or(name);
+    KEYWORDS.into_iter().find_map(|(word, purpose)| file.split_once(word).map(|(_, tail)| (tail, purpose)))
+}
+
+/// The number right after the word, if it fits into 32 bits.
+pub(super) fn number(name: &str) -> Option<u32> {
+    let (tail, _) = purpose(name)?;
+    let end = tail.find(|c: char| !c.is_ascii_digit()).unwrap_or(tail.len());
+    tail[..end].parse().ok()
+}

@@ -1,0 +1,104 @@
+//! Masks of what moves: files beside a scene, attached to its views.
+
+use std::path::Path;
+
+use tracing::debug;
+
+use crate::error::DataError;
+use crate::files::picture_named;
+use crate::scene::{Picture, PictureFile, PictureSource, Scene, check_shape, file_size};
+
+/// Sets [`Truth::dynamic_mask`](crate::Truth) of every view that has a file of its name in `folder`, such as
+/// `cam00/0003.png` or `2clutter008.png`. White means moving. Returns the number of masks. A mask of another size than
+/// its view's picture is resized without interpolation, and undistorted like the picture.
+///
+/// # Errors
+/// [`DataError::Folder`] if the folder does not exist. [`DataError::Image`] if a mask has no readable header or another
+/// shape than its picture. [`DataError::Missing`] if no view has a mask.
+pub fn attach_masks(scene: &mut Scene, folder: &Path) -> Result<usize, DataError> {
+    if let Err(error) = std::fs::read_dir(folder) {
+        let advice = "Give the folder that holds the masks, named as the frames (white = moving)";
+        return Err(DataError::Folder { folder: folder.to_owned(), reason: error.to_string(), advice });
+    }
+    let mut attached = 0;
+    for view in scene.train.iter_mut().chain(&mut scene.test) {
+        let Some(path) = picture_named(folder, &view.name) else { continue };
+        let (width, height) = (view.camera.width as u32, view.camera.height as u32);
+        check_shape(&path, file_size(&path)?, (width, height))?;
+        let lenses = match &view.image {
+            Picture::File(file) => file.lenses.clone(),
+            Picture::Memory(_) => None,
+        };
+        let source = PictureSource::Image(path);
+        view.truth.dynamic_mask = Some(Picture::File(PictureFile { source, width, height, backdrop: None, lenses }));
+        view.truth.is_mask_exact = false;
+        attached += 1;
+    }
+    let views = scene.train.len() + scene.test.len();
+    if attached == 0 {
+        let example = scene.train.iter().chain(&scene.test).next().map_or("", |v| &v.name);
+        return Err(DataError::Missing {
+            what: "mask of any view".into(),
+            folder: folder.to_owned(),
+            advice: format!("Masks are named as the views, for example {example}.png"),
+        });
+    }
+    debug!(masks = attached, views, "masks attached, white = moving");
+    Ok(attached)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use glam::{DMat3, DVec2, DVec3};
+    use image::{GrayImage, Rgb, RgbImage};
+
+    use super::*;
+    use crate::scene::{Bend, Camera, Capture, Lens, PointCloud, Truth, View};
+
+    const SIZE: (u32, u32) = (24, 18);
+
+    /// A scene of one view whose lens bends.
+    fn bent(folder: &Path) -> Scene {
+        let path = folder.join("photo.png");
+        RgbImage::from_fn(SIZE.0, SIZE.1, |x, _| Rgb([if x < 4 { 255 } else { 0 }; 3])).save(&path).expect("written");
+        let bend = Bend::Perspective { radial: [-0.3, 0.0, 0.0, 0.0, 0.0, 0.0], tangential: [0.0; 2] };
+        let lens = Lens { focal: DVec2::splat(20.0), principal: DVec2::new(12.0, 9.0), bend };
+        let pinhole = Lens { bend: Bend::NONE, ..lens };
+        let (width, height) = SIZE;
+        let source = PictureSource::Image(path);
+        let lenses = Some(Arc::new([lens, pinhole]));
+        let view = View {
+            name: "photo".into(),
+            camera: Camera::centred(width as usize, height as usize, 20.0, DMat3::IDENTITY, DVec3::ZERO),
+            time: 0.0,
+            image: Picture::File(PictureFile { source, width, height, backdrop: None, lenses }),
+            mask: None,
+            truth: Truth::default(),
+        };
+        let points = PointCloud::default();
+        Scene { name: String::new(), capture: Capture::Photos, train: vec![view], test: Vec::new(), points, near: None }
+    }
+
+    #[test]
+    fn a_mask_of_what_moves_is_straightened_as_its_picture_is() {
+        let folder = tempfile::tempdir().expect("folder");
+        let mut scene = bent(folder.path());
+        assert_eq!(attach_masks(&mut scene, folder.path()).expect("the photo is its own mask"), 1);
+        let view = &scene.train[0];
+        let (picture, mask) = (view.image.rgb().expect("read"), view.truth.dynamic_mask.as_ref().expect("attached"));
+        let mask = mask.mask().expect("read");
+        let unlike = mask.pixels().zip(picture.pixels()).filter(|(mask, pixel)| mask.0[0].abs_diff(pixel.0[0]) > 127);
+        assert_eq!(unlike.count(), 0);
+    }
+
+    #[test]
+    fn masks_of_another_shape_are_not_attached() {
+        let folder = tempfile::tempdir().expect("folder");
+        let mut scene = bent(folder.path());
+        GrayImage::new(SIZE.1, SIZE.0).save(folder.path().join("photo.png")).expect("written");
+        let error = attach_masks(&mut scene, folder.path()).expect_err("turned").to_string();
+        assert!(error.contains("photo.png") && error.contains("another shape"), "{error}");
+    }
+}

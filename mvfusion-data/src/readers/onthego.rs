@@ -1,0 +1,193 @@
+//! NeRF On-the-go as published: `images/`, `transforms.json` and `split.json`.
+//!
+//! Assumptions:
+//! * Cameras are as the module `transforms` describes.
+//! * `split.json` holds lists `clutter`, `extra` and `clean` of indices into the sorted file names in `images`. Clutter
+//!   trains, extra is held out, clean is unused.
+//! * A photo's time is the last number in its name, divided by the largest such number of all photos. (METHOD §5.2
+//!   states this rule for the names of the other layout.)
+//! * Smaller copies of the photos, `images_8`, are used as the module `reduced` describes.
+//! * The published scenes have no points. A `points3D.ply` or `fused.ply` is read if somebody has added it.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use tracing::{info, warn};
+
+use super::format::Format;
+use super::options::ReadOptions;
+use super::reader::{Hints, Reader, UsualSize};
+use super::shared::ply::{read_first, warn_of_none};
+use super::shared::reduced::{listing_folder, views_of_pictures};
+use super::shared::shot::Shot;
+use super::shared::transforms::{Frame, POSES, Transforms};
+use crate::error::DataError;
+use crate::files::{pictures_in, read_json, scene_name};
+use crate::scene::{Capture, Scene};
+
+impl Format {
+    /// NeRF On-the-go as published: see [`onthego`](crate::readers::onthego).
+    pub const ONTHEGO: Self = Self::new("onthego", "NeRF On-the-go");
+}
+
+/// The entry in the table of readers.
+pub(super) const READER: Reader =
+    Reader { format: Format::ONTHEGO, recognise, read, hints: Hints { usual_size, ..Hints::of_poses(POSES) } };
+
+const CAMERAS: &str = "transforms.json";
+const SPLIT: &str = "split.json";
+const IMAGES: &str = "images";
+
+/// Advice for an unusable split.
+const ADVICE: &str = "It must hold lists `clutter`, `extra` and `clean` of indices into the sorted photos, from 0 on";
+
+/// Scenes that were published at half the size of the others.
+const SMALL: [&str; 2] = ["patio", "arcdetriomphe"];
+
+/// Names of point clouds. The first that exists is read.
+const POINTS: [&str; 2] = ["points3D.ply", "fused.ply"];
+
+/// `split.json`: indices into the sorted photos.
+#[derive(Debug, Deserialize)]
+struct Split {
+    clutter: Vec<usize>,
+    extra: Vec<usize>,
+    #[serde(default)]
+    clean: Vec<usize>,
+}
+
+/// Why `folder` is not in this format; `None` if it is.
+pub fn recognise(folder: &Path) -> Option<String> {
+    let absent = [CAMERAS, SPLIT].into_iter().find(|name| !folder.join(name).is_file())?;
+    Some(format!("it needs {IMAGES}, {CAMERAS} and {SPLIT}; {absent} is not there"))
+}
+
+/// The size at which papers train the scene.
+pub(super) fn usual_size(scene: &Scene, _: f64) -> Option<UsualSize> {
+    let is_small = SMALL.contains(&scene.name.trim_end_matches("_new"));
+    Some(UsualSize {
+        factor: if is_small { 4.0 } else { 8.0 },
+        source: "papers train photos with passers-by at an 8th of their size (patio and arcdetriomphe: a 4th)",
+    })
+}
+
+/// Reads a scene of NeRF On-the-go (METHOD §5.2).
+///
+/// # Errors
+/// A [`DataError`] that says what is wrong with the folder, a file in it or an option.
+pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
+    let cameras = Transforms::read(&folder.join(CAMERAS))?;
+    let photos = pictures_in(&listing_folder(folder, options)?)?;
+    let split = read_split(&folder.join(SPLIT), &photos)?;
+    let cameras = Cameras::new(&cameras, folder, &photos);
+    let mut shots = cameras.shots(&split.clutter, &photos)?;
+    let count = shots.len();
+    shots.extend(cameras.shots(&split.extra, &photos)?);
+    let unposed = split.clutter.len() + split.extra.len() - shots.len();
+    let mut train = views_of_pictures(folder, shots, options)?;
+    let test = train.split_off(count);
+    if unposed > 0 {
+        warn!(folder = %folder.display(), "{unposed} photos of {SPLIT} have no camera in {CAMERAS} and are left out");
+    }
+    if train.is_empty() {
+        let advice = format!("`clutter` in {SPLIT} lists the photos to train on, and {CAMERAS} has their cameras");
+        return Err(DataError::Missing { what: "photo to train on".into(), folder: folder.join(IMAGES), advice });
+    }
+    let points = read_first(folder, &POINTS)?;
+    if points.is_none() {
+        warn_of_none(folder, &POINTS);
+    }
+    let points = points.unwrap_or_default();
+    let name = scene_name(folder);
+    info!(
+        "{name}: {} photos to train on, {} held out, {} unused, {} points",
+        train.len(),
+        test.len(),
+        photos.len() - train.len() - test.len(),
+        points.len()
+    );
+    Ok(Scene { name, capture: Capture::Photos, train, test, points, near: None })
+}
+
+/// The cameras by the names of their photos. Extensions are dropped, because smaller copies may have others.
+struct Cameras<'a> {
+    frames: BTreeMap<PathBuf, &'a Frame>,
+    /// The largest number in the names, at least 1.
+    largest: u32,
+}
+
+impl<'a> Cameras<'a> {
+    fn new(cameras: &'a Transforms, folder: &Path, photos: &[PathBuf]) -> Self {
+        let images = folder.join(IMAGES);
+        let key = |frame: &Frame| frame.file.strip_prefix(&images).map(|name| name.with_extension("")).ok();
+        let frames = cameras.frames.iter().filter_map(|frame| Some((key(frame)?, frame))).collect();
+        let largest = photos.iter().filter_map(|photo| number_of(photo)).max().unwrap_or(0).max(1);
+        Self { frames, largest }
+    }
+
+    /// The photos of a list that have a camera.
+    fn shots(&self, indices: &[usize], photos: &[PathBuf]) -> Result<Vec<Shot>, DataError> {
+        let mut shots = Vec::with_capacity(indices.len());
+        for photo in indices.iter().map(|&index| &photos[index]) {
+            let name = Path::new(photo.file_stem().unwrap_or_default());
+            let Some(frame) = self.frames.get(name) else { continue };
+            let number = number_of(photo).ok_or_else(|| no_number(photo))?;
+            shots.push(frame.shot(f64::from(number) / f64::from(self.largest)));
+        }
+        Ok(shots)
+    }
+}
+
+/// Reads the split. Each index must exist and stand in one list only.
+fn read_split(path: &Path, photos: &[PathBuf]) -> Result<Split, DataError> {
+    let fail = |reason: String| DataError::Content { path: path.to_owned(), reason, advice: ADVICE };
+    let split: Split = read_json(path, ADVICE)?;
+    let mut uses = vec![0u32; photos.len()];
+    for &index in split.clutter.iter().chain(&split.extra).chain(&split.clean) {
+        let count = photos.len();
+        let uses = uses.get_mut(index).ok_or_else(|| fail(format!("it lists photo {index}, but there are {count}")))?;
+        *uses += 1;
+    }
+    match uses.iter().position(|&uses| uses > 1) {
+        Some(twice) => Err(fail(format!("it lists photo {twice} ({}) twice", photos[twice].display()))),
+        None => Ok(split),
+    }
+}
+
+/// The last number in a photo's name, if it fits into 32 bits.
+fn number_of(photo: &Path) -> Option<u32> {
+    let stem = photo.file_stem()?.to_str()?;
+    let end = stem.rfind(|c: char| c.is_ascii_digit())? + 1;
+    let begin = stem[..end]
+        .rfind(|c: char| !c.is_ascii_digit())
+        .map_or(0, |at| at + stem[at..].chars().next().map_or(1, char::len_utf8));
+    stem[begin..end].parse().ok()
+}
+
+fn no_number(photo: &Path) -> DataError {
+    DataError::Content {
+        path: photo.to_owned(),
+        reason: "its name has no number of use, so its time is not known".into(),
+        advice: "Name photos by their order, like IMG_0012.JPG, in the folder and in transforms.json",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_number_of_a_name_counts() {
+        for (name, number) in [
+            ("IMG_0012.JPG", Some(12)),
+            ("2clutter008.jpg", Some(8)),
+            ("IMG_7_b.png", Some(7)),
+            ("größe12é3.png", Some(3)),
+            ("front.png", None),
+            ("99999999999.png", None),
+        ] {
+            assert_eq!(number_of(Path::new(name)), number, "{name}");
+        }
+    }
+}

@@ -1,0 +1,109 @@
+//! Opening a scene's folder with the reader that recognises it.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use super::format::Format;
+use super::options::ReadOptions;
+use super::reader::Reader;
+use super::table::READERS;
+use crate::error::{DataError, Refusal};
+use crate::scene::{Scene, View};
+
+/// The format of the scene in `folder`: the first that fits, or the `forced` one if it fits.
+///
+/// # Errors
+/// [`DataError::Folder`] if the folder does not exist, [`DataError::Unrecognised`] with the reasons of all formats that
+/// were tried.
+pub fn recognise(folder: &Path, forced: Option<Format>) -> Result<Format, DataError> {
+    reader_for(folder, forced).map(|reader| reader.format)
+}
+
+/// The reader of the scene in `folder`.
+///
+/// # Errors
+/// As [`recognise`].
+pub(crate) fn reader_for(folder: &Path, forced: Option<Format>) -> Result<&'static Reader, DataError> {
+    if let Err(error) = std::fs::read_dir(folder) {
+        let advice = "Give the folder of a scene";
+        return Err(DataError::Folder { folder: folder.to_owned(), reason: error.to_string(), advice });
+    }
+    let is_tried = |reader: &&Reader| forced.is_none_or(|format| format == reader.format);
+    let mut refusals = Vec::new();
+    for reader in READERS.iter().filter(is_tried) {
+        match (reader.recognise)(folder) {
+            None => return Ok(reader),
+            Some(reason) => refusals.push(Refusal { format: reader.format.name(), reason }),
+        }
+    }
+    Err(DataError::Unrecognised { folder: folder.to_owned(), refusals })
+}
+
+/// Reads the scene in `folder`, whichever format it has (see [`recognise`]).
+///
+/// # Errors
+/// Those of [`recognise`], and those of the reader: a [`DataError`] that names what is wrong with the folder, a file in
+/// it or an option.
+pub fn open(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
+    let reader = reader_for(folder, options.format)?;
+    let scene = (reader.read)(folder, options)?;
+    match &options.test_cameras {
+        Some(cameras) => hold_out(scene, folder, cameras),
+        None => Ok(scene),
+    }
+}
+
+/// Splits the views anew: those of the named cameras are held out, all others train. They are sorted by camera, then by
+/// time, whatever the frames are called.
+fn hold_out(scene: Scene, folder: &Path, cameras: &[String]) -> Result<Scene, DataError> {
+    // Some formats have the same frame in both parts.
+    let mut known = BTreeSet::new();
+    let views = scene.train.into_iter().chain(scene.test);
+    let mut views: Vec<View> = views.filter(|view| known.insert(view.name.clone())).collect();
+    let camera_of = |view: &View| view.name.rsplit_once('/').map_or(String::new(), |(camera, _)| camera.to_owned());
+    views.sort_by(|a, b| camera_of(a).cmp(&camera_of(b)).then(a.time.total_cmp(&b.time)));
+    let is_of = |view: &View, camera: &str| view.name.strip_prefix(camera).is_some_and(|rest| rest.starts_with('/'));
+    if let Some(unknown) = cameras.iter().find(|camera| !views.iter().any(|view| is_of(view, camera))) {
+        let example = views.first().map_or("", |view| view.name.as_str());
+        let reason = format!("no view is named `{unknown}/…`; the first is `{example}`");
+        return Err(DataError::Setting { option: "test_cameras", value: format!("{cameras:?}"), reason });
+    }
+    let (test, train): (Vec<_>, Vec<_>) =
+        views.into_iter().partition(|view| cameras.iter().any(|camera| is_of(view, camera)));
+    if train.is_empty() {
+        let advice = "Name fewer cameras in the option test_cameras".into();
+        return Err(DataError::Missing { what: "camera to train on".into(), folder: folder.to_owned(), advice });
+    }
+    Ok(Scene { train, test, ..scene })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_of_no_format_is_refused_with_the_reasons() {
+        let folder = tempfile::tempdir().expect("folder");
+        std::fs::write(folder.path().join("notes.txt"), "nothing").expect("written");
+        let error = open(folder.path(), &ReadOptions::default()).expect_err("refused");
+        assert!(matches!(&error, DataError::Unrecognised { refusals, .. } if refusals.len() == Format::ALL.len()));
+        let message = error.to_string();
+        for format in Format::ALL {
+            assert!(message.contains(&format!("{}: ", format.name())), "{message}");
+        }
+    }
+
+    #[test]
+    fn a_forced_format_is_the_only_one_that_is_tried() {
+        let folder = tempfile::tempdir().expect("folder");
+        let options = ReadOptions { format: Some(Format::DNERF), ..Default::default() };
+        let message = open(folder.path(), &options).expect_err("refused").to_string();
+        assert!(message.contains("transforms_train.json") && !message.contains("COLMAP"), "{message}");
+    }
+
+    #[test]
+    fn a_folder_that_does_not_exist_is_named() {
+        let error = open(Path::new("no/such/folder"), &ReadOptions::default()).expect_err("refused");
+        assert!(matches!(error, DataError::Folder { .. }) && error.to_string().contains("no/such/folder"));
+    }
+}

@@ -1,0 +1,112 @@
+//! Options for reading a scene.
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+use super::format::Format;
+use crate::error::DataError;
+
+/// Options for reading a scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReadOptions {
+    /// The format. By default it is recognised.
+    pub format: Option<Format>,
+    /// Factor by which pictures are downscaled, at least 1. Default 1.
+    pub downscale: f64,
+    /// Number of frames of each camera of a video that are used, from the first on. `None` uses all. Default 300, as in
+    /// DeGauss.
+    pub frames: Option<usize>,
+    /// How a frame's index becomes a time.
+    pub time: TimeRule,
+    /// If nothing else defines the split, every n-th of the sorted photos is held out, from the first on. 0 holds none
+    /// out. Default 8, LLFF's rule.
+    pub test_every: usize,
+    /// Names of the cameras to hold out instead of the format's own choice. For formats whose views are named
+    /// `camera/frame`.
+    pub test_cameras: Option<Vec<String>>,
+    /// RGB colour behind transparent pixels. Default black.
+    pub backdrop: [u8; 3],
+    /// Whether black pixels count in masks instead of white ones.
+    pub invert_masks: bool,
+    /// Folder in which decoded frames of videos are kept. `None` uses a temporary one.
+    pub frame_store: Option<PathBuf>,
+}
+
+/// Number by which the original divides a frame's index (METHOD §5.1).
+const ORIGINAL_FRAMES: usize = 300;
+
+impl Default for ReadOptions {
+    fn default() -> Self {
+        Self {
+            format: None,
+            downscale: 1.0,
+            frames: Some(ORIGINAL_FRAMES),
+            time: TimeRule::default(),
+            test_every: 8,
+            test_cameras: None,
+            backdrop: [0; 3],
+            invert_masks: false,
+            frame_store: None,
+        }
+    }
+}
+
+/// How a frame's index becomes a time in `[0, 1]`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TimeRule {
+    /// Index / number of frames used. For 300 frames it equals the original. The default.
+    #[default]
+    FrameOverCount,
+    /// Index / 300, as in the original (METHOD §5.1), however many frames there are.
+    #[serde(rename = "frame-over-300")]
+    FrameOver300,
+}
+
+impl ReadOptions {
+    /// The largest number of frames of each camera.
+    ///
+    /// # Errors
+    /// [`DataError::Setting`] if it is 0.
+    pub(crate) fn frame_limit(&self) -> Result<usize, DataError> {
+        match self.frames {
+            Some(0) => {
+                let reason = "at least one frame is needed; leave it out for all".into();
+                Err(DataError::Setting { option: "frames", value: "0".into(), reason })
+            }
+            limit => Ok(limit.unwrap_or(usize::MAX)),
+        }
+    }
+
+    /// The number that divides the index of one of `count` frames to give its time.
+    ///
+    /// # Errors
+    /// [`DataError::Setting`] if a time would exceed 1.
+    pub(crate) fn times_divisor(&self, count: usize) -> Result<f64, DataError> {
+        match self.time {
+            TimeRule::FrameOverCount => Ok(count as f64),
+            TimeRule::FrameOver300 if count <= ORIGINAL_FRAMES => Ok(ORIGINAL_FRAMES as f64),
+            TimeRule::FrameOver300 => Err(DataError::Setting {
+                option: "time",
+                value: "frame-over-300".into(),
+                reason: format!(
+                    "{count} frames would reach beyond time 1; set frames = 300 or time = \"frame-over-count\""
+                ),
+            }),
+        }
+    }
+}
+
+/// Whether the photo at a place in the sorted order is held out, if nothing else defines the split: every n-th one, or
+/// none for 0 (see [`ReadOptions::test_every`]).
+///
+/// # Errors
+/// [`DataError::Setting`] if it would hold out every photo.
+pub(crate) fn every_so_many(test_every: usize) -> Result<impl Fn(usize) -> bool, DataError> {
+    if test_every == 1 {
+        let reason = "it would hold out every photo; 8 is usual, 0 holds none out".into();
+        return Err(DataError::Setting { option: "test_every", value: test_every.to_string(), reason });
+    }
+    Ok(move |place: usize| test_every > 0 && place.is_multiple_of(test_every))
+}

@@ -1,0 +1,140 @@
+//! Sizes of pictures: the common one, the one that their cameras were made for, the downscaled one.
+
+use std::path::Path;
+
+use rayon::prelude::*;
+use tracing::info;
+
+use super::shot::{FrameLens, Shot};
+use crate::error::DataError;
+
+/// Longest accepted side of a picture in pixels, as in JPEG. A false header must not cost the time for its claim.
+const LONGEST_SIDE: u32 = 65_535;
+
+/// Fewest useful pixels along each side.
+const LEAST_SIDE: u32 = 16;
+
+/// The common size of all pictures. Batches are stacked, so sizes must agree.
+pub(super) fn common_size(folder: &Path, shots: &[Shot]) -> Result<(u32, u32), DataError> {
+    let sizes: Vec<(u32, u32)> = shots
+        .par_iter()
+        .map(|shot| shot.source.size())
+        .collect::<Vec<_>>()
+        .into_iter() // The first error in the order of the shots, whichever thread met one first.
+        .collect::<Result<_, _>>()?;
+    if let Some(huge) = sizes.iter().position(|&(width, height)| width.max(height) > LONGEST_SIDE) {
+        let (width, height) = sizes[huge];
+        let path = shots[huge].source.path().to_owned();
+        let reason = format!("its header tells of {width} x {height} pixels, and a side has {LONGEST_SIDE} at most");
+        return Err(DataError::Image { path, reason });
+    }
+    let Some(other) = sizes.iter().position(|size| *size != sizes[0]) else { return Ok(sizes[0]) };
+    let shown = |i: usize| {
+        let path = shots[i].source.path();
+        let path = path.strip_prefix(folder).unwrap_or(path);
+        format!("{} has {} x {} pixels", path.display(), sizes[i].0, sizes[i].1)
+    };
+    Err(DataError::Disagreement {
+        folder: folder.to_owned(),
+        first: shown(0),
+        second: shown(other),
+        advice: "All pictures of a scene must have one size: extract them again, or scale them alike".into(),
+    })
+}
+
+/// Checks that pictures of `size` pixels have the shape of their lenses' pictures, possibly scaled.
+///
+/// # Errors
+/// [`DataError::Disagreement`] if no common factor scales one to the other.
+pub(super) fn check_shapes(folder: &Path, (width, height): (u32, u32), shots: &[Shot]) -> Result<(), DataError> {
+    let mut scaled = None;
+    for shot in shots {
+        let FrameLens::Known { size: full, .. } = shot.lens else { continue };
+        if (full.x, full.y) == (f64::from(width), f64::from(height)) {
+            continue;
+        }
+        if !is_scaled((full.x, full.y), (f64::from(width), f64::from(height))) {
+            return Err(DataError::Disagreement {
+                folder: folder.to_owned(),
+                first: format!("the pictures have {width} x {height} pixels"),
+                second: format!("the camera of {} is for {} x {}", shot.name, full.x, full.y),
+                advice:
+                    "Use the pictures that the cameras were made from, or copies scaled by one factor along both sides"
+                        .into(),
+            });
+        }
+        scaled = Some(full);
+    }
+    if let Some(full) = scaled {
+        info!(
+            "the pictures have {width}x{height} pixels, their cameras are for {}x{}: \
+             focal lengths and principal points are scaled to the pictures",
+            full.x, full.y
+        );
+    }
+    Ok(())
+}
+
+/// Whether one factor scales both sides of the larger picture to those of the smaller. Sides may be rounded to the
+/// nearest pixel or rounded down.
+fn is_scaled(one: (f64, f64), other: (f64, f64)) -> bool {
+    /// How far a side before rounding may lie below and above the rounded one.
+    const ROUNDING: [(f64, f64); 2] = [(0.5, 0.5), (0.0, 1.0)];
+    let (full, scaled) = if one.0 < other.0 { (other, one) } else { (one, other) };
+    // A fraction of a pixel is within the rounding of any shape.
+    scaled.0.min(scaled.1) >= 1.0
+        && ROUNDING.iter().any(|(below, above)| {
+            let factors = |full: f64, scaled: f64| ((scaled - below) / full, (scaled + above) / full);
+            let (x, y) = (factors(full.0, scaled.0), factors(full.1, scaled.1));
+            x.0.max(y.0) < x.1.min(y.1)
+        })
+}
+
+/// The size of pictures of `width` by `height` pixels after downscaling by the option `downscale`.
+///
+/// # Errors
+/// [`DataError::Setting`] if the factor is below 1, or so large that nothing useful is left.
+pub(super) fn reduced_size((width, height): (u32, u32), downscale: f64) -> Result<(u32, u32), DataError> {
+    let refuse = |reason| DataError::Setting { option: "downscale", value: downscale.to_string(), reason };
+    if !downscale.is_finite() || downscale < 1.0 {
+        return Err(refuse("it must be 1 or more: pictures are made smaller, never larger".into()));
+    }
+    let smaller = |side: u32| (f64::from(side) / downscale).round() as u32;
+    let (small_width, small_height) = (smaller(width), smaller(height));
+    if small_width.min(small_height) < LEAST_SIDE {
+        return Err(refuse(format!(
+            "pictures of {width}x{height} would become {small_width}x{small_height}, \
+             and each side needs at least {LEAST_SIDE} pixels"
+        )));
+    }
+    Ok((small_width, small_height))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scaled_copies_are_accepted_however_their_sides_were_rounded() {
+        for (full, factor) in
+            [((4032.0, 3024.0), 8.0), ((1003.0, 667.0), 8.0), ((1000.0, 671.0), 8.0), ((31.0, 17.0), 4.0)]
+        {
+            let (x, y) = (full.0 / factor, full.1 / factor);
+            assert!(is_scaled(full, (f64::round(x), f64::round(y))), "{full:?} / {factor}, rounded");
+            assert!(is_scaled(full, (f64::floor(x), f64::floor(y))), "{full:?} / {factor}, rounded down");
+            assert!(is_scaled((x.round(), y.round()), full), "enlarged again");
+        }
+    }
+
+    #[test]
+    fn other_shapes_are_refused() {
+        for (full, scaled) in [
+            ((1000.0, 667.0), (125.0, 85.0)),
+            ((48.0, 32.0), (32.0, 48.0)),
+            ((1352.0, 1014.0), (1350.0, 1014.0)),
+            ((48.0, 32.0), (0.3, 0.1)),
+        ] {
+            assert!(!is_scaled(full, scaled), "{full:?} -> {scaled:?}");
+        }
+    }
+}

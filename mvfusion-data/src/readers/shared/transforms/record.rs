@@ -1,0 +1,53 @@
+//! The entries of a `transforms.json`, as stored.
+
+use serde::Deserialize;
+
+/// The file as stored, without the intrinsics at its top. Unknown entries are skipped, because every tool adds its own.
+#[derive(Debug, Deserialize)]
+pub(super) struct FileRecord {
+    pub(super) frames: Vec<FrameRecord>,
+    pub(super) ply_file_path: Option<String>,
+    pub(super) train_filenames: Option<Vec<String>>,
+    pub(super) val_filenames: Option<Vec<String>>,
+    pub(super) test_filenames: Option<Vec<String>>,
+}
+
+/// The records with the entries of a lens. All but two of these entries are numbers. (`serde(flatten)` would be
+/// shorter, but it keeps every unknown entry in memory, at many times its size in the file.)
+macro_rules! records {
+    ($($number:ident)*) => {
+        /// Intrinsics, at the top of the file or in a frame.
+        #[derive(Debug, Deserialize)]
+        pub(super) struct LensRecord {
+            pub(super) camera_model: Option<String>,
+            pub(super) is_fisheye: Option<bool>,
+            $(pub(super) $number: Option<f64>,)*
+        }
+
+        /// A frame as stored.
+        #[derive(Debug, Deserialize)]
+        pub(super) struct FrameRecord {
+            pub(super) file_path: String,
+            pub(super) transform_matrix: Vec<Vec<f64>>,
+            pub(super) time: Option<f64>,
+            pub(super) timestamp: Option<f64>,
+            pub(super) mask_path: Option<String>,
+            pub(super) camera_model: Option<String>,
+            pub(super) is_fisheye: Option<bool>,
+            $(pub(super) $number: Option<f64>,)*
+        }
+
+        impl FrameRecord {
+            /// The frame's own intrinsics. Missing entries come from `common`.
+            pub(super) fn lens_or(&self, common: &LensRecord) -> LensRecord {
+                LensRecord {
+                    camera_model: self.camera_model.clone().or_else(|| common.camera_model.clone()),
+                    is_fisheye: self.is_fisheye.or(common.is_fisheye),
+                    $($number: self.$number.or(common.$number),)*
+                }
+            }
+        }
+    };
+}
+
+records!(camera_angle_x fl_x fl_y cx cy w h k1 k2 k3 k4 k5 k6 p1 p2);

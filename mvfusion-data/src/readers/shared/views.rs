@@ -1,0 +1,168 @@
+//! From shots to the views of a scene: one path for all formats.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use glam::DVec2;
+use tracing::info;
+
+use super::shot::Shot;
+use super::sizes::{check_shapes, common_size, reduced_size};
+use crate::error::DataError;
+use crate::readers::options::ReadOptions;
+use crate::scene::{Bend, Camera, Lens, Mask, Picture, PictureFile, PictureSource, Truth, View, pinhole_within};
+
+/// The views of shots. Their pictures must exist and share one size: that of their lenses or a scaled one. Only the
+/// headers of the pictures are read.
+///
+/// # Errors
+/// [`DataError::Missing`] if a picture or mask does not exist, [`DataError::Image`] if a header cannot be read.
+/// [`DataError::Disagreement`] if sizes or shapes differ. [`DataError::Setting`] if `downscale` is invalid.
+/// [`DataError::Content`] if two views have one name, a lens shows nothing that a pinhole could show, or a camera's
+/// numbers cannot be computed with.
+pub(crate) fn views(folder: &Path, shots: Vec<Shot>, options: &ReadOptions) -> Result<Vec<View>, DataError> {
+    if shots.is_empty() {
+        return Ok(Vec::new());
+    }
+    check_presence(folder, &shots)?;
+    check_names(&shots)?;
+    let on_disk = common_size(folder, &shots)?;
+    check_shapes(folder, on_disk, &shots)?;
+    let size = reduced_size(on_disk, options.downscale)?;
+    let bent = shots.iter().filter(|shot| shot.lens.at_size(DVec2::ONE).bend != Bend::NONE).count();
+    if bent > 0 {
+        info!("{bent} pictures are straightened as they are read: their lenses bend");
+    }
+    let masked = shots.iter().filter(|shot| shot.mask.is_some()).count();
+    if masked > 0 {
+        let counting = if options.invert_masks { "black" } else { "white" };
+        info!("{masked} of {} pictures have masks: {counting} counts, the rest is ignored", shots.len());
+    }
+
+    // Most pictures come from one camera, and finding its pinhole takes a walk along the border.
+    let mut pinholes = Pinholes::default();
+    shots.into_iter().map(|shot| view(shot, size, options, &mut pinholes)).collect()
+}
+
+fn view(
+    shot: Shot,
+    (width, height): (u32, u32),
+    options: &ReadOptions,
+    pinholes: &mut Pinholes,
+) -> Result<View, DataError> {
+    let lens = shot.lens.at_size(DVec2::new(f64::from(width), f64::from(height)));
+    let pinhole = pinholes.of(&lens, width, height).ok_or_else(|| no_pinhole(&shot))?;
+    let lenses = (!lens.bend.is_none()).then(|| Arc::new([lens, pinhole]));
+    let file =
+        |source, backdrop| Picture::File(PictureFile { source, width, height, backdrop, lenses: lenses.clone() });
+    let mask = |path| Mask { picture: file(PictureSource::Image(path), None), inverted: options.invert_masks };
+    let camera = Camera {
+        width: width as usize,
+        height: height as usize,
+        fx: pinhole.focal.x,
+        fy: pinhole.focal.y,
+        cx: pinhole.principal.x,
+        cy: pinhole.principal.y,
+        rotation: shot.rotation,
+        translation: shot.translation,
+    };
+    if !is_computable(&camera) {
+        return Err(no_camera(&shot, &camera));
+    }
+    Ok(View {
+        name: shot.name,
+        camera,
+        time: shot.time,
+        image: file(shot.source, Some(options.backdrop)),
+        mask: shot.mask.map(mask),
+        truth: Truth::default(),
+    })
+}
+
+/// A cache of the pinhole for the last lens.
+#[derive(Default)]
+struct Pinholes(Option<[Lens; 2]>);
+
+impl Pinholes {
+    fn of(&mut self, lens: &Lens, width: u32, height: u32) -> Option<Lens> {
+        match self.0 {
+            Some([known, pinhole]) if known == *lens => Some(pinhole),
+            _ => {
+                let pinhole = pinhole_within(lens, width, height)?;
+                self.0 = Some([*lens, pinhole]);
+                Some(pinhole)
+            }
+        }
+    }
+}
+
+/// Whether single precision, which training uses, can hold the camera. Files may contain numbers that it cannot hold,
+/// or numbers whose products it cannot hold.
+fn is_computable(camera: &Camera) -> bool {
+    let focal = DVec2::new(camera.fx, camera.fy).as_vec2();
+    let principal = DVec2::new(camera.cx, camera.cy).as_vec2();
+    let places = [camera.translation, camera.centre()].map(|place| place.as_vec3());
+    focal.is_finite()
+        && focal.min_element() > 0.0
+        && principal.is_finite()
+        && camera.rotation.is_finite()
+        && places.iter().all(|place| place.is_finite())
+}
+
+/// Checks that all pictures and masks exist.
+fn check_presence(folder: &Path, shots: &[Shot]) -> Result<(), DataError> {
+    let pictures: Vec<&Path> = shots.iter().map(|shot| shot.source.path()).collect();
+    let masks: Vec<&Path> = shots.iter().filter_map(|shot| shot.mask.as_deref()).collect();
+    for (what, paths) in [("picture", pictures), ("mask", masks)] {
+        let absent: Vec<&Path> = paths.iter().copied().filter(|path| !path.is_file()).collect();
+        let Some(first) = absent.first() else { continue };
+        let path = first.strip_prefix(folder).unwrap_or(first);
+        return Err(DataError::Missing {
+            what: format!("{what} {}", path.display()),
+            folder: folder.to_owned(),
+            advice: format!(
+                "{} of {} {what}s that the scene lists are not there: put them there under the names that it has for them",
+                absent.len(),
+                paths.len()
+            ),
+        });
+    }
+    Ok(())
+}
+
+/// Checks that names are unique. Views are named without extension, and the names of results and masks depend on them.
+fn check_names(shots: &[Shot]) -> Result<(), DataError> {
+    let mut paths = BTreeMap::new();
+    for shot in shots {
+        if let Some(twin) = paths.insert(&shot.name, shot.source.path()) {
+            return Err(DataError::Content {
+                path: shot.source.path().to_owned(),
+                reason: format!("its view would have the name of that of {}, {}", twin.display(), shot.name),
+                advice: "Views are named without extension: rename or remove one of the two",
+            });
+        }
+    }
+    Ok(())
+}
+
+fn no_pinhole(shot: &Shot) -> DataError {
+    DataError::Content {
+        path: shot.source.path().to_owned(),
+        reason: "its lens, as the scene describes it, shows nothing in front of the camera".into(),
+        advice: "Check the distortion coefficients, or undistort the pictures with another program",
+    }
+}
+
+fn no_camera(shot: &Shot, camera: &Camera) -> DataError {
+    let &Camera { fx, fy, cx, cy, translation, .. } = camera;
+    DataError::Content {
+        path: shot.source.path().to_owned(),
+        reason: format!(
+            "its camera has focal lengths {fx:?}, {fy:?}, principal point {cx:?}, {cy:?} and translation {:?}, which are too \
+             large or too small to compute with",
+            translation.to_array()
+        ),
+        advice: "Check the entry of the picture in the scene's files",
+    }
+}

@@ -1,0 +1,155 @@
+//! A cache of decoded pictures with a byte budget. Background threads decode ahead of use.
+//!
+//! Training shows every picture once a round, in an order that is known a little ahead. The picture shown last is the
+//! one needed latest, so it is evicted first. With this rule, a budget for k of n pictures saves k of n decodings a
+//! round. Keeping the most recent pictures instead would save none.
+
+mod masked;
+mod shared;
+#[cfg(test)]
+mod tests;
+
+use std::collections::{HashSet, VecDeque};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+pub use masked::Decoded;
+
+use super::view::View;
+use crate::error::DataError;
+use masked::Masked;
+use shared::{Entry, Shared, State};
+
+/// Pictures and their masks by index, decoded or not.
+#[derive(Debug)]
+pub struct PictureCache {
+    shared: Arc<Shared>,
+    workers: Vec<JoinHandle<()>>,
+}
+
+impl PictureCache {
+    /// A cache of the pictures of `views`, with this many decoding threads. It holds at most `budget` bytes of decoded
+    /// pictures, but always the one asked for. Pictures in memory count as zero bytes.
+    pub fn new(views: &[View], budget: u64, threads: usize) -> Self {
+        let masked = |view: &View| Masked { picture: view.image.clone(), mask: view.mask.clone() };
+        let state = State {
+            entries: vec![Entry::Absent; views.len()],
+            queue: VecDeque::new(),
+            wanted: Vec::new(),
+            held: 0,
+            clock: 0,
+            waited: Duration::ZERO,
+            ended: false,
+        };
+        let shared = Arc::new(Shared {
+            pictures: views.iter().map(masked).collect(),
+            budget,
+            state: Mutex::new(state),
+            work: Condvar::new(),
+            done: Condvar::new(),
+        });
+        let worker = |_| {
+            let shared = Arc::clone(&shared);
+            std::thread::spawn(move || shared.decode_in_turn())
+        };
+        let workers = (0..threads.max(1)).map(worker).collect();
+        Self { shared, workers }
+    }
+
+    /// Decodes all pictures if they fit into the budget, so that unreadable files are found now.
+    ///
+    /// # Errors
+    /// [`DataError::Image`] if one cannot be read.
+    pub fn fill(&self) -> Result<(), DataError> {
+        let bytes: u64 = self.shared.pictures.iter().map(Masked::bytes).sum();
+        if bytes > self.shared.budget {
+            return Ok(());
+        }
+        self.announce(&(0..self.len()).collect::<Vec<_>>());
+        (0..self.len()).try_for_each(|index| self.get(index).map(drop))
+    }
+
+    /// Number of pictures.
+    pub fn len(&self) -> usize {
+        self.shared.pictures.len()
+    }
+
+    /// Whether there is no picture.
+    pub fn is_empty(&self) -> bool {
+        self.shared.pictures.is_empty()
+    }
+
+    /// Announces which pictures will be asked for, in this order. Pictures of an earlier announcement that are not
+    /// among them are no longer decoded.
+    pub fn announce(&self, upcoming: &[usize]) {
+        let mut state = self.shared.lock();
+        let mut seen = HashSet::new();
+        let mut is_due = |index: &usize| self.shared.is_absent(&state, *index) && seen.insert(*index);
+        let queue = state.wanted.iter().chain(upcoming).copied().filter(&mut is_due).collect();
+        state.queue = queue;
+        drop(state);
+        self.shared.work.notify_all();
+    }
+
+    /// The picture at an index. Waits until it is decoded.
+    ///
+    /// # Errors
+    /// [`DataError::Image`] if it cannot be read.
+    pub fn get(&self, index: usize) -> Result<Decoded, DataError> {
+        if self.shared.pictures[index].is_ready() {
+            return self.shared.pictures[index].decode();
+        }
+        let mut state = self.shared.lock();
+        if let Some(image) = state.take(index) {
+            drop(state);
+            // A used picture may be evicted to make room.
+            self.shared.work.notify_all();
+            return Ok(image);
+        }
+        let started = Instant::now();
+        state.wanted.push(index);
+        let image = loop {
+            match state.entries[index] {
+                Entry::Ready { .. } => break state.take(index),
+                Entry::Failed => break None,
+                Entry::Decoding => {}
+                Entry::Absent => {
+                    state.queue.retain(|&other| other != index);
+                    state.queue.push_front(index);
+                    self.shared.work.notify_all();
+                }
+            }
+            state = self.shared.done.wait(state).unwrap_or_else(PoisonError::into_inner);
+        };
+        state.waited += started.elapsed();
+        if let Some(place) = state.wanted.iter().position(|&other| other == index) {
+            state.wanted.swap_remove(place);
+        }
+        drop(state);
+        self.shared.work.notify_all();
+        // Decoded again to get the error, because an error cannot be kept for several callers.
+        image.map_or_else(|| self.shared.pictures[index].decode(), Ok)
+    }
+
+    /// Total time that callers have waited for pictures.
+    pub fn waited(&self) -> Duration {
+        self.shared.lock().waited
+    }
+
+    /// Bytes of decoded pictures that are held now.
+    pub fn held(&self) -> u64 {
+        self.shared.lock().held
+    }
+}
+
+impl Drop for PictureCache {
+    fn drop(&mut self) {
+        self.shared.lock().ended = true;
+        self.shared.work.notify_all();
+        for worker in self.workers.drain(..) {
+            // A panicked worker has reported it already, and nothing is left to lose here.
+            let _ = worker.join();
+        }
+    }
+}

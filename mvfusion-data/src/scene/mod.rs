@@ -1,0 +1,105 @@
+//! A scene: what every reader delivers and everything downstream sees.
+//!
+//! A [`Scene`] has training and held-out [`View`]s, each with a [`Camera`], a time and a [`Picture`], and a
+//! [`PointCloud`] to start from.
+
+mod cache;
+mod camera;
+mod gaussian_cloud;
+mod lens;
+mod mask;
+mod picture;
+mod points;
+mod rig;
+mod undistort;
+mod view;
+
+use glam::DVec3;
+
+pub use cache::{Decoded, PictureCache};
+pub use camera::Camera;
+pub(crate) use camera::nearest_to_axes;
+pub use gaussian_cloud::{GaussianCloud, LIFETIME_FIELDS, Lifetime, MASK_FIELDS, rest_width};
+pub use lens::{Bend, Lens};
+pub use mask::Mask;
+pub use picture::{Picture, PictureFile, PictureSource};
+pub(crate) use picture::{check_shape, file_size};
+pub use points::PointCloud;
+pub(crate) use rig::by_camera;
+pub(crate) use undistort::pinhole_within;
+pub use view::{Truth, View};
+
+/// How a scene was captured. This decides how its Gaussians are initialised (METHOD §3).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Capture {
+    /// Synchronised cameras that film the same moments, as in Neu3D.
+    Video,
+    /// One photo a moment, with distractors, as in NeRF On-the-go and RobustNeRF.
+    Photos,
+}
+
+/// A captured scene, ready to train on.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// Name for messages: the folder's, or `built-in video`.
+    pub name: String,
+    /// How it was captured.
+    pub capture: Capture,
+    /// Training views. Never empty.
+    pub train: Vec<View>,
+    /// Held-out views.
+    pub test: Vec<View>,
+    /// Points from structure from motion; may be empty.
+    pub points: PointCloud,
+    /// Lower bound of the depth of any surface in a training camera, along its axis and in world units, if the capture
+    /// states it.
+    pub near: Option<f64>,
+}
+
+/// An axis-aligned box in world units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Corner with the smallest coordinates.
+    pub min: DVec3,
+    /// Corner with the largest coordinates.
+    pub max: DVec3,
+}
+
+impl Scene {
+    /// 1.1 times the largest distance of a training camera's centre from their mean (METHOD §3). Learning rates and
+    /// thresholds are in units of it.
+    pub fn extent(&self) -> f64 {
+        let mean = self.training_centre();
+        let reach = self.train.iter().map(|v| v.camera.centre().distance(mean)).fold(0.0, f64::max);
+        1.1 * reach
+    }
+
+    /// Mean of the training cameras' centres.
+    pub fn training_centre(&self) -> DVec3 {
+        self.train.iter().map(|v| v.camera.centre()).sum::<DVec3>() / self.train.len().max(1) as f64
+    }
+
+    /// Smallest box around the training cameras' centres.
+    pub fn camera_bounds(&self) -> Bounds {
+        let start = Bounds { min: DVec3::INFINITY, max: DVec3::NEG_INFINITY };
+        self.train.iter().map(|v| v.camera.centre()).fold(start, |b, c| Bounds { min: b.min.min(c), max: b.max.max(c) })
+    }
+
+    /// The number of every training view's camera. Views of one pose and one lens share a number; cameras are numbered
+    /// in order of first appearance.
+    pub fn training_cameras(&self) -> Vec<usize> {
+        let mut cameras = vec![0; self.train.len()];
+        for (camera, views) in by_camera(self.train.iter()).into_iter().enumerate() {
+            views.into_iter().for_each(|view| cameras[view] = camera);
+        }
+        cameras
+    }
+
+    /// The distinct times of the training views, sorted.
+    pub fn training_times(&self) -> Vec<f64> {
+        let mut times: Vec<f64> = self.train.iter().map(|v| v.time).collect();
+        times.sort_by(f64::total_cmp);
+        times.dedup();
+        times
+    }
+}

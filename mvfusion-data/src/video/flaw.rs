@@ -1,0 +1,36 @@
+//! What is wrong with a video, and what to do about it.
+
+use std::path::{Path, PathBuf};
+
+use crate::error::DataError;
+
+/// Advice for a file that may be damaged.
+pub(super) const CHECK_FILE: &str = "Check that the file is complete and plays, and copy it again if not.";
+
+/// Advice for a file that has fewer frames than announced.
+pub(super) const READ_FEWER: &str = "Check that the file is complete and plays, and copy it again if not; or read fewer \
+                                     frames of all videos with the option frames.";
+
+/// Advice for a file that cannot be decoded here.
+pub(super) const EXTRACT: &str = "Install the program ffmpeg, or turn the video into pictures on another computer with \
+                                  `ffmpeg -i NAME.mp4 NAME/images/%04d.png`.";
+
+/// What is wrong with a video. Unlike [`DataError`] it can be cloned and reported again.
+#[derive(Clone, Debug)]
+pub(super) struct Flaw {
+    path: PathBuf,
+    pub(super) reason: String,
+    advice: &'static str,
+}
+
+impl Flaw {
+    pub(super) fn new(path: &Path, reason: impl ToString, advice: &'static str) -> Self {
+        Self { path: path.to_owned(), reason: reason.to_string(), advice }
+    }
+}
+
+impl From<Flaw> for DataError {
+    fn from(Flaw { path, reason, advice }: Flaw) -> Self {
+        DataError::Content { path, reason, advice }
+    }
+}

@@ -1,0 +1,125 @@
+//! Switches of the motion modules that do not go together.
+
+use serde::Serialize;
+
+use super::{Descriptor, MotionConfig, Temporal, TokenMode};
+
+/// A key whose value another key leaves without effect, or without sense.
+pub(super) struct Contradiction {
+    /// The key, dotted.
+    pub key: &'static str,
+    /// Its value.
+    pub value: String,
+    /// The other key, and the way out.
+    pub reason: &'static str,
+}
+
+impl MotionConfig {
+    /// The first contradiction among the switches.
+    pub(super) fn contradiction(&self) -> Option<Contradiction> {
+        let is_cross = self.temporal == Temporal::Cross;
+        let found = |bad: bool, key, value, reason| bad.then_some(Contradiction { key, value, reason });
+        found(
+            !self.mvg && self.descriptor != Descriptor::default(),
+            "motion.descriptor",
+            written(&self.descriptor),
+            "`motion.mvg` is off, so nothing is shown it; switch that on or leave this key at its default",
+        )
+        .or_else(|| {
+            found(
+                !self.mfta && !is_cross,
+                "motion.temporal",
+                written(&self.temporal),
+                "`motion.mfta` is off, so there are no tokens; switch that on or leave this key at its default",
+            )
+        })
+        .or_else(|| {
+            found(
+                self.include_self && !is_cross,
+                "motion.include_self",
+                self.include_self.to_string(),
+                "it is a switch of cross-attention; every other `motion.temporal` reads the current frame anyway",
+            )
+        })
+        .or_else(|| {
+            found(
+                self.tokens == TokenMode::FullWindow && self.temporal == Temporal::Convolution,
+                "motion.tokens",
+                written(&self.tokens),
+                "the convolution has a tap for each token of a triple; give `triple` or another `motion.temporal`",
+            )
+        })
+    }
+}
+
+/// A value as a configuration file has it.
+fn written(value: &impl Serialize) -> String {
+    serde_json::to_string(value).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Config;
+
+    /// What a configuration with these switches is refused with.
+    fn refusal(switch: impl Fn(&mut MotionConfig)) -> Option<String> {
+        let mut config = Config::default();
+        switch(&mut config.motion);
+        config.check().err().map(|error| error.to_string())
+    }
+
+    #[track_caller]
+    fn assert_refused(switch: impl Fn(&mut MotionConfig), said: &str) {
+        let refusal = refusal(switch).expect("it is refused");
+        assert!(refusal.starts_with(said), "{refusal}");
+    }
+
+    #[test]
+    fn a_descriptor_needs_mvg() {
+        for (descriptor, name) in
+            [(Descriptor::PositionVariance, "position_variance"), (Descriptor::Offsets, "offsets")]
+        {
+            assert_eq!(refusal(|motion| motion.descriptor = descriptor), None);
+            let said = format!("`motion.descriptor` is \"{name}\": `motion.mvg` is off");
+            assert_refused(|motion| (motion.mvg, motion.descriptor) = (false, descriptor), &said);
+        }
+        assert_eq!(refusal(|motion| motion.mvg = false), None);
+    }
+
+    #[test]
+    fn a_kind_of_temporal_module_needs_mfta() {
+        for (temporal, name) in [
+            (Temporal::SelfAttention, "self_attention"),
+            (Temporal::Average, "average"),
+            (Temporal::Convolution, "convolution"),
+        ] {
+            assert_eq!(refusal(|motion| motion.temporal = temporal), None);
+            let said = format!("`motion.temporal` is \"{name}\": `motion.mfta` is off");
+            assert_refused(|motion| (motion.mfta, motion.temporal) = (false, temporal), &said);
+        }
+        assert_eq!(refusal(|motion| motion.mfta = false), None);
+    }
+
+    #[test]
+    fn only_cross_attention_can_include_the_current_frame() {
+        assert_eq!(refusal(|motion| motion.include_self = true), None);
+        for temporal in [Temporal::SelfAttention, Temporal::Average, Temporal::Convolution] {
+            assert_refused(
+                |motion| (motion.include_self, motion.temporal) = (true, temporal),
+                "`motion.include_self` is true: it is a switch of cross-attention",
+            );
+        }
+    }
+
+    #[test]
+    fn a_convolution_reads_a_triple() {
+        for temporal in [Temporal::Cross, Temporal::SelfAttention, Temporal::Average] {
+            assert_eq!(refusal(|motion| (motion.tokens, motion.temporal) = (TokenMode::FullWindow, temporal)), None);
+        }
+        assert_refused(
+            |motion| (motion.tokens, motion.temporal) = (TokenMode::FullWindow, Temporal::Convolution),
+            "`motion.tokens` is \"full_window\": the convolution",
+        );
+    }
+}

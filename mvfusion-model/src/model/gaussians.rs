@@ -1,0 +1,429 @@
+//! A set of Gaussians: the raw attributes that are optimised (METHOD §1.1).
+
+use std::fmt;
+
+use burn::module::{Module, Param, ParamId};
+use burn::tensor::{DType, Device, Int, Tensor, TensorData, activation::sigmoid};
+use mvfusion_data::{Camera, GaussianCloud, Lifetime};
+use mvfusion_render::profile::{Part, measure};
+use mvfusion_render::splat::{self, SplatInputs, SplatPicture, SplatSettings};
+use serde::{Deserialize, Serialize};
+
+use crate::model::mask::MaskChannel;
+use crate::model::network::Offsets;
+use crate::model::rows::{PerGaussian, RowMap};
+use crate::{ModelError, tensors};
+
+/// Colour of a Gaussian is `0.5 + SH_C0 * dc` where no direction counts.
+pub const SH_C0: f64 = 0.282_094_791_773_878_14;
+
+/// Background of the features that are no mask: "near black" (METHOD §1.2).
+const FEATURE_BACKGROUND: f64 = 1e-7;
+
+/// Opacities nearer to 0 or 1 than this are written as this, so that their logits are finite; no 8-bit picture tells.
+const OPACITY_MARGIN: f64 = 1e-6;
+
+/// Gaussians as raw numbers, before any activation; one row each.
+#[derive(Module, Debug)]
+pub struct Gaussians {
+    /// Centres in world units: `[N, 3]`.
+    pub means: Param<Tensor<2>>,
+    /// Constant colour coefficients: `[N, 3]`.
+    pub sh_dc: Param<Tensor<2>>,
+    /// Higher colour coefficients, coefficient by coefficient, colour fastest: `[N, 45]` for degree 3.
+    pub sh_rest: Param<Tensor<2>>,
+    /// Opacity logits: `[N, 1]`.
+    pub opacity_logits: Param<Tensor<2>>,
+    /// Log-scales: `[N, 3]`.
+    pub log_scales: Param<Tensor<2>>,
+    /// Quaternions w, x, y, z, not normalised: `[N, 4]`.
+    pub quaternions: Param<Tensor<2>>,
+    /// Mask logits, a column for each [`MaskChannel`]: `[N, 3]`; of the dynamic branch alone.
+    pub mask_logits: Option<Param<Tensor<2>>>,
+    /// Moment at which a Gaussian is most opaque and where its centre is given, in the time of the views: `[N, 1]`; of a
+    /// dynamic branch with lifetimes (`model.lifetime`).
+    pub time_centres: Option<Param<Tensor<2>>>,
+    /// Logarithm of how long it is there, in the same time: `[N, 1]`; with `time_centres`.
+    pub log_durations: Option<Param<Tensor<2>>>,
+    /// World units it travels in a unit of time: `[N, 3]`; with `time_centres`.
+    pub velocities: Option<Param<Tensor<2>>>,
+    /// Degree of the spherical harmonics in use; the coefficients above it are 0.
+    #[module(skip)]
+    pub sh_degree: usize,
+}
+
+/// The name of an attribute of a Gaussian.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Attribute {
+    /// [`Gaussians::means`].
+    Means,
+    /// [`Gaussians::sh_dc`].
+    ShDc,
+    /// [`Gaussians::sh_rest`].
+    ShRest,
+    /// [`Gaussians::opacity_logits`].
+    OpacityLogits,
+    /// [`Gaussians::log_scales`].
+    LogScales,
+    /// [`Gaussians::quaternions`].
+    Quaternions,
+    /// [`Gaussians::mask_logits`].
+    MaskLogits,
+    /// [`Gaussians::time_centres`].
+    TimeCentres,
+    /// [`Gaussians::log_durations`].
+    LogDurations,
+    /// [`Gaussians::velocities`].
+    Velocities,
+}
+
+impl Attribute {
+    /// All attributes.
+    pub const ALL: [Self; 10] = [
+        Self::Means,
+        Self::ShDc,
+        Self::ShRest,
+        Self::OpacityLogits,
+        Self::LogScales,
+        Self::Quaternions,
+        Self::MaskLogits,
+        Self::TimeCentres,
+        Self::LogDurations,
+        Self::Velocities,
+    ];
+
+    /// Name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Means => "means",
+            Self::ShDc => "sh_dc",
+            Self::ShRest => "sh_rest",
+            Self::OpacityLogits => "opacity_logits",
+            Self::LogScales => "log_scales",
+            Self::Quaternions => "quaternions",
+            Self::MaskLogits => "mask_logits",
+            Self::TimeCentres => "time_centres",
+            Self::LogDurations => "log_durations",
+            Self::Velocities => "velocities",
+        }
+    }
+}
+
+impl fmt::Display for Attribute {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// Durations beyond `exp` of these are taken as these, so that an age is a number: a hundred-thousandth of the video, and a
+/// thousand videos.
+pub(crate) const LEAST_LOG_DURATION: f64 = -12.0;
+pub(crate) const MOST_LOG_DURATION: f64 = 7.0;
+
+/// What is seen where no Gaussian is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Behind {
+    /// Level of the colour channels.
+    pub grey: f64,
+    /// Mask probabilities, one for each [`MaskChannel`].
+    pub masks: [f64; 3],
+}
+
+/// Raw attributes as tensors, ready to be rendered: canonical or deformed.
+#[derive(Clone, Debug)]
+pub struct RawGaussians {
+    /// Centres: `[N, 3]`.
+    pub means: Tensor<2>,
+    /// Colour coefficients: `[N, K, 3]`.
+    pub sh: Tensor<3>,
+    /// Opacity logits: `[N, 1]`.
+    pub opacity_logits: Tensor<2>,
+    /// Log-scales: `[N, 3]`.
+    pub log_scales: Tensor<2>,
+    /// Quaternions: `[N, 4]`.
+    pub quaternions: Tensor<2>,
+    /// Mask logits, a column for each [`MaskChannel`]: `[N, 3]`.
+    pub mask_logits: Option<Tensor<2>>,
+}
+
+impl Gaussians {
+    /// Gaussians of the given attributes; every tensor becomes a parameter. Of the spherical harmonics the constant is in use.
+    pub fn from_tensors(raw: impl Fn(Attribute) -> Option<Tensor<2>>) -> Option<Self> {
+        let parameter = |attribute| raw(attribute).map(Param::from_tensor);
+        Some(Self {
+            means: parameter(Attribute::Means)?,
+            sh_dc: parameter(Attribute::ShDc)?,
+            sh_rest: parameter(Attribute::ShRest)?,
+            opacity_logits: parameter(Attribute::OpacityLogits)?,
+            log_scales: parameter(Attribute::LogScales)?,
+            quaternions: parameter(Attribute::Quaternions)?,
+            mask_logits: parameter(Attribute::MaskLogits),
+            time_centres: parameter(Attribute::TimeCentres),
+            log_durations: parameter(Attribute::LogDurations),
+            velocities: parameter(Attribute::Velocities),
+            sh_degree: 0,
+        })
+    }
+
+    /// Number of Gaussians.
+    pub fn count(&self) -> usize {
+        self.means.dims()[0]
+    }
+
+    /// The parameter of an attribute.
+    pub fn attribute(&self, attribute: Attribute) -> Option<&Param<Tensor<2>>> {
+        match attribute {
+            Attribute::Means => Some(&self.means),
+            Attribute::ShDc => Some(&self.sh_dc),
+            Attribute::ShRest => Some(&self.sh_rest),
+            Attribute::OpacityLogits => Some(&self.opacity_logits),
+            Attribute::LogScales => Some(&self.log_scales),
+            Attribute::Quaternions => Some(&self.quaternions),
+            Attribute::MaskLogits => self.mask_logits.as_ref(),
+            Attribute::TimeCentres => self.time_centres.as_ref(),
+            Attribute::LogDurations => self.log_durations.as_ref(),
+            Attribute::Velocities => self.velocities.as_ref(),
+        }
+    }
+
+    /// The numbers of an attribute without autodiff.
+    pub fn plain(&self, attribute: Attribute) -> Option<Tensor<2>> {
+        self.attribute(attribute).map(|parameter| parameter.val().inner())
+    }
+
+    /// Takes the numbers of an attribute out, without autodiff, so that they can be changed in place; to be put back by
+    /// [`Gaussians::replace`]. Until then the attribute is empty.
+    pub fn take(&mut self, attribute: Attribute) -> Option<Tensor<2>> {
+        let slot = self.slot(attribute)?;
+        let empty = Param::initialized(ParamId::new(), Tensor::empty([0, 0], &slot.val().device().inner()));
+        Some(std::mem::replace(slot, empty).into_value().inner())
+    }
+
+    /// Puts new numbers (without autodiff) in place of an attribute, as a fresh parameter.
+    pub fn replace(&mut self, attribute: Attribute, values: Tensor<2>) {
+        if let Some(slot) = self.slot(attribute) {
+            *slot = Param::from_tensor(values.autodiff());
+        }
+    }
+
+    fn slot(&mut self, attribute: Attribute) -> Option<&mut Param<Tensor<2>>> {
+        match attribute {
+            Attribute::Means => Some(&mut self.means),
+            Attribute::ShDc => Some(&mut self.sh_dc),
+            Attribute::ShRest => Some(&mut self.sh_rest),
+            Attribute::OpacityLogits => Some(&mut self.opacity_logits),
+            Attribute::LogScales => Some(&mut self.log_scales),
+            Attribute::Quaternions => Some(&mut self.quaternions),
+            Attribute::MaskLogits => self.mask_logits.as_mut(),
+            Attribute::TimeCentres => self.time_centres.as_mut(),
+            Attribute::LogDurations => self.log_durations.as_mut(),
+            Attribute::Velocities => self.velocities.as_mut(),
+        }
+    }
+
+    /// The canonical Gaussians.
+    pub fn canonical(&self) -> RawGaussians {
+        let sh = Tensor::cat(vec![self.sh_dc.val(), self.sh_rest.val()], 1);
+        let [count, columns] = sh.dims();
+        RawGaussians {
+            means: self.means.val(),
+            sh: sh.reshape([count, columns / 3, 3]),
+            opacity_logits: self.opacity_logits.val(),
+            log_scales: self.log_scales.val(),
+            quaternions: self.quaternions.val(),
+            mask_logits: self.mask_logits.as_ref().map(|logits| logits.val()),
+        }
+    }
+
+    /// The numbers of the canonical Gaussians, with their lifetimes, for a file.
+    ///
+    /// # Errors
+    /// If the device cannot hand them back.
+    pub fn to_cloud(&self) -> Result<GaussianCloud, ModelError> {
+        let plain = |attribute| self.plain(attribute).map(tensors::read::<2, f32>).transpose();
+        let (centres, durations) = (plain(Attribute::TimeCentres)?, plain(Attribute::LogDurations)?);
+        let lifetimes =
+            centres.zip(durations).zip(plain(Attribute::Velocities)?).map(|((centres, durations), travel)| {
+                let each = centres.into_iter().zip(durations).zip(rows(&travel, 3));
+                each.map(|((centre, log_duration), velocity)| Lifetime { centre, log_duration, velocity }).collect()
+            });
+        Ok(GaussianCloud { lifetimes, ..self.valid().canonical().to_cloud()? })
+    }
+
+    /// The canonical Gaussians as their lifetimes have them at a time; the canonical ones where there are none.
+    ///
+    /// With moment `c`, duration `w` and velocity `v` a Gaussian stands at `mean + (t - c) v`, and its opacity is
+    /// `sigmoid(logit - ((t - c) / w)^2)`: the bell `opacity exp(-((t - c) / w)^2)` of Spacetime Gaussians and
+    /// FreeTimeGS where it is faint, and flat-topped where it is opaque. Ours; docs/METHOD.md, section 13.
+    pub fn at(&self, time: f64) -> RawGaussians {
+        let canonical = self.canonical();
+        let (Some(centres), Some(durations), Some(velocities)) =
+            (&self.time_centres, &self.log_durations, &self.velocities)
+        else {
+            return canonical;
+        };
+        let since = -centres.val() + time;
+        let ages = since.clone() * (-durations.val().clamp(LEAST_LOG_DURATION, MOST_LOG_DURATION)).exp();
+        RawGaussians {
+            means: canonical.means + velocities.val() * since,
+            opacity_logits: canonical.opacity_logits - ages.powf_scalar(2.0),
+            ..canonical
+        }
+    }
+}
+
+impl PerGaussian for Gaussians {
+    /// New Gaussians are equal to their parents; those without a parent are zeros until somebody gives them numbers.
+    fn follow(&mut self, map: &RowMap) {
+        for attribute in Attribute::ALL {
+            if let Some(values) = self.plain(attribute) {
+                self.replace(attribute, map.inherit(&values));
+            }
+        }
+    }
+}
+
+impl RawGaussians {
+    /// The Gaussians moved and changed by `offsets`, all in raw units (METHOD §2.3).
+    pub fn deformed(self, offsets: Offsets) -> Self {
+        let [count, coefficients, _] = self.sh.dims();
+        let sh_offsets =
+            offsets.sh.map(|offsets| offsets.narrow(1, 0, coefficients * 3).reshape([count, coefficients, 3]));
+        Self {
+            means: self.means + offsets.means,
+            sh: plus(self.sh, sh_offsets),
+            opacity_logits: plus(self.opacity_logits, offsets.opacity_logits),
+            log_scales: self.log_scales + offsets.log_scales,
+            quaternions: self.quaternions + offsets.quaternions,
+            mask_logits: self.mask_logits.map(|logits| plus(logits, offsets.mask_logits)),
+        }
+    }
+
+    /// Splat features: mask probabilities, a column for each [`MaskChannel`]: `[N, 3]` (METHOD §1.2).
+    pub fn mask_features(&self) -> Option<Tensor<2>> {
+        Some(sigmoid(self.mask_logits.clone()?))
+    }
+
+    /// How surely each Gaussian is part of the foreground: `clamp(u_d / (u_d + u_s)) * opacity`, `[N, 1]` (METHOD §1.4).
+    pub fn foreground_probability(&self) -> Option<Tensor<2>> {
+        let probabilities = sigmoid(self.mask_logits.clone()?.inner());
+        let [static_, dynamic] = [MaskChannel::Static, MaskChannel::Dynamic].map(|channel| channel.of(&probabilities));
+        let share = dynamic.clone() / (dynamic + static_ + 1e-6);
+        Some(share.clamp(1e-9, 1.0 - 1e-9) * sigmoid(self.opacity_logits.clone().inner()))
+    }
+
+    /// The same Gaussians for a viewer that knows no masks: the share of the foreground in a Gaussian's own mask
+    /// weighs its opacity ([`RawGaussians::foreground_probability`]), so that what the mask gives to the static
+    /// branch fades. That is how the branches are blended where opaque Gaussians of one mask cover a pixel; the
+    /// brightness control of the static branch is lost.
+    pub fn without_masks(self) -> Self {
+        let Some(probability) = self.foreground_probability() else { return self };
+        let opacity = probability.clamp(OPACITY_MARGIN, 1.0 - OPACITY_MARGIN);
+        let logits = opacity.clone().log() - (-opacity + 1.0).log();
+        Self { opacity_logits: logits, mask_logits: None, ..self }
+    }
+
+    /// The numbers of these Gaussians, for a file.
+    ///
+    /// # Errors
+    /// If the device cannot hand them back.
+    pub fn to_cloud(&self) -> Result<GaussianCloud, ModelError> {
+        let [_, coefficients, _] = self.sh.dims();
+        let width = 3 * coefficients;
+        let sh: Vec<f32> = tensors::read(self.sh.clone())?;
+        let read = |tensor: &Tensor<2>| tensors::read::<2, f32>(tensor.clone());
+        let masks = self.mask_logits.as_ref().map(read).transpose()?;
+        Ok(GaussianCloud {
+            sh_degree: coefficients.isqrt().saturating_sub(1),
+            means: rows(&read(&self.means)?, 3).collect(),
+            sh_dc: rows(&sh, width).collect(),
+            sh_rest: sh.chunks_exact(width.max(1)).flat_map(|row| &row[3..]).copied().collect(),
+            opacity_logits: read(&self.opacity_logits)?,
+            log_scales: rows(&read(&self.log_scales)?, 3).collect(),
+            quaternions: rows(&read(&self.quaternions)?, 4).collect(),
+            mask_logits: masks.map(|masks| rows(&masks, 3).collect()),
+            lifetimes: None,
+        })
+    }
+
+    /// The picture of these Gaussians and `features` (`[N, F]`, activated), over what `behind` says.
+    ///
+    /// # Errors
+    /// If the splat op refuses its input.
+    pub fn splat(
+        self,
+        features: Option<Tensor<2>>,
+        probe: Option<Tensor<2>>,
+        camera: &Camera,
+        settings: &SplatSettings,
+        behind: Behind,
+    ) -> Result<SplatPicture, splat::SplatError> {
+        let width = features.as_ref().map_or(0, |features| features.dims()[1]);
+        let masks = self.mask_logits.as_ref().map_or([].as_slice(), |_| &behind.masks);
+        let others = std::iter::repeat(&FEATURE_BACKGROUND);
+        let levels: Vec<f64> = [behind.grey; 3].iter().chain(masks.iter().chain(others).take(width)).copied().collect();
+        let background = tensors::from_data_like(TensorData::new(levels, [3 + width]), &self.means);
+        let count = self.means.dims()[0];
+        let inputs = SplatInputs {
+            means: self.means,
+            quaternions: self.quaternions,
+            log_scales: self.log_scales,
+            opacity_logits: self.opacity_logits.reshape([count]),
+            sh: self.sh,
+            features,
+            background,
+        };
+        measure(Part::SplatForward, || splat::splat(inputs, probe, camera, settings))
+    }
+
+    /// The numbers of an attribute as [`Gaussians`] keeps it.
+    pub fn attribute(&self, attribute: Attribute) -> Option<Tensor<2>> {
+        let sh = |first: usize, end: usize| {
+            let count = self.sh.dims()[0];
+            self.sh.clone().narrow(1, first, end - first).reshape([count, 3 * (end - first)])
+        };
+        Some(match attribute {
+            Attribute::Means => self.means.clone(),
+            Attribute::ShDc => sh(0, 1),
+            Attribute::ShRest => sh(1, self.sh.dims()[1]),
+            Attribute::OpacityLogits => self.opacity_logits.clone(),
+            Attribute::LogScales => self.log_scales.clone(),
+            Attribute::Quaternions => self.quaternions.clone(),
+            Attribute::MaskLogits => return self.mask_logits.clone(),
+            Attribute::TimeCentres | Attribute::LogDurations | Attribute::Velocities => return None,
+        })
+    }
+
+    /// The rows of the given Gaussians.
+    pub fn select(self, rows: &Tensor<1, Int>) -> Self {
+        Self {
+            means: self.means.select(0, rows.clone()),
+            sh: self.sh.select(0, rows.clone()),
+            opacity_logits: self.opacity_logits.select(0, rows.clone()),
+            log_scales: self.log_scales.select(0, rows.clone()),
+            quaternions: self.quaternions.select(0, rows.clone()),
+            mask_logits: self.mask_logits.map(|logits| logits.select(0, rows.clone())),
+        }
+    }
+}
+
+/// Values with offsets, where there are any.
+fn plus<const D: usize>(values: Tensor<D>, offsets: Option<Tensor<D>>) -> Tensor<D> {
+    match offsets {
+        Some(offsets) => values + offsets,
+        None => values,
+    }
+}
+
+/// The first `N` numbers of every `stride` of them.
+fn rows<const N: usize>(values: &[f32], stride: usize) -> impl Iterator<Item = [f32; N]> {
+    values.chunks_exact(stride.max(1)).filter_map(|row| row.first_chunk().copied())
+}
+
+/// A `[rows, columns]` parameter tensor of `f64` numbers, in the given precision, on the device with autodiff.
+pub(crate) fn attribute_tensor(values: Vec<f64>, columns: usize, device: &Device, dtype: DType) -> Tensor<2> {
+    let rows = values.len() / columns.max(1);
+    let data = TensorData::new(values, [rows, columns]).convert_dtype(dtype);
+    Tensor::from_data(data, (device, dtype))
+}

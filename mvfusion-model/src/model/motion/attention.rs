@@ -1,0 +1,73 @@
+//! MFTA: query-centred attention over neighbouring frames (paper, "MotionFormer Attention"; METHOD A14 to A16).
+
+use std::slice::from_ref;
+
+use burn::module::Module;
+use burn::nn::Linear;
+use burn::tensor::Tensor;
+use mvfusion_render::attention;
+
+use super::token::token_width;
+use crate::model::network::{Mlp, ModuleInit, Rectified, side_by_side, zero_last_layer};
+
+/// The current token attends to tokens of neighbouring frames; an MLP that starts at zero turns the result into a residual
+/// of the deformation feature. Multi-head, scaled by `1 / sqrt(d)`, without layer norm, dropout or output projection.
+#[derive(Module, Debug)]
+pub struct TemporalAttention {
+    /// Token to query.
+    pub query: Linear,
+    /// Token to key.
+    pub key: Linear,
+    /// Token to value.
+    pub value: Linear,
+    /// Two layers; the last one starts at zero.
+    pub mlp: Mlp,
+    #[module(skip)]
+    pub(super) heads: usize,
+}
+
+impl TemporalAttention {
+    /// Attention over tokens of features of `feature_width`, `attention_width` wide over all `heads`.
+    pub fn new(
+        feature_width: usize,
+        attention_width: usize,
+        hidden: usize,
+        heads: usize,
+        init: &mut ModuleInit<'_>,
+    ) -> Self {
+        let token = token_width(feature_width);
+        Self {
+            query: init.linear(token, attention_width),
+            key: init.linear(token, attention_width),
+            value: init.linear(token, attention_width),
+            mlp: zero_last_layer(init.mlp(&[attention_width, hidden, feature_width])),
+            heads,
+        }
+    }
+
+    /// Attention of given layers.
+    pub fn from_layers(query: Linear, key: Linear, value: Linear, mlp: Mlp, heads: usize) -> Self {
+        Self { query, key, value, mlp, heads }
+    }
+
+    /// Centre tokens `[N, T]` and the `K` tokens that each attends to, `[N, K, T]`, to the attention's output before
+    /// the MLP: `[N, attention width]`.
+    ///
+    /// # Panics
+    /// If the shapes do not fit the layers, or the heads do not divide the attention's width.
+    pub fn attend(&self, centre: Tensor<2>, neighbours: Tensor<3>) -> Tensor<2> {
+        let [count, keys, token] = neighbours.dims();
+        let project = |layers: &[&[Linear]], tokens| side_by_side(layers, tokens, Rectified::No);
+        let queries = project(&[from_ref(&self.query)], centre);
+        let memory = project(&[from_ref(&self.key), from_ref(&self.value)], neighbours.reshape([count * keys, token]));
+        let memory = memory.reshape([count, keys, 2 * queries.dims()[1]]);
+        self.look(queries.unsqueeze_dim(1), memory).squeeze_dim(1)
+    }
+
+    /// What `[N, Q, width]` queries find in the `[N, K, 2 width]` keys and values of their row: `[N, Q, width]`.
+    pub(super) fn look(&self, queries: Tensor<3>, memory: Tensor<3>) -> Tensor<3> {
+        // Proof: `Config::check` sees to it that the heads divide the width, which query, key and value share, and both
+        // are of the same Gaussians, with at least one token each.
+        attention::forward(queries, memory, self.heads).unwrap_or_else(|error| panic!("MFTA: {error}"))
+    }
+}

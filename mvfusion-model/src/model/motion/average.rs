@@ -1,0 +1,27 @@
+//! The paper's control "temporal averaging" (supplement, temporal consistency; METHOD A30).
+
+use burn::module::Module;
+use burn::tensor::Tensor;
+
+use super::token::token_width;
+use crate::model::network::{Mlp, ModuleInit, zero_last_layer};
+
+/// The mean of the tokens instead of attention. Its MLP reads tokens, which are wider than what attention puts out, so
+/// it has one of its own.
+#[derive(Module, Debug)]
+pub struct TemporalAverage {
+    /// Two layers; the last one starts at zero.
+    pub mlp: Mlp,
+}
+
+impl TemporalAverage {
+    /// Averaging over tokens of features of `feature_width`.
+    pub fn new(feature_width: usize, hidden: usize, init: &mut ModuleInit<'_>) -> Self {
+        Self { mlp: zero_last_layer(init.mlp(&[token_width(feature_width), hidden, feature_width])) }
+    }
+
+    /// The mean before the MLP: `[N, S, T]` to `[N, T]`.
+    pub fn average(&self, tokens: Tensor<3>) -> Tensor<2> {
+        tokens.mean_dim(1).squeeze_dim(1)
+    }
+}

@@ -1,0 +1,155 @@
+//! The cached motion descriptors of the dynamic Gaussians.
+
+use burn::tensor::{Int, Tensor};
+
+use super::normaliser::MovingNormaliser;
+use super::statistics::{SIGNATURE_WIDTH, TrajectoryStatistics};
+use crate::config::{Descriptor, MotionConfig};
+use crate::model::gaussians::{Attribute, Gaussians, LEAST_LOG_DURATION};
+use crate::model::rows::{PerGaussian, RowMap};
+use crate::tensors;
+use crate::timeline::between;
+
+/// Variance of times that are spread evenly over `[0, 1]`.
+const VARIANCE_OF_TIME: f64 = 1.0 / 12.0;
+
+/// Normalised descriptors, one row a Gaussian, without gradient (METHOD A10, A25). Rows follow the Gaussians;
+/// Gaussians without a parent have none until the next measurement.
+#[derive(Clone, Debug)]
+pub struct MotionCache {
+    /// Normalised signatures: `[N, 13]`.
+    pub signatures: Tensor<2>,
+    /// Normalised local variances at the knots: `[N, knots]`.
+    pub local: Tensor<2>,
+    /// Raw motion intensity, for pictures and pruning: `[N, 1]`.
+    pub intensity: Tensor<2>,
+    /// Times of the knots.
+    pub knot_times: Vec<f64>,
+    /// Whether new Gaussians have their parent's descriptors (`motion.inherit`).
+    pub inherits: bool,
+}
+
+/// The normalisers of signatures and local variances.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Normalisers {
+    /// Thirteen columns.
+    pub signatures: MovingNormaliser,
+    /// One column for all knots (A10b).
+    pub local: MovingNormaliser,
+}
+
+impl MotionCache {
+    /// The cache of fresh statistics, or of the part of them that MVG is to be shown; `like` gives device and dtype.
+    pub fn new(
+        statistics: TrajectoryStatistics,
+        normalisers: &mut Normalisers,
+        config: &MotionConfig,
+        like: &Tensor<2>,
+    ) -> Self {
+        let statistics = match config.descriptor {
+            // Before the normaliser, which makes zeros of columns of zeros.
+            Descriptor::PositionVariance => statistics.position_only(),
+            // Raw offsets are taken when they are needed. What is measured serves the tokens and the intensity.
+            Descriptor::Variances | Descriptor::Offsets => statistics,
+        };
+        let signatures = normalisers.signatures.update_and_normalise(&statistics.signatures, SIGNATURE_WIDTH, config);
+        let local = match config.normalise_local {
+            true => normalisers.local.update_and_normalise(&statistics.local, 1, config),
+            false => statistics.local.clone(),
+        };
+        let knots = statistics.knot_times.len();
+        let table = |values, columns| tensors::from_data_like(TrajectoryStatistics::table(values, columns), like);
+        Self {
+            signatures: table(signatures, SIGNATURE_WIDTH),
+            local: table(local, knots),
+            intensity: table(statistics.intensities(), 1),
+            knot_times: statistics.knot_times,
+            inherits: config.inherit,
+        }
+    }
+
+    /// Local motion intensity `e(t)`, `[N, 1]`: linear between knots, held outside.
+    pub fn local_at(&self, time: f64) -> Tensor<2> {
+        let place = between(&self.knot_times, time);
+        let knot = |index| self.local.clone().narrow(1, index, 1);
+        if place.lower == place.upper {
+            return knot(place.lower);
+        }
+        knot(place.lower) * (1.0 - place.weight) + knot(place.upper) * place.weight
+    }
+
+    /// How surely each Gaussian stands still, in `[0, 1]`: `exp(-variance / mean variance)`, times the share of the video in
+    /// which it is there, as what is there for a moment only shows something that moves. The variance is the motion
+    /// intensity, and that of the travel at its velocity through the whole video. `[N, 1]`, without autodiff.
+    pub fn stillness(&self, gaussians: &Gaussians, extent: f64) -> Tensor<2> {
+        let mut variance = self.intensity.clone();
+        if let Some(velocities) = gaussians.plain(Attribute::Velocities) {
+            variance = variance + (velocities / extent).powf_scalar(2.0).mean_dim(1) * VARIANCE_OF_TIME;
+        }
+        let mean = variance.clone().mean().reshape([1, 1]).clamp_min(f32::MIN_POSITIVE);
+        let unmoved = (-variance / mean).exp();
+        match gaussians.plain(Attribute::LogDurations) {
+            // Lifetimes of a video and more count as always.
+            Some(durations) => unmoved * durations.clamp(LEAST_LOG_DURATION, 0.0).exp(),
+            None => unmoved,
+        }
+    }
+
+    /// The rows of the given Gaussians, in that order.
+    pub fn select(self, rows: &Tensor<1, Int>) -> Self {
+        Self {
+            signatures: self.signatures.select(0, rows.clone()),
+            local: self.local.select(0, rows.clone()),
+            intensity: self.intensity.select(0, rows.clone()),
+            ..self
+        }
+    }
+}
+
+impl PerGaussian for MotionCache {
+    fn follow(&mut self, map: &RowMap) {
+        let Self { signatures, local, intensity, knot_times: _, inherits } = self;
+        for values in [signatures, local, intensity] {
+            *values = if *inherits { map.inherit(values) } else { map.keep(values) };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::DType;
+    use glam::Vec3;
+    use mvfusion_data::{GaussianCloud, Lifetime, PointCloud};
+
+    use super::*;
+    use crate::initial::{Masking, cloud_on, gaussians_of};
+    use crate::test_support::{for_each_device, values};
+
+    #[test]
+    fn what_neither_moves_nor_travels_nor_goes_is_still() {
+        for_each_device(|device| {
+            let points = PointCloud { positions: vec![Vec3::ZERO; 4], colours: vec![Vec3::ONE; 4] };
+            let life =
+                |duration: f32, speed| Lifetime { centre: 0.5, log_duration: duration.ln(), velocity: [speed; 3] };
+            let lifetimes = Some(vec![life(1e3, 0.0), life(1e3, 0.0), life(1e3, 6.0), life(0.25, 0.0)]);
+            let cloud = GaussianCloud { lifetimes, ..cloud_on(&points, &[1.0; 4], 0.1) };
+            let gaussians = gaussians_of(&cloud, Masking::Absent, 0, &device.clone().autodiff(), DType::F32);
+            let like = gaussians.plain(Attribute::Means).expect("centres are always there");
+            let column =
+                |column: [f64; 4]| tensors::from_data_like(TrajectoryStatistics::table(column.to_vec(), 1), &like);
+            let cache = MotionCache {
+                signatures: column([0.0; 4]),
+                local: column([0.0; 4]),
+                intensity: column([0.0, 3.0, 0.0, 0.0]),
+                knot_times: vec![0.5],
+                inherits: true,
+            };
+            // Six units of two a unit of time: a variance of 9 / 12, so that the mean is 3.75 / 4.
+            let stillness = values(cache.stillness(&gaussians, 2.0));
+            let expected = [1.0, (-3.0f64 * 4.0 / 3.75).exp(), (-0.75f64 * 4.0 / 3.75).exp(), 0.25];
+            for (found, expected) in stillness.iter().zip(expected) {
+                assert!((found - expected).abs() < 1e-5, "{stillness:?}");
+            }
+        });
+    }
+}

@@ -1,0 +1,149 @@
+//! Motion-aware refinement: MVG and MFTA added to the deformation feature, decoded by the unchanged heads
+//! (paper, eq. of the refined deformation; METHOD §10.2).
+
+use burn::module::Module;
+use burn::tensor::Tensor;
+use mvfusion_render::profile::{Part, measure};
+
+use super::token::TokenMaker;
+use super::{DirectEncoder, Guidance, MotionCache, MotionEncoder, TemporalModule, Tokens};
+use crate::config::{Descriptor, MotionConfig, Refinement, Temporal, TokenMode};
+use crate::model::network::{DeformationConfig, DeformationNetwork, ModuleInit, Offsets};
+use crate::timeline::Timeline;
+
+/// The two motion-aware branches, as far as a run has them.
+#[derive(Module, Debug)]
+pub struct MotionRefinement {
+    /// MVG.
+    pub guidance: Option<Guidance>,
+    /// MFTA.
+    pub temporal: Option<TemporalModule>,
+}
+
+/// What a refined deformation needs beside the two branches.
+#[derive(Clone, Debug)]
+pub struct RefinementConfig<'a> {
+    /// Switches and window.
+    pub motion: &'a MotionConfig,
+    /// The times of the training views.
+    pub timeline: &'a Timeline,
+    /// The cached descriptors.
+    pub cache: &'a MotionCache,
+    /// The scene's extent.
+    pub extent: f64,
+}
+
+impl MotionRefinement {
+    /// Fresh branches for the features of a network, those that the configuration asks for; both start without effect.
+    ///
+    /// The stream goes on behind the paper's own two branches, whether they are kept or not, and another variant is
+    /// drawn from where the paper's own begins: so runs that differ in one branch start with the same weights in the
+    /// other.
+    pub fn new(network: &DeformationConfig, config: &MotionConfig, init: &mut ModuleInit<'_>) -> Self {
+        let (width, hidden) = (network.width, config.hidden);
+        let mut start = init.stream.clone();
+        let encoder = MotionEncoder::new(width, hidden, config.octaves, init);
+        let guidance = config.mvg.then(|| match config.descriptor {
+            Descriptor::Variances | Descriptor::PositionVariance => Guidance::Encoder(encoder),
+            Descriptor::Offsets => {
+                let mut init = init.drawing_from(&mut start);
+                Guidance::Direct(DirectEncoder::new(network.heads, width, hidden, &mut init))
+            }
+        });
+
+        let mut start = init.stream.clone();
+        let cross = MotionConfig { temporal: Temporal::Cross, ..config.clone() };
+        let attention = TemporalModule::new(width, &cross, init);
+        let temporal = config.mfta.then(|| match config.temporal {
+            Temporal::Cross => attention,
+            _ => TemporalModule::new(width, config, &mut init.drawing_from(&mut start)),
+        });
+        Self { guidance, temporal }
+    }
+
+    /// The refined offsets of canonical centres `[N, 3]` at a time. A branch that is there may be switched off.
+    ///
+    /// Gradients reach the network through the feature alone: neighbour tokens, the geometry inside the centre token and
+    /// all descriptors are constants (A17).
+    pub fn offsets(
+        &self,
+        network: &DeformationNetwork,
+        means: Tensor<2>,
+        time: f64,
+        config: &RefinementConfig<'_>,
+    ) -> Offsets {
+        let feature = network.feature(means.clone(), crate::tensors::scalar_like(&means, time));
+        let mut fused = feature.clone();
+        if let Some(guidance) = self.guidance.as_ref().filter(|_| config.motion.mvg) {
+            fused = fused + measure(Part::Mvg, || guidance.forward(network, &feature, time, config.cache));
+        }
+        if let Some(temporal) = self.temporal.as_ref().filter(|_| config.motion.mfta) {
+            let mixed = || temporal.forward(tokens(network, means, time, feature.clone(), config), config.motion);
+            fused = fused + measure(Part::Mfta, mixed);
+        }
+        let refined = network.decode(fused);
+        match (config.motion.refinement, config.motion.refine_masks) {
+            (Refinement::Replace, true) => refined,
+            (Refinement::Replace, false) => Offsets { mask_logits: network.decode(feature).mask_logits, ..refined },
+            (Refinement::Sum, true) => network.decode(feature) + refined,
+            (Refinement::Sum, false) => {
+                let base = network.decode(feature);
+                Offsets { mask_logits: base.mask_logits.clone(), ..base + refined }
+            }
+        }
+    }
+}
+
+/// The tokens of canonical centres `[N, 3]` at a time, where their feature is `[N, H]`, and of the frames around it.
+fn tokens(
+    network: &DeformationNetwork,
+    means: Tensor<2>,
+    time: f64,
+    feature: Tensor<2>,
+    config: &RefinementConfig<'_>,
+) -> Tokens {
+    let plain = network.valid();
+    let maker = TokenMaker { network: &plain, extent: config.extent, chunk: config.motion.chunk };
+    let (around, means) = match config.motion.neighbour_gradient {
+        true => (TokenMaker { network, ..maker.clone() }, means),
+        false => (maker.clone(), means.inner()),
+    };
+    // Without MVG there are no motion statistics, so the tokens carry none either (A26).
+    let local = |time: f64| match config.motion.mvg {
+        true => config.cache.local_at(time),
+        false => config.cache.local_at(time).zeros_like(),
+    };
+    let centre_tail = maker.tail(feature.clone().inner(), local(time));
+    let centre = Tensor::cat(vec![feature, centre_tail], 1);
+
+    let index = config.timeline.nearest(time);
+    let offsets = offsets(config.motion);
+    let times: Vec<f64> = offsets.iter().map(|&offset| config.timeline.neighbour(index, offset)).collect();
+    let local = Tensor::cat(times.iter().map(|&time| local(time)).collect(), 1);
+    Tokens { centre, around: around.at(&means, &times, local) }
+}
+
+/// Other frames that MFTA looks at, relative to the current one, in time order (A7).
+fn offsets(config: &MotionConfig) -> Vec<isize> {
+    let window = config.window as isize;
+    match config.tokens {
+        TokenMode::Triple => vec![-window, window],
+        TokenMode::FullWindow => (-window..=window).filter(|&offset| offset != 0).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_neighbours_are_attended_to_by_default() {
+        assert_eq!(offsets(&MotionConfig::default()), [-5, 5]);
+    }
+
+    #[test]
+    fn the_full_window_leaves_out_the_current_frame() {
+        let config = MotionConfig { tokens: TokenMode::FullWindow, window: 2, ..MotionConfig::default() };
+        assert_eq!(offsets(&config), [-2, -1, 1, 2]);
+    }
+}

@@ -1,0 +1,274 @@
+//! Statistics of simulated trajectories: the 13-dimensional signature and the local variances (METHOD §10.2, A5 to A9).
+
+use burn::tensor::{Tensor, TensorData};
+use rayon::prelude::*;
+
+use crate::config::{FusionWeights, MotionConfig, Spread};
+use crate::model::network::DeformationNetwork;
+use crate::timeline::{Timeline, spread, strided};
+use crate::{ModelError, tensors};
+
+/// Numbers in a trajectory signature `V`: mean and variance of position (3 + 3), rotation, isotropic and anisotropic scale
+/// (2 each), and the motion intensity.
+pub const SIGNATURE_WIDTH: usize = 13;
+
+/// Recorded of each Gaussian at each sample: position (3), rotation magnitude, isotropic and anisotropic log-scale.
+const RECORD: usize = 6;
+
+/// How trajectories are sampled and summarised.
+#[derive(Clone, Debug)]
+pub struct Trajectories<'a> {
+    /// The network whose base deformation is followed (A21). Without autodiff.
+    pub network: &'a DeformationNetwork,
+    /// The times of the training views.
+    pub timeline: &'a Timeline,
+    /// Samples, window, stride, weights, chunk.
+    pub config: &'a MotionConfig,
+    /// The scene's extent; displacements are divided by it, unless configured otherwise (A9b).
+    pub extent: f64,
+}
+
+/// What the trajectories of `N` Gaussians come to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrajectoryStatistics {
+    /// Signatures `V`, row by row: `N * 13`.
+    pub signatures: Vec<f64>,
+    /// Local variances `e` at the knots, row by row: `N * knots`.
+    pub local: Vec<f64>,
+    /// Times of the knots.
+    pub knot_times: Vec<f64>,
+}
+
+impl Trajectories<'_> {
+    /// Follows the canonical centres `[N, 3]` (without autodiff) through time, a chunk of Gaussians at a time, so that the
+    /// memory needed does not grow with `N`.
+    ///
+    /// # Errors
+    /// If the device cannot hand its numbers back.
+    pub fn measure(&self, means: &Tensor<2>) -> Result<TrajectoryStatistics, ModelError> {
+        let times = self.sample_times();
+        let knots = match self.config.knots {
+            0 => strided(times.len(), self.config.knot_stride),
+            count => spread(times.len(), count),
+        };
+        let summary = Summary { config: self.config, knots: &knots };
+
+        let count = means.dims()[0];
+        let mut signatures = Vec::with_capacity(count * SIGNATURE_WIDTH);
+        let mut local = Vec::with_capacity(count * knots.len());
+        for first in (0..count).step_by(self.config.chunk.max(1)) {
+            let chunk = self.config.chunk.max(1).min(count - first);
+            let records = self.record(means.clone().narrow(0, first, chunk), &times)?;
+            let rows: Vec<_> = (0..chunk).into_par_iter().map(|i| summary.of(&records, i, chunk)).collect();
+            for (signature, variances) in rows {
+                signatures.extend_from_slice(&signature);
+                local.extend_from_slice(&variances);
+            }
+        }
+        Ok(TrajectoryStatistics { signatures, local, knot_times: knots.iter().map(|&k| times[k]).collect() })
+    }
+
+    fn sample_times(&self) -> Vec<f64> {
+        let samples = self.timeline.sample_indices(self.config.samples);
+        let chosen = strided(samples.len(), self.config.sample_stride);
+        chosen.into_iter().map(|k| self.timeline.times()[samples[k]]).collect()
+    }
+
+    /// The records of a chunk `[n, 3]` at every time, sample by sample: `[samples * n * 6]`.
+    fn record(&self, means: Tensor<2>, times: &[f64]) -> Result<Vec<f32>, ModelError> {
+        let unit = if self.config.in_extents { self.extent } else { 1.0 };
+        let mut records = Vec::with_capacity(times.len() * means.dims()[0] * RECORD);
+        for &time in times {
+            let feature = self.network.feature(means.clone(), tensors::scalar_like(&means, time));
+            let geometry = self.network.heads.geometry(feature);
+            let displacement = geometry.clone().narrow(1, 0, 3) / unit;
+            let log_scale = geometry.clone().narrow(1, 3, 3);
+            let rotation = geometry.narrow(1, 6, 4);
+            let isotropic = log_scale.clone().mean_dim(1);
+            let record =
+                Tensor::cat(vec![displacement, length(rotation), isotropic.clone(), length(log_scale - isotropic)], 1);
+            records.extend(tensors::read::<2, f32>(record)?);
+        }
+        Ok(records)
+    }
+}
+
+/// Euclidean length of each row: `[N, k]` to `[N, 1]`.
+fn length(rows: Tensor<2>) -> Tensor<2> {
+    rows.powf_scalar(2.0).sum_dim(1).sqrt()
+}
+
+/// How far the attributes of a Gaussian spread over its trajectory.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AttributeSpread {
+    /// Of the position, averaged over the axes; square extents, unless configured otherwise (A9, A9b).
+    pub position: f64,
+    /// Of the magnitude of the rotation offset.
+    pub rotation: f64,
+    /// Of the scale: the mean of isotropic and anisotropic part.
+    pub scale: f64,
+}
+
+impl AttributeSpread {
+    /// What a signature says of it.
+    pub(super) fn of(signature: &[f64]) -> Self {
+        Self {
+            position: signature[3..6].iter().sum::<f64>() / 3.0,
+            rotation: signature[7],
+            scale: 0.5 * (signature[9] + signature[11]),
+        }
+    }
+
+    /// The motion intensity: weighted sum of position, scale and rotation variance (paper, eq. of the intensity score).
+    pub fn fused(self, weights: FusionWeights) -> f64 {
+        weights.position * self.position + weights.scale * self.scale + weights.rotation * self.rotation
+    }
+}
+
+/// How one trajectory is summed up. In double precision: variances of small motions drown in `f32`.
+struct Summary<'a> {
+    config: &'a MotionConfig,
+    knots: &'a [usize],
+}
+
+impl Summary<'_> {
+    /// Signature and knot variances of Gaussian `index` of a chunk of `chunk`.
+    fn of(&self, records: &[f32], index: usize, chunk: usize) -> ([f64; SIGNATURE_WIDTH], Vec<f64>) {
+        let samples = records.len() / (chunk * RECORD);
+        let column = |channel: usize| -> Vec<f64> {
+            (0..samples).map(|k| f64::from(records[(k * chunk + index) * RECORD + channel])).collect()
+        };
+        let columns: [Vec<f64>; RECORD] = std::array::from_fn(column);
+        let moments: [Moments; RECORD] = std::array::from_fn(|channel| self.moments(&columns[channel]));
+
+        let mut signature = [0.0; SIGNATURE_WIDTH];
+        for axis in 0..3 {
+            signature[axis] = moments[axis].mean;
+            signature[3 + axis] = moments[axis].spread;
+        }
+        for (pair, moments) in moments[3..].iter().enumerate() {
+            signature[6 + 2 * pair] = moments.mean;
+            signature[7 + 2 * pair] = moments.spread;
+        }
+        signature[12] = AttributeSpread::of(&signature).fused(self.config.weights);
+
+        let local = self.knots.iter().map(|&knot| self.local_variance(&columns, knot)).collect();
+        (signature, local)
+    }
+
+    /// Variance of the displacement, averaged over the axes, among the samples around `knot` (A8).
+    fn local_variance(&self, columns: &[Vec<f64>; RECORD], knot: usize) -> f64 {
+        let first = knot.saturating_sub(self.config.window);
+        let end = (knot + self.config.window + 1).min(columns[0].len());
+        columns[..3].iter().map(|axis| self.moments(&axis[first..end]).spread).sum::<f64>() / 3.0
+    }
+
+    fn moments(&self, values: &[f64]) -> Moments {
+        Moments::of(values, self.config.spread)
+    }
+}
+
+/// Mean and spread.
+struct Moments {
+    mean: f64,
+    spread: f64,
+}
+
+impl Moments {
+    fn of(values: &[f64], spread: Spread) -> Self {
+        let count = values.len().max(1) as f64;
+        let mean = values.iter().sum::<f64>() / count;
+        let variance = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / count;
+        Self { mean, spread: spread.of(variance) }
+    }
+}
+
+impl TrajectoryStatistics {
+    /// The motion intensity of every Gaussian.
+    pub fn intensities(&self) -> Vec<f64> {
+        self.signatures.chunks_exact(SIGNATURE_WIDTH).map(|signature| signature[SIGNATURE_WIDTH - 1]).collect()
+    }
+
+    /// How far every Gaussian's attributes spread.
+    pub fn spreads(&self) -> Vec<AttributeSpread> {
+        self.signatures.chunks_exact(SIGNATURE_WIDTH).map(AttributeSpread::of).collect()
+    }
+
+    /// Number of Gaussians.
+    pub fn len(&self) -> usize {
+        self.signatures.len() / SIGNATURE_WIDTH
+    }
+
+    /// Whether there is no Gaussian.
+    pub fn is_empty(&self) -> bool {
+        self.signatures.is_empty()
+    }
+
+    /// The given row-major numbers as tensor data of `columns` columns.
+    pub(super) fn table(values: Vec<f64>, columns: usize) -> TensorData {
+        let rows = values.len() / columns.max(1);
+        TensorData::new(values, [rows, columns])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn windowed(window: usize) -> MotionConfig {
+        MotionConfig { window, ..MotionConfig::default() }
+    }
+
+    /// Records of one Gaussian that moves along x by `step` a sample, for `samples` samples.
+    fn moving(samples: usize, step: f32) -> Vec<f32> {
+        (0..samples).flat_map(|k| [k as f32 * step, 0.0, 0.0, 0.25, 0.0, 0.0]).collect()
+    }
+
+    #[test]
+    fn a_moving_gaussian_has_mean_and_variance_of_its_path() {
+        let summary = Summary { config: &windowed(5), knots: &[0, 2, 4] };
+        let (signature, local) = summary.of(&moving(5, 0.5), 0, 1);
+        // Positions 0, 0.5, .. 2: mean 1, population variance 0.5.
+        assert_eq!((signature[0], signature[3], signature[6], signature[7]), (1.0, 0.5, 0.25, 0.0));
+        assert!((signature[12] - 0.7 * 0.5 / 3.0).abs() < 1e-15);
+        assert!((local[0] - 0.5 / 3.0).abs() < 1e-15, "the window covers all five samples");
+    }
+
+    #[test]
+    fn the_intensity_weighs_what_each_attribute_spreads() {
+        // Rotation 0, 1; isotropic scale 0, 2; anisotropic scale 0, 4: population variances 0.25, 1 and 4.
+        let records = [[0.0; RECORD], [0.0, 0.0, 0.0, 1.0, 2.0, 4.0]].concat();
+        let (signature, local) = Summary { config: &windowed(5), knots: &[0] }.of(&records, 0, 1);
+        let statistics = TrajectoryStatistics { signatures: signature.to_vec(), local, knot_times: vec![0.0] };
+        let spreads = statistics.spreads();
+        assert_eq!(spreads, [AttributeSpread { position: 0.0, rotation: 0.25, scale: 2.5 }]);
+        let weights = FusionWeights { position: 7.0, scale: 2.0, rotation: 4.0 };
+        assert_eq!(spreads[0].fused(weights), 6.0);
+        assert_eq!(spreads[0].fused(FusionWeights::default()), statistics.intensities()[0]);
+    }
+
+    #[test]
+    fn a_deviation_is_the_root_of_a_variance() {
+        let config = MotionConfig { spread: Spread::Deviation, ..windowed(5) };
+        let (signature, local) = Summary { config: &config, knots: &[0] }.of(&moving(5, 0.5), 0, 1);
+        assert_eq!(signature[3], 0.5f64.sqrt());
+        assert!((local[0] - 0.5f64.sqrt() / 3.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_resting_gaussian_has_no_variance() {
+        let summary = Summary { config: &windowed(1), knots: &[0, 3] };
+        let (signature, local) = summary.of(&moving(4, 0.0), 0, 1);
+        assert_eq!(signature[12], 0.0);
+        assert_eq!(local, [0.0, 0.0]);
+    }
+
+    #[test]
+    fn the_window_is_cut_at_the_ends() {
+        let summary = Summary { config: &windowed(1), knots: &[0, 2] };
+        let (_, local) = summary.of(&moving(5, 1.0), 0, 1);
+        // Two samples 0, 1 at the start; three samples 1, 2, 3 in the middle.
+        assert!((local[0] - 0.25 / 3.0).abs() < 1e-15);
+        assert!((local[1] - (2.0 / 3.0) / 3.0).abs() < 1e-15);
+    }
+}

@@ -1,0 +1,92 @@
+//! MFTA in the variants that the paper's tables compare.
+
+use burn::module::Module;
+use burn::tensor::Tensor;
+
+use super::{TemporalAttention, TemporalAverage, TemporalConvolution};
+use crate::config::{MotionConfig, Temporal};
+use crate::model::network::{Mlp, ModuleInit};
+
+/// What makes `h_MFTA` of tokens. Variants go by their names in checkpoints: `refinement.attention`,
+/// `refinement.self_attention`, `refinement.average`, `refinement.convolution`.
+#[derive(Module, Debug)]
+pub enum TemporalModule {
+    /// The current token attends to its neighbours.
+    Attention(TemporalAttention),
+    /// Every token attends to all; the projections are those of cross-attention (A28).
+    SelfAttention(TemporalAttention),
+    /// The mean of the tokens (A30).
+    Average(TemporalAverage),
+    /// A convolution over time (A30).
+    Convolution(TemporalConvolution),
+}
+
+/// The tokens of `N` Gaussians at one time.
+#[derive(Clone, Debug)]
+pub struct Tokens {
+    /// Of the current frame: `[N, T]`.
+    pub centre: Tensor<2>,
+    /// Of the frames around it, in time order, as many before as after it: `[N, K, T]`.
+    pub around: Tensor<3>,
+}
+
+impl TemporalModule {
+    /// A fresh module of the kind that the configuration asks for, without effect at the start.
+    pub fn new(feature_width: usize, config: &MotionConfig, init: &mut ModuleInit<'_>) -> Self {
+        let (width, hidden) = (config.attention_width, config.hidden);
+        let attention = |init| TemporalAttention::new(feature_width, width, hidden, config.heads, init);
+        match config.temporal {
+            Temporal::Cross => Self::Attention(attention(init)),
+            Temporal::SelfAttention => Self::SelfAttention(attention(init)),
+            Temporal::Average => Self::Average(TemporalAverage::new(feature_width, hidden, init)),
+            Temporal::Convolution => Self::Convolution(TemporalConvolution::new(feature_width, width, hidden, init)),
+        }
+    }
+
+    /// `h_MFTA`: `[N, H]`.
+    ///
+    /// # Panics
+    /// If tokens and layers do not fit.
+    pub fn forward(&self, tokens: Tokens, config: &MotionConfig) -> Tensor<2> {
+        self.mlp().forward(self.mix(tokens, config))
+    }
+
+    /// What the tokens come to before the MLP: `[N, attention width]`, of averaging `[N, T]`.
+    ///
+    /// # Panics
+    /// If tokens and layers do not fit.
+    pub fn mix(&self, tokens: Tokens, config: &MotionConfig) -> Tensor<2> {
+        match self {
+            Self::Attention(attention) => {
+                let neighbours = match config.include_self {
+                    // Attention knows no order.
+                    true => Tensor::cat(vec![tokens.around, tokens.centre.clone().unsqueeze_dim(1)], 1),
+                    false => tokens.around,
+                };
+                attention.attend(tokens.centre, neighbours)
+            }
+            Self::SelfAttention(attention) => attention.attend_to_all(tokens.in_time_order()),
+            Self::Average(average) => average.average(tokens.in_time_order()),
+            Self::Convolution(convolution) => convolution.convolve(tokens.in_time_order()),
+        }
+    }
+
+    /// The layers behind the mixing.
+    pub fn mlp(&self) -> &Mlp {
+        match self {
+            Self::Attention(attention) | Self::SelfAttention(attention) => &attention.mlp,
+            Self::Average(average) => &average.mlp,
+            Self::Convolution(convolution) => &convolution.mlp,
+        }
+    }
+}
+
+impl Tokens {
+    /// All tokens, the current one in the middle: `[N, K + 1, T]`.
+    pub fn in_time_order(self) -> Tensor<3> {
+        let half = self.around.dims()[1] / 2;
+        let before = self.around.clone().narrow(1, 0, half);
+        let after = self.around.narrow(1, half, half);
+        Tensor::cat(vec![before, self.centre.unsqueeze_dim(1), after], 1)
+    }
+}

@@ -1,0 +1,55 @@
+//! Temporal tokens: what one Gaussian does at one time (METHOD A13, A17, A18).
+
+use burn::tensor::{Tensor, TensorData};
+
+use crate::model::network::DeformationNetwork;
+use crate::tensors;
+
+/// Numbers of a token beside feature and intensity: displacement, log-scale and quaternion offsets (A13).
+pub const GEOMETRY_WIDTH: usize = 10;
+
+/// Width `T` of the tokens of features of `feature_width`.
+pub(super) fn token_width(feature_width: usize) -> usize {
+    feature_width + GEOMETRY_WIDTH + 1
+}
+
+/// Makes tokens `z = [h, geometry(h), e]` of width `H + 11`; with gradient if network and centres have it.
+#[derive(Clone, Debug)]
+pub(super) struct TokenMaker<'a> {
+    /// The network, without autodiff unless gradients are wanted.
+    pub network: &'a DeformationNetwork,
+    /// The scene's extent; displacements are divided by it.
+    pub extent: f64,
+    /// Gaussians handled at once, each at all times.
+    pub chunk: usize,
+}
+
+impl TokenMaker<'_> {
+    /// The tokens `[N, K, H + 11]` of canonical centres `[N, 3]` at `K` times, with the local intensities `[N, K]` of these.
+    pub fn at(&self, means: &Tensor<2>, times: &[f64], local: Tensor<2>) -> Tensor<3> {
+        let count = means.dims()[0];
+        let keys = times.len();
+        let times: Tensor<2> = tensors::from_data_like(TensorData::new(times.to_vec(), [keys, 1]), means);
+        let step = self.chunk.max(1);
+        let chunks: Vec<Tensor<3>> = (0..count)
+            .step_by(step)
+            .map(|first| {
+                let length = step.min(count - first);
+                // One Gaussian at all times, then the next: as attention reads them, and close together in the planes.
+                let points = means.clone().narrow(0, first, length).repeat(&[1, keys]).reshape([length * keys, 3]);
+                let feature = self.network.feature(points, times.clone().repeat(&[length, 1]));
+                let local = local.clone().narrow(0, first, length).reshape([length * keys, 1]);
+                let rest = self.tail(feature.clone(), local);
+                Tensor::cat(vec![feature, rest], 1).reshape([length as i32, keys as i32, -1])
+            })
+            .collect();
+        Tensor::cat(chunks, 0)
+    }
+
+    /// The part of the token after the feature `[N, H]`: geometry and intensity, `[N, 11]`.
+    pub fn tail(&self, feature: Tensor<2>, local: Tensor<2>) -> Tensor<2> {
+        let geometry = self.network.heads.geometry(feature);
+        let displacement = geometry.clone().narrow(1, 0, 3) / self.extent;
+        Tensor::cat(vec![displacement, geometry.narrow(1, 3, 7), local], 1)
+    }
+}

@@ -1,0 +1,178 @@
+//! The heads: what a feature says about each attribute of a Gaussian (METHOD §2.3, §2.4).
+
+use burn::module::Module;
+use burn::nn::Linear;
+use burn::tensor::Tensor;
+
+use super::{Mlp, ModuleInit, Rectified, side_by_side};
+use crate::model::mask::MaskChannel;
+
+/// Numbers of centre, log-scale and quaternion together.
+const GEOMETRY_OUTPUTS: usize = 10;
+
+/// Number of colour coefficients that are deformed: degree 3, three channels.
+const SH_OUTPUTS: usize = 48;
+
+/// Number of mask logits.
+const MASK_OUTPUTS: usize = MaskChannel::ALL.len();
+
+/// Which heads a network has beside those of centres, log-scales and quaternions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct HeadChoice {
+    /// That of the opacity logits.
+    pub opacity: bool,
+    /// That of the colour coefficients.
+    pub sh: bool,
+    /// The three mask heads, where two branches are blended (DeGauss).
+    pub masks: bool,
+}
+
+impl HeadChoice {
+    /// Every head, as in DeGauss.
+    pub const ALL: Self = Self { opacity: true, sh: true, masks: true };
+}
+
+impl HeadChoice {
+    /// Numbers that the heads put out for a Gaussian; 62 with every head.
+    pub fn outputs(self) -> usize {
+        let of = |there: bool, outputs: usize| if there { outputs } else { 0 };
+        GEOMETRY_OUTPUTS + of(self.opacity, 1) + of(self.sh, SH_OUTPUTS) + of(self.masks, MASK_OUTPUTS)
+    }
+}
+
+/// What is added to the raw attributes of the dynamic Gaussians.
+#[derive(Clone, Debug)]
+pub struct Offsets {
+    /// Centres, world units: `[N, 3]`.
+    pub means: Tensor<2>,
+    /// Log-scales: `[N, 3]`.
+    pub log_scales: Tensor<2>,
+    /// Quaternions, component-wise: `[N, 4]`.
+    pub quaternions: Tensor<2>,
+    /// Opacity logits: `[N, 1]`; absent where they do not change.
+    pub opacity_logits: Option<Tensor<2>>,
+    /// Colour coefficients, coefficient by coefficient, colour fastest: `[N, 48]`; absent where they do not change.
+    pub sh: Option<Tensor<2>>,
+    /// Mask logits, a column for each [`MaskChannel`]: `[N, 3]`; absent without mask heads.
+    pub mask_logits: Option<Tensor<2>>,
+}
+
+/// The attribute heads, each ReLU, linear, ReLU, linear.
+#[derive(Module, Debug)]
+pub struct AttributeHeads {
+    /// Centres.
+    pub means: Mlp,
+    /// Log-scales.
+    pub log_scales: Mlp,
+    /// Quaternions.
+    pub quaternions: Mlp,
+    /// Opacity logits.
+    pub opacity_logits: Option<Mlp>,
+    /// Colour coefficients.
+    pub sh: Option<Mlp>,
+}
+
+/// The three mask heads, each one layer deeper than an attribute head.
+#[derive(Module, Debug)]
+pub struct MaskHeads {
+    /// Logit of belonging to the static background (`light_deform_dy`).
+    pub static_: Mlp,
+    /// Logit of the brightness control (`light_deform`).
+    pub brightness: Mlp,
+    /// Logit of belonging to the dynamic foreground (`mask_deform`).
+    pub dynamic: Mlp,
+}
+
+impl AttributeHeads {
+    /// Heads on a feature of the given width.
+    pub fn new(width: usize, choice: HeadChoice, init: &mut ModuleInit<'_>) -> Self {
+        Self {
+            means: init.mlp(&[width, width, 3]),
+            log_scales: init.mlp(&[width, width, 3]),
+            quaternions: init.mlp(&[width, width, 4]),
+            opacity_logits: choice.opacity.then(|| init.mlp(&[width, width, 1])),
+            sh: choice.sh.then(|| init.mlp(&[width, width, SH_OUTPUTS])),
+        }
+    }
+
+    /// The offsets of centres, log-scales and quaternions alone, side by side, of a feature `[N, width]` taken before its
+    /// ReLU: `[N, 10]`.
+    pub fn geometry(&self, feature: Tensor<2>) -> Tensor<2> {
+        let chains = self.geometry_chains().map(|chain| &*chain.layers);
+        side_by_side(&chains, feature, Rectified::Yes)
+    }
+
+    fn geometry_chains(&self) -> [&Mlp; 3] {
+        [&self.means, &self.log_scales, &self.quaternions]
+    }
+
+    /// In the order of [`Offsets`].
+    fn chains(&self) -> impl Iterator<Item = &Mlp> {
+        self.geometry_chains().into_iter().chain(&self.opacity_logits).chain(&self.sh)
+    }
+}
+
+impl MaskHeads {
+    /// Heads on a feature of the given width.
+    pub fn new(width: usize, init: &mut ModuleInit<'_>) -> Self {
+        Self {
+            static_: init.mlp(&[width, width, width, 1]),
+            brightness: init.mlp(&[width, width, width, 1]),
+            dynamic: init.mlp(&[width, width, width, 1]),
+        }
+    }
+
+    fn chains(&self) -> [&Mlp; 3] {
+        MaskChannel::ALL.map(|channel| match channel {
+            MaskChannel::Static => &self.static_,
+            MaskChannel::Brightness => &self.brightness,
+            MaskChannel::Dynamic => &self.dynamic,
+        })
+    }
+}
+
+/// All offsets of a feature `[N, width]`, taken before its ReLU.
+pub(super) fn decode(feature: Tensor<2>, heads: &AttributeHeads, masks: Option<&MaskHeads>) -> Offsets {
+    let chains = heads.chains().chain(masks.iter().flat_map(|masks| masks.chains()));
+    let chains: Vec<&[Linear]> = chains.map(|chain| &*chain.layers).collect();
+    let columns = side_by_side(&chains, feature, Rectified::Yes);
+    let mut first = 0;
+    let mut next = |width: usize| {
+        let columns = columns.clone().narrow(1, first, width);
+        first += width;
+        columns
+    };
+    Offsets {
+        means: next(3),
+        log_scales: next(3),
+        quaternions: next(4),
+        opacity_logits: heads.opacity_logits.as_ref().map(|_| next(1)),
+        sh: heads.sh.as_ref().map(|_| next(SH_OUTPUTS)),
+        mask_logits: masks.map(|_| next(MASK_OUTPUTS)),
+    }
+}
+
+impl Offsets {
+    /// All offsets side by side, `[N, outputs]`: centres, log-scales, quaternions, opacity, colour, then the mask logits.
+    /// Heads that are absent leave no gap.
+    pub fn joined(self) -> Tensor<2> {
+        let geometry = [self.means, self.log_scales, self.quaternions];
+        Tensor::cat(geometry.into_iter().chain(self.opacity_logits).chain(self.sh).chain(self.mask_logits).collect(), 1)
+    }
+}
+
+impl std::ops::Add for Offsets {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        let both = |a: Option<Tensor<2>>, b: Option<Tensor<2>>| a.zip(b).map(|(a, b)| a + b);
+        Self {
+            means: self.means + other.means,
+            log_scales: self.log_scales + other.log_scales,
+            quaternions: self.quaternions + other.quaternions,
+            opacity_logits: both(self.opacity_logits, other.opacity_logits),
+            sh: both(self.sh, other.sh),
+            mask_logits: both(self.mask_logits, other.mask_logits),
+        }
+    }
+}

@@ -1,0 +1,100 @@
+//! Linear layers as PyTorch would start them, drawn from our own random stream.
+
+use burn::module::{Module, Param};
+use burn::nn::Linear;
+use burn::tensor::{DType, Device, Tensor, TensorData};
+use mvfusion_render::mlp::{self, MlpLayout};
+
+use crate::random::Stream;
+
+/// What a layer needs to come into being: a device, a dtype and a source of weights.
+#[derive(Debug)]
+pub struct ModuleInit<'a> {
+    /// Where the parameters live.
+    pub device: &'a Device,
+    /// Their precision.
+    pub dtype: DType,
+    /// Where the initial weights come from.
+    pub stream: &'a mut Stream,
+}
+
+impl ModuleInit<'_> {
+    /// The same with another source of weights.
+    pub fn drawing_from<'s>(&'s self, stream: &'s mut Stream) -> ModuleInit<'s> {
+        ModuleInit { device: self.device, dtype: self.dtype, stream }
+    }
+
+    /// A parameter of the given numbers.
+    pub fn parameter<const D: usize>(&self, values: Vec<f64>, shape: [usize; D]) -> Param<Tensor<D>> {
+        let data = TensorData::new(values, shape).convert_dtype(self.dtype);
+        Param::from_tensor(Tensor::from_data(data, (self.device, self.dtype)))
+    }
+
+    /// A linear layer: weights Xavier-uniform with gain 1, biases `U(-1/sqrt(inputs), 1/sqrt(inputs))` (METHOD §2.5).
+    pub fn linear(&mut self, inputs: usize, outputs: usize) -> Linear {
+        let weight_bound = (6.0 / (inputs + outputs) as f64).sqrt();
+        let bias_bound = 1.0 / (inputs as f64).sqrt();
+        let weight = (0..inputs * outputs).map(|_| self.stream.uniform(-weight_bound, weight_bound)).collect();
+        let bias = (0..outputs).map(|_| self.stream.uniform(-bias_bound, bias_bound)).collect();
+        Linear { weight: self.parameter(weight, [inputs, outputs]), bias: Some(self.parameter(bias, [outputs])) }
+    }
+
+    /// A chain of linear layers through the given widths.
+    pub fn mlp(&mut self, widths: &[usize]) -> Mlp {
+        Mlp { layers: widths.windows(2).map(|pair| self.linear(pair[0], pair[1])).collect() }
+    }
+}
+
+/// Linear layers with a ReLU between each two.
+#[derive(Module, Debug)]
+pub struct Mlp {
+    /// The layers, first to last.
+    pub layers: Vec<Linear>,
+}
+
+impl Mlp {
+    /// `[N, inputs]` to `[N, outputs]`.
+    pub fn forward(&self, input: Tensor<2>) -> Tensor<2> {
+        side_by_side(&[&self.layers], input, Rectified::No)
+    }
+}
+
+/// Whether rows pass a ReLU before the first layer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Rectified {
+    Yes,
+    No,
+}
+
+/// What chains of layers, with a ReLU between each two, make of the same rows `[N, inputs]`: `[N, sum of outputs]`. A chain
+/// without a layer hands on nothing, and without any chain that has one the rows come back as they are.
+pub(crate) fn side_by_side(chains: &[&[Linear]], input: Tensor<2>, rectified: Rectified) -> Tensor<2> {
+    let chains: Vec<&[Linear]> = chains.iter().copied().filter(|chain| !chain.is_empty()).collect();
+    if chains.is_empty() {
+        return input;
+    }
+    let layout = MlpLayout {
+        inputs: input.dims()[1],
+        rectified: rectified == Rectified::Yes,
+        chains: chains.iter().map(|chain| chain.iter().map(|layer| layer.weight.dims()[1]).collect()).collect(),
+    };
+    let parameters = chains.iter().copied().flatten().flat_map(|layer| {
+        // Proof: `ModuleInit::linear` makes every layer with a bias, and checkpoints fill those layers.
+        let bias = layer.bias.as_ref().expect("every layer of ours has a bias");
+        [layer.weight.val().flatten(0, 1), bias.val()]
+    });
+    // Proof: the layout is read off the weights that are handed over, and `input` has their dtype. What is left is a
+    // buffer that the device does not have: that ends the run here, with the op's advice, as in `Gpu::room`.
+    mlp::forward(input, Tensor::cat(parameters.collect(), 0), &layout).unwrap_or_else(|error| panic!("MLP: {error}"))
+}
+
+/// Sets weight and bias of the last layer to zero, so that the branch starts without effect.
+pub fn zero_last_layer(mut mlp: Mlp) -> Mlp {
+    if let Some(last) = mlp.layers.pop() {
+        mlp.layers.push(Linear {
+            weight: last.weight.map(|w| w.zeros_like().require_grad()),
+            bias: last.bias.map(|bias| bias.map(|b| b.zeros_like().require_grad())),
+        });
+    }
+    mlp
+}

@@ -1,0 +1,254 @@
+//! Gaussians that are born where a picture is wrong: clusters of error become ellipses, and ellipses Gaussians.
+//!
+//! The idea is that of CEM-4DGS (arXiv 2511.16112), which lets one Gaussian be born for each cluster of pixels of large
+//! error instead of one for each pixel. Photos, each of a moment that no other camera saw, are compared with the static
+//! branch ([`BirthRule::PHOTO`]); films with the whole model, again and again ([`BirthRule::FILM`]). Where nothing tells how
+//! far away a thing is, it is put in front of what is still.
+
+mod clusters;
+mod ellipse;
+mod rounds;
+
+use glam::{DVec2, DVec3, Vec3};
+use image::RgbImage;
+use mvfusion_data::{Camera, GaussianCloud, Lifetime};
+
+use crate::model::gaussians::SH_C0;
+use crate::random::Stream;
+use clusters::{ErrorPixel, clusters};
+pub use ellipse::Ellipse;
+
+/// Largest difference of a channel, in `[0, 1]`, from which a pixel of a photo is wrong. Ours: thrice what the static branch
+/// of a short run misses still pixels by.
+pub const LEAST_ERROR: f32 = 0.1;
+
+/// Side of the square around a pixel, pixels, of which [`LEAST_SHARE`] must be wrong as well (RobustNeRF filters its
+/// outliers so). It leaves out lines of a pixel; a square of 5 leaves out too much of the passers-by.
+pub const PATCH: usize = 3;
+
+/// Share of the square that must be wrong.
+pub const LEAST_SHARE: f32 = 0.5;
+
+/// What is in front of the still scene is taken to be at this share of its depth.
+pub const IN_FRONT: f32 = 0.75;
+
+/// Depth of an ellipse along its ray, as a share of its smaller axis.
+const THICKNESS: f64 = 0.5;
+
+/// Which pixels are wrong, and how opaque is what is born of them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BirthRule {
+    /// Largest difference of a channel, in `[0, 1]`, from which a pixel is wrong.
+    pub least_error: f32,
+    /// At most this share of a picture's pixels is: those with the largest errors.
+    pub worst_share: f64,
+    /// Opacity at birth.
+    pub opacity: f32,
+}
+
+impl BirthRule {
+    /// For photos beside the static branch: an ellipse hides most of what is behind it.
+    pub const PHOTO: Self = Self { least_error: LEAST_ERROR, worst_share: 1.0, opacity: 0.8 };
+
+    /// For films beside the whole model (CEM-4DGS): it corrects what is nearly right.
+    pub const FILM: Self = Self { least_error: 0.038, worst_share: 0.03, opacity: 0.1 };
+}
+
+/// A training view beside what the model shows there.
+#[derive(Clone, Debug)]
+pub struct ComparedView<'a> {
+    /// The camera.
+    pub camera: &'a Camera,
+    /// The photo.
+    pub photo: &'a RgbImage,
+    /// Where the photo is compared, row by row; everywhere, if absent.
+    pub valid: Option<&'a [bool]>,
+    /// The model's colours, channel by channel, row by row, in `[0, 1]`.
+    pub colours: &'a [f32],
+    /// Depth along the camera's axis at which something is put that nothing else is known of, row by row, world units; 0
+    /// where that is unknown too.
+    pub depths: &'a [f32],
+    /// What is wrong.
+    pub rule: BirthRule,
+}
+
+impl ComparedView<'_> {
+    /// The pixels that are wrong.
+    fn errors(&self) -> Vec<ErrorPixel> {
+        let (width, area) = (self.camera.width, self.depths.len());
+        let pixel = |(index, pixel): (usize, &image::Rgb<u8>)| {
+            let colour = Vec3::from_array(pixel.0.map(|level| f32::from(level) / 255.0));
+            let shown =
+                Vec3::from_array(std::array::from_fn(|channel| self.colours[channel * area + index].clamp(0.0, 1.0)));
+            let position = DVec2::new((index % width) as f64 + 0.5, (index / width) as f64 + 0.5);
+            ErrorPixel { position, colour, error: (colour - shown).abs().max_element(), index }
+        };
+        let pixels: Vec<ErrorPixel> = self.photo.pixels().enumerate().map(pixel).collect();
+        let counts = |index: usize| self.valid.is_none_or(|valid| valid[index]);
+        let least = self.least_error(pixels.iter().map(|pixel| pixel.error));
+        let is_wrong: Vec<bool> = pixels.iter().map(|pixel| counts(pixel.index) && pixel.error >= least).collect();
+        // A thing is wrong all over, an edge that the model has yet to sharpen in a line.
+        let among_wrong = |pixel: &ErrorPixel| {
+            let reach = PATCH / 2;
+            let (x, y) = (pixel.index % width, pixel.index / width);
+            let rows = y.saturating_sub(reach)..(y + reach + 1).min(self.camera.height);
+            let columns = x.saturating_sub(reach)..(x + reach + 1).min(width);
+            let wrong = rows.flat_map(|row| columns.clone().map(move |column| row * width + column));
+            wrong.filter(|&index| is_wrong[index]).count() as f32 >= LEAST_SHARE * (PATCH * PATCH) as f32
+        };
+        pixels.iter().filter(|pixel| is_wrong[pixel.index] && among_wrong(pixel)).copied().collect()
+    }
+
+    /// The error from which a pixel is wrong.
+    fn least_error(&self, errors: impl Iterator<Item = f32>) -> f32 {
+        let BirthRule { least_error, worst_share, .. } = self.rule;
+        if worst_share >= 1.0 {
+            return least_error;
+        }
+        let mut sorted: Vec<f32> = errors.collect();
+        sorted.sort_by(|a, b| b.total_cmp(a));
+        let worst = sorted.get((worst_share * sorted.len() as f64) as usize).copied();
+        least_error.max(worst.unwrap_or(0.0))
+    }
+
+    /// How wrong the picture is: the sum of the errors of its wrong pixels.
+    pub fn wrongness(&self) -> f64 {
+        self.errors().iter().map(|pixel| f64::from(pixel.error)).sum()
+    }
+
+    /// At most `count` ellipses that cover what is wrong.
+    pub fn ellipses(&self, count: usize, stream: &mut Stream) -> Vec<Ellipse> {
+        clusters(&self.errors(), count, stream).iter().filter_map(|cluster| Ellipse::of(cluster)).collect()
+    }
+
+    /// Where an ellipse is put that nothing else is known of: at the median depth of its pixels. `None` if that is unknown
+    /// too.
+    pub fn place(&self, ellipse: &Ellipse) -> Option<DVec3> {
+        let mut depths: Vec<f32> = ellipse.pixels.iter().map(|&index| self.depths[index]).collect();
+        depths.retain(|&depth| depth > 0.0);
+        depths.sort_by(f32::total_cmp);
+        let depth = f64::from(*depths.get(depths.len() / 2)?);
+        let camera = self.camera;
+        let across = (ellipse.centre - DVec2::new(camera.cx, camera.cy)) / DVec2::new(camera.fx, camera.fy);
+        Some(camera.centre() + camera.rotation.transpose() * (depth * across.extend(1.0)))
+    }
+
+    /// Adds the Gaussian that shows an ellipse at a place of its ray to a cloud of degree 0 with lifetimes and without
+    /// masks.
+    pub fn add_to(&self, cloud: &mut GaussianCloud, ellipse: &Ellipse, place: DVec3, lifetime: Lifetime) {
+        let opacity = self.rule.opacity;
+        let depth = self.camera.to_camera(place).z;
+        cloud.means.push(place.as_vec3().to_array());
+        cloud.sh_dc.push(((ellipse.colour - 0.5) / SH_C0 as f32).to_array());
+        cloud.opacity_logits.push((opacity / (1.0 - opacity)).ln());
+        cloud.log_scales.push(self.log_scale(ellipse, depth).as_vec3().to_array());
+        cloud.quaternions.push(ellipse.rotation(self.camera));
+        cloud.lifetimes.iter_mut().for_each(|lifetimes| lifetimes.push(lifetime));
+    }
+
+    fn log_scale(&self, ellipse: &Ellipse, depth: f64) -> DVec3 {
+        // Along the ellipse's axes; the focal lengths of x and y are nearly equal.
+        let pixel = depth / (self.camera.fx * self.camera.fy).sqrt();
+        let [long, short] = ellipse.deviations.map(|deviation| deviation * pixel);
+        DVec3::new(long.ln(), short.ln(), (THICKNESS * short).ln())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DMat3;
+    use image::Rgb;
+
+    use super::*;
+
+    const SIZE: (usize, usize) = (40, 30);
+    const LIFE: Lifetime = Lifetime { centre: 0.25, log_duration: -5.0, velocity: [0.0; 3] };
+
+    fn camera() -> Camera {
+        Camera::centred(SIZE.0, SIZE.1, 40.0, DMat3::IDENTITY, DVec3::ZERO)
+    }
+
+    /// A grey room four units away with a red bar in the photo alone.
+    fn photo() -> RgbImage {
+        RgbImage::from_fn(40, 30, |x, y| match (10..26).contains(&x) && (12..16).contains(&y) {
+            true => Rgb([255, 0, 0]),
+            false => Rgb([128; 3]),
+        })
+    }
+
+    fn view<'a>(camera: &'a Camera, photo: &'a RgbImage, colours: &'a [f32], depths: &'a [f32]) -> ComparedView<'a> {
+        ComparedView { camera, photo, valid: None, colours, depths, rule: BirthRule::PHOTO }
+    }
+
+    fn births(view: &ComparedView<'_>, count: usize) -> GaussianCloud {
+        let mut cloud = GaussianCloud { lifetimes: Some(Vec::new()), ..GaussianCloud::default() };
+        for ellipse in view.ellipses(count, &mut Stream::new(1, 0)) {
+            if let Some(place) = view.place(&ellipse) {
+                view.add_to(&mut cloud, &ellipse, place, LIFE);
+            }
+        }
+        cloud
+    }
+
+    #[test]
+    fn what_is_wrong_becomes_a_gaussian_of_its_place_colour_and_shape() {
+        let (camera, photo) = (camera(), photo());
+        let (colours, depths) = (vec![128.0 / 255.0; 3 * 1200], vec![3.0; 1200]);
+        let view = view(&camera, &photo, &colours, &depths);
+        let cloud = births(&view, 1);
+        assert_eq!((cloud.len(), cloud.lifetimes.as_deref()), (1, Some([LIFE].as_slice())));
+        let mean = Vec3::from_array(cloud.means[0]);
+        // At the given depth, on the ray through (18, 14).
+        assert!(mean.distance(Vec3::new(-2.0 / 40.0 * 3.0, -1.0 / 40.0 * 3.0, 3.0)) < 1e-5, "{mean}");
+        let red = cloud.sh_dc[0].map(|dc| 0.5 + SH_C0 as f32 * dc);
+        assert!((red[0] - 1.0).abs() < 1e-5 && red[1].abs() < 1e-5, "{red:?}");
+        // A bar of 16 by 4 pixels without its corners, of whose neighbourhoods less than a half is wrong: the sums of
+        // squares are 64 times 21.25 and 1.25 less four times 7.5^2 and 1.5^2.
+        let scale = cloud.log_scales[0].map(|log| f64::from(log.exp()));
+        let deviations = [1135.0, 71.0].map(|squares: f64| (squares / 60.0 + 1.0 / 12.0).sqrt());
+        for (scale, deviation) in scale.iter().zip(deviations) {
+            assert!((scale - deviation * 3.0 / 40.0).abs() < 1e-4, "{scale} for {deviation} pixels");
+        }
+    }
+
+    #[test]
+    fn several_clusters_share_out_what_is_wrong() {
+        let (camera, photo) = (camera(), photo());
+        let (colours, depths) = (vec![128.0 / 255.0; 3 * 1200], vec![3.0; 1200]);
+        let view = view(&camera, &photo, &colours, &depths);
+        let cloud = births(&view, 4);
+        assert_eq!(cloud.len(), 4);
+        assert_eq!(births(&view, 4), cloud, "a seed says all");
+        assert!((view.wrongness() - 60.0 * 128.0 / 255.0).abs() < 0.01, "{}", view.wrongness());
+    }
+
+    #[test]
+    fn of_a_film_the_worst_pixels_are_wrong() {
+        let (camera, mut photo) = (camera(), photo());
+        // A block of a smaller error, far below the worst 3 % (36 pixels of 1200).
+        (20..30).flat_map(|y| (0..10).map(move |x| (x, y))).for_each(|(x, y)| photo.put_pixel(x, y, Rgb([150; 3])));
+        let (colours, depths) = (vec![128.0 / 255.0; 3 * 1200], vec![3.0; 1200]);
+        let view = |rule| ComparedView { rule, ..view(&camera, &photo, &colours, &depths) };
+        let places = |rule| view(rule).ellipses(9, &mut Stream::new(1, 0)).len();
+        let all = BirthRule { worst_share: 1.0, ..BirthRule::FILM };
+        assert!(view(all).errors().len() > 150 && places(all) > 0);
+        assert_eq!(view(BirthRule::FILM).errors().len(), 60, "the bar without its corners");
+        assert!(view(BirthRule { least_error: 0.6, ..all }).errors().is_empty());
+    }
+
+    #[test]
+    fn where_nothing_is_wrong_or_counts_nothing_is_born() {
+        let (camera, photo) = (camera(), photo());
+        let depths = vec![3.0; 1200];
+        let right: Vec<f32> = (0..3)
+            .flat_map(|channel| {
+                photo.pixels().map(move |pixel| f32::from(pixel.0[channel]) / 255.0).collect::<Vec<_>>()
+            })
+            .collect();
+        assert!(births(&view(&camera, &photo, &right, &depths), 9).is_empty());
+        let (grey, nowhere) = (vec![0.5; 3 * 1200], [false; 1200]);
+        let masked = ComparedView { valid: Some(&nowhere), ..view(&camera, &photo, &grey, &depths) };
+        assert!(births(&masked, 9).is_empty());
+        assert!(births(&view(&camera, &photo, &grey, &[0.0; 1200]), 9).is_empty());
+    }
+}

@@ -1,0 +1,267 @@
+//! Gaussians that are born where training views are wrong: once for photos, again and again for films.
+
+use burn::tensor::{Tensor, TensorData};
+use glam::{DVec2, DVec3};
+use mvfusion_data::{GaussianCloud, Lifetime};
+
+use super::{BirthRule, ComparedView, Ellipse, IN_FRONT};
+use crate::initial::{Masking, gaussians_of};
+use crate::model::DeformationLevel;
+use crate::model::exposure::Exposure;
+use crate::random::Stream;
+use crate::train::rendered::{RenderedViews, shown_depths};
+use crate::train::{Position, Stage, Trainer, TrainingView};
+use crate::{ModelError, tensors};
+
+/// Alpha of a branch below which its depth says nothing.
+const LEAST_ALPHA: f32 = 0.5;
+
+/// The first stream of the views' own random numbers in photos, behind those of [`Streams`](crate::random::Streams), and
+/// in films.
+const PHOTO_STREAM: u64 = 1 << 20;
+const FILM_STREAM: u64 = 1 << 48;
+
+/// At most so many moments of a film are looked at in a round of births, so that its cost has a bound.
+const MOST_MOMENTS: usize = 32;
+
+/// Rounds in which a canonical centre is found; offsets change little over the size of an offset.
+const UNDEFORMING_ROUNDS: usize = 2;
+
+/// A round of births.
+struct Round<'a> {
+    /// The views that are looked at.
+    views: &'a [usize],
+    /// At most so many are born.
+    most: usize,
+    rule: BirthRule,
+    /// How long they live, in time between frames.
+    duration: f64,
+    /// Stream of the first training view.
+    stream: u64,
+}
+
+impl Trainer {
+    /// Whether Gaussians are born in photos after this step: at the end of the first stage.
+    pub(in crate::train) fn photo_births_due(&self, position: &Position) -> bool {
+        position.stage == Stage::Geometry && position.ends_stage() && self.has_births
+    }
+
+    /// Whether Gaussians are born in a film after this step.
+    pub(in crate::train) fn film_births_due(&self, position: &Position) -> bool {
+        let (densify, model) = (&self.config.densify, &self.state.model);
+        let is_due = densify.births_interval.is_due(position.step)
+            && position.step < densify.until.0
+            && position.stage != Stage::Geometry;
+        is_due && !self.has_births && model.static_.is_some() && model.dynamic.time_centres.is_some()
+    }
+
+    /// Lets Gaussians be born where the photos differ from the static branch.
+    pub(in crate::train) fn give_birth_in_photos(&mut self) -> Result<(), ModelError> {
+        let views: Vec<usize> = (0..self.photos.len()).collect();
+        let (most, duration) = (self.config.init.photo_points, self.config.init.photo_duration);
+        let round = Round { views: &views, most, rule: BirthRule::PHOTO, duration, stream: PHOTO_STREAM };
+        self.give_birth(&round, Self::beside_static_branch)
+    }
+
+    /// Lets Gaussians be born where a view of each moment, or of some, differs from the whole model.
+    pub(in crate::train) fn give_birth_in_film(&mut self, position: &Position) -> Result<(), ModelError> {
+        let views = self.one_view_a_moment();
+        let (most, duration) = (self.config.densify.births, self.config.init.motion_duration);
+        let stream = FILM_STREAM + ((position.run_step as u64) << 24);
+        let round = Round { views: &views, most, rule: BirthRule::FILM, duration, stream };
+        self.give_birth(&round, Self::beside_whole_model)
+    }
+
+    /// A view, drawn at random, of each of at most [`MOST_MOMENTS`] moments.
+    fn one_view_a_moment(&mut self) -> Vec<usize> {
+        let times = self.context.timeline.times();
+        let stream = &mut self.state.streams.densify;
+        let mut moments = stream.permutation(times.len());
+        moments.truncate(MOST_MOMENTS);
+        let view_of = |moment: usize| {
+            let views = (0..self.photos.len()).filter(|&view| self.photos.get(view).time == times[moment]);
+            let views: Vec<usize> = views.collect();
+            views[stream.index(views.len())]
+        };
+        moments.into_iter().map(view_of).collect()
+    }
+
+    /// Lets Gaussians be born in the views of a round: as many in each as its error's share of all. One view is held at a
+    /// time, so each is looked at twice.
+    fn give_birth(
+        &mut self,
+        round: &Round<'_>,
+        look: fn(&Self, usize) -> Result<Compared, ModelError>,
+    ) -> Result<(), ModelError> {
+        let room = self.config.densify.dynamic.max_gaussians.saturating_sub(self.state.model.dynamic.count());
+        let wanted = round.most.min(room);
+        if wanted == 0 {
+            return Ok(());
+        }
+        let wrongness = round.views.iter().map(|&view| Ok(look(self, view)?.view(round.rule).wrongness()));
+        let wrongness = wrongness.collect::<Result<Vec<f64>, ModelError>>()?;
+        let all = wrongness.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+        let mut born = GaussianCloud { lifetimes: Some(Vec::new()), ..GaussianCloud::default() };
+        let (mut sum, mut given) = (0.0, 0);
+        for (&index, wrongness) in round.views.iter().zip(wrongness) {
+            // Of the sums so far, so that rounding loses none.
+            sum += wanted as f64 * wrongness / all;
+            let count = sum.round() as usize - given;
+            given += count;
+            if count == 0 {
+                continue;
+            }
+            let number = round.stream + index as u64;
+            let compared = look(self, index)?;
+            let view = compared.view(round.rule);
+            let ellipses = view.ellipses(count, &mut Stream::new(self.config.seed, number));
+            let places = self.places(index, &view, &ellipses, self.config.seed.wrapping_add(number));
+            let lifetime = self.lifetime(compared.photo.time, round.duration);
+            for (ellipse, place) in ellipses.iter().zip(places) {
+                if let Some(place) = place {
+                    view.add_to(&mut born, ellipse, place, lifetime);
+                }
+            }
+        }
+        if born.is_empty() {
+            return Ok(());
+        }
+        self.add(&born)
+    }
+
+    /// Where ellipses in a view are put: where the cameras of the moment agree, if they stand still; else at their depths.
+    fn places(&self, index: usize, view: &ComparedView<'_>, ellipses: &[Ellipse], seed: u64) -> Vec<Option<DVec3>> {
+        match &self.finder {
+            Some(finder) => {
+                let centres: Vec<DVec2> = ellipses.iter().map(|ellipse| ellipse.centre).collect();
+                finder.locate(index, &centres, seed)
+            }
+            None => ellipses.iter().map(|ellipse| view.place(ellipse)).collect(),
+        }
+    }
+
+    /// Puts Gaussians into the dynamic branch whose means are where they shall be at their moments.
+    fn add(&mut self, born: &GaussianCloud) -> Result<(), ModelError> {
+        let masking = Masking::Blended { dynamic_logit: self.config.init.motion_logit };
+        let born = self.undeformed(born)?;
+        let dtype = self.state.model.dynamic.means.val().dtype();
+        let further = gaussians_of(&born, masking, self.config.model.sh_degree, &self.device, dtype);
+        self.state.dynamic_branch().append(&further);
+        Ok(())
+    }
+
+    /// The cloud with its means where the network, as far as it has learned, moves them from to where they are at their
+    /// moments.
+    fn undeformed(&self, born: &GaussianCloud) -> Result<GaussianCloud, ModelError> {
+        let (position, Some(lifetimes)) = (self.position(), &born.lifetimes) else { return Ok(born.clone()) };
+        let stage = position.map_or(Stage::Geometry, |position| position.stage);
+        if stage.level(self.config.model.deformation) == DeformationLevel::Still {
+            return Ok(born.clone());
+        }
+        let plain = self.state.model.plain();
+        let like = plain.dynamic.means.val();
+        let count = born.len();
+        let column = |values: Vec<f32>, width: usize| -> Tensor<2> {
+            tensors::from_data_like(TensorData::new(values, [count, width]), &like)
+        };
+        let places = column(born.means.as_flattened().to_vec(), 3);
+        let times = column(lifetimes.iter().map(|lifetime| lifetime.centre).collect(), 1);
+        let mut means = places.clone();
+        for _ in 0..UNDEFORMING_ROUNDS {
+            let feature = plain.network.feature(means, times.clone());
+            means = places.clone() - plain.network.heads.geometry(feature).narrow(1, 0, 3);
+        }
+        let means: Vec<f32> = tensors::read(means)?;
+        let means = means.chunks_exact(3).map(|mean| std::array::from_fn(|axis| mean[axis])).collect();
+        Ok(GaussianCloud { means, ..born.clone() })
+    }
+
+    /// A Gaussian of this moment that lives for `duration` times the time to the next one.
+    fn lifetime(&self, time: f64, duration: f64) -> Lifetime {
+        let times = self.context.timeline.times();
+        let nearest = times.iter().map(|&other| (other - time).abs()).filter(|&away| away > 0.0).fold(1.0, f64::min);
+        Lifetime { centre: time as f32, log_duration: (duration * nearest).ln() as f32, velocity: [0.0; 3] }
+    }
+
+    /// A training view and what the static branch shows there.
+    fn beside_static_branch(&self, index: usize) -> Result<Compared, ModelError> {
+        let camera = &self.photos.get(index).camera;
+        let picture = self.state.model.plain().static_picture(camera, None, &self.context)?;
+        // Proof: `Config::has_births` asks for a static branch.
+        let layers = picture.expect("the model has a static branch").main();
+        let depths = in_front(&known_depths(layers.depth, layers.alpha)?);
+        let exposure = self.exposure(&[index]).map(Exposure::inner);
+        let colours = layers.colour.unsqueeze_dim(0);
+        let colours = exposure.map_or(colours.clone(), |exposure| exposure.of_colours(colours));
+        self.compared(index, tensors::read(colours)?, depths)
+    }
+
+    /// A training view and what both branches show there, with the depth of the one in front.
+    fn beside_whole_model(&self, index: usize) -> Result<Compared, ModelError> {
+        let photo = self.photos.get(index);
+        let stage = self.position().map_or(Stage::Geometry, |position| position.stage);
+        let level = stage.level(self.config.model.deformation);
+        let seen = self.state.model.plain().render(&photo.camera, photo.time, level, None, &self.context)?;
+        let [moving, still] = shown_depths(&seen).map(|[depth, alpha]| known_depths(depth, alpha));
+        let depths = moving?.into_iter().zip(in_front(&still?));
+        let depths = depths.map(|(moving, still)| if moving > 0.0 { moving } else { still }).collect();
+        let exposure = self.exposure(&[index]).map(Exposure::inner);
+        let seen = RenderedViews { rendered: vec![seen], exposure };
+        let colours = tensors::read(seen.composed())?;
+        let mut compared = self.compared(index, colours, depths)?;
+        if let Some(mask) = self.photos.moving_mask(index) {
+            let moves = mask.pixels().map(|pixel| pixel.0[0] > 0);
+            compared.valid = Some(match compared.valid {
+                Some(valid) => valid.into_iter().zip(moves).map(|(valid, moves)| valid && moves).collect(),
+                None => moves.collect(),
+            });
+        }
+        Ok(compared)
+    }
+
+    fn compared(&self, index: usize, colours: Vec<f32>, depths: Vec<f32>) -> Result<Compared, ModelError> {
+        let decoded = self.photos.pictures().get(index)?;
+        Ok(Compared {
+            photo: *self.photos.get(index),
+            valid: decoded.valid.as_ref().map(|mask| mask.pixels().map(|pixel| pixel.0[0] > 0).collect()),
+            rgb: decoded.rgb.as_ref().clone(),
+            colours,
+            depths,
+        })
+    }
+}
+
+/// Depths per pixel, 0 where a branch shows nothing.
+fn known_depths(depth: Tensor<3>, alpha: Tensor<3>) -> Result<Vec<f32>, ModelError> {
+    let alphas: Vec<f32> = tensors::read(alpha)?;
+    let depths: Vec<f32> = tensors::read(depth)?;
+    let known = |(&depth, &alpha): (&f32, &f32)| if alpha < LEAST_ALPHA { 0.0 } else { depth / alpha };
+    Ok(depths.iter().zip(&alphas).map(known).collect())
+}
+
+/// Depths in front of what is still.
+fn in_front(depths: &[f32]) -> Vec<f32> {
+    depths.iter().map(|depth| IN_FRONT * depth).collect()
+}
+
+/// A training view and what the model shows there, on the host.
+struct Compared {
+    photo: TrainingView,
+    rgb: image::RgbImage,
+    valid: Option<Vec<bool>>,
+    colours: Vec<f32>,
+    depths: Vec<f32>,
+}
+
+impl Compared {
+    fn view(&self, rule: BirthRule) -> ComparedView<'_> {
+        ComparedView {
+            camera: &self.photo.camera,
+            photo: &self.rgb,
+            valid: self.valid.as_deref(),
+            colours: &self.colours,
+            depths: &self.depths,
+            rule,
+        }
+    }
+}

@@ -1,0 +1,319 @@
+//! A branch in training: its Gaussians, and everything that has a row for each of them.
+
+use burn::tensor::{Int, Tensor, TensorData, activation::sigmoid};
+use glam::{DQuat, DVec3};
+use serde::{Deserialize, Serialize};
+
+use super::plan::{SplitParent, logit_of, split_log_scale};
+use super::{DensifyPlan, DensifyStatistics, RelocationPlan, ResetPlan, Share};
+use crate::config::OpacityReset;
+use crate::model::gaussians::{Attribute, Gaussians};
+use crate::model::motion::MotionCache;
+use crate::model::rows::{PerGaussian, RowMap};
+use crate::random::Stream;
+use crate::train::BranchGradients;
+use crate::train::optim::{GaussianGradients, GaussianOptimiser};
+use crate::{ModelError, tensors};
+
+/// What training keeps about the Gaussians of a branch.
+///
+/// What has a row for each Gaussian follows every change of rows in [`PerGaussian::follow`], which takes this struct apart
+/// field by field: a field that is added here does not compile until it is said there what becomes of it.
+///
+/// ```compile_fail,E0027
+/// # use mvfusion_model::densify::BranchState;
+/// fn follow(state: &mut BranchState) {
+///     // The statistics are forgotten.
+///     let BranchState { optimiser, pending, counts } = state;
+/// }
+/// ```
+#[derive(Clone, Debug)]
+pub struct BranchState {
+    /// Adam's moments.
+    pub optimiser: GaussianOptimiser,
+    /// What was seen of the Gaussians since rows were last added.
+    pub statistics: DensifyStatistics,
+    /// Gradients that wait for the branch's next step, under gradient accumulation.
+    pub pending: Option<BranchGradients>,
+    /// How often rows changed.
+    pub counts: DensifyCounts,
+}
+
+/// A branch whose rows may change: its Gaussians and all that is bound to their rows.
+#[derive(Debug)]
+pub struct Branch<'a> {
+    /// The Gaussians.
+    pub gaussians: &'a mut Gaussians,
+    /// What training keeps about them.
+    pub state: &'a mut BranchState,
+    /// Motion descriptors; of the dynamic branch, once they were measured.
+    pub motion: Option<&'a mut MotionCache>,
+    /// Gradients of the step that is being done, if there is one.
+    pub gradients: Option<&'a mut GaussianGradients>,
+}
+
+/// How often the rows of a branch changed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct DensifyCounts {
+    /// Gaussians cloned, made by splitting, or born.
+    pub added: usize,
+    /// Gaussians removed by pruning.
+    pub pruned: usize,
+    /// Gaussians moved instead of removed.
+    #[serde(default)]
+    pub relocated: usize,
+    /// Opacity resets.
+    pub resets: usize,
+}
+
+/// Which Gaussians a branch has no place for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PruneRule {
+    /// Fainter ones.
+    pub min_opacity: f64,
+    /// Dynamic ones that were never part of the foreground to this probability (METHOD §4.10).
+    pub min_foreground: Option<f64>,
+    /// Those that covered more pixels than this around their centre (4DGS, METHOD §9).
+    pub max_radius: Option<f64>,
+    /// Those longer than this, world units (4DGS).
+    pub max_scale: Option<f64>,
+}
+
+/// For every row of `[N, 1]` whether it is at least `least`.
+fn at_least(least: f64, values: Tensor<2>) -> Result<Vec<bool>, ModelError> {
+    Ok(tensors::read::<2, f64>(values)?.into_iter().map(|value| value >= least).collect())
+}
+
+impl BranchState {
+    /// Before the first step of these Gaussians.
+    pub fn new(gaussians: &Gaussians) -> Self {
+        Self {
+            optimiser: GaussianOptimiser::default(),
+            statistics: DensifyStatistics::new(&gaussians.means.val()),
+            pending: None,
+            counts: DensifyCounts::default(),
+        }
+    }
+
+    /// Forgets moments, statistics and pending gradients, as at the start of a stage.
+    pub fn restart(&mut self, gaussians: &Gaussians) {
+        *self = Self { counts: self.counts, ..Self::new(gaussians) };
+    }
+}
+
+impl PerGaussian for BranchState {
+    fn follow(&mut self, map: &RowMap) {
+        let Self { optimiser, statistics, pending, counts: _ } = self;
+        optimiser.follow(map);
+        statistics.follow(map);
+        pending.follow(map);
+    }
+}
+
+impl PerGaussian for Branch<'_> {
+    fn follow(&mut self, map: &RowMap) {
+        let Self { gaussians, state, motion, gradients } = self;
+        gaussians.follow(map);
+        state.follow(map);
+        motion.follow(map);
+        gradients.follow(map);
+    }
+}
+
+impl Branch<'_> {
+    /// Clones and splits the Gaussians with large gradients, up to `most` in all. Returns where the rows come from, or
+    /// `None` if nothing changed.
+    ///
+    /// # Errors
+    /// If the device cannot hand its numbers back.
+    pub fn densify(
+        &mut self,
+        threshold: f64,
+        clone_size: f64,
+        most: usize,
+        stream: &mut Stream,
+    ) -> Result<Option<RowMap>, ModelError> {
+        let gradients: Vec<f64> = tensors::read(self.state.statistics.mean_gradients())?;
+        let axes: Vec<f64> = tensors::read(self.plain(Attribute::LogScales).max_dim(1).exp())?;
+        let room = most.saturating_sub(gradients.len());
+        let plan = DensifyPlan::new(&gradients, &axes, threshold, clone_size).limited(&gradients, room);
+        let normals = (0..2 * plan.split.len())
+            .map(|_| DVec3::from_array(std::array::from_fn(|_| stream.normal())))
+            .collect::<Vec<_>>();
+        self.grow(&plan, &normals)
+    }
+
+    /// Carries out a plan; `normals` are one draw for each half of a split Gaussian, first halves first.
+    ///
+    /// # Errors
+    /// If the device cannot hand its numbers back.
+    pub fn grow(&mut self, plan: &DensifyPlan, normals: &[DVec3]) -> Result<Option<RowMap>, ModelError> {
+        self.state.statistics.restart_gradients();
+        if plan.is_empty() {
+            return Ok(None);
+        }
+        let children = self.children(plan, normals)?;
+        let map = RowMap::of_parents(plan.sources(), plan.kept.len());
+        let before = self.gaussians.count();
+        self.follow(&map);
+        self.state.counts.added += self.gaussians.count() - before;
+        if let Some(children) = children {
+            let halves = 2 * plan.split.len();
+            self.change_last(halves, Attribute::Means, |_| children);
+            self.change_last(halves, Attribute::LogScales, |log_scales| log_scales + split_log_scale());
+        }
+        Ok(Some(map))
+    }
+
+    /// Puts further Gaussians after the others. They have all attributes that these have, and start without moments and
+    /// statistics.
+    pub fn append(&mut self, further: &Gaussians) {
+        let added = further.count();
+        self.follow(&RowMap::appending(self.gaussians.count(), added));
+        self.state.counts.added += added;
+        for attribute in Attribute::ALL {
+            if let Some(values) = further.plain(attribute) {
+                self.change_last(added, attribute, |_| values);
+            }
+        }
+    }
+
+    /// Centres of both halves of every split Gaussian: `[2 S, 3]`; `None` where none is split.
+    fn children(&self, plan: &DensifyPlan, normals: &[DVec3]) -> Result<Option<Tensor<2>>, ModelError> {
+        if plan.split.is_empty() {
+            return Ok(None);
+        }
+        let rows = self.rows(&plan.split);
+        let read = |attribute| tensors::read::<2, f64>(self.plain(attribute).select(0, rows.clone()));
+        let (centres, scales) = (read(Attribute::Means)?, read(Attribute::LogScales)?);
+        let rotations = read(Attribute::Quaternions)?;
+        let parent = |i: usize| SplitParent {
+            mean: DVec3::from_slice(&centres[3 * i..]),
+            log_scale: DVec3::from_slice(&scales[3 * i..]),
+            rotation: DQuat::from_xyzw(
+                rotations[4 * i + 1],
+                rotations[4 * i + 2],
+                rotations[4 * i + 3],
+                rotations[4 * i],
+            ),
+        };
+        let count = plan.split.len();
+        let positions: Vec<f64> = normals
+            .iter()
+            .enumerate()
+            .flat_map(|(half, &normal)| parent(half % count).child(normal).to_array())
+            .collect();
+        let positions = TensorData::new(positions, [2 * count, 3]);
+        Ok(Some(tensors::from_data_like(positions, &self.plain(Attribute::Means))))
+    }
+
+    /// Removes what a rule has no place for. Returns where the rows come from, or `None` if all stay.
+    ///
+    /// # Errors
+    /// If the device cannot hand its numbers back.
+    pub fn prune(&mut self, rule: &PruneRule) -> Result<Option<RowMap>, ModelError> {
+        let fits = self.fitting(rule)?;
+        let kept: Vec<usize> = (0..fits.len()).filter(|&row| fits[row]).collect();
+        // A branch never loses its last Gaussian: an empty tensor is of no use to anyone.
+        if kept.len() == fits.len() || kept.is_empty() {
+            return Ok(None);
+        }
+        Ok(Some(self.keep(kept)))
+    }
+
+    /// Keeps the given rows alone, and counts the others as pruned.
+    pub fn keep(&mut self, rows: Vec<usize>) -> RowMap {
+        self.state.counts.pruned += self.gaussians.count() - rows.len();
+        let map = RowMap::keeping(rows);
+        self.follow(&map);
+        map
+    }
+
+    /// Moves at most `most` of those that a rule has no place for to where opacity and gradient are, instead of removing
+    /// them. Returns where the rows come from, or `None` if nothing changed.
+    ///
+    /// # Errors
+    /// If the device cannot hand its numbers back.
+    pub fn relocate(
+        &mut self,
+        rule: &PruneRule,
+        most: usize,
+        stream: &mut Stream,
+    ) -> Result<Option<RowMap>, ModelError> {
+        let dead: Vec<bool> = self.fitting(rule)?.into_iter().map(|fits| !fits).collect();
+        let opacities: Vec<f64> = tensors::read(sigmoid(self.plain(Attribute::OpacityLogits)))?;
+        let gradients: Vec<f64> = tensors::read(self.state.statistics.mean_gradients())?;
+        let plan = RelocationPlan::draw(&dead, &opacities, &gradients, most, stream);
+        if plan.is_empty() {
+            return Ok(None);
+        }
+        let map = RowMap::of_parents(plan.sources(), plan.kept.len());
+        self.follow(&map);
+        self.state.counts.relocated += plan.shared.len();
+        let shares: Vec<Share> = plan.shared.iter().map(|&row| Share::of(opacities[row])).collect();
+        let both = 2 * shares.len();
+        let like = self.plain(Attribute::OpacityLogits);
+        let column = |of: fn(&Share) -> f64| {
+            let twice = shares.iter().chain(&shares).map(of).collect::<Vec<f64>>();
+            tensors::from_data_like::<2, 2>(TensorData::new(twice, [both, 1]), &like)
+        };
+        self.change_last(both, Attribute::OpacityLogits, |_| column(|share| logit_of(share.opacity)));
+        self.change_last(both, Attribute::LogScales, |log_scales| log_scales + column(|share| share.scale.ln()));
+        Ok(Some(map))
+    }
+
+    /// For every row whether a rule has a place for it.
+    fn fitting(&self, rule: &PruneRule) -> Result<Vec<bool>, ModelError> {
+        let statistics = &self.state.statistics;
+        let mut fits = at_least(rule.min_opacity, sigmoid(self.plain(Attribute::OpacityLogits)))?;
+        let mut narrow = |others: Vec<bool>| fits.iter_mut().zip(others).for_each(|(fits, other)| *fits &= other);
+        if let Some(least) = rule.min_foreground {
+            narrow(at_least(least, statistics.foreground.clone())?);
+        }
+        if let Some(most) = rule.max_radius {
+            narrow(at_least(-most, -statistics.radii.clone())?);
+        }
+        if let Some(most) = rule.max_scale {
+            narrow(at_least(-most.ln(), -self.plain(Attribute::LogScales).max_dim(1))?);
+        }
+        Ok(fits)
+    }
+
+    /// Makes a random share of the Gaussians nearly transparent. Their opacities take no part in the step that is being
+    /// done.
+    ///
+    /// # Errors
+    /// If the device cannot hand its numbers back.
+    pub fn reset_opacity(&mut self, plan: &ResetPlan, others: OpacityReset) -> Result<(), ModelError> {
+        let logits = self.plain(Attribute::OpacityLogits);
+        let reset = plan.apply(&tensors::read::<2, f64>(logits.clone())?, others);
+        let count = reset.len();
+        let reset = tensors::from_data_like(TensorData::new(reset, [count, 1]), &logits);
+        self.gaussians.replace(Attribute::OpacityLogits, reset);
+        self.state.optimiser.reset(Attribute::OpacityLogits);
+        self.state.counts.resets += 1;
+        if let Some(gradients) = &mut self.gradients {
+            gradients.forget(Attribute::OpacityLogits);
+        }
+        Ok(())
+    }
+
+    /// Puts other numbers in place of the last `rows` of an attribute, if the branch has it.
+    fn change_last(&mut self, rows: usize, attribute: Attribute, change: impl FnOnce(Tensor<2>) -> Tensor<2>) {
+        if let Some(values) = self.gaussians.plain(attribute) {
+            let before = values.dims()[0] - rows;
+            let last = change(values.clone().narrow(0, before, rows));
+            self.gaussians.replace(attribute, Tensor::cat(vec![values.narrow(0, 0, before), last], 0));
+        }
+    }
+
+    /// The numbers of an attribute that every branch has.
+    fn plain(&self, attribute: Attribute) -> Tensor<2> {
+        // Proof: `Gaussians` holds what is asked for here without an `Option`.
+        self.gaussians.plain(attribute).expect("only mask logits and lifetimes may be absent")
+    }
+
+    fn rows(&self, rows: &[usize]) -> Tensor<1, Int> {
+        tensors::rows_like(rows, &self.gaussians.means.val())
+    }
+}

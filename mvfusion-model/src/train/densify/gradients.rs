@@ -1,0 +1,60 @@
+//! What the backward pass says about a branch.
+
+use burn::tensor::{Gradients, Tensor};
+
+use super::Visibility;
+use crate::model::gaussians::Gaussians;
+use crate::model::rows::{PerGaussian, RowMap};
+use crate::train::optim::GaussianGradients;
+
+/// Gradients of a branch from one step, or summed over several, and what of it was visible. Without autodiff.
+#[derive(Clone, Debug)]
+pub struct BranchGradients {
+    /// Which Gaussians were visible.
+    pub visibility: Visibility,
+    /// Gradient of the main loss with respect to the projected centres, NDC, summed over all views: `[N, 2]`.
+    pub screen: Option<Tensor<2>>,
+    /// Gradients of the attributes.
+    pub attributes: GaussianGradients,
+}
+
+impl BranchGradients {
+    /// Takes a branch's part out of the gradients of a step.
+    pub fn take(gaussians: &Gaussians, visibility: Visibility, probe: Tensor<2>, gradients: &mut Gradients) -> Self {
+        Self {
+            visibility,
+            screen: probe.grad_remove(gradients),
+            attributes: GaussianGradients::take(gaussians, gradients),
+        }
+    }
+
+    /// This and what a later step adds: gradients are summed, a Gaussian counts as seen if either saw it, radii are those
+    /// of the later step (METHOD §4.3).
+    pub fn and(self, later: Self) -> Self {
+        let both =
+            |a: Option<Tensor<2>>, b: Option<Tensor<2>>, join: fn(Tensor<2>, Tensor<2>) -> Tensor<2>| match (a, b) {
+                (Some(a), Some(b)) => Some(join(a, b)),
+                (a, b) => a.or(b),
+            };
+        Self {
+            visibility: Visibility {
+                visible: self.visibility.visible.max_pair(later.visibility.visible),
+                foreground: both(self.visibility.foreground, later.visibility.foreground, Tensor::max_pair),
+                radii: later.visibility.radii,
+            },
+            screen: both(self.screen, later.screen, |a, b| a + b),
+            attributes: self.attributes.plus(later.attributes),
+        }
+    }
+}
+
+impl PerGaussian for BranchGradients {
+    /// What was summed for Gaussians that stay is kept; new ones were never seen.
+    fn follow(&mut self, map: &RowMap) {
+        let Self { visibility: Visibility { visible, radii, foreground }, screen, attributes } = self;
+        for values in [visible, radii].into_iter().chain(foreground).chain(screen) {
+            *values = map.keep(values);
+        }
+        attributes.keep(map);
+    }
+}

@@ -1,0 +1,56 @@
+//! What the losses need to know beside the pictures.
+
+use burn::tensor::Tensor;
+use mvfusion_render::window::Window;
+
+use super::{LossSchedule, MotionMasks, MotionWitness};
+
+/// What the losses compare with, and where training stands.
+#[derive(Clone, Debug)]
+pub struct LossContext<'a> {
+    /// The photos, black where they do not count: `[B, 3, H, W]` in `[0, 1]`.
+    pub photos: &'a Tensor<4>,
+    /// Where something was seen to move; absent if nothing is known.
+    pub motion: Option<&'a MotionMasks>,
+    /// Weights.
+    pub config: &'a crate::config::LossConfig,
+    /// Where training stands.
+    pub schedule: LossSchedule,
+    /// The scene's extent.
+    pub extent: f64,
+    /// The windows of the structural terms.
+    pub windows: &'a Windows,
+}
+
+impl LossContext<'_> {
+    /// 1 where the dynamic branch learns whatever its mask says, if the configuration leaves that to motion and it is known.
+    pub(super) fn dynamic_region(&self) -> Option<Tensor<4>> {
+        self.motion.filter(|_| self.config.dynamic_where_moving).map(|motion| motion.around.clone())
+    }
+
+    /// 1 where the static branch may learn, likewise.
+    pub(crate) fn static_region(&self) -> Option<Tensor<4>> {
+        let motion = self.sure_motion().filter(|_| self.config.static_where_still)?;
+        Some(motion.still.clone())
+    }
+
+    /// Motion that was seen by other means than the branches themselves.
+    pub(super) fn sure_motion(&self) -> Option<&MotionMasks> {
+        self.motion.filter(|motion| motion.seen_by == MotionWitness::StillCamera)
+    }
+}
+
+/// The two Gaussian windows of the structural terms.
+#[derive(Clone, Debug)]
+pub struct Windows {
+    /// 11 pixels, sigma 1.5: SSIM.
+    pub ssim: Window,
+    /// 5 pixels, sigma 1.5: the structure comparison of the two branches.
+    pub structure: Window,
+}
+
+impl Default for Windows {
+    fn default() -> Self {
+        Self { ssim: Window::gaussian(11, 1.5), structure: Window::gaussian(5, 1.5) }
+    }
+}

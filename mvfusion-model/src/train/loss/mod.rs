@@ -1,0 +1,19 @@
+//! The training objective: a main loss that also drives densification, and a light loss that does not (METHOD §4.4);
+//! or the single loss of a model of one branch (§9).
+
+mod context;
+mod light;
+mod main;
+mod motion;
+mod pictures;
+mod schedule;
+mod single;
+pub mod terms;
+
+pub use context::{LossContext, Windows};
+pub use light::light_loss;
+pub use main::main_loss;
+pub use motion::{MotionMasks, MotionWitness};
+pub use pictures::{Pictures, within};
+pub use schedule::LossSchedule;
+pub use single::single_loss;

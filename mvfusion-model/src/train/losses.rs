@@ -1,0 +1,19 @@
+//! The losses of a step, still on the device: nothing waits for them unless somebody reads them.
+
+use burn::tensor::Tensor;
+
+/// The loss of a step.
+#[derive(Clone, Debug)]
+pub struct Losses {
+    /// Main and light loss together, with the graph of the backward pass: `[1]`.
+    pub total: Tensor<1>,
+    /// Mean squared error of the composed renders over the valid pixels, without autodiff: `[1]`.
+    pub squared_error: Tensor<1>,
+}
+
+impl Losses {
+    /// The same without the graph of the backward pass.
+    pub fn detached(&self) -> Self {
+        Self { total: self.total.clone().inner(), squared_error: self.squared_error.clone() }
+    }
+}

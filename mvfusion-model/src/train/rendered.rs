@@ -1,0 +1,174 @@
+//! The training views of a step, rendered.
+
+use burn::tensor::Tensor;
+use mvfusion_render::splat::{SplatPicture, SplatPlanes};
+
+use super::Batch;
+use super::densify::Visibility;
+use super::finite::Findings;
+use super::loss::Pictures;
+use super::parameters::Sink;
+use crate::model::composition::{Blending, BranchRenders, Composition};
+use crate::model::exposure::Exposure;
+use crate::model::{BranchPictures, Probes};
+
+/// The training views of a step as the model renders them, with the graph of the backward pass, and their photos.
+#[derive(Debug)]
+pub struct RenderedBatch {
+    /// What the views are compared with.
+    pub batch: Batch,
+    pub(super) views: RenderedViews,
+    /// Where the screen-space gradients arrive.
+    pub(super) probes: Probes,
+}
+
+impl RenderedBatch {
+    /// The composed renders, clamped to `[0, 1]`; in a model of one branch its renders as they are: `[B, 3, H, W]`.
+    pub fn composed(&self) -> Tensor<4> {
+        match self.views.has_static() {
+            true => self.views.composed(),
+            false => self.views.dynamic(),
+        }
+    }
+
+    /// Renders of the dynamic branch, as the cameras see its colours: `[B, 3, H, W]`.
+    pub fn dynamic(&self) -> Tensor<4> {
+        self.views.dynamic()
+    }
+
+    /// Renders of the static branch, as the cameras see its colours: `[B, 3, H, W]`; `None` in a model of one branch.
+    pub fn static_(&self) -> Option<Tensor<4>> {
+        self.views.static_()
+    }
+
+    /// Share of the dynamic branch in each pixel: `[B, 1, H, W]`; `None` in a model of one branch.
+    pub fn mask(&self) -> Option<Tensor<4>> {
+        self.views.has_static().then(|| self.views.composition().mask)
+    }
+
+    /// What can be found in the pictures.
+    pub(super) fn findings(&self) -> Findings {
+        let mut findings = Findings::default();
+        for (branch, picture) in packed(&self.views.rendered) {
+            findings.take(format!("the picture of the {branch} branch"), picture);
+        }
+        findings
+    }
+}
+
+/// Which of the two equal copies of a picture is meant.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum PictureCopy {
+    Main,
+    Light,
+}
+
+/// A layer of every view as one batch.
+fn stack<V>(views: &[V], layer: impl Fn(&V) -> Tensor<3>) -> Tensor<4> {
+    Tensor::cat(views.iter().map(|view| layer(view).unsqueeze_dim(0)).collect(), 0)
+}
+
+/// The rendered pictures with all their layers, without autodiff.
+fn packed(rendered: &[BranchPictures]) -> Vec<(&'static str, Tensor<4>)> {
+    let of = |branch, picture: &SplatPicture| (branch, picture.packed.clone().inner());
+    let static_ = |view: &BranchPictures| view.static_.as_ref().map(|picture| of("static", picture));
+    rendered.iter().flat_map(|view| std::iter::once(of("dynamic", &view.dynamic)).chain(static_(view))).collect()
+}
+
+/// Highest foreground probability of the dynamic Gaussians over the views.
+fn foreground(rendered: &[BranchPictures]) -> Option<Tensor<2>> {
+    rendered.iter().filter_map(|view| view.foreground.clone()).reduce(Tensor::max_pair)
+}
+
+/// Rendered views, and what their cameras make of colours.
+#[derive(Debug)]
+pub(super) struct RenderedViews {
+    pub rendered: Vec<BranchPictures>,
+    pub exposure: Option<Exposure>,
+}
+
+impl RenderedViews {
+    fn has_static(&self) -> bool {
+        self.rendered.iter().all(|view| view.static_.is_some())
+    }
+
+    /// Colours of the views as their cameras see them: `[B, 3, H, W]`.
+    fn exposed(&self, colours: Tensor<4>) -> Tensor<4> {
+        match &self.exposure {
+            Some(exposure) => exposure.of_colours(colours),
+            None => colours,
+        }
+    }
+
+    /// The colours of the dynamic branch.
+    pub(super) fn dynamic(&self) -> Tensor<4> {
+        self.exposed(stack(&self.rendered, |view| view.dynamic.main().colour))
+    }
+
+    /// The colours of the static branch; `None` in a model without one.
+    pub fn static_(&self) -> Option<Tensor<4>> {
+        let pictures: Option<Vec<_>> = self.rendered.iter().map(|view| view.static_.as_ref()).collect();
+        Some(self.exposed(stack(&pictures?, |picture| picture.main().colour)))
+    }
+
+    /// One copy of every view of two branches, stacked and blended. Where `still` (`[B, 1, H, W]`) is 0, no loss reaches the
+    /// colours of the static branch: neither what little the mask lets through, nor the window of a still pixel beside what
+    /// moves. Either would keep a stain alive.
+    pub fn pictures(&self, copy: PictureCopy, blending: Blending, still: Option<&Tensor<4>>) -> Pictures {
+        let layers = |picture: &SplatPicture| match copy {
+            PictureCopy::Main => picture.main(),
+            PictureCopy::Light => picture.light(),
+        };
+        let dynamic: Vec<SplatPlanes> = self.rendered.iter().map(|view| layers(&view.dynamic)).collect();
+        let static_: Vec<SplatPlanes> =
+            self.rendered.iter().filter_map(|view| view.static_.as_ref().map(layers)).collect();
+        // Proof: a model with a static branch has mask logits in its dynamic one, and `Model::render` splats them.
+        let mask =
+            |view: &SplatPlanes| view.features.clone().expect("the dynamic branch is always splatted with its mask");
+        let blend = BranchRenders {
+            dynamic: self.exposed(stack(&dynamic, |view| view.colour.clone())),
+            static_: self.exposed(stack(&static_, |view| view.colour.clone())),
+            mask: stack(&dynamic, mask),
+        };
+        let blend = match still {
+            Some(still) => blend.with_static_learning(still.clone()),
+            None => blend,
+        };
+        Pictures {
+            composition: blend.compose(blending),
+            dynamic_depth: stack(&dynamic, |view| view.depth.clone()),
+            static_depth: stack(&static_, |view| view.depth.clone()),
+        }
+    }
+
+    /// Views of two branches, blended as in the later stages.
+    fn composition(&self) -> Composition {
+        self.pictures(PictureCopy::Main, Blending::Deformation, None).composition
+    }
+
+    /// The blended pictures of views of two branches: `[B, 3, H, W]`.
+    pub fn composed(&self) -> Tensor<4> {
+        self.composition().composed
+    }
+
+    /// Which dynamic Gaussians were seen.
+    pub fn dynamic_visibility(&self) -> Visibility {
+        Visibility::of(self.rendered.iter().map(|view| &view.dynamic), foreground(&self.rendered))
+    }
+
+    /// Which static Gaussians were seen; `None` in a model of one branch.
+    pub fn static_visibility(&self) -> Option<Visibility> {
+        let pictures = || self.rendered.iter().filter_map(|view| view.static_.as_ref());
+        self.has_static().then(|| Visibility::of(pictures(), None))
+    }
+}
+
+/// Depth and alpha of the dynamic branch and of the static one, `[1, H, W]` each.
+pub(super) fn shown_depths(view: &BranchPictures) -> [[Tensor<3>; 2]; 2] {
+    let layers = |picture: &SplatPicture| {
+        let layers = picture.main();
+        [layers.depth, layers.alpha]
+    };
+    // Proof: only models of two branches are asked.
+    [layers(&view.dynamic), layers(view.static_.as_ref().expect("the model has a static branch"))]
+}
