@@ -179,7 +179,7 @@ pub struct EvalArgs {
     /// Folder with the weights of LPIPS (docs/evaluation.md), if the training had none or they have moved
     #[arg(long, value_name = "DIR")]
     pub lpips_weights: Option<PathBuf>,
-    /// Whose figures are computed: mvfusion (all of them), or those of degauss, 3dgs or nerfbaselines
+    /// Whose metrics are computed: mvfusion (all of them), or those of degauss, 3dgs or nerfbaselines
     #[arg(long, value_name = "NAME", default_value = Protocol::default().name(), value_parser = protocols())]
     pub protocol: Protocol,
     /// Frames over which the speed of rendering is measured, after 20 that are not, with MFTA and without; 0 measures nothing,
@@ -189,7 +189,7 @@ pub struct EvalArgs {
     /// Device and threads.
     #[command(flatten)]
     pub compute: ComputeArgs,
-    /// Write figures, pictures and report into the run's folder; without it nothing is written
+    /// Write metrics, pictures and report into the run's folder; without it nothing is written
     #[arg(long)]
     pub write: bool,
 }

@@ -47,18 +47,18 @@ Configuration:
   program is started.
 
 The run's folder:
-  report.html                    look here first: figures, curves, pictures with
+  report.html                    look here first: metrics, curves, pictures with
                                  sliders, on one page that any browser shows;
                                  `mvfusion report DIR` makes it again
   strips/NNNNN.png               ground truth, composed, static, dynamic, mask,
                                  motion intensity
-  results.json, per_view.json    the figures, in full precision; a figure that
+  results.json, per_view.json    the metrics, in full precision; a metric that
                                  is not known is absent
   metrics.jsonl                  a line for every log step, while training runs
   config.toml, run.json          what was done; --config DIR/config.toml does it
                                  again
   checkpoints/final.safetensors  the whole state; `mvfusion eval DIR` prints the
-                                 same figures from it
+                                 same metrics from it
   point_cloud/iteration_N/       static.ply and dynamic.ply, for other viewers
   renders/test/LAYER/NNNNN.png   every layer of every held-out view
   films/VIEWS/                   what `mvfusion render DIR` makes
@@ -73,11 +73,11 @@ Exit codes:
 /// `mvfusion eval --help`.
 pub const EVAL: &str = "\
 Reads configuration and last checkpoint of a run, renders the held-out views, and prints the table that training ended \
-with, and how many frames a second are rendered. Says so when a figure differs from the run's results.json. Writes \
-nothing unless --write is given; then figures, pictures and report.html, or, of another protocol than ours, figures in \
+with, and how many frames a second are rendered. Says so when a metric differs from the run's results.json. Writes \
+nothing unless --write is given; then metrics, pictures and report.html, or, of another protocol than ours, metrics in \
 protocols/NAME.
 
-Figures of one name are computed in many ways. A protocol is the way of one body of results: mvfusion has every figure; \
+Metrics of one name are computed in many ways. A protocol is the way of one body of results: mvfusion has every metric; \
 degauss, 3dgs and nerfbaselines have those that these report. docs/evaluation.md tells the differences. LPIPS needs weights \
 that are not part of this program.";
 
@@ -173,7 +173,7 @@ Examples:
 
 /// `mvfusion report --help`.
 pub const REPORT: &str = "\
-Makes report.html from what lies in a run's folder: figures with their protocol, curves of the training, sliders between \
+Makes report.html from what lies in a run's folder: metrics with their protocol, curves of the training, sliders between \
 photo and picture, every layer of a few views, heat maps of motion, record and configuration. Needs no device and no \
 scene. Whatever is missing is named in its place. The page needs no other file and no network.";
 
@@ -202,7 +202,7 @@ Examples:
 
 The sweep's folder:
   table.md, .tex, .csv, .json   the table
-  plots/KEY_METRIC.svg          a swept key against a figure
+  plots/KEY_METRIC.svg          a swept key against a metric
   cells/ID/                     the runs; ID.log beside each is what it said
   grid.toml, sweep.json         the grid, and its cells with their ids
 

@@ -11,23 +11,23 @@ use crate::run::{LpipsWeights, RenderSpeed, Results};
 /// Width of the first column, where no region's name is longer.
 const LABEL: usize = 16;
 
-/// Figures of a layer that are shown at most: the first ones of the protocol.
+/// Metrics of a layer that are shown at most: the first ones of the protocol.
 const FIGURES: usize = 4;
 
 /// Width of a terminal, into which a line must fit.
 const LINE: usize = 80;
 
-/// Writes the figures of a run by a protocol, a layer a line.
+/// Writes the metrics of a run by a protocol, a layer a line.
 ///
 /// # Errors
 /// If `out` cannot be written to.
 pub fn write(results: &Results, protocol: Protocol, out: &mut dyn Write) -> io::Result<()> {
     let label = label_width(results);
-    let figures = figures(results, protocol, label);
+    let metrics = metrics(results, protocol, label);
     let heads: String =
-        figures.iter().map(|&figure| format!("{:>width$}", head(figure), width = width(figure))).collect();
+        metrics.iter().map(|&metric| format!("{:>width$}", head(metric), width = width(metric))).collect();
     writeln!(out, "{:label$}{heads}", "held-out views")?;
-    write_layers(&results.test, &figures, label, out)?;
+    write_layers(&results.test, &metrics, label, out)?;
     if let Some(shown) = results.test.composed_shows {
         writeln!(out, "{:LABEL$}{}", "composed shows", what_photos_show(shown))?;
     }
@@ -36,7 +36,7 @@ pub fn write(results: &Results, protocol: Protocol, out: &mut dyn Write) -> io::
     write_absent(results, out)?;
     if let Some(scores) = &results.training_views {
         writeln!(out, "training views")?;
-        write_layers(scores, &figures, label, out)?;
+        write_layers(scores, &metrics, label, out)?;
         write_beside(scores, out)?;
     }
     writeln!(out, "{:LABEL$}{}", "Gaussians", results.gaussians.sentence(", "))?;
@@ -60,16 +60,16 @@ pub(crate) fn what_photos_show(shown: HeldOutPhoto) -> &'static str {
     }
 }
 
-/// The first of the protocol's figures that any layer has, as many as a line has room for.
-fn figures(results: &Results, protocol: Protocol, label: usize) -> Vec<Metric> {
-    let is_known = |figure: &Metric| results.test.layers().any(|(_, scores)| figure.of(scores).is_some());
+/// The first of the protocol's metrics that any layer has, as many as a line has room for.
+fn metrics(results: &Results, protocol: Protocol, label: usize) -> Vec<Metric> {
+    let is_known = |metric: &Metric| results.test.layers().any(|(_, scores)| metric.of(scores).is_some());
     let mut room = LINE.saturating_sub(label);
-    let fits = |figure: &Metric| {
-        let left = room.checked_sub(width(*figure));
+    let fits = |metric: &Metric| {
+        let left = room.checked_sub(width(*metric));
         room = left.unwrap_or(0);
         left.is_some()
     };
-    protocol.figures().iter().copied().filter(is_known).take(FIGURES).take_while(fits).collect()
+    protocol.metrics().iter().copied().filter(is_known).take(FIGURES).take_while(fits).collect()
 }
 
 /// Width of the first column: a region's name has that of its masks with it.
@@ -79,25 +79,25 @@ fn label_width(results: &Results) -> usize {
     labels.max().unwrap_or(0).max(LABEL)
 }
 
-fn head(figure: Metric) -> String {
-    match figure.unit() {
-        Some(unit) => format!("{} ({unit})", figure.label()),
-        None => figure.label().to_owned(),
+fn head(metric: Metric) -> String {
+    match metric.unit() {
+        Some(unit) => format!("{} ({unit})", metric.label()),
+        None => metric.label().to_owned(),
     }
 }
 
-fn width(figure: Metric) -> usize {
-    (head(figure).len() + 2).max(10)
+fn width(metric: Metric) -> usize {
+    (head(metric).len() + 2).max(10)
 }
 
-fn write_layers(scores: &Scores, figures: &[Metric], label: usize, out: &mut dyn Write) -> io::Result<()> {
-    scores.layers().try_for_each(|(layer, figures_of_layer)| {
-        let cells: String = figures.iter().map(|&figure| cell(figure, figures_of_layer)).collect();
+fn write_layers(scores: &Scores, metrics: &[Metric], label: usize, out: &mut dyn Write) -> io::Result<()> {
+    scores.layers().try_for_each(|(layer, metrics_of_layer)| {
+        let cells: String = metrics.iter().map(|&metric| cell(metric, metrics_of_layer)).collect();
         writeln!(out, "{:label$}{cells}", scores.label(layer))
     })
 }
 
-/// The figures that no layer has.
+/// The metrics that no layer has.
 fn write_beside(scores: &Scores, out: &mut dyn Write) -> io::Result<()> {
     if let Some(difference) = scores.dynamic_minus_still_psnr {
         writeln!(out, "{:LABEL$}{difference:>+10.2} dB", "dynamic - still")?;
@@ -111,10 +111,10 @@ fn write_beside(scores: &Scores, out: &mut dyn Write) -> io::Result<()> {
     Ok(())
 }
 
-fn cell(figure: Metric, scores: &LayerScores) -> String {
-    let digits = figure.decimals();
-    let value = figure.of(scores).map_or("-".to_owned(), |value| format!("{value:.digits$}"));
-    format!("{value:>width$}", width = width(figure))
+fn cell(metric: Metric, scores: &LayerScores) -> String {
+    let digits = metric.decimals();
+    let value = metric.of(scores).map_or("-".to_owned(), |value| format!("{value:.digits$}"));
+    format!("{value:>width$}", width = width(metric))
 }
 
 /// T-LPIPS, and the mean LPIPS of consecutive pictures, of which motion is a part.
@@ -125,16 +125,16 @@ fn write_flicker(results: &Results, out: &mut dyn Write) -> io::Result<()> {
         ("plain mean", temporal.consecutive_lpips_alex, temporal.consecutive_lpips_vgg),
     ] {
         let known = [("alex", alex), ("vgg", vgg)];
-        let figures = known.into_iter().filter_map(|(network, figure)| Some(format!("{:.4} ({network})", figure?)));
-        let figures: Vec<String> = figures.collect();
-        if !figures.is_empty() {
-            writeln!(out, "{label:LABEL$}{}", figures.join(", "))?;
+        let metrics = known.into_iter().filter_map(|(network, metric)| Some(format!("{:.4} ({network})", metric?)));
+        let metrics: Vec<String> = metrics.collect();
+        if !metrics.is_empty() {
+            writeln!(out, "{label:LABEL$}{}", metrics.join(", "))?;
         }
     }
     Ok(())
 }
 
-/// Says which networks gave no figures and why.
+/// Says which networks gave no metrics and why.
 fn write_absent(results: &Results, out: &mut dyn Write) -> io::Result<()> {
     let absent = results.lpips.iter().filter_map(|(network, weights)| match weights {
         LpipsWeights::Absent(reason) => Some((network, reason)),
@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn figures_that_are_not_known_are_dashes_or_absent() {
+    fn metrics_that_are_not_known_are_dashes_or_absent() {
         let results = specimen(Scores {
             composed: LayerScores { psnr: Some(27.345), ssim: Some(0.9), ..Default::default() },
             composed_shows: Some(HeldOutPhoto::StaticBranch),
@@ -205,8 +205,8 @@ mod tests {
             ..Default::default()
         });
         let table = table(&results, Protocol::Mvfusion);
-        let figures = table.split("LPIPS ").next().expect("figures");
-        insta::assert_snapshot!(figures, @"
+        let metrics = table.split("LPIPS ").next().expect("metrics");
+        insta::assert_snapshot!(metrics, @"
         held-out views                PSNR (dB)      SSIM
         composed                          27.34    0.5000
         dynamic region (true masks)       21.00    0.5000

@@ -173,7 +173,7 @@ fn a_run_leaves_all_its_files_and_can_be_evaluated_again() {
     let again = mvfusion(folder.path(), &["eval", "runs/quickstart-7", "--speed-frames", "2"]);
     let said = text(&again.stdout);
     assert!(again.status.success(), "{}", text(&again.stderr));
-    assert!(said.contains("The figures are those of runs/quickstart-7/results.json."), "{said}");
+    assert!(said.contains("The metrics are those of runs/quickstart-7/results.json."), "{said}");
     assert!(said.contains("without MFTA, of 160x120 pixels, over 2 frames"), "{said}");
 
     let report = fs::read(run.join("report.html")).expect("read");
@@ -203,7 +203,7 @@ fn another_protocol_has_a_folder_of_its_own() {
     let results = read("run/protocols/nerfbaselines/results.json");
     assert!(results["protocol"].as_str().is_some_and(|said| said.starts_with("nerfbaselines")), "{results}");
     assert_eq!(results["lpips"]["vgg"]["absent"], "no folder of weights was given");
-    assert!(results["test"]["composed"].get("lpips_alex").is_none(), "never a made-up figure");
+    assert!(results["test"]["composed"].get("lpips_alex").is_none(), "never a made-up metric");
     assert_eq!(results["speed"]["frames"], 1);
     assert!(results["train"]["seconds"].is_number(), "the time of training is taken over");
     let composed = &results["test"]["composed"];
@@ -215,7 +215,7 @@ fn another_protocol_has_a_folder_of_its_own() {
         assert_eq!((now.len(), now), (64, read("run/results.json")[hash].as_str().expect("a hash")), "{hash}");
     }
     let second = text(&mvfusion(folder.path(), &eval).stdout);
-    assert!(second.contains("The figures are those of run/protocols/nerfbaselines/results.json."), "{second}");
+    assert!(second.contains("The metrics are those of run/protocols/nerfbaselines/results.json."), "{second}");
     assert_eq!(fs::read(folder.path().join("run/results.json")).expect("read"), own, "ours are left alone");
 }
 
@@ -359,7 +359,7 @@ fn check_results(run: &Path) {
         "/device",
         "/threads",
     ] {
-        assert!(results.pointer(pointer).is_some_and(|figure| !figure.is_null()), "{pointer} is missing: {json}");
+        assert!(results.pointer(pointer).is_some_and(|metric| !metric.is_null()), "{pointer} is missing: {json}");
     }
     assert_eq!(results["train"]["steps"], 6);
     assert_eq!(results["seed"], 7);

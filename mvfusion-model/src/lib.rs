@@ -36,7 +36,7 @@
 //! | use the modules alone | [`model`]: [`Gaussians`](model::gaussians::Gaussians), [`DeformationNetwork`](model::network::DeformationNetwork), [`MotionRefinement`](model::motion::MotionRefinement), [`BranchRenders::compose`](model::composition::BranchRenders::compose) |
 //! | place the first Gaussians | [`initial`] |
 //! | measure | [`evaluation::evaluate`] for views, [`evaluation::psnr`] and its neighbours for pictures |
-//! | load a trained model | [`train::load_model`] |
+//! | load a trained model | [`train::TrainedModel::load`] |
 //!
 //! # Which crate do I use?
 //! `mvfusion-data` reads and writes scenes, without tensors. `mvfusion-render` splats Gaussians and looks up HexPlanes,
@@ -60,6 +60,4 @@ pub mod train;
 pub use burn::tensor::Device;
 pub use config::Config;
 pub use error::ModelError;
-pub use model::{composition, gaussians, mask, motion, network};
 pub use mvfusion_render::{device, profile};
-pub use train::{densify, loss, optim};

@@ -4,6 +4,7 @@ mod bench;
 mod ci;
 mod docs;
 mod results;
+mod splice;
 
 use clap::{Parser, Subcommand};
 
@@ -23,7 +24,7 @@ enum Chore {
     Docs(docs::DocsArguments),
     /// Times the ops on this machine.
     Bench(bench::BenchArguments),
-    /// Trains every method on every scene and writes the tables of docs/results.md.
+    /// Puts the table of a sweep into docs/results.md.
     Results(results::ResultsArguments),
 }
 

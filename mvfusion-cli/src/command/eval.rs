@@ -8,7 +8,7 @@ use mvfusion_model::Config;
 use mvfusion_model::evaluation::Protocol;
 use mvfusion_model::files::sha256;
 
-use super::score::{self, Trained};
+use super::score::{self, Scoring};
 use crate::args::EvalArgs;
 use crate::progress::Verbosity;
 use crate::run::{self, MasksRequest, OpenRun, PicturesWriter, Results, RunRequest, TrainTime};
@@ -21,12 +21,12 @@ use crate::{report, table};
 pub fn eval(args: &EvalArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let masks = args.masks.as_deref().map_or(MasksRequest::AsConfigured, MasksRequest::Folder);
     let request = RunRequest { run: &args.run, data: args.data.as_deref(), masks, device: &args.compute.device };
-    let folder = figures_folder(&args.run, args.protocol);
+    let folder = metrics_folder(&args.run, args.protocol);
     let before = earlier_results(&folder)?;
-    let OpenRun { config, device, scene, state } = OpenRun::open(&request, verbosity)?;
+    let OpenRun { config, device, scene, trained } = OpenRun::open(&request, verbosity)?;
     let weights = args.lpips_weights.as_deref().or(configured_weights(&config, verbosity));
-    let trained = Trained {
-        state: &state,
+    let scoring = Scoring {
+        trained: &trained,
         scene: &scene,
         config: &config,
         config_sha256: config_hash(&args.run)?,
@@ -38,7 +38,7 @@ pub fn eval(args: &EvalArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyho
     // The pictures are the same whatever the protocol.
     let is_own = args.protocol == Protocol::Mvfusion;
     let pictures = (args.write && is_own).then(|| PicturesWriter::new(&args.run, &config.eval, scene.test.len()));
-    let mut scored = trained.score(pictures.as_ref(), verbosity)?;
+    let mut scored = scoring.score(pictures.as_ref(), verbosity)?;
     if args.speed_frames == 0 {
         scored.results.speed = before.as_ref().and_then(|before| before.speed_of(&scored.results));
     }
@@ -49,13 +49,13 @@ pub fn eval(args: &EvalArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyho
     }
     table::write(&scored.results, args.protocol, out)?;
     if let Some(strip) = pictures.and_then(|pictures| pictures.strip_to_see()) {
-        writeln!(out, "{:16}{} ({})", "look first at", strip.display(), run::legend(&state.model))?;
+        writeln!(out, "{:16}{} ({})", "look first at", strip.display(), run::legend(&trained.model))?;
     }
     compare(&scored.results, before.as_ref(), &folder, out)
 }
 
-/// Where a run's figures by a protocol lie.
-fn figures_folder(run: &Path, protocol: Protocol) -> PathBuf {
+/// Where a run's metrics by a protocol lie.
+fn metrics_folder(run: &Path, protocol: Protocol) -> PathBuf {
     match protocol {
         Protocol::Mvfusion => run.to_owned(),
         other => run.join(run::PROTOCOLS).join(other.name()),
@@ -81,7 +81,7 @@ fn config_hash(run: &Path) -> anyhow::Result<String> {
     Ok(sha256(&bytes))
 }
 
-/// How long the run was trained: that is told by its own figures alone, if not yet by those of the protocol.
+/// How long the run was trained: that is told by its own metrics alone, if not yet by those of the protocol.
 fn training_time(run: &Path, before: Option<&Results>) -> anyhow::Result<Option<TrainTime>> {
     match before {
         Some(results) => Ok(results.train),
@@ -100,7 +100,7 @@ fn earlier_results(folder: &Path) -> anyhow::Result<Option<Results>> {
         .with_context(|| format!("cannot read {}; remove it to evaluate without comparison", path.display()))
 }
 
-/// Says whether the figures are those that the run had found.
+/// Says whether the metrics are those that the run had found.
 fn compare(now: &Results, before: Option<&Results>, folder: &Path, out: &mut dyn Write) -> anyhow::Result<()> {
     let path = folder.join(run::RESULTS);
     let Some(before) = before else {
@@ -108,9 +108,9 @@ fn compare(now: &Results, before: Option<&Results>, folder: &Path, out: &mut dyn
     };
     let differences = now.differences(before);
     if differences.is_empty() {
-        return Ok(writeln!(out, "The figures are those of {}.", path.display())?);
+        return Ok(writeln!(out, "The metrics are those of {}.", path.display())?);
     }
-    writeln!(out, "These figures differ from {}:", path.display())?;
+    writeln!(out, "These metrics differ from {}:", path.display())?;
     for difference in differences {
         writeln!(out, "  {difference}")?;
     }

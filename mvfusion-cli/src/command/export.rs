@@ -34,7 +34,7 @@ pub fn export(args: &ExportArgs, verbosity: Verbosity, out: &mut dyn Write) -> a
 /// The model as it is to be shown.
 fn exporter(args: &ExportArgs, run: &OpenRun, verbosity: Verbosity) -> Exporter {
     let level = final_level(&run.config);
-    Exporter { model: run.state.model.plain(), level, context: run.render_context(args.no_mfta, verbosity) }
+    Exporter { model: run.model(args.no_mfta, verbosity), level, context: run.render_context() }
 }
 
 /// An export under way.
@@ -61,8 +61,8 @@ impl Session<'_> {
         }
         if wanted(ExportFormat::Inria) {
             let gaussians = &self.exporter.scene(moment)?;
-            let OpenRun { config, scene, state, .. } = self.run;
-            let model = InriaModel { gaussians, scene, config, steps: state.completed };
+            let OpenRun { config, scene, trained, .. } = self.run;
+            let model = InriaModel { gaussians, scene, config, steps: trained.steps };
             export::write_inria(&model, self.folder)?;
             tell(out, "point_cloud", gaussians)?;
         }

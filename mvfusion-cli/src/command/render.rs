@@ -28,10 +28,10 @@ pub fn render(args: &RenderArgs, verbosity: Verbosity, out: &mut dyn Write) -> a
         device: &args.compute.device,
     };
     let run = OpenRun::open(&request, verbosity)?;
-    let context = run.render_context(args.no_mfta, verbosity);
-    let OpenRun { config, scene, state, .. } = run;
+    let (model, context) = (run.model(args.no_mfta, verbosity), run.render_context());
+    let OpenRun { config, scene, .. } = run;
     let film = args.views.film(&scene, &selection(args))?;
-    let (model, level) = (state.model.plain(), final_level(&config));
+    let level = final_level(&config);
     let is_clean = film.is_clean && model.static_.is_some();
     let film = Film { fps: args.fps.unwrap_or(film.fps), is_clean, ..film };
     let layers = layers(&args.layers, &model, level);

@@ -10,7 +10,7 @@ use mvfusion_model::evaluation::{
     Evaluation, Evaluator, Layer, LayerRenderer, Protocol, Split, ViewPictures, evaluate,
 };
 use mvfusion_model::model::{DeformationLevel, Model, RenderContext};
-use mvfusion_model::train::{TrainState, final_level, parameter_hash};
+use mvfusion_model::train::{TrainedModel, final_level, parameter_hash};
 use mvfusion_model::{Config, Device, ModelError};
 
 use super::speed;
@@ -37,9 +37,9 @@ pub(super) fn evaluator(protocol: Protocol, weights: Option<&Path>, device: &Dev
 }
 
 /// A trained model with all that is needed to score it.
-pub(super) struct Trained<'a> {
-    /// The state after the last step (with autodiff).
-    pub state: &'a TrainState,
+pub(super) struct Scoring<'a> {
+    /// The model after the last step.
+    pub trained: &'a TrainedModel,
     /// The scene.
     pub scene: &'a Scene,
     /// The configuration, scaled.
@@ -56,7 +56,7 @@ pub(super) struct Trained<'a> {
     pub device: &'a str,
 }
 
-/// Figures of a model.
+/// Metrics of a model.
 pub(super) struct Scored {
     /// For `results.json`.
     pub results: Results,
@@ -96,39 +96,38 @@ impl Hashes {
     }
 }
 
-impl Trained<'_> {
+impl Scoring<'_> {
     /// Renders and scores all held-out views; `pictures` gets what it wants of them.
     pub fn score(self, pictures: Option<&PicturesWriter>, verbosity: Verbosity) -> anyhow::Result<Scored> {
         let started = Instant::now();
-        let model = self.state.model.plain();
+        let TrainedModel { model, steps } = self.trained;
         let context = RenderContext::new(self.config, self.scene);
         let mut hashes = Hashes::new(&self.scene.test);
         let add = |index, view: &View, composed: &RgbImage| Ok(hashes.add(index, view, composed)?);
-        let test = self.score_views(&model, Split::Test, &context, pictures, verbosity, add)?;
+        let test = self.score_views(model, Split::Test, &context, pictures, verbosity, add)?;
         let training_views = match self.config.eval.training_views {
-            true => Some(self.score_views(&model, Split::Training, &context, None, verbosity, |_, _, _| Ok(()))?.mean),
+            true => Some(self.score_views(model, Split::Training, &context, None, verbosity, |_, _, _| Ok(()))?.mean),
             false => None,
         };
         let seconds = started.elapsed().as_secs_f64();
         let level = final_level(self.config);
-        let speed = speed::measure(&model, &self.scene.test, level, &context, self.speed_frames, verbosity);
+        let speed = speed::measure(model, &self.scene.test, level, &context, self.speed_frames, verbosity);
         let speed = speed.unwrap_or_else(|error| {
-            // The figures are there, and took longer.
+            // The metrics are there, and took longer.
             verbosity.note(&format!("the speed could not be measured: {error}"));
             None
         });
         let protocol = self.evaluator.protocol().statement();
-        let steps = self.state.completed;
         let results = Results {
             protocol: protocol.to_owned(),
             test: test.mean,
             training_views,
-            gaussians: GaussianCounts::of(&model),
+            gaussians: GaussianCounts::of(model),
             train: self.time,
             eval: EvalTime { seconds },
             speed,
             lpips: LpipsWeights::of(self.evaluator),
-            params_sha256: parameter_hash(&self.state.model)?,
+            params_sha256: parameter_hash(model)?,
             config_sha256: self.config_sha256,
             predictions_sha256: hashes.predictions.finish(),
             photos_sha256: hashes.photos.finish(),
@@ -136,9 +135,9 @@ impl Trained<'_> {
             device: self.device.to_owned(),
             threads: rayon::current_num_threads(),
             seed: self.config.seed,
-            field: FieldScores::of(steps, &test.mean.composed),
+            field: FieldScores::of(*steps, &test.mean.composed),
         };
-        Ok(Scored { results, per_view: PerView::of(protocol, &test, steps) })
+        Ok(Scored { results, per_view: PerView::of(protocol, &test, *steps) })
     }
 
     /// Renders and scores a set of views; `add` takes in each composed picture.
@@ -174,7 +173,7 @@ impl Trained<'_> {
         Ok(evaluation)
     }
 
-    /// What shows how the attributes vary, as in the paper's figure of variances; `None` where nothing moves.
+    /// What shows how the attributes vary, as in the paper's metric of variances; `None` where nothing moves.
     fn variances<'m>(
         &self,
         model: &'m Model,

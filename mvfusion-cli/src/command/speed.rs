@@ -21,14 +21,14 @@ pub(super) fn measure(
     frames: usize,
     verbosity: Verbosity,
 ) -> Result<Option<RenderSpeed>, ModelError> {
-    let measure = |context: &RenderContext| -> Result<Option<Speed>, ModelError> {
+    let measure = |model: &Model| -> Result<Option<Speed>, ModelError> {
         let mut progress = Progress::new("speed", WARM_UP + frames, verbosity);
         let speed = measure_speed(model, views, level, context, frames, || progress.advance())?;
         progress.finish();
         Ok(speed)
     };
-    let (Some(view), Some(speed)) = (views.first(), measure(context)?) else { return Ok(None) };
-    let without = match context.without_mfta(model, level) {
+    let (Some(view), Some(speed)) = (views.first(), measure(model)?) else { return Ok(None) };
+    let without = match model.without_mfta(level) {
         Some(cheaper) => measure(&cheaper)?,
         None => None,
     };

@@ -10,7 +10,7 @@ use mvfusion_model::train::{Losses, Position, Trainer};
 use mvfusion_model::{Config, ModelError};
 use tracing::{info, warn};
 
-use super::score::{self, Trained};
+use super::score::{self, Scoring};
 use crate::args::TrainArgs;
 use crate::config::{self, Resolved};
 use crate::device::{self, OpenDevice};
@@ -175,12 +175,13 @@ impl Session {
         Ok(())
     }
 
-    /// Scores the model, writes figures and pictures, and shows the table.
+    /// Scores the model, writes metrics and pictures, and shows the table.
     fn evaluate(&self, time: TrainTime, config_sha256: String, out: &mut dyn Write) -> anyhow::Result<()> {
         let config = self.trainer.config();
         let pictures = PicturesWriter::new(self.folder.path(), &config.eval, self.scene.test.len());
-        let trained = Trained {
-            state: self.trainer.state(),
+        let trained = TrainedModel::from(self.trainer.state());
+        let scoring = Scoring {
+            trained: &trained,
             scene: &self.scene,
             config,
             config_sha256,
@@ -189,7 +190,7 @@ impl Session {
             time: Some(time),
             device: &self.device.name,
         };
-        let scored = trained.score(Some(&pictures), self.verbosity)?;
+        let scored = scoring.score(Some(&pictures), self.verbosity)?;
         scored.write(self.folder.path())?;
         table::write(&scored.results, self.evaluator.protocol(), out)?;
         writeln!(out, "{:16}{}", "run", self.folder.path().display())?;

@@ -5,7 +5,7 @@ use std::path::Path;
 use mvfusion_data::{GaussianCloud, PointCloud, Scene};
 use mvfusion_model::Config;
 use mvfusion_model::config::Background;
-use mvfusion_model::gaussians::SH_C0;
+use mvfusion_model::model::gaussians::SH_C0;
 
 use super::cameras::{CAMERAS, write_cameras};
 use crate::atomic;

@@ -11,7 +11,7 @@ pub use splat::write_splat;
 
 use mvfusion_data::GaussianCloud;
 use mvfusion_model::ModelError;
-use mvfusion_model::gaussians::{Gaussians, RawGaussians};
+use mvfusion_model::model::gaussians::{Gaussians, RawGaussians};
 use mvfusion_model::model::{DeformationLevel, Model, RenderContext};
 
 use crate::run::Contents;

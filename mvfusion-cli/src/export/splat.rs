@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use mvfusion_data::GaussianCloud;
-use mvfusion_model::gaussians::SH_C0;
+use mvfusion_model::model::gaussians::SH_C0;
 
 use crate::atomic;
 

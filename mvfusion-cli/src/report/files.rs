@@ -52,11 +52,11 @@ pub struct RunFiles {
     pub log: Found<Log>,
     /// `results.json`, whole.
     pub results_value: Found<Value>,
-    /// The figures in it.
+    /// The metrics in it.
     pub results: Found<Results>,
     /// `per_view.json`.
     pub per_view: Found<PerView>,
-    /// The figures by other protocols that the run was evaluated by, in the order of [`Protocol::ALL`].
+    /// The metrics by other protocols that the run was evaluated by, in the order of [`Protocol::ALL`].
     pub others: Vec<(Protocol, Found<Results>)>,
 }
 

@@ -1,4 +1,4 @@
-//! The head of the page: which run this is, and its figures in front.
+//! The head of the page: which run this is, and its metrics in front.
 
 use std::borrow::Cow;
 
@@ -65,7 +65,7 @@ fn git(files: &RunFiles) -> Option<String> {
     }
 }
 
-/// A figure in front.
+/// A metric in front.
 struct Card {
     name: Cow<'static, str>,
     title: &'static str,
@@ -73,7 +73,7 @@ struct Card {
     unit: &'static str,
 }
 
-/// The figures that one asks for first.
+/// The metrics that one asks for first.
 pub(super) fn headline(files: &RunFiles) -> Markup {
     let Ok(results) = &files.results else { return html! {} };
     html! {
@@ -94,15 +94,15 @@ fn cards(results: &Results) -> impl Iterator<Item = Card> {
 
 /// How good the pictures are.
 fn quality(test: &Scores) -> [Option<Card>; 7] {
-    let figure = |name: &str, figure: Metric, value: Option<f64>| {
-        let (name, unit) = (Cow::from(name.to_owned()), figure.unit().unwrap_or_default());
-        value.map(|value| Card { name, title: meaning(figure), value: number(value, figure.decimals()), unit })
+    let metric = |name: &str, metric: Metric, value: Option<f64>| {
+        let (name, unit) = (Cow::from(name.to_owned()), metric.unit().unwrap_or_default());
+        value.map(|value| Card { name, title: meaning(metric), value: number(value, metric.decimals()), unit })
     };
     let (static_, region) = (test.static_.unwrap_or_default(), test.dynamic_region.unwrap_or_default());
     let of_part = |layer: &str, scores: LayerScores| {
         let (name, source) = test.label_and_source(layer);
         let source = source.map_or(String::new(), |source| format!(" ({})", source.words()));
-        figure(&format!("{name} PSNR{source}"), Metric::Psnr, scores.psnr)
+        metric(&format!("{name} PSNR{source}"), Metric::Psnr, scores.psnr)
     };
     let overlap = test.mask_iou.map(|value| Card {
         name: "mask IoU".into(),
@@ -111,10 +111,10 @@ fn quality(test: &Scores) -> [Option<Card>; 7] {
         unit: "",
     });
     [
-        figure("PSNR", Metric::Psnr, test.composed.psnr),
-        figure("SSIM", Metric::Ssim, test.composed.ssim),
-        figure("LPIPS-alex", Metric::Lpips(LpipsVariant::ALEX), test.composed.lpips_alex),
-        figure("static PSNR", Metric::Psnr, static_.psnr),
+        metric("PSNR", Metric::Psnr, test.composed.psnr),
+        metric("SSIM", Metric::Ssim, test.composed.ssim),
+        metric("LPIPS-alex", Metric::Lpips(LpipsVariant::ALEX), test.composed.lpips_alex),
+        metric("static PSNR", Metric::Psnr, static_.psnr),
         of_part("dynamic_region", region),
         of_part("movers", test.movers.unwrap_or_default()),
         overlap,

@@ -44,7 +44,7 @@ fn slider(view: &AlbumView) -> Markup {
         _ => [0, 1],
     };
     html! {
-        figure.slider.script style=(format!("--at: {START}%")) {
+        metric.slider.script style=(format!("--at: {START}%")) {
             div.stack style=(format!("aspect-ratio: {width} / {height}")) {
                 img.left data-copy=(id(view, there[left])) alt=(format!("{}, left of the line", view.name));
                 img.right data-copy=(id(view, there[right])) alt=(format!("{}, right of the line", view.name));
@@ -86,7 +86,7 @@ pub(super) fn layers(files: &RunFiles, album: &Album) -> Markup {
                 "As the run has no layers, its strips: from left to right ground truth and composed picture, then as \
                 far as the model has them static branch, dynamic branch, mask and motion intensity."
             }
-            @for (name, strip) in &album.strips { figure.strip { figcaption { (name) } (picture(strip, None, name)) } }
+            @for (name, strip) in &album.strips { metric.strip { figcaption { (name) } (picture(strip, None, name)) } }
         } @else {
             @if shows(album, PictureKind::Model(Layer::Mask)) {
                 p.note {
@@ -142,7 +142,7 @@ fn row_beside_photo(view: &AlbumView) -> Markup {
             h3 { (view.name) }
             div.row {
                 @if let Some(photo) = photo {
-                    figure.script {
+                    metric.script {
                         img data-copy=(id(view, photo)) alt=(format!("{}, {}", view.name, photo.kind.label()));
                         figcaption { (photo.kind.label()) }
                     }
@@ -160,7 +160,7 @@ fn row(view: &AlbumView, pictures: &[ViewPicture]) -> Markup {
 fn cells(view: &AlbumView, pictures: &[ViewPicture]) -> Markup {
     html! {
         @for shown in pictures {
-            figure {
+            metric {
                 (picture(&shown.picture, Some(&id(view, shown)), &format!("{}, {}", view.name, shown.kind.label())))
                 figcaption { (shown.kind.label()) }
             }

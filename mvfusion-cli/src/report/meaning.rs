@@ -1,4 +1,4 @@
-//! What the figures are, in the words of docs/evaluation.md, and why one may be absent.
+//! What the metrics are, in the words of docs/evaluation.md, and why one may be absent.
 
 use std::collections::BTreeMap;
 
@@ -6,9 +6,9 @@ use mvfusion_model::evaluation::{Backbone, InputRange, Metric, Protocol};
 
 use crate::run::LpipsWeights;
 
-/// What a figure is, in a sentence.
-pub(super) fn meaning(figure: Metric) -> &'static str {
-    match figure {
+/// What a metric is, in a sentence.
+pub(super) fn meaning(metric: Metric) -> &'static str {
+    match metric {
         Metric::Psnr => "PSNR in dB of pictures rounded to 8 bits, all pixels and channels",
         Metric::PsnrExact => "PSNR in dB of pictures as rendered",
         Metric::Ssim => {
@@ -28,9 +28,9 @@ pub(super) fn meaning(figure: Metric) -> &'static str {
     }
 }
 
-/// Why no layer has a figure; `lpips` is what the networks were given, as far as the run has noted it.
-pub(super) fn why_absent(figure: Metric, lpips: &BTreeMap<String, LpipsWeights>) -> String {
-    match figure {
+/// Why no layer has a metric; `lpips` is what the networks were given, as far as the run has noted it.
+pub(super) fn why_absent(metric: Metric, lpips: &BTreeMap<String, LpipsWeights>) -> String {
+    match metric {
         Metric::MsSsim | Metric::DSsim => "of pictures of more than 160 pixels a side".to_owned(),
         Metric::Lpips(variant) => why_no_lpips(variant.backbone, lpips.get(variant.backbone.name())),
         _ => "not written by this run\u{2019}s version".to_owned(),
@@ -47,8 +47,8 @@ fn why_no_lpips(backbone: Backbone, weights: Option<&LpipsWeights>) -> String {
     }
 }
 
-/// The protocol that a run followed, by what its figures are said to mean; where that is of another version, the one of
-/// the same name, and where there is none, this program's own, which names every figure.
+/// The protocol that a run followed, by what its metrics are said to mean; where that is of another version, the one of
+/// the same name, and where there is none, this program's own, which names every metric.
 pub(super) fn protocol_of(statement: &str) -> Protocol {
     let named = |protocol: &Protocol| {
         let rest = statement.strip_prefix(protocol.name());
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn every_figure_means_something_else() {
+    fn every_metric_means_something_else() {
         let mut meanings: Vec<&str> = Metric::ALL.into_iter().map(meaning).collect();
         meanings.sort_unstable();
         meanings.dedup();

@@ -25,7 +25,7 @@ struct Section {
 
 /// The sections, in their order.
 const SECTIONS: [Section; 7] = [
-    Section { anchor: "figures", title: "Figures", body: |files, _| scores::scores(files) },
+    Section { anchor: "metrics", title: "Metrics", body: |files, _| scores::scores(files) },
     Section { anchor: "training", title: "Training", body: |files, _| training::training(files) },
     Section { anchor: "sliders", title: "Before and after", body: images::sliders },
     Section { anchor: "layers", title: "Branch decomposition", body: images::layers },
@@ -95,7 +95,7 @@ fn foot(album: &Album) -> Markup {
                 @if shown > 0 {
                     "It shows " (shown) " of the " (album.in_folder) " held-out views with pictures: small ones as \
                     they were written, others as JPEG (quality " (QUALITY) ", at most " (album.widest) " pixels \
-                    wide). Figures were computed before that, on the originals."
+                    wide). Metrics were computed before that, on the originals."
                 }
             }
         }

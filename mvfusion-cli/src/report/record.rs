@@ -1,4 +1,4 @@
-//! The sections of what was done: the record, the figures as they were written, the configuration.
+//! The sections of what was done: the record, the metrics as they were written, the configuration.
 
 use maud::{Markup, html};
 use serde_json::Value;
@@ -32,7 +32,7 @@ pub(super) fn record(files: &RunFiles) -> Markup {
     }
 }
 
-/// Whether figures stand there a second time, under names that mean something else in the tables of the page.
+/// Whether metrics stand there a second time, under names that mean something else in the tables of the page.
 fn has_names_of_the_field(results: &Value) -> bool {
     results.as_object().is_some_and(|parts| parts.keys().any(|name| name.starts_with("ours_")))
 }

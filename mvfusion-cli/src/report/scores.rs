@@ -1,4 +1,4 @@
-//! The section of the figures: means by layer and region, and by each protocol.
+//! The section of the metrics: means by layer and region, and by each protocol.
 
 use std::collections::BTreeMap;
 
@@ -12,7 +12,7 @@ use super::views::views;
 use crate::run::{LpipsWeights, Results};
 use crate::table::what_photos_show;
 
-/// The figures of a run.
+/// The metrics of a run.
 pub(super) fn scores(files: &RunFiles) -> Markup {
     let own = match &files.results {
         Ok(results) => means(results),
@@ -30,7 +30,7 @@ pub(super) fn scores(files: &RunFiles) -> Markup {
     }
 }
 
-/// The same run's figures as another protocol has them.
+/// The same run's metrics as another protocol has them.
 fn by_another(protocol: Protocol, results: &Found<Results>) -> Markup {
     html! {
         h3 { "By the protocol " (protocol.name()) }
@@ -50,7 +50,7 @@ enum Extent {
     Region,
 }
 
-/// A row of the table: what is compared, its figures, and if there are none, why.
+/// A row of the table: what is compared, its metrics, and if there are none, why.
 struct Row {
     name: String,
     title: &'static str,
@@ -117,23 +117,23 @@ fn means(results: &Results) -> Markup {
 /// The table of a set of views, and what belongs to none of its cells.
 fn layers(caption: &str, scores: &Scores, results: &Results) -> Markup {
     let rows = rows(scores, results);
-    let is_known = |figure: &Metric| rows.iter().any(|row| row.scores.is_some_and(|s| figure.of(&s).is_some()));
-    let figures = protocol_of(&results.protocol).figures();
-    let (known, unknown): (Vec<Metric>, Vec<Metric>) = figures.iter().copied().partition(is_known);
+    let is_known = |metric: &Metric| rows.iter().any(|row| row.scores.is_some_and(|s| metric.of(&s).is_some()));
+    let metrics = protocol_of(&results.protocol).metrics();
+    let (known, unknown): (Vec<Metric>, Vec<Metric>) = metrics.iter().copied().partition(is_known);
     html! {
         div.scroll {
             table.scores {
                 caption { (caption) }
                 thead { tr {
                     th scope="col" {}
-                    @for figure in known.iter().copied() {
-                        th scope="col" title=(meaning(figure)) { (figure.label()) " " (figure.better().arrow()) }
+                    @for metric in known.iter().copied() {
+                        th scope="col" title=(meaning(metric)) { (metric.label()) " " (metric.better().arrow()) }
                     }
                 } }
                 tbody {
                     @for row in &rows { tr {
                         th scope="row" title=(row.title) { (row.name) }
-                        @for figure in known.iter().copied() { (cell(row, figure)) }
+                        @for metric in known.iter().copied() { (cell(row, metric)) }
                     } }
                 }
             }
@@ -145,32 +145,32 @@ fn layers(caption: &str, scores: &Scores, results: &Results) -> Markup {
     }
 }
 
-/// The figures that no layer has, those with the same reason together.
+/// The metrics that no layer has, those with the same reason together.
 fn excuses(unknown: &[Metric], lpips: &BTreeMap<String, LpipsWeights>) -> String {
     let mut excuses: Vec<(String, Vec<&str>)> = Vec::new();
-    for &figure in unknown {
-        let why = why_absent(figure, lpips);
+    for &metric in unknown {
+        let why = why_absent(metric, lpips);
         match excuses.iter_mut().find(|(other, _)| *other == why) {
-            Some((_, labels)) => labels.push(figure.label()),
-            None => excuses.push((why, vec![figure.label()])),
+            Some((_, labels)) => labels.push(metric.label()),
+            None => excuses.push((why, vec![metric.label()])),
         }
     }
     excuses.iter().map(|(why, labels)| format!("{} ({why})", labels.join(", "))).collect::<Vec<_>>().join("; ")
 }
 
-fn cell(row: &Row, figure: Metric) -> Markup {
-    match row.scores.and_then(|scores| figure.of(&scores)) {
-        Some(value) => html! { td title=(value) { (number(value, figure.decimals())) } },
+fn cell(row: &Row, metric: Metric) -> Markup {
+    match row.scores.and_then(|scores| metric.of(&scores)) {
+        Some(value) => html! { td title=(value) { (number(value, metric.decimals())) } },
         None => {
-            let reason = row.scores.map_or(row.absent, |scores| why_blank(row.extent, figure, &scores));
+            let reason = row.scores.map_or(row.absent, |scores| why_blank(row.extent, metric, &scores));
             html! { td.absent title=(reason) { "\u{2013}" } }
         }
     }
 }
 
-/// Why a row that has other figures lacks one that another row has.
-fn why_blank(extent: Extent, figure: Metric, scores: &LayerScores) -> &'static str {
-    match (extent, figure) {
+/// Why a row that has other metrics lacks one that another row has.
+fn why_blank(extent: Extent, metric: Metric, scores: &LayerScores) -> &'static str {
+    match (extent, metric) {
         (_, Metric::Psnr) => "every picture equals what it is compared with once rounded, so PSNR is infinite",
         (_, Metric::PsnrExact) if scores.psnr.is_none() => {
             "every picture equals what it is compared with, so PSNR is infinite"
@@ -179,16 +179,16 @@ fn why_blank(extent: Extent, figure: Metric, scores: &LayerScores) -> &'static s
             "MS-SSIM multiplies means over five scales of the whole picture, so it has no map to take a region of"
         }
         (Extent::Region, Metric::SsimValid) => {
-            "none of its pixels is inside the border of 5 pixels, or the run\u{2019}s version did not know this figure"
+            "none of its pixels is inside the border of 5 pixels, or the run\u{2019}s version did not know this metric"
         }
         _ => "not written by this run\u{2019}s version",
     }
 }
 
-/// The figures that no layer has: difference of regions, overlap of masks, small movers, and flicker.
+/// The metrics that no layer has: difference of regions, overlap of masks, small movers, and flicker.
 fn beside(scores: &Scores) -> Markup {
     let temporal = scores.temporal.unwrap_or_default();
-    let figures = [
+    let metrics = [
         ("mask IoU \u{2191}", "overlap of predicted and given mask, pixels of all views pooled", scores.mask_iou),
         (
             "recall of small movers \u{2191}",
@@ -209,7 +209,7 @@ fn beside(scores: &Scores) -> Markup {
         ),
         ("consecutive LPIPS-vgg", "the same by VGG-16", temporal.consecutive_lpips_vgg),
     ];
-    let known: Vec<_> = figures.into_iter().filter_map(|(name, title, value)| Some((name, title, value?))).collect();
+    let known: Vec<_> = metrics.into_iter().filter_map(|(name, title, value)| Some((name, title, value?))).collect();
     html! {
         @if !known.is_empty() || scores.dynamic_minus_still_psnr.is_some() || scores.composed_shows.is_some() {
             ul.beside {
@@ -234,12 +234,12 @@ pub(super) mod tests {
 
     use super::*;
 
-    /// Figures that are all known and all different.
+    /// Metrics that are all known and all different.
     pub(in crate::report) fn known() -> LayerScores {
         let numbered = Metric::ALL.into_iter().zip(1..);
-        let figures: Map<String, Value> =
-            numbered.map(|(figure, number)| (figure.name().to_owned(), json!(number))).collect();
-        serde_json::from_value(Value::Object(figures)).expect("figures")
+        let metrics: Map<String, Value> =
+            numbered.map(|(metric, number)| (metric.name().to_owned(), json!(number))).collect();
+        serde_json::from_value(Value::Object(metrics)).expect("metrics")
     }
 
     #[test]

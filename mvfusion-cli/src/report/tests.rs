@@ -80,7 +80,7 @@ fn count(page: &str, what: &str) -> usize {
 fn a_run_becomes_a_page_with_all_its_sections() {
     let folder = run("kitchen");
     let page = fs::read_to_string(write_report(folder.path())).expect("read");
-    for anchor in ["figures", "training", "sliders", "layers", "motion", "record", "config"] {
+    for anchor in ["metrics", "training", "sliders", "layers", "motion", "record", "config"] {
         assert_eq!(count(&page, &format!("<section id=\"{anchor}\"")), 1, "{anchor}");
         assert_eq!(count(&page, &format!("<a href=\"#{anchor}\">")), 2, "{anchor}");
     }
@@ -97,7 +97,7 @@ fn write_report(run: &Path) -> PathBuf {
 }
 
 #[test]
-fn a_figure_that_is_not_known_is_a_dash_with_its_reason() {
+fn a_metric_that_is_not_known_is_a_dash_with_its_reason() {
     let folder = run(Protocol::Mvfusion.statement());
     let page = html(folder.path()).expect("a page");
     let dash = |reason: &str| format!("<td class=\"absent\" title=\"{reason}\">\u{2013}</td>");
@@ -155,7 +155,7 @@ fn a_region_has_the_ssim_without_border_and_no_ms_ssim() {
 }
 
 #[test]
-fn a_label_is_one_figure_in_all_tables_of_a_page() {
+fn a_label_is_one_metric_in_all_tables_of_a_page() {
     let folder = run(Protocol::Mvfusion.statement());
     let composed = LayerScores { lpips_vgg: Some(0.0625), lpips_vgg_raw: Some(0.5625), ..LayerScores::default() };
     let scores = Scores { composed, ..Scores::default() };
@@ -226,7 +226,7 @@ fn broken_files_and_pictures_cost_their_places_alone() {
     }
     // The others are there, and the slider compares what is left.
     assert_eq!(count(&page, "src=\"data:image/png"), 4);
-    assert_eq!(count(&page, "<figure class=\"slider script\""), 1);
+    assert_eq!(count(&page, "<metric class=\"slider script\""), 1);
 }
 
 #[test]

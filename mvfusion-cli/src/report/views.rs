@@ -7,7 +7,7 @@ use super::curve::{Chart, Point, Series, Weight};
 use super::snippet::number;
 use crate::run::PerView;
 
-/// Views from which their figures are drawn as well, and beyond which the table is folded up.
+/// Views from which their metrics are drawn as well, and beyond which the table is folded up.
 const DRAWN: usize = 8;
 const FOLDED: usize = 12;
 /// Views that are named as the worst.
@@ -125,7 +125,7 @@ impl ViewColumn {
     }
 }
 
-/// Every view: PSNR as curves, what is lowest in words, and all figures in a table.
+/// Every view: PSNR as curves, what is lowest in words, and all metrics in a table.
 pub(super) fn views(per_view: &PerView) -> Markup {
     let views: Vec<&ViewScores> = per_view.test.values().collect();
     let is_known = |column: &ViewColumn| views.iter().any(|view| (column.of)(&view.scores).is_some());
@@ -214,14 +214,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_column_of_views_that_is_named_as_a_figure_shows_that_figure() {
+    fn a_column_of_views_that_is_named_as_a_metric_shows_that_metric() {
         let scores = Scores { composed: known(), ..Scores::default() };
         let mut named = 0;
         for column in VIEW_COLUMNS {
-            let figure = Metric::ALL.into_iter().find(|figure| figure.label() == column.name);
-            if let Some(figure) = figure {
-                assert_eq!((column.of)(&scores), figure.of(&scores.composed), "{}", column.name);
-                assert_eq!(column.decimals, figure.decimals(), "{}", column.name);
+            let metric = Metric::ALL.into_iter().find(|metric| metric.label() == column.name);
+            if let Some(metric) = metric {
+                assert_eq!((column.of)(&scores), metric.of(&scores.composed), "{}", column.name);
+                assert_eq!(column.decimals, metric.decimals(), "{}", column.name);
                 named += 1;
             }
         }

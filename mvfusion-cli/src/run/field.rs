@@ -1,4 +1,4 @@
-//! Figures under the names that the scripts of 3DGS and its descendants look for in `results.json` and `per_view.json`:
+//! Metrics under the names that the scripts of 3DGS and its descendants look for in `results.json` and `per_view.json`:
 //! `{"ours_14000": {"PSNR": ..}}`.
 
 use std::collections::BTreeMap;
@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use mvfusion_model::evaluation::{LayerScores, LpipsVariant, Metric, ViewScores};
 use serde::Serialize;
 
-/// The field's name of a figure, and what it is here: both kinds of LPIPS are fed `[0, 1]`.
+/// The field's name of a metric, and what it is here: both kinds of LPIPS are fed `[0, 1]`.
 const FIGURES: [(&str, Metric); 6] = [
     ("SSIM", Metric::Ssim),
     ("PSNR", Metric::Psnr),
@@ -21,7 +21,7 @@ const FIGURES: [(&str, Metric); 6] = [
 #[serde(transparent)]
 pub struct FieldScores(BTreeMap<&'static str, f64>);
 
-/// Figures of every composed picture, by the field's names and the pictures'.
+/// Metrics of every composed picture, by the field's names and the pictures'.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[serde(transparent)]
 pub struct FieldPerView(BTreeMap<&'static str, BTreeMap<String, f64>>);
@@ -32,21 +32,21 @@ fn method(steps: usize) -> String {
 }
 
 impl FieldScores {
-    /// The figures of a layer that are known.
+    /// The metrics of a layer that are known.
     pub fn of(steps: usize, scores: &LayerScores) -> BTreeMap<String, Self> {
-        let known = FIGURES.into_iter().filter_map(|(name, figure)| Some((name, figure.of(scores)?)));
+        let known = FIGURES.into_iter().filter_map(|(name, metric)| Some((name, metric.of(scores)?)));
         BTreeMap::from([(method(steps), Self(known.collect()))])
     }
 }
 
 impl FieldPerView {
-    /// The figures of views that are known, by the names of their pictures.
+    /// The metrics of views that are known, by the names of their pictures.
     pub fn of(steps: usize, views: &BTreeMap<String, ViewScores>) -> BTreeMap<String, Self> {
-        let column = |figure: Metric| -> BTreeMap<String, f64> {
-            let value = |view: &ViewScores| figure.of(&view.scores.composed);
+        let column = |metric: Metric| -> BTreeMap<String, f64> {
+            let value = |view: &ViewScores| metric.of(&view.scores.composed);
             views.iter().filter_map(|(picture, view)| Some((picture.clone(), value(view)?))).collect()
         };
-        let columns = FIGURES.into_iter().map(|(name, figure)| (name, column(figure)));
+        let columns = FIGURES.into_iter().map(|(name, metric)| (name, column(metric)));
         BTreeMap::from([(method(steps), Self(columns.filter(|(_, column)| !column.is_empty()).collect()))])
     }
 }
@@ -58,7 +58,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn figures_stand_under_the_names_that_scripts_look_for() {
+    fn metrics_stand_under_the_names_that_scripts_look_for() {
         let composed = LayerScores {
             psnr: Some(30.0),
             ssim: Some(0.9),

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use mvfusion_data::Scene;
 use mvfusion_model::Config;
-use mvfusion_model::model::RenderContext;
-use mvfusion_model::train::{TrainState, final_level};
+use mvfusion_model::model::{Model, RenderContext};
+use mvfusion_model::train::{TrainedModel, final_level};
 
 use super::files::{CHECKPOINTS, CONFIG, FINAL};
 use crate::device::{self, OpenDevice};
@@ -46,8 +46,8 @@ pub struct OpenRun {
     pub device: OpenDevice,
     /// The scene.
     pub scene: Scene,
-    /// The state after the last step, on the device with autodiff.
-    pub state: TrainState,
+    /// The model after the last step.
+    pub trained: TrainedModel,
 }
 
 impl OpenRun {
@@ -69,21 +69,25 @@ impl OpenRun {
         verbosity.note(&format!("device: {}", device.reason));
         verbosity.note(&format!("scene:  {}", scene::describe(&scene)));
         let config = config.scaled();
-        let state = TrainState::load(&checkpoint, &config, &device.device.clone().autodiff())?;
-        Ok(Self { config, device, scene, state })
+        let trained = TrainedModel::load(&checkpoint, &config, &device.device)?;
+        Ok(Self { config, device, scene, trained })
     }
 
-    /// What the model needs to know to be rendered; without temporal attention if `no_mfta`, with a note where that
-    /// changes nothing.
-    pub fn render_context(&self, no_mfta: bool, verbosity: Verbosity) -> RenderContext {
-        let context = RenderContext::new(&self.config, &self.scene);
+    /// The model, without temporal attention if `no_mfta`, with a note where that changes nothing.
+    pub fn model(&self, no_mfta: bool, verbosity: Verbosity) -> Model {
+        let model = &self.trained.model;
         if !no_mfta {
-            return context;
+            return model.clone();
         }
-        context.without_mfta(&self.state.model, final_level(&self.config)).unwrap_or_else(|| {
+        model.without_mfta(final_level(&self.config)).unwrap_or_else(|| {
             verbosity.note("note:   the model was trained without MFTA, so --no-mfta changes nothing");
-            context
+            model.clone()
         })
+    }
+
+    /// What the model needs to know to be rendered.
+    pub fn render_context(&self) -> RenderContext {
+        RenderContext::new(&self.config, &self.scene)
     }
 }
 

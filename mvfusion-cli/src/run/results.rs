@@ -1,22 +1,22 @@
-//! `results.json` and `per_view.json`: the figures of a run.
+//! `results.json` and `per_view.json`: the metrics of a run.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use mvfusion_model::evaluation::{Evaluation, Evaluator, LayerScores, Metric, Scores, ViewScores};
-use mvfusion_model::gaussians::Gaussians;
+use mvfusion_model::model::gaussians::Gaussians;
 use mvfusion_model::model::Model;
 use serde::{Deserialize, Serialize};
 
 use super::field::{FieldPerView, FieldScores};
 use super::files::picture_file;
 
-/// Relative difference below which two figures are the same: the JSON reader may miss the last bit of a number.
+/// Relative difference below which two metrics are the same: the JSON reader may miss the last bit of a number.
 const SAME: f64 = 1e-12;
 
-/// `results.json`. A figure that is not known is absent.
+/// `results.json`. A metric that is not known is absent.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Results {
-    /// What the figures mean.
+    /// What the metrics mean.
     pub protocol: String,
     /// Means over the held-out views.
     pub test: Scores,
@@ -56,7 +56,7 @@ pub struct Results {
     pub threads: usize,
     /// Seed of the run.
     pub seed: u64,
-    /// The figures under the names that the field's scripts look for.
+    /// The metrics under the names that the field's scripts look for.
     #[serde(flatten, skip_deserializing)]
     pub field: BTreeMap<String, FieldScores>,
 }
@@ -67,7 +67,7 @@ pub struct Results {
 pub enum LpipsWeights {
     /// A file of this SHA-256.
     WeightsSha256(String),
-    /// Nothing, for this reason; its figures are absent.
+    /// Nothing, for this reason; its metrics are absent.
     Absent(String),
 }
 
@@ -146,9 +146,9 @@ impl Results {
         self.speed.filter(|_| is_same)
     }
 
-    /// The names of the figures in which `other` is not the same, each with both values.
+    /// The names of the metrics in which `other` is not the same, each with both values.
     pub fn differences(&self, other: &Self) -> Vec<String> {
-        let (own, others) = (self.figures(), other.figures());
+        let (own, others) = (self.metrics(), other.metrics());
         let names: BTreeSet<_> = own.keys().chain(others.keys()).collect();
         names
             .into_iter()
@@ -159,38 +159,38 @@ impl Results {
                     _ => false,
                 };
                 // The other one may be of a program that did not measure it.
-                let shown = |figure: Option<&f64>| figure.map_or("not measured".to_owned(), f64::to_string);
+                let shown = |metric: Option<&f64>| metric.map_or("not measured".to_owned(), f64::to_string);
                 (!same).then(|| format!("{name} {} instead of {}", shown(a), shown(b)))
             })
             .collect()
     }
 
-    /// The figures that are known, by the names they have in the file; times and speeds are none.
-    pub fn figures(&self) -> BTreeMap<String, f64> {
+    /// The metrics that are known, by the names they have in the file; times and speeds are none.
+    pub fn metrics(&self) -> BTreeMap<String, f64> {
         let sets =
             std::iter::once(("test", &self.test)).chain(self.training_views.iter().map(|set| ("training_views", set)));
-        let mut figures: BTreeMap<String, f64> = sets.flat_map(|(name, set)| figures_of(name, set)).collect();
-        figures.extend(self.gaussians.static_.map(|count| ("gaussians.static".to_owned(), count as f64)));
-        figures.insert("gaussians.dynamic".to_owned(), self.gaussians.dynamic as f64);
-        figures
+        let mut metrics: BTreeMap<String, f64> = sets.flat_map(|(name, set)| metrics_of(name, set)).collect();
+        metrics.extend(self.gaussians.static_.map(|count| ("gaussians.static".to_owned(), count as f64)));
+        metrics.insert("gaussians.dynamic".to_owned(), self.gaussians.dynamic as f64);
+        metrics
     }
 }
 
-/// The known figures of a set of views.
-fn figures_of(set: &str, scores: &Scores) -> BTreeMap<String, f64> {
+/// The known metrics of a set of views.
+fn metrics_of(set: &str, scores: &Scores) -> BTreeMap<String, f64> {
     let of_layer = |(layer, scores): (&'static str, &LayerScores)| {
-        let known = Metric::ALL.into_iter().filter_map(|figure| Some((figure.name(), figure.of(scores)?)));
-        known.map(|(figure, value)| (format!("{set}.{layer}.{figure}"), value)).collect::<Vec<_>>()
+        let known = Metric::ALL.into_iter().filter_map(|metric| Some((metric.name(), metric.of(scores)?)));
+        known.map(|(metric, value)| (format!("{set}.{layer}.{metric}"), value)).collect::<Vec<_>>()
     };
-    let mut figures: BTreeMap<String, f64> = scores.layers().flat_map(of_layer).collect();
+    let mut metrics: BTreeMap<String, f64> = scores.layers().flat_map(of_layer).collect();
     let small = scores.small_movers;
-    for (name, figure) in [
+    for (name, metric) in [
         ("mask_iou", scores.mask_iou),
         ("dynamic_minus_still_psnr", scores.dynamic_minus_still_psnr),
         ("small_movers.recall", small.map(|small| small.recall)),
         ("small_movers.components", small.map(|small| small.components as f64)),
     ] {
-        figures.extend(figure.map(|figure| (format!("{set}.{name}"), figure)));
+        metrics.extend(metric.map(|metric| (format!("{set}.{name}"), metric)));
     }
     let temporal = scores.temporal.unwrap_or_default();
     for (name, flicker) in [
@@ -199,19 +199,19 @@ fn figures_of(set: &str, scores: &Scores) -> BTreeMap<String, f64> {
         ("consecutive_lpips_alex", temporal.consecutive_lpips_alex),
         ("consecutive_lpips_vgg", temporal.consecutive_lpips_vgg),
     ] {
-        figures.extend(flicker.map(|flicker| (format!("{set}.temporal.{name}"), flicker)));
+        metrics.extend(flicker.map(|flicker| (format!("{set}.temporal.{name}"), flicker)));
     }
-    figures
+    metrics
 }
 
-/// `per_view.json`: the figures of every held-out view, by the name of its pictures.
+/// `per_view.json`: the metrics of every held-out view, by the name of its pictures.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PerView {
-    /// What the figures mean.
+    /// What the metrics mean.
     pub protocol: String,
     /// The held-out views.
     pub test: BTreeMap<String, ViewScores>,
-    /// The figures under the names that the field's scripts look for.
+    /// The metrics under the names that the field's scripts look for.
     #[serde(flatten, skip_deserializing)]
     pub field: BTreeMap<String, FieldPerView>,
 }
@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_figures_are_absent_and_known_ones_are_whole() {
+    fn unknown_metrics_are_absent_and_known_ones_are_whole() {
         let json = serde_json::to_value(results()).expect("written");
         assert_eq!(json["test"]["composed"]["ssim"], 0.1 + 0.2);
         assert_eq!(json["gaussians"]["static"], 12);
@@ -277,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn a_figure_that_changed_or_became_known_is_a_difference() {
+    fn a_metric_that_changed_or_became_known_is_a_difference() {
         let mut other = results();
         assert!(results().differences(&other).is_empty());
         other.eval.seconds = 7.0;

@@ -3,12 +3,11 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use mvfusion_model::Config;
-use mvfusion_model::evaluation::{Layer, Metric};
 use toml::{Table, Value};
 
-use super::grid::{ALL_FIGURES, Axis, ColumnGroup, Grid, PaperRow, is_same, leaves};
+use super::grid::{ALL_METRICS, Axis, ColumnGroup, Difference, Grid, PaperRow, is_same, leaves};
 use super::index::{Cell, Index};
-use super::plan::columns_of;
+use super::metric;
 use crate::config::{self, PartialConfig, nearest};
 use crate::failure::UsageError;
 
@@ -20,38 +19,6 @@ const ELSEWHERE: [(&str, &str); 4] = [
     ("eval.lpips_weights", "give --lpips-weights on the command line"),
 ];
 
-/// How figures of the views that were trained on begin.
-const TRAINING_VIEWS: &str = "training_views.";
-
-/// Layers of results.json.
-const LAYERS: [Layer; 2] = [Layer::Composed, Layer::Static];
-
-/// Parts of a layer.
-const REGIONS: [&str; 3] = ["dynamic_region", "still_region", "movers"];
-
-/// Figures of a set of views beside those of layers and parts.
-const OF_VIEWS: [&str; 8] = [
-    "mask_iou",
-    "dynamic_minus_still_psnr",
-    "small_movers.recall",
-    "small_movers.components",
-    "temporal.t_lpips_alex",
-    "temporal.t_lpips_vgg",
-    "temporal.consecutive_lpips_alex",
-    "temporal.consecutive_lpips_vgg",
-];
-
-/// Figures of a run beside those of views.
-const OF_RUN: [&str; 7] = [
-    "gaussians.static",
-    "gaussians.dynamic",
-    "train.seconds",
-    "train.ms_per_step",
-    "eval.seconds",
-    "speed.fps",
-    "speed.fps_without_mfta",
-];
-
 /// Lists, names, and keys that contradict each other; `settings` are those of the command line.
 pub(super) fn grid(grid: &Grid, axes: &[Axis], settings: &[PartialConfig], origin: &str) -> Result<(), UsageError> {
     let wrong = |what: String| UsageError::new(format!("{origin}: {what}"));
@@ -60,6 +27,7 @@ pub(super) fn grid(grid: &Grid, axes: &[Axis], settings: &[PartialConfig], origi
     keys(grid, axes, settings).map_err(wrong)?;
     exclusion_keys(grid, axes).map_err(wrong)?;
     columns(grid).map_err(wrong)?;
+    differences(grid).map_err(wrong)?;
     grid.paper.iter().try_for_each(|row| paper(grid, axes, row)).map_err(wrong)?;
     paper_once(&grid.paper).map_err(wrong)
 }
@@ -176,7 +144,7 @@ fn exclusion_keys(grid: &Grid, axes: &[Axis]) -> Result<(), String> {
 
 fn columns(grid: &Grid) -> Result<(), String> {
     let scenes: Vec<&str> = grid.scenes.iter().map(|scene| scene.name.as_str()).collect();
-    let known = metrics();
+    let known: BTreeSet<String> = metric::all().into_iter().map(|metric| metric.name).collect();
     once("the column", grid.columns.iter().map(|column| &column.title))?;
     for column in &grid.columns {
         let wrong = |what: String| Err(format!("the column `{}` {what}", column.title));
@@ -187,11 +155,11 @@ fn columns(grid: &Grid) -> Result<(), String> {
             return wrong("has no metrics.".to_owned());
         }
         once(&format!("the column `{}`: the scene", column.title), column.scenes.iter())?;
-        once(&format!("the column `{}`: the figure", column.title), column.metrics.iter())?;
+        once(&format!("the column `{}`: the metric", column.title), column.metrics.iter())?;
         if let Some(metric) = column.metrics.iter().find(|metric| !known.contains(*metric)) {
             let meant = nearest(metric, known.iter().map(String::as_str))
                 .map_or(String::new(), |near| format!(" The nearest is `{near}`."));
-            return wrong(format!("names the figure `{metric}`, which there is not.{meant}"));
+            return wrong(format!("names the metric `{metric}`, which there is not.{meant}"));
         }
         if grid.speed_frames == 0 && column.metrics.iter().any(|metric| metric.starts_with("speed.")) {
             return wrong("wants the speed of rendering, which `speed_frames` = 0 does not measure.".to_owned());
@@ -200,23 +168,21 @@ fn columns(grid: &Grid) -> Result<(), String> {
     Ok(())
 }
 
-/// The names of all figures that a run may have.
-fn metrics() -> BTreeSet<String> {
-    let mut of_views: Vec<String> = OF_VIEWS.map(str::to_owned).to_vec();
-    for figure in Metric::ALL {
-        let of = |layer: &str| format!("{layer}.{}", figure.name());
-        of_views.extend(LAYERS.map(|layer| of(layer.name())));
-        if is_of_regions(figure) {
-            of_views.extend(REGIONS.map(of));
+/// Whether differences are of two variants that the grid has.
+fn differences(grid: &Grid) -> Result<(), String> {
+    let variants: Vec<&str> = grid.variants.iter().map(|variant| variant.name.as_str()).collect();
+    let name = |difference: &Difference| format!("{} - {}", difference.variant, difference.minus);
+    once("the difference", grid.differences.iter().map(name))?;
+    for difference in &grid.differences {
+        let Difference { variant, minus } = difference;
+        if let Some(unknown) = [variant, minus].into_iter().find(|name| !variants.contains(&name.as_str())) {
+            return Err(format!("`differences` names the variant `{unknown}`; there are {}.", listed(&variants)));
+        }
+        if variant == minus {
+            return Err(format!("`differences` compares `{variant}` with itself."));
         }
     }
-    let of_training: Vec<String> = of_views.iter().map(|name| format!("{TRAINING_VIEWS}{name}")).collect();
-    of_views.into_iter().chain(of_training).chain(OF_RUN.map(str::to_owned)).collect()
-}
-
-/// Whether a part of a picture has a figure: it has no scales.
-fn is_of_regions(figure: Metric) -> bool {
-    !matches!(figure, Metric::MsSsim | Metric::DSsim)
+    Ok(())
 }
 
 /// Whether a row of the paper belongs to something.
@@ -241,7 +207,7 @@ fn paper(grid: &Grid, axes: &[Axis], row: &PaperRow) -> Result<(), String> {
     if let Some(axis) = axes.iter().find(left_out).filter(|_| row.literature.is_none()) {
         return lost(format!("does not say at which `{}` it stands; give `at`", axis.key));
     }
-    let columns = columns_of(grid);
+    let columns = grid.column_groups();
     match columns.iter().find(|column| column.title == row.column) {
         None => {
             let titles: Vec<&str> = columns.iter().map(|column| column.title.as_str()).collect();
@@ -261,26 +227,26 @@ fn name_of(row: &PaperRow) -> &str {
 
 /// Whether the reasons of a row are some, against numbers that it has.
 fn reasons(row: &PaperRow) -> Result<(), String> {
-    for (figure, reason) in &row.not_comparable {
-        if figure != ALL_FIGURES && !row.values.contains_key(figure) {
+    for (metric, reason) in &row.not_comparable {
+        if metric != ALL_METRICS && !row.values.contains_key(metric) {
             return Err(format!(
-                "has `{figure}` in `not_comparable`, but not in `values`; `{ALL_FIGURES}` stands for all of its figures"
+                "has `{metric}` in `not_comparable`, but not in `values`; `{ALL_METRICS}` stands for all of its metrics"
             ));
         }
         if reason.trim_matches(['.', ' ']).is_empty() {
-            return Err(format!("does not say why `{figure}` is not comparable"));
+            return Err(format!("does not say why `{metric}` is not comparable"));
         }
     }
     Ok(())
 }
 
-/// Refuses a second number of the paper for a figure of the table, of which one would hide the other.
+/// Refuses a second number of the paper for a metric of the table, of which one would hide the other.
 fn paper_once(rows: &[PaperRow]) -> Result<(), String> {
     for (index, row) in rows.iter().enumerate() {
         for other in rows[..index].iter().filter(|other| share_a_row(other, row)) {
-            if let Some(figure) = row.values.keys().find(|figure| other.values.contains_key(*figure)) {
+            if let Some(metric) = row.values.keys().find(|metric| other.values.contains_key(*metric)) {
                 return Err(format!(
-                    "the paper has two numbers of `{figure}` for the same row in the column `{}`, in its rows `{}` and \
+                    "the paper has two numbers of `{metric}` for the same row in the column `{}`, in its rows `{}` and \
                      `{}`. Remove one of them.",
                     row.column,
                     name_of(other),
@@ -343,15 +309,15 @@ pub(super) fn twins(index: &Index, configs: &[Config]) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Columns with figures that no evaluation of their cells gives.
+/// Columns with metrics that no evaluation of their cells gives.
 pub(super) fn scored(index: &Index, configs: &[Config]) -> Result<(), UsageError> {
     let wants_training_views =
-        |column: &&ColumnGroup| column.metrics.iter().any(|name| name.starts_with(TRAINING_VIEWS));
+        |column: &&ColumnGroup| column.metrics.iter().any(|name| name.starts_with(metric::TRAINING_VIEWS));
     for column in index.columns.iter().filter(wants_training_views) {
         let own = index.cells.iter().zip(configs).filter(|(cell, _)| column.scenes.contains(&cell.scene));
         if let Some((cell, _)) = own.into_iter().find(|(_, config)| !config.eval.training_views) {
             return Err(UsageError::new(format!(
-                "the column `{}` wants figures of the training views, which are not scored: set \
+                "the column `{}` wants metrics of the training views, which are not scored: set \
                  eval.training_views = true for the scene `{}`.",
                 column.title, cell.scene
             )));

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::index::{Cell, INDEX, Index, Wanted, of_another_version};
 use super::plan::Plan;
-use super::table::{CellFigures, Outcome};
+use super::table::{CellMetrics, Outcome};
 use crate::run::{self, LpipsWeights, Results, RunRecord};
 use crate::{atomic, config};
 
@@ -41,7 +41,7 @@ pub enum State {
     Interrupted,
     /// It failed, with these words.
     Failed(String),
-    /// All its figures are there.
+    /// All its metrics are there.
     Finished,
 }
 
@@ -67,7 +67,7 @@ pub struct Order {
     pub name: String,
     /// The preset that it started from.
     pub preset: String,
-    /// What is measured beside the figures that a training leaves.
+    /// What is measured beside the metrics that a training leaves.
     pub wanted: Wanted,
 }
 
@@ -242,7 +242,7 @@ impl SweepFolder {
         if lock == Some(true) {
             return Ok(State::Running);
         }
-        // The lock came first: looked at after the figures, a cell that ends between the two looks would seem
+        // The lock came first: looked at after the metrics, a cell that ends between the two looks would seem
         // interrupted.
         if self.is_finished(id, wanted) {
             return Ok(State::Finished);
@@ -268,7 +268,7 @@ impl SweepFolder {
         record.is_some_and(|record| record.finished.is_some()) && self.results(id).is_some()
     }
 
-    /// The figures of a cell, if they are there.
+    /// The metrics of a cell, if they are there.
     pub fn results(&self, id: &str) -> Option<Results> {
         read_json(&self.run(id).join(run::RESULTS))
     }
@@ -279,16 +279,16 @@ impl SweepFolder {
     /// As [`SweepFolder::state`].
     pub fn outcomes(&self, index: &Index) -> anyhow::Result<Vec<Outcome>> {
         let outcome = |cell: &Cell| {
-            let figures = |results: Results| {
+            let metrics = |results: Results| {
                 let source = |scores: &Scores| scores.region_source;
-                Outcome::Figures(CellFigures {
-                    numbers: figures(&results),
+                Outcome::Metrics(CellMetrics {
+                    numbers: metrics(&results),
                     regions: source(&results.test),
                     training_regions: results.training_views.as_ref().and_then(source),
                 })
             };
             Ok(match self.state(&cell.id, &index.wanted)? {
-                State::Finished => self.results(&cell.id).map_or(Outcome::Unfinished, figures),
+                State::Finished => self.results(&cell.id).map_or(Outcome::Unfinished, metrics),
                 State::Failed(_) => Outcome::Failed,
                 State::ToDo | State::Running | State::Interrupted => Outcome::Unfinished,
             })
@@ -305,7 +305,7 @@ fn write_changed(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     }
 }
 
-/// Whether a run has the figures that are wanted beside its own: those of LPIPS by every wanted network, with the
+/// Whether a run has the metrics that are wanted beside its own: those of LPIPS by every wanted network, with the
 /// weights that are wanted.
 fn is_measured(results: &Results, wanted: &Wanted) -> bool {
     let has_network = |(network, sha256): (&String, &String)| match results.lpips.get(network) {
@@ -320,20 +320,20 @@ fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Option<T> {
     serde_json::from_str(&fs::read_to_string(path).ok()?).ok()
 }
 
-/// All figures of a run by the names that grids call them.
-pub(super) fn figures(results: &Results) -> BTreeMap<String, f64> {
+/// All metrics of a run by the names that grids call them.
+pub(super) fn metrics(results: &Results) -> BTreeMap<String, f64> {
     let short = |(name, value): (String, f64)| (name.strip_prefix("test.").unwrap_or(&name).to_owned(), value);
-    let mut figures: BTreeMap<String, f64> = results.figures().into_iter().map(short).collect();
-    figures.insert("eval.seconds".into(), results.eval.seconds);
+    let mut metrics: BTreeMap<String, f64> = results.metrics().into_iter().map(short).collect();
+    metrics.insert("eval.seconds".into(), results.eval.seconds);
     if let Some(train) = results.train {
-        figures.insert("train.seconds".into(), train.seconds);
-        figures.insert("train.ms_per_step".into(), 1e3 * train.seconds / train.steps.max(1) as f64);
+        metrics.insert("train.seconds".into(), train.seconds);
+        metrics.insert("train.ms_per_step".into(), 1e3 * train.seconds / train.steps.max(1) as f64);
     }
     if let Some(speed) = results.speed {
-        figures.insert("speed.fps".into(), speed.fps);
-        figures.extend(speed.fps_without_mfta.map(|fps| ("speed.fps_without_mfta".to_owned(), fps)));
+        metrics.insert("speed.fps".into(), speed.fps);
+        metrics.extend(speed.fps_without_mfta.map(|fps| ("speed.fps_without_mfta".to_owned(), fps)));
     }
-    figures
+    metrics
 }
 
 #[cfg(test)]

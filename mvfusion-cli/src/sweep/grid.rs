@@ -11,8 +11,11 @@ use super::shipped;
 use crate::config::{Origin, PartialConfig, line_of};
 use crate::failure::UsageError;
 
-/// What stands in `not_comparable` of the paper's rows for all of their figures.
-pub(super) const ALL_FIGURES: &str = "*";
+/// The metrics of a column group that the grid does not name.
+const METRICS: [&str; 3] = ["composed.psnr", "composed.ssim", "composed.lpips_alex"];
+
+/// What stands in `not_comparable` of the paper's rows for all of their metrics.
+pub(super) const ALL_METRICS: &str = "*";
 
 /// A grid file. Cells are all scenes times all variants times all values of `[grid]` times all seeds.
 #[derive(Clone, Debug, Deserialize)]
@@ -50,6 +53,9 @@ pub struct Grid {
     /// Columns of the table; each scene one, with PSNR, SSIM and LPIPS of the composed picture, unless given.
     #[serde(default)]
     pub columns: Vec<ColumnGroup>,
+    /// Pairs of variants whose differences the table shows too.
+    #[serde(default)]
+    pub differences: Vec<Difference>,
     /// What the paper has.
     #[serde(default)]
     pub paper: Vec<PaperRow>,
@@ -95,7 +101,7 @@ pub struct Expected {
     pub on: String,
 }
 
-/// Neighbouring columns of the table: some figures of the mean over some scenes.
+/// Neighbouring columns of the table: some metrics of the mean over some scenes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ColumnGroup {
@@ -104,8 +110,18 @@ pub struct ColumnGroup {
     /// The scenes that are averaged; all of them if none is named.
     #[serde(default)]
     pub scenes: Vec<String>,
-    /// Names of figures, as in results.json: `composed.psnr`.
+    /// Names of metrics, as in results.json: `composed.psnr`.
     pub metrics: Vec<String>,
+}
+
+/// Two variants that are compared seed by seed.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Difference {
+    /// The variant whose metrics come first.
+    pub variant: String,
+    /// The variant whose metrics are subtracted.
+    pub minus: String,
 }
 
 /// What the paper has of one method.
@@ -121,9 +137,9 @@ pub struct PaperRow {
     pub at: Table,
     /// Heading of the column group.
     pub column: String,
-    /// The numbers, by the figures' names.
+    /// The numbers, by the metrics' names.
     pub values: BTreeMap<String, f64>,
-    /// Why numbers say nothing about ours, by the figures' names; `*` stands for all that have no reason of their own.
+    /// Why numbers say nothing about ours, by the metrics' names; `*` stands for all that have no reason of their own.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub not_comparable: BTreeMap<String, String>,
 }
@@ -142,9 +158,9 @@ fn first_seed() -> Vec<u64> {
 }
 
 impl PaperRow {
-    /// Why its number of a figure says nothing about ours; absent where the row gives no reason.
-    pub fn reason_against(&self, figure: &str) -> Option<&str> {
-        let reason = self.not_comparable.get(figure).or_else(|| self.not_comparable.get(ALL_FIGURES))?;
+    /// Why its number of a metric says nothing about ours; absent where the row gives no reason.
+    pub fn reason_against(&self, metric: &str) -> Option<&str> {
+        let reason = self.not_comparable.get(metric).or_else(|| self.not_comparable.get(ALL_METRICS))?;
         // The table ends the sentence.
         Some(reason.trim().trim_end_matches('.'))
     }
@@ -178,6 +194,21 @@ impl Grid {
             _ => Err(UsageError::new(format!("`{key}` in [grid] must be a list of values, not {value}."))),
         };
         leaves(&self.grid).into_iter().map(axis).collect()
+    }
+
+    /// The columns of the table; those that average over all scenes name them.
+    pub fn column_groups(&self) -> Vec<ColumnGroup> {
+        let all = || self.scenes.iter().map(|scene| scene.name.clone()).collect::<Vec<_>>();
+        if self.columns.is_empty() {
+            let metrics = METRICS.map(str::to_owned).to_vec();
+            let of_scene = |name: String| ColumnGroup { title: name.clone(), scenes: vec![name], metrics: metrics.clone() };
+            return all().into_iter().map(of_scene).collect();
+        }
+        let named = |column: &ColumnGroup| {
+            let scenes = if column.scenes.is_empty() { all() } else { column.scenes.clone() };
+            ColumnGroup { scenes, ..column.clone() }
+        };
+        self.columns.iter().map(named).collect()
     }
 }
 

@@ -8,8 +8,8 @@ use mvfusion_model::evaluation::Backbone;
 use mvfusion_model::files::sha256;
 use serde::{Deserialize, Serialize};
 
-use super::grid::{ColumnGroup, Expected, PaperRow};
-use super::table::lpips_network;
+use super::grid::{ColumnGroup, Difference, Expected, PaperRow};
+use super::metric::lpips_network;
 use crate::{atomic, run};
 
 /// Name of the file.
@@ -29,9 +29,12 @@ pub struct Index {
     pub axes: Vec<String>,
     /// Columns of the table.
     pub columns: Vec<ColumnGroup>,
+    /// Pairs of variants whose differences the table shows too.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub differences: Vec<Difference>,
     /// What the paper has.
     pub paper: Vec<PaperRow>,
-    /// What is measured beside the figures that a training leaves.
+    /// What is measured beside the metrics that a training leaves.
     pub wanted: Wanted,
     /// How long a cell takes, as the grid says.
     #[serde(skip_serializing_if = "Option::is_none", default)]
@@ -46,7 +49,7 @@ pub struct Index {
 pub struct Wanted {
     /// Frames over which the speed of rendering is measured; 0 measures none.
     pub speed_frames: usize,
-    /// Folder with the weights of LPIPS; without it there are no such figures.
+    /// Folder with the weights of LPIPS; without it there are no such metrics.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub lpips_weights: Option<PathBuf>,
     /// By the names of the networks that a column needs and whose weights lie there: SHA-256 of their files.
@@ -70,7 +73,7 @@ pub struct Cell {
     pub preset: String,
     /// Optimiser steps.
     pub steps: usize,
-    /// Why the paper's numbers are not comparable with its figures; absent where they are.
+    /// Why the paper's numbers are not comparable with its metrics; absent where they are.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub not_comparable: Option<String>,
 }
@@ -96,7 +99,7 @@ impl Wanted {
 
 /// The networks of LPIPS that some column needs.
 fn lpips_networks(columns: &[ColumnGroup]) -> BTreeSet<Backbone> {
-    columns.iter().flat_map(|column| &column.metrics).filter_map(|figure| lpips_network(figure)).collect()
+    columns.iter().flat_map(|column| &column.metrics).filter_map(|metric| lpips_network(metric)).collect()
 }
 
 /// What is said of a file that this version did not write, and what to do about it.

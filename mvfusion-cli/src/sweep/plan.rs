@@ -9,7 +9,7 @@ use mvfusion_model::files::sha256;
 use toml::{Table, Value};
 
 use super::check;
-use super::grid::{Axis, ColumnGroup, Grid, SceneEntry, Source, VariantEntry, is_same, leaves};
+use super::grid::{Axis, Grid, SceneEntry, Source, VariantEntry, is_same, leaves};
 use super::index::{Cell, Index, Wanted};
 use crate::config::{self, Origin, PRESETS, PartialConfig, Preset};
 use crate::failure::UsageError;
@@ -22,9 +22,6 @@ const SHORT: &str = "quickstart";
 
 /// Keys of `train` that change what is written down, and no training.
 const UNSCHEDULED: [&str; 2] = ["train.log_interval", "train.checkpoint_interval"];
-
-/// The figures of a column group that the grid does not name.
-const METRICS: [&str; 3] = ["composed.psnr", "composed.ssim", "composed.lpips_alex"];
 
 /// What the command line adds to a grid.
 #[derive(Clone, Debug, Default)]
@@ -101,7 +98,7 @@ impl Plan {
             }
         }
         check::exclusions(grid, &excluded, cells.len(), &source.origin)?;
-        let columns = columns_of(grid);
+        let columns = grid.column_groups();
         let index = Index {
             name: source.name.clone(),
             title: grid.title.clone(),
@@ -109,6 +106,7 @@ impl Plan {
             axes: axes.iter().map(|axis| axis.key.clone()).collect(),
             wanted: Wanted::new(grid.speed_frames, additions.lpips_weights.as_deref(), &columns)?,
             columns,
+            differences: grid.differences.clone(),
             paper: grid.paper.clone(),
             expected: grid.expected.clone(),
             cells,
@@ -267,21 +265,6 @@ fn combinations(axes: &[Axis]) -> Vec<Vec<Value>> {
         };
         combinations.iter().flat_map(with).collect()
     })
-}
-
-/// The columns of the table; those that average over all scenes name them.
-pub(super) fn columns_of(grid: &Grid) -> Vec<ColumnGroup> {
-    let all = || grid.scenes.iter().map(|scene| scene.name.clone()).collect::<Vec<_>>();
-    if grid.columns.is_empty() {
-        let metrics = METRICS.map(str::to_owned).to_vec();
-        let of_scene = |name: String| ColumnGroup { title: name.clone(), scenes: vec![name], metrics: metrics.clone() };
-        return all().into_iter().map(of_scene).collect();
-    }
-    let named = |column: &ColumnGroup| {
-        let scenes = if column.scenes.is_empty() { all() } else { column.scenes.clone() };
-        ColumnGroup { scenes, ..column.clone() }
-    };
-    grid.columns.iter().map(named).collect()
 }
 
 #[cfg(test)]

@@ -22,6 +22,7 @@ pub const SHIPPED: &[Shipped] = shipped![
     "onthego",
     "robustnerf",
     "main-small",
+    "methods",
     "components",
     "components-small",
     "fusion-weights",

@@ -13,7 +13,7 @@ pub struct EvalConfig {
     /// A folder of masks (white = dynamic), one a view and named as the views: `cam00/0000.png`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dynamic_masks: Option<PathBuf>,
-    /// A folder with the weights of LPIPS; without it the figures are absent.
+    /// A folder with the weights of LPIPS; without it the metrics are absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lpips_weights: Option<PathBuf>,
     /// Side-by-side pictures are written for this many test views, evenly spread; 0 for none.

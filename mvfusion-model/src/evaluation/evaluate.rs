@@ -139,7 +139,7 @@ impl Scoring<'_> {
         Ok(deviation.region())
     }
 
-    /// The figures of a view, and the pair that its successor is compared with.
+    /// The metrics of a view, and the pair that its successor is compared with.
     fn score(
         &mut self,
         view: &View,

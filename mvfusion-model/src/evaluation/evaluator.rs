@@ -1,12 +1,12 @@
 //! Who compares pictures: the metrics of a protocol, with the networks that they need.
 //!
-//! Figures of a part of the picture (inside or outside the dynamic region) are means over its pixels of the same maps
-//! whose means over all pixels are the figures of the whole picture: squared errors for PSNR, the SSIM map, and for
+//! Metrics of a part of the picture (inside or outside the dynamic region) are means over its pixels of the same maps
+//! whose means over all pixels are the metrics of the whole picture: squared errors for PSNR, the SSIM map, and for
 //! LPIPS the maps of all layers enlarged to the picture and added (`spatial=True` of the package lpips), whose mean is
-//! nearly the figure: enlarging by a fraction weighs pixels unequally. Of the SSIM without the picture's border, those
+//! nearly the metric: enlarging by a fraction weighs pixels unequally. Of the SSIM without the picture's border, those
 //! of the part's pixels count that lie inside that border. Windows and receptive fields so look across the border of
 //! the region. The other way, blackening both pictures outside the region, is not taken, because what is black in both
-//! counts as perfect: the figure would depend on the region's size first, and its outline would be an edge that neither
+//! counts as perfect: the metric would depend on the region's size first, and its outline would be an edge that neither
 //! picture has.
 
 use std::collections::BTreeMap;
@@ -28,7 +28,7 @@ use crate::files::sha256;
 use crate::tensors;
 use crate::train::picture_tensor;
 
-/// Compares pictures as a protocol wants it. Where weights of LPIPS are missing, its figures are absent, and the evaluator
+/// Compares pictures as a protocol wants it. Where weights of LPIPS are missing, its metrics are absent, and the evaluator
 /// says why.
 #[derive(Debug)]
 pub struct Evaluator {
@@ -112,10 +112,10 @@ impl Pair {
     }
 }
 
-/// What networks say of a picture, by kind of figure.
+/// What networks say of a picture, by kind of metric.
 type Distances = Vec<(LpipsVariant, Distance)>;
 
-/// The maps of a picture, whose means are its figures.
+/// The maps of a picture, whose means are its metrics.
 struct Maps<'a> {
     pair: &'a Pair,
     squared_errors: PixelMap,
@@ -152,7 +152,7 @@ impl Evaluator {
         Ok(Self { protocol, networks: networks.collect::<Result<_, ModelError>>()? })
     }
 
-    /// Whose figures it gives.
+    /// Whose metrics it gives.
     pub fn protocol(&self) -> Protocol {
         self.protocol
     }
@@ -257,7 +257,7 @@ impl Maps<'_> {
         Ok(scores)
     }
 
-    /// The figures where a mask is white; `None` where it is nowhere. A part has no border of its own: for the SSIM
+    /// The metrics where a mask is white; `None` where it is nowhere. A part has no border of its own: for the SSIM
     /// without border the picture's is left out, which may leave nothing. MS-SSIM multiplies the means of whole scales,
     /// so that no part has one.
     fn part(&self, mask: &GrayImage) -> Result<Option<LayerScores>, ModelError> {
@@ -306,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn without_weights_figures_are_absent_and_the_reason_is_told() {
+    fn without_weights_metrics_are_absent_and_the_reason_is_told() {
         let evaluator = Evaluator::without_lpips(Protocol::ThreeDgs);
         let missing: Vec<_> = evaluator.missing().collect();
         assert!(matches!(missing[..], [(Backbone::Vgg, reason)] if reason.contains("no folder")), "{missing:?}");
@@ -351,13 +351,13 @@ mod tests {
             let metrics = evaluator(Protocol::Mvfusion, &device).metrics(&pair, None, Some(&regions)).expect("numbers");
             let (dynamic, still) = (metrics.dynamic.expect("white"), metrics.still.expect("white"));
             let error = |psnr: Option<f64>| 10f64.powf(-psnr.expect("they differ") / 10.0);
-            for (figures, share) in [
+            for (metrics, share) in [
                 ([dynamic.ssim, still.ssim, metrics.whole.ssim], share),
                 ([dynamic.ssim_valid, still.ssim_valid, metrics.whole.ssim_valid], inner_share),
                 ([dynamic, still, metrics.whole].map(|scores| Some(error(scores.psnr_exact))), share),
                 ([dynamic, still, metrics.whole].map(|scores| Some(error(scores.psnr))), share),
             ] {
-                let [inside, outside, whole] = figures.map(|figure| figure.expect("known"));
+                let [inside, outside, whole] = metrics.map(|metric| metric.expect("known"));
                 let together = share * inside + (1.0 - share) * outside;
                 assert!((together - whole).abs() < 1e-6, "{inside} and {outside} are {together}, not {whole}");
             }

@@ -1,11 +1,11 @@
-//! The figures by which a picture is judged: their names, and how they are read.
+//! The metrics by which a picture is judged: their names, and how they are read.
 
 use serde::Serialize;
 
 use super::layer_scores::LayerScores;
 use super::metrics::lpips::{Backbone, InputRange, LpipsVariant};
 
-/// Which figure of a layer.
+/// Which metric of a layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Metric {
     /// [`LayerScores::psnr`].
@@ -24,7 +24,7 @@ pub enum Metric {
     Lpips(LpipsVariant),
 }
 
-/// Which of two values of a figure is the better one.
+/// Which of two values of a metric is the better one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Better {
@@ -35,7 +35,7 @@ pub enum Better {
 }
 
 impl Metric {
-    /// Every figure.
+    /// Every metric.
     pub const ALL: [Self; 10] = [
         Self::Psnr,
         Self::PsnrExact,
@@ -109,13 +109,13 @@ impl Metric {
         }
     }
 
-    /// Its value in a layer's figures.
+    /// Its value in a layer's metrics.
     pub fn of(self, scores: &LayerScores) -> Option<f64> {
         // A copy, so that one list of fields does for reading and writing.
         *self.place(&mut { *scores })
     }
 
-    /// Where it stands among a layer's figures.
+    /// Where it stands among a layer's metrics.
     pub(super) fn place(self, scores: &mut LayerScores) -> &mut Option<f64> {
         match self {
             Self::Psnr => &mut scores.psnr,
@@ -151,21 +151,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_label_names_one_figure() {
+    fn every_label_names_one_metric() {
         let labels: BTreeSet<&str> = Metric::ALL.into_iter().map(Metric::label).collect();
         assert_eq!(labels.len(), Metric::ALL.len());
     }
 
     #[test]
-    fn every_figure_has_a_place_of_its_own() {
+    fn every_metric_has_a_place_of_its_own() {
         let mut scores = LayerScores::default();
-        for (number, figure) in Metric::ALL.into_iter().enumerate() {
-            *figure.place(&mut scores) = Some(number as f64);
+        for (number, metric) in Metric::ALL.into_iter().enumerate() {
+            *metric.place(&mut scores) = Some(number as f64);
         }
-        let found = Metric::ALL.map(|figure| figure.of(&scores));
+        let found = Metric::ALL.map(|metric| metric.of(&scores));
         assert_eq!(found, std::array::from_fn(|number| Some(number as f64)));
         let file = serde_json::to_value(scores).expect("written");
-        let written = Metric::ALL.map(|figure| file[figure.name()].as_f64());
+        let written = Metric::ALL.map(|metric| file[metric.name()].as_f64());
         assert_eq!(written, found);
     }
 }

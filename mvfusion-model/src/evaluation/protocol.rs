@@ -1,4 +1,4 @@
-//! The protocols of evaluation: which variant of each figure the people report with whom one compares.
+//! The protocols of evaluation: which variant of each metric the people report with whom one compares.
 
 use std::str::FromStr;
 
@@ -6,11 +6,11 @@ use super::metric::Metric;
 use super::metrics::lpips::LpipsVariant;
 use super::scores::HeldOutPhoto;
 
-/// A way of scoring pictures that some body of results shares. All of them average figures of single views (never
+/// A way of scoring pictures that some body of results shares. All of them average metrics of single views (never
 /// errors of all views together), and score the last iteration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Protocol {
-    /// This program's own: every figure.
+    /// This program's own: every metric.
     ///
     /// PSNR of 8-bit pictures; SSIM with zero padding, MS-SSIM and LPIPS on unrounded pictures; LPIPS by AlexNet on
     /// `[-1, 1]` in front, by VGG-16 and on `[0, 1]` beside it; T-LPIPS of consecutive frames.
@@ -86,14 +86,14 @@ impl Protocol {
         }
     }
 
-    /// What its figures mean, in a sentence to be written beside them.
+    /// What its metrics mean, in a sentence to be written beside them.
     pub fn statement(self) -> &'static str {
         match self {
             Self::Mvfusion => {
                 "mvfusion-3: last iteration; PSNR of 8-bit pictures, mean over views; SSIM 11x11 sigma 1.5 zero-padded \
                  and LPIPS on unrounded pictures, LPIPS of networks fed [-1,1] but where raw ([0,1]) is said; \
                  MS-SSIM of pytorch-msssim; T-LPIPS = mean |LPIPS(pictures) - LPIPS(photos)| of consecutive frames; \
-                 dynamic region from given masks, else temporal standard deviation > 0.02 grown by 3 px, figures \
+                 dynamic region from given masks, else temporal standard deviation > 0.02 grown by 3 px, metrics \
                  inside and outside are means of maps; mask IoU pooled at 0.5; pixels that a view's mask ignores are \
                  black; composed pictures of held-out photos are the static branch"
             }
@@ -124,7 +124,7 @@ impl Protocol {
     }
 
     /// What it reports, in the order of its tables.
-    pub fn figures(self) -> &'static [Metric] {
+    pub fn metrics(self) -> &'static [Metric] {
         match self {
             Self::Mvfusion => MVFUSION,
             Self::DeGauss => DEGAUSS,
@@ -143,7 +143,7 @@ impl Protocol {
 
     /// The kinds of LPIPS that it reports.
     pub fn lpips(self) -> impl Iterator<Item = LpipsVariant> {
-        self.figures().iter().filter_map(|&figure| match figure {
+        self.metrics().iter().filter_map(|&metric| match metric {
             Metric::Lpips(variant) => Some(variant),
             _ => None,
         })
@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn our_own_protocol_reports_every_figure() {
-        assert!(Metric::ALL.into_iter().all(|figure| MVFUSION.contains(&figure)));
+    fn our_own_protocol_reports_every_metric() {
+        assert!(Metric::ALL.into_iter().all(|metric| MVFUSION.contains(&metric)));
     }
 }

@@ -16,7 +16,7 @@ pub enum HeldOutPhoto {
     AllBranches,
 }
 
-/// Figures of a set of views.
+/// Metrics of a set of views.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Scores {
     /// The blended picture against the photo.
@@ -55,12 +55,12 @@ pub struct Scores {
     pub temporal: Option<TemporalScores>,
 }
 
-/// Figures of one view.
+/// Metrics of one view.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ViewScores {
     /// The view's name.
     pub view: String,
-    /// Its figures.
+    /// Its metrics.
     #[serde(flatten)]
     pub scores: Scores,
 }
@@ -94,7 +94,7 @@ impl Scores {
         name + &source.map_or(String::new(), |source| format!(" ({})", source.words()))
     }
 
-    /// A layer of [`Scores::layers`] in words, and the masks of a region apart, to stand behind a figure's name.
+    /// A layer of [`Scores::layers`] in words, and the masks of a region apart, to stand behind a metric's name.
     pub fn label_and_source(&self, layer: &str) -> (String, Option<RegionSource>) {
         let source = match layer {
             "dynamic_region" | "still_region" => self.region_source,
@@ -113,14 +113,14 @@ impl Scores {
         self
     }
 
-    /// Means over the views that have the figure, and the difference of these means; absent if no view has it. The
+    /// Means over the views that have the metric, and the difference of these means; absent if no view has it. The
     /// overlap of masks and the recall of small movers are not averaged but pooled, elsewhere.
     pub(super) fn mean(views: &[ViewScores]) -> Self {
         let layer = |of: fn(&Scores) -> Option<LayerScores>| {
             let layers: Vec<LayerScores> = views.iter().filter_map(|view| of(&view.scores)).collect();
             let mut means = LayerScores::default();
-            for figure in Metric::ALL {
-                *figure.place(&mut means) = mean(layers.iter().map(|layer| figure.of(layer)));
+            for metric in Metric::ALL {
+                *metric.place(&mut means) = mean(layers.iter().map(|layer| metric.of(layer)));
             }
             (means != LayerScores::default()).then_some(means)
         };
@@ -149,8 +149,8 @@ impl Scores {
 }
 
 /// The mean of the numbers that are known.
-fn mean(figures: impl Iterator<Item = Option<f64>>) -> Option<f64> {
-    let known: Vec<f64> = figures.flatten().collect();
+fn mean(metrics: impl Iterator<Item = Option<f64>>) -> Option<f64> {
+    let known: Vec<f64> = metrics.flatten().collect();
     (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
 }
 
@@ -159,7 +159,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn means_are_over_the_views_that_know_a_figure() {
+    fn means_are_over_the_views_that_know_a_metric() {
         let view = |psnr, lpips_vgg_raw, t_lpips_alex: Option<f64>| ViewScores {
             view: String::new(),
             scores: Scores {

@@ -49,7 +49,7 @@ pub struct RenderContext {
     pub timeline: Timeline,
     /// The scene's extent.
     pub extent: f64,
-    /// Switches of the motion modules.
+    /// How motion is measured.
     pub motion: MotionConfig,
     /// Whether the gradient of the mask channels counts for densification.
     pub mask_gradient: bool,
@@ -108,12 +108,24 @@ impl Model {
         self.valid()
     }
 
+    /// The same model but for MFTA: the paper's cheaper inference. `None` where MFTA has no effect at that level anyway.
+    pub fn without_mfta(&self, level: DeformationLevel) -> Option<Self> {
+        let has_effect =
+            level == DeformationLevel::Refined && self.refinement.temporal.is_some() && self.motion.is_some();
+        has_effect.then(|| {
+            let mut model = self.clone();
+            model.refinement.temporal = None;
+            model
+        })
+    }
+
     /// The branches by name, the dynamic one first.
     pub fn branches(&self) -> impl Iterator<Item = (&'static str, &Gaussians)> {
         std::iter::once(("dynamic", &self.dynamic)).chain(self.static_.iter().map(|branch| ("static", branch)))
     }
 
-    /// The dynamic Gaussians at a time: alive by their lifetimes, moved by the network. Refinement falls back to the base deformation until motion was measured.
+    /// The dynamic Gaussians at a time: alive by their lifetimes, moved by the network. Refinement falls back to the base
+    /// deformation until motion was measured.
     pub fn dynamic_at(&self, time: f64, level: DeformationLevel, context: &RenderContext) -> RawGaussians {
         self.rows_at(None, time, level, context)
     }
@@ -142,12 +154,7 @@ impl Model {
         let offsets = match (level, &cache) {
             (DeformationLevel::Still, _) => return gaussians,
             (DeformationLevel::Refined, Some(cache)) => {
-                let config = RefinementConfig {
-                    motion: &context.motion,
-                    timeline: &context.timeline,
-                    cache,
-                    extent: context.extent,
-                };
+                let config = RefinementConfig { timeline: &context.timeline, cache, extent: context.extent };
                 self.refinement.offsets(&self.network, means, time, &config)
             }
             _ => {
@@ -204,13 +211,6 @@ impl Model {
 }
 
 impl RenderContext {
-    /// The same but for MFTA: the paper's cheaper inference. `None` where the model makes no use of it anyway.
-    pub fn without_mfta(&self, model: &Model, level: DeformationLevel) -> Option<Self> {
-        let is_used = level == DeformationLevel::Refined && self.motion.mfta && model.motion.is_some();
-        let motion = MotionConfig { mfta: false, ..self.motion.clone() };
-        is_used.then(|| Self { motion, ..self.clone() })
-    }
-
     /// Settings of a branch's splat.
     pub(crate) fn splat_settings(&self, sh_degree: usize, mask_gradient: bool) -> SplatSettings {
         let statistic = if mask_gradient { Statistic::AllChannels } else { Statistic::ColourAndDepth };

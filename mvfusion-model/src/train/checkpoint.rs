@@ -75,9 +75,7 @@ impl TrainState {
             // A field that is added to the state does not compile until it is said here whether a file needs it.
             let BranchState { optimiser, statistics, pending, counts: _ } = state;
             for (attribute, moments) in &optimiser.moments {
-                let AdamMoments { first, second, steps } = moments.clone();
-                let moments = AdamMoments { first: first, second: second, steps };
-                store_moments(&mut tensors, &mut adam_steps, &format!("{name}.{attribute}"), &moments)?;
+                store_moments(&mut tensors, &mut adam_steps, &format!("{name}.{attribute}"), moments)?;
             }
             store(&mut tensors, format!("statistics.{name}.gradients"), statistics.gradients.clone())?;
             store(&mut tensors, format!("statistics.{name}.seen"), statistics.seen.clone())?;
@@ -140,14 +138,31 @@ impl TrainState {
     }
 }
 
-/// The model of a checkpoint, without autodiff, ready to be evaluated. Nothing else of the file is read.
-///
-/// # Errors
-/// As [`TrainState::load`].
-pub fn load_model(path: &Path, config: &Config, device: &Device) -> Result<Model, ModelError> {
-    let device = device.clone().autodiff();
-    let (mut reader, header) = Reader::open(path, &device)?;
-    Ok(reader.model(config, &header)?.plain())
+/// A model as it comes out of a training, without autodiff, ready to be evaluated.
+#[derive(Clone, Debug)]
+pub struct TrainedModel {
+    /// The model.
+    pub model: Model,
+    /// Training steps behind it.
+    pub steps: usize,
+}
+
+impl TrainedModel {
+    /// Reads the model of a checkpoint, and nothing else of the file.
+    ///
+    /// # Errors
+    /// As [`TrainState::load`].
+    pub fn load(path: &Path, config: &Config, device: &Device) -> Result<Self, ModelError> {
+        let device = device.clone().autodiff();
+        let (mut reader, header) = Reader::open(path, &device)?;
+        Ok(Self { model: reader.model(config, &header)?.plain(), steps: header.completed })
+    }
+}
+
+impl From<&TrainState> for TrainedModel {
+    fn from(state: &TrainState) -> Self {
+        Self { model: state.model.plain(), steps: state.completed }
+    }
 }
 
 /// SHA-256 over all learned parameters: names in order, each followed by its numbers, little endian.
@@ -359,9 +374,7 @@ impl<'a> Reader<'a> {
         for attribute in Attribute::ALL {
             let path = format!("{name}.{attribute}");
             if let Some(&steps) = header.adam_steps.get(&path) {
-                let AdamMoments { first, second, steps } = self.moments(&path, steps)?;
-                let moments = AdamMoments { first: first, second: second, steps };
-                optimiser.moments.insert(attribute, moments);
+                optimiser.moments.insert(attribute, self.moments(&path, steps)?);
             }
         }
         let mut statistic = |of: &str| self.tensor(&format!("statistics.{name}.{of}"));

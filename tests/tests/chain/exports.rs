@@ -78,8 +78,8 @@ impl Run {
         self.trainer.state().model.plain()
     }
 
-    fn moved(&self, time: f64, context: &RenderContext) -> RawGaussians {
-        self.model().dynamic_at(time, DeformationLevel::Refined, context)
+    fn moved(&self, model: &Model, time: f64) -> RawGaussians {
+        model.dynamic_at(time, DeformationLevel::Refined, self.trainer.render_context())
     }
 
     fn static_(&self) -> RawGaussians {
@@ -158,18 +158,18 @@ fn every_exported_number_is_the_models_own() {
 #[test]
 fn a_moment_is_the_deformed_model_with_or_without_attention() {
     let run = Run::new(config());
-    let with = run.trainer.render_context().clone();
+    let with = run.model();
     let mut without = with.clone();
-    without.motion.mfta = false;
-    for (name, no_mfta, context) in [("with", false, &with), ("without", true, &without)] {
+    without.refinement.temporal = None;
+    for (name, no_mfta, model) in [("with", false, &with), ("without", true, &without)] {
         let out = run.export(name, |args| (args.time, args.no_mfta) = (Some(0.4), no_mfta));
         let found = parse(&out.join("dynamic.ply"));
-        let wanted = run.moved(0.4, context);
+        let wanted = run.moved(model, 0.4);
         assert_holds(&found, 0..found.rows.len(), &wanted);
         assert_opacities(&found, 0..found.rows.len(), &wanted);
         assert_ne!(numbers(wanted.means), numbers(run.model().dynamic.means.val()));
     }
-    let means = |context| numbers(run.moved(0.4, context).means);
+    let means = |model| numbers(run.moved(model, 0.4).means);
     assert_ne!(means(&with), means(&without));
 }
 
@@ -183,7 +183,7 @@ fn a_sequence_has_the_frames_that_were_asked_for_and_begins_at_time_zero() {
     for (name, time) in [("frame0001.ply", 0.0), ("frame0002.ply", last / 2.0), ("frame0003.ply", last)] {
         let frame = parse(&out.join("frames").join(name));
         assert_eq!(frame.names, standard(24), "a viewer knows no masks");
-        let (static_, dynamic) = (run.static_(), run.moved(time, context));
+        let (static_, dynamic) = (run.static_(), run.moved(&run.model(), time));
         let border = static_.means.dims()[0];
         assert_holds(&frame, 0..border, &static_);
         assert_opacities(&frame, 0..border, &static_);
@@ -217,7 +217,7 @@ fn a_model_of_one_branch_is_exported_as_it_is() {
     let out = run.export("one", |args| args.frames = std::num::NonZeroUsize::new(1));
     assert_eq!(names(&out), ["cameras.json", "dynamic.ply", "frames"]);
     let frame = parse(&out.join("frames/frame0001.ply"));
-    let dynamic = run.moved(0.0, run.trainer.render_context());
+    let dynamic = run.moved(&run.model(), 0.0);
     assert_eq!(frame.names, standard(24));
     assert_holds(&frame, 0..frame.rows.len(), &dynamic);
     assert_opacities(&frame, 0..frame.rows.len(), &dynamic);
@@ -230,7 +230,7 @@ fn colours_above_the_degree_in_use_are_zero_as_they_are_not_drawn() {
     let run = Run::new(config);
     assert_eq!(run.model().dynamic.sh_degree, 0);
     let context = run.trainer.render_context();
-    let moved = numbers(run.moved(0.4, context).sh.narrow(1, 1, 8));
+    let moved = numbers(run.moved(&run.model(), 0.4).sh.narrow(1, 1, 8));
     assert!(moved.iter().any(|&value| value != 0.0), "the deformation offers colours that are not drawn yet");
     let out = run.export("low", |args| args.time = Some(0.4));
     let found = parse(&out.join("dynamic.ply"));

@@ -83,7 +83,7 @@ pub fn train(trainer: &mut Trainer) {
     while trainer.step().expect("a step succeeds").is_some() {}
 }
 
-fn figures(trainer: &Trainer, scene: &Scene) -> Evaluation {
+fn metrics(trainer: &Trainer, scene: &Scene) -> Evaluation {
     let model = trainer.state().model.plain();
     let nothing = |_, _: &_, _: &_| Ok::<(), ModelError>(());
     let evaluator = Evaluator::without_lpips(Protocol::Mvfusion);
@@ -118,9 +118,9 @@ fn account() -> String {
         let mut trainer = Trainer::new(config(), &scene, &(backend.device)()).expect("the run can start");
         train(&mut trainer);
         assert_eventful(trainer.state());
-        let figures = serde_json::to_string(&figures(&trainer, &scene)).expect("figures serialise");
+        let metrics = serde_json::to_string(&metrics(&trainer, &scene)).expect("metrics serialise");
         let counts = trainer.state().counts();
-        writeln!(account, "{}: {} {counts:?} {figures}", backend.name, hash(&trainer)).expect("a string takes it");
+        writeln!(account, "{}: {} {counts:?} {metrics}", backend.name, hash(&trainer)).expect("a string takes it");
     }
     account
 }

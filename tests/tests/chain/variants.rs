@@ -47,10 +47,10 @@ fn one_branch_trains_refines_and_is_scored_without_a_static_picture() {
     let model = state.model.plain();
     let (level, context) = (trainer.final_level(), trainer.render_context());
     let evaluator = Evaluator::without_lpips(Protocol::Mvfusion);
-    let figures =
+    let metrics =
         evaluate(&model, &scene(), Split::Test, level, context, &evaluator, nothing).expect("the views can be scored");
-    assert!(figures.mean.composed.psnr.is_some() && figures.mean.dynamic_region.is_some());
-    assert!(figures.mean.static_.is_none() && figures.mean.mask_iou.is_none());
+    assert!(metrics.mean.composed.psnr.is_some() && metrics.mean.dynamic_region.is_some());
+    assert!(metrics.mean.static_.is_none() && metrics.mean.mask_iou.is_none());
 }
 
 #[test]
@@ -89,9 +89,8 @@ fn under_accumulation_the_static_branch_moves_at_every_fourth_step_and_the_dynam
     let mut trainer = started(&config);
     let positions = |trainer: &Trainer| {
         let model = &trainer.state().model;
-        let of =
-            |gaussians: &mvfusion_model::model::gaussians::Gaussians| gaussians.plain(Attribute::Means).map(numbers);
-        (of(&model.dynamic), model.static_.as_ref().and_then(|branch| of(branch)))
+        let of = |gaussians: &Gaussians| gaussians.plain(Attribute::Means).map(numbers);
+        (of(&model.dynamic), model.static_.as_ref().and_then(of))
     };
     // The first stage does not accumulate.
     for _ in 0..10 {

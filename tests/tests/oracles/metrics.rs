@@ -1,4 +1,4 @@
-//! The metrics of evaluation: pairs of pictures whose figures are in `oracle_metrics/metrics.json`, one trial a pair
+//! The metrics of evaluation: pairs of pictures whose metrics are in `oracle_metrics/metrics.json`, one trial a pair
 //! for what needs no weights and one for LPIPS; and the gradients of `grads_*.npz`. The weights of LPIPS are in
 //! `lpips_weights`.
 
@@ -67,12 +67,12 @@ pub fn trials(backend: Backend) -> Vec<Trial> {
         }
     };
     let mut trials = vec![complete(name("metrics", "every_file_is_known"), &folder, &entries)];
-    for (pair, figures) in entries {
-        let (folder, figures) = (folder.clone(), figures.clone());
-        let [own, its] = [(folder.clone(), figures.clone()), (folder, figures)];
+    for (pair, metrics) in entries {
+        let (folder, metrics) = (folder.clone(), metrics.clone());
+        let [own, its] = [(folder.clone(), metrics.clone()), (folder, metrics)];
         let pair_name = pair.clone();
         trials.push(Trial::test(name("metrics", &pair), move || {
-            check_figures(&own.0, &pair_name, &own.1, &(backend.device)()).map_err(failed)
+            check_metrics(&own.0, &pair_name, &own.1, &(backend.device)()).map_err(failed)
         }));
         let title = name("lpips", &pair);
         let is_too_slow = backend.name == "wgpu" && !SMALL.contains(&pair.as_str());
@@ -113,7 +113,7 @@ fn complete(name: String, folder: &Path, entries: &Map<String, Value>) -> Trial 
         if unknown.is_empty() && unpaired.is_empty() {
             return Ok(());
         }
-        Err(format!("no check knows {unknown:?}, and these pictures have no figures: {unpaired:?}").into())
+        Err(format!("no check knows {unknown:?}, and these pictures have no metrics: {unpaired:?}").into())
     })
 }
 
@@ -130,46 +130,46 @@ fn pictures(folder: &Path, pair: &str) -> Result<[RgbImage; 2]> {
     Ok([picture("a")?, picture("b")?])
 }
 
-/// The figures of an entry, and which of them were compared.
+/// The metrics of an entry, and which of them were compared.
 struct Entry<'a> {
-    figures: &'a Map<String, Value>,
+    metrics: &'a Map<String, Value>,
     seen: BTreeSet<&'static str>,
 }
 
 impl<'a> Entry<'a> {
-    fn new(figures: &'a Value) -> Result<Self> {
-        Ok(Self { figures: figures.as_object().context("an entry is an object")?, seen: BTreeSet::new() })
+    fn new(metrics: &'a Value) -> Result<Self> {
+        Ok(Self { metrics: metrics.as_object().context("an entry is an object")?, seen: BTreeSet::new() })
     }
 
-    /// A figure; `None` if it is null or absent.
-    fn figure(&mut self, name: &'static str) -> Option<f64> {
+    /// A metric; `None` if it is null or absent.
+    fn metric(&mut self, name: &'static str) -> Option<f64> {
         self.seen.insert(name);
-        self.figures.get(name)?.as_f64()
+        self.metrics.get(name)?.as_f64()
     }
 
     fn list(&mut self, name: &'static str) -> Result<Array> {
         self.seen.insert(name);
-        let list = self.figures.get(name).and_then(Value::as_array).with_context(|| format!("no list `{name}`"))?;
+        let list = self.metrics.get(name).and_then(Value::as_array).with_context(|| format!("no list `{name}`"))?;
         Ok(Array::list(list.iter().map(|value| value.as_f64().context("a number")).collect::<Result<_>>()?))
     }
 
-    /// Compares a figure that is known to both or to neither.
+    /// Compares a metric that is known to both or to neither.
     fn compare(&mut self, checks: &mut Checklist, name: &'static str, found: Option<f64>, tolerance: Tolerance) {
-        match (self.figure(name), found) {
+        match (self.metric(name), found) {
             (Some(expected), Some(found)) => checks.close_number(name, expected, found, tolerance),
             (None, None) => {}
             (expected, found) => checks.fail(format!("`{name}` is {found:?}, expected {expected:?}")),
         }
     }
 
-    /// Fails for figures that belong to neither part.
+    /// Fails for metrics that belong to neither part.
     fn finish(self, left: &[&str]) -> Result<()> {
         let unseen: Vec<&String> = self
-            .figures
+            .metrics
             .keys()
             .filter(|key| !self.seen.contains(key.as_str()) && !left.contains(&key.as_str()))
             .collect();
-        ensure!(unseen.is_empty(), "figures that were not compared: {unseen:?}");
+        ensure!(unseen.is_empty(), "metrics that were not compared: {unseen:?}");
         Ok(())
     }
 }
@@ -178,14 +178,14 @@ impl<'a> Entry<'a> {
 const LPIPS_FIGURES: [&str; 5] =
     ["lpips_alex", "lpips_alex_layers", "lpips_vgg", "lpips_vgg_layers", "lpips_vgg_with_f16_weights"];
 
-/// What needs no weights. The evaluator's figures are those of the pictures as they are, since these are 8-bit already.
-fn check_figures(folder: &Path, pair: &str, figures: &Value, device: &Device) -> Result<()> {
+/// What needs no weights. The evaluator's metrics are those of the pictures as they are, since these are 8-bit already.
+fn check_metrics(folder: &Path, pair: &str, metrics: &Value, device: &Device) -> Result<()> {
     let [a, b] = pictures(folder, pair)?;
-    let mut entry = Entry::new(figures)?;
+    let mut entry = Entry::new(metrics)?;
     let mut checks = Checklist::default();
     checks.same(
         "size",
-        &[entry.figure("width"), entry.figure("height")],
+        &[entry.metric("width"), entry.metric("height")],
         &[Some(f64::from(a.width())), Some(f64::from(a.height()))],
     );
     let exact = picture_tensor(&a, device);
@@ -195,7 +195,7 @@ fn check_figures(folder: &Path, pair: &str, figures: &Value, device: &Device) ->
     entry.compare(&mut checks, "l1", Some(numbers(l1(exact.clone(), reference))[0]), MEANS);
     let metrics = Evaluator::without_lpips(Protocol::Mvfusion).metrics(&Pair::new(a, exact, b), None, None)?;
     let LayerScores { psnr, psnr_exact, ssim, ssim_valid, ms_ssim, d_ssim, .. } = metrics.whole;
-    checks.same("unknown figures", &[metrics.whole.lpips_alex, metrics.whole.lpips_vgg], &[None, None]);
+    checks.same("unknown metrics", &[metrics.whole.lpips_alex, metrics.whole.lpips_vgg], &[None, None]);
     for found in [psnr, psnr_exact, decibels(squared_error)] {
         entry.compare(&mut checks, "psnr", found, PSNR);
     }
@@ -203,7 +203,7 @@ fn check_figures(folder: &Path, pair: &str, figures: &Value, device: &Device) ->
     for name in ["ssim_valid_skimage", "ssim_valid_from_map"] {
         entry.compare(&mut checks, name, ssim_valid, MEANS);
     }
-    let expected = entry.figure("ms_ssim");
+    let expected = entry.metric("ms_ssim");
     entry.compare(&mut checks, "ms_ssim", ms_ssim, MEANS);
     if let (Some(expected), Some(found)) = (expected, d_ssim) {
         checks.close_number("d_ssim", (1.0 - expected) / 2.0, found, MEANS);
@@ -214,11 +214,11 @@ fn check_figures(folder: &Path, pair: &str, figures: &Value, device: &Device) ->
 
 /// Both networks, with the parts of each stage.
 ///
-/// The file has no figures of pictures that are fed as they are, in `[0, 1]`. But of `2 x - 1`, fed that way, a network
-/// must find the figure of `x`. AlexNet alone is asked: both networks are fed by the same function, and VGG-16 is slow.
-fn check_lpips(folder: &Path, pair: &str, figures: &Value, device: &Device) -> Result<()> {
+/// The file has no metrics of pictures that are fed as they are, in `[0, 1]`. But of `2 x - 1`, fed that way, a network
+/// must find the metric of `x`. AlexNet alone is asked: both networks are fed by the same function, and VGG-16 is slow.
+fn check_lpips(folder: &Path, pair: &str, metrics: &Value, device: &Device) -> Result<()> {
     let [a, b] = pictures(folder, pair)?;
-    let mut entry = Entry::new(figures)?;
+    let mut entry = Entry::new(metrics)?;
     let mut checks = Checklist::default();
     let both = Tensor::cat(vec![picture_tensor(&a, device), picture_tensor(&b, device)], 0);
     for backbone in Backbone::ALL {
@@ -234,7 +234,7 @@ fn check_lpips(folder: &Path, pair: &str, figures: &Value, device: &Device) -> R
         };
         entry.compare(&mut checks, name, Some(value), tolerance);
         if backbone == Backbone::Alex {
-            let expected = entry.figure(name).context("the entry has a figure of AlexNet")?;
+            let expected = entry.metric(name).context("the entry has a metric of AlexNet")?;
             let scaled = network.distances(both.clone() * 2.0 - 1.0, InputRange::Raw, &[(0, 1)]);
             let scaled = scaled.context("the pictures are large enough")?;
             let found = numbers(scaled[0].value())[0];
@@ -247,7 +247,7 @@ fn check_lpips(folder: &Path, pair: &str, figures: &Value, device: &Device) -> R
         }
     }
     let seen_elsewhere: Vec<&str> =
-        entry.figures.keys().map(String::as_str).filter(|name| !LPIPS_FIGURES.contains(name)).collect();
+        entry.metrics.keys().map(String::as_str).filter(|name| !LPIPS_FIGURES.contains(name)).collect();
     entry.finish(&seen_elsewhere)?;
     checks.finish()
 }

@@ -75,12 +75,7 @@ impl Setting {
 
     /// The refined offsets `[N, 62]` at a time.
     fn delta(&self, time: f64) -> Tensor<2> {
-        let config = RefinementConfig {
-            motion: &self.motion,
-            timeline: &self.timeline,
-            cache: &self.cache,
-            extent: self.extent,
-        };
+        let config = RefinementConfig { timeline: &self.timeline, cache: &self.cache, extent: self.extent };
         in_file_order(self.refinement.offsets(&self.network, self.means.val(), time, &config))
     }
 
@@ -207,15 +202,15 @@ fn check_parts(checks: &mut Checklist, archive: &Archive, setting: &Setting, tim
     compare("z_next", around[1].clone());
     if let Some(temporal) = &setting.refinement.temporal {
         let tokens = Tokens { centre, around: Tensor::stack(around.to_vec(), 1) };
-        compare("attn_out", temporal.mix(tokens.clone(), &setting.motion));
-        compare("h_mfta", temporal.forward(tokens, &setting.motion));
+        compare("attn_out", temporal.mix(tokens.clone()));
+        compare("h_mfta", temporal.forward(tokens));
     }
     Ok(())
 }
 
 /// With zeros in the last layers the refined offsets are the base offsets, bit for bit, and only those layers learn.
 fn check_zero_start(checks: &mut Checklist, archive: &Archive, mut setting: Setting, time: f64) -> Result<()> {
-    let MotionRefinement { guidance, temporal } = &mut setting.refinement;
+    let MotionRefinement { guidance, temporal, .. } = &mut setting.refinement;
     let (Some(Guidance::Encoder(encoder)), Some(TemporalModule::Attention(attention))) = (guidance, temporal) else {
         bail!("the default is not the paper's model");
     };

@@ -22,12 +22,12 @@ const GPU_EXPONENTIAL: f64 = 14.0 * 1.2e-7;
 struct Allowances {
     /// Of colour and alpha outside of fragile pixels.
     pictures: Tolerance,
-    /// Of depths there, which reach 159: the README's figure for pictures, and of each depth what the exponential of a
+    /// Of depths there, which reach 159: the README's metric for pictures, and of each depth what the exponential of a
     /// GPU may be off.
     depths: Tolerance,
     /// Of gradients.
     gradients: Tolerance,
-    /// Of what projection makes of each Gaussian; the README names no figure, this is that of pictures.
+    /// Of what projection makes of each Gaussian; the README names no metric, this is that of pictures.
     projections: Tolerance,
 }
 

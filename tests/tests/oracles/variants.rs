@@ -6,7 +6,7 @@ use burn::nn::Linear;
 use burn::tensor::{DType, Device, Gradients, Tensor};
 use mvfusion_model::config::{Descriptor, MotionConfig, Refinement, Temporal, TokenMode};
 use mvfusion_model::model::motion::{
-    DirectEncoder, Guidance, MotionEncoder, MotionRefinement, TemporalAttention, TemporalAverage, TemporalConvolution,
+    DirectEncoder, Guidance, MotionEncoder, MotionRefinement, RefinementRules, TemporalAttention, TemporalAverage, TemporalConvolution,
     TemporalModule,
 };
 use mvfusion_model::model::network::Mlp;
@@ -44,7 +44,7 @@ pub fn refinement(archive: &Archive, config: &MotionConfig, device: &Device) -> 
     };
     let attention = || -> Result<TemporalAttention> {
         let (query, key, value) = (layer("mfta.q")?, layer("mfta.k")?, layer("mfta.v")?);
-        Ok(TemporalAttention::from_layers(query, key, value, chain("mfta")?, config.heads))
+        Ok(TemporalAttention::from_layers(query, key, value, chain("mfta")?, config))
     };
     let temporal = || -> Result<TemporalModule> {
         Ok(match config.temporal {
@@ -59,6 +59,7 @@ pub fn refinement(archive: &Archive, config: &MotionConfig, device: &Device) -> 
     Ok(MotionRefinement {
         guidance: config.mvg.then(guidance).transpose()?,
         temporal: config.mfta.then(temporal).transpose()?,
+        rules: RefinementRules::new(config),
     })
 }
 

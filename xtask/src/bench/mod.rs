@@ -23,7 +23,7 @@ pub struct BenchArguments {
     /// Devices to compare, as `mvfusion devices` names them; all by default.
     #[arg(long, global = true, value_delimiter = ',')]
     devices: Vec<String>,
-    /// Write the figures to this file as JSON.
+    /// Write the metrics to this file as JSON.
     #[arg(long, global = true)]
     json: Option<PathBuf>,
     /// Threads to use; all cores by default.
@@ -43,7 +43,7 @@ enum Subject {
     Net(net::NetArguments),
     /// A whole refined training step with two views.
     Step(step::StepArguments),
-    /// LPIPS of a pair of pictures. Its figure does not depend on the weights, which are random here.
+    /// LPIPS of a pair of pictures. Its metric does not depend on the weights, which are random here.
     Lpips(lpips::LpipsArguments),
     /// Moving pixels and the motion hull of a synthetic film, on the CPU.
     Seeding(seeding::SeedingArguments),

@@ -46,7 +46,7 @@ pub fn find(root: &Path, packages: &[Package]) -> Result<Vec<Example>> {
 pub fn list(examples: &[Example]) -> String {
     let mut list = "| example | what it shows | command |\n|---|---|---|\n".to_owned();
     for Example { package, name, path, summary } in examples {
-        let summary = super::generated::cell(summary);
+        let summary = super::tables::cell(summary);
         // The list stands in `docs`.
         let link = path.display();
         _ = writeln!(list, "| [{name}](../{link}) | {summary} | `cargo run -p {package} --example {name}` |");

@@ -23,7 +23,7 @@ pub fn list(packages: &[Package]) -> String {
         let default = if all.iter().any(|(_, feature)| feature.default) { " (default)" } else { "" };
         let crates: Vec<_> = all.iter().map(|(package, _)| format!("`{}`", package.name)).collect();
         let comment = all.first().map_or("", |(_, feature)| &feature.comment);
-        _ = writeln!(list, "| `{name}`{default} | {} | {} |", crates.join(", "), super::generated::cell(comment));
+        _ = writeln!(list, "| `{name}`{default} | {} | {} |", crates.join(", "), super::tables::cell(comment));
     }
     list
 }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 
 use super::{Fault, examples, features, packages, text};
+use crate::splice::splice;
 
 /// The page that holds the lists.
 const PAGE: &str = "docs/README.md";
@@ -41,11 +42,6 @@ pub fn faults(root: &Path) -> Result<Vec<Fault>> {
     Ok(faults)
 }
 
-/// A text as it can stand in a cell of a table.
-pub fn cell(text: &str) -> String {
-    text.trim_end_matches('.').replace('|', "\\|")
-}
-
 fn lists(root: &Path) -> Result<Vec<List>> {
     let packages = packages::all(root)?;
     let examples = examples::find(root, &packages)?;
@@ -69,10 +65,7 @@ fn stale(page: &str, list: &List) -> Option<Fault> {
 
 /// The page with the list of now, or `None` where it lacks the markers.
 fn replaced(page: &str, list: &List) -> Option<String> {
-    let (start, end) = (start(list.name), end(list.name));
-    let (before, rest) = page.split_once(&start)?;
-    let (_, after) = rest.split_once(&end)?;
-    Some(format!("{before}{start}\n{}{end}{after}", list.body))
+    splice(page, &start(list.name), &end(list.name), &list.body)
 }
 
 fn start(name: &str) -> String {

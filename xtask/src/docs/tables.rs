@@ -1,5 +1,10 @@
 //! The cells of a table's row, as GitHub counts them.
 
+/// A text as it can stand in a cell.
+pub fn cell(text: &str) -> String {
+    text.trim_end_matches('.').replace('|', "\\|")
+}
+
 /// Number of cells of a row. A `|` ends a cell even within backticks, unless it is written `\|`.
 pub fn cells(row: &str) -> usize {
     let row = row.trim();

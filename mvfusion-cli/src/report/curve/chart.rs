@@ -90,12 +90,12 @@ impl<'a> Chart<'a> {
         Self { values: chart.values.down_to_zero(), ..chart }
     }
 
-    /// The chart as a figure with title, legend and drawing; a sentence where there is nothing to draw.
+    /// The chart as a metric with title, legend and drawing; a sentence where there is nothing to draw.
     pub fn draw(&self) -> Markup {
         let is_empty = self.series.iter().all(|series| series.points.iter().all(|point| !point.y.is_finite()));
         let logarithmic = self.values.spacing() == Spacing::Logarithmic;
         html! {
-            figure.chart {
+            metric.chart {
                 figcaption {
                     b { (self.title) }
                     @if logarithmic { " (logarithmic)" }

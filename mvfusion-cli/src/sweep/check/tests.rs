@@ -9,7 +9,7 @@ use mvfusion_model::train::picture_tensor;
 use super::*;
 use crate::device;
 use crate::run::{self, RenderSpeed};
-use crate::sweep::folder::figures;
+use crate::sweep::folder::metrics;
 
 /// Large enough for MS-SSIM, which needs more than 160 pixels.
 const SIDE: u32 = 176;
@@ -66,6 +66,6 @@ fn the_names_that_are_known_are_those_of_a_run_that_has_everything() {
     results.training_views = Some(scores);
     results.speed =
         Some(RenderSpeed { width: 8, height: 8, warm_up: 1, frames: 1, fps: 60.0, fps_without_mfta: Some(70.0) });
-    let given: BTreeSet<String> = figures(&results).into_keys().collect();
+    let given: BTreeSet<String> = metrics(&results).into_keys().collect();
     assert_eq!(metrics(), given);
 }

@@ -239,7 +239,7 @@ fn columns_and_paper_rows_belong_to_something() {
     cells(&flicker.replace("eval.strips = 1", "eval.strips = 1, eval.training_views = true"));
     let twice = "title = \"a\"\nscenes = [\"video\", \"video\"]\nmetrics = [\"composed.psnr\"]";
     assert!(refusal(&column(twice)).contains("the scene `video` is there twice"));
-    let paper = |figure: &str, text: &str| format!("{GRID}\n[[paper]]\nvalues = {{ \"{figure}\" = 1.0 }}\n{text}\n");
+    let paper = |metric: &str, text: &str| format!("{GRID}\n[[paper]]\nvalues = {{ \"{metric}\" = 1.0 }}\n{text}\n");
     let psnr = |text: &str| paper("composed.psnr", text);
     let whole = "variant = \"full\"\ncolumn = \"video\"\nat = { motion.window = 5 }";
     plan(&psnr(whole), &Additions::default()).expect("planned");
@@ -284,7 +284,7 @@ fn a_number_of_the_paper_is_given_once() {
     ] {
         cells(&rows(a, b));
     }
-    // Two rows of one place with different figures.
+    // Two rows of one place with different metrics.
     let ssim = "literature = \"3DGS\"\nvalues = { \"composed.ssim\" = 0.9 }";
     cells(&with_paper(&[&psnr("literature = \"3DGS\""), ssim]));
 }

@@ -1,23 +1,23 @@
 //! From what the cells yielded to the means and spreads of the table.
 
 use mvfusion_model::evaluation::Better;
-use toml::Value;
 
-use super::metric::TableMetric;
-use super::{CellCounts, Column, Entry, Method, Outcome, Row, SeedMean, Spread, State, Table, paper, regions};
-use crate::sweep::index::{Cell, Index};
+use super::paper::spoken;
+use super::{
+    CellCounts, Column, Entry, Method, Outcome, Row, SeedMean, Spread, State, Table, TrainedCell, paper, regions,
+};
+use crate::sweep::grid::Difference;
+use crate::sweep::index::Index;
+use crate::sweep::metric::TableMetric;
 
 /// How rows are called that have a heading for their method, but no variant.
 const OURS: &str = "ours";
-
-/// A cell and what became of it.
-pub(super) type Trained<'a> = (&'a Cell, &'a Outcome);
 
 impl Table {
     /// The table of a sweep; `outcomes` are in the order of the index's cells, and cells beyond them are not finished.
     pub fn of(index: &Index, outcomes: &[Outcome]) -> Self {
         let outcomes = outcomes.iter().chain(std::iter::repeat(&Outcome::Unfinished));
-        let cells: Vec<Trained> = index.cells.iter().zip(outcomes).collect();
+        let cells: Vec<TrainedCell> = index.cells.iter().zip(outcomes).collect();
         let seeds = distinct(index.cells.iter().map(|cell| cell.seed));
         let mut columns = columns(index);
         let regions = regions::sources(&columns, &cells);
@@ -28,6 +28,7 @@ impl Table {
             column.paper_decimals = paper_decimals(&rows, place, &column.metric);
             mark_best(&mut rows, place, &column.metric);
         }
+        rows.extend(differences(index, &rows, &labels));
         Self {
             name: index.name.clone(),
             title: index.title.clone(),
@@ -51,6 +52,27 @@ impl Entry {
         self.not_comparable.extend(number.and_then(|number| number.not_comparable).map(str::to_owned));
         self
     }
+
+    /// The differences to another entry, of the seeds that both have.
+    fn minus(&self, other: &Self) -> Self {
+        let difference = |own: &SeedMean| {
+            let other = other.seeds.iter().find(|other| other.seed == own.seed)?;
+            Some(SeedMean { seed: own.seed, mean: own.mean - other.mean })
+        };
+        let seeds: Vec<SeedMean> = self.seeds.iter().filter_map(difference).collect();
+        let spread = spread(&seeds.iter().map(|seed| seed.mean).collect::<Vec<_>>());
+        let missing = if self.state == State::Known { other.state } else { self.state };
+        let reasons = self.not_comparable.iter().chain(&other.not_comparable).cloned();
+        Self {
+            state: if spread.is_some() { State::Known } else { missing },
+            seeds,
+            spread,
+            paper: self.paper.zip(other.paper).map(|(own, other)| own - other),
+            not_comparable: distinct(reasons),
+            is_best: false,
+            is_difference: true,
+        }
+    }
 }
 
 /// A row for each method that is not trained here.
@@ -67,11 +89,11 @@ fn literature(index: &Index, columns: &[Column], labels: &Labels) -> Vec<Row> {
 }
 
 /// A row for all cells that differ in scene and seed alone.
-fn trained(index: &Index, columns: &[Column], labels: &Labels, seeds: &[u64], cells: &[Trained]) -> Vec<Row> {
+fn trained(index: &Index, columns: &[Column], labels: &Labels, seeds: &[u64], cells: &[TrainedCell]) -> Vec<Row> {
     let rows = distinct(index.cells.iter().map(|cell| (&cell.variant, &cell.values))).into_iter();
     let row = |(variant, values): (&String, &Vec<String>)| {
-        let own = |(cell, _): &&Trained| cell.variant == *variant && cell.values == *values;
-        let own: Vec<Trained> = cells.iter().filter(own).copied().collect();
+        let own = |(cell, _): &&TrainedCell| cell.variant == *variant && cell.values == *values;
+        let own: Vec<TrainedCell> = cells.iter().filter(own).copied().collect();
         let place = (variant.as_str(), index.axes.as_slice(), values.as_slice());
         let number = |group: &str, metric: &str| paper::of_trained(&index.paper, place, (group, metric));
         let entry = |column: &Column| entry(column, &own, seeds).with_paper(number(&column.group, &column.metric.name));
@@ -80,6 +102,30 @@ fn trained(index: &Index, columns: &[Column], labels: &Labels, seeds: &[u64], ce
         Row { labels: labels.row(name, values), method, entries: columns.iter().map(entry).collect() }
     };
     rows.map(row).collect()
+}
+
+/// A row for each difference that the grid asks for, at all values of the swept keys that both variants have.
+fn differences(index: &Index, rows: &[Row], labels: &Labels) -> Vec<Row> {
+    let of_variant = |name: &str| {
+        rows.iter().filter_map(move |row| match &row.method {
+            Method::Trained { variant, values } if variant == name => Some((values, row)),
+            _ => None,
+        })
+    };
+    let row = |difference: &Difference, values: &Vec<String>, first: &Row, second: &Row| {
+        let Difference { variant, minus } = difference.clone();
+        let entries = first.entries.iter().zip(&second.entries).map(|(first, second)| first.minus(second)).collect();
+        let labels = labels.row(&format!("{variant} - {minus}"), values);
+        Row { labels, method: Method::Difference { variant, minus, values: values.clone() }, entries }
+    };
+    let of_pair = |difference: &Difference| -> Vec<Row> {
+        let seconds: Vec<_> = of_variant(&difference.minus).collect();
+        let partner = |values: &Vec<String>| seconds.iter().find(|(others, _)| *others == values);
+        of_variant(&difference.variant)
+            .filter_map(|(values, first)| Some(row(difference, values, first, partner(values)?.1)))
+            .collect()
+    };
+    index.differences.iter().flat_map(of_pair).collect()
 }
 
 /// The different items in the order in which they first come.
@@ -144,24 +190,16 @@ impl Labels {
     }
 }
 
-/// A TOML value as it is read: a string without its quotes, all else as it is written.
-pub(super) fn spoken(value: &str) -> String {
-    match paper::parsed(value) {
-        Value::String(text) => text,
-        _ => value.to_owned(),
-    }
-}
-
-/// Our figure of a column for cells that differ in scene and seed alone.
-fn entry(column: &Column, own: &[Trained], seeds: &[u64]) -> Entry {
-    let own: Vec<Trained> = own.iter().filter(|(cell, _)| column.scenes.contains(&cell.scene)).copied().collect();
+/// Our metric of a column for cells that differ in scene and seed alone.
+fn entry(column: &Column, own: &[TrainedCell], seeds: &[u64]) -> Entry {
+    let own: Vec<TrainedCell> = own.iter().filter(|(cell, _)| column.scenes.contains(&cell.scene)).copied().collect();
     let mean_of = |seed: &u64| {
         let of_scene = |scene: &String| {
             let (_, outcome) = own.iter().find(|(cell, _)| cell.seed == *seed && cell.scene == *scene)?;
-            figure(outcome, &column.metric.name)
+            metric(outcome, &column.metric.name)
         };
-        let figures: Option<Vec<f64>> = column.scenes.iter().map(of_scene).collect();
-        figures.and_then(|figures| mean(&figures)).map(|mean| SeedMean { seed: *seed, mean })
+        let metrics: Option<Vec<f64>> = column.scenes.iter().map(of_scene).collect();
+        metrics.and_then(|metrics| mean(&metrics)).map(|mean| SeedMean { seed: *seed, mean })
     };
     let means: Vec<SeedMean> = seeds.iter().filter_map(mean_of).collect();
     let spread = spread(&means.iter().map(|seed| seed.mean).collect::<Vec<_>>());
@@ -172,22 +210,23 @@ fn entry(column: &Column, own: &[Trained], seeds: &[u64]) -> Entry {
         paper: None,
         not_comparable: distinct(own.iter().filter_map(|(cell, _)| cell.not_comparable.clone())),
         is_best: false,
+        is_difference: false,
     }
 }
 
-/// A figure of a cell; one that is no number is not known.
-fn figure(outcome: &Outcome, name: &str) -> Option<f64> {
+/// A metric of a cell; one that is no number is not known.
+fn metric(outcome: &Outcome, name: &str) -> Option<f64> {
     match outcome {
-        Outcome::Figures(figures) => figures.numbers.get(name).copied().filter(|value| value.is_finite()),
+        Outcome::Metrics(metrics) => metrics.numbers.get(name).copied().filter(|value| value.is_finite()),
         Outcome::Failed | Outcome::Unfinished => None,
     }
 }
 
-/// Why no seed has a figure.
-fn state(own: &[Trained], name: &str) -> State {
+/// Why no seed has a metric.
+fn state(own: &[TrainedCell], name: &str) -> State {
     let any = |is: &dyn Fn(&Outcome) -> bool| own.iter().any(|(_, outcome)| is(outcome));
     // What a finished cell does not know, those that failed would not have known either.
-    if any(&|outcome| matches!(outcome, Outcome::Figures(_)) && figure(outcome, name).is_none()) {
+    if any(&|outcome| matches!(outcome, Outcome::Metrics(_)) && metric(outcome, name).is_none()) {
         State::Unknown
     } else if any(&|outcome| *outcome == Outcome::Failed) {
         State::Failed
@@ -229,7 +268,7 @@ fn mark_best(rows: &mut [Row], place: usize, metric: &TableMetric) {
     }
 }
 
-fn counts(cells: &[Trained]) -> CellCounts {
+fn counts(cells: &[TrainedCell]) -> CellCounts {
     let count = |wanted: &Outcome| cells.iter().filter(|(_, outcome)| *outcome == wanted).count();
     CellCounts { total: cells.len(), failed: count(&Outcome::Failed), unfinished: count(&Outcome::Unfinished) }
 }

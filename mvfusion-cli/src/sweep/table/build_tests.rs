@@ -1,23 +1,23 @@
 //! Tests of the means, spreads, labels and marks.
 
-use super::super::specimen::{ablation, cell, figures, group, index, windows};
+use super::super::specimen::{ablation, cell, metrics, group, index, windows};
 use super::*;
 
 fn labels(table: &Table) -> Vec<String> {
     table.rows.iter().map(|row| row.labels.join(", ")).collect()
 }
 
-/// Fields of our figures, row by row.
+/// Fields of our metrics, row by row.
 fn fields(table: &Table) -> Vec<Vec<String>> {
     let field = |(column, entry)| {
         let field = table.field(column, entry);
-        format!("{}{}{}", field.figure, if field.is_best { "!" } else { "" }, field.rest)
+        format!("{}{}{}", field.text, if field.is_best { "!" } else { "" }, field.rest)
     };
     table.rows.iter().map(|row| table.columns.iter().zip(&row.entries).map(field).collect()).collect()
 }
 
 #[test]
-fn figures_are_averaged_over_scenes_and_then_over_seeds() {
+fn metrics_are_averaged_over_scenes_and_then_over_seeds() {
     let (index, outcomes) = ablation();
     let table = Table::of(&index, &outcomes);
     let full = &table.rows[2].entries[0];
@@ -58,7 +58,7 @@ fn seeds_and_cells_that_are_missing_are_said() {
 fn an_entry_whose_cells_failed_says_so() {
     let mut index = index(&[], vec![group("All", &[], &["composed.psnr"])], "");
     index.cells = vec![cell("a", "x", &[], 0), cell("b", "x", &[], 0), cell("a", "y", &[], 0), cell("b", "y", &[], 0)];
-    let known = figures(&[("composed.psnr", 20.0)]);
+    let known = metrics(&[("composed.psnr", 20.0)]);
     let outcomes = [known.clone(), Outcome::Failed, known, Outcome::Unfinished];
     let table = Table::of(&index, &outcomes);
     assert_eq!(fields(&table), [["failed"], ["-"]]);
@@ -70,9 +70,9 @@ fn an_entry_whose_cells_failed_says_so() {
 fn a_seed_that_failed_does_not_hide_those_that_did_not() {
     let mut index = index(&[], vec![group("All", &[], &["composed.psnr"])], "");
     index.cells = vec![cell("a", "x", &[], 0), cell("a", "x", &[], 7)];
-    let table = Table::of(&index, &[Outcome::Failed, figures(&[("composed.psnr", 20.0)])]);
+    let table = Table::of(&index, &[Outcome::Failed, metrics(&[("composed.psnr", 20.0)])]);
     assert_eq!(fields(&table), [["20.00 (1 of 2 seeds)"]]);
-    let table = Table::of(&index, &[figures(&[("composed.psnr", f64::NAN)]), figures(&[("composed.psnr", 20.0)])]);
+    let table = Table::of(&index, &[metrics(&[("composed.psnr", f64::NAN)]), metrics(&[("composed.psnr", 20.0)])]);
     assert_eq!(fields(&table), [["20.00 (1 of 2 seeds)"]]);
 }
 
@@ -123,7 +123,7 @@ fn the_best_is_what_looks_best_and_needs_a_rival() {
     let rows = [("1", 20.001, 0.2), ("2", 20.004, 0.1), ("3", 19.99, 0.1)];
     index.cells = rows.iter().map(|(value, ..)| cell("a", "", &[value], 0)).collect();
     let outcomes =
-        rows.map(|(_, psnr, lpips)| figures(&[("composed.psnr", psnr), ("composed.lpips_alex", lpips), ("odd", 1.0)]));
+        rows.map(|(_, psnr, lpips)| metrics(&[("composed.psnr", psnr), ("composed.lpips_alex", lpips), ("odd", 1.0)]));
     let table = Table::of(&index, &outcomes);
     let best = |column: usize| table.rows.iter().map(|row| row.entries[column].is_best).collect::<Vec<_>>();
     assert_eq!(best(0), [true, true, false]);

@@ -1,4 +1,4 @@
-//! `table.csv`: a line for each figure of each row, for other programs.
+//! `table.csv`: a line for each metric of each row, for other programs.
 
 use super::Table;
 
@@ -12,7 +12,7 @@ impl Table {
         for row in &self.rows {
             for (column, entry) in self.columns.iter().zip(&row.entries) {
                 let number = |value: Option<f64>| value.map_or(String::new(), |value| value.to_string());
-                let figures = [
+                let metrics = [
                     column.group.clone(),
                     column.metric.name.clone(),
                     number(entry.spread.map(|spread| spread.mean)),
@@ -22,7 +22,7 @@ impl Table {
                     number(entry.difference()),
                     entry.is_comparable().map_or(String::new(), |is| is.to_string()),
                 ];
-                text += &line(row.labels.iter().chain(&figures).map(String::as_str));
+                text += &line(row.labels.iter().chain(&metrics).map(String::as_str));
             }
         }
         text
@@ -44,11 +44,11 @@ fn quoted(field: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::specimen::{ablation, cell, figures, group, index};
+    use super::super::specimen::{ablation, cell, metrics, group, index};
     use super::*;
 
     #[test]
-    fn a_line_has_one_figure_in_full() {
+    fn a_line_has_one_metric_in_full() {
         let (index, outcomes) = ablation();
         let text = Table::of(&index, &outcomes).csv();
         let lines: Vec<&str> = text.split_terminator("\r\n").collect();
@@ -65,7 +65,7 @@ mod tests {
     fn fields_are_quoted_where_they_must_be() {
         let mut index = index(&["key"], vec![group("A, \"B\"", &[], &["composed.psnr"])], "");
         index.cells = vec![cell("s", "", &["\"x\\ny\""], 0), cell("s", "", &["[1, 2]"], 0)];
-        let table = Table::of(&index, &[figures(&[("composed.psnr", 20.0)])]);
+        let table = Table::of(&index, &[metrics(&[("composed.psnr", 20.0)])]);
         assert_eq!(
             table.csv(),
             "key,column,metric,mean,deviation,seeds,paper,difference,comparable\r\n\
@@ -83,7 +83,7 @@ mod tests {
             ";
         let mut index = index(&[], vec![group("A", &[], &["composed.psnr"])], paper);
         index.cells = vec![cell("s", "", &[], 0)];
-        let table = Table::of(&index, &[figures(&[("composed.psnr", 20.0)])]);
+        let table = Table::of(&index, &[metrics(&[("composed.psnr", 20.0)])]);
         assert!(table.csv().ends_with("\r\nA,composed.psnr,20,,1,21,-1,true\r\n"), "{}", table.csv());
     }
 }

@@ -1,6 +1,7 @@
-//! How a figure of the table reads, whatever the format.
+//! How a metric of the table reads, whatever the format.
 
 use super::{Column, Entry, State, Table};
+use crate::sweep::metric::TableMetric;
 
 /// The mark of the paper's numbers that are not comparable.
 pub(super) const DAGGER: char = '\u{2020}';
@@ -9,7 +10,7 @@ pub(super) const DAGGER: char = '\u{2020}';
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Field {
     /// The mean, or the word in its stead.
-    pub figure: String,
+    pub text: String,
     /// Whether that is the best of its column.
     pub is_best: bool,
     /// Spread, and seeds that are missing.
@@ -31,7 +32,7 @@ impl Entry {
 }
 
 impl Table {
-    /// Our figure: `27.31 ± 0.12 (2 of 3 seeds)`.
+    /// Our metric: `27.31 ± 0.12 (2 of 3 seeds)`.
     pub(super) fn field(&self, column: &Column, entry: &Entry) -> Field {
         let Some(spread) = entry.spread else {
             let word = match entry.state {
@@ -39,13 +40,14 @@ impl Table {
                 State::NotTrained => "",
                 State::Known | State::Unfinished | State::Unknown => "-",
             };
-            return Field { figure: word.to_owned(), is_best: false, rest: String::new() };
+            return Field { text: word.to_owned(), is_best: false, rest: String::new() };
         };
         let deviation = spread.deviation.map(|deviation| format!(" \u{b1} {}", column.metric.shown(deviation)));
         let (complete, all) = (entry.seeds.len(), self.seeds.len());
         let missing = (complete < all).then(|| format!(" ({complete} of {all} seeds)"));
         let rest = deviation.unwrap_or_default() + &missing.unwrap_or_default();
-        Field { figure: column.metric.shown(spread.mean), is_best: entry.is_best, rest }
+        let shown = if entry.is_difference { TableMetric::signed } else { TableMetric::shown };
+        Field { text: shown(&column.metric, spread.mean), is_best: entry.is_best, rest }
     }
 }
 
@@ -59,6 +61,7 @@ impl Column {
         // A frame in twenty seconds is not none.
         let is_lost = paper != 0.0 && !rounded.contains(|digit: char| ('1'..='9').contains(&digit));
         let paper = if is_lost { paper.to_string() } else { rounded };
+        let paper = if entry.is_difference && !paper.starts_with('-') { format!("+{paper}") } else { paper };
         let dagger = if entry.is_comparable() == Some(false) { DAGGER.to_string() } else { String::new() };
         let Some(difference) = entry.difference() else { return paper + &dagger };
         format!("{paper} ({}){dagger}", self.metric.signed(difference))

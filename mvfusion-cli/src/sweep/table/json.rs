@@ -30,13 +30,15 @@ struct ColumnJson<'a> {
     better: Option<Better>,
 }
 
-/// A row is either of a `variant` or of the `literature`.
+/// A row is of a `variant`, of a `variant` less another (`minus`), or of the `literature`.
 #[derive(Serialize)]
 struct RowJson<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     literature: Option<&'a str>,
     #[serde(skip_serializing_if = "Option::is_none")]
     variant: Option<&'a str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    minus: Option<&'a str>,
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     values: BTreeMap<&'a str, toml::Value>,
     labels: BTreeMap<&'a str, &'a str>,
@@ -74,14 +76,24 @@ impl Table {
     }
 
     fn row_json<'a>(&'a self, row: &'a Row) -> RowJson<'a> {
-        let (literature, variant, values) = match &row.method {
-            Method::Literature(name) => (Some(name.as_str()), None, &[][..]),
-            Method::Trained { variant, values } => (None, Some(variant.as_str()), values.as_slice()),
+        let (literature, variant, minus, values) = match &row.method {
+            Method::Literature(name) => (Some(name.as_str()), None, None, &[][..]),
+            Method::Trained { variant, values } => (None, Some(variant.as_str()), None, values.as_slice()),
+            Method::Difference { variant, minus, values } => {
+                (None, Some(variant.as_str()), Some(minus.as_str()), values.as_slice())
+            }
         };
         let values = self.axes.iter().zip(values).map(|(key, value)| (key.as_str(), paper::parsed(value)));
         let labels = self.headings.iter().zip(&row.labels).map(|(heading, label)| (heading.as_str(), label.as_str()));
         let entries = self.columns.iter().zip(&row.entries).map(|(column, entry)| entry_json(column, entry));
-        RowJson { literature, variant, values: values.collect(), labels: labels.collect(), entries: entries.collect() }
+        RowJson {
+            literature,
+            variant,
+            minus,
+            values: values.collect(),
+            labels: labels.collect(),
+            entries: entries.collect(),
+        }
     }
 }
 

@@ -1,18 +1,17 @@
 //! `table.tex`: the table for a paper, in the manner of booktabs.
 
-use super::{Entry, Method, Row, Table};
+use super::{Entry, Row, Table};
 
 impl Table {
     /// The table in LaTeX; it needs the package booktabs.
     pub fn latex(&self) -> String {
-        let spec = "l".repeat(self.headings.len()) + &"c".repeat(self.figure_columns());
+        let spec = "l".repeat(self.headings.len()) + &"c".repeat(self.metric_columns());
         // A tabular must have a column, even if there is nothing to put into it.
         let spec = if spec.is_empty() { "l" } else { &spec };
-        let [literature, trained] = [true, false].map(|is_literature| {
-            let rows = self.rows.iter().filter(|row| matches!(row.method, Method::Literature(_)) == is_literature);
-            rows.map(|row| self.latex_row(row)).collect::<String>()
-        });
-        let rule = if literature.is_empty() || trained.is_empty() { "" } else { "\\midrule\n" };
+        let is_alike = |a: &Row, b: &Row| std::mem::discriminant(&a.method) == std::mem::discriminant(&b.method);
+        let block = |rows: &[Row]| rows.iter().map(|row| self.latex_row(row)).collect::<String>();
+        let blocks: Vec<String> = self.rows.chunk_by(is_alike).map(block).collect();
+        let body = blocks.join("\\midrule\n");
         let notes: Vec<String> = self.notes().iter().map(|note| escaped(note)).collect();
         let notes = match notes.is_empty() {
             true => String::new(),
@@ -20,7 +19,7 @@ impl Table {
         };
         format!(
             "% Needs \\usepackage{{booktabs}}.\n\\begin{{table}}[t]\n\\centering\n\\caption{{{}}}\n\\label{{tab:{}}}\n\
-             \\small\n\\begin{{tabular}}{{{spec}}}\n\\toprule\n{}{}\\midrule\n{literature}{rule}{trained}\\bottomrule\n\
+             \\small\n\\begin{{tabular}}{{{spec}}}\n\\toprule\n{}{}\\midrule\n{body}\\bottomrule\n\
              \\end{{tabular}}\n{notes}\\end{{table}}\n",
             escaped(&self.title),
             label(&self.name),
@@ -30,7 +29,7 @@ impl Table {
     }
 
     /// Columns behind the labels.
-    fn figure_columns(&self) -> usize {
+    fn metric_columns(&self) -> usize {
         self.columns.iter().map(|column| 1 + usize::from(column.paper_decimals.is_some())).sum()
     }
 
@@ -67,9 +66,9 @@ impl Table {
 
     fn latex_field(&self, column: &super::Column, entry: &Entry) -> String {
         let field = self.field(column, entry);
-        let figure = if field.figure == "-" { "--".to_owned() } else { with_minus(&escaped(&field.figure)) };
-        let figure = if field.is_best { format!("\\textbf{{{figure}}}") } else { figure };
-        figure + &escaped(&field.rest)
+        let metric = if field.text == "-" { "--".to_owned() } else { with_minus(&escaped(&field.text)) };
+        let metric = if field.is_best { format!("\\textbf{{{metric}}}") } else { metric };
+        metric + &escaped(&field.rest)
     }
 }
 

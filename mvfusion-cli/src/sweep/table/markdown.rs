@@ -1,13 +1,50 @@
 //! `table.md`: the table for people, as GitHub shows it.
 
-use super::{Entry, Row, Table};
+use std::ops::Range;
+
+use super::{Column, Entry, Row, Table};
+
+/// Columns that one table can have; more than these do not fit beside one another.
+const WIDE: usize = 12;
 
 impl Table {
-    /// The table in Markdown, its columns aligned for those who read the file as it is.
+    /// The table in Markdown, its columns aligned for those who read the file as it is. A table with many columns is
+    /// split by their groups.
     pub fn markdown(&self) -> String {
+        let mut text = format!("# {}\n\n", escaped(&self.title));
+        if !self.about.is_empty() {
+            text += &format!("{}\n\n", escaped(self.about.trim()));
+        }
+        text += &self.markdown_tables();
+        let notes = self.notes();
+        if !notes.is_empty() {
+            text.push('\n');
+            text.extend(notes.iter().map(|note| format!("- {}\n", escaped(note))));
+        }
+        text
+    }
+
+    /// The table alone, without heading and notes.
+    fn markdown_tables(&self) -> String {
+        if self.columns.len() <= WIDE {
+            return self.markdown_block(0..self.columns.len(), true);
+        }
+        let mut first = 0;
+        let mut blocks = Vec::new();
+        for group in self.columns.chunk_by(|a, b| a.group_index == b.group_index) {
+            let block = self.markdown_block(first..first + group.len(), false);
+            blocks.push(format!("**{}**\n\n{block}", escaped(&group[0].group)));
+            first += group.len();
+        }
+        blocks.join("\n")
+    }
+
+    /// The table of some columns; their heads name their groups or not.
+    fn markdown_block(&self, columns: Range<usize>, names_groups: bool) -> String {
         let labels = self.headings.len();
+        let heads = self.markdown_heads(&self.columns[columns.clone()], names_groups);
         let rows: Vec<Vec<String>> =
-            std::iter::once(self.markdown_heads()).chain(self.rows.iter().map(|row| self.markdown_row(row))).collect();
+            std::iter::once(heads).chain(self.rows.iter().map(|row| self.markdown_row(row, columns.clone()))).collect();
         let width = |place: usize| rows.iter().map(|row| row[place].chars().count()).max().unwrap_or(0).max(3);
         let widths: Vec<usize> = (0..rows[0].len()).map(width).collect();
         let line = |row: &Vec<String>| {
@@ -22,42 +59,32 @@ impl Table {
             true => format!(":{}|", "-".repeat(width + 1)),
             false => format!("{}:|", "-".repeat(width + 1)),
         });
-        let mut text = format!("# {}\n\n", escaped(&self.title));
-        if !self.about.is_empty() {
-            text += &format!("{}\n\n", escaped(self.about.trim()));
-        }
-        text += &line(&rows[0]);
-        text += &format!("|{}\n", rules.collect::<String>());
-        text.extend(rows[1..].iter().map(line));
-        let notes = self.notes();
-        if !notes.is_empty() {
-            text.push('\n');
-            text.extend(notes.iter().map(|note| format!("- {}\n", escaped(note))));
-        }
-        text
+        let rules = format!("|{}\n", rules.collect::<String>());
+        std::iter::once(line(&rows[0])).chain([rules]).chain(rows[1..].iter().map(line)).collect()
     }
 
-    fn markdown_heads(&self) -> Vec<String> {
+    fn markdown_heads(&self, columns: &[Column], names_groups: bool) -> Vec<String> {
         let mut heads: Vec<String> = self.headings.iter().map(|heading| escaped(heading)).collect();
-        for column in &self.columns {
-            heads.push(escaped(format!("{} {}", column.group, column.metric.heading()).trim()));
+        for column in columns {
+            let group = if names_groups { column.group.as_str() } else { "" };
+            heads.push(escaped(format!("{group} {}", column.metric.heading()).trim()));
             heads.extend(column.paper_decimals.map(|_| "paper".to_owned()));
         }
         heads
     }
 
-    fn markdown_row(&self, row: &Row) -> Vec<String> {
+    fn markdown_row(&self, row: &Row, columns: Range<usize>) -> Vec<String> {
         let mut fields: Vec<String> = row.labels.iter().map(|label| escaped(label)).collect();
-        for (column, entry) in self.columns.iter().zip(&row.entries) {
+        for (column, entry) in self.columns[columns.clone()].iter().zip(&row.entries[columns]) {
             fields.push(self.markdown_field(column, entry));
             fields.extend(column.paper_decimals.map(|_| column.paper_field(entry)));
         }
         fields
     }
 
-    fn markdown_field(&self, column: &super::Column, entry: &Entry) -> String {
+    fn markdown_field(&self, column: &Column, entry: &Entry) -> String {
         let field = self.field(column, entry);
-        if field.is_best { format!("**{}**{}", field.figure, field.rest) } else { field.figure + &field.rest }
+        if field.is_best { format!("**{}**{}", field.text, field.rest) } else { field.text + &field.rest }
     }
 }
 

@@ -9,7 +9,6 @@ mod entry;
 mod json;
 mod latex;
 mod markdown;
-mod metric;
 mod notes;
 mod paper;
 mod plot;
@@ -18,37 +17,35 @@ mod regions;
 mod scale;
 #[cfg(test)]
 mod specimen;
+mod write;
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
 
-use anyhow::Context;
 use mvfusion_model::evaluation::RegionSource;
 use serde::Serialize;
 
-pub use metric::TableMetric;
-pub(super) use metric::lpips_network;
+pub use write::write;
 
-use super::index::{Index, Wanted};
-use crate::{atomic, run};
+use super::index::{Cell, Wanted};
+use super::metric::TableMetric;
 
-/// Folder of the curves.
-const PLOTS: &str = "plots";
+/// A cell and what became of it.
+type TrainedCell<'a> = (&'a Cell, &'a Outcome);
 
 /// What became of a cell.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Outcome {
-    /// It has its figures.
-    Figures(CellFigures),
+    /// It has its metrics.
+    Metrics(CellMetrics),
     /// It ended with an error.
     Failed,
     /// It has not run, or not to its end.
     Unfinished,
 }
 
-/// The figures of a cell.
+/// The metrics of a cell.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct CellFigures {
+pub struct CellMetrics {
     /// The numbers, by names such as `composed.psnr`.
     pub numbers: BTreeMap<String, f64>,
     /// What the dynamic region of the held-out views was taken from; absent where they have none.
@@ -72,19 +69,19 @@ pub struct Table {
     pub seeds: Vec<u64>,
     /// Headings of a row's labels; a label that would be the same in all rows is left out.
     pub headings: Vec<String>,
-    /// The figures.
+    /// The metrics.
     pub columns: Vec<Column>,
-    /// The rows, those from the literature first.
+    /// The rows: those from the literature, those that were trained, differences.
     pub rows: Vec<Row>,
-    /// What the sweep measures beside the figures that a training leaves.
+    /// What the sweep measures beside the metrics that a training leaves.
     pub wanted: Wanted,
-    /// The scenes of columns that show a figure of a region, by what their regions were taken from.
+    /// The scenes of columns that show a metric of a region, by what their regions were taken from.
     pub regions: BTreeMap<RegionSource, Vec<String>>,
     /// How the cells ended.
     pub cells: CellCounts,
 }
 
-/// A figure of the mean over some scenes.
+/// A metric of the mean over some scenes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Column {
     /// Heading of the group that it belongs to; neighbours of the same group stand together.
@@ -93,7 +90,7 @@ pub struct Column {
     pub group_index: usize,
     /// The scenes that are averaged.
     pub scenes: Vec<String>,
-    /// The figure.
+    /// The metric.
     pub metric: TableMetric,
     /// Decimals of the paper's numbers, as it gives them; absent where it has none in this column.
     pub paper_decimals: Option<usize>,
@@ -104,13 +101,13 @@ pub struct Column {
 pub struct Row {
     /// One for each of the table's headings.
     pub labels: Vec<String>,
-    /// Where its figures come from.
+    /// Where its metrics come from.
     pub method: Method,
     /// One for each of the table's columns.
     pub entries: Vec<Entry>,
 }
 
-/// Where the figures of a row come from.
+/// Where the metrics of a row come from.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Method {
     /// Cells of the sweep.
@@ -120,11 +117,20 @@ pub enum Method {
         /// Their values of the swept keys, as TOML.
         values: Vec<String>,
     },
+    /// The differences of two variants at the same values, seed by seed.
+    Difference {
+        /// The variant whose metrics come first.
+        variant: String,
+        /// The variant whose metrics are subtracted.
+        minus: String,
+        /// Their values of the swept keys, as TOML.
+        values: Vec<String>,
+    },
     /// Not trained here; there are the paper's numbers alone.
     Literature(String),
 }
 
-/// A figure of a row.
+/// A metric of a row.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Entry {
     /// Whether there is one, and if not, why.
@@ -139,9 +145,11 @@ pub struct Entry {
     pub not_comparable: Vec<String>,
     /// Whether no row has a better one.
     pub is_best: bool,
+    /// Whether it is a difference of two rows, which is written with its sign.
+    pub is_difference: bool,
 }
 
-/// Whether a figure is there.
+/// Whether a metric is there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum State {
@@ -185,76 +193,4 @@ pub struct CellCounts {
     pub failed: usize,
     /// Those that are still to finish.
     pub unfinished: usize,
-}
-
-/// Writes `table.md`, `table.tex`, `table.csv`, `table.json` and the curves into the sweep's folder; returns where they
-/// lie. `outcomes` are in the order of the index's cells.
-///
-/// # Errors
-/// If a file cannot be written.
-pub fn write(index: &Index, outcomes: &[Outcome], folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
-    let table = Table::of(index, outcomes);
-    let mut written = Vec::new();
-    for (name, text) in [("table.md", table.markdown()), ("table.tex", table.latex()), ("table.csv", table.csv())] {
-        let path = run::place(folder, &[name])?;
-        atomic::write(&path, text.as_bytes())?;
-        written.push(path);
-    }
-    let path = run::place(folder, &["table.json"])?;
-    atomic::write_json(&path, &table.json())?;
-    written.push(path);
-    let plots = plots::of(&table);
-    remove_others(&folder.join(PLOTS), &plots)?;
-    for plot in plots {
-        let path = run::place(folder, &[PLOTS, &plot.file])?;
-        atomic::write(&path, plot.svg().as_bytes())?;
-        written.push(path);
-    }
-    Ok(written)
-}
-
-/// Removes curves that the table no longer has: its grid may have changed.
-fn remove_others(folder: &Path, plots: &[plots::Plot]) -> anyhow::Result<()> {
-    let Ok(entries) = std::fs::read_dir(folder) else { return Ok(()) };
-    for path in entries.filter_map(|entry| Some(entry.ok()?.path())) {
-        let is_plot = path.extension().is_some_and(|extension| extension == "svg");
-        let is_wanted = plots.iter().any(|plot| path.ends_with(&plot.file));
-        if is_plot && !is_wanted {
-            std::fs::remove_file(&path).with_context(|| format!("cannot remove {}", path.display()))?;
-        }
-    }
-    Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::specimen::{ablation, windows};
-    use super::*;
-
-    #[test]
-    fn all_files_are_written_and_returned() {
-        let folder = tempfile::tempdir().expect("folder");
-        let (index, outcomes) = windows();
-        let written = write(&index, &outcomes, folder.path()).expect("written");
-        let names: Vec<String> = written
-            .iter()
-            .map(|path| path.strip_prefix(folder.path()).expect("within").to_string_lossy().replace('\\', "/"))
-            .collect();
-        let plots = ["plots/motion-window_composed-psnr.svg", "plots/motion-window_composed-lpips_alex.svg"];
-        let tables = ["table.md", "table.tex", "table.csv", "table.json"];
-        assert_eq!(names, [&tables[..], &plots[..]].concat());
-        assert!(written.iter().all(|path| path.is_file()));
-    }
-
-    #[test]
-    fn a_sweep_of_variants_has_no_curves_and_writes_the_same_twice() {
-        let folder = tempfile::tempdir().expect("folder");
-        let (index, outcomes) = ablation();
-        let read = |paths: &[PathBuf]| -> Vec<String> {
-            paths.iter().map(|path| std::fs::read_to_string(path).expect("read")).collect()
-        };
-        let first = read(&write(&index, &outcomes, folder.path()).expect("written"));
-        assert_eq!(first.len(), 4);
-        assert_eq!(read(&write(&index, &outcomes, folder.path()).expect("written")), first);
-    }
 }

@@ -3,14 +3,15 @@
 use mvfusion_model::evaluation::Backbone;
 
 use super::entry::DAGGER;
-use super::metric::lpips_network;
-use super::{Entry, State, Table};
+use super::{Entry, Method, State, Table};
+use crate::sweep::metric::lpips_network;
 
 impl Table {
     /// The notes, a sentence or two each.
     pub fn notes(&self) -> Vec<String> {
         let notes = [
             self.spread_note(),
+            self.difference_note(),
             self.best_note(),
             self.paper_note(),
             self.comparable_note(),
@@ -34,6 +35,11 @@ impl Table {
                  of a column."
             )),
         }
+    }
+
+    fn difference_note(&self) -> Option<String> {
+        let has_differences = self.rows.iter().any(|row| matches!(row.method, Method::Difference { .. }));
+        has_differences.then(|| "A - B: the mean over seeds of the differences of the same seed.".to_owned())
     }
 
     fn best_note(&self) -> Option<String> {
@@ -96,7 +102,7 @@ impl Table {
 
 #[cfg(test)]
 mod tests {
-    use super::super::specimen::{ablation, cell, figures, group, index, windows};
+    use super::super::specimen::{ablation, cell, metrics, group, index, windows};
     use super::*;
     use crate::sweep::table::{CellCounts, Outcome};
 
@@ -121,7 +127,7 @@ mod tests {
         let columns = vec![group("a", &[], &["composed.lpips_alex", "static.lpips_alex", "composed.lpips_vgg"])];
         let mut index = index(&[], columns, "");
         index.cells = vec![cell("a", "", &[], 0)];
-        let said = |index: &_, known: &[(&str, f64)]| Table::of(index, &[figures(known)]).lpips_note();
+        let said = |index: &_, known: &[(&str, f64)]| Table::of(index, &[metrics(known)]).lpips_note();
         let (alex, vgg) = (("composed.lpips_alex", 0.1), ("composed.lpips_vgg", 0.1));
         assert_eq!(said(&index, &[]).as_deref(), Some("LPIPS: not measured, no weights were given (--lpips-weights)."));
         assert_eq!(Table::of(&index, &[]).lpips_note(), None, "nothing has finished");
@@ -135,7 +141,7 @@ mod tests {
         );
         // Its weights were there: the pictures were too small, or the like.
         assert_eq!(said(&index, &[vgg]), None);
-        let table = Table::of(&index, &[figures(&[alex])]);
+        let table = Table::of(&index, &[metrics(&[alex])]);
         assert!(table.markdown().contains("LPIPS by vgg: not measured"), "{}", table.markdown());
         assert!(table.latex().contains("LPIPS by vgg: not measured"), "{}", table.latex());
         let json = serde_json::to_value(table.json()).expect("written");
@@ -157,7 +163,7 @@ mod tests {
             ";
         let mut index = index(&[], vec![group("a", &[], &["composed.psnr", "mask_iou"])], paper);
         index.cells = vec![cell("a", "", &[], 0)];
-        let table = Table::of(&index, &[figures(&[("composed.psnr", 31.0)])]);
+        let table = Table::of(&index, &[metrics(&[("composed.psnr", 31.0)])]);
         let shown = |row: usize| {
             let entries = table.columns.iter().zip(&table.rows[row].entries);
             entries.map(|(column, entry)| column.paper_field(entry)).collect::<Vec<_>>()

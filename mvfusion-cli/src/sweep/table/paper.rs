@@ -19,7 +19,7 @@ impl<'a> Number<'a> {
     }
 }
 
-/// The paper's number for a figure of cells of a variant with some values of the swept keys. One of its rows has it at
+/// The paper's number for a metric of cells of a variant with some values of the swept keys. One of its rows has it at
 /// most: a grid with two is refused.
 pub(super) fn of_trained<'a>(
     paper: &'a [PaperRow],
@@ -35,7 +35,7 @@ pub(super) fn of_trained<'a>(
     paper.iter().filter(fits).find_map(|row| Number::of(row, metric))
 }
 
-/// The paper's number for a figure of a method that is not trained here.
+/// The paper's number for a metric of a method that is not trained here.
 pub(super) fn of_literature<'a>(
     paper: &'a [PaperRow],
     (name, at): (&str, &Table),
@@ -74,6 +74,14 @@ pub(super) fn parsed(text: &str) -> Value {
     text.parse().unwrap_or_else(|_| Value::String(text.to_owned()))
 }
 
+/// A TOML value as it is read: a string without its quotes, all else as it is written.
+pub(super) fn spoken(value: &str) -> String {
+    match parsed(value) {
+        Value::String(text) => text,
+        _ => value.to_owned(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -107,8 +115,8 @@ mod tests {
             row("literature = '3DGS'\ncolumn = 'Neu3D'\nvalues = { 'composed.psnr' = 30.0 }"),
         ];
         let axes = ["motion.window".to_owned()];
-        let find = |variant, value: &str, figure| {
-            let number = of_trained(&paper, (variant, &axes, &[value.to_owned()]), ("Neu3D", figure));
+        let find = |variant, value: &str, metric| {
+            let number = of_trained(&paper, (variant, &axes, &[value.to_owned()]), ("Neu3D", metric));
             number.map(|number| number.value)
         };
         assert_eq!(find("full", "5", "composed.psnr"), Some(32.07));
@@ -123,11 +131,11 @@ mod tests {
     }
 
     #[test]
-    fn a_reason_is_that_of_the_figure_or_else_that_of_the_row() {
+    fn a_reason_is_that_of_the_metric_or_else_that_of_the_row() {
         let paper = [row("column = 'a'\nvalues = { mask_iou = 0.5, 'composed.psnr' = 30.0, 'composed.ssim' = 0.9 }
              not_comparable = { '*' = 'other data', mask_iou = 'not defined.' }")];
-        let reason = |figure| {
-            let number = of_trained(&paper, ("full", &[], &[]), ("a", figure)).expect("there is a number");
+        let reason = |metric| {
+            let number = of_trained(&paper, ("full", &[], &[]), ("a", metric)).expect("there is a number");
             number.not_comparable
         };
         assert_eq!(["composed.psnr", "mask_iou"].map(reason), [Some("other data"), Some("not defined")]);

@@ -1,4 +1,4 @@
-//! The drawing of a figure over a swept key, as an SVG file that needs nothing else.
+//! The drawing of a metric over a swept key, as an SVG file that needs nothing else.
 
 use maud::{Markup, PreEscaped, html};
 
@@ -19,7 +19,7 @@ const EDGES: [f64; 4] = [MARGINS[0], MARGINS[1], SIZE[0] - MARGINS[2], SIZE[1] -
 const ROOM: f64 = 0.06;
 /// Half the width of the ends of a spread's bar.
 const CAP: f64 = 4.0;
-/// Ticks that are aimed at along the figures.
+/// Ticks that are aimed at along the metrics.
 const TICKS: usize = 6;
 /// Width of a letter of a tick, a little too wide rather than too narrow.
 const LETTER: f64 = 7.0;
@@ -38,11 +38,11 @@ impl Plot {
     /// The file.
     pub fn svg(&self) -> String {
         let swept = self.swept();
-        let figures = self.points().flat_map(|point| {
+        let metrics = self.points().flat_map(|point| {
             let (mean, deviation) = point.spread.map_or((None, 0.0), |s| (Some(s.mean), s.deviation.unwrap_or(0.0)));
             [mean.map(|mean| mean - deviation), mean.map(|mean| mean + deviation), point.paper].into_iter().flatten()
         });
-        let frame = frame(scale::axis(&swept), Axis::linear(figures));
+        let frame = frame(scale::axis(&swept), Axis::linear(metrics));
         let height = SIZE[1] + LINE * self.legend_lines() as f64;
         let drawing = html! {
             svg xmlns="http://www.w3.org/2000/svg" width=(SIZE[0]) height=(height)

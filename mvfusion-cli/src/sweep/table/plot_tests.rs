@@ -34,7 +34,7 @@ fn the_drawing_stands_by_itself() {
 fn every_swept_value_has_a_tick_a_dot_and_a_bar() {
     let svg = drawn();
     let ticks = |svg: &str| svg.matches("text-anchor=\"middle\">").count();
-    // Three values and the title of the axis; that of the figures is turned, which stands behind its anchor.
+    // Three values and the title of the axis; that of the metrics is turned, which stands behind its anchor.
     assert_eq!(ticks(&svg), 4, "{svg}");
     for tick in [">3<", ">5<", ">9<"] {
         assert!(svg.contains(tick), "{tick}: {svg}");
@@ -57,7 +57,7 @@ fn names_are_text_and_nothing_else() {
 }
 
 #[test]
-fn gaps_and_equal_figures_leave_no_number_that_is_none() {
+fn gaps_and_equal_metrics_leave_no_number_that_is_none() {
     let spread = |mean| Some(Spread { mean, deviation: Some(0.0) });
     for means in [[spread(1.0), None, spread(1.0)], [None, spread(0.0), None], [None; 3]] {
         let point = |(x, spread)| Point { x: f64::from(x), spread, paper: None, is_comparable: true };

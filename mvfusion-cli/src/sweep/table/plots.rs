@@ -1,16 +1,16 @@
-//! Which curves a table has: each figure over each swept key whose values are numbers.
+//! Which curves a table has: each metric over each swept key whose values are numbers.
 
-use super::build::spoken;
-use super::metric::TableMetric;
+use super::paper::spoken;
 use super::{Column, Method, Row, Spread, Table, paper};
 use crate::sweep::grid::number;
+use crate::sweep::metric::TableMetric;
 
 /// A value of the swept key.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Point {
     /// The value.
     pub x: f64,
-    /// Our figure.
+    /// Our metric.
     pub spread: Option<Spread>,
     /// The paper's.
     pub paper: Option<f64>,
@@ -27,7 +27,7 @@ pub(super) struct Series {
     pub points: Vec<Point>,
 }
 
-/// A figure over a swept key.
+/// A metric over a swept key.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Plot {
     /// Name of its file.
@@ -36,7 +36,7 @@ pub(super) struct Plot {
     pub title: String,
     /// The key.
     pub x_title: String,
-    /// The figure.
+    /// The metric.
     pub y_title: String,
     /// The lines.
     pub series: Vec<Series>,
@@ -54,7 +54,7 @@ impl Series {
     }
 }
 
-/// The curves of a table, by key and figure; those without a point are left out.
+/// The curves of a table, by key and metric; those without a point are left out.
 pub(super) fn of(table: &Table) -> Vec<Plot> {
     let mut metrics: Vec<&TableMetric> = Vec::new();
     for column in &table.columns {
@@ -71,7 +71,7 @@ pub(super) fn of(table: &Table) -> Vec<Plot> {
 fn trained(table: &Table) -> impl Iterator<Item = (&Row, &str, &[String])> {
     table.rows.iter().filter_map(|row| match &row.method {
         Method::Trained { variant, values } => Some((row, variant.as_str(), values.as_slice())),
-        Method::Literature(_) => None,
+        Method::Difference { .. } | Method::Literature(_) => None,
     })
 }
 
@@ -145,14 +145,14 @@ fn name(table: &Table, column: &Column, line: &Line, axis: usize) -> String {
     if parts.is_empty() { column.group.clone() } else { parts.join(", ") }
 }
 
-/// A key or a figure's name as a part of a file's name.
+/// A key or a metric's name as a part of a file's name.
 fn file_part(name: &str) -> String {
     name.chars().map(|letter| if letter.is_ascii_alphanumeric() || letter == '_' { letter } else { '-' }).collect()
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::specimen::{cell, figures, group, index, windows};
+    use super::super::specimen::{cell, metrics, group, index, windows};
     use super::*;
     use crate::sweep::table::Outcome;
 
@@ -181,7 +181,7 @@ mod tests {
                 index.cells.push(cell(scene, variant, &[size, "4", kind], 0));
             }
         }
-        let outcomes = vec![figures(&[("mask_iou", 0.5)]); index.cells.len()];
+        let outcomes = vec![metrics(&[("mask_iou", 0.5)]); index.cells.len()];
         let plots = of(&Table::of(&index, &outcomes));
         assert_eq!(plots.len(), 1, "neither `same` nor `kind` is an axis");
         let names: Vec<_> = plots[0].series.iter().map(|series| (series.name.as_str(), series.points.len())).collect();
@@ -197,7 +197,7 @@ mod tests {
         index.paper.clear();
         assert!(of(&Table::of(&index, &[])).is_empty());
         index.cells[0].values[0] = "'five'".into();
-        assert!(of(&Table::of(&index, &[figures(&[("composed.psnr", 1.0)])])).is_empty());
+        assert!(of(&Table::of(&index, &[metrics(&[("composed.psnr", 1.0)])])).is_empty());
     }
 
     #[test]

@@ -1,14 +1,13 @@
-//! What the dynamic regions of a table were taken from: figures of one region by different masks differ by several
+//! What the dynamic regions of a table were taken from: metrics of one region by different masks differ by several
 //! decibels, so that none stands without the name of its masks.
 
 use std::collections::BTreeMap;
 
 use mvfusion_model::evaluation::RegionSource;
 
-use super::build::Trained;
-use super::{Column, Outcome, Table};
+use super::{Column, Outcome, Table, TrainedCell};
 
-/// Whether a figure is of the training views, if it is one of a region that masks decide about.
+/// Whether a metric is of the training views, if it is one of a region that masks decide about.
 fn is_of_training(name: &str) -> Option<bool> {
     let (is_training, rest) = match name.strip_prefix("training_views.") {
         Some(rest) => (true, rest),
@@ -18,14 +17,14 @@ fn is_of_training(name: &str) -> Option<bool> {
     regions.iter().any(|region| rest.starts_with(region)).then_some(is_training)
 }
 
-/// The scenes of the columns that show a figure of a region, by what their regions were taken from.
-pub(super) fn sources(columns: &[Column], cells: &[Trained]) -> BTreeMap<RegionSource, Vec<String>> {
+/// The scenes of the columns that show a metric of a region, by what their regions were taken from.
+pub(super) fn sources(columns: &[Column], cells: &[TrainedCell]) -> BTreeMap<RegionSource, Vec<String>> {
     let mut sources: BTreeMap<RegionSource, Vec<String>> = BTreeMap::new();
     for column in columns {
         let Some(is_training) = is_of_training(&column.metric.name) else { continue };
         for (cell, outcome) in cells.iter().filter(|(cell, _)| column.scenes.contains(&cell.scene)) {
-            let Outcome::Figures(figures) = outcome else { continue };
-            let source = if is_training { figures.training_regions } else { figures.regions };
+            let Outcome::Metrics(metrics) = outcome else { continue };
+            let source = if is_training { metrics.training_regions } else { metrics.regions };
             let Some(scenes) = source.map(|source| sources.entry(source).or_default()) else { continue };
             if !scenes.contains(&cell.scene) {
                 scenes.push(cell.scene.clone());
@@ -47,15 +46,15 @@ impl Table {
 
 #[cfg(test)]
 mod tests {
-    use super::super::CellFigures;
+    use super::super::CellMetrics;
     use super::super::specimen::{cell, group, index};
     use super::*;
 
     #[test]
-    fn a_table_with_figures_of_regions_names_their_masks_by_scene() {
-        let figures = |regions, training_regions| {
+    fn a_table_with_metrics_of_regions_names_their_masks_by_scene() {
+        let metrics = |regions, training_regions| {
             let numbers = [("dynamic_region.psnr".to_owned(), 20.0)].into();
-            Outcome::Figures(CellFigures { numbers, regions, training_regions })
+            Outcome::Metrics(CellMetrics { numbers, regions, training_regions })
         };
         let columns = |metric: &str| vec![group("a", &["video", "steak", "casual"], &["composed.psnr", metric])];
         let note = |metric: &str| {
@@ -63,7 +62,7 @@ mod tests {
             index.cells = ["video", "steak", "casual", "video"].map(|scene| cell(scene, "", &[], 0)).into();
             let (exact, deviation) = (Some(RegionSource::TrueMasks), Some(RegionSource::TemporalDeviation));
             let outcomes = [(exact, None), (deviation, None), (None, exact), (exact, None)]
-                .map(|(test, training)| figures(test, training));
+                .map(|(test, training)| metrics(test, training));
             Table::of(&index, &outcomes).region_note()
         };
         let test = "Dynamic and still regions: true masks (video); photo deviation (steak).";

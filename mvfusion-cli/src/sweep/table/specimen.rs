@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{CellFigures, Outcome};
+use super::{CellMetrics, Outcome};
 use crate::sweep::grid::ColumnGroup;
 use crate::sweep::index::{Cell, Index, Wanted};
 
@@ -20,6 +20,7 @@ pub(super) fn index(axes: &[&str], columns: Vec<ColumnGroup>, paper: &str) -> In
         about: "What each part brings.".into(),
         axes: axes.iter().map(|&key| key.to_owned()).collect(),
         columns,
+        differences: Vec::new(),
         paper,
         wanted: Wanted::default(),
         expected: None,
@@ -47,10 +48,10 @@ pub(super) fn cell(scene: &str, variant: &str, values: &[&str], seed: u64) -> Ce
     }
 }
 
-/// Figures by their names.
-pub(super) fn figures(figures: &[(&str, f64)]) -> Outcome {
-    let numbers: BTreeMap<_, _> = figures.iter().map(|&(name, value)| (name.to_owned(), value)).collect();
-    Outcome::Figures(CellFigures { numbers, ..CellFigures::default() })
+/// Metrics by their names.
+pub(super) fn metrics(metrics: &[(&str, f64)]) -> Outcome {
+    let numbers: BTreeMap<_, _> = metrics.iter().map(|&(name, value)| (name.to_owned(), value)).collect();
+    Outcome::Metrics(CellMetrics { numbers, ..CellMetrics::default() })
 }
 
 /// Three variants, two scenes and three seeds: the variant `full` is complete; of `w/o MVG|MFTA` one cell of seed 2 is
@@ -91,8 +92,8 @@ pub(super) fn ablation() -> (Index, Vec<Outcome>) {
                 outcomes.push(match (variant, scene, seed) {
                     ("broken", "steak", 0 | 1) => Outcome::Failed,
                     ("w/o MVG|MFTA", "steak", 2) => Outcome::Unfinished,
-                    ("broken", "steak", _) => figures(&[("composed.ssim", 0.75)]),
-                    _ => figures(&[
+                    ("broken", "steak", _) => metrics(&[("composed.ssim", 0.75)]),
+                    _ => metrics(&[
                         ("composed.psnr", psnr),
                         ("composed.ssim", 0.9),
                         ("gaussians.dynamic", 12_345.0 + seed as f64),
@@ -123,7 +124,7 @@ pub(super) fn windows() -> (Index, Vec<Outcome>) {
         for (window, psnr) in [("9", 31.0), ("3", 30.0), ("5", 31.5)] {
             index.cells.push(cell("video", "", &[window, "\"global\""], seed));
             let psnr = psnr + 0.25 * seed as f64;
-            outcomes.push(figures(&[("composed.psnr", psnr), ("composed.lpips_alex", 0.05)]));
+            outcomes.push(metrics(&[("composed.psnr", psnr), ("composed.lpips_alex", 0.05)]));
         }
     }
     (index, outcomes)

@@ -1,4 +1,4 @@
-//! A figure at each pixel, and its means over parts of the picture.
+//! A metric at each pixel, and its means over parts of the picture.
 
 use burn::tensor::Tensor;
 use image::GrayImage;

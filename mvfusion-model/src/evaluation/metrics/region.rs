@@ -23,8 +23,8 @@ pub enum RegionSource {
 }
 
 impl RegionSource {
-    /// In the words that stand in brackets behind every figure of a region: what it was taken from decides more about a
-    /// figure than most methods do.
+    /// In the words that stand in brackets behind every metric of a region: what it was taken from decides more about a
+    /// metric than most methods do.
     pub const fn words(self) -> &'static str {
         match self {
             Self::TrueMasks => "true masks",

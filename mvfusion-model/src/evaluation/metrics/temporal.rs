@@ -1,9 +1,9 @@
-//! Figures of consecutive frames: flicker.
+//! Metrics of consecutive frames: flicker.
 
 use mvfusion_data::View;
 use serde::{Deserialize, Serialize};
 
-/// Figures of a frame and the one before it, seen by one camera, or their means over all such pairs. LPIPS here takes
+/// Metrics of a frame and the one before it, seen by one camera, or their means over all such pairs. LPIPS here takes
 /// numbers in `[-1, 1]`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TemporalScores {

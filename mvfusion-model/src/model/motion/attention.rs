@@ -8,6 +8,7 @@ use burn::tensor::Tensor;
 use mvfusion_render::attention;
 
 use super::token::token_width;
+use crate::config::MotionConfig;
 use crate::model::network::{Mlp, ModuleInit, Rectified, side_by_side, zero_last_layer};
 
 /// The current token attends to tokens of neighbouring frames; an MLP that starts at zero turns the result into a residual
@@ -24,38 +25,35 @@ pub struct TemporalAttention {
     pub mlp: Mlp,
     #[module(skip)]
     pub(super) heads: usize,
+    #[module(skip)]
+    include_self: bool,
 }
 
 impl TemporalAttention {
-    /// Attention over tokens of features of `feature_width`, `attention_width` wide over all `heads`.
-    pub fn new(
-        feature_width: usize,
-        attention_width: usize,
-        hidden: usize,
-        heads: usize,
-        init: &mut ModuleInit<'_>,
-    ) -> Self {
-        let token = token_width(feature_width);
-        Self {
-            query: init.linear(token, attention_width),
-            key: init.linear(token, attention_width),
-            value: init.linear(token, attention_width),
-            mlp: zero_last_layer(init.mlp(&[attention_width, hidden, feature_width])),
-            heads,
-        }
+    /// Attention over tokens of features of `feature_width`.
+    pub fn new(feature_width: usize, config: &MotionConfig, init: &mut ModuleInit<'_>) -> Self {
+        let (token, width) = (token_width(feature_width), config.attention_width);
+        let [query, key, value] = [(); 3].map(|()| init.linear(token, width));
+        let mlp = zero_last_layer(init.mlp(&[width, config.hidden, feature_width]));
+        Self::from_layers(query, key, value, mlp, config)
     }
 
     /// Attention of given layers.
-    pub fn from_layers(query: Linear, key: Linear, value: Linear, mlp: Mlp, heads: usize) -> Self {
-        Self { query, key, value, mlp, heads }
+    pub fn from_layers(query: Linear, key: Linear, value: Linear, mlp: Mlp, config: &MotionConfig) -> Self {
+        Self { query, key, value, mlp, heads: config.heads, include_self: config.include_self }
     }
 
-    /// Centre tokens `[N, T]` and the `K` tokens that each attends to, `[N, K, T]`, to the attention's output before
-    /// the MLP: `[N, attention width]`.
+    /// Centre tokens `[N, T]` and the `K` tokens around each, `[N, K, T]`, to the attention's output before the MLP:
+    /// `[N, attention width]`. With `motion.include_self` the centre attends to itself too.
     ///
     /// # Panics
     /// If the shapes do not fit the layers, or the heads do not divide the attention's width.
     pub fn attend(&self, centre: Tensor<2>, neighbours: Tensor<3>) -> Tensor<2> {
+        let neighbours = match self.include_self {
+            // Attention knows no order.
+            true => Tensor::cat(vec![neighbours, centre.clone().unsqueeze_dim(1)], 1),
+            false => neighbours,
+        };
         let [count, keys, token] = neighbours.dims();
         let project = |layers: &[&[Linear]], tokens| side_by_side(layers, tokens, Rectified::No);
         let queries = project(&[from_ref(&self.query)], centre);

@@ -23,7 +23,7 @@ pub use direct::DirectEncoder;
 pub use encoder::MotionEncoder;
 pub use guidance::Guidance;
 pub use normaliser::MovingNormaliser;
-pub use refinement::{MotionRefinement, RefinementConfig};
+pub use refinement::{MotionRefinement, RefinementConfig, RefinementRules};
 pub use statistics::{AttributeSpread, SIGNATURE_WIDTH, Trajectories, TrajectoryStatistics};
 pub use temporal::{TemporalModule, Tokens};
 pub use token::GEOMETRY_WIDTH;

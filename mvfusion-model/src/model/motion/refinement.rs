@@ -18,19 +18,53 @@ pub struct MotionRefinement {
     pub guidance: Option<Guidance>,
     /// MFTA.
     pub temporal: Option<TemporalModule>,
+    /// How they are put to use.
+    #[module(skip)]
+    pub rules: RefinementRules,
+}
+
+/// How the two branches change the deformation: what the configuration asks for, resolved once.
+#[derive(Clone, Debug)]
+pub struct RefinementRules {
+    /// Whether the refined offsets replace the base offsets or are added to them.
+    pub refinement: Refinement,
+    /// Whether the mask logits are refined too.
+    pub refine_masks: bool,
+    /// Whether gradients reach the network through the tokens of neighbouring frames too.
+    pub neighbour_gradient: bool,
+    /// The frames that MFTA looks at, relative to the current one, in time order (A7).
+    pub frames: Vec<isize>,
+    /// Gaussians whose tokens are made at once.
+    pub chunk: usize,
 }
 
 /// What a refined deformation needs beside the two branches.
 #[derive(Clone, Debug)]
 pub struct RefinementConfig<'a> {
-    /// Switches and window.
-    pub motion: &'a MotionConfig,
     /// The times of the training views.
     pub timeline: &'a Timeline,
     /// The cached descriptors.
     pub cache: &'a MotionCache,
     /// The scene's extent.
     pub extent: f64,
+}
+
+impl RefinementRules {
+    /// The rules of a configuration.
+    pub fn new(config: &MotionConfig) -> Self {
+        let window = config.window as isize;
+        let frames = match config.tokens {
+            TokenMode::Triple => vec![-window, window],
+            TokenMode::FullWindow => (-window..=window).filter(|&frame| frame != 0).collect(),
+        };
+        Self {
+            refinement: config.refinement,
+            refine_masks: config.refine_masks,
+            neighbour_gradient: config.neighbour_gradient,
+            frames,
+            chunk: config.chunk,
+        }
+    }
 }
 
 impl MotionRefinement {
@@ -58,10 +92,10 @@ impl MotionRefinement {
             Temporal::Cross => attention,
             _ => TemporalModule::new(width, config, &mut init.drawing_from(&mut start)),
         });
-        Self { guidance, temporal }
+        Self { guidance, temporal, rules: RefinementRules::new(config) }
     }
 
-    /// The refined offsets of canonical centres `[N, 3]` at a time. A branch that is there may be switched off.
+    /// The refined offsets of canonical centres `[N, 3]` at a time.
     ///
     /// Gradients reach the network through the feature alone: neighbour tokens, the geometry inside the centre token and
     /// all descriptors are constants (A17).
@@ -74,15 +108,15 @@ impl MotionRefinement {
     ) -> Offsets {
         let feature = network.feature(means.clone(), crate::tensors::scalar_like(&means, time));
         let mut fused = feature.clone();
-        if let Some(guidance) = self.guidance.as_ref().filter(|_| config.motion.mvg) {
+        if let Some(guidance) = &self.guidance {
             fused = fused + measure(Part::Mvg, || guidance.forward(network, &feature, time, config.cache));
         }
-        if let Some(temporal) = self.temporal.as_ref().filter(|_| config.motion.mfta) {
-            let mixed = || temporal.forward(tokens(network, means, time, feature.clone(), config), config.motion);
+        if let Some(temporal) = &self.temporal {
+            let mixed = || temporal.forward(self.tokens(network, means, time, feature.clone(), config));
             fused = fused + measure(Part::Mfta, mixed);
         }
         let refined = network.decode(fused);
-        match (config.motion.refinement, config.motion.refine_masks) {
+        match (self.rules.refinement, self.rules.refine_masks) {
             (Refinement::Replace, true) => refined,
             (Refinement::Replace, false) => Offsets { mask_logits: network.decode(feature).mask_logits, ..refined },
             (Refinement::Sum, true) => network.decode(feature) + refined,
@@ -92,43 +126,35 @@ impl MotionRefinement {
             }
         }
     }
-}
 
-/// The tokens of canonical centres `[N, 3]` at a time, where their feature is `[N, H]`, and of the frames around it.
-fn tokens(
-    network: &DeformationNetwork,
-    means: Tensor<2>,
-    time: f64,
-    feature: Tensor<2>,
-    config: &RefinementConfig<'_>,
-) -> Tokens {
-    let plain = network.valid();
-    let maker = TokenMaker { network: &plain, extent: config.extent, chunk: config.motion.chunk };
-    let (around, means) = match config.motion.neighbour_gradient {
-        true => (TokenMaker { network, ..maker.clone() }, means),
-        false => (maker.clone(), means.inner()),
-    };
-    // Without MVG there are no motion statistics, so the tokens carry none either (A26).
-    let local = |time: f64| match config.motion.mvg {
-        true => config.cache.local_at(time),
-        false => config.cache.local_at(time).zeros_like(),
-    };
-    let centre_tail = maker.tail(feature.clone().inner(), local(time));
-    let centre = Tensor::cat(vec![feature, centre_tail], 1);
+    /// The tokens of canonical centres `[N, 3]` at a time, where their feature is `[N, H]`, and of the frames around it.
+    fn tokens(
+        &self,
+        network: &DeformationNetwork,
+        means: Tensor<2>,
+        time: f64,
+        feature: Tensor<2>,
+        config: &RefinementConfig<'_>,
+    ) -> Tokens {
+        let plain = network.valid();
+        let maker = TokenMaker { network: &plain, extent: config.extent, chunk: self.rules.chunk };
+        let (around, means) = match self.rules.neighbour_gradient {
+            true => (TokenMaker { network, ..maker.clone() }, means),
+            false => (maker.clone(), means.inner()),
+        };
+        // Without MVG there are no motion statistics, so the tokens carry none either (A26).
+        let local = |time: f64| match self.guidance {
+            Some(_) => config.cache.local_at(time),
+            None => config.cache.local_at(time).zeros_like(),
+        };
+        let centre_tail = maker.tail(feature.clone().inner(), local(time));
+        let centre = Tensor::cat(vec![feature, centre_tail], 1);
 
-    let index = config.timeline.nearest(time);
-    let offsets = offsets(config.motion);
-    let times: Vec<f64> = offsets.iter().map(|&offset| config.timeline.neighbour(index, offset)).collect();
-    let local = Tensor::cat(times.iter().map(|&time| local(time)).collect(), 1);
-    Tokens { centre, around: around.at(&means, &times, local) }
-}
-
-/// Other frames that MFTA looks at, relative to the current one, in time order (A7).
-fn offsets(config: &MotionConfig) -> Vec<isize> {
-    let window = config.window as isize;
-    match config.tokens {
-        TokenMode::Triple => vec![-window, window],
-        TokenMode::FullWindow => (-window..=window).filter(|&offset| offset != 0).collect(),
+        let index = config.timeline.nearest(time);
+        let frames = self.rules.frames.iter();
+        let times: Vec<f64> = frames.map(|&frame| config.timeline.neighbour(index, frame)).collect();
+        let local = Tensor::cat(times.iter().map(|&time| local(time)).collect(), 1);
+        Tokens { centre, around: around.at(&means, &times, local) }
     }
 }
 
@@ -138,12 +164,12 @@ mod tests {
 
     #[test]
     fn two_neighbours_are_attended_to_by_default() {
-        assert_eq!(offsets(&MotionConfig::default()), [-5, 5]);
+        assert_eq!(RefinementRules::new(&MotionConfig::default()).frames, [-5, 5]);
     }
 
     #[test]
     fn the_full_window_leaves_out_the_current_frame() {
         let config = MotionConfig { tokens: TokenMode::FullWindow, window: 2, ..MotionConfig::default() };
-        assert_eq!(offsets(&config), [-2, -1, 1, 2]);
+        assert_eq!(RefinementRules::new(&config).frames, [-2, -1, 1, 2]);
     }
 }

@@ -34,7 +34,7 @@ impl TemporalModule {
     /// A fresh module of the kind that the configuration asks for, without effect at the start.
     pub fn new(feature_width: usize, config: &MotionConfig, init: &mut ModuleInit<'_>) -> Self {
         let (width, hidden) = (config.attention_width, config.hidden);
-        let attention = |init| TemporalAttention::new(feature_width, width, hidden, config.heads, init);
+        let attention = |init| TemporalAttention::new(feature_width, config, init);
         match config.temporal {
             Temporal::Cross => Self::Attention(attention(init)),
             Temporal::SelfAttention => Self::SelfAttention(attention(init)),
@@ -47,24 +47,17 @@ impl TemporalModule {
     ///
     /// # Panics
     /// If tokens and layers do not fit.
-    pub fn forward(&self, tokens: Tokens, config: &MotionConfig) -> Tensor<2> {
-        self.mlp().forward(self.mix(tokens, config))
+    pub fn forward(&self, tokens: Tokens) -> Tensor<2> {
+        self.mlp().forward(self.mix(tokens))
     }
 
     /// What the tokens come to before the MLP: `[N, attention width]`, of averaging `[N, T]`.
     ///
     /// # Panics
     /// If tokens and layers do not fit.
-    pub fn mix(&self, tokens: Tokens, config: &MotionConfig) -> Tensor<2> {
+    pub fn mix(&self, tokens: Tokens) -> Tensor<2> {
         match self {
-            Self::Attention(attention) => {
-                let neighbours = match config.include_self {
-                    // Attention knows no order.
-                    true => Tensor::cat(vec![tokens.around, tokens.centre.clone().unsqueeze_dim(1)], 1),
-                    false => tokens.around,
-                };
-                attention.attend(tokens.centre, neighbours)
-            }
+            Self::Attention(attention) => attention.attend(tokens.centre, tokens.around),
             Self::SelfAttention(attention) => attention.attend_to_all(tokens.in_time_order()),
             Self::Average(average) => average.average(tokens.in_time_order()),
             Self::Convolution(convolution) => convolution.convolve(tokens.in_time_order()),

@@ -21,7 +21,7 @@ use crate::{ModelError, tensors};
 /// field by field: a field that is added here does not compile until it is said there what becomes of it.
 ///
 /// ```compile_fail,E0027
-/// # use mvfusion_model::densify::BranchState;
+/// # use mvfusion_model::train::densify::BranchState;
 /// fn follow(state: &mut BranchState) {
 ///     // The statistics are forgotten.
 ///     let BranchState { optimiser, pending, counts } = state;

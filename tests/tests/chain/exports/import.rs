@@ -7,7 +7,7 @@ use mvfusion_model::ModelError;
 use mvfusion_model::config::{Branches, Config};
 use mvfusion_model::model::gaussians::Attribute;
 use mvfusion_model::model::{DeformationLevel, Model, RenderContext};
-use mvfusion_model::train::{Trainer, load_model};
+use mvfusion_model::train::{TrainedModel, Trainer};
 use mvfusion_tests::{backends, every_backend, numbers};
 
 use super::Run;
@@ -50,7 +50,7 @@ fn what_was_exported_looks_the_same_when_training_starts_from_it() {
             let export = run.export(&format!("{level:?}"), |args| args.time = time);
             for backend in every_backend() {
                 let device = (backend.device)();
-                let before = load_model(&run.checkpoint(), &run.config, &device).expect("the checkpoint fits");
+                let before = TrainedModel::load(&run.checkpoint(), &run.config, &device).expect("the checkpoint fits").model;
                 let trainer = started(&starting_from(&run, &export), &run, &device);
                 let after = trainer.state().model.plain();
                 let wanted = layers(&before, &run, time.unwrap_or(0.0), level, trainer.render_context());
@@ -113,8 +113,8 @@ fn a_file_may_start_one_branch_alone_and_masks_are_made_up_where_it_has_none() {
     let plain = started(&run.config, &run, &device);
     let means = |trainer: &Trainer| {
         let model = &trainer.state().model;
-        let of = |gaussians: &mvfusion_model::model::gaussians::Gaussians| numbers(gaussians.means.val());
-        (of(&model.dynamic), of(&model.static_.as_ref().expect("a static branch")))
+        let of = |gaussians: &Gaussians| numbers(gaussians.means.val());
+        (of(&model.dynamic), of(model.static_.as_ref().expect("a static branch")))
     };
     assert_eq!(means(&trainer).1, means(&plain).1, "the static branch is drawn as without the file");
     assert_eq!(means(&trainer).0, means(&run.trainer).1);

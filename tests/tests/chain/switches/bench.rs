@@ -146,7 +146,7 @@ impl Bench {
         motion: &MotionConfig,
     ) -> Offsets {
         let cache = MotionCache::new(statistics, &mut Normalisers::default(), motion, &self.means);
-        let config = RefinementConfig { motion, timeline: &self.timeline, cache: &cache, extent: EXTENT };
+        let config = RefinementConfig { timeline: &self.timeline, cache: &cache, extent: EXTENT };
         refinement.offsets(&self.network, self.means.clone(), TIME, &config)
     }
 

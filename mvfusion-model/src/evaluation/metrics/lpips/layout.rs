@@ -14,11 +14,11 @@ pub enum Backbone {
 pub enum InputRange {
     /// `[-1, 1]`, for which the networks were made.
     Signed,
-    /// `[0, 1]`: what the code of 3DGS and its descendants feeds. Such figures are comparable among themselves alone.
+    /// `[0, 1]`: what the code of 3DGS and its descendants feeds. Such metrics are comparable among themselves alone.
     Raw,
 }
 
-/// A kind of LPIPS figure.
+/// A kind of LPIPS metric.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct LpipsVariant {
     /// The network.

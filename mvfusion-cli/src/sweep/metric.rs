@@ -1,8 +1,51 @@
-//! What the columns of a table are: labels, units, digits, and which way a figure is better.
+//! The metrics that a table can show: names, labels, units, digits, and which way each is better.
 
-use mvfusion_model::evaluation::{Backbone, Better, Metric};
+use std::sync::LazyLock;
 
-/// A figure by its name, and how it is written.
+use mvfusion_model::evaluation::{Backbone, Better, Layer, Metric};
+
+/// How the names of metrics of the training views begin.
+pub(super) const TRAINING_VIEWS: &str = "training_views.";
+
+/// The branches that `results.json` has metrics of, and what their labels begin with.
+const BRANCHES: [(Layer, &str); 2] = [(Layer::Composed, ""), (Layer::Static, "static ")];
+
+/// The regions of the composed render that have metrics of their own.
+const REGIONS: [&str; 3] = ["dynamic_region", "still_region", "movers"];
+
+/// Metrics of a set of views beside those of branches and regions.
+static OF_VIEWS: LazyLock<[TableMetric; 8]> = LazyLock::new(|| {
+    use Better::{Higher, Lower};
+    [
+        metric("mask_iou", "mask IoU", None, 3, Some(Higher)),
+        // A run that gets worse where nothing moves has a higher one, too.
+        metric("dynamic_minus_still_psnr", "dynamic - still region PSNR", Some("dB"), 2, None),
+        metric("small_movers.recall", "small movers recall", None, 3, Some(Higher)),
+        metric("small_movers.components", "small movers components", None, 0, None),
+        metric("temporal.t_lpips_alex", "T-LPIPS-alex", None, 4, Some(Lower)),
+        metric("temporal.t_lpips_vgg", "T-LPIPS-vgg", None, 4, Some(Lower)),
+        // Motion is a part of these, so that neither a high nor a low one is good.
+        metric("temporal.consecutive_lpips_alex", "consecutive LPIPS-alex", None, 4, None),
+        metric("temporal.consecutive_lpips_vgg", "consecutive LPIPS-vgg", None, 4, None),
+    ]
+});
+
+/// Metrics of a run beside those of views.
+static OF_RUN: LazyLock<[TableMetric; 7]> = LazyLock::new(|| {
+    use Better::{Higher, Lower};
+    let count = |name, label| TableMetric { is_count: true, ..metric(name, label, None, 0, Some(Lower)) };
+    [
+        count("gaussians.static", "static Gaussians"),
+        count("gaussians.dynamic", "dynamic Gaussians"),
+        metric("train.seconds", "training time", Some("s"), 0, Some(Lower)),
+        metric("train.ms_per_step", "training step", Some("ms"), 1, Some(Lower)),
+        metric("eval.seconds", "evaluation time", Some("s"), 0, Some(Lower)),
+        metric("speed.fps", "FPS", None, 1, Some(Higher)),
+        metric("speed.fps_without_mfta", "FPS without MFTA", None, 1, Some(Higher)),
+    ]
+});
+
+/// A metric by its name, and how it is written.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TableMetric {
     /// Its name, as in results.json: `composed.psnr`.
@@ -19,74 +62,50 @@ pub struct TableMetric {
     pub better: Option<Better>,
 }
 
-/// A figure by the last part of its name.
-struct Kind {
-    label: &'static str,
+fn metric(
+    name: &str,
+    label: &str,
     unit: Option<&'static str>,
     decimals: usize,
     better: Option<Better>,
+) -> TableMetric {
+    TableMetric { name: name.to_owned(), label: label.to_owned(), unit, decimals, is_count: false, better }
 }
 
-const fn kind(label: &'static str, unit: Option<&'static str>, decimals: usize, better: Option<Better>) -> Kind {
-    Kind { label, unit, decimals, better }
-}
-
-/// Label, unit, digits and direction of the figures that are known by the last part of their names.
-fn known(name: &str) -> Option<Kind> {
-    use Better::{Higher, Lower};
-    if let Some(figure) = Metric::ALL.into_iter().find(|figure| figure.name() == name) {
-        return Some(kind(figure.label(), figure.unit(), figure.decimals(), Some(figure.better())));
+/// Every metric that a run may have.
+pub(super) fn all() -> Vec<TableMetric> {
+    let mut of_views = OF_VIEWS.to_vec();
+    for kind in Metric::ALL {
+        let of = |place: &str, prefix: &str| {
+            let (name, label) = (format!("{place}.{}", kind.name()), format!("{prefix}{}", kind.label()));
+            metric(&name, &label, kind.unit(), kind.decimals(), Some(kind.better()))
+        };
+        of_views.extend(BRANCHES.map(|(layer, prefix)| of(layer.name(), prefix)));
+        // A region has no scales.
+        if !matches!(kind, Metric::MsSsim | Metric::DSsim) {
+            of_views.extend(REGIONS.map(|region| of(region, &format!("{} ", region.replace('_', " ")))));
+        }
     }
-    Some(match name {
-        "t_lpips_alex" => kind("T-LPIPS-alex", None, 4, Some(Lower)),
-        "t_lpips_vgg" => kind("T-LPIPS-vgg", None, 4, Some(Lower)),
-        // Motion is a part of these, so that neither a high nor a low one is good.
-        "consecutive_lpips_alex" => kind("consecutive LPIPS-alex", None, 4, None),
-        "consecutive_lpips_vgg" => kind("consecutive LPIPS-vgg", None, 4, None),
-        // A run that gets worse where nothing moves has a higher one, too.
-        "dynamic_minus_still_psnr" => kind("dynamic - still region PSNR", Some("dB"), 2, None),
-        "recall" => kind("recall", None, 3, Some(Higher)),
-        "components" => kind("components", None, 0, None),
-        "mask_iou" => kind("mask IoU", None, 3, Some(Higher)),
-        "fps" => kind("FPS", None, 1, Some(Higher)),
-        "fps_without_mfta" => kind("FPS without MFTA", None, 1, Some(Higher)),
-        "seconds" => kind("time", Some("s"), 0, Some(Lower)),
-        "ms_per_step" => kind("step", Some("ms"), 1, Some(Lower)),
-        _ => return None,
-    })
+    let of_training = |metric: &TableMetric| TableMetric {
+        name: format!("{TRAINING_VIEWS}{}", metric.name),
+        label: format!("training {}", metric.label),
+        ..metric.clone()
+    };
+    let of_training: Vec<TableMetric> = of_views.iter().map(of_training).collect();
+    of_views.into_iter().chain(of_training).chain(OF_RUN.iter().cloned()).collect()
 }
 
-/// What a part of a name in front of the last adds to the label.
-fn place(part: &str) -> Option<String> {
-    match part {
-        "test" | "composed" | "temporal" | "speed" => None,
-        "train" | "training_views" => Some("training ".to_owned()),
-        "eval" => Some("evaluation ".to_owned()),
-        other => Some(format!("{} ", other.replace('_', " "))),
-    }
-}
-
-/// The network that a figure is told by; absent where it is told by none.
-pub fn lpips_network(name: &str) -> Option<Backbone> {
+/// The LPIPS network that a metric is computed by; absent where it needs none.
+pub(super) fn lpips_network(name: &str) -> Option<Backbone> {
     let last = name.rsplit('.').next().unwrap_or(name);
     Backbone::ALL.into_iter().find(|network| last.contains(&format!("lpips_{}", network.name())))
 }
 
 impl TableMetric {
-    /// The figure of a name; one that is not known is shown by its name, with four digits.
+    /// The metric of a name; one that is not known is shown by its name, with four digits.
     pub fn of(name: &str) -> Self {
-        let (places, last) = name.rsplit_once('.').unwrap_or(("", name));
-        if places == "gaussians" {
-            let label = format!("{last} Gaussians");
-            let (decimals, better) = (0, Some(Better::Lower));
-            return Self { name: name.to_owned(), label, unit: None, decimals, is_count: true, better };
-        }
-        let Some(Kind { label, unit, decimals, better }) = known(last) else {
-            let label = name.to_owned();
-            return Self { name: name.to_owned(), label, unit: None, decimals: 4, is_count: false, better: None };
-        };
-        let places: String = places.split('.').filter(|part| !part.is_empty()).filter_map(place).collect();
-        Self { name: name.to_owned(), label: format!("{places}{label}"), unit, decimals, is_count: false, better }
+        let known = all().into_iter().find(|metric| metric.name == name);
+        known.unwrap_or_else(|| metric(name, name, None, 4, None))
     }
 
     /// Label, unit and an arrow to the better side: `PSNR (dB) ↑`.
@@ -96,7 +115,7 @@ impl TableMetric {
         format!("{}{unit}{arrow}", self.label)
     }
 
-    /// A value with the digits that this figure is shown with.
+    /// A value with the digits that this metric is shown with.
     pub fn shown(&self, value: f64) -> String {
         self.rounded(value, self.decimals)
     }
@@ -135,13 +154,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_figure_knows_its_network() {
-        for figure in Metric::ALL {
-            let network = match figure {
+    fn every_metric_knows_its_network() {
+        for kind in Metric::ALL {
+            let network = match kind {
                 Metric::Lpips(variant) => Some(variant.backbone),
                 _ => None,
             };
-            assert_eq!(lpips_network(&format!("static.{}", figure.name())), network, "{figure:?}");
+            assert_eq!(lpips_network(&format!("static.{}", kind.name())), network, "{kind:?}");
         }
         assert_eq!(lpips_network("training_views.temporal.t_lpips_vgg"), Some(Backbone::Vgg));
         assert_eq!(lpips_network("temporal.consecutive_lpips_alex"), Some(Backbone::Alex));
@@ -169,14 +188,14 @@ mod tests {
             ("train.ms_per_step", "training step (ms) \u{2193}"),
             ("speed.fps", "FPS \u{2191}"),
             ("speed.fps_without_mfta", "FPS without MFTA \u{2191}"),
-            ("some.new_figure", "some.new_figure"),
+            ("some.new_metric", "some.new_metric"),
         ] {
             assert_eq!(TableMetric::of(name).heading(), heading, "{name}");
         }
     }
 
     #[test]
-    fn every_figure_has_its_digits() {
+    fn every_metric_has_its_digits() {
         for (name, value, shown) in [
             ("composed.psnr", 27.3149, "27.31"),
             ("composed.ssim", 0.9, "0.9000"),
