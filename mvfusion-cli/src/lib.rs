@@ -1,9 +1,36 @@
-//! The inside of the `mvfusion` program: everything but `main`, so that it can be tested.
+//! The program `mvfusion`: everything but `main`, so that other programs and tests can call it.
 //!
-//! [`command`] holds a file for each command; [`config`] merges the layers of the configuration; [`mod@run`] knows the
-//! files of a run's folder, [`report`] makes a page of them; [`export`] writes those for other programs, [`render`]
-//! films; [`sweep`] runs many of them and makes tables; [`progress`] and [`table`] are what the user sees. No
-//! mathematics here: that is `mvfusion-model`.
+//! The crate stands on top of `mvfusion-model`, which trains and evaluates. It adds what a user of a terminal needs:
+//! presets, run folders, progress, a report, exports, animations and sweeps. It contains no mathematics.
+//!
+//! # A command from Rust
+//! ```
+//! use clap::Parser;
+//! use mvfusion_cli::Cli;
+//!
+//! # fn main() -> anyhow::Result<()> {
+//! let cli = Cli::try_parse_from(["mvfusion", "config", "--set", "train.scale=0.1"])?;
+//! let mut out = Vec::new();
+//! mvfusion_cli::run(&cli, 1, &mut out)?;
+//! assert!(String::from_utf8(out)?.contains("scale = 0.1"));
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # Which module do I use?
+//! | you want to | look at |
+//! |---|---|
+//! | know what a command does | [`command`], one file for each command, and [`args`], its options |
+//! | merge a preset, files and `--set` into a configuration | [`config`] |
+//! | find the files of a run | [`mod@run`] |
+//! | build the report of a run | [`report`] |
+//! | write Gaussians for other programs | [`export`] |
+//! | render images and animations | [`render`] |
+//! | train many runs and compare them in a table | [`sweep`] |
+//!
+//! # Which crate do I use?
+//! To train or render from your own program, use `mvfusion-model`. `mvfusion-data` reads and writes scenes, and
+//! `mvfusion-render` splats Gaussians. This crate is for programs that want the commands themselves.
 
 pub mod args;
 pub mod atomic;

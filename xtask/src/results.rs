@@ -36,8 +36,9 @@ pub fn run(arguments: &ResultsArguments) -> Result<()> {
     let name = json["name"].as_str().context("table.json does not name its sweep")?;
     let page = docs::root().join(PAGE);
     let old = fs::read_to_string(&page).with_context(|| format!("cannot read {PAGE}"))?;
-    let new = with_table(&old, name, &read("table.md")?)
-        .with_context(|| format!("{PAGE} has no place for this sweep: add the lines `{}` and `{}`", start(name), end(name)))?;
+    let new = with_table(&old, name, &read("table.md")?).with_context(|| {
+        format!("{PAGE} has no place for this sweep: add the lines `{}` and `{}`", start(name), end(name))
+    })?;
     write(&page, &new)
 }
 

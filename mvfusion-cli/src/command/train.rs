@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use mvfusion_data::{BuiltinKind, Scene};
 use mvfusion_model::evaluation::{Evaluator, Protocol};
 use mvfusion_model::files::sha256;
-use mvfusion_model::train::{Losses, Position, Trainer};
+use mvfusion_model::train::{Losses, Position, TrainedModel, Trainer};
 use mvfusion_model::{Config, ModelError};
 use tracing::{info, warn};
 

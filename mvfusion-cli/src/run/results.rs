@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use mvfusion_model::evaluation::{Evaluation, Evaluator, LayerScores, Metric, Scores, ViewScores};
-use mvfusion_model::model::gaussians::Gaussians;
 use mvfusion_model::model::Model;
+use mvfusion_model::model::gaussians::Gaussians;
 use serde::{Deserialize, Serialize};
 
 use super::field::{FieldPerView, FieldScores};

@@ -279,7 +279,7 @@ impl SweepFolder {
     /// As [`SweepFolder::state`].
     pub fn outcomes(&self, index: &Index) -> anyhow::Result<Vec<Outcome>> {
         let outcome = |cell: &Cell| {
-            let metrics = |results: Results| {
+            let measured = |results: Results| {
                 let source = |scores: &Scores| scores.region_source;
                 Outcome::Metrics(CellMetrics {
                     numbers: metrics(&results),
@@ -288,7 +288,7 @@ impl SweepFolder {
                 })
             };
             Ok(match self.state(&cell.id, &index.wanted)? {
-                State::Finished => self.results(&cell.id).map_or(Outcome::Unfinished, metrics),
+                State::Finished => self.results(&cell.id).map_or(Outcome::Unfinished, measured),
                 State::Failed(_) => Outcome::Failed,
                 State::ToDo | State::Running | State::Interrupted => Outcome::Unfinished,
             })

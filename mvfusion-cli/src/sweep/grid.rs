@@ -201,7 +201,8 @@ impl Grid {
         let all = || self.scenes.iter().map(|scene| scene.name.clone()).collect::<Vec<_>>();
         if self.columns.is_empty() {
             let metrics = METRICS.map(str::to_owned).to_vec();
-            let of_scene = |name: String| ColumnGroup { title: name.clone(), scenes: vec![name], metrics: metrics.clone() };
+            let of_scene =
+                |name: String| ColumnGroup { title: name.clone(), scenes: vec![name], metrics: metrics.clone() };
             return all().into_iter().map(of_scene).collect();
         }
         let named = |column: &ColumnGroup| {

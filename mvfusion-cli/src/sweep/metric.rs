@@ -62,13 +62,7 @@ pub struct TableMetric {
     pub better: Option<Better>,
 }
 
-fn metric(
-    name: &str,
-    label: &str,
-    unit: Option<&'static str>,
-    decimals: usize,
-    better: Option<Better>,
-) -> TableMetric {
+fn metric(name: &str, label: &str, unit: Option<&'static str>, decimals: usize, better: Option<Better>) -> TableMetric {
     TableMetric { name: name.to_owned(), label: label.to_owned(), unit, decimals, is_count: false, better }
 }
 

@@ -14,7 +14,7 @@ use mvfusion_data::{Layout, Scene, write};
 use mvfusion_model::config::{Branches, Config, Interval};
 use mvfusion_model::model::gaussians::RawGaussians;
 use mvfusion_model::model::mask::MaskChannel;
-use mvfusion_model::model::{DeformationLevel, Model, RenderContext};
+use mvfusion_model::model::{DeformationLevel, Model};
 use mvfusion_model::train::Trainer;
 use mvfusion_tests::{Ply, backends, numbers};
 use tempfile::TempDir;
@@ -229,7 +229,6 @@ fn colours_above_the_degree_in_use_are_zero_as_they_are_not_drawn() {
     (config.train.dynamic_sh_interval, config.train.static_sh_interval) = (Interval(1000), Interval(1000));
     let run = Run::new(config);
     assert_eq!(run.model().dynamic.sh_degree, 0);
-    let context = run.trainer.render_context();
     let moved = numbers(run.moved(&run.model(), 0.4).sh.narrow(1, 1, 8));
     assert!(moved.iter().any(|&value| value != 0.0), "the deformation offers colours that are not drawn yet");
     let out = run.export("low", |args| args.time = Some(0.4));

@@ -7,7 +7,7 @@ use mvfusion_model::ModelError;
 use mvfusion_model::config::{Branches, Config, Interval, StageConfig, Steps, StillRule};
 use mvfusion_model::evaluation::{Evaluator, Protocol, Split, evaluate};
 use mvfusion_model::model::DeformationLevel;
-use mvfusion_model::model::gaussians::Attribute;
+use mvfusion_model::model::gaussians::{Attribute, Gaussians};
 use mvfusion_model::train::{TrainState, Trainer};
 use mvfusion_tests::{backends, numbers};
 

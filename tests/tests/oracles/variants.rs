@@ -6,8 +6,8 @@ use burn::nn::Linear;
 use burn::tensor::{DType, Device, Gradients, Tensor};
 use mvfusion_model::config::{Descriptor, MotionConfig, Refinement, Temporal, TokenMode};
 use mvfusion_model::model::motion::{
-    DirectEncoder, Guidance, MotionEncoder, MotionRefinement, RefinementRules, TemporalAttention, TemporalAverage, TemporalConvolution,
-    TemporalModule,
+    DirectEncoder, Guidance, MotionEncoder, MotionRefinement, RefinementRules, TemporalAttention, TemporalAverage,
+    TemporalConvolution, TemporalModule,
 };
 use mvfusion_model::model::network::Mlp;
 use mvfusion_tests::{Array, Checklist, Tolerance, tensor};

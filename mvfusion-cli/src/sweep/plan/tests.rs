@@ -255,6 +255,16 @@ fn columns_and_paper_rows_belong_to_something() {
     assert!(refusal(&paper("composed.pnsr", whole)).contains("`composed.pnsr`"));
 }
 
+#[test]
+fn differences_are_of_two_variants_of_the_grid() {
+    let difference =
+        |variant: &str, minus: &str| format!("{GRID}\n[[differences]]\nvariant = \"{variant}\"\nminus = \"{minus}\"\n");
+    let planned = plan(&difference("full", "w/o MFTA"), &Additions::default()).expect("planned");
+    assert_eq!(planned.index.differences[0].minus, "w/o MFTA");
+    assert!(refusal(&difference("fool", "w/o MFTA")).contains("`fool`; there are `full`"));
+    assert!(refusal(&difference("full", "full")).contains("with itself"));
+}
+
 /// The grid with rows of the paper in the column of its first scene.
 fn with_paper(rows: &[&str]) -> String {
     let row = |row: &&str| format!("\n[[paper]]\ncolumn = \"video\"\n{row}\n");

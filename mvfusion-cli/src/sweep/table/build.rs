@@ -106,26 +106,27 @@ fn trained(index: &Index, columns: &[Column], labels: &Labels, seeds: &[u64], ce
 
 /// A row for each difference that the grid asks for, at all values of the swept keys that both variants have.
 fn differences(index: &Index, rows: &[Row], labels: &Labels) -> Vec<Row> {
-    let of_variant = |name: &str| {
-        rows.iter().filter_map(move |row| match &row.method {
-            Method::Trained { variant, values } if variant == name => Some((values, row)),
-            _ => None,
-        })
-    };
-    let row = |difference: &Difference, values: &Vec<String>, first: &Row, second: &Row| {
-        let Difference { variant, minus } = difference.clone();
-        let entries = first.entries.iter().zip(&second.entries).map(|(first, second)| first.minus(second)).collect();
-        let labels = labels.row(&format!("{variant} - {minus}"), values);
-        Row { labels, method: Method::Difference { variant, minus, values: values.clone() }, entries }
-    };
-    let of_pair = |difference: &Difference| -> Vec<Row> {
-        let seconds: Vec<_> = of_variant(&difference.minus).collect();
-        let partner = |values: &Vec<String>| seconds.iter().find(|(others, _)| *others == values);
-        of_variant(&difference.variant)
-            .filter_map(|(values, first)| Some(row(difference, values, first, partner(values)?.1)))
-            .collect()
-    };
-    index.differences.iter().flat_map(of_pair).collect()
+    let mut differences = Vec::new();
+    for Difference { variant, minus } in &index.differences {
+        for (values, first) in rows_of(rows, variant) {
+            let Some((_, second)) = rows_of(rows, minus).find(|(others, _)| *others == values) else { continue };
+            let entries = first.entries.iter().zip(&second.entries);
+            differences.push(Row {
+                labels: labels.row(&format!("{variant} - {minus}"), values),
+                method: Method::Difference { variant: variant.clone(), minus: minus.clone(), values: values.to_vec() },
+                entries: entries.map(|(first, second)| first.minus(second)).collect(),
+            });
+        }
+    }
+    differences
+}
+
+/// The rows of a variant that was trained, with their values of the swept keys.
+fn rows_of<'a>(rows: &'a [Row], name: &str) -> impl Iterator<Item = (&'a [String], &'a Row)> {
+    rows.iter().filter_map(move |row| match &row.method {
+        Method::Trained { variant, values } if variant == name => Some((values.as_slice(), row)),
+        _ => None,
+    })
 }
 
 /// The different items in the order in which they first come.

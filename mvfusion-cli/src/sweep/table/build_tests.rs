@@ -1,6 +1,6 @@
 //! Tests of the means, spreads, labels and marks.
 
-use super::super::specimen::{ablation, cell, metrics, group, index, windows};
+use super::super::specimen::{ablation, cell, group, index, metrics, windows};
 use super::*;
 
 fn labels(table: &Table) -> Vec<String> {
@@ -148,4 +148,43 @@ fn the_papers_numbers_keep_the_papers_digits() {
         table.columns.iter().map(|c| c.paper_decimals).collect::<Vec<_>>(),
         [Some(2), Some(3), None, None, None]
     );
+}
+
+#[test]
+fn differences_are_paired_by_seed_and_have_signs() {
+    let (mut index, outcomes) = ablation();
+    let before = Table::of(&index, &outcomes).rows;
+    index.differences = vec![Difference { variant: "full".into(), minus: "w/o MVG|MFTA".into() }];
+    let table = Table::of(&index, &outcomes);
+    let (row, others) = table.rows.split_last().expect("rows");
+    assert_eq!(others, before, "no other row changes");
+    assert_eq!(row.labels, ["full - w/o MVG|MFTA"]);
+    // Seed 2 of the other variant is not finished.
+    assert_eq!(row.entries[0].seeds, [0, 1].map(|seed| SeedMean { seed, mean: 1.0 }));
+    let shown = fields(&table);
+    let missing = "(2 of 3 seeds)";
+    assert_eq!(
+        shown[4],
+        [
+            format!("+1.00 \u{b1} 0.00 {missing}"),
+            format!("0.0000 \u{b1} 0.0000 {missing}"),
+            "-".to_owned(),
+            "+1.00 \u{b1} 0.00".to_owned(),
+            "0 \u{b1} 0".to_owned()
+        ]
+    );
+    assert!(table.latex().contains("\\midrule\nfull - "), "{}", table.latex());
+    let json = serde_json::to_value(table.json()).expect("written");
+    assert_eq!((&json["rows"][4]["variant"], &json["rows"][4]["minus"]), (&"full".into(), &"w/o MVG|MFTA".into()));
+    assert!(table.notes().iter().any(|note| note.starts_with("A - B: ")));
+}
+
+#[test]
+fn a_difference_has_that_of_the_papers_numbers_beside_it() {
+    let (mut index, outcomes) = ablation();
+    index.differences = vec![Difference { variant: "full".into(), minus: "broken".into() }];
+    let table = Table::of(&index, &outcomes);
+    let entry = &table.rows[4].entries[0];
+    assert_eq!(entry.spread, None, "no seed of `broken` has this metric");
+    assert_eq!(table.columns[0].paper_field(entry), "+0.55\u{2020}");
 }

@@ -44,7 +44,7 @@ fn quoted(field: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::specimen::{ablation, cell, metrics, group, index};
+    use super::super::specimen::{ablation, cell, group, index, metrics};
     use super::*;
 
     #[test]

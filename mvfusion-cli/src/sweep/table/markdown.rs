@@ -108,7 +108,7 @@ fn escaped(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::specimen::{ablation, windows};
+    use super::super::specimen::{ablation, group, windows};
     use super::*;
 
     #[test]
@@ -154,6 +154,19 @@ mod tests {
         - † not comparable: built-in scene; train.scale = 0.3.
         - 2 of 18 cells failed, 1 is not finished.
         ");
+    }
+
+    #[test]
+    fn a_table_of_many_columns_is_split_by_their_groups() {
+        let (mut index, outcomes) = windows();
+        let psnr = |title: &str| group(title, &[], &["composed.psnr"]);
+        index.columns = (0..=WIDE).map(|column| psnr(&format!("group {column}"))).collect();
+        index.paper.clear();
+        let text = Table::of(&index, &outcomes).markdown();
+        assert!(text.contains("\n**group 1**\n\n| motion.window |        PSNR (dB) \u{2191} |\n"), "{text}");
+        assert_eq!(text.matches("| motion.window |").count(), WIDE + 1);
+        index.columns.pop();
+        assert_eq!(Table::of(&index, &outcomes).markdown().matches("| motion.window |").count(), 1);
     }
 
     #[test]

@@ -102,7 +102,7 @@ impl Table {
 
 #[cfg(test)]
 mod tests {
-    use super::super::specimen::{ablation, cell, metrics, group, index, windows};
+    use super::super::specimen::{ablation, cell, group, index, metrics, windows};
     use super::*;
     use crate::sweep::table::{CellCounts, Outcome};
 

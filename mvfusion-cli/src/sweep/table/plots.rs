@@ -152,7 +152,7 @@ fn file_part(name: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::specimen::{cell, metrics, group, index, windows};
+    use super::super::specimen::{cell, group, index, metrics, windows};
     use super::*;
     use crate::sweep::table::Outcome;
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use burn::tensor::Device;
 use mvfusion_model::ModelError;
 use mvfusion_model::config::{Branches, Config};
-use mvfusion_model::model::gaussians::Attribute;
+use mvfusion_model::model::gaussians::{Attribute, Gaussians};
 use mvfusion_model::model::{DeformationLevel, Model, RenderContext};
 use mvfusion_model::train::{TrainedModel, Trainer};
 use mvfusion_tests::{backends, every_backend, numbers};
@@ -50,7 +50,8 @@ fn what_was_exported_looks_the_same_when_training_starts_from_it() {
             let export = run.export(&format!("{level:?}"), |args| args.time = time);
             for backend in every_backend() {
                 let device = (backend.device)();
-                let before = TrainedModel::load(&run.checkpoint(), &run.config, &device).expect("the checkpoint fits").model;
+                let before =
+                    TrainedModel::load(&run.checkpoint(), &run.config, &device).expect("the checkpoint fits").model;
                 let trainer = started(&starting_from(&run, &export), &run, &device);
                 let after = trainer.state().model.plain();
                 let wanted = layers(&before, &run, time.unwrap_or(0.0), level, trainer.render_context());
