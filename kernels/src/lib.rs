@@ -1,25 +1,26 @@
 //! The GPU kernels of MVFusion-GS, and what they share with their CPU twins: constants, record layouts, basis
 //! coefficients.
 //!
-//! Nothing here knows tensors, autodiff or scenes; a number that both sides must agree on is written once, here.
-//! `mvfusion-render` launches the kernels and holds their CPU twins. It is the crate to use; this one is for its authors.
+//! This crate contains no tensors, autodiff or scenes. A constant that both sides use is defined once, here.
+//! `mvfusion-render` launches the kernels and contains their CPU twins. Applications use that crate; this one serves
+//! its implementation.
 //!
 //! ```
 //! use mvfusion_kernels::splat::{PROJECTED_LEN, channel_count, plane_count};
 //!
-//! // Colour, three mask features and depth are blended; alpha is one plane more.
+//! // Colour, three mask features and depth are blended; alpha is one more plane.
 //! let channels = channel_count(3);
 //! assert_eq!((channels, plane_count(channels)), (7, 8));
 //! // A projected Gaussian is one row of named fields.
 //! assert_eq!(PROJECTED_LEN, mvfusion_kernels::splat::projected_row::BLUE + 1);
 //! ```
 //!
-//! | module | is |
+//! | module | contents |
 //! |---|---|
 //! | [`splat`] | constants of the rasteriser, and its records with named fields |
 //! | [`sh`] | the basis of spherical harmonics |
 //! | [`grid`] | the layout of a HexPlane |
-//! | `cube` | the kernels, one stage a file; with the feature `cube` |
+//! | `cube` | the kernels, one stage per file; behind the feature `cube` |
 
 #[cfg(feature = "cube")]
 #[allow(missing_docs, reason = "what the macros of CubeCL make has none")]

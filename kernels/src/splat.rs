@@ -1,28 +1,28 @@
-//! Sizes, thresholds and record layouts of the splat op. The fields of records, the blended channels and the planes of a
-//! picture are addressed by the names given here, never by bare numbers.
+//! Sizes, thresholds and record layouts of the splat op. Code addresses record fields, blended channels and image
+//! planes by these names, never by bare numbers.
 
 /// Width and height of a tile in pixels.
 pub const TILE: usize = 16;
 /// Pixels of a tile.
 pub const TILE_PIXELS: usize = TILE * TILE;
-/// A Gaussian that covers a pixel with less than this alpha is skipped there.
+/// Smallest alpha at which a Gaussian contributes to a pixel.
 pub const MIN_ALPHA: f64 = 1.0 / 255.0;
-/// Smallest norm of a quaternion that still names a rotation (the epsilon of the usual normalisation).
+/// Smallest norm of a valid quaternion (the epsilon of the usual normalisation).
 pub const MIN_QUATERNION_NORM: f64 = 1e-12;
-/// Smallest factor that compensates the opacity for the dilation.
+/// Lower bound of the factor that compensates the opacity for the dilation.
 pub const MIN_COMPENSATION: f64 = 0.005;
-/// Smallest determinant of a covariance on the picture plane.
+/// Lower bound of the determinant of a covariance on the image plane.
 pub const MIN_DETERMINANT: f64 = 1e-10;
-/// 3DGS's lower bound under the root of the larger eigenvalue.
+/// Lower bound of 3DGS under the square root in the larger eigenvalue.
 pub const MIN_EIGENVALUE_SPREAD: f64 = 0.1;
-/// Slack on the reach, which covers rounding of the logarithm and of the exponential in single precision.
+/// Slack on the reach. It covers the rounding of logarithm and exponential in single precision.
 pub const REACH_SLACK: f64 = 1e-4;
-/// Roundings that the test of an ellipse against a box allows for, in halves of the precision's epsilon.
+/// Rounding error that the ellipse-box test allows for, in units of half the machine epsilon.
 pub const TOUCH_ROUNDINGS: f64 = 8.0;
-/// Largest radius that a GPU gives, in pixels: beyond any picture, and small enough to reckon with in 32 bits.
+/// Largest radius on a GPU, in pixels: beyond any image, and small enough for arithmetic in 32 bits.
 pub const MAX_RADIUS: i32 = 1 << 28;
 
-/// Colour channels, which lead the blended channels; the extra features follow, then the depth.
+/// Number of colour channels. They are the first blended channels; the extra features follow, then the depth.
 pub const COLOUR_CHANNELS: usize = 3;
 
 /// Number of blended channels for a number of extra features: colour, features, depth.
@@ -45,22 +45,22 @@ pub const fn depth_channel(channels: usize) -> usize {
     channels - 1
 }
 
-/// Number of planes in one copy of the packed picture: colour, features, alpha, depth.
+/// Number of planes in one copy of the packed image: colour, features, alpha, depth.
 pub const fn plane_count(channels: usize) -> usize {
     channels + 1
 }
 
-/// Index of the plane of alpha, which is not a blended channel; the plane of the depth follows it.
+/// Index of the alpha plane. Alpha is not a blended channel; the depth plane follows it.
 pub const fn alpha_plane(channels: usize) -> usize {
     channels - 1
 }
 
-/// Index of the plane that holds a blended channel.
+/// Index of the plane of a blended channel.
 pub const fn plane_of_channel(channel: usize, channels: usize) -> usize {
     if channel < alpha_plane(channels) { channel } else { channel + 1 }
 }
 
-/// Numbers in the stored row of a [`Projected`].
+/// Length of the stored row of a [`Projected`].
 pub const PROJECTED_LEN: usize = projected_row::BLUE + 1;
 
 /// Indices of the fields of a [`Projected`] in its stored row.
@@ -81,7 +81,7 @@ pub mod projected_row {
     pub const REACH: usize = 6;
     /// Depth.
     pub const DEPTH: usize = 7;
-    /// Red, where the [`COLOUR_CHANNELS`](super::COLOUR_CHANNELS) begin.
+    /// Red, the first of the [`COLOUR_CHANNELS`](super::COLOUR_CHANNELS).
     pub const RED: usize = 8;
     /// Green.
     pub const GREEN: usize = 9;
@@ -89,25 +89,24 @@ pub mod projected_row {
     pub const BLUE: usize = 10;
 }
 
-/// A Gaussian on the picture plane: what blending needs of it beside its features.
+/// A Gaussian on the image plane, with everything that blending needs except its features.
 ///
-/// The exponent at a pixel `d = pixel - centre` is written as a sum of two squares, which can neither cancel nor turn
-/// negative in single precision, unlike `a dx² / 2 + b dx dy + c dy² / 2` with the same conic `(a, b, c)`:
-/// `sigma = (curve_x (dx + slope dy)² + curve_y dy²) / 2`, where `curve_x = a`, `slope = b / a` and
-/// `curve_y = c - b² / a = 1 / covariance_yy`.
+/// The exponent at a pixel `d = pixel - centre` is a sum of two squares: `sigma = (curve_x (dx + slope dy)² + curve_y
+/// dy²) / 2`. Here `curve_x = a`, `slope = b / a` and `curve_y = c - b² / a = 1 / covariance_yy` for the conic `(a, b,
+/// c)`. In single precision this form can neither cancel nor become negative, unlike `a dx² / 2 + b dx dy + c dy² / 2`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Projected<T> {
-    /// Centre in pixels; the centre of the first pixel lies at 0.5.
+    /// Centre in pixels; the centre of the first pixel is at 0.5.
     pub centre: [T; 2],
     /// Curvature along x at a fixed y: the conic's first entry.
     pub curve_x: T,
-    /// Shear of the ellipse: how far its axis moves against x for a step in y.
+    /// Shear of the ellipse: the offset of its axis along -x per step in y.
     pub slope: T,
     /// Curvature that remains along y: the inverse of the covariance's yy entry.
     pub curve_y: T,
     /// Opacity in `[0, 1]`, compensated if the rules ask for it.
     pub opacity: T,
-    /// Largest sigma at which alpha reaches [`MIN_ALPHA`], with a little slack; not positive if it nowhere does.
+    /// Largest sigma at which alpha reaches [`MIN_ALPHA`], with a little slack; not positive if alpha never reaches it.
     pub reach: T,
     /// z in camera coordinates.
     pub depth: T,
@@ -150,7 +149,7 @@ impl<T: Copy> Projected<T> {
     }
 }
 
-/// Numbers of a [`ProjectedGradient`]: those of a gradient record before its channels.
+/// Length of a [`ProjectedGradient`]: the part of a gradient record before its channels.
 pub const PROJECTED_GRADIENT_LEN: usize = gradient_record::STATISTIC_Y + 1;
 
 /// Indices in a gradient record: the fields of a [`ProjectedGradient`], then the blended channels.
@@ -169,9 +168,9 @@ pub mod gradient_record {
     pub const COVARIANCE_YY: usize = 4;
     /// Opacity.
     pub const OPACITY: usize = 5;
-    /// The statistic's share of the centre along x.
+    /// The part of the centre's gradient along x that enters the statistic.
     pub const STATISTIC_X: usize = 6;
-    /// The statistic's share of the centre along y.
+    /// The part of the centre's gradient along y that enters the statistic.
     pub const STATISTIC_Y: usize = 7;
     /// The first channel.
     pub const CHANNELS: usize = PROJECTED_GRADIENT_LEN;
@@ -189,14 +188,14 @@ pub mod gradient_record {
         CHANNELS + depth_channel(channels)
     }
 
-    /// Numbers in a record.
+    /// Length of a record.
     pub const fn len(channels: usize) -> usize {
         CHANNELS + channels
     }
 }
 
-/// Gradient with respect to a projected Gaussian: the head of a gradient record, which its channels follow
-/// (colour, features, depth).
+/// Gradient with respect to a projected Gaussian: the head of a gradient record. The channels follow it (colour,
+/// features, depth).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ProjectedGradient<T> {
     /// With respect to the centre in pixels.
@@ -205,7 +204,7 @@ pub struct ProjectedGradient<T> {
     pub covariance: [T; 3],
     /// With respect to the (compensated) opacity.
     pub opacity: T,
-    /// The share of `centre` that the statistic counts.
+    /// The part of `centre` that enters the statistic.
     pub statistic: [T; 2],
 }
 
@@ -240,7 +239,7 @@ impl<T: Copy> ProjectedGradient<T> {
 mod tests {
     use super::*;
 
-    /// A row in which each number is its own index.
+    /// A row in which each value is its own index.
     fn indices<const N: usize>() -> [usize; N] {
         std::array::from_fn(|index| index)
     }

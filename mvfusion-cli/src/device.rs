@@ -1,25 +1,25 @@
-//! The device by its name on the command line.
+//! Devices, selected by their names on the command line.
 
 use mvfusion_model::Device;
 
 use crate::failure::UsageError;
 
-/// A device that was opened.
+/// An open device.
 #[derive(Clone, Debug)]
 pub struct OpenDevice {
-    /// For Burn.
+    /// The device of Burn.
     pub device: Device,
     /// Its name, in `results.json` and for `--device`.
     pub name: String,
-    /// One line: what was taken, and why.
+    /// One line: the chosen device, and why it was chosen.
     pub reason: String,
 }
 
-/// How a build with GPU support is made.
-#[cfg_attr(any(feature = "wgpu", feature = "cuda"), allow(dead_code, reason = "said by builds without it"))]
+/// How to build with GPU support.
+#[cfg_attr(any(feature = "wgpu", feature = "cuda"), allow(dead_code, reason = "printed by builds without it"))]
 const WITH_GPU: &str = "build with `--features wgpu` (or `cuda`)";
 
-/// Names of devices of this program, compiled in or not.
+/// Names of all devices, compiled in or not.
 const NAMES: &str = "auto, cpu, flex, ndarray, wgpu[:N], cuda[:N]";
 
 /// The cargo features of this build that name a device.
@@ -35,7 +35,7 @@ pub fn features() -> Vec<&'static str> {
     .collect()
 }
 
-/// What a device's name asks for.
+/// The device that a name refers to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Wanted<'a> {
     Auto,
@@ -47,7 +47,7 @@ enum Wanted<'a> {
 
 impl<'a> Wanted<'a> {
     fn parse(name: &'a str) -> Result<Self, UsageError> {
-        let unknown = || UsageError::new(format!("there is no device `{name}`; --device takes one of {NAMES}."));
+        let unknown = || UsageError::new(format!("unknown device `{name}`; --device takes one of {NAMES}."));
         let (kind, number) = match name.split_once(':') {
             Some((kind, number)) => (kind, Some(number)),
             None => (name, None),
@@ -66,7 +66,7 @@ impl<'a> Wanted<'a> {
     }
 }
 
-/// Whether a machine should have a GPU for a device of this name; `auto` takes one where this build can use it.
+/// Whether this device needs a GPU. `auto` does if this build supports GPUs.
 ///
 /// # Errors
 /// [`UsageError`] if there is no such device, or none in this build.
@@ -75,12 +75,12 @@ pub fn wants_gpu(name: &str) -> Result<bool, UsageError> {
         Wanted::Auto => Ok(cfg!(any(feature = "wgpu", feature = "cuda"))),
         Wanted::Gpu { backend, .. } if features().contains(&backend) => Ok(true),
         Wanted::Gpu { backend, .. } => Err(not_built(backend)),
-        // These take no memory of anybody.
+        // Opening a CPU device takes no memory from other processes.
         Wanted::Cpu | Wanted::Flex | Wanted::Ndarray => open(name).map(|_| false),
     }
 }
 
-/// Whether there is a device of this name. A GPU is not opened: another process is to have all of it.
+/// Checks that a device of this name exists. A GPU is not opened, so that another process can have all of it.
 ///
 /// # Errors
 /// [`UsageError`] if there is none.
@@ -99,24 +99,24 @@ pub fn check(name: &str) -> Result<(), UsageError> {
 pub fn open(name: &str) -> Result<OpenDevice, UsageError> {
     match Wanted::parse(name)? {
         Wanted::Auto => auto(),
-        Wanted::Cpu => cpu("the CPU was asked for"),
-        Wanted::Flex => flex("asked for by name").ok_or_else(|| not_built("flex")),
-        Wanted::Ndarray => ndarray("asked for by name").ok_or_else(|| not_built("ndarray")),
+        Wanted::Cpu => cpu("requested by name"),
+        Wanted::Flex => flex("requested by name").ok_or_else(|| not_built("flex")),
+        Wanted::Ndarray => ndarray("requested by name").ok_or_else(|| not_built("ndarray")),
         Wanted::Gpu { backend, index } => gpu::open(backend, index),
     }
 }
 
-/// A GPU if there is one, else the CPU. A driver that computes on the CPU is no GPU: it is there for tests, and slower
-/// than the CPU's own backends.
+/// A GPU if there is one, otherwise the CPU. Software drivers do not count as GPUs: they are meant for tests and slower
+/// than the CPU backends.
 fn auto() -> Result<OpenDevice, UsageError> {
     match gpu::best() {
         Some(gpu) => Ok(gpu),
-        None if cfg!(any(feature = "wgpu", feature = "cuda")) => cpu("auto: no GPU was found, see `mvfusion devices`"),
-        None => cpu(&format!("auto: this build has no GPU support, {WITH_GPU}")),
+        None if cfg!(any(feature = "wgpu", feature = "cuda")) => cpu("auto: no GPU was found; see `mvfusion devices`"),
+        None => cpu(&format!("auto: this build has no GPU support; {WITH_GPU}")),
     }
 }
 
-/// What was compiled in and what was found, a line each, for people.
+/// The compiled backends and the detected devices, one line each.
 pub fn list() -> Vec<String> {
     let mut lines = Vec::new();
     if cfg!(feature = "flex") {
@@ -136,21 +136,21 @@ mod gpu {
 
     use super::{OpenDevice, UsageError};
 
-    /// The first GPU that can be used and is no software.
+    /// The first usable GPU that is not a software driver.
     pub fn best() -> Option<OpenDevice> {
         gpus().iter().filter(|gpu| !gpu.is_software).find_map(|gpu| {
-            opened(gpu, "auto: the first GPU").inspect_err(|error| warn!("{error}: it is passed over")).ok()
+            opened(gpu, "auto: the first GPU").inspect_err(|error| warn!("{error}; this GPU is skipped")).ok()
         })
     }
 
-    /// A GPU by its backend and its number there.
+    /// The GPU with this index of a backend.
     pub fn open(backend: &str, index: usize) -> Result<OpenDevice, UsageError> {
-        opened(find(backend, index)?, "asked for by name").map_err(|error| {
-            UsageError::new(format!("{error}. Update its driver, or take another device or `--device cpu`."))
+        opened(find(backend, index)?, "requested by name").map_err(|error| {
+            UsageError::new(format!("{error}. Update its driver, or use another device or `--device cpu`."))
         })
     }
 
-    /// Whether there is such a GPU.
+    /// Checks that such a GPU exists.
     pub fn check(backend: &str, index: usize) -> Result<(), UsageError> {
         find(backend, index).map(|_| ())
     }
@@ -170,7 +170,7 @@ mod gpu {
                     format!("found: {}", names.join(", "))
                 };
                 Err(UsageError::new(format!(
-                    "`--device {backend}:{index}`: there is no such device; {there}. `mvfusion devices` tells more."
+                    "`--device {backend}:{index}`: no such device; {there}. `mvfusion devices` prints details."
                 )))
             }
         }
@@ -202,7 +202,7 @@ mod gpu {
         };
         let atomics = if adds_floats { "atomic float addition" } else { "no atomic float addition" };
         format!(
-            "{:9} {name}{}: buffers up to {} MiB, {} KiB shared by up to {units} units, {atomics}",
+            "{:9} {name}{}: buffers up to {} MiB, {} KiB of shared memory for up to {units} threads, {atomics}",
             gpu.label(),
             software(gpu),
             buffer >> 20,
@@ -221,7 +221,7 @@ mod gpu {
 
     pub fn open(backend: &str, _: usize) -> Result<OpenDevice, UsageError> {
         Err(UsageError::new(format!(
-            "`--device {backend}`: this build has no GPU support; {WITH_GPU}, or take `--device cpu`."
+            "`--device {backend}`: this build has no GPU support; {WITH_GPU}, or use `--device cpu`."
         )))
     }
 
@@ -243,7 +243,7 @@ fn cpu(reason: &str) -> Result<OpenDevice, UsageError> {
 
 fn not_built(name: &str) -> UsageError {
     UsageError::new(format!(
-        "`--device {name}`: this build has no {name}; build with `--features {name}`, or take `--device cpu`."
+        "`--device {name}`: this build does not include {name}; build with `--features {name}`, or use `--device cpu`."
     ))
 }
 
@@ -272,7 +272,7 @@ fn opened(device: Device, name: &'static str, reason: &str) -> OpenDevice {
     OpenDevice { device, name: name.to_owned(), reason: format!("{name} on the {} ({reason})", threads()) }
 }
 
-/// The CPU, with the threads that this process takes of it.
+/// The CPU, with the number of threads that this process uses.
 fn threads() -> String {
     match rayon::current_num_threads() {
         1 => "CPU, 1 thread".to_owned(),

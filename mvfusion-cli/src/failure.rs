@@ -1,4 +1,4 @@
-//! How the program ends when something is wrong: one paragraph on stderr and an exit code.
+//! How the program reports an error: one paragraph on stderr and an exit code.
 
 use std::fmt;
 use std::io;
@@ -9,15 +9,15 @@ use mvfusion_model::ModelError;
 /// Exit code of a failure.
 pub const FAILED: u8 = 1;
 
-/// Exit code of a command line that cannot be carried out.
+/// Exit code of an invalid command line or configuration.
 pub const USAGE: u8 = 2;
 
-/// What is wrong with a command line or a configuration.
+/// An error in a command line or a configuration.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UsageError(String);
 
 impl UsageError {
-    /// A usage error with its message: what, where, what to do.
+    /// A usage error. Its message says what is wrong, where, and what to do.
     pub fn new(message: impl Into<String>) -> Self {
         Self(message.into())
     }
@@ -41,7 +41,7 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
     if usage { USAGE } else { FAILED }
 }
 
-/// Says on stderr what went wrong. A reader that closed the pipe (`mvfusion config | head`) is no failure.
+/// Prints an error to stderr. A closed pipe (`mvfusion config | head`) is not a failure.
 pub fn report(error: &anyhow::Error) -> ExitCode {
     let closed = |cause: &(dyn std::error::Error + 'static)| {
         cause.downcast_ref::<io::Error>().is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)

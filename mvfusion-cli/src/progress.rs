@@ -1,4 +1,4 @@
-//! What is seen while the program works: one line that changes on a terminal, now and then a line elsewhere.
+//! Progress output: one line that changes on a terminal, or a new line every few seconds elsewhere.
 
 use std::io::{self, IsTerminal};
 use std::time::{Duration, Instant};
@@ -7,20 +7,20 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::clock::spoken;
 
-/// Pause between two lines where stderr is no terminal.
+/// Time between two lines if stderr is not a terminal.
 const PAUSE: Duration = Duration::from_secs(5);
 
 /// Whether notes and progress are shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verbosity {
-    /// They are.
+    /// Notes, progress, errors and results are shown.
     Normal,
-    /// Errors and results alone are.
+    /// Only errors and results are shown.
     Silent,
 }
 
 impl Verbosity {
-    /// Says a line on stderr.
+    /// Prints a line to stderr.
     pub fn note(self, line: &str) {
         if self == Self::Normal {
             eprintln!("{line}");
@@ -35,7 +35,7 @@ pub struct Progress {
     name: &'static str,
     total: usize,
     done: usize,
-    /// What was said last.
+    /// The latest message.
     message: String,
 }
 
@@ -44,7 +44,7 @@ enum Style {
     Bar(ProgressBar),
     Lines {
         last: Instant,
-        /// Step at which the last line was said.
+        /// Step of the last line.
         said: usize,
     },
     Silent,
@@ -61,7 +61,7 @@ impl Progress {
         Self { style, name, total, done: 0, message: String::new() }
     }
 
-    /// One more step is done.
+    /// Counts one more step.
     pub fn advance(&mut self) {
         self.done += 1;
         let line = self.line();
@@ -75,7 +75,7 @@ impl Progress {
         }
     }
 
-    /// Changes what stands behind the numbers.
+    /// Changes the message after the numbers.
     pub fn say(&mut self, message: String) {
         if let Style::Bar(bar) = &self.style {
             bar.set_message(message.clone());
@@ -83,11 +83,11 @@ impl Progress {
         self.message = message;
     }
 
-    /// Ends the display; the last state stays as a line.
+    /// Ends the display. The last state stays as a line.
     pub fn finish(&self) {
         match &self.style {
             Style::Bar(bar) => {
-                // The bar itself would leave the cursor at its end, and the next output behind it.
+                // The bar itself would leave the cursor at its end, and the next output would follow on the same line.
                 bar.finish_and_clear();
                 eprintln!("{}", self.line());
             }
@@ -103,7 +103,7 @@ impl Progress {
 
 fn bar(name: &'static str, total: usize) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(total as u64), ProgressDrawTarget::stderr());
-    // The template is fixed; if it were wrong, the plain bar would do.
+    // The template is a constant. If it were invalid, the default bar would be used.
     if let Ok(style) = ProgressStyle::with_template("{prefix} {bar:10} {pos}/{len}  {wide_msg}") {
         bar.set_style(style);
     }
@@ -112,7 +112,7 @@ fn bar(name: &'static str, total: usize) -> ProgressBar {
     bar
 }
 
-/// How fast steps are done, and how long the rest will take.
+/// The speed of the steps, and an estimate of the remaining time.
 #[derive(Clone, Debug)]
 pub struct Pace {
     started: Instant,
@@ -128,7 +128,7 @@ impl Default for Pace {
 }
 
 impl Pace {
-    /// Measures the pace since the last mark, at `done` steps.
+    /// Measures the speed since the last mark, at `done` steps.
     pub fn mark(&mut self, done: usize) {
         let now = Instant::now();
         let seconds = now.duration_since(self.marked.0).as_secs_f64();
@@ -138,7 +138,7 @@ impl Pace {
         self.marked = (now, done);
     }
 
-    /// Steps a second between the last two marks.
+    /// Steps per second between the last two marks.
     pub fn steps_per_second(&self) -> f64 {
         self.steps_per_second
     }
@@ -148,7 +148,7 @@ impl Pace {
         self.started.elapsed().as_secs_f64()
     }
 
-    /// How long `steps` more will take at this pace, for people.
+    /// The remaining time for `steps` more steps, for people.
     pub fn left(&self, steps: usize) -> String {
         match self.steps_per_second > 0.0 {
             true => format!("{} left", spoken(steps as f64 / self.steps_per_second)),

@@ -3,10 +3,10 @@
 use mvfusion_data::{BuiltinOptions, ReadOptions, Scene};
 use mvfusion_model::Config;
 
-/// Opens the folder `scene.data`, or makes the built-in scene, and attaches the masks of `eval.dynamic_masks`.
+/// Opens the folder `scene.data`, or creates the built-in scene, and attaches the masks of `eval.dynamic_masks`.
 ///
 /// # Errors
-/// If folder or masks cannot be read.
+/// If the folder or the masks cannot be read.
 pub fn open(config: &Config) -> anyhow::Result<Scene> {
     let options = &config.scene;
     let mut scene = match &options.data {
@@ -22,7 +22,7 @@ pub fn open(config: &Config) -> anyhow::Result<Scene> {
     Ok(scene)
 }
 
-/// How the configuration wants a folder to be read.
+/// The options for reading a scene folder, from the configuration.
 pub fn read_options(config: &Config) -> ReadOptions {
     let scene = &config.scene;
     ReadOptions {
@@ -32,20 +32,20 @@ pub fn read_options(config: &Config) -> ReadOptions {
         time: scene.time,
         test_every: scene.test_every,
         test_cameras: scene.test_cameras.clone(),
-        // What is behind a transparent picture is what the renderer has behind the Gaussians.
+        // Transparent images are composited over the background colour of the renderer.
         backdrop: [(255.0 * config.model.background.level()).round() as u8; 3],
         invert_masks: scene.invert_masks,
         frame_store: scene.frame_store.clone(),
     }
 }
 
-/// A scene in a line, for people.
+/// A scene in one line, for people.
 pub fn describe(scene: &Scene) -> String {
     let size = scene.train.first().map_or(String::new(), |view| {
         let (width, height) = view.image.size();
-        format!(" of {width}x{height}")
+        format!(" at {width}x{height}")
     });
     let (train, test) = (scene.train.len(), scene.test.len());
     let points = scene.points.len();
-    format!("{}: {train} views to train on and {test} held out{size}, {points} points to start from", scene.name)
+    format!("{}: {train} training and {test} held-out views{size}, {points} initial points", scene.name)
 }

@@ -8,16 +8,16 @@ use mvfusion_model::evaluation::{HeldOutPhoto, LayerScores, Metric, Protocol, Sc
 use crate::clock::spoken;
 use crate::run::{LpipsWeights, RenderSpeed, Results};
 
-/// Width of the first column, where no region's name is longer.
+/// Minimum width of the first column.
 const LABEL: usize = 16;
 
-/// Metrics of a layer that are shown at most: the first ones of the protocol.
+/// Maximum number of metrics per layer: the first ones of the protocol.
 const FIGURES: usize = 4;
 
-/// Width of a terminal, into which a line must fit.
+/// Terminal width that a line must fit.
 const LINE: usize = 80;
 
-/// Writes the metrics of a run by a protocol, a layer a line.
+/// Writes the metrics of a run under a protocol, one line per layer.
 ///
 /// # Errors
 /// If `out` cannot be written to.
@@ -52,15 +52,15 @@ pub fn write(results: &Results, protocol: Protocol, out: &mut dyn Write) -> io::
     writeln!(out, "{:LABEL$}{}, {} {threads}", "device", results.device, results.threads)
 }
 
-/// What the composed picture of a held-out photo is, in words for people.
+/// What the composed render of a held-out photo shows, in words.
 pub(crate) fn what_photos_show(shown: HeldOutPhoto) -> &'static str {
     match shown {
-        HeldOutPhoto::StaticBranch => "the static branch: held-out photos have no trained moment",
-        HeldOutPhoto::AllBranches => "held-out photos' own times, which were not trained on",
+        HeldOutPhoto::StaticBranch => "the static branch, because held-out photos have no trained time",
+        HeldOutPhoto::AllBranches => "the held-out photos' own times, which were not trained",
     }
 }
 
-/// The first of the protocol's metrics that any layer has, as many as a line has room for.
+/// The first metrics of the protocol that any layer has, as many as fit into a line.
 fn metrics(results: &Results, protocol: Protocol, label: usize) -> Vec<Metric> {
     let is_known = |metric: &Metric| results.test.layers().any(|(_, scores)| metric.of(scores).is_some());
     let mut room = LINE.saturating_sub(label);
@@ -72,7 +72,7 @@ fn metrics(results: &Results, protocol: Protocol, label: usize) -> Vec<Metric> {
     protocol.metrics().iter().copied().filter(is_known).take(FIGURES).take_while(fits).collect()
 }
 
-/// Width of the first column: a region's name has that of its masks with it.
+/// Width of the first column. The name of a region includes the source of its masks.
 fn label_width(results: &Results) -> usize {
     let sets = std::iter::once(&results.test).chain(&results.training_views);
     let labels = sets.flat_map(|set| set.layers().map(|(layer, _)| set.label(layer).len() + 1));
@@ -97,7 +97,7 @@ fn write_layers(scores: &Scores, metrics: &[Metric], label: usize, out: &mut dyn
     })
 }
 
-/// The metrics that no layer has.
+/// The metrics that do not belong to a layer.
 fn write_beside(scores: &Scores, out: &mut dyn Write) -> io::Result<()> {
     if let Some(difference) = scores.dynamic_minus_still_psnr {
         writeln!(out, "{:LABEL$}{difference:>+10.2} dB", "dynamic - still")?;
@@ -117,7 +117,7 @@ fn cell(metric: Metric, scores: &LayerScores) -> String {
     format!("{value:>width$}", width = width(metric))
 }
 
-/// T-LPIPS, and the mean LPIPS of consecutive pictures, of which motion is a part.
+/// T-LPIPS, and the mean LPIPS of consecutive renders, which also contains the motion.
 fn write_flicker(results: &Results, out: &mut dyn Write) -> io::Result<()> {
     let Some(temporal) = results.test.temporal else { return Ok(()) };
     for (label, alex, vgg) in [
@@ -134,7 +134,7 @@ fn write_flicker(results: &Results, out: &mut dyn Write) -> io::Result<()> {
     Ok(())
 }
 
-/// Says which networks gave no metrics and why.
+/// Lists the networks without metrics, and why they are missing.
 fn write_absent(results: &Results, out: &mut dyn Write) -> io::Result<()> {
     let absent = results.lpips.iter().filter_map(|(network, weights)| match weights {
         LpipsWeights::Absent(reason) => Some((network, reason)),
@@ -151,10 +151,7 @@ fn write_absent(results: &Results, out: &mut dyn Write) -> io::Result<()> {
 
 fn speed_sentence(speed: &RenderSpeed) -> String {
     let without = speed.fps_without_mfta.map_or(String::new(), |fps| format!(", {fps:.1} without MFTA"));
-    format!(
-        "{:.1} frames a second{without}, of {}x{} pixels, over {} frames",
-        speed.fps, speed.width, speed.height, speed.frames
-    )
+    format!("{:.1} FPS{without}, at {}x{} over {} frames", speed.fps, speed.width, speed.height, speed.frames)
 }
 
 #[cfg(test)]
@@ -182,7 +179,7 @@ mod tests {
         held-out views    PSNR (dB)      SSIM
         composed              27.34    0.9000
         dynamic region        21.00         -
-        composed shows  the static branch: held-out photos have no trained moment
+        composed shows  the static branch, because held-out photos have no trained time
         LPIPS           absent (alex, vgg): no folder of weights was given; see --lpips-weights
         Gaussians       12 static, 3 dynamic
         time            training 2 min 51 s (1400 steps), evaluation 9 s
@@ -242,7 +239,7 @@ mod tests {
         T-LPIPS         0.0125 (alex)
         Gaussians       12 static, 3 dynamic
         time            training 2 min 51 s (1400 steps), evaluation 9 s
-        speed           62.7 frames a second, 71.0 without MFTA, of 8x6 pixels, over 300 frames
+        speed           62.7 FPS, 71.0 without MFTA, at 8x6 over 300 frames
         device          flex, 2 threads
         ");
     }

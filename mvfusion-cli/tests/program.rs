@@ -173,8 +173,8 @@ fn a_run_leaves_all_its_files_and_can_be_evaluated_again() {
     let again = mvfusion(folder.path(), &["eval", "runs/quickstart-7", "--speed-frames", "2"]);
     let said = text(&again.stdout);
     assert!(again.status.success(), "{}", text(&again.stderr));
-    assert!(said.contains("The metrics are those of runs/quickstart-7/results.json."), "{said}");
-    assert!(said.contains("without MFTA, of 160x120 pixels, over 2 frames"), "{said}");
+    assert!(said.contains("The metrics equal those of runs/quickstart-7/results.json."), "{said}");
+    assert!(said.contains("without MFTA, at 160x120 over 2 frames"), "{said}");
 
     let report = fs::read(run.join("report.html")).expect("read");
     fs::remove_file(run.join("report.html")).expect("removed");
@@ -215,7 +215,7 @@ fn another_protocol_has_a_folder_of_its_own() {
         assert_eq!((now.len(), now), (64, read("run/results.json")[hash].as_str().expect("a hash")), "{hash}");
     }
     let second = text(&mvfusion(folder.path(), &eval).stdout);
-    assert!(second.contains("The metrics are those of run/protocols/nerfbaselines/results.json."), "{second}");
+    assert!(second.contains("The metrics equal those of run/protocols/nerfbaselines/results.json."), "{second}");
     assert_eq!(fs::read(folder.path().join("run/results.json")).expect("read"), own, "ours are left alone");
 }
 
@@ -268,7 +268,7 @@ fn what_cannot_be_exported_is_refused() {
     refuses(&[["export", "no/run/here"].as_slice(), &out].concat(), FAILED, &["no/run/here"]);
     let empty = tempfile::tempdir().expect("folder");
     let path = empty.path().to_str().expect("UTF-8");
-    refuses(&[["export", path].as_slice(), &out].concat(), FAILED, &[path, "it is no run"]);
+    refuses(&[["export", path].as_slice(), &out].concat(), FAILED, &[path, "it is not a run"]);
     for time in ["1.5", "-0.1", "NaN", "soon"] {
         misused(&["export", path, "--out", "out", &format!("--time={time}")], &[time, "from 0 to 1"]);
     }
@@ -439,7 +439,7 @@ fn what_is_no_scene_is_refused_by_check_with_all_that_was_tried() {
     for format in ["COLMAP", "D-NeRF", "Neu3D", "HyperNeRF", "Panoptic", "MultipleView", "On-the-go", "nerfstudio"] {
         assert!(said.contains(format), "{format}: {said}");
     }
-    assert!(text(&output.stderr).contains("training could not start"), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("training cannot start"), "{}", text(&output.stderr));
 }
 
 #[test]

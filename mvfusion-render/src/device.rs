@@ -1,4 +1,4 @@
-//! The devices that were compiled in: one constructor for each CPU backend, and a list of the GPUs that were found.
+//! The devices of this build: a constructor for each CPU backend, and a list of the GPUs found.
 
 use burn::tensor::{DType, Device};
 
@@ -11,13 +11,13 @@ pub fn flex() -> Device {
     Device::flex()
 }
 
-/// Burn's CPU backend on the `ndarray` crate.
+/// Burn's CPU backend based on the `ndarray` crate.
 #[cfg(feature = "ndarray")]
 pub fn ndarray() -> Device {
     crate::host::ndarray::device()
 }
 
-/// Whether the ops of a device take numbers of a type: single precision, and double precision on a CPU.
+/// Whether the ops of a device support a dtype: single precision, and double precision on a CPU.
 pub(crate) fn takes(device: &Device, dtype: DType) -> bool {
     match dtype {
         DType::F32 => true,
@@ -26,7 +26,7 @@ pub(crate) fn takes(device: &Device, dtype: DType) -> bool {
     }
 }
 
-/// Whether a device is a GPU, or a driver that imitates one.
+/// Whether a device is a GPU or a software driver.
 pub fn is_gpu(device: &Device) -> bool {
     buffer_limit(device).is_some()
 }
@@ -37,7 +37,7 @@ pub(crate) fn buffer_limit(_: &Device) -> Option<u64> {
     None
 }
 
-/// Whether a device can blend so many channels, there and back.
+/// Whether a device can blend this many channels, forward and backward.
 #[cfg(not(feature = "cube"))]
 pub(crate) fn blends(_: &Device, _: usize) -> bool {
     true
@@ -62,68 +62,67 @@ mod found {
     use crate::cube::gpu::{self, adds_floats, is_software};
     use crate::cube::shared_memory::fits_shared_memory;
 
-    /// A GPU that a backend of this build has found.
+    /// A GPU found by a backend of this build.
     #[derive(Clone, Debug)]
     pub struct Gpu {
         /// `cuda` or `wgpu`.
         pub backend: &'static str,
-        /// Its number among those of the backend.
+        /// Index among the GPUs of the backend.
         pub index: usize,
-        /// Whether it is a driver that computes on the CPU.
+        /// Whether it is a software driver, which computes on the CPU.
         pub is_software: bool,
-        /// For Burn, which opens it when it is first used.
+        /// Burn's handle, which is opened on first use.
         pub device: Device,
         cube: CubeDevice,
     }
 
-    /// What an opened GPU says of itself.
+    /// The properties that an opened GPU reports.
     #[derive(Clone, Debug, PartialEq, Eq)]
     pub struct Card {
         /// Its name.
         pub name: String,
         /// Bytes of the largest buffer.
         pub buffer: u64,
-        /// Bytes that the units of a cube share.
+        /// Bytes of shared memory per cube.
         pub shared_memory: usize,
-        /// Units of a cube.
+        /// Largest number of units per cube.
         pub units: u32,
-        /// Whether it adds floats atomically, or has to exchange them.
+        /// Whether it has an atomic addition of floats. Otherwise, atomic exchanges replace it.
         pub adds_floats: bool,
     }
 
     /// A GPU that was found but cannot be used.
     #[derive(Debug, Clone, PartialEq, Eq, Error)]
     pub enum GpuError {
-        /// Its driver does not open it.
+        /// The driver cannot open the GPU.
         #[error("{0} was found, but its driver does not open it")]
         Closed(String),
-        /// It binds fewer buffers than the kernels need.
+        /// The GPU binds fewer buffers than the kernels need.
         #[error("{label} binds {found} storage buffers to a kernel, and {needed} are needed", needed = MOST_BUFFERS)]
         Buffers {
-            /// Its name on the command line.
+            /// Name on the command line.
             label: String,
-            /// How many it binds.
+            /// Number of buffers that it binds.
             found: u32,
         },
     }
 
-    /// Folds the launches of this thread that are of more than `cubes` cubes in two dimensions, while `body` runs. Results
-    /// do not depend on it: it is there to test what otherwise only a launch of more than 65 535 cubes would.
+    /// While `body` runs, folds this thread's launches of more than `cubes` cubes into two dimensions. Results do not
+    /// depend on it. It tests a path that otherwise needs a launch of more than 65 535 cubes.
     #[doc(hidden)]
     pub fn fold_launches<T>(cubes: u32, body: impl FnOnce() -> T) -> T {
         gpu::limit_cubes(cubes, body)
     }
 
-    /// Shares the work of this thread out among units as on hardware, and adds floats as where that is no atomic operation,
-    /// on drivers that compute on the CPU as well, while `body` runs. Results do not depend on it but for the order of
-    /// sums: it is there to test on such a driver what runs on hardware.
+    /// While `body` runs, makes this thread treat software drivers like hardware without an atomic addition of floats.
+    /// Results differ only in the order of sums. It tests the hardware path on a software driver.
     #[doc(hidden)]
     pub fn imitate_hardware<T>(body: impl FnOnce() -> T) -> T {
         gpu::imitate_hardware(body)
     }
 
-    /// The GPUs of every backend in this build: CUDA's first, and among wgpu's the discrete ones before the integrated ones,
-    /// software last. None is opened by it: that takes time, and memory of the GPU.
+    /// The GPUs of all backends in this build. CUDA comes first, then wgpu with discrete before integrated GPUs and
+    /// software last. No GPU is opened, because that takes time and GPU memory.
     pub fn gpus() -> &'static [Gpu] {
         static GPUS: OnceLock<Vec<Gpu>> = OnceLock::new();
         GPUS.get_or_init(|| {
@@ -141,7 +140,7 @@ mod found {
         Some(gpu::buffer_limit(&as_cube(&device.clone().inner())?.client()))
     }
 
-    /// Whether a device can blend so many channels, there and back.
+    /// Whether a device can blend this many channels, forward and backward.
     pub(crate) fn blends(device: &Device, channels: usize) -> bool {
         as_cube(&device.clone().inner()).is_none_or(|cube| fits_shared_memory(&cube, channels))
     }
@@ -162,7 +161,7 @@ mod found {
         devices.into_iter().enumerate().map(gpu).collect()
     }
 
-    /// The place of a device's kind among the others: those that are faster first.
+    /// The rank of a device's kind; faster kinds come first.
     fn rank(device: &CubeDevice) -> usize {
         match device {
             #[cfg(feature = "wgpu")]
@@ -186,21 +185,21 @@ mod found {
     }
 
     impl Gpu {
-        /// Its name on the command line: backend and number.
+        /// Name on the command line: backend and index.
         pub fn label(&self) -> String {
             format!("{}:{}", self.backend, self.index)
         }
 
-        /// Opens the GPU and asks it what it is.
+        /// Opens the GPU and reads its properties.
         ///
         /// # Errors
-        /// If its driver fails, or it cannot run the kernels.
+        /// If the driver fails, or the GPU cannot run the kernels.
         pub fn card(&self) -> Result<Card, GpuError> {
-            // CubeCL panics where a driver fails.
+            // CubeCL panics if a driver fails.
             let opened = catch_unwind(AssertUnwindSafe(|| self.cube.client()));
             let client = opened.map_err(|_| GpuError::Closed(self.label()))?;
             let properties = client.properties();
-            // CubeCL keeps one of wgpu's for numbers that are no buffers, which ours get as a uniform.
+            // CubeCL reserves one of wgpu's bindings for scalars; our kernels get them as a uniform.
             let bindings = properties.hardware.max_bindings.saturating_add(1);
             if bindings < MOST_BUFFERS {
                 return Err(GpuError::Buffers { label: self.label(), found: bindings });

@@ -1,7 +1,7 @@
-//! How the CPU twins get at the numbers of a tensor: one trait, implemented by each CPU backend of Burn.
+//! Access of the CPU twins to the values of a tensor: a trait that each CPU backend of Burn implements.
 //!
-//! An op is written once for all of them, as `impl<B: HostBackend> SomeOps for B`. That is coherent beside the
-//! op's implementations for `Autodiff<B, C>` and `Dispatch`, because this trait is local and never theirs.
+//! An op is written once for all of them, as `impl<B: HostBackend> SomeOps for B`. This does not overlap with the op's
+//! implementations for `Autodiff<B, C>` and `Dispatch`, because the trait is local and they never implement it.
 
 use std::ops::Deref;
 
@@ -16,24 +16,24 @@ mod flex;
 #[cfg(feature = "ndarray")]
 pub(crate) mod ndarray;
 
-/// A backend whose tensors live in host memory, so that an op written on slices serves it.
+/// A backend whose tensors are in host memory, so that ops on slices work for it.
 pub(crate) trait HostBackend: Backend {
-    /// Read access to the numbers of a tensor, row-major, without a copy where the tensor is contiguous.
+    /// Read access to the values of a tensor, row-major, without a copy if the tensor is contiguous.
     type Values<T: Real>: Deref<Target = [T]> + Send + Sync;
 
     /// Read access to the indices of an `i32` tensor.
     type Indices: Deref<Target = [i32]> + Send + Sync;
 
-    /// The numbers of a tensor whose dtype is `T`'s; another dtype panics.
+    /// The values of a tensor with the dtype of `T`. Panics for another dtype.
     fn values<T: Real>(tensor: FloatTensor<Self>) -> Self::Values<T>;
 
-    /// A tensor of `shape` from row-major numbers, without a copy.
+    /// A tensor of `shape` from row-major values, without a copy.
     fn tensor<T: Real>(values: Vec<T>, shape: impl Into<Shape>) -> FloatTensor<Self>;
 
-    /// The numbers of a tensor to change; without a copy where nobody else holds them.
+    /// Mutable access to the values of a tensor; without a copy if the buffer is not shared.
     fn values_mut<T: Real>(tensor: &mut FloatTensor<Self>) -> &mut [T];
 
-    /// The indices of an integer tensor made by [`HostBackend::index_tensor`].
+    /// The indices of an integer tensor from [`HostBackend::index_tensor`].
     fn indices(tensor: IntTensor<Self>) -> Self::Indices;
 
     /// An `i32` tensor of `shape`.

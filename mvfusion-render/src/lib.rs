@@ -1,9 +1,9 @@
 //! Differentiable Gaussian splatting, HexPlane interpolation, MLPs and attention as Burn backend extensions.
 //!
-//! The crate knows neither time nor files. `mvfusion-model` builds the method on it; `mvfusion-kernels` below it holds the
-//! GPU kernels.
+//! The crate is independent of time and files. `mvfusion-model` implements the method on top of it, and
+//! `mvfusion-kernels` contains the GPU kernels.
 //!
-//! # A first picture
+//! # First image
 //! ```
 //! use burn::tensor::Tensor;
 //! use glam::{DMat3, DVec3};
@@ -33,21 +33,21 @@
 //! ```
 //!
 //! # Which op do I use?
-//! | op | is |
+//! | op | purpose |
 //! |---|---|
-//! | [`splat`] | the rasteriser: colour, features, alpha and depth of 3D Gaussians from a camera, by the rules of 3DGS or gsplat |
-//! | [`grid`] | bilinear interpolation in the planes of a HexPlane, and the penalties on these planes |
-//! | [`mlp`] | several MLPs that read the same rows |
-//! | [`attention`] | multi-head attention of few queries to few keys, for every row |
+//! | [`splat`] | rasterises 3D Gaussians to colour, features, alpha and depth, by the rules of 3DGS or gsplat |
+//! | [`grid`] | interpolates the planes of a HexPlane, and computes the penalties on them |
+//! | [`mlp`] | evaluates several MLPs on the same rows |
+//! | [`attention`] | multi-head attention of a few queries to a few keys, for every row |
 //! | [`window`] | Gaussian blur and SSIM |
-//! | [`optim`] | Adam's step |
-//! | [`device`] | the devices that were compiled in |
+//! | [`optim`] | a step of Adam |
+//! | [`device`] | the devices of this build |
 //!
-//! # How an op is built
-//! Each op has three layers: a CPU twin that knows only slices and is generic over `f32` and `f64` (`*/cpu.rs`), a
-//! backend extension that hands tensors to it (`*/op.rs`), and a function on Burn tensors that checks shapes at the
-//! border. With the feature `cube`, `cube/` implements the same extensions by launches of GPU kernels. Only `op.rs`,
-//! `autodiff.rs`, `host` and `cube/` import Burn's internals.
+//! # Structure of an op
+//! Each op has three layers. The CPU twin works on slices and is generic over `f32` and `f64` (`*/cpu.rs`). A backend
+//! extension passes tensors to it (`*/op.rs`). A function on Burn tensors checks the shapes. With the feature `cube`,
+//! `cube/` implements the same extensions by launching GPU kernels. Only `op.rs`, `autodiff.rs`, `host` and `cube/`
+//! import Burn's internals.
 #![cfg_attr(
     feature = "ndarray",
     allow(deprecated, reason = "Burn recommends Flex; the charter names ndarray, and each op's macro mentions it")

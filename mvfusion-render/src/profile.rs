@@ -1,9 +1,9 @@
-//! How long the parts of a training step take.
+//! The duration of each part of a training step.
 //!
-//! Whoever calls an op says which part of the step it belongs to, by [`measure`]; an op that has a backward pass remembers
-//! that part, so that its share of `backward()` is found there as well. Time is counted once: what an inner part takes is
-//! not the outer one's. The clock is that of the calling thread, on which the CPU ops run; on a GPU, where a call returns
-//! before the work is done, these are the times of the calls.
+//! The caller of an op assigns it to a part of the step with [`measure`]. An op with a backward pass remembers that
+//! part, so that its share of `backward()` is attributed to the same part. Time is counted once: the time of an inner
+//! part does not count for the outer one. The clock belongs to the calling thread, on which the CPU ops run. On a GPU,
+//! a call returns before the work is done, so these are the times of the calls.
 
 use std::cell::RefCell;
 use std::time::{Duration, Instant};
@@ -11,27 +11,27 @@ use std::time::{Duration, Instant};
 /// A part of a training step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
-    /// HexPlane look-up, forward and backward.
+    /// HexPlane interpolation, forward and backward.
     LookUp,
     /// Trunk and heads, forward and backward.
     Network,
-    /// Motion-variance encoder, forward and the perceptron's backward.
+    /// Motion-variance encoder, forward, and the backward pass of its MLP.
     Mvg,
-    /// Temporal attention with its neighbour tokens, forward and the perceptrons' backward.
+    /// Temporal attention with its neighbour tokens, forward, and the backward pass of its MLPs.
     Mfta,
     /// Projection, sorting and blending.
     SplatForward,
-    /// Their adjoint.
+    /// The adjoint of projection and blending.
     SplatBackward,
     /// Waiting for the photos of a batch and moving them to the device.
     Photos,
     /// Blending of the branches and losses, forward.
     Loss,
-    /// What remains of the backward pass: the losses' part and small tensor operations.
+    /// The rest of the backward pass: losses and small tensor operations.
     BackwardRest,
     /// Adam.
     Optimiser,
-    /// Densification statistics and changes of rows.
+    /// Densification statistics and row changes.
     Densify,
     /// Motion statistics.
     Refresh,
@@ -72,12 +72,12 @@ impl Part {
         }
     }
 
-    /// Whether whatever is called within counts as this part.
+    /// Whether everything called within counts as this part.
     fn owns_what_it_calls(self) -> bool {
         matches!(self, Self::Mvg | Self::Mfta | Self::Refresh)
     }
 
-    /// The part that the backward pass of an op belongs to.
+    /// The part of the backward pass of an op.
     pub(crate) fn backward(self) -> Self {
         match self {
             Self::SplatForward => Self::SplatBackward,
@@ -86,20 +86,20 @@ impl Part {
     }
 }
 
-/// Time by part, as [`Part::ALL`] lists them.
+/// Time per part, in the order of [`Part::ALL`].
 pub type PartTimes = [Duration; Part::ALL.len()];
 
 #[derive(Default)]
 struct Clock {
     totals: PartTimes,
-    /// The parts under way, outermost first.
+    /// The active parts, outermost first.
     open: Vec<Part>,
-    /// When the innermost of them was last entered or come back to.
+    /// When the innermost part was last entered or resumed.
     since: Option<Instant>,
 }
 
 impl Clock {
-    /// Credits the time until now to the innermost part.
+    /// Adds the time since then to the innermost part.
     fn credit(&mut self) {
         let now = Instant::now();
         if let (Some(&part), Some(since)) = (self.open.last(), self.since) {
@@ -113,7 +113,7 @@ thread_local! {
     static CLOCK: RefCell<Clock> = RefCell::default();
 }
 
-/// Leaves the innermost part when dropped, even by a panic.
+/// Leaves the innermost part when dropped, also during a panic.
 struct Leave;
 
 impl Drop for Leave {
@@ -125,7 +125,7 @@ impl Drop for Leave {
     }
 }
 
-/// Does `work` as `part` of a step; within MVG, MFTA and the motion statistics it stays theirs.
+/// Runs `work` as `part` of a step. Within MVG, MFTA and the motion statistics, it counts as theirs.
 pub fn measure<R>(part: Part, work: impl FnOnce() -> R) -> R {
     CLOCK.with_borrow_mut(|clock| {
         clock.credit();
@@ -136,12 +136,12 @@ pub fn measure<R>(part: Part, work: impl FnOnce() -> R) -> R {
     work()
 }
 
-/// The part under way.
+/// The innermost active part.
 pub(crate) fn current() -> Option<Part> {
     CLOCK.with_borrow(|clock| clock.open.last().copied())
 }
 
-/// Does the backward pass of an op that was called as `part`.
+/// Runs the backward pass of an op that was called as `part`.
 pub(crate) fn measure_backward<R>(part: Option<Part>, work: impl FnOnce() -> R) -> R {
     match part {
         Some(part) => measure(part.backward(), work),

@@ -1,4 +1,4 @@
-//! The two floating-point types that the CPU twins run in.
+//! The two floating-point types of the CPU twins.
 
 use std::iter::Sum;
 use std::ops::{AddAssign, MulAssign, SubAssign};
@@ -7,7 +7,7 @@ use burn::tensor::{DType, Element};
 use bytemuck::Pod;
 use num_traits::{Float, FromPrimitive};
 
-/// `f32` for work, `f64` for finite differences.
+/// `f32` for training, `f64` for finite differences.
 pub trait Real:
     Float + FromPrimitive + Element + Pod + Send + Sync + Sum + AddAssign + MulAssign + SubAssign + 'static
 {
@@ -20,7 +20,7 @@ pub trait Real:
     /// The value in double precision.
     fn wide(self) -> f64;
 
-    /// The value as an index, cut towards zero; NaN and negative numbers give 0, and no index passes `i32::MAX`.
+    /// The value as an index, truncated towards zero. NaN and negative numbers give 0; the largest index is `i32::MAX`.
     fn trunc_index(self) -> usize;
 
     /// An index below `i32::MAX` as a value.
@@ -75,7 +75,7 @@ impl Real for f64 {
     }
 }
 
-/// Evaluates `$body` with `$T` standing for the float type of `$dtype`; other types panic.
+/// Evaluates `$body` with `$T` as the float type of `$dtype`. Panics for other types.
 macro_rules! with_real {
     ($dtype:expr, $T:ident => $body:expr) => {
         match $dtype {
@@ -87,7 +87,7 @@ macro_rules! with_real {
                 type $T = f64;
                 $body
             }
-            // Proof: the border of an op refuses other dtypes, or says under `Panics` that it does not take them.
+            // Proof: an op's public function rejects other dtypes, or lists them under `Panics`.
             other => panic!("CPU twins run in f32 and f64, not in {other:?}"),
         }
     };

@@ -1,6 +1,6 @@
-//! Vector instructions chosen at run time: for loops that the compiler vectorises by itself, and as a type.
+//! Vector instructions selected at run time, for loops that the compiler vectorises and as an explicit type.
 //!
-//! No instruction set changes a result: sums keep their written order and nothing is contracted.
+//! Results do not depend on the instruction set: sums keep their written order, and nothing is contracted.
 
 use std::ops::{Add, Div, Mul, Sub};
 
@@ -9,7 +9,7 @@ use pulp::{Arch, Simd, WithSimd};
 
 use crate::Real;
 
-/// A closure that is called by reference: a call by value goes through a shim that is compiled for the baseline.
+/// A closure that is called by reference. A call by value goes through a shim that is compiled for the baseline.
 struct Work<F>(F);
 
 impl<R, F: FnMut() -> R> WithSimd for Work<F> {
@@ -21,16 +21,16 @@ impl<R, F: FnMut() -> R> WithSimd for Work<F> {
     }
 }
 
-/// Calls `work` compiled for the best instruction set of this machine. The closure and all that it calls in its loops
-/// must be `#[inline(always)]`; what is not is compiled for the baseline.
+/// Calls `work` compiled for the best instruction set of this machine. The closure and everything that it calls in its
+/// loops must be `#[inline(always)]`; other functions are compiled for the baseline.
 #[inline]
 pub(crate) fn vectorised<R>(work: impl FnMut() -> R) -> R {
     Arch::new().dispatch(Work(work))
 }
 
-/// A float that has vectors. The methods are the operators of [`Wide`].
+/// A float with a vector type. The methods implement the operators of [`Wide`].
 pub(crate) trait Lanes: Real {
-    /// As many of them as a register holds.
+    /// A register of this float.
     type Vector<S: Simd>: Copy + Pod;
 
     fn splat<S: Simd>(simd: S, value: Self) -> Self::Vector<S>;
@@ -82,18 +82,18 @@ lanes!(f32, f32s, splat_f32s, sqrt_f32s, equal_f32s, select_f32s,
 lanes!(f64, f64s, splat_f64s, sqrt_f64s, equal_f64s, select_f64s,
     add: add_f64s, sub: sub_f64s, mul: mul_f64s, div: div_f64s, max: max_f64s, min: min_f64s);
 
-/// A vector that knows its instruction set, so that arithmetic is written as usual.
+/// A vector with its instruction set, so that the usual operators work.
 #[derive(Clone, Copy)]
 pub(crate) struct Wide<S: Simd, T: Lanes> {
     simd: S,
     vector: T::Vector<S>,
 }
 
-/// The most lanes that a vector has.
+/// Largest number of lanes of a vector.
 pub(crate) const MAX_LANES: usize = 16;
 
 impl<S: Simd, T: Lanes> Wide<S, T> {
-    /// How many numbers a vector holds, at most [`MAX_LANES`].
+    /// Number of lanes, at most [`MAX_LANES`].
     pub(crate) const LANES: usize = size_of::<T::Vector<S>>() / size_of::<T>();
 
     #[inline(always)]
@@ -101,20 +101,20 @@ impl<S: Simd, T: Lanes> Wide<S, T> {
         Self { simd, vector: T::splat(simd, value) }
     }
 
-    /// The numbers from `at` on.
+    /// Loads the values from `at` on.
     #[inline(always)]
     pub(crate) fn load(simd: S, numbers: &[T], at: usize) -> Self {
         let block = &numbers[at..at + Self::LANES];
         Self { simd, vector: bytemuck::pod_read_unaligned(bytemuck::cast_slice(block)) }
     }
 
-    /// Writes the numbers from `at` on.
+    /// Stores the values from `at` on.
     #[inline(always)]
     pub(crate) fn store(self, numbers: &mut [T], at: usize) {
         numbers[at..at + Self::LANES].copy_from_slice(bytemuck::cast_slice(std::slice::from_ref(&self.vector)));
     }
 
-    /// A vector of one value beside this one.
+    /// A vector of one value with the same instruction set.
     #[inline(always)]
     pub(crate) fn value(self, value: f64) -> Self {
         Self::splat(self.simd, T::of(value))

@@ -1,23 +1,23 @@
-//! Adam, number by number. CPU twin: `optim/cpu.rs`.
+//! Adam, element by element. CPU twin: `optim/cpu.rs`.
 
 use cubecl::prelude::*;
 
-/// The rule at one step.
+/// The constants of one step.
 #[derive(CubeType, CubeLaunch, Clone, Copy)]
 pub struct AdamStep {
-    /// The decay of the first moment.
+    /// Decay of the first moment.
     pub beta1: f32,
-    /// One minus it.
+    /// One minus that decay.
     pub rest1: f32,
-    /// The decay of the second moment.
+    /// Decay of the second moment.
     pub beta2: f32,
-    /// One minus it.
+    /// One minus that decay.
     pub rest2: f32,
-    /// The learning rate over the first moment's correction.
+    /// Learning rate divided by the first moment's bias correction.
     pub rate: f32,
-    /// One over the root of the second moment's correction.
+    /// Inverse square root of the second moment's bias correction.
     pub root: f32,
-    /// What is added to the root of the second moment.
+    /// Added to the square root of the second moment.
     pub epsilon: f32,
 }
 

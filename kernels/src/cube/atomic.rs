@@ -1,22 +1,23 @@
-//! Sums of floats that many units add to. Portable WebGPU has no atomic for that, so there are two ways, and the host
-//! chooses by what the device says it can do.
+//! Atomic addition of floats. Portable WebGPU has no such instruction, so there are two implementations. The host
+//! selects one from the features that the device reports.
 
 use cubecl::prelude::*;
 
-/// A way to add to a float that other units add to as well.
+/// An atomic addition to a float.
 #[cube]
 pub trait AtomicSum: Send + Sync + 'static {
-    /// What the float's four bytes are in the buffer.
+    /// The type of the float's four bytes in the buffer.
     type Cell: CubePrimitive;
 
     /// Adds.
     fn add(cell: &Atomic<Self::Cell>, value: f32);
 }
 
-/// The device's own addition.
+/// The device's atomic addition.
 pub struct NativeSum;
 
-/// Exchanges of bits: a unit takes what is there, puts the sum back, and goes on with what came in between.
+/// Atomic exchanges of bits. A unit takes the value, stores the sum, and repeats with any value that arrived in
+/// between.
 pub struct ExchangedSum;
 
 #[cube]

@@ -1,10 +1,10 @@
-//! Attention of a few queries a row over the row's few keys. CPU twin: `attention/cpu.rs`. A unit is one head of one
-//! query; backward one head of one row, whose queries add to the same keys.
+//! Attention of a few queries per row over a few keys of the same row. CPU twin: `attention/cpu.rs`. Forward, a unit is
+//! one head of one query. Backward, it is one head of one row, because all queries of a row add to the same keys.
 
 use cubecl::prelude::*;
 
-/// What each of `queries` `[N, count, width]` finds in `memory` `[N, keys, 2 width]` (beside each key its value):
-/// `found`, as `queries`.
+/// Attends from `queries` `[N, count, width]` to `memory` `[N, keys, 2 width]` (each key, then its value). `found` has
+/// the shape of `queries`.
 #[cube(launch)]
 pub fn attention(
     queries: &[f32],
@@ -32,7 +32,7 @@ pub fn attention(
     }
 }
 
-/// The adjoints of queries and memory for the cotangent `v_found`, shaped as `queries`.
+/// The adjoints of queries and memory for the cotangent `v_found`, which has the shape of `queries`.
 #[cube(launch)]
 pub fn attention_backward(
     queries: &[f32],
@@ -94,18 +94,18 @@ pub fn attention_backward(
     }
 }
 
-/// Where a unit finds its head.
+/// The position of a unit's head.
 #[derive(CubeType, Clone, Copy)]
 struct Head {
-    /// Its first number in the queries.
+    /// Index of its first value in the queries.
     query: usize,
-    /// That of its first key in the memory.
+    /// Index of its first key in the memory.
     first: usize,
-    /// From one key or value to the next.
+    /// Distance from one key or value to the next.
     width: usize,
-    /// Numbers of a query, a key or a value.
+    /// Length of a query, a key or a value.
     depth: usize,
-    /// What scores are multiplied by.
+    /// Factor of the scores.
     scale: f32,
 }
 

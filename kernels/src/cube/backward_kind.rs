@@ -1,4 +1,5 @@
-//! How [`blend_backward`](super::blend_backward) is compiled: its share of a tile, the layout of its sums and records.
+//! Compile-time parameters of [`blend_backward`](super::blend_backward): the share of a tile, the layout of sums and
+//! records.
 
 use super::stage::{FOUR, FOUR_BYTES, TileShare, WORD};
 use crate::splat::{COLOUR_CHANNELS, TILE, depth_channel, gradient_record};
@@ -6,30 +7,30 @@ use crate::splat::{COLOUR_CHANNELS, TILE, depth_channel, gradient_record};
 /// The middle of a tile's pixels along an axis.
 pub(super) const MIDDLE: f64 = (TILE as f64 - 1.0) / 2.0;
 
-/// How the kernel is compiled.
+/// Compile-time parameters of the kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct BlendBackwardKind {
-    /// How a tile is shared out.
+    /// How a tile is divided among the units.
     pub share: TileShare,
-    /// Which channels of the main picture the statistic counts; none if nobody asks for it.
+    /// The channels of the main image that enter the statistic; `None` without a statistic.
     pub statistic: Option<CountedChannels>,
 }
 
-/// The channels that the statistic counts.
+/// The channels that enter the statistic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum CountedChannels {
     /// Colour, alpha and depth.
     ColourAndDepth,
-    /// These and the features.
+    /// Colour, alpha, depth and the features.
     All,
 }
 
-/// Vectors of a gradient record of so many channels.
+/// Vectors in a gradient record of this many channels.
 pub const fn record_vectors(channels: usize) -> usize {
     gradient_record::len(channels).div_ceil(FOUR)
 }
 
-/// Numbers in these vectors: the record, and the zeros that fill the last vector.
+/// Values in these vectors: the record, and the zeros that fill the last vector.
 pub const fn record_numbers(channels: usize) -> usize {
     FOUR * record_vectors(channels)
 }
@@ -39,20 +40,21 @@ pub const fn record_bytes(channels: usize) -> usize {
     FOUR_BYTES * record_vectors(channels)
 }
 
-/// Index, among a unit's sums of a Gaussian (see `composite_backward` of [`blend_backward`](super::blend_backward)), of sigma's part times 1.
+/// Index of sigma's part times 1 in a unit's sums of a Gaussian (see `composite_backward` in
+/// [`blend_backward`](super::blend_backward)).
 pub(super) const SUM_ONE: usize = 0;
 /// Index of sigma's part times x.
 pub(super) const SUM_X: usize = 1;
 /// Index of sigma's part times x².
 pub(super) const SUM_XX: usize = 2;
-/// Index of the first channel; the statistic's parts follow the last, see [`BlendBackwardKind::counted_one`].
+/// Index of the first channel. The statistic's parts follow the last channel, see [`BlendBackwardKind::counted_one`].
 pub(super) const SUM_CHANNELS: usize = 3;
 
-/// Powers of y by which the sums over rows are weighted: 1, y, y².
+/// Number of weights of the sums over rows: 1, y, y².
 pub(super) const POWERS: usize = 3;
 
 impl BlendBackwardKind {
-    /// The kernel for a device whose cubes share `memory` bytes; `None` if no batch fits.
+    /// The kernel for a device with `memory` bytes of shared memory per cube; `None` if no batch fits.
     pub fn fitting(span: usize, channels: usize, statistic: Option<CountedChannels>, memory: usize) -> Option<Self> {
         [WORD, 16, 8, 4, 2, 1]
             .into_iter()
@@ -60,7 +62,7 @@ impl BlendBackwardKind {
             .find(|kind| kind.bytes() <= memory)
     }
 
-    /// Index of the statistic's part times 1 among a unit's sums, if there is a statistic.
+    /// Index of the statistic's part times 1 in a unit's sums, if there is a statistic.
     pub(super) const fn counted_one(&self) -> usize {
         SUM_CHANNELS + self.share.channels
     }
@@ -70,28 +72,28 @@ impl BlendBackwardKind {
         self.counted_one() + 1
     }
 
-    /// Vectors of what a unit sums over its pixels, see `composite_backward`.
+    /// Vectors in a unit's sums over its pixels, see `composite_backward`.
     pub(super) const fn sums(&self) -> usize {
         let numbers = if self.statistic.is_some() { self.counted_x() + 1 } else { self.counted_one() };
         numbers.div_ceil(FOUR)
     }
 
-    /// Vectors that the units' sums of a batch take.
+    /// Vectors of the units' sums of a batch.
     pub(super) const fn parts(&self) -> usize {
         self.share.batch * self.share.units() * self.sums()
     }
 
-    /// Vectors that the sums over all rows take, times 1, y and y².
+    /// Vectors of the sums over all rows, times 1, y and y².
     pub(super) const fn totals(&self) -> usize {
         self.share.batch * self.sums() * POWERS
     }
 
-    /// Bytes that a cube shares.
+    /// Bytes of shared memory per cube.
     const fn bytes(&self) -> usize {
         self.share.bytes() + FOUR_BYTES * (self.parts() + self.totals()) + size_of::<u32>() * self.share.units()
     }
 
-    /// Whether the statistic counts a channel.
+    /// Whether a channel enters the statistic.
     pub(super) fn counts(&self, channel: usize) -> bool {
         let is_feature = channel >= COLOUR_CHANNELS && channel < depth_channel(self.share.channels);
         match self.statistic {

@@ -1,4 +1,4 @@
-//! Blending the Gaussians of each tile, front to back: a cube a tile. CPU twin: `splat/cpu/blend.rs`.
+//! Blending of the Gaussians of each tile, front to back. A cube is one tile. CPU twin: `splat/cpu/blend.rs`.
 
 use cubecl::prelude::*;
 
@@ -11,16 +11,16 @@ use super::tiles::tiles_along;
 use super::view::BlendRules;
 use crate::splat::{MIN_ALPHA, alpha_plane, background_channels, plane_count, plane_of_channel};
 
-/// Gaussians that a unit takes up in one turn of its loop: a driver that computes on the CPU copies all that a turn
-/// hands to the next, the sums of every pixel.
+/// Gaussians that a unit blends per iteration. A driver that computes on the CPU copies the sums of every pixel from
+/// one iteration to the next.
 const AT_ONCE: usize = 2;
 
-/// An alpha that none reaches.
+/// An alpha that no Gaussian reaches.
 const CLOSED: f64 = 2.0;
 
 impl TileShare {
-    /// The largest batch for blending on a device whose cubes share `memory` bytes; `None` if not even the smallest
-    /// fits.
+    /// The largest batch for blending on a device with `memory` bytes of shared memory per cube; `None` if even the
+    /// smallest does not fit.
     pub fn fitting(span: usize, channels: usize, memory: usize) -> Option<Self> {
         [4 * WORD, 2 * WORD, WORD, WORD / 4]
             .into_iter()
@@ -29,11 +29,11 @@ impl TileShare {
     }
 }
 
-/// Blends a picture of `channels` channels: colour, features, depth.
+/// Blends an image of `channels` channels: colour, features, depth.
 ///
-/// `records` are those of `project`, `features` `[N, F]`, `background` `[channels - 1]`; `sorted` lists the Gaussians of
-/// all tiles, and `starts` `[tiles + 1]` says where each tile's begin. `picture` is `[2, channels + 1, height, width]` (alpha
-/// before depth, both copies equal); `transmittance` and `last` are `[tiles, TILE_PIXELS]`.
+/// `records` come from `project`; `features` is `[N, F]` and `background` `[channels - 1]`. `sorted` lists the
+/// Gaussians of all tiles, and `starts` `[tiles + 1]` has the start of each tile's list. `picture` is `[2, channels +
+/// 1, height, width]` (alpha before depth, both copies equal). `transmittance` and `last` are `[tiles, TILE_PIXELS]`.
 #[cube(launch_unchecked)]
 pub fn blend(
     records: &[f32],
@@ -60,8 +60,8 @@ pub fn blend(
         let end = starts[pixels.tile as usize + 1] as u32;
         let mut at = begin;
         while at < end {
-            // Whoever is still open says so; all read the answer behind the next barrier, by a load that tells the
-            // shader compiler that it is the same for all: further barriers depend on it.
+            // Every unit with an open pixel sets the vote; all units read it after the next barrier. Further barriers
+            // depend on the vote, so the load declares to the shader compiler that it is uniform.
             if UNIT_POS == 0u32 {
                 vote[0] = 0u32;
             }
@@ -80,7 +80,7 @@ pub fn blend(
                         #[unroll]
                         for _ in 0..AT_ONCE {
                             let there = select(met == 0u32, 0.0f32, 1.0f32);
-                            // Where none is left, some Gaussian that was staged, at an opacity of zero.
+                            // If none is left, any staged Gaussian, with an opacity of zero.
                             let k = min(word + met.trailing_zeros(), count - 1u32);
                             met &= met - 1u32;
                             let splat = staged_at(&staged, k, &pixels, share);
@@ -108,16 +108,16 @@ pub fn blend(
     }
 }
 
-/// A unit's pixels, as far as they are blended.
+/// The blending state of a unit's pixels.
 #[derive(CubeType)]
 struct Blended {
     /// The channels of each pixel.
     sums: Array<f32>,
-    /// The light that is left behind the Gaussians taken up.
+    /// The transmittance behind the Gaussians blended so far.
     transmittance: Array<f32>,
-    /// One more than the place of the last of them in the tile's list.
+    /// One plus the position of the last blended Gaussian in the tile's list.
     last: Array<i32>,
-    /// What alpha has to reach: more than it can where the pixel is finished, or none of the picture's.
+    /// The alpha to reach: out of reach if the pixel is finished or outside the image.
     least: Array<f32>,
 }
 
@@ -140,7 +140,7 @@ fn nothing_blended(pixels: &UnitPixels, width: u32, height: u32, #[comptime] sha
     Blended { sums, transmittance, last, least }
 }
 
-/// Blends a Gaussian, the tile's `number`-th, into the unit's pixels. Without branches: a unit's pixels are computed
+/// Blends the tile's `number`-th Gaussian into the unit's pixels, without branches, so that all pixels are computed
 /// together.
 #[cube]
 fn composite_forward(
@@ -173,7 +173,7 @@ fn composite_forward(
     }
 }
 
-/// Writes both copies of the unit's pixels, the background behind them.
+/// Writes both copies of the unit's pixels over the background.
 #[cube]
 fn write_picture(
     blended: &Blended,
@@ -208,7 +208,7 @@ fn write_picture(
     }
 }
 
-/// Whether a pixel of the unit is not finished.
+/// Whether any pixel of the unit is unfinished.
 #[cube]
 fn is_any_open(least: &Array<f32>, #[comptime] span: usize) -> bool {
     let mut lowest = constant(CLOSED);

@@ -1,11 +1,11 @@
-//! Gradients of blending: each tile back to front, one record for each of its Gaussians. CPU twin:
+//! Gradients of blending: each tile back to front, one record per Gaussian of the tile. CPU twin:
 //! `splat/cpu/blend_backward.rs`.
 //!
-//! A cube takes a tile, and the tile's Gaussians a batch at a time. A batch has three phases between barriers. First a
-//! unit is a few neighbouring pixels: it takes the batch's Gaussians out of their light, one after another, and sums
-//! what each of them got of the cotangents. Then a unit is four of a Gaussian's numbers, which it sums over the rows of
-//! the tile. Then it is a Gaussian, and writes its record. Every sum has one order, there are no atomics, and a
-//! Gaussian's records are summed up later in the order of its tiles.
+//! A cube processes a tile, one batch of Gaussians at a time. A batch has three phases between barriers. First, a unit
+//! is a few neighbouring pixels: it removes the batch's Gaussians from their transmittance, one after another, and sums
+//! each Gaussian's part of the cotangents. Then a unit is four of a Gaussian's values, which it sums over the rows of
+//! the tile. Finally, a unit is a Gaussian and writes its record. There are no atomics, so every sum has a fixed order.
+//! `project_backward` later sums a Gaussian's records in the order of its tiles.
 
 use cubecl::prelude::*;
 
@@ -20,10 +20,10 @@ use super::tiles::tiles_along;
 use super::view::BlendRules;
 use crate::splat::{MIN_ALPHA, alpha_plane, background_channels, plane_count, plane_of_channel};
 
-/// Gradients of `blend`, whose arguments come first; `v_picture` is shaped as its picture.
+/// Gradients of `blend`, whose arguments come first; `v_picture` has the shape of its `picture`.
 ///
-/// `gradients` has a row of [`record_vectors`] for each entry of the tile lists; `v_background` `[tiles, channels - 1]` has
-/// each tile's part.
+/// `gradients` has a row of [`record_vectors`] for each entry of the tile lists. `v_background` `[tiles, channels - 1]`
+/// has each tile's part.
 #[cube(launch_unchecked)]
 pub fn blend_backward(
     records: &[f32],
@@ -81,24 +81,24 @@ pub fn blend_backward(
     }
 }
 
-/// A unit's pixels while Gaussians are taken out of them, the last one first.
+/// The state of a unit's pixels while Gaussians are removed from them, the last one first.
 #[derive(CubeType)]
 struct Taken {
-    /// The cotangents of the channels of each pixel, of both pictures together.
+    /// The cotangents of each pixel's channels, summed over both images.
     both: Array<f32>,
-    /// Those of the first picture, of which the statistic counts some channels.
+    /// The cotangents of the first image; some of its channels enter the statistic.
     main: Array<f32>,
-    /// The light that is left in front of what was taken out.
+    /// The transmittance in front of the removed Gaussians.
     transmittance: Array<f32>,
-    /// One more than the place of the pixel's last Gaussian in the tile's list.
+    /// One plus the position of the pixel's last Gaussian in the tile's list.
     last: Array<i32>,
-    /// What was taken out and the background, times the cotangents.
+    /// The removed Gaussians and the background, times the cotangents.
     behind: Array<f32>,
-    /// The same of what the statistic counts.
+    /// The same for the channels that enter the statistic.
     behind_counted: Array<f32>,
 }
 
-/// The unit's pixels with all Gaussians in them.
+/// The unit's pixels before any Gaussian is removed.
 #[cube]
 fn nothing_taken(
     pixels: &UnitPixels,
@@ -124,7 +124,7 @@ fn nothing_taken(
         let inside = is_inside(pixels, p, width, height);
         left[p] = transmittance[in_tiles(pixels, p)];
         lasts[p] = last[in_tiles(pixels, p)];
-        // Alpha is one minus the transmittance, through which the background shows.
+        // Alpha is one minus the transmittance, which is also the weight of the background.
         let mut v_alpha = 0.0f32;
         let mut v_alpha_main = 0.0f32;
         if inside {
@@ -158,8 +158,8 @@ fn nothing_taken(
     Taken { both, main, transmittance: left, last: lasts, behind, behind_counted }
 }
 
-/// The tile's part of the background's gradient: over each unit's pixels, then over the units. Every unit of the cube
-/// has to come here.
+/// The tile's part of the background's gradient, summed over each unit's pixels and then over the units. Every unit of
+/// the cube must call this.
 #[cube]
 fn sum_background(
     taken: &Taken,
@@ -216,8 +216,8 @@ fn largest_last(taken: &Taken, #[comptime] share: TileShare) -> u32 {
     u32::cast_from(largest)
 }
 
-/// Takes a Gaussian, whose place in the tile's list is `place`, out of the unit's pixels. What it gets of their
-/// cotangents, summed over them: sigma's part times 1, x and x² (x from the tile's middle), the channels, and the
+/// Removes a Gaussian, whose position in the tile's list is `place`, from the unit's pixels. Returns its part of the
+/// cotangents, summed over the pixels: sigma's part times 1, x and x² (x from the tile's middle), the channels, and the
 /// statistic's part times 1 and x.
 #[cube]
 fn composite_backward(
@@ -279,7 +279,7 @@ fn composite_backward(
     sums
 }
 
-/// Lays a unit's sums of Gaussian `k` of a batch down for all.
+/// Writes a unit's sums of Gaussian `k` of a batch to shared memory.
 #[cube]
 fn write_parts(sums: &Array<f32>, k: usize, parts: &mut Shared<[Four]>, #[comptime] kind: BlendBackwardKind) {
     let at = (k * comptime!(kind.share.units()) + UNIT_POS as usize) * comptime!(kind.sums());
@@ -289,7 +289,7 @@ fn write_parts(sums: &Array<f32>, k: usize, parts: &mut Shared<[Four]>, #[compti
     }
 }
 
-/// Sums the units' parts of a batch, times 1, y and y²: a unit is four of a Gaussian's numbers.
+/// Sums the units' parts of a batch, times 1, y and y². A unit is four of a Gaussian's values.
 #[cube]
 fn sum_over_rows(
     parts: &Shared<[Four]>,
@@ -324,7 +324,7 @@ fn sum_over_rows(
     }
 }
 
-/// Writes the records from `first` to before `end`, of Gaussians that no pixel took up.
+/// Writes zero records from `first` up to `end`, for Gaussians that no pixel blended.
 #[cube]
 fn write_zeros(gradients: &mut [Four], first: u32, end: u32, #[comptime] kind: BlendBackwardKind) {
     let length = comptime!(record_vectors(kind.share.channels));
@@ -335,8 +335,8 @@ fn write_zeros(gradients: &mut [Four], first: u32, end: u32, #[comptime] kind: B
     }
 }
 
-/// The largest of the units' numbers, known to be the same for all: barriers depend on it. Every unit of the cube has to
-/// come here.
+/// The largest of the units' values, by a uniform load, because barriers depend on it. Every unit of the cube must call
+/// this.
 #[cube]
 fn largest_of_units(number: u32, numbers: &mut Shared<[u32]>) -> u32 {
     let unit = UNIT_POS as usize;

@@ -1,4 +1,4 @@
-//! What the projection of a Gaussian goes through. CPU twin: `Geometry` in `splat/cpu/project.rs`.
+//! Intermediate values of the projection of a Gaussian. CPU twin: `Geometry` in `splat/cpu/project.rs`.
 
 use cubecl::prelude::*;
 
@@ -15,7 +15,7 @@ pub struct Quaternion {
     pub axis: Triple,
 }
 
-/// A 3 x 3 matrix by rows.
+/// A 3 x 3 matrix in rows.
 #[derive(CubeType, Clone, Copy)]
 pub struct Matrix {
     /// First row.
@@ -26,26 +26,26 @@ pub struct Matrix {
     pub z: Triple,
 }
 
-/// Everything between a Gaussian's raw parameters and its ellipse.
+/// All values between a Gaussian's raw parameters and its ellipse.
 #[derive(CubeType, Clone, Copy)]
 pub struct Geometry {
-    /// Whether the Gaussian lies between the near and the far plane and its parameters are finite.
+    /// Whether the Gaussian is between the near and the far plane and its parameters are finite.
     pub valid: bool,
     /// Mean in camera coordinates.
     pub point: Triple,
     /// Centre in pixels.
     pub centre: Pair,
-    /// `x / z` and `y / z`, cut off.
+    /// `x / z` and `y / z`, clamped.
     pub tangents: Pair,
-    /// Whether the cut-off left the first as it was.
+    /// Whether the clamp left the first unchanged.
     pub free_x: bool,
-    /// Whether it left the second.
+    /// Whether the clamp left the second unchanged.
     pub free_y: bool,
-    /// Of unit length.
+    /// The normalised quaternion.
     pub quaternion: Quaternion,
-    /// The length it was normalised by.
+    /// The norm of the raw quaternion.
     pub quaternion_norm: f32,
-    /// Its matrix.
+    /// Rotation matrix of the quaternion.
     pub rotation: Matrix,
     /// Standard deviations.
     pub scales: Triple,
@@ -57,11 +57,11 @@ pub struct Geometry {
     pub spread_x: Triple,
     /// Second row.
     pub spread_y: Triple,
-    /// Covariance on the picture plane with its dilation: xx, xy, yy.
+    /// Covariance on the image plane with its dilation: xx, xy, yy.
     pub covariance: Triple,
-    /// Its determinant.
+    /// Determinant of the covariance.
     pub determinant: f32,
-    /// The determinant without dilation.
+    /// Determinant without dilation.
     pub sharp_determinant: f32,
 }
 
@@ -136,7 +136,7 @@ pub fn geometry_of(means: &[f32], quaternions: &[f32], log_scales: &[f32], index
     }
 }
 
-/// Factor on the opacity that pays for the dilation.
+/// Factor that compensates the opacity for the dilation.
 #[cube]
 pub fn compensation(geometry: &Geometry, #[comptime] compensated: bool) -> f32 {
     if comptime!(compensated) {

@@ -1,7 +1,7 @@
-//! The HexPlane look-up and its adjoint. CPU twin: `grid/cpu.rs` and `grid/cpu/backward.rs`.
+//! HexPlane interpolation and its adjoint. CPU twin: `grid/cpu.rs` and `grid/cpu/backward.rs`.
 //!
-//! `layout` `[scales, 4 + 6]` holds for each scale its cells along x, y, z and t, and the first cell of each of its
-//! planes.
+//! `layout` `[scales, 4 + 6]` has the number of cells along x, y, z and t and the first cell of each plane, for each
+//! scale.
 
 use cubecl::prelude::*;
 
@@ -9,14 +9,14 @@ use super::atomic::AtomicSum;
 use super::maths::Triple;
 use crate::grid::PAIRS;
 
-/// Planes of a scale.
+/// Planes per scale.
 const PLANES: usize = PAIRS.len();
 /// Axes of space and time.
 const AXES: usize = 4;
-/// Numbers of a scale's layout.
+/// Length of a scale's layout.
 pub const SCALE_LAYOUT: usize = AXES + PLANES;
 
-/// How a world coordinate becomes one of the grid: `(world - max) * slope - 1`.
+/// The map from world to grid coordinates: `(world - max) * slope - 1`.
 #[derive(CubeType, CubeLaunch, Clone, Copy)]
 pub struct GridBox {
     /// The corner of the largest coordinates.
@@ -25,20 +25,20 @@ pub struct GridBox {
     pub slope: Triple,
 }
 
-/// Where a point lies along the axes of a scale, an entry an axis.
+/// The position of a point along the axes of a scale, one entry per axis.
 #[derive(CubeType)]
 struct Places {
     /// The cell below.
     low: Array<u32>,
-    /// How far on the cell above is: 1, or 0 on an axis of one cell.
+    /// Distance to the cell above: 1, or 0 on an axis of one cell.
     step: Array<u32>,
-    /// How far the point is between them.
+    /// Fraction of the way from the cell below to the cell above.
     fraction: Array<f32>,
-    /// The slope of the cell coordinate with respect to the grid coordinate: 0 on and beyond the border.
+    /// Derivative of the cell coordinate with respect to the grid coordinate: 0 on and beyond the border.
     slope: Array<f32>,
 }
 
-/// The four cells around a point in a plane, by their first feature, and the point's place between them.
+/// The four cells around a point in a plane, as indices of their first feature, and the point's position between them.
 #[derive(CubeType, Clone, Copy)]
 struct Corners {
     low_low: usize,
@@ -49,8 +49,8 @@ struct Corners {
     row: f32,
 }
 
-/// The features `[N, scales * F]` of points `[N, 3]` at `times` `[N]`, or at `times[0]` if `time_step` is 0. A unit
-/// takes one feature of one scale.
+/// Interpolates the features `[N, scales * F]` of points `[N, 3]` at `times` `[N]`, or at `times[0]` if `time_step` is
+/// 0. A unit computes one feature of one scale of one point.
 #[cube(launch_unchecked)]
 pub fn look_up(
     planes: &[f32],
@@ -81,8 +81,8 @@ pub fn look_up(
     }
 }
 
-/// The adjoints for the cotangent `v_found`: adds those of the planes to `v_planes`, and writes those of the grid
-/// coordinates of each point at each scale to `v_places` `[N, scales, 4]`. A unit takes one point at one scale.
+/// The adjoints for the cotangent `v_found`. Those of the planes are added to `v_planes`. Those of the grid coordinates
+/// are written to `v_places` `[N, scales, 4]`, for each point and scale. A unit processes one point at one scale.
 #[cube(launch_unchecked)]
 pub fn look_up_backward<S: AtomicSum>(
     planes: &[f32],
@@ -111,7 +111,7 @@ pub fn look_up_backward<S: AtomicSum>(
         }
         for feature in 0..features {
             let v = v_found[unit * features + feature];
-            // Points that no picture shows cost nothing.
+            // Points that no image shows cost nothing.
             if v != 0.0f32 {
                 let mut values = Array::<f32>::new(PLANES);
                 let mut by_column = Array::<f32>::new(PLANES);
@@ -124,7 +124,7 @@ pub fn look_up_backward<S: AtomicSum>(
                     by_column[pair] = sample.by_column;
                     by_row[pair] = sample.by_row;
                 }
-                // The cotangent times the other five: what is before a sample, then what is behind it.
+                // The cotangent times the other five samples: the prefix product, then the suffix product.
                 let mut others = Array::<f32>::new(PLANES);
                 let mut before = v;
                 #[unroll]
@@ -156,7 +156,7 @@ pub fn look_up_backward<S: AtomicSum>(
     }
 }
 
-/// Sums the adjoints of the places over the scales: `v_points` `[N, 3]` in the world, `v_times` `[N]`.
+/// Sums the adjoints of the positions over the scales: `v_points` `[N, 3]` in world coordinates, `v_times` `[N]`.
 #[cube(launch)]
 pub fn sum_places(v_places: &[f32], v_points: &mut [f32], v_times: &mut [f32], grid: GridBox, count: u32, scales: u32) {
     let point = ABSOLUTE_POS;
@@ -205,7 +205,7 @@ fn places_of(
         let cells = layout[scale * SCALE_LAYOUT + axis];
         let last = f32::cast_from(cells - 1u32);
         let raw = (coordinates[axis] + 1.0f32) * 0.5f32 * last;
-        // Written so that a number that is none becomes 0.
+        // Written so that NaN becomes 0.
         let cell = select(raw > 0.0f32, min(raw, last), 0.0f32);
         let step = min(cells - 1u32, 1u32);
         let low = min(u32::cast_from(cell), cells - 1u32 - step);
@@ -235,7 +235,7 @@ fn corners_of(places: &Places, layout: &[u32], scale: usize, features: usize, #[
     }
 }
 
-/// A feature between four cells, and its slopes along the row of cells and across the rows.
+/// An interpolated feature and its derivatives along a row of cells and across the rows.
 #[derive(CubeType, Clone, Copy)]
 struct Sample {
     value: f32,

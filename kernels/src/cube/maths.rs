@@ -1,4 +1,4 @@
-//! Vectors of two and three numbers, and what the kernels share of arithmetic.
+//! Vectors of two and three numbers, and arithmetic that several kernels use.
 
 use cubecl::prelude::*;
 
@@ -22,31 +22,31 @@ pub struct Triple {
     pub z: f32,
 }
 
-/// A constant of the host in single precision.
+/// A host constant in single precision.
 #[cube]
 pub fn constant(#[comptime] value: f64) -> f32 {
     f32::new(comptime!(value as f32))
 }
 
-/// Three neighbouring numbers, the `index`-th of such.
+/// The `index`-th group of three neighbouring numbers.
 #[cube]
 pub fn triple_at(values: &[f32], index: usize) -> Triple {
     Triple { x: values[3 * index], y: values[3 * index + 1], z: values[3 * index + 2] }
 }
 
-/// `a b`, number by number.
+/// `a b`, element by element.
 #[cube]
 pub fn multiplied(a: &Triple, b: &Triple) -> Triple {
     Triple { x: a.x * b.x, y: a.y * b.y, z: a.z * b.z }
 }
 
-/// The numbers times one factor.
+/// The vector times a factor.
 #[cube]
 pub fn scaled(a: &Triple, factor: f32) -> Triple {
     Triple { x: a.x * factor, y: a.y * factor, z: a.z * factor }
 }
 
-/// The sum, number by number.
+/// The sum, element by element.
 #[cube]
 pub fn sum(a: &Triple, b: &Triple) -> Triple {
     Triple { x: a.x + b.x, y: a.y + b.y, z: a.z + b.z }
@@ -64,8 +64,8 @@ pub fn cross(a: &Triple, b: &Triple) -> Triple {
     Triple { x: a.y * b.z - a.z * b.y, y: a.z * b.x - a.x * b.z, z: a.x * b.y - a.y * b.x }
 }
 
-/// Whether a number is neither infinite nor not a number. Asked of the bits, because a shader compiler may take
-/// floats to be finite.
+/// Whether a number is neither infinite nor NaN. It tests the bits, because a shader compiler may assume that floats
+/// are finite.
 #[cube]
 pub fn is_finite(x: f32) -> bool {
     (u32::reinterpret(x) & 0x7f80_0000u32) != 0x7f80_0000u32

@@ -1,9 +1,8 @@
-//! The kernels that run on a GPU, written once in CubeCL for every runtime: one stage a file.
+//! The GPU kernels, written once in CubeCL for every runtime, one stage per file.
 //!
-//! Each file names the CPU twin whose results it has. None assumes a width of the hardware's vectors, and none
-//! reads more than its arguments; how large a launch must be, and which buffers it needs, is the caller's to know.
-//! A launch may be folded in two dimensions: kernels count cubes by `CUBE_POS` and units by `ABSOLUTE_POS`, and those
-//! beyond the work do nothing.
+//! Each file names the CPU twin with the same results. No kernel assumes a subgroup width or reads anything but its
+//! arguments. The caller determines the launch size and the buffers. A launch may be folded into two dimensions:
+//! kernels count cubes by `CUBE_POS` and units by `ABSOLUTE_POS`, and excess ones do nothing.
 
 pub mod adam;
 pub mod atomic;
@@ -27,8 +26,8 @@ pub mod tiles;
 pub mod view;
 pub mod window;
 
-/// Buffers that the kernel with the most of them binds, `project_backward`.
+/// Largest number of buffers that a kernel binds, in `project_backward`.
 pub const MOST_BUFFERS: u32 = 16;
 
-/// Units of a cube, in every kernel but those that blend or multiply: as many as a tile has pixels.
+/// Units of a cube in all kernels except those for blending and products: one per pixel of a tile.
 pub const UNITS: usize = crate::splat::TILE_PIXELS;

@@ -1,7 +1,7 @@
-//! From a tile's sums to the gradient records of its Gaussians. CPU twin: `Moments` in `splat/cpu/blend_backward.rs`.
+//! Gradient records of a tile's Gaussians from the tile's sums. CPU twin: `Moments` in `splat/cpu/blend_backward.rs`.
 //!
-//! What depends on a pixel's place only through 1, x, y, x², xy, y² was summed as these moments about the middle of the
-//! tile; here they become gradients of centre and covariance, once a record.
+//! The sums are moments 1, x, y, x², xy, y² about the middle of the tile. They become gradients of centre and
+//! covariance here, once per record.
 
 use cubecl::prelude::*;
 
@@ -12,7 +12,8 @@ use super::maths::constant;
 use super::stage::{FOUR, Four, four_of, head_at};
 use crate::splat::gradient_record;
 
-/// Writes the records of a batch of `count`, which starts at `first` in all lists: a unit is a Gaussian.
+/// Writes the records of a batch of `count` Gaussians, which starts at `first` in the concatenated lists. A unit is a
+/// Gaussian.
 #[cube]
 pub(super) fn write_records(
     staged: &Shared<[Four]>,
@@ -30,8 +31,8 @@ pub(super) fn write_records(
     }
 }
 
-/// Turns the totals of Gaussian `k` of a batch into its record, the covariance's moments about the tile's middle into
-/// those about the centre; see `Moments::gradient` of the twin.
+/// Computes the record of Gaussian `k` of a batch from its totals. Moments about the tile's middle become moments about
+/// the centre; see `Moments::gradient` of the twin.
 #[cube]
 fn write_record(
     staged: &Shared<[Four]>,
@@ -94,7 +95,7 @@ fn write_record(
     }
 }
 
-/// Number `number` of Gaussian `k`, summed over the rows times y to the given power.
+/// Value `number` of Gaussian `k`, summed over the rows times y to the given power.
 #[cube]
 fn total(
     totals: &Shared<[Four]>,

@@ -1,22 +1,22 @@
 //! The penalties that keep a HexPlane smooth, and their adjoint. CPU twin: `grid/regulariser/cpu.rs`.
 //!
-//! `layout` `[planes, 4]` holds for each plane its first cell, its width, its height, and 1 if its height is time.
+//! `layout` `[planes, 4]` has each plane's first cell, width, height, and 1 if its height is time.
 
 use cubecl::prelude::*;
 
 use super::UNITS;
 
-/// Numbers of a plane's layout.
+/// Length of a plane's layout.
 pub const PLANE_LAYOUT: usize = 4;
-/// Terms: plane smoothness, time smoothness, distance of the time planes from 1.
+/// Number of terms: plane smoothness, time smoothness, distance of the time planes from 1.
 pub const TERMS: usize = 3;
 
-/// Numbers that a unit sums up.
+/// Values that a unit sums.
 const ITEMS: usize = 16;
-/// Numbers that a cube sums up.
+/// Values that a cube sums.
 pub const PENALTY_BLOCK: usize = UNITS * ITEMS;
 
-/// Sums of the terms, each divided as its mean asks for, a row a cube: `[cubes, TERMS]`.
+/// Each cube's part of the terms, already divided by the counts of their means: `sums` `[cubes, TERMS]`.
 #[cube(launch_unchecked)]
 pub fn penalties(planes: &[f32], layout: &[u32], sums: &mut [f32], numbers: u32, features: u32, cubes: u32) {
     let mut scratch = Shared::<[f32]>::new_slice(comptime!(TERMS * UNITS));
@@ -67,7 +67,7 @@ pub fn penalties(planes: &[f32], layout: &[u32], sums: &mut [f32], numbers: u32,
     }
 }
 
-/// The adjoint of the planes for the cotangents `v_terms` `[TERMS]`. A unit takes one number of a plane.
+/// The adjoint of the planes for the cotangents `v_terms` `[TERMS]`. A unit is one value of a plane.
 #[cube(launch_unchecked)]
 pub fn penalties_backward(
     planes: &[f32],
@@ -85,7 +85,7 @@ pub fn penalties_backward(
         if own.height > 2u32 {
             let v =
                 v_terms[select(own.time, 1usize, 0usize)] * 2.0f32 / (row as f32 * f32::cast_from(own.height - 2u32));
-            // The number is the first, the middle and the last of up to three differences.
+            // The value is the first, the middle and the last element of up to three differences.
             if own.row + 2u32 < own.height {
                 sum += v * (planes[at + 2 * row] - 2.0f32 * planes[at + row] + planes[at]);
             }
@@ -105,13 +105,13 @@ pub fn penalties_backward(
     }
 }
 
-/// Where a number lies.
+/// The position of a value.
 #[derive(CubeType, Clone, Copy)]
 struct Number {
-    /// Of its plane.
+    /// Width of its plane.
     width: u32,
     height: u32,
-    /// In its plane.
+    /// Row in its plane.
     row: u32,
     /// Whether the plane's height is time.
     time: bool,

@@ -1,24 +1,24 @@
-//! Matrix products with what a perceptron does before and after them, so that a layer is one launch. CPU twin:
+//! Matrix products fused with the MLP's operations before and after them, so that a layer is one launch. CPU twin:
 //! `mlp/cpu.rs`.
 //!
-//! A cube takes a tile of the result and a slab of the depth, a few columns of the depth at a time; a unit takes a
-//! block of the tile.
+//! A cube computes a tile of the result over a slab of the depth, a few columns of the depth at a time. A unit computes
+//! a block of the tile.
 
 use cubecl::prelude::*;
 
 use super::stage::{FOUR, Four};
 
-/// How far along the depth a cube goes between barriers.
+/// Columns of the depth that a cube processes between barriers.
 const STRIDE: usize = 4;
 
-/// Where a matrix lies in its buffer: the number in row r and column c at `first + row r + column c`.
+/// The position of a matrix in its buffer: row r, column c is at `first + row r + column c`.
 #[derive(CubeType, CubeLaunch, Clone, Copy)]
 pub struct MatrixLayout {
-    /// The first number.
+    /// Index of the first element.
     pub first: u32,
-    /// From one row to the next.
+    /// Distance from one row to the next.
     pub row: u32,
-    /// From one column to the next.
+    /// Distance from one column to the next.
     pub column: u32,
 }
 
@@ -31,58 +31,59 @@ pub struct ProductSize {
     pub columns: u32,
     /// Columns of the left matrix and rows of the right one.
     pub depth: u32,
-    /// Of the depth, what one cube sums.
+    /// The part of the depth that one cube sums.
     pub slab: u32,
 }
 
-/// How a product is shared out.
+/// How a product is divided among the units.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ProductPlan {
     /// Units of a cube: a power of four.
     pub units: usize,
-    /// Rows and columns of the result that a unit takes: multiples of four.
+    /// Rows and columns of the result that a unit computes: multiples of four.
     pub block: [usize; 2],
 }
 
-/// How a product is compiled.
+/// Compile-time parameters of a product.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ProductKind {
     /// Units of a cube.
     pub units: usize,
     /// Rows of a unit's block.
     pub block_rows: usize,
-    /// Columns of it.
+    /// Columns of a unit's block.
     pub block_columns: usize,
     /// Blocks of a tile along a row.
     pub across: usize,
-    /// Whether negative numbers of the left matrix count as zero.
+    /// Whether negative values of the left matrix count as zero.
     pub rectified: bool,
-    /// What happens to the result.
+    /// The operation on the result.
     pub end: End,
 }
 
-/// What happens to the result as it is written.
+/// The operation on the result when it is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum End {
-    /// Each slab's sum is written behind that of the one before, and as another row the sums of the right matrix's
+    /// The sums of all slabs are written one after another. Each has one more row with the sums of the right matrix's
     /// columns.
     Slabs,
-    /// A bias is added to each column; then what is negative may become zero.
+    /// A bias is added to each column; then negative values may become zero.
     Layer {
-        /// Whether it does.
+        /// Whether negative values become zero.
         rectified: bool,
     },
-    /// An adjoint: perhaps zero where `gate` is not positive, perhaps added to what is there.
+    /// An adjoint, optionally zero where `gate` is not positive, and optionally added to the previous values.
     Adjoint {
-        /// Whether the gate counts.
+        /// Whether the gate applies.
         gated: bool,
-        /// Whether it is added.
+        /// Whether the result is added to the previous values.
         added: bool,
     },
 }
 
 impl ProductKind {
-    /// The kind for a result of so many columns: a tile is square, or not much wider than the result.
+    /// The kind for a result of this many columns. A tile has as many blocks across as down, or fewer for a narrow
+    /// result.
     pub fn new(plan: ProductPlan, columns: usize, rectified: bool, end: End) -> Self {
         let [block_rows, block_columns] = plan.block;
         let across = columns.div_ceil(block_columns).next_power_of_two().min(plan.units.isqrt());
@@ -99,7 +100,7 @@ impl ProductKind {
         self.block_columns * self.across
     }
 
-    /// Vectors of a row of a block.
+    /// Vectors in a row of a block.
     const fn fours(&self) -> usize {
         self.block_columns / FOUR
     }
@@ -107,8 +108,8 @@ impl ProductKind {
 
 /// `result = end(left right)`.
 ///
-/// The bias lies in the buffer of the right matrix from `bias` on. The gate lies as the result does in its buffer. The
-/// slabs of the result lie `slab_stride` apart.
+/// The bias starts at `bias` in the buffer of the right matrix. `gate_layout` has the gate's position in its buffer.
+/// The slabs of the result are `slab_stride` apart.
 #[cube(launch_unchecked)]
 pub fn product(
     left: &[f32],
@@ -222,7 +223,7 @@ pub fn product(
     }
 }
 
-/// What is written for the sum `value` at a row and a column where `before` is.
+/// The value to write for the sum `value`, at a row and a column that contain `before`.
 #[cube]
 fn ended(
     value: f32,
@@ -257,7 +258,7 @@ fn index_of(layout: &MatrixLayout, row: u32, column: u32) -> usize {
     (layout.first + row * layout.row + column * layout.column) as usize
 }
 
-/// Four rows of a column of the left matrix; zeros beyond it and beyond the slab.
+/// Four rows of a column of the left matrix; zeros beyond the matrix and beyond the slab.
 #[cube]
 fn left_four(
     left: &[f32],
@@ -284,7 +285,7 @@ fn left_four(
     four
 }
 
-/// Four columns of a row of the right matrix; zeros beyond it and beyond the slab.
+/// Four columns of a row of the right matrix; zeros beyond the matrix and beyond the slab.
 #[cube]
 fn right_four(right: &[f32], layout: &MatrixLayout, row: u32, column: u32, slab_end: u32, size: &ProductSize) -> Four {
     let mut four = Four::new(0.0f32);

@@ -1,4 +1,4 @@
-//! From Gaussians in the world to ellipses on the picture plane. CPU twin: `splat/cpu/project.rs`.
+//! Projection of Gaussians to ellipses on the image plane. CPU twin: `splat/cpu/project.rs`.
 
 use cubecl::prelude::*;
 
@@ -10,7 +10,7 @@ use super::view::{ProjectionKind, View};
 use crate::splat::{MAX_RADIUS, MIN_ALPHA, MIN_EIGENVALUE_SPREAD, PROJECTED_LEN, REACH_SLACK, projected_row};
 
 /// Projects each Gaussian: `records` `[N, PROJECTED_LEN]`, `radii` `[N, 2]`, `largest` `[N]` of both radii, and
-/// `touched` `[N]`, the number of tiles; all are 0 where it is culled.
+/// `touched` `[N]`, the number of tiles. All are 0 for a culled Gaussian.
 #[cube(launch)]
 pub fn project(
     means: &[f32],
@@ -121,7 +121,7 @@ fn radii_of(geometry: &Geometry, view: &View, #[comptime] square: bool) -> (i32,
     }
 }
 
-/// Rounds up to whole pixels; what is too large is [`MAX_RADIUS`], what is not a number is 0.
+/// Rounds up to whole pixels. Larger values become [`MAX_RADIUS`], NaN becomes 0.
 #[cube]
 fn pixels(length: f32) -> i32 {
     let bound = comptime!(MAX_RADIUS as f32);

@@ -1,4 +1,4 @@
-//! Gradients of projection: from the records of the tiles to the raw parameters. CPU twin:
+//! Gradients of the projection: from the records of the tiles to the raw parameters. CPU twin:
 //! `splat/cpu/project_backward.rs`.
 
 use cubecl::prelude::*;
@@ -13,12 +13,12 @@ use super::view::{ProjectionKind, View};
 use crate::sh::coefficient_count;
 use crate::splat::{MIN_COMPENSATION, PROJECTED_LEN, feature_count, gradient_record, projected_row};
 
-/// Sums the records of each Gaussian, in the order of its tiles, and pulls them back through the projection.
+/// Sums the records of each Gaussian in the order of its tiles and backpropagates the sum through the projection.
 ///
-/// `means` and `log_scales` are `[N, 3]`, `quaternions` `[N, 4]`, `opacity_logits` `[N]`, `coefficients` `[N, stored, 3]`;
-/// `records` are those of `project`. `spans` `[N, 2]` say where a Gaussian's entries of `slots` begin and how many they
-/// are, and `slots` in which row of `gradients` (of [`record_vectors`]) each lies. The adjoints have the shapes of what
-/// they belong to, `v_features` is `[N, F]` and `statistic` `[N, 2]`.
+/// `means` and `log_scales` are `[N, 3]`, `quaternions` `[N, 4]`, `opacity_logits` `[N]`, `coefficients` `[N, stored,
+/// 3]`; `records` come from `project`. `spans` `[N, 2]` has the start and the number of a Gaussian's entries in
+/// `slots`. An entry of `slots` is a row of `gradients` (of [`record_vectors`]). Each adjoint has the shape of its
+/// parameter; `v_features` is `[N, F]` and `statistic` `[N, 2]`.
 #[cube(launch_unchecked)]
 pub fn project_backward(
     means: &[f32],
@@ -93,7 +93,7 @@ pub fn project_backward(
             let v_centre = Pair { x: record[gradient_record::CENTRE_X], y: record[gradient_record::CENTRE_Y] };
             let v_depth = record[comptime!(gradient_record::depth(channels))];
             let v_point = point_gradient(&geometry, &view, &v_centre, v_depth, &shape);
-            // A colour that its clamp holds has no gradient.
+            // A clamped colour has no gradient.
             let row = index * PROJECTED_LEN;
             let v_colour = Triple {
                 x: select(records[row + projected_row::RED] > 0.0f32, record[gradient_record::RED], 0.0f32),
@@ -127,7 +127,7 @@ pub fn project_backward(
                 write_triple(v_coefficients, first + k, &zero);
             }
         }
-        // Those beyond the rendered degree.
+        // Coefficients above the rendered degree.
         for k in comptime!(coefficient_count(kind.degree))..stored as usize {
             write_triple(v_coefficients, first + k, &Triple { x: constant(0.0), y: constant(0.0), z: constant(0.0) });
         }
@@ -147,7 +147,7 @@ fn write_triple(numbers: &mut [f32], index: usize, triple: &Triple) {
     numbers[3 * index + 2] = triple.z;
 }
 
-/// Gradients that leave through the covariance.
+/// Gradients through the covariance.
 #[derive(CubeType, Clone, Copy)]
 struct ShapeGradient {
     quaternion: Quaternion,
@@ -158,7 +158,7 @@ struct ShapeGradient {
     jacobian_y: Triple,
 }
 
-/// What the compensation of the opacity passes to the covariance, unless it is bounded from below.
+/// Gradient of the covariance through the compensation of the opacity; zero at the lower bound.
 #[cube]
 fn compensation_gradient(geometry: &Geometry, v_compensation: f32, dilation: f32) -> Triple {
     let ratio = geometry.sharp_determinant / geometry.determinant;
@@ -173,7 +173,7 @@ fn compensation_gradient(geometry: &Geometry, v_compensation: f32, dilation: f32
     }
 }
 
-/// Through `covariance = F Fᵀ + dilation`, `F = jacobian * rotation * diag(scales)`.
+/// Gradient through `covariance = F Fᵀ + dilation`, `F = jacobian * rotation * diag(scales)`.
 #[cube]
 fn shape_gradient(geometry: &Geometry, v: &Triple) -> ShapeGradient {
     let (row_x, row_y) =
@@ -201,7 +201,7 @@ fn matrix_times(matrix: &Matrix, column: &Triple) -> Triple {
     Triple { x: dot(&matrix.x, column), y: dot(&matrix.y, column), z: dot(&matrix.z, column) }
 }
 
-/// Through the rotation matrix and the normalisation of the quaternion, see the twin.
+/// Gradient through the rotation matrix and the normalisation of the quaternion, see the twin.
 #[cube]
 fn quaternion_gradient(geometry: &Geometry, v: &Matrix) -> Quaternion {
     let w = geometry.quaternion.w;

@@ -1,23 +1,23 @@
-//! Running sums of whole numbers, in three steps: each cube sums its block, the blocks' sums are scanned (by the same
-//! steps, until one block is left), and each cube scans its block from there.
+//! Exclusive prefix sums of integers in three steps. Each cube sums its block. The blocks' sums are scanned in the same
+//! way, until one block is left. Then each cube scans its block from there.
 //!
-//! A sum that 32 bits do not hold stays at their largest number, so that the host can tell that it is too large.
+//! Sums saturate at the largest 32-bit value, so that the host can detect overflow.
 
 use cubecl::prelude::*;
 
 use super::UNITS;
 
-/// Units that one unit sums up in a cube's scan: the square root of [`UNITS`].
+/// Number of units whose sums one unit adds in a cube's scan: the square root of [`UNITS`].
 const GROUP: usize = 16;
-/// Numbers that a unit takes.
+/// Values per unit.
 const ITEMS: usize = 8;
-/// Numbers that a cube takes.
+/// Values per cube.
 pub const SCAN_BLOCK: usize = UNITS * ITEMS;
 const _: () = assert!(GROUP * GROUP == UNITS);
-/// Numbers that a cube's scan needs beside its own.
+/// Values in the scratch memory of a cube's scan.
 pub const SCAN_SCRATCH: usize = UNITS + GROUP + 1;
 
-/// The sum of each block of [`SCAN_BLOCK`] numbers.
+/// The sum of each block of [`SCAN_BLOCK`] values.
 #[cube(launch)]
 pub fn sum_blocks(values: &[u32], sums: &mut [u32], count: u32, blocks: u32) {
     let mut scratch = Shared::<[u32]>::new_slice(SCAN_SCRATCH);
@@ -29,8 +29,8 @@ pub fn sum_blocks(values: &[u32], sums: &mut [u32], count: u32, blocks: u32) {
     }
 }
 
-/// The sum of the numbers before each, `[count]`, and that of all, `[1]`. `before` is the sum before each block; if
-/// there is `one` block it is not read.
+/// The sum of the values before each one, `sums` `[count]`, and of all, `total` `[1]`. `before` is the sum before each
+/// block. It is not read if there is only `one` block.
 #[cube(launch)]
 pub fn scan_blocks(
     values: &[u32],
@@ -61,13 +61,13 @@ pub fn scan_blocks(
     }
 }
 
-/// The first number that the unit takes.
+/// Index of the unit's first value.
 #[cube]
 fn first_item() -> usize {
     CUBE_POS * SCAN_BLOCK + UNIT_POS as usize * ITEMS
 }
 
-/// The sum of the numbers that the unit takes, of which there are `count`.
+/// The sum of the unit's values, of `count` values in total.
 #[cube]
 fn sum_of_items(values: &[u32], count: u32) -> u32 {
     let first = first_item();
@@ -80,14 +80,14 @@ fn sum_of_items(values: &[u32], count: u32) -> u32 {
     sum
 }
 
-/// The sum, or the largest number if that is larger.
+/// The saturating sum.
 #[cube]
 fn capped_sum(a: u32, b: u32) -> u32 {
     let sum = a + b;
     select(sum < a, u32::MAX, sum)
 }
 
-/// The sum over the units before this one, and over all units. Every unit of the cube has to come here.
+/// The sum over the units before this one, and over all units. Every unit of the cube must call this.
 #[cube]
 pub fn scan_units(value: u32, scratch: &mut Shared<[u32]>) -> (u32, u32) {
     let unit = UNIT_POS as usize;
@@ -115,7 +115,7 @@ pub fn scan_units(value: u32, scratch: &mut Shared<[u32]>) -> (u32, u32) {
     sync_cube();
     let before = capped_sum(scratch[unit], scratch[UNITS + unit / GROUP]);
     let total = scratch[UNITS + GROUP];
-    // The scratch may be used again.
+    // From here on, the scratch memory may be reused.
     sync_cube();
     (before, total)
 }

@@ -1,4 +1,4 @@
-//! Colours from spherical harmonics, and back. CPU twin: `splat/cpu/sh.rs`.
+//! Colours from spherical harmonics, and their gradients. CPU twin: `splat/cpu/sh.rs`.
 
 use cubecl::prelude::*;
 
@@ -57,7 +57,7 @@ pub fn colour(direction: &Triple, sh: &[f32], first: usize, #[comptime] degree: 
     Triple { x: red, y: green, z: blue }
 }
 
-/// Gradient of `v_colour · colour` with respect to the direction, which is taken as free, not of unit length.
+/// Gradient of `v_colour · colour` with respect to the direction, without the constraint of unit length.
 #[cube]
 pub fn direction_gradient(
     direction: &Triple,

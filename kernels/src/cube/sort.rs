@@ -1,10 +1,11 @@
-//! A stable radix sort of keys with numbers, four bits at a time. Each unit counts the digits of its own run of keys,
-//! so the sort needs neither atomics nor vectors of units, and its result has one order.
+//! A stable radix sort of key-number pairs, four bits per pass. Each unit counts the digits of its own run of keys. The
+//! sort therefore needs neither atomics nor subgroups, and its result is deterministic.
 //!
-//! A pass: `count_digits` for each block, running sums over digits and blocks (see the module `scan`), `move_keys`.
+//! A pass consists of `count_digits` for each block, prefix sums over digits and blocks (see the module `scan`), and
+//! `move_keys`.
 //!
-//! Within a cube two counters share a word, those of a digit and of the one eight above it: no count exceeds a block's
-//! keys, so nothing carries from the lower half into the upper, and one addition serves both.
+//! Within a cube, the counters of a digit and of the digit eight above it share a word. No count exceeds a block's
+//! keys, so the lower half never carries into the upper half, and one addition updates both.
 
 use cubecl::prelude::*;
 
@@ -15,11 +16,11 @@ use super::scan::{SCAN_SCRATCH, scan_units};
 pub const DIGIT_BITS: usize = 4;
 /// Values of a digit.
 pub const DIGITS: usize = 1 << DIGIT_BITS;
-/// Digits of the lower halves of the words.
+/// Number of digits in the lower halves of the words.
 const LOWER: usize = DIGITS / 2;
-/// Keys that a unit takes.
+/// Keys per unit.
 const ITEMS: usize = 16;
-/// Keys that a cube takes.
+/// Keys per cube.
 pub const SORT_BLOCK: usize = UNITS * ITEMS;
 /// Bits of a counter.
 const COUNTER_BITS: u32 = 16;
@@ -27,12 +28,12 @@ const COUNTER_MASK: u32 = (1 << COUNTER_BITS) - 1;
 const _: () = assert!(SORT_BLOCK <= COUNTER_MASK as usize);
 /// Words of a cube's counters, by digit, then by unit.
 const WORDS: usize = LOWER * UNITS;
-/// Words that a unit sums: neighbours, all of one digit.
+/// Words that a unit sums: neighbours of the same digit.
 const RUN: usize = WORDS / UNITS;
-/// Units whose words are of one digit.
+/// Units whose words belong to one digit.
 const DIGIT_UNITS: usize = UNITS / LOWER;
 
-/// How often each digit occurs in each block: `counts` `[DIGITS, blocks]`. `total[0]` is the number of keys.
+/// Counts each digit in each block: `counts` `[DIGITS, blocks]`. `total[0]` is the number of keys.
 #[cube(launch_unchecked)]
 pub fn count_digits(keys: &[u32], total: &[u32], counts: &mut [u32], shift: u32, blocks: u32) {
     let mut counters = Shared::<[u32]>::new_slice(WORDS);
@@ -53,7 +54,7 @@ pub fn count_digits(keys: &[u32], total: &[u32], counts: &mut [u32], shift: u32,
     }
 }
 
-/// Moves keys and numbers to their places. `offsets` `[DIGITS, blocks]` are the running sums of the counts.
+/// Moves keys and numbers to their places. `offsets` `[DIGITS, blocks]` are the prefix sums of the counts.
 #[cube(launch_unchecked)]
 pub fn move_keys(
     keys: &[u32],
@@ -71,7 +72,7 @@ pub fn move_keys(
     if CUBE_POS < blocks as usize {
         count_run(keys, total[0], shift, &mut counters);
         let unit = UNIT_POS as usize;
-        // From here on a counter is the place, within its half of the digits, of the unit's next key of that digit.
+        // From here on, a counter is the position of the unit's next key of that digit within its half of the digits.
         let (before, _) = scan_units(sum_of_run(&counters), &mut scratch);
         if unit % DIGIT_UNITS == 0 {
             firsts[unit / DIGIT_UNITS] = before;
@@ -91,7 +92,7 @@ pub fn move_keys(
                 let (word, half) = (digit % LOWER, half_of(digit));
                 let place = counters[word * UNITS + unit];
                 counters[word * UNITS + unit] = place + (1u32 << half);
-                // The halves are subtracted together: a digit's places never lie before its first.
+                // Both halves are subtracted at once; a digit's positions never precede its first.
                 let rank = ((place - firsts[word]) >> half) & COUNTER_MASK;
                 let target = (offsets[digit * blocks as usize + CUBE_POS] + rank) as usize;
                 moved_keys[target] = key;
@@ -101,7 +102,7 @@ pub fn move_keys(
     }
 }
 
-/// Counts the digits of each unit's own keys in its own column of counters; the counters can be read by all.
+/// Counts the digits of each unit's keys in the unit's column of counters. All units can read the counters afterwards.
 #[cube]
 fn count_run(keys: &[u32], total: u32, shift: u32, counters: &mut Shared<[u32]>) {
     let unit = UNIT_POS as usize;
@@ -118,7 +119,7 @@ fn count_run(keys: &[u32], total: u32, shift: u32, counters: &mut Shared<[u32]>)
     sync_cube();
 }
 
-/// The sum of the words that the unit sums.
+/// The sum of the unit's run of words.
 #[cube]
 fn sum_of_run(counters: &Shared<[u32]>) -> u32 {
     let mut sum = 0u32;

@@ -1,7 +1,7 @@
-//! A tile's Gaussians as its units share them, a batch at a time.
+//! A tile's Gaussians in shared memory, one batch at a time.
 //!
-//! A unit takes a few neighbouring pixels of one row of the tile. What it reads of a Gaussian serves all of them, and
-//! of each batch it takes up only those Gaussians whose ellipse meets its row.
+//! A unit processes a few neighbouring pixels of one row of the tile. It reads a Gaussian once for all of them. From
+//! each batch it blends only the Gaussians whose ellipse meets its row.
 
 use cubecl::prelude::*;
 
@@ -28,46 +28,46 @@ pub(super) fn four_of(numbers: &Array<f32>, #[comptime] vector: usize) -> Four {
     four
 }
 
-/// Vectors of a [`StagedHead`], which precedes the channels of a staged Gaussian.
+/// Vectors in a [`StagedHead`], which precedes the channels of a staged Gaussian.
 const HEAD: usize = 2;
 
-/// Bits of a word of a row's list.
+/// Bits per word in a row's list of Gaussians.
 pub(super) const WORD: usize = 32;
 
-/// How a tile is shared out.
+/// How a tile is divided among the units.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct TileShare {
-    /// Neighbouring pixels that a unit takes: a divisor of [`TILE`].
+    /// Neighbouring pixels per unit: a divisor of [`TILE`].
     pub span: usize,
     /// Blended channels: colour, features, depth.
     pub channels: usize,
-    /// Gaussians of a batch.
+    /// Gaussians per batch.
     pub batch: usize,
 }
 
 impl TileShare {
-    /// Units of a cube.
+    /// Units per cube.
     pub const fn units(&self) -> usize {
         TILE_PIXELS / self.span
     }
 
-    /// Units of a row.
+    /// Units per row.
     pub(super) const fn spans(&self) -> usize {
         TILE / self.span
     }
 
-    /// Vectors of a staged Gaussian.
+    /// Vectors per staged Gaussian.
     pub(super) const fn vectors(&self) -> usize {
         HEAD + self.channels.div_ceil(FOUR)
     }
 
-    /// Bytes that a batch takes of what a cube's units share.
+    /// Bytes of shared memory per batch.
     pub(super) const fn bytes(&self) -> usize {
         self.batch * (FOUR_BYTES * self.vectors() + size_of::<u32>())
     }
 }
 
-/// The neighbouring pixels of a row that a unit takes.
+/// The neighbouring pixels of a row that a unit processes.
 #[derive(CubeType, Clone, Copy)]
 pub(super) struct UnitPixels {
     /// Number of the tile.
@@ -82,7 +82,7 @@ pub(super) struct UnitPixels {
     pub row: u32,
 }
 
-/// The pixels that this unit takes of the cube's tile of a picture that is `width` pixels wide.
+/// The pixels that this unit processes in the cube's tile of an image that is `width` pixels wide.
 #[cube]
 pub(super) fn unit_pixels(width: u32, #[comptime] share: TileShare) -> UnitPixels {
     let tile = CUBE_POS as u32;
@@ -97,26 +97,26 @@ pub(super) fn unit_pixels(width: u32, #[comptime] share: TileShare) -> UnitPixel
     }
 }
 
-/// Whether the unit's pixel number `p` lies in the picture.
+/// Whether the unit's pixel `p` is in the image.
 #[cube]
 pub(super) fn is_inside(pixels: &UnitPixels, #[comptime] p: usize, width: u32, height: u32) -> bool {
     pixels.left + pixels.column + comptime!(p as u32) < width && pixels.top + pixels.row < height
 }
 
-/// Where the picture has the unit's pixel number `p`.
+/// Index of the unit's pixel `p` in the image.
 #[cube]
 pub(super) fn in_picture(pixels: &UnitPixels, #[comptime] p: usize, width: u32) -> usize {
     ((pixels.top + pixels.row) * width + pixels.left + pixels.column) as usize + p
 }
 
-/// Where a plane `[tiles, TILE_PIXELS]` has the unit's pixel number `p`.
+/// Index of the unit's pixel `p` in a plane `[tiles, TILE_PIXELS]`.
 #[cube]
 pub(super) fn in_tiles(pixels: &UnitPixels, #[comptime] p: usize) -> usize {
     pixels.tile as usize * TILE_PIXELS + (pixels.row * comptime!(TILE as u32) + pixels.column) as usize + p
 }
 
-/// Lays a batch out for the units' tile: the `count` Gaussians of `sorted` from `first` on, and in `rows` a bit for each
-/// row of the tile that they may be seen in.
+/// Stages a batch for the units' tile: the `count` Gaussians of `sorted` from `first` on. `rows` gets a bit for each
+/// row of the tile in which a Gaussian may be visible.
 #[cube]
 pub(super) fn stage_batch(
     records: &[f32],
@@ -141,9 +141,9 @@ pub(super) fn stage_batch(
 /// A staged Gaussian without its channels.
 #[derive(CubeType, Clone, Copy)]
 pub(super) struct StagedHead {
-    /// From the centre to the tile's first pixel, along x.
+    /// Distance from the centre to the tile's first pixel, along x.
     pub x: f32,
-    /// The same along y.
+    /// Distance from the centre to the tile's first pixel, along y.
     pub y: f32,
     /// Half curvature along x.
     pub half_x: f32,
@@ -155,7 +155,7 @@ pub(super) struct StagedHead {
     pub opacity: f32,
 }
 
-/// Writes a head into the vectors from `at` on, where [`head_at()`] reads it.
+/// Writes a head to the vectors from `at` on; [`head_at()`] reads it.
 #[cube]
 fn write_head(staged: &mut Shared<[Four]>, at: usize, head: &StagedHead) {
     let mut shape = Four::new(0.0f32);
@@ -170,7 +170,7 @@ fn write_head(staged: &mut Shared<[Four]>, at: usize, head: &StagedHead) {
     staged[at + 1] = rest;
 }
 
-/// Reads the head of the Gaussian whose vectors begin at `at`.
+/// Reads the head of the Gaussian whose vectors start at `at`.
 #[cube]
 pub(super) fn head_at(staged: &Shared<[Four]>, at: usize) -> StagedHead {
     let (shape, rest) = (staged[at], staged[at + 1]);
@@ -184,7 +184,7 @@ pub(super) fn head_at(staged: &Shared<[Four]>, at: usize) -> StagedHead {
     }
 }
 
-/// Lays Gaussian `id` out as number `k` of its batch.
+/// Stages Gaussian `id` as number `k` of its batch.
 #[cube]
 fn stage(
     records: &[f32],
@@ -228,8 +228,8 @@ fn stage(
     rows[k] = rows_met(head.y, head.half_y, splat.reach);
 }
 
-/// A bit for each row of the tile where `half_y dy²`, the least that sigma is in the row, stays within the reach; `y`
-/// is dy in the first.
+/// A bit for each row of the tile where `half_y dy²`, the minimum of sigma in the row, is within the reach. `y` is dy
+/// in the first row.
 #[cube]
 fn rows_met(y: f32, half_y: f32, reach: f32) -> u32 {
     let last = comptime!(TILE as f32 - 1.0);
@@ -241,7 +241,7 @@ fn rows_met(y: f32, half_y: f32, reach: f32) -> u32 {
     below & !before
 }
 
-/// The Gaussians of a batch, from number `first` on, that `row` meets: a bit each.
+/// The Gaussians of a batch, from number `first` on, whose ellipse meets `row`: one bit each.
 #[cube]
 pub(super) fn met_by_row(rows: &Shared<[u32]>, first: u32, count: u32, row: u32) -> u32 {
     let mut met = 0u32;
@@ -251,18 +251,18 @@ pub(super) fn met_by_row(rows: &Shared<[u32]>, first: u32, count: u32, row: u32)
     met
 }
 
-/// A staged Gaussian, as the pixels of a unit see it.
+/// A staged Gaussian with the values that a unit's pixels need.
 #[derive(CubeType)]
 pub(super) struct Staged {
     /// `u`, the sheared distance along x, at the unit's first pixel.
     pub u: f32,
     /// Half curvature along x.
     pub half_x: f32,
-    /// What of sigma is the same for the whole row.
+    /// The part of sigma that is constant in the row.
     pub row_sigma: f32,
     /// Opacity.
     pub opacity: f32,
-    /// What is blended.
+    /// The values to blend.
     pub values: Array<f32>,
 }
 

@@ -1,4 +1,4 @@
-//! Which tiles a Gaussian touches, and the tiles' lists. CPU twin: `splat/cpu/tiles.rs`.
+//! The tiles that a Gaussian touches, and the tiles' lists. CPU twin: `splat/cpu/tiles.rs`.
 
 use cubecl::prelude::*;
 
@@ -11,7 +11,7 @@ use crate::splat::{MAX_RADIUS, PROJECTED_LEN, TILE, TOUCH_ROUNDINGS, projected_r
 pub struct Splat {
     /// Centre in pixels.
     pub centre: Pair,
-    /// See [`crate::splat::Projected`], as the following.
+    /// See [`crate::splat::Projected`], also for the following fields.
     pub curve_x: f32,
     /// Shear.
     pub slope: f32,
@@ -47,9 +47,9 @@ pub struct TileRectangle {
     pub left: u32,
     /// First row.
     pub top: u32,
-    /// Column behind the last.
+    /// One past the last column.
     pub right: u32,
-    /// Row behind the last.
+    /// One past the last row.
     pub bottom: u32,
 }
 
@@ -59,7 +59,7 @@ pub fn tiles_along(size: u32) -> u32 {
     (size + comptime!(TILE as u32 - 1)) / comptime!(TILE as u32)
 }
 
-/// The tiles that a Gaussian of these radii reaches. In whole numbers, so that it equals the twin's double precision.
+/// The tiles that a Gaussian of these radii reaches. It uses integers, so that it matches the twin's double precision.
 #[cube]
 pub fn tile_rectangle(
     centre: &Pair,
@@ -80,7 +80,7 @@ fn tile_range(middle: f32, radius: i32, size: u32, #[comptime] square: bool) -> 
     let bound = comptime!(MAX_RADIUS as f32);
     let middle = clamp(middle, -bound, bound);
     if comptime!(square) {
-        // The arithmetic of 3DGS: pixel centres at whole numbers, and truncation.
+        // The arithmetic of 3DGS: pixel centres at integers, and truncation.
         let whole = i32::cast_from((middle - 0.5f32).floor());
         let low = max(whole - radius, 0) / tile;
         let high = max(whole + radius + tile - 1, 0) / tile;
@@ -90,14 +90,14 @@ fn tile_range(middle: f32, radius: i32, size: u32, #[comptime] square: bool) -> 
         let last = i32::cast_from(middle.ceil()) + radius;
         let low = max(first, 0) / tile;
         let high = max(last + tile - 1, 0) / tile;
-        // Beyond the picture, though perhaps within its last tile.
+        // Outside the image, but possibly within its last tile.
         let beyond = first >= i32::cast_from(size);
         (select(beyond, 0u32, u32::cast_from(min(low, tiles))), select(beyond, 0u32, u32::cast_from(min(high, tiles))))
     }
 }
 
-/// Whether the ellipse on which alpha is just visible touches the tile whose first pixel's corner is `(x, y)`; never
-/// wrong in the direction that would lose a pixel.
+/// Whether the ellipse at the smallest visible alpha touches the tile whose first pixel has its corner at `(x, y)`.
+/// Errors never lose a pixel.
 #[cube]
 pub fn touches_tile(splat: &Splat, x: f32, y: f32) -> bool {
     let span = comptime!(TILE as f32 - 1.0);
@@ -110,7 +110,7 @@ pub fn touches_tile(splat: &Splat, x: f32, y: f32) -> bool {
             + splat.slope.abs() * max(low_y.abs(), high_y.abs())
             + splat.centre.x.abs()
             + splat.centre.y.abs() * splat.slope.abs());
-    // The minimum over the box lies on a side that faces the centre.
+    // The minimum over the box is on a side that faces the centre.
     let shear = splat.curve_x * splat.slope;
     let dy = min(max(-shear * nearest_x / (splat.curve_y + shear * splat.slope), low_y), high_y);
     let dx = min(max(-splat.slope * nearest_y, low_x), high_x);
@@ -125,7 +125,7 @@ fn sigma_at(splat: &Splat, dx: f32, dy: f32, rounding: f32) -> f32 {
     0.5f32 * (splat.curve_x * u * u + splat.curve_y * dy * dy)
 }
 
-/// How many tiles of a rectangle the Gaussian touches.
+/// Number of tiles in a rectangle that the Gaussian touches.
 #[cube]
 pub fn count_tiles(splat: &Splat, rectangle: &TileRectangle) -> u32 {
     let mut count = 0u32;
@@ -144,15 +144,16 @@ fn tile_corner(index: u32) -> f32 {
     f32::cast_from(index * comptime!(TILE as u32))
 }
 
-/// Collects the visible Gaussians: for each with tiles, its depth as a sort key and its index go to its rank.
+/// Collects the visible Gaussians. The depth (as a sort key) and the index of each Gaussian with tiles are written at
+/// its rank.
 ///
-/// `ranks` is the running count of visible Gaussians, see the module `scan`.
+/// `ranks` is the prefix sum of the visibility marks, see the module `scan`.
 #[cube(launch)]
 pub fn collect_visible(records: &[f32], touched: &[u32], ranks: &[u32], keys: &mut [u32], ids: &mut [u32], count: u32) {
     let id = ABSOLUTE_POS;
     if id < count as usize && touched[id] > 0u32 {
         let rank = ranks[id] as usize;
-        // Depths are positive, and positive floats are ordered as their bits.
+        // Depths are positive, and positive floats sort like their bits.
         keys[rank] = u32::reinterpret(records[id * PROJECTED_LEN + projected_row::DEPTH]);
         ids[rank] = id as u32;
     }
@@ -167,7 +168,7 @@ pub fn mark_visible(touched: &[u32], marks: &mut [u32], count: u32) {
     }
 }
 
-/// The tile counts in order of depth; 0 behind the last visible Gaussian.
+/// The tile counts in order of depth; 0 after the last visible Gaussian.
 #[cube(launch)]
 pub fn counts_by_depth(ids: &[u32], touched: &[u32], visible: &[u32], counts: &mut [u32], count: u32) {
     let place = ABSOLUTE_POS;
@@ -180,13 +181,12 @@ pub fn counts_by_depth(ids: &[u32], touched: &[u32], visible: &[u32], counts: &m
     }
 }
 
-/// Writes every pair of a Gaussian and a tile it touches, Gaussians by depth, and where each Gaussian's pairs are.
+/// Writes every pair of a Gaussian and a touched tile, in order of depth, and the position of each Gaussian's pairs.
 ///
-/// A Gaussian has room for as many as the projection counted. Should another compiler's rounding find fewer here, the
-/// rest is said to lie in a tile behind the last, and should it find more, they are left out: both stand on the
-/// ellipse's very edge.
+/// A Gaussian has room for as many pairs as the projection counted. Different rounding may find fewer or more pairs
+/// here, all on the edge of the ellipse. Missing pairs are assigned to a tile past the last; surplus pairs are dropped.
 ///
-/// `offsets` are the running sums of the counts by depth. `tiles`, `owners` and `numbers` have an entry for each pair:
+/// `offsets` are the prefix sums of the counts by depth. `tiles`, `owners` and `numbers` have an entry for each pair:
 /// its tile, its Gaussian, and its own number, which the sort by tile carries along.
 #[cube(launch)]
 pub fn emit_pairs(
@@ -233,7 +233,7 @@ pub fn emit_pairs(
     }
 }
 
-/// The tile lists from the sorted pairs: Gaussians by tile and depth, and the place of each pair in them.
+/// The tile lists from the sorted pairs: Gaussians by tile and depth, and the position of each pair in the lists.
 #[cube(launch)]
 pub fn list_pairs(owners: &[u32], numbers: &[u32], sorted: &mut [i32], slots: &mut [i32], pairs: u32) {
     let place = ABSOLUTE_POS;
@@ -244,7 +244,7 @@ pub fn list_pairs(owners: &[u32], numbers: &[u32], sorted: &mut [i32], slots: &m
     }
 }
 
-/// Where each tile's list starts: the first pair of that tile or a later one, by bisection.
+/// The start of each tile's list: the first pair of that tile or a later one, by bisection.
 #[cube(launch)]
 pub fn find_starts(tiles: &[u32], starts: &mut [i32], pairs: u32, count: u32) {
     let tile = ABSOLUTE_POS as u32;

@@ -1,12 +1,12 @@
-//! Gaussian windows over images, and the similarity of two images that is made of them. CPU twin: `window/cpu.rs` and
+//! Gaussian windows over images, and the similarity of two images based on them. CPU twin: `window/cpu.rs` and
 //! `window/similarity.rs`.
 //!
-//! Two passes: down the columns, where what is summed is made of the images, and along the rows, where the sums become
-//! results. Images are planes of `[height, width]`, one after another; a unit is a pixel of a plane.
+//! There are two passes. The first computes sums down the columns from the images, the second computes the results
+//! along the rows. Images are planes of `[height, width]`, one after another. A unit is a pixel of a plane.
 
 use cubecl::prelude::*;
 
-/// Which similarity of two pictures.
+/// The kind of similarity of two images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SimilarityKind {
     /// SSIM.
@@ -18,20 +18,20 @@ pub enum SimilarityKind {
 /// Constants of a similarity (METHOD §4.4).
 #[derive(CubeType, CubeLaunch, Clone, Copy)]
 pub struct SimilarityConstants {
-    /// Of SSIM's luminance.
+    /// Constant of SSIM's luminance term.
     pub c1: f32,
-    /// Of SSIM's contrast.
+    /// Constant of SSIM's contrast term.
     pub c2: f32,
-    /// Of the structure term.
+    /// Constant of the structure term.
     pub c3: f32,
-    /// Where the structure term is cut off.
+    /// Upper bound of the structure term.
     pub structure_max: f32,
 }
 
 /// Size of the images, `[planes, height, width]`.
 #[derive(CubeType, CubeLaunch, Clone, Copy)]
 pub struct PlaneSize {
-    /// Images.
+    /// Number of images.
     pub planes: u32,
     /// Rows.
     pub height: u32,
@@ -63,9 +63,9 @@ pub fn blur_rows(sums: &[f32], weights: &[f32], blurred: &mut [f32], size: Plane
     }
 }
 
-/// The moments of two images down the columns, mean a, mean b, variance of a + variance of b, covariance:
-/// `[4, planes, height, width]`. Sums count from the pixel in the middle, so that variances of bright and flat pictures
-/// are not small differences of large numbers. Outside the images is black.
+/// The moments of two images down the columns: mean a, mean b, variance of a + variance of b, covariance, `[4, planes,
+/// height, width]`. Sums are relative to the middle pixel. Variances of bright, flat images are therefore not small
+/// differences of large numbers. Pixels outside the images are black.
 #[cube(launch_unchecked)]
 pub fn moment_columns(a: &[f32], b: &[f32], weights: &[f32], sums: &mut [f32], size: PlaneSize) {
     let pixel = ABSOLUTE_POS as u32;
@@ -96,9 +96,9 @@ pub fn moment_columns(a: &[f32], b: &[f32], weights: &[f32], sums: &mut [f32], s
     }
 }
 
-/// The similarity from the moments of the columns; with its slopes `[4, planes, height, width]` with respect to mean a,
-/// mean b, mean a² + b² and mean ab if they are `wanted`. A variance is the mean of the columns' variances and the
-/// variance of their means; sums count from the column in the middle.
+/// The similarity from the moments of the columns. If `wanted`, also its derivatives `[4, planes, height, width]` with
+/// respect to mean a, mean b, mean a² + b² and mean ab. A variance is the mean of the columns' variances plus the
+/// variance of their means. Sums are relative to the middle column.
 #[cube(launch_unchecked)]
 pub fn similarity_rows(
     sums: &[f32],
@@ -146,7 +146,7 @@ pub fn similarity_rows(
     }
 }
 
-/// The slopes times the cotangent of the map, summed down the columns.
+/// The derivatives times the cotangent of the map, summed down the columns.
 #[cube(launch_unchecked)]
 pub fn adjoint_columns(v_map: &[f32], slopes: &[f32], weights: &[f32], sums: &mut [f32], size: PlaneSize) {
     let pixel = ABSOLUTE_POS as u32;
@@ -165,7 +165,7 @@ pub fn adjoint_columns(v_map: &[f32], slopes: &[f32], weights: &[f32], sums: &mu
     }
 }
 
-/// The adjoints of the two images from the column sums of `adjoint_columns`.
+/// The adjoints of the two images, from the column sums of `adjoint_columns`.
 #[cube(launch_unchecked)]
 pub fn adjoint_rows(
     sums: &[f32],
@@ -190,7 +190,7 @@ pub fn adjoint_rows(
     }
 }
 
-/// The first pixel, the number, and the first weight of the window's taps down a column.
+/// The first pixel, the number of taps and the first weight of the window down a column.
 #[cube]
 fn taps_down(pixel: u32, weights: &[f32], size: &PlaneSize) -> (u32, u32, u32) {
     let radius = weights.len() as u32 / 2u32;
@@ -228,7 +228,8 @@ struct Moments {
     covariance: f32,
 }
 
-/// Moments from sums that count from the middle and take in the weights `inside` the image; what lies outside is black.
+/// Moments from sums that are relative to the middle and include the weights `inside` the image; pixels outside are
+/// black.
 #[cube]
 fn from_middle(
     sum_a: f32,
@@ -252,7 +253,7 @@ fn from_middle(
     }
 }
 
-/// A similarity and its slopes.
+/// A similarity and its derivatives.
 #[derive(CubeType, Clone, Copy)]
 struct Trace {
     value: f32,

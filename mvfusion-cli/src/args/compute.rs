@@ -1,16 +1,16 @@
-//! The options that say what computes.
+//! The options for device and threads.
 
 use std::num::NonZeroUsize;
 
 use clap::Args;
 
-/// What computes.
+/// Device and threads.
 #[derive(Clone, Debug, Args)]
 pub struct ComputeArgs {
-    /// auto (a GPU if there is one), cpu, flex, ndarray, wgpu or cuda, with :N for the N-th (see `mvfusion devices`)
+    /// Device: auto (a GPU if available), cpu, flex, ndarray, wgpu, wgpu:N, cuda or cuda:N (see `mvfusion devices`)
     #[arg(long, value_name = "D", default_value = "auto")]
     pub device: String,
-    /// CPU threads; the result does not depend on it [default: all cores]
+    /// CPU threads; the result does not depend on their number [default: all cores]
     #[arg(long, value_name = "N")]
     pub threads: Option<NonZeroUsize>,
 }

@@ -18,16 +18,16 @@ use crate::args::CheckArgs;
 use crate::progress::Verbosity;
 use crate::{atomic, config, scene};
 
-/// Photos on the picture of the points.
+/// Photos in the image of the points.
 const PHOTOS: usize = 9;
 
-/// Pixels along the longer side of that picture at most.
+/// Largest side of that image in pixels.
 const LARGEST_SIDE: u32 = 1800;
 
 /// Width of the first column.
 const LABEL: usize = 12;
 
-/// What was found, for scripts.
+/// The findings, for scripts.
 #[derive(Serialize)]
 struct Report<'a> {
     folder: &'a Path,
@@ -35,24 +35,24 @@ struct Report<'a> {
     inspection: &'a Inspection,
     /// Whether training could start.
     can_train: bool,
-    /// Bytes that training needs; absent if the scene could not be read.
+    /// Memory that training needs, in bytes; absent if the scene could not be read.
     #[serde(skip_serializing_if = "Option::is_none")]
     memory: Option<MemoryNeed>,
-    /// The picture of the points.
+    /// The image of the points.
     #[serde(skip_serializing_if = "Option::is_none")]
     picture: Option<&'a Path>,
 }
 
-/// Looks a scene over and tells what was found, what is wrong and what to do.
+/// Inspects a scene and reports its contents, its problems and their remedies.
 ///
 /// # Errors
-/// If training could not start, once everything was said; if the command line is wrong, or a file cannot be written.
+/// If training cannot start, after the report; if the command line is wrong, or a file cannot be written.
 pub fn check(args: &CheckArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let resolved = config::resolve(&args.sources, Some(&args.folder))?;
     let folder = std::path::absolute(&args.folder)?;
     let pictures = if args.quick { Pictures::Sampled } else { Pictures::Decoded };
     if pictures == Pictures::Decoded {
-        verbosity.note("decoding every picture (--quick decodes a few)");
+        verbosity.note("decoding every image (--quick decodes only a few)");
     }
     let (mut inspection, mut scene) = inspect(&folder, &scene::read_options(&resolved.config), pictures);
     if let (Some(scene), Some(masks)) = (&mut scene, &resolved.config.eval.dynamic_masks) {
@@ -84,12 +84,13 @@ pub fn check(args: &CheckArgs, verbosity: Verbosity, out: &mut dyn Write) -> any
         }
         inspection.problems.iter().try_for_each(|problem| tell_problem(problem, out))?;
     }
-    // What was found is told, whatever becomes of the picture and of the Gaussians to start from.
+    // The report comes first, even if the image or the initial Gaussians fail.
     drawn.transpose()?;
     memory?;
     let errors = inspection.problems.iter().filter(|problem| problem.severity == Severity::Error).count();
     if errors > 0 {
-        bail!("training could not start on {}: {errors} of the problems above are errors", folder.display());
+        let noun = if errors == 1 { "error" } else { "errors" };
+        bail!("training cannot start on {}: see the {errors} {noun} above", folder.display());
     }
     Ok(())
 }
@@ -98,7 +99,7 @@ fn need(config: &Config, scene: &Scene) -> Result<MemoryNeed, ModelError> {
     MemoryNeed::of(&config.for_times_of(scene).scaled(), scene, IMAGE_CACHE)
 }
 
-/// `check-NAME.png` in the folder in which the program was started.
+/// `check-NAME.png` in the current folder.
 fn default_picture(folder: &Path) -> PathBuf {
     let name = folder.file_name().map_or("scene".into(), |name| name.to_string_lossy());
     PathBuf::from(format!("check-{name}.png"))
@@ -110,7 +111,7 @@ fn line(out: &mut dyn Write, label: &str, text: &str) -> std::io::Result<()> {
 
 fn tell(inspection: &Inspection, folder: &Path, out: &mut dyn Write) -> std::io::Result<()> {
     line(out, "folder", &folder.display().to_string())?;
-    line(out, "format", inspection.format.map_or("none that is known", |format| format.name()))?;
+    line(out, "format", inspection.format.map_or("unknown", |format| format.name()))?;
     inspection.summary.as_ref().map_or(Ok(()), |summary| tell_summary(summary, out))
 }
 
@@ -119,21 +120,21 @@ fn tell_summary(scene: &Summary, out: &mut dyn Write) -> std::io::Result<()> {
     let per_camera = if least == most { most.to_string() } else { format!("{least} to {most}") };
     let [narrow, wide] = scene.field_of_view;
     let angle = if wide - narrow < 0.5 { format!("{wide:.0}°") } else { format!("{narrow:.0}° to {wide:.0}°") };
-    line(out, "cameras", &format!("{} with {per_camera} views each, {angle} wide", scene.cameras))?;
+    line(out, "cameras", &format!("{} with {per_camera} views each, field of view {angle}", scene.cameras))?;
     let size = format!("{}x{}", scene.width, scene.height);
     let decoded = ByteSize(scene.decoded_bytes);
-    let extras = [(scene.straightened, "are straightened as they are read"), (scene.masked, "have masks")];
+    let extras = [(scene.straightened, "are undistorted on reading"), (scene.masked, "have masks")];
     let extras = extras.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("; {count} {what}"));
-    line(out, "pictures", &format!("{size}, {decoded} decoded{}", extras.collect::<String>()))?;
-    line(out, "views", &format!("{} to train on, {} held out", scene.train, scene.test))?;
+    line(out, "images", &format!("{size}, {decoded} decoded{}", extras.collect::<String>()))?;
+    line(out, "views", &format!("{} training, {} held out", scene.train, scene.test))?;
     let [first, last] = scene.times;
-    line(out, "times", &format!("{} moments from {first:.3} to {last:.3}", scene.moments))?;
+    line(out, "times", &format!("{} time steps from {first:.3} to {last:.3}", scene.moments))?;
     let near = scene.near.map_or(String::new(), |near| format!(", nothing nearer than {near:.3}"));
     line(out, "extent", &format!("{:.3} units around the cameras{near}", scene.extent))?;
-    let seen =
-        scene.points_seen.map_or(String::new(), |share| format!(", {:.0} % of them in a picture", 100.0 * share));
+    let seen = scene.points_seen.map_or(String::new(), |share| format!(", {:.0} % of them in an image", 100.0 * share));
     let agreement = scene.colour_agreement;
-    let agreement = agreement.map_or(String::new(), |value| format!(", colours agree with the photos by {value:.2}"));
+    let agreement =
+        agreement.map_or(String::new(), |value| format!(", correlation {value:.2} with the colours of the photos"));
     line(out, "points", &format!("{}{seen}{agreement}", scene.points))
 }
 
@@ -141,7 +142,7 @@ fn memory_sentence(need: &MemoryNeed) -> String {
     let size = |bytes: f64| ByteSize(bytes as u64);
     let host = need.program + need.pictures;
     format!(
-        "about {} at the start, {} with all Gaussians that the configuration allows; on a GPU {} of it, or {}, are there",
+        "about {} at the start, {} with the most Gaussians that the configuration allows; of this, {} and {} on a GPU",
         size(host + need.start),
         size(host + need.most),
         size(need.start),
@@ -149,7 +150,7 @@ fn memory_sentence(need: &MemoryNeed) -> String {
     )
 }
 
-/// The picture of the points.
+/// The image of the points.
 struct Drawn {
     path: PathBuf,
     sheet: ContactSheet,
@@ -166,7 +167,7 @@ impl Drawn {
         let rows: Vec<String> = self.sheet.names.chunks(self.sheet.columns).map(|row| row.join(", ")).collect();
         let indent = format!("\n{:LABEL$}", "");
         let path = self.path.display();
-        format!("{path}: the points (near red, far blue) must lie on what they belong to{indent}{}", rows.join(&indent))
+        format!("{path}: the points (near red, far blue) must lie on their objects{indent}{}", rows.join(&indent))
     }
 }
 

@@ -1,10 +1,10 @@
-//! `mvfusion devices`: what was compiled in, and what was found.
+//! `mvfusion devices`: the compiled backends and the detected devices.
 
 use std::io::Write;
 
 use crate::device;
 
-/// Lists the devices that `--device` takes here.
+/// Lists the devices that `--device` accepts in this build.
 ///
 /// # Errors
 /// If `out` cannot be written to.

@@ -14,7 +14,7 @@ use crate::progress::Verbosity;
 use crate::run::{self, MasksRequest, OpenRun, PicturesWriter, Results, RunRequest, TrainTime};
 use crate::{report, table};
 
-/// Scores a run again from its checkpoint and compares with what it had found.
+/// Evaluates a run again from its checkpoint and compares the metrics with its earlier ones.
 ///
 /// # Errors
 /// If the run is not complete, its data are gone, the device fails, or a file cannot be written.
@@ -35,7 +35,7 @@ pub fn eval(args: &EvalArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyho
         time: training_time(&args.run, before.as_ref())?,
         device: &device.name,
     };
-    // The pictures are the same whatever the protocol.
+    // The images do not depend on the protocol.
     let is_own = args.protocol == Protocol::Mvfusion;
     let pictures = (args.write && is_own).then(|| PicturesWriter::new(&args.run, &config.eval, scene.test.len()));
     let mut scored = scoring.score(pictures.as_ref(), verbosity)?;
@@ -43,18 +43,18 @@ pub fn eval(args: &EvalArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyho
         scored.results.speed = before.as_ref().and_then(|before| before.speed_of(&scored.results));
     }
     if args.write {
-        std::fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+        std::fs::create_dir_all(&folder).with_context(|| format!("cannot create the folder {}", folder.display()))?;
         scored.write(&folder)?;
         report::write(&args.run)?;
     }
     table::write(&scored.results, args.protocol, out)?;
     if let Some(strip) = pictures.and_then(|pictures| pictures.strip_to_see()) {
-        writeln!(out, "{:16}{} ({})", "look first at", strip.display(), run::legend(&trained.model))?;
+        writeln!(out, "{:16}{} ({})", "start with", strip.display(), run::legend(&trained.model))?;
     }
     compare(&scored.results, before.as_ref(), &folder, out)
 }
 
-/// Where a run's metrics by a protocol lie.
+/// The folder of a run's metrics under a protocol.
 fn metrics_folder(run: &Path, protocol: Protocol) -> PathBuf {
     match protocol {
         Protocol::Mvfusion => run.to_owned(),
@@ -62,13 +62,13 @@ fn metrics_folder(run: &Path, protocol: Protocol) -> PathBuf {
     }
 }
 
-/// The weights of LPIPS that the training had, if they are still there.
+/// The LPIPS weights of the training, if they still exist.
 fn configured_weights(config: &Config, verbosity: Verbosity) -> Option<&Path> {
     let folder = config.eval.lpips_weights.as_deref()?;
     if !folder.is_dir() {
         let folder = folder.display();
         verbosity.note(&format!(
-            "note:   the weights of LPIPS are no longer in {folder}; --lpips-weights gives another folder"
+            "note:   the LPIPS weights are no longer in {folder}; give their folder with --lpips-weights"
         ));
         return None;
     }
@@ -81,7 +81,7 @@ fn config_hash(run: &Path) -> anyhow::Result<String> {
     Ok(sha256(&bytes))
 }
 
-/// How long the run was trained: that is told by its own metrics alone, if not yet by those of the protocol.
+/// The training time of the run: from the metrics of the protocol if they exist, otherwise from the run's own.
 fn training_time(run: &Path, before: Option<&Results>) -> anyhow::Result<Option<TrainTime>> {
     match before {
         Some(results) => Ok(results.train),
@@ -100,7 +100,7 @@ fn earlier_results(folder: &Path) -> anyhow::Result<Option<Results>> {
         .with_context(|| format!("cannot read {}; remove it to evaluate without comparison", path.display()))
 }
 
-/// Says whether the metrics are those that the run had found.
+/// Reports whether the metrics equal the run's earlier ones.
 fn compare(now: &Results, before: Option<&Results>, folder: &Path, out: &mut dyn Write) -> anyhow::Result<()> {
     let path = folder.join(run::RESULTS);
     let Some(before) = before else {
@@ -108,20 +108,24 @@ fn compare(now: &Results, before: Option<&Results>, folder: &Path, out: &mut dyn
     };
     let differences = now.differences(before);
     if differences.is_empty() {
-        return Ok(writeln!(out, "The metrics are those of {}.", path.display())?);
+        return Ok(writeln!(out, "The metrics equal those of {}.", path.display())?);
     }
     writeln!(out, "These metrics differ from {}:", path.display())?;
     for difference in differences {
         writeln!(out, "  {difference}")?;
     }
     if now.device != before.device {
-        writeln!(out, "It was made on {}, this on {}; sums may round differently.", before.device, now.device)?;
+        writeln!(
+            out,
+            "The earlier ones were computed on {}, these on {}; sums may round differently.",
+            before.device, now.device
+        )?;
     }
     if now.protocol != before.protocol {
-        writeln!(out, "It follows another protocol: {}", before.protocol)?;
+        writeln!(out, "The earlier ones follow another protocol: {}", before.protocol)?;
     }
     if now.params_sha256 != before.params_sha256 {
-        writeln!(out, "The checkpoint holds other parameters than those that were scored.")?;
+        writeln!(out, "The parameters of the checkpoint differ from those that were evaluated earlier.")?;
     }
     Ok(())
 }

@@ -16,8 +16,8 @@ const LABEL: usize = 16;
 /// Writes a run's Gaussians and cameras for other programs.
 ///
 /// # Errors
-/// If the run is not complete, its data are gone, something lies in the folder already, the device fails, or a file
-/// cannot be written.
+/// If the run is not complete, its data are missing, the folder is not empty, the device fails, or a file cannot be
+/// written.
 pub fn export(args: &ExportArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let existing = if args.force { Existing::Replace } else { Existing::Keep };
     let plan = RunPlan::for_contents(&args.out, existing, export::CONTENTS)?;
@@ -31,7 +31,7 @@ pub fn export(args: &ExportArgs, verbosity: Verbosity, out: &mut dyn Write) -> a
     Ok(())
 }
 
-/// The model as it is to be shown.
+/// The model to export.
 fn exporter(args: &ExportArgs, run: &OpenRun, verbosity: Verbosity) -> Exporter {
     let level = final_level(&run.config);
     Exporter { model: run.model(args.no_mfta, verbosity), level, context: run.render_context() }
@@ -52,7 +52,7 @@ impl Session<'_> {
         if wanted(ExportFormat::Ply) {
             self.write_branches(out)?;
         }
-        // What shows the scene shows a moment: canonical Gaussians are none.
+        // These formats show the scene at one time. Canonical Gaussians do not belong to any time.
         let moment = Moment::At(self.args.time.unwrap_or(0.0));
         if wanted(ExportFormat::Splat) {
             let gaussians = self.exporter.scene(moment)?;
@@ -74,7 +74,7 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// The Gaussians of each branch in a file of its own.
+    /// The Gaussians of each branch, in separate files.
     fn write_branches(&self, out: &mut dyn Write) -> anyhow::Result<()> {
         let moment = self.args.time.map_or(Moment::Canonical, Moment::At);
         let static_ = self.exporter.static_()?.map(|gaussians| (export::STATIC, gaussians));
@@ -85,7 +85,7 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// The whole scene at times that are evenly spread.
+    /// The whole scene at evenly spaced times.
     fn write_frames(&self, frames: usize, verbosity: Verbosity) -> anyhow::Result<()> {
         let last = self.exporter.context.timeline.times().last().copied().unwrap_or(0.0);
         let mut progress = Progress::new("frames", frames, verbosity);

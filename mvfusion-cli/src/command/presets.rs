@@ -4,7 +4,7 @@ use std::io::Write;
 
 use crate::config::PRESETS;
 
-/// Lists the presets, a line each.
+/// Lists the presets, one line each.
 ///
 /// # Errors
 /// If `out` cannot be written to.

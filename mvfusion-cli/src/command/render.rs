@@ -12,14 +12,14 @@ use crate::progress::{Pace, Progress, Verbosity};
 use crate::render::{FileFormat, Film, LayerChoice, OutputsPlan, Reframing, Selection};
 use crate::run::{self, MasksRequest, OpenRun, RunRequest};
 
-/// Frames whose depths decide about the scale of all depth pictures.
+/// Number of frames whose depths determine the common scale of all depth images.
 const DEPTH_FRAMES: usize = 8;
 
 /// Renders a trained run in layers.
 ///
 /// # Errors
-/// If the run is not complete, its scene is gone, a camera path cannot be used, the model lacks a layer, files would be
-/// overwritten, the device fails, or a file cannot be written.
+/// If the run is not complete, its scene is missing, a camera path cannot be used, the model lacks a layer, files would
+/// be overwritten, the device fails, or a file cannot be written.
 pub fn render(args: &RenderArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let request = RunRequest {
         run: &args.run,
@@ -40,7 +40,7 @@ pub fn render(args: &RenderArgs, verbosity: Verbosity, out: &mut dyn Write) -> a
     if !args.force {
         plan.check_free()?;
     }
-    // Only now: it may measure trajectories, which takes its time.
+    // Created last, because it may measure trajectories, which takes time.
     let weights = args.motion_weights.unwrap_or(config.motion.weights);
     let renderer = LayerRenderer::new(&model, level, &context, &layers, weights)?;
     let renderer = if plan.has_pictures() { with_depths(renderer, &film)? } else { renderer };
@@ -48,7 +48,7 @@ pub fn render(args: &RenderArgs, verbosity: Verbosity, out: &mut dyn Write) -> a
     tell(&film, &layers, &plan, out)
 }
 
-/// What the command line says of the frames.
+/// The frames that the command line selects.
 fn selection(args: &RenderArgs) -> Selection {
     let reframing = match (args.size, args.downscale) {
         (Some((width, height)), _) => Reframing::Size(width, height),
@@ -58,7 +58,7 @@ fn selection(args: &RenderArgs) -> Selection {
     Selection { frames: args.frames, time: args.time, camera: args.camera.clone(), reframing }
 }
 
-/// The layers that were asked for, each once.
+/// The requested layers, each once.
 fn layers(asked: &[LayerChoice], model: &Model, level: DeformationLevel) -> Vec<Layer> {
     if asked.is_empty() {
         return Layer::usual(model, level);
@@ -79,7 +79,7 @@ fn layers(asked: &[LayerChoice], model: &Model, level: DeformationLevel) -> Vec<
     layers
 }
 
-/// The renderer with one scale for the depths of all frames.
+/// The renderer with a common depth scale for all frames.
 fn with_depths<'a>(renderer: LayerRenderer<'a>, film: &Film) -> anyhow::Result<LayerRenderer<'a>> {
     if !renderer.layers().contains(&Layer::Depth) {
         return Ok(renderer);
@@ -89,7 +89,7 @@ fn with_depths<'a>(renderer: LayerRenderer<'a>, film: &Film) -> anyhow::Result<L
     Ok(renderer.with_depths_of(frames)?)
 }
 
-/// Renders frame after frame.
+/// Renders all frames in order.
 fn write(
     film: &Film,
     renderer: &LayerRenderer<'_>,
@@ -104,7 +104,7 @@ fn write(
         let rendered = renderer.render(&frame.camera, film.moment(done))?;
         outputs.add(frame.number, &rendered, renderer)?;
         pace.mark(done + 1);
-        progress.say(format!("{:.1} frames/s  {}", pace.steps_per_second(), pace.left(film.frames.len() - done - 1)));
+        progress.say(format!("{:.1} FPS  {}", pace.steps_per_second(), pace.left(film.frames.len() - done - 1)));
         progress.advance();
     }
     let plan = outputs.finish()?;
@@ -112,12 +112,16 @@ fn write(
     Ok(plan)
 }
 
-/// Says what lies where.
+/// Prints which files were written, and where.
 fn tell(film: &Film, layers: &[Layer], plan: &OutputsPlan, out: &mut dyn Write) -> anyhow::Result<()> {
     let camera = &film.frames[0].camera;
-    writeln!(out, "{:16}{} of {}x{}", "frames", film.frames.len(), camera.width, camera.height)?;
+    writeln!(out, "{:16}{} at {}x{}", "frames", film.frames.len(), camera.width, camera.height)?;
     if film.is_clean {
-        writeln!(out, "{:16}the static branch: held-out photos have no trained moment; --time T adds one", "shown")?;
+        writeln!(
+            out,
+            "{:16}the static branch, because held-out photos have no trained time; --time T sets one",
+            "shown"
+        )?;
     }
     let names: Vec<&str> = layers.iter().map(|layer| layer.name()).collect();
     writeln!(out, "{:16}{}", "layers", names.join(", "))?;

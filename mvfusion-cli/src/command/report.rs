@@ -5,10 +5,10 @@ use std::io::Write;
 use crate::args::ReportArgs;
 use crate::report;
 
-/// Writes the report of a run anew and says where it lies.
+/// Rebuilds the report of a run and prints its path.
 ///
 /// # Errors
-/// If the folder is no run, or the file cannot be written.
+/// If the folder is not a run, or the file cannot be written.
 pub fn report(args: &ReportArgs, out: &mut dyn Write) -> anyhow::Result<()> {
     Ok(writeln!(out, "{}", report::write(&args.run)?.display())?)
 }

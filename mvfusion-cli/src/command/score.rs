@@ -21,18 +21,18 @@ use crate::run::{
     TrainTime,
 };
 
-/// The layers of which the motion intensity is made.
+/// The components of the motion intensity.
 const VARIANCES: [Layer; 3] = [Layer::PositionVariance, Layer::RotationVariance, Layer::ScaleVariance];
 
-/// An evaluator of a protocol, with the networks of LPIPS if there is a folder of weights.
+/// An evaluator of a protocol, with the LPIPS networks if a folder of weights is given.
 ///
 /// # Errors
-/// If the folder or a file in it cannot be read, or does not fit.
+/// If the folder or a file in it cannot be read, or a file does not fit its network.
 pub(super) fn evaluator(protocol: Protocol, weights: Option<&Path>, device: &Device) -> anyhow::Result<Evaluator> {
     match weights {
         None => Ok(Evaluator::without_lpips(protocol)),
         Some(folder) => Evaluator::with_lpips(protocol, folder, device)
-            .context("cannot use the weights of LPIPS; give their folder with --lpips-weights"),
+            .context("cannot use the LPIPS weights; give their folder with --lpips-weights"),
     }
 }
 
@@ -44,13 +44,13 @@ pub(super) struct Scoring<'a> {
     pub scene: &'a Scene,
     /// The configuration, scaled.
     pub config: &'a Config,
-    /// SHA-256 of the configuration as it was written down.
+    /// SHA-256 of the configuration file.
     pub config_sha256: String,
-    /// Who compares.
+    /// Computes the metrics.
     pub evaluator: &'a Evaluator,
-    /// Frames over which the speed of rendering is measured; 0 for not at all.
+    /// Frames for measuring the frame rate; 0 skips the measurement.
     pub speed_frames: usize,
-    /// How long training took, where that is known.
+    /// Training time, if known.
     pub time: Option<TrainTime>,
     /// Name of the device.
     pub device: &'a str,
@@ -65,14 +65,14 @@ pub(super) struct Scored {
 }
 
 impl Scored {
-    /// Writes both files into a folder that is there.
+    /// Writes both files to an existing folder.
     pub fn write(&self, folder: &Path) -> anyhow::Result<()> {
         atomic::write_json(&folder.join(run::PER_VIEW), &self.per_view)?;
         atomic::write_json(&folder.join(run::RESULTS), &self.results)
     }
 }
 
-/// What tells the pictures of an evaluation from others.
+/// Hashes that identify the images of an evaluation.
 struct Hashes {
     predictions: PicturesHash,
     photos: PicturesHash,
@@ -97,7 +97,7 @@ impl Hashes {
 }
 
 impl Scoring<'_> {
-    /// Renders and scores all held-out views; `pictures` gets what it wants of them.
+    /// Renders and scores all held-out views. `pictures` writes those that it needs.
     pub fn score(self, pictures: Option<&PicturesWriter>, verbosity: Verbosity) -> anyhow::Result<Scored> {
         let started = Instant::now();
         let TrainedModel { model, steps } = self.trained;
@@ -113,8 +113,8 @@ impl Scoring<'_> {
         let level = final_level(self.config);
         let speed = speed::measure(model, &self.scene.test, level, &context, self.speed_frames, verbosity);
         let speed = speed.unwrap_or_else(|error| {
-            // The metrics are there, and took longer.
-            verbosity.note(&format!("the speed could not be measured: {error}"));
+            // The metrics are more important and took longer to compute.
+            verbosity.note(&format!("note:   the frame rate could not be measured: {error}"));
             None
         });
         let protocol = self.evaluator.protocol().statement();
@@ -140,7 +140,7 @@ impl Scoring<'_> {
         Ok(Scored { results, per_view: PerView::of(protocol, &test, *steps) })
     }
 
-    /// Renders and scores a set of views; `add` takes in each composed picture.
+    /// Renders and scores a set of views. `add` receives each composed render.
     fn score_views(
         &self,
         model: &Model,
@@ -173,7 +173,7 @@ impl Scoring<'_> {
         Ok(evaluation)
     }
 
-    /// What shows how the attributes vary, as in the paper's metric of variances; `None` where nothing moves.
+    /// A renderer of the attribute variances, as in the paper's figure; `None` if nothing moves.
     fn variances<'m>(
         &self,
         model: &'m Model,
@@ -186,7 +186,7 @@ impl Scoring<'_> {
     }
 }
 
-/// Writes the pictures of how the attributes vary.
+/// Writes the images of the attribute variances.
 fn write_variances(
     renderer: &LayerRenderer<'_>,
     pictures: &PicturesWriter,

@@ -1,4 +1,4 @@
-//! How fast a model renders, as `eval` measures it.
+//! The frame rate of a model, as `eval` measures it.
 
 use mvfusion_data::View;
 use mvfusion_model::ModelError;
@@ -8,8 +8,8 @@ use mvfusion_model::model::{DeformationLevel, Model, RenderContext};
 use crate::progress::{Progress, Verbosity};
 use crate::run::RenderSpeed;
 
-/// Measures the speed of a model without autodiff over so many frames, with MFTA and, where it has an effect, without.
-/// `None` for no frames.
+/// Measures the frame rate of a model without autodiff over `frames` frames, with MFTA and, if that makes a difference,
+/// without it. `None` for 0 frames.
 ///
 /// # Errors
 /// If the device fails or an op refuses its input.

@@ -17,16 +17,16 @@ use crate::sweep::{
 };
 use crate::{device, threads};
 
-/// Where sweeps lie unless `--out` says otherwise.
+/// Parent folder of the sweeps, unless `--out` is given.
 const SWEEPS: &str = "runs/sweeps";
 
-/// Threads of a cell on a cluster, unless `--threads` says otherwise.
+/// Threads of a cell on a cluster, unless `--threads` is given.
 const CLUSTER_THREADS: usize = 4;
 
-/// Runs a sweep, or tells how one stands.
+/// Runs a sweep, or reports its state.
 ///
 /// # Errors
-/// For a grid that cannot be run, before anything is; later if cells failed or the folder cannot be used.
+/// For an invalid grid, before anything runs. Later, if cells failed or the folder cannot be used.
 pub fn sweep(args: &SweepArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     match &args.action {
         Some(SweepAction::Status(args)) => status(&args.folder, out),
@@ -57,7 +57,7 @@ fn status(folder: &Path, out: &mut dyn Write) -> anyhow::Result<()> {
     Ok(writeln!(out, "{} cells: {}", index.cells.len(), counts.join(", "))?)
 }
 
-/// The place of a state in the sum.
+/// The position of a state in the summary.
 fn rank(state: &State) -> usize {
     match state {
         State::Finished => 0,
@@ -95,12 +95,12 @@ fn show(name: &str, out: &mut dyn Write) -> anyhow::Result<()> {
         Some(shipped) => Ok(write!(out, "{}", shipped.text)?),
         None => {
             let all = sweep::shipped_names();
-            Err(UsageError::new(format!("no grid `{name}` ships with the program. The grids are: {all}.")).into())
+            Err(UsageError::new(format!("unknown grid `{name}`. The shipped grids are: {all}.")).into())
         }
     }
 }
 
-/// A sweep that is about to be run.
+/// A sweep that is about to run.
 struct Session<'a> {
     args: &'a SweepRunArgs,
     source: Source,
@@ -110,7 +110,7 @@ struct Session<'a> {
 }
 
 impl<'a> Session<'a> {
-    /// Reads and checks everything; nothing is written.
+    /// Reads and checks everything. Writes nothing.
     fn new(args: &'a SweepRunArgs, verbosity: Verbosity) -> anyhow::Result<Self> {
         let grid = args.grid.as_deref().context("a grid is needed")?;
         let source = Grid::read(grid)?;
@@ -120,7 +120,7 @@ impl<'a> Session<'a> {
             set: args.set.clone(),
         };
         let plan = Plan::new(&source, &additions)?;
-        // A device that is not there is found here, and not by every cell; the nodes of a cluster have others.
+        // A missing device is reported here, once, and not by every cell. The nodes of a cluster have other devices.
         match args.launcher {
             Launcher::Local => device::check(&args.device)?,
             Launcher::Slurm => device::wants_gpu(&args.device).map(|_| ())?,
@@ -151,7 +151,7 @@ impl<'a> Session<'a> {
         ));
         let is_local = self.args.launcher == Launcher::Local;
         if is_local && index.wanted.speed_frames > 0 && self.args.jobs.is_some_and(|jobs| jobs.get() > 1) {
-            self.verbosity.note("note:   frames a second and seconds are those of cells that share the machine");
+            self.verbosity.note("note:   frame rates and times are measured while several cells share the machine");
         }
         let failed = match self.args.launcher {
             _ if to_do.is_empty() => 0,
@@ -160,11 +160,11 @@ impl<'a> Session<'a> {
                 self.submit(&to_do, out)?;
                 if !self.args.wait {
                     let folder = self.folder.path().display();
-                    return Ok(writeln!(out, "`mvfusion sweep status {folder}` tells how far they are.")?);
+                    return Ok(writeln!(out, "Run `mvfusion sweep status {folder}` to follow the progress.")?);
                 }
                 let at_work = to_do.len() - self.free(&to_do)?.len();
                 if at_work > 0 {
-                    self.verbosity.note(&format!("note:   waiting for cells that are still at work ({at_work})"));
+                    self.verbosity.note(&format!("note:   waiting for running cells ({at_work})"));
                 }
                 self.slurm().wait_for(&to_do)?;
                 self.to_do()?.len()
@@ -173,20 +173,20 @@ impl<'a> Session<'a> {
         write_table(&self.folder, index, out)?;
         if failed > 0 {
             let (count, folder) = (to_do.len(), self.folder.path().display());
-            bail!("{failed} of {count} cells have not finished; `mvfusion sweep status {folder}` tells why");
+            bail!("{failed} of {count} cells have not finished; `mvfusion sweep status {folder}` shows why");
         }
         Ok(())
     }
 
-    /// Hands cells to SLURM, but for those that a process works on.
+    /// Submits cells to SLURM, except for running ones.
     fn submit(&self, to_do: &[&Cell], out: &mut dyn Write) -> anyhow::Result<()> {
         let free = self.free(to_do)?;
         let at_work = to_do.len() - free.len();
         if at_work > 0 {
-            let fate = if self.args.wait { "not submitted again, but waited for" } else { "not submitted again" };
-            writeln!(out, "{at_work} of {} cells at work already: {fate}", to_do.len())?;
+            let fate = if self.args.wait { "not submitted again, but awaited" } else { "not submitted again" };
+            writeln!(out, "{at_work} of {} cells are already running: {fate}", to_do.len())?;
             self.verbosity
-                .note("note:   they measure what was wanted when they began; for more, start the sweep again then");
+                .note("note:   they measure what was requested when they started; to measure more, sweep again later");
         }
         if !free.is_empty() {
             let job = self.slurm().submit(&free, self.args.wait)?;
@@ -195,17 +195,17 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// Refuses options that would be ignored.
+    /// Rejects options that would be ignored.
     fn check_options(&self) -> Result<(), UsageError> {
         let is_local = self.args.launcher == Launcher::Local;
         let ignored = [("--sbatch", !self.args.sbatch.is_empty()), ("--wait", self.args.wait)];
         match ignored.into_iter().find(|(_, given)| is_local && *given) {
-            Some((option, _)) => Err(UsageError::new(format!("{option} is for --launcher slurm."))),
+            Some((option, _)) => Err(UsageError::new(format!("{option} requires --launcher slurm."))),
             None => Ok(()),
         }
     }
 
-    /// Whether `--scenes` and `--seeds` name what there is.
+    /// Checks that the scenes and seeds of `--scenes` and `--seeds` exist.
     fn check_choice(&self) -> Result<(), UsageError> {
         let cells = &self.plan.index.cells;
         let stray = self.args.scenes.iter().find(|name| !cells.iter().any(|cell| cell.scene == **name));
@@ -220,8 +220,8 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Whether the folder of weights has a network that the columns need, or any if they need none. It need not have
-    /// all of them: others may come later.
+    /// Checks that the folder of weights has a network that the columns need, or any network if they need none. Missing
+    /// networks may be added later.
     fn check_weights(&self) -> anyhow::Result<()> {
         let Some(folder) = self.args.lpips_weights.as_deref() else { return Ok(()) };
         let needed = self.plan.index.lpips_networks();
@@ -232,16 +232,16 @@ impl<'a> Session<'a> {
             missing.iter().map(|network| format!("lpips_{}_f32.safetensors", network.name())).collect();
         let (folder, files) = (folder.display(), files.join(" and no "));
         if there.is_empty() {
-            bail!("--lpips-weights {folder}: there is no {files} or the like (docs/evaluation.md)");
+            bail!("--lpips-weights {folder}: found no {files} or equivalent (docs/evaluation.md)");
         }
         if !needed.is_empty() && !missing.is_empty() {
             self.verbosity
-                .note(&format!("note:   {folder} has no {files} or the like; columns that need it stay empty"));
+                .note(&format!("note:   {folder} has no {files} or equivalent; columns that need it stay empty"));
         }
         Ok(())
     }
 
-    /// Whether the folders of the scenes that are to be trained are there.
+    /// Checks that the folders of the selected scenes exist.
     fn check_folders(&self) -> anyhow::Result<()> {
         let chosen = self.plan.index.cells.iter().zip(&self.plan.configs).filter(|(cell, _)| self.is_chosen(cell));
         let folders = chosen.flat_map(|(cell, config)| {
@@ -258,7 +258,7 @@ impl<'a> Session<'a> {
             return Ok(());
         }
         bail!(
-            "these folders of the grid's scenes are not there: {}. Give --data-root, or --scenes to train some alone.",
+            "these scene folders of the grid do not exist: {}. Set --data-root, or select other scenes with --scenes.",
             missing.join(", ")
         )
     }
@@ -268,14 +268,14 @@ impl<'a> Session<'a> {
         (scenes.is_empty() || scenes.contains(&cell.scene)) && (seeds.is_empty() || seeds.contains(&cell.seed))
     }
 
-    /// The chosen cells that have not finished.
+    /// The selected cells that have not finished.
     fn to_do(&self) -> anyhow::Result<Vec<&Cell>> {
         let index = &self.plan.index;
         let chosen = index.cells.iter().filter(|cell| self.is_chosen(cell));
         Ok(chosen.filter(|cell| !self.folder.is_finished(&cell.id, &index.wanted)).collect())
     }
 
-    /// Those of some cells that no process works on.
+    /// Those of some cells that are not running.
     fn free<'c>(&self, cells: &[&'c Cell]) -> anyhow::Result<Vec<&'c Cell>> {
         let mut free = Vec::new();
         for &cell in cells {
@@ -304,7 +304,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// What would be done.
+    /// Prints what a run would do.
     fn show(&self, to_do: &[&Cell], out: &mut dyn Write) -> anyhow::Result<()> {
         let index = &self.plan.index;
         for cell in index.cells.iter().filter(|cell| self.is_chosen(cell)) {
@@ -333,7 +333,7 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// Tries a few steps of a cell of each scene and variant.
+    /// Runs a few steps of one cell per scene and variant.
     fn probe(&self, to_do: &[&Cell], estimate: &mut Estimate) -> anyhow::Result<()> {
         let mut tried = BTreeSet::new();
         let Plan { index, configs } = &self.plan;

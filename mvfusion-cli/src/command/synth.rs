@@ -8,10 +8,10 @@ use crate::args::SynthArgs;
 use crate::progress::Verbosity;
 use crate::scene;
 
-/// Writes a built-in scene in a layout of the field, with its ground truth beside it.
+/// Writes a built-in scene in a dataset layout, together with its ground truth.
 ///
 /// # Errors
-/// If something lies in the folder, or a file cannot be written.
+/// If the folder is not empty, or a file cannot be written.
 pub fn synth(args: &SynthArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let kind = match args.layout.capture() {
         Capture::Video => BuiltinKind::Video,

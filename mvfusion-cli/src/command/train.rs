@@ -21,14 +21,14 @@ use crate::run::{
 };
 use crate::{atomic, report, scene, table};
 
-/// Where runs lie unless `--out` says otherwise.
+/// Parent folder of the runs, unless `--out` is given.
 const RUNS: &str = "runs";
 
-/// Trains on a scene, evaluates, and writes a run's folder.
+/// Trains on a scene, evaluates, and writes a run folder.
 ///
 /// # Errors
-/// For a command line that cannot be carried out, before anything is written; later if the device fails, the loss is no
-/// longer finite, or a file cannot be written.
+/// For an invalid command line, before anything is written. Later, if the device fails, the loss is not finite, or a
+/// file cannot be written.
 pub fn train(args: &TrainArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let mut resolved = config::resolve(&args.sources, args.data.as_deref())?;
     if let Some(note) = &resolved.note {
@@ -42,7 +42,7 @@ pub fn train(args: &TrainArgs, verbosity: Verbosity, out: &mut dyn Write) -> any
     let existing = if args.force { Existing::Replace } else { Existing::Keep };
     let plan = RunPlan::new(&path, existing)?;
     let scene = scene::open(&resolved.config)?;
-    // Before it is written down: what is trained must be found again, even if the scene gains a photo.
+    // Adapted before it is written: the trained configuration must stay valid even if the scene gains a photo.
     let given = std::mem::take(&mut resolved.config);
     resolved.config = given.for_times_of(&scene);
     let trainer = Trainer::new(resolved.config.scaled(), &scene, &device.device)?
@@ -64,7 +64,7 @@ pub fn train(args: &TrainArgs, verbosity: Verbosity, out: &mut dyn Write) -> any
     Session { resolved, device, scene, trainer, evaluator, folder, verbosity }.run(out)
 }
 
-/// Says where too few dynamic Gaussians stand where something moves: the run would spend its steps on a smear.
+/// Warns if too few dynamic Gaussians start on moving pixels: the result of such a run would be blurred.
 fn warn_of_placement(trainer: &Trainer, scene: &Scene) -> Result<(), ModelError> {
     let Some(placement) = trainer.placement(scene)? else { return Ok(()) };
     match placement.advice() {
@@ -74,7 +74,7 @@ fn warn_of_placement(trainer: &Trainer, scene: &Scene) -> Result<(), ModelError>
     Ok(())
 }
 
-/// What goes by the scene's times instead of by the configuration as it was given; `None` if nothing does.
+/// The keys that were adapted to the scene's times, with both values; `None` if there are none.
 fn times_sentence(given: &Config, fitted: &Config) -> Option<String> {
     let numbers = |config: &Config| {
         let Config { model, motion, .. } = config;
@@ -89,8 +89,8 @@ fn times_sentence(given: &Config, fitted: &Config) -> Option<String> {
     (!said.is_empty()).then(|| said.join(", "))
 }
 
-/// `runs/NAME-SEED`: the name of the scene's folder, or of the preset and, unless it is the first, of the built-in
-/// scene.
+/// `runs/NAME-SEED`. NAME is the name of the scene folder, or of the preset, followed by `-casual` for the second
+/// built-in scene.
 fn default_folder(resolved: &Resolved) -> PathBuf {
     let options = &resolved.config.scene;
     let name = match &options.data {
@@ -101,7 +101,7 @@ fn default_folder(resolved: &Resolved) -> PathBuf {
     Path::new(RUNS).join(format!("{name}-{}", resolved.config.seed))
 }
 
-/// A training under way.
+/// A training in progress.
 struct Session {
     resolved: Resolved,
     device: OpenDevice,
@@ -125,7 +125,7 @@ impl Session {
         self.write_gaussians(time.steps)?;
         self.evaluate(time, sha256(written.as_bytes()), out)?;
         atomic::write_json(&self.folder.place(&[run::RECORD])?, &record.finished())?;
-        // Last, because it is made from all the other files.
+        // Last, because the report is built from all other files.
         let report = report::write(self.folder.path())?;
         Ok(writeln!(out, "{:16}{}", "report", report.display())?)
     }
@@ -157,7 +157,7 @@ impl Session {
         Ok(TrainTime { seconds: watch.pace.elapsed(), steps: self.trainer.state().completed })
     }
 
-    /// Writes the state; from the first one on the folder stays, whatever happens.
+    /// Writes the state. After the first one, the folder is kept even if the run fails.
     fn save(&mut self, name: &str) -> anyhow::Result<()> {
         self.trainer.state().save(&self.folder.place(&[run::CHECKPOINTS, name])?)?;
         self.folder.keep();
@@ -175,7 +175,7 @@ impl Session {
         Ok(())
     }
 
-    /// Scores the model, writes metrics and pictures, and shows the table.
+    /// Scores the model, writes metrics and images, and prints the table.
     fn evaluate(&self, time: TrainTime, config_sha256: String, out: &mut dyn Write) -> anyhow::Result<()> {
         let config = self.trainer.config();
         let pictures = PicturesWriter::new(self.folder.path(), &config.eval, self.scene.test.len());
@@ -195,14 +195,14 @@ impl Session {
         table::write(&scored.results, self.evaluator.protocol(), out)?;
         writeln!(out, "{:16}{}", "run", self.folder.path().display())?;
         if let Some(strip) = pictures.strip_to_see() {
-            writeln!(out, "{:16}{}", "look first at", strip.display())?;
+            writeln!(out, "{:16}{}", "start with", strip.display())?;
             writeln!(out, "{:16}({})", "", run::legend(&self.trainer.state().model))?;
         }
         Ok(())
     }
 }
 
-/// What watches a training: log, progress, pace.
+/// Observers of a training: log, progress, pace.
 struct Watch {
     log: MetricsLog,
     progress: Progress,
@@ -213,7 +213,7 @@ struct Watch {
 }
 
 impl Watch {
-    /// Reads the losses of a step, which waits for the device, and tells them.
+    /// Reads the losses of a step, which waits for the device, and logs them.
     fn log_step(&mut self, trainer: &Trainer, position: &Position, loss: &Losses) -> anyhow::Result<()> {
         let (loss, squared_error) = read(loss)?;
         let state = trainer.state();
@@ -236,7 +236,7 @@ impl Watch {
         Ok(())
     }
 
-    /// The line of progress; what a narrow terminal may cut off stands last.
+    /// The progress line. Parts that a narrow terminal may cut off come last.
     fn sentence(&self, line: &MetricsLine) -> String {
         let psnr = line.psnr.map_or("-".to_owned(), |psnr| format!("{psnr:.2}"));
         format!(

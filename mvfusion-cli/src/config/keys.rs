@@ -1,4 +1,4 @@
-//! The keys there are, and what may stand at each of them.
+//! The known keys and the values that they accept.
 
 use std::path::PathBuf;
 
@@ -11,7 +11,7 @@ use crate::failure::UsageError;
 
 use super::partial::PartialConfig;
 
-/// Least similarity at which a name is offered as the one that was meant.
+/// Minimum similarity at which a name is suggested.
 const SIMILAR_ENOUGH: f64 = 0.5;
 
 /// All keys of a configuration.
@@ -50,7 +50,7 @@ impl KnownKeys {
     /// Whether every key of a partial exists and has a value of the right kind.
     ///
     /// # Errors
-    /// [`UsageError`] that names the first key that does not, or has not, and where it stands.
+    /// [`UsageError`] that names the first wrong key or value, and where it was written.
     pub fn check(&self, partial: &PartialConfig) -> Result<(), UsageError> {
         self.check_table(partial, &partial.table, &self.specimen, "")
     }
@@ -79,12 +79,12 @@ impl KnownKeys {
         let mut all = Vec::new();
         list(&self.specimen, "", &mut all);
         let nearest = nearest(key, all.iter().map(String::as_str))
-            .map_or(String::new(), |near| format!(" The nearest known key is `{near}`."));
+            .map_or(String::new(), |near| format!(" Did you mean `{near}`?"));
         let place = partial.place(key);
-        UsageError::new(format!("there is no key `{key}` ({place}).{nearest} `mvfusion config` prints them all."))
+        UsageError::new(format!("unknown key `{key}` ({place}).{nearest} `mvfusion config` prints all keys."))
     }
 
-    /// Tries a value in the defaults: what the configuration's own types refuse is refused.
+    /// Tries a value in the default configuration, whose types decide whether they accept it.
     fn check_value(
         &self,
         partial: &PartialConfig,
@@ -101,7 +101,7 @@ impl KnownKeys {
         Err(UsageError::new(format!("`{key}` must be {expected}, not {value} ({}).", partial.place(key))))
     }
 
-    /// What should stand at a key of which there is an example.
+    /// What a key accepts, in words, given an example value.
     fn expectation(&self, key: &str, example: &Value) -> String {
         match example {
             Value::Integer(_) => "a whole number, 0 or more".to_owned(),
@@ -112,17 +112,17 @@ impl KnownKeys {
                 format!("a table with the keys {}", table.keys().cloned().collect::<Vec<_>>().join(", "))
             }
             Value::String(_) | Value::Datetime(_) => {
-                // An enumeration lists its names when it is given one that it does not have.
+                // An enumeration lists its names when it refuses another one.
                 let mut trial = self.defaults.clone();
                 put(&mut trial, key, Value::String(String::new()));
                 let refusal = Value::Table(trial).try_into::<Config>().err();
-                refusal.and_then(|error| variants(error.message())).unwrap_or_else(|| "a text".to_owned())
+                refusal.and_then(|error| variants(error.message())).unwrap_or_else(|| "a string".to_owned())
             }
         }
     }
 }
 
-/// Puts a value at a dotted key; tables on the way exist, or are made.
+/// Sets a dotted key to a value. Missing tables on the way are created.
 fn put(table: &mut Table, key: &str, value: Value) {
     match key.split_once('.') {
         None => {
@@ -137,7 +137,7 @@ fn put(table: &mut Table, key: &str, value: Value) {
     }
 }
 
-/// The names that an enumeration takes, from its refusal of another one.
+/// The names that an enumeration accepts, taken from its error message.
 fn variants(refusal: &str) -> Option<String> {
     let (_, names) = refusal.split_once(", expected ")?;
     let names = names.lines().next().unwrap_or_default();
@@ -155,9 +155,9 @@ fn list(table: &Table, prefix: &str, keys: &mut Vec<String>) {
     }
 }
 
-/// The name most like `given`, as a whole or in its last part, if any is like it at all.
+/// The name most similar to `given`, as a whole or in its last part, if any is similar enough.
 pub(crate) fn nearest<'a>(given: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
-    /// A match of last parts alone counts a little less than one of whole names.
+    /// A match of the last parts only counts slightly less than one of the whole names.
     const LAST_PART: f64 = 0.9;
     let last = |name: &'a str| name.rsplit('.').next().unwrap_or(name);
     let given_last = given.rsplit('.').next().unwrap_or(given);

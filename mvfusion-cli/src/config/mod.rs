@@ -41,15 +41,15 @@ pub struct Resolved {
     pub config: Config,
     /// The preset it started from.
     pub preset: &'static Preset,
-    /// What the user should know about how it came to be, a line.
+    /// A note for the user on how the preset was chosen, in one line.
     pub note: Option<String>,
 }
 
-/// Merges what a command line gives with the preset. The folder of the scene overrides every other source.
+/// Merges the command line with the preset. The scene folder overrides every other source.
 ///
 /// # Errors
-/// [`UsageError`] for an unknown preset or key, a value of the wrong kind, a file that cannot be read or is no TOML, and
-/// for values that cannot be trained with.
+/// [`UsageError`] for an unknown preset or key, a value of the wrong type, a file that cannot be read or is not TOML,
+/// and for values that training does not accept.
 pub fn resolve(args: &ConfigSourceArgs, data: Option<&Path>) -> anyhow::Result<Resolved> {
     let partials = given_partials(args, data)?;
     let given = |key: &str| partials.iter().rev().find_map(|partial| partial.table.get("scene")?.get(key)?.as_str());
@@ -57,14 +57,14 @@ pub fn resolve(args: &ConfigSourceArgs, data: Option<&Path>) -> anyhow::Result<R
     let default = given("data").map_or(FOR_BUILTIN, |folder| preset_for(Path::new(folder), format));
     let preset = Preset::find(args.preset.as_deref().unwrap_or(default))?;
     let note = (args.preset.is_none() && data.is_some())
-        .then(|| format!("preset: {default} (the one for such a folder; --preset takes another)"));
+        .then(|| format!("preset: {default} (chosen by the scene format; --preset overrides it)"));
 
     let mut config = resolve_over(preset, partials)?;
     make_absolute(&mut config)?;
     Ok(Resolved { config, preset, note })
 }
 
-/// Merges partial configurations over a preset. Later ones override earlier ones. Paths stay as they are given.
+/// Merges partial configurations over a preset. Later ones override earlier ones. Paths are not changed.
 ///
 /// # Errors
 /// As [`resolve`].
@@ -74,10 +74,10 @@ pub(crate) fn resolve_over(preset: &'static Preset, partials: Vec<PartialConfig>
     Ok(config)
 }
 
-/// Reads the configuration that a run has written down.
+/// Reads the configuration file of a run.
 ///
 /// # Errors
-/// [`UsageError`] if the file cannot be read or is no configuration of this version.
+/// [`UsageError`] if the file cannot be read or is not a configuration of this version.
 pub fn read(path: &Path) -> anyhow::Result<Config> {
     merge(&[read_partial(path)?])
 }
@@ -85,12 +85,12 @@ pub fn read(path: &Path) -> anyhow::Result<Config> {
 /// A configuration as TOML: every key with its value.
 ///
 /// # Errors
-/// If a path in it is no text.
+/// If a path in it is not valid UTF-8.
 pub fn to_toml(config: &Config) -> anyhow::Result<String> {
     toml::to_string(config).context("the configuration cannot be written as TOML")
 }
 
-/// The preset for the scene in a folder, going by its format; a folder that cannot be read is refused later.
+/// The preset for the scene in a folder, chosen by its format. A folder that cannot be read is rejected later.
 fn preset_for(folder: &Path, format: Option<Format>) -> &'static str {
     match mvfusion_data::recognise(folder, format) {
         Ok(Format::COLMAP | Format::ONTHEGO) => FOR_PHOTOS,
@@ -101,12 +101,12 @@ fn preset_for(folder: &Path, format: Option<Format>) -> &'static str {
     }
 }
 
-/// A preset and those that it builds on, the most basic first.
+/// A preset and the presets that it builds on, the most basic first.
 fn preset_chain(preset: &'static Preset) -> Result<Vec<PartialConfig>, UsageError> {
     preset.lineage().into_iter().map(|preset| PartialConfig::parse(preset.text, Origin::Preset(preset.name))).collect()
 }
 
-/// What overrides the preset. Later items override earlier ones.
+/// The layers above the preset. Later items override earlier ones.
 fn given_partials(args: &ConfigSourceArgs, data: Option<&Path>) -> anyhow::Result<Vec<PartialConfig>> {
     let mut partials = Vec::new();
     if let Some(path) = &args.config {
@@ -147,9 +147,7 @@ fn merge(partials: &[PartialConfig]) -> anyhow::Result<Config> {
         known.check(partial)?;
         overlay(&mut merged, &partial.table);
     }
-    Value::Table(merged)
-        .try_into()
-        .map_err(|error| UsageError::new(format!("the configuration is wrong: {error}")).into())
+    Value::Table(merged).try_into().map_err(|error| UsageError::new(format!("invalid configuration: {error}")).into())
 }
 
 fn overlay(below: &mut Table, above: &Table) {
@@ -163,7 +161,7 @@ fn overlay(below: &mut Table, above: &Table) {
     }
 }
 
-/// Paths are written down absolute, so that a run finds its data again wherever the program is started.
+/// Makes all paths absolute, so that a run finds its data from any current folder.
 pub(crate) fn make_absolute(config: &mut Config) -> anyhow::Result<()> {
     let Config { scene, init, eval, .. } = config;
     let paths: [&mut Option<PathBuf>; 6] = [
@@ -271,7 +269,7 @@ mod tests {
         assert!(message.contains("--set model.widht=3"), "{message}");
         assert!(refusal(&["stages.geometry=3"]).contains("`train.stages`"));
         assert!(refusal(&["motion.weights.postion=3"]).contains("`motion.weights.position`"));
-        assert!(!refusal(&["qqqqqqqqqqqqqq=3"]).contains("nearest"));
+        assert!(!refusal(&["qqqqqqqqqqqqqq=3"]).contains("Did you mean"));
     }
 
     #[test]
@@ -294,7 +292,7 @@ mod tests {
             ("model.deformation=1", "must be true or false, not 1"),
             ("scene.kind=movie", "must be one of `video`, `casual`, not \"movie\""),
             ("scene.kind=3", "must be one of `video`, `casual`, not 3"),
-            ("scene.data=3", "must be a text, not 3"),
+            ("scene.data=3", "must be a string, not 3"),
             ("model.grid.resolution=[1, 2]", "must be a list such as [64, 64, 64, 150], not [1, 2]"),
             ("train=3", "must be a table"),
             ("optim.means={start=\"x\"}", "`optim.means.start` must be a number, not \"x\""),

@@ -38,7 +38,7 @@ impl PartialConfig {
     /// Reads the text of a TOML document.
     ///
     /// # Errors
-    /// [`UsageError`] with the place if the text is no TOML.
+    /// [`UsageError`] with the place if the text is not valid TOML.
     pub fn parse(text: &str, origin: Origin) -> Result<Self, UsageError> {
         let wrong = |error: toml::de::Error| {
             let line = error.span().map_or(String::new(), |span| format!(", line {}", line_of(text, span.start)));
@@ -50,7 +50,7 @@ impl PartialConfig {
         Ok(Self { table, origin, lines })
     }
 
-    /// A partial configuration of keys that were read already.
+    /// A partial configuration of keys that have been parsed before.
     pub fn of_table(table: Table, origin: Origin) -> Self {
         Self { table, origin, lines: BTreeMap::new() }
     }
@@ -65,7 +65,7 @@ impl PartialConfig {
             Some((key, value)) if key.split('.').all(|part| !part.trim().is_empty()) => {
                 Ok(Self::of_one(key.trim(), toml_or_text(value.trim()), origin))
             }
-            _ => Err(UsageError::new(format!("`--set {setting}` is no setting; write `--set dotted.key=value`."))),
+            _ => Err(UsageError::new(format!("cannot parse `--set {setting}`; write `--set dotted.key=value`."))),
         }
     }
 

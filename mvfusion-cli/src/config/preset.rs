@@ -9,11 +9,11 @@ use super::keys::nearest;
 pub struct Preset {
     /// Its name, for `--preset`.
     pub name: &'static str,
-    /// What it is for, a line.
+    /// Its purpose, in one line.
     pub purpose: &'static str,
-    /// The preset that it builds on; the defaults of all keys if there is none.
+    /// The preset that it builds on; `None` for the defaults of all keys.
     pub base: Option<&'static str>,
-    /// The TOML: what differs from the base.
+    /// The TOML text with the differences from the base.
     pub text: &'static str,
 }
 
@@ -29,32 +29,32 @@ macro_rules! preset {
     };
 }
 
-/// All presets; a base stands before those that build on it.
+/// All presets. A base comes before the presets that build on it.
 pub const PRESETS: &[Preset] = &[
     preset!("quickstart", "the built-in scenes in a few minutes on a CPU", None),
     preset!("quickstart-degauss", "the same without motion-aware refinement: DeGauss", Some("quickstart")),
-    preset!("quickstart-4dgs", "the same with the dynamic branch alone: 4DGS", Some("quickstart")),
+    preset!("quickstart-4dgs", "the same with only the dynamic branch: 4DGS", Some("quickstart")),
     preset!("quickstart-4dgs-motion", "4DGS with motion-aware refinement plugged in", Some("quickstart-4dgs")),
     preset!("neu3d", "multi-camera video in the layout of Neu3D, at the paper's full length", None),
-    preset!("neu3d-degauss", "the same by DeGauss", Some("neu3d")),
-    preset!("neu3d-4dgs", "the same by 4DGS", Some("neu3d")),
+    preset!("neu3d-degauss", "the same with DeGauss", Some("neu3d")),
+    preset!("neu3d-4dgs", "the same with 4DGS", Some("neu3d")),
     preset!("neu3d-4dgs-motion", "4DGS with motion-aware refinement plugged in", Some("neu3d-4dgs")),
     preset!("onthego-indoor", "photos of a static scene with passers-by: NeRF On-the-go, indoors", None),
-    preset!("onthego-indoor-degauss", "the same by DeGauss", Some("onthego-indoor")),
+    preset!("onthego-indoor-degauss", "the same with DeGauss", Some("onthego-indoor")),
     preset!("onthego-outdoor", "NeRF On-the-go, outdoors", Some("onthego-indoor")),
-    preset!("onthego-outdoor-degauss", "the same by DeGauss", Some("onthego-outdoor")),
-    preset!("robustnerf", "photos with objects that somebody moves: RobustNeRF", Some("onthego-indoor")),
-    preset!("robustnerf-degauss", "the same by DeGauss", Some("robustnerf")),
+    preset!("onthego-outdoor-degauss", "the same with DeGauss", Some("onthego-outdoor")),
+    preset!("robustnerf", "photos of a scene with moved objects: RobustNeRF", Some("onthego-indoor")),
+    preset!("robustnerf-degauss", "the same with DeGauss", Some("robustnerf")),
     preset!("hypernerf", "video of one or two moving cameras: HyperNeRF", Some("neu3d")),
-    preset!("hypernerf-degauss", "the same by DeGauss", Some("hypernerf")),
-    preset!("hypernerf-4dgs", "the same by 4DGS", Some("hypernerf")),
+    preset!("hypernerf-degauss", "the same with DeGauss", Some("hypernerf")),
+    preset!("hypernerf-4dgs", "the same with 4DGS", Some("hypernerf")),
     preset!("hypernerf-4dgs-motion", "4DGS with motion-aware refinement plugged in", Some("hypernerf-4dgs")),
-    preset!("dnerf", "synthetic objects of D-NeRF, by 4DGS", Some("neu3d-4dgs")),
+    preset!("dnerf", "synthetic objects of D-NeRF, with 4DGS", Some("neu3d-4dgs")),
     preset!("dnerf-motion", "4DGS with motion-aware refinement plugged in", Some("dnerf")),
 ];
 
 impl Preset {
-    /// This preset and all that it builds on, the lowest first.
+    /// This preset and all presets that it builds on, the most basic first.
     pub fn lineage(&'static self) -> Vec<&'static Self> {
         let base = |preset: &&'static Self| PRESETS.iter().find(|other| Some(other.name) == preset.base);
         let mut lineage: Vec<_> = std::iter::successors(Some(self), base).collect();
@@ -65,13 +65,13 @@ impl Preset {
     /// The preset of a name.
     ///
     /// # Errors
-    /// [`UsageError`] with the names there are.
+    /// [`UsageError`] that lists all names.
     pub fn find(name: &str) -> Result<&'static Self, UsageError> {
         PRESETS.iter().find(|preset| preset.name == name).ok_or_else(|| {
             let names = PRESETS.iter().map(|preset| preset.name);
-            let meant = nearest(name, names.clone()).map_or(String::new(), |near| format!("; the nearest is `{near}`"));
+            let meant = nearest(name, names.clone()).map_or(String::new(), |near| format!(" Did you mean `{near}`?"));
             let all = names.collect::<Vec<_>>().join(", ");
-            UsageError::new(format!("there is no preset `{name}`{meant}. The presets are: {all}."))
+            UsageError::new(format!("unknown preset `{name}`.{meant} The presets are: {all}."))
         })
     }
 }

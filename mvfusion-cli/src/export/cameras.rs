@@ -10,7 +10,7 @@ use crate::atomic;
 /// The cameras of all views.
 pub const CAMERAS: &str = "cameras.json";
 
-/// A camera of 3DGS. It has no principal point: viewers take the middle of the picture.
+/// A camera of 3DGS. It has no principal point; viewers assume the centre of the image.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 struct Entry<'a> {
     id: usize,
@@ -42,7 +42,7 @@ impl<'a> Entry<'a> {
     }
 }
 
-/// Writes the cameras of all views: those held out, then those trained on, as 3DGS orders them.
+/// Writes the cameras of all views: the held-out views first, then the training views, as 3DGS orders them.
 ///
 /// # Errors
 /// If the file cannot be written.

@@ -1,4 +1,4 @@
-//! The folder that 3DGS leaves behind, for SIBR and others that open it.
+//! The folder layout of 3DGS, for SIBR and other viewers.
 
 use std::path::Path;
 
@@ -13,21 +13,21 @@ use crate::run::{self, RunFolder, write_ply};
 
 /// Folder of the Gaussians.
 pub(super) const POINT_CLOUD: &str = run::POINT_CLOUD;
-/// The settings that 3DGS was called with, as Python writes them.
+/// The settings of a 3DGS run, as Python writes them.
 pub(super) const SETTINGS: &str = "cfg_args";
-/// The points that training started from.
+/// The initial points.
 pub(super) const POINTS: &str = "input.ply";
 
-/// What goes into the folder.
+/// The contents of the folder.
 #[derive(Clone, Copy, Debug)]
 pub struct InriaModel<'a> {
-    /// All Gaussians, as a viewer without masks shows them.
+    /// All Gaussians, for a viewer without mask support.
     pub gaussians: &'a GaussianCloud,
     /// The scene.
     pub scene: &'a Scene,
     /// The configuration of the run.
     pub config: &'a Config,
-    /// Steps that were trained.
+    /// Number of training steps.
     pub steps: usize,
 }
 
@@ -47,7 +47,7 @@ pub fn write_inria(model: &InriaModel<'_>, folder: &RunFolder) -> anyhow::Result
     atomic::write(&folder.place(&[SETTINGS])?, settings(model, folder)?.as_bytes())
 }
 
-/// The settings as `repr(Namespace(…))`. Viewers read the degree, the background and where the data lie.
+/// The settings as `repr(Namespace(…))`. Viewers read the SH degree, the background and the path of the data.
 fn settings(model: &InriaModel<'_>, folder: &RunFolder) -> anyhow::Result<String> {
     let absolute = |path: &Path| anyhow::Ok(std::path::absolute(path)?.display().to_string());
     let source = model.config.scene.data.as_deref().map_or(Ok(String::new()), absolute)?;
@@ -67,7 +67,7 @@ fn quoted(text: &str) -> String {
     format!("'{}'", text.replace('\\', "\\\\").replace('\'', "\\'"))
 }
 
-/// The centres of Gaussians in their colours, where the scene brought no points: viewers size the scene by them.
+/// The centres and colours of the Gaussians, used if the scene has no points. Viewers derive the scene size from them.
 fn centres(gaussians: &GaussianCloud) -> PointCloud {
     let colour = |dc: [f32; 3]| dc.map(|dc| (0.5 + SH_C0 as f32 * dc).clamp(0.0, 1.0));
     PointCloud {

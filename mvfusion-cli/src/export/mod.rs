@@ -1,5 +1,5 @@
-//! A trained model as files for other programs: Gaussians of each branch, or of the whole scene as a viewer without
-//! masks shows it; cameras; and the folder that the viewers of 3DGS expect.
+//! Export of a trained model for other programs: the Gaussians of each branch, or of the whole scene for viewers
+//! without mask support; the cameras; and the folder layout that the viewers of 3DGS expect.
 
 mod cameras;
 mod inria;
@@ -25,29 +25,29 @@ pub const SPLAT: &str = "scene.splat";
 /// Folder of the sequence.
 pub const FRAMES: &str = "frames";
 
-/// All that an export writes at the top of its folder.
+/// Everything that an export writes at the top level of its folder.
 pub const CONTENTS: Contents = Contents {
     what: "export",
     entries: &[STATIC, DYNAMIC, SPLAT, FRAMES, CAMERAS, inria::POINT_CLOUD, inria::SETTINGS, inria::POINTS],
 };
 
-/// Which Gaussians the dynamic branch shows.
+/// The state of the dynamic Gaussians.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Moment {
-    /// The canonical ones, before they are moved.
+    /// The canonical Gaussians, before deformation.
     Canonical,
-    /// Those of a time in `[0, 1]`.
+    /// The Gaussians deformed to a time in `[0, 1]`.
     At(f64),
 }
 
-/// A trained model whose Gaussians are asked for.
+/// A trained model for export.
 #[derive(Clone, Debug)]
 pub struct Exporter {
     /// The model, without autodiff.
     pub model: Model,
-    /// How far the dynamic Gaussians are moved.
+    /// How the dynamic Gaussians are deformed.
     pub level: DeformationLevel,
-    /// What it needs to know of the scene and the run.
+    /// The context from the scene and the run.
     pub context: RenderContext,
 }
 
@@ -55,15 +55,15 @@ impl Exporter {
     /// The Gaussians of the static branch, if there is one.
     ///
     /// # Errors
-    /// If the device cannot hand them over.
+    /// If reading them from the device fails.
     pub fn static_(&self) -> Result<Option<GaussianCloud>, ModelError> {
         self.model.static_.as_ref().map(|branch| in_use(branch, branch.to_cloud()?)).transpose()
     }
 
-    /// The Gaussians of the dynamic branch with the logits of their masks, if they have them.
+    /// The Gaussians of the dynamic branch, with their mask logits if they have any.
     ///
     /// # Errors
-    /// If the device cannot hand them over.
+    /// If reading them from the device fails.
     pub fn dynamic(&self, moment: Moment) -> Result<GaussianCloud, ModelError> {
         let branch = &self.model.dynamic;
         match moment {
@@ -72,11 +72,11 @@ impl Exporter {
         }
     }
 
-    /// The Gaussians of both branches, the static ones first, for viewers that know no mask: it weighs the opacities
-    /// of the dynamic ones ([`RawGaussians::without_masks`]).
+    /// The Gaussians of both branches, the static ones first, for viewers without mask support. The masks are
+    /// multiplied into the opacities of the dynamic Gaussians ([`RawGaussians::without_masks`]).
     ///
     /// # Errors
-    /// If the device cannot hand them over.
+    /// If reading them from the device fails.
     pub fn scene(&self, moment: Moment) -> Result<GaussianCloud, ModelError> {
         let dynamic = in_use(&self.model.dynamic, self.dynamic_at(moment).without_masks().to_cloud()?)?;
         Ok(match self.static_()? {
@@ -93,18 +93,18 @@ impl Exporter {
     }
 }
 
-/// Gaussians of a branch without the colours that it does not use yet: a viewer, which knows no degree in use, would
-/// show what the deformation does to them.
+/// Gaussians of a branch, with the SH coefficients above the degree in use set to zero. A viewer does not know this
+/// degree and would show the values that the deformation gives them.
 fn in_use(branch: &Gaussians, gaussians: GaussianCloud) -> Result<GaussianCloud, ModelError> {
     Ok(gaussians.zero_above(branch.sh_degree))
 }
 
-/// The times of a sequence: evenly spread from 0 to the last time that was trained on.
+/// The times of a sequence, evenly spaced from 0 to the last training time.
 pub fn frame_times(frames: usize, last: f64) -> Vec<f64> {
     (0..frames).map(|frame| last * frame as f64 / (frames.max(2) - 1) as f64).collect()
 }
 
-/// Name of a frame of a sequence: viewers play files of one prefix in the order of the numbers at their ends.
+/// File name of a frame of a sequence. Viewers play files with a common prefix in the order of their final numbers.
 pub fn frame_name(frame: usize) -> String {
     format!("frame{:04}.ply", frame + 1)
 }

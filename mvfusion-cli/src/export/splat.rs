@@ -1,4 +1,4 @@
-//! The format `.splat` of antimatter15's viewer: 32 bytes a Gaussian, no header.
+//! The format `.splat` of antimatter15's viewer: 32 bytes per Gaussian, no header.
 
 use std::path::Path;
 
@@ -10,8 +10,8 @@ use crate::atomic;
 /// Bytes of a Gaussian.
 const RECORD: usize = 32;
 
-/// Writes Gaussians as records: centre and sizes as floats, colour and opacity as bytes, rotation w, x, y, z as bytes
-/// around 128. Those that show most come first, as viewers draw a file that is still being loaded. Only the constant
+/// Writes Gaussians as records: centre and scales as floats, colour and opacity as bytes, rotation w, x, y, z as bytes
+/// around 128. The most visible Gaussians come first, because viewers draw a file while it loads. Only the constant
 /// colour is kept.
 ///
 /// # Errors
@@ -43,7 +43,7 @@ fn opacity(gaussians: &GaussianCloud, index: usize) -> f64 {
     1.0 / (1.0 + f64::from(-gaussians.opacity_logits[index]).exp())
 }
 
-/// A rotation as a unit quaternion; what is no rotation turns nothing.
+/// A rotation as a unit quaternion. A zero quaternion becomes the identity.
 fn unit(quaternion: [f32; 4]) -> [f64; 4] {
     let parts = quaternion.map(f64::from);
     let length = parts.iter().map(|part| part * part).sum::<f64>().sqrt();

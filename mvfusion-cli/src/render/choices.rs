@@ -1,4 +1,4 @@
-//! Words and numbers of the command line.
+//! Values of command line options.
 
 use std::num::NonZeroUsize;
 
@@ -12,37 +12,37 @@ use super::views::LEAST_SIDE;
 use crate::failure::UsageError;
 use crate::progress::Verbosity;
 
-/// A layer that was asked for.
+/// A requested layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LayerChoice {
-    /// All that the model has.
+    /// All layers of the model.
     All,
     /// This one.
     One(Layer),
 }
 
-/// A kind of files.
+/// A file format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum FileFormat {
-    /// A picture of 8 bits for each layer and frame.
+    /// One 8-bit image per layer and frame
     Png,
-    /// A picture of float layers for each frame.
+    /// One image per frame, with all layers as floats
     Exr,
-    /// An animation for each layer.
+    /// One animation per layer
     Gif,
-    /// A video for each layer.
+    /// One video per layer
     Mp4,
 }
 
 impl FileFormat {
-    /// The kinds to write: those `asked` for, or what suits `frames`.
+    /// The formats to write: those in `asked`, or a default for this number of frames.
     ///
     /// # Errors
-    /// If videos are asked for and nothing is there to write them.
+    /// If videos are requested and ffmpeg is missing.
     pub fn choose(asked: &[Self], frames: usize, verbosity: Verbosity) -> Result<Vec<Self>, UsageError> {
         if asked.contains(&Self::Mp4) && !can_write_videos() {
             return Err(UsageError::new(
-                "--format mp4 needs the program ffmpeg, and there is none. Install it, or ask for gif or png.",
+                "--format mp4 needs ffmpeg, which was not found. Install it, or use gif or png.",
             ));
         }
         if !asked.is_empty() {
@@ -55,13 +55,13 @@ impl FileFormat {
         if can_write_videos() {
             formats.push(Self::Mp4);
         } else {
-            verbosity.note("note:   no mp4 is written, because there is no program ffmpeg");
+            verbosity.note("note:   no mp4 is written, because ffmpeg was not found");
         }
         Ok(formats)
     }
 }
 
-/// Takes a layer by its name, with hyphens or underscores, or all of them.
+/// Parses the name of a layer, with hyphens or underscores, or `all`.
 ///
 /// # Errors
 /// If there is no such layer.
@@ -71,52 +71,52 @@ pub fn parse_layer(text: &str) -> Result<LayerChoice, String> {
     }
     let names = || Layer::ALL.map(Layer::name).join(", ");
     let layer = Layer::of_name(&text.replace('-', "_"));
-    layer.map(LayerChoice::One).ok_or_else(|| format!("layers are {}, and all", names()))
+    layer.map(LayerChoice::One).ok_or_else(|| format!("expected all, {}", names()))
 }
 
-/// Takes a moment, 0 to 1.
+/// Parses a time, 0 to 1.
 ///
 /// # Errors
-/// If it is none.
+/// If the text is not valid.
 pub fn parse_time(text: &str) -> Result<f64, String> {
     let time = text.parse().ok().filter(|time| (0.0..=1.0).contains(time));
-    time.ok_or_else(|| "a moment is a number from 0 to 1, the first to the last".to_owned())
+    time.ok_or_else(|| "expected a number from 0 to 1".to_owned())
 }
 
-/// Takes a number of frames a second.
+/// Parses a frame rate.
 ///
 /// # Errors
-/// If it is none.
+/// If the text is not valid.
 pub fn parse_fps(text: &str) -> Result<f64, String> {
     let fps = text.parse().ok().filter(|fps: &f64| FRAME_RATES.contains(fps));
     let (least, most) = FRAME_RATES.into_inner();
-    fps.ok_or_else(|| format!("frames a second lie between {least} and {most}"))
+    fps.ok_or_else(|| format!("expected a number between {least} and {most}"))
 }
 
-/// Takes a number of frames.
+/// Parses a number of frames.
 ///
 /// # Errors
-/// If it is none, or more than a camera path may have.
+/// If the text is not valid, or the number is larger than a camera path may have.
 pub fn parse_frames(text: &str) -> Result<NonZeroUsize, String> {
     let frames = text.parse().ok().filter(|frames: &NonZeroUsize| frames.get() <= MOST_ENTRIES);
-    frames.ok_or_else(|| format!("frames are a whole number from 1 to {MOST_ENTRIES}"))
+    frames.ok_or_else(|| format!("expected a whole number from 1 to {MOST_ENTRIES}"))
 }
 
-/// Takes the size of pictures, `160x120`.
+/// Parses an image size, `160x120`.
 ///
 /// # Errors
-/// If it is none, or one that cannot be rendered.
+/// If the text is not valid, or the size cannot be rendered.
 pub fn parse_size(text: &str) -> Result<(usize, usize), String> {
     let side = |text: &str| text.parse().ok().filter(|side: &usize| (LEAST_SIDE..=LONGEST_SIDE).contains(side));
     let sides = text.split_once('x').and_then(|(width, height)| Some((side(width)?, side(height)?)));
-    let complaint = || format!("a size is written as 160x120, and each side has {LEAST_SIDE} to {LONGEST_SIDE} pixels");
+    let complaint = || format!("expected a size such as 160x120, with sides of {LEAST_SIDE} to {LONGEST_SIDE} pixels");
     sides.ok_or_else(complaint)
 }
 
-/// Takes the weights of the motion intensity, `0.7,0.2,0.1` for position, scale, rotation.
+/// Parses the weights of the motion intensity, `0.7,0.2,0.1` for position, scale and rotation.
 ///
 /// # Errors
-/// If they are none.
+/// If the text is not valid.
 pub fn parse_weights(text: &str) -> Result<FusionWeights, String> {
     let numbers: Option<Vec<f64>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
     match numbers.as_deref() {
@@ -127,7 +127,7 @@ pub fn parse_weights(text: &str) -> Result<FusionWeights, String> {
             Ok(FusionWeights { position, scale, rotation })
         }
         _ => Err(
-            "weights are written as 0.7,0.2,0.1 for position, scale and rotation; none is below 0, and not all are 0"
+            "expected weights such as 0.7,0.2,0.1 for position, scale and rotation; none may be negative, and not all 0"
                 .to_owned(),
         ),
     }
@@ -168,7 +168,7 @@ mod tests {
         assert_eq!((parse_time("0.25"), parse_fps("29.97")), (Ok(0.25), Ok(29.97)));
         assert!(["1.01", "-0.1", "nan", ""].iter().all(|bad| parse_time(bad).is_err()));
         for bad in ["0", "-1", "inf", "nan", "1e300", "1e-300", "240.5", "x"] {
-            assert_eq!(parse_fps(bad), Err("frames a second lie between 0.1 and 240".to_owned()), "{bad}");
+            assert_eq!(parse_fps(bad), Err("expected a number between 0.1 and 240".to_owned()), "{bad}");
         }
     }
 
@@ -179,7 +179,7 @@ mod tests {
             [Ok(1), Ok(108_000)]
         );
         for bad in ["0", "-1", "1.5", "108001", "1e3", "many", "99999999999999999999"] {
-            assert_eq!(parse_frames(bad), Err("frames are a whole number from 1 to 108000".to_owned()), "{bad}");
+            assert_eq!(parse_frames(bad), Err("expected a whole number from 1 to 108000".to_owned()), "{bad}");
         }
     }
 

@@ -1,4 +1,4 @@
-//! OpenEXR pictures: all layers of a frame as floats.
+//! OpenEXR images: all layers of a frame as floats.
 
 use std::io::Cursor;
 
@@ -8,16 +8,17 @@ use exr::prelude::{
 };
 use mvfusion_model::evaluation::Layer;
 
-/// The numbers of a layer, channel by channel, row by row.
+/// The values of a layer, channel by channel, row by row.
 pub(super) struct LayerPixels {
     pub(super) layer: Layer,
     pub(super) values: Vec<f32>,
 }
 
-/// A picture of several layers, all of `width` by `height` pixels.
+/// An image with several layers of `width` by `height` pixels.
 ///
-/// OpenEXR's layers are channels whose names have the layer's before a dot; they lie in one part, which every reader
-/// opens. The first layer of colours is there without a name as well, for readers that know no layers.
+/// An OpenEXR layer is a set of channels whose names start with the name of the layer and a dot. All channels are in
+/// one part, which every reader opens. The first colour layer is also stored without a name, for readers without
+/// support for layers.
 pub(super) fn encode(width: usize, height: usize, layers: &[LayerPixels]) -> anyhow::Result<Vec<u8>> {
     let plane = width * height;
     let named = |prefix: String, pixels: &LayerPixels| -> Vec<AnyChannel<FlatSamples>> {
@@ -34,7 +35,7 @@ pub(super) fn encode(width: usize, height: usize, layers: &[LayerPixels]) -> any
     let part = Part::new((width, height), attributes, Encoding::SMALL_LOSSLESS, channels);
 
     let mut bytes = Cursor::new(Vec::new());
-    Image::from_layer(part).write().to_buffered(&mut bytes).context("the picture cannot be coded as OpenEXR")?;
+    Image::from_layer(part).write().to_buffered(&mut bytes).context("cannot encode the image as OpenEXR")?;
     Ok(bytes.into_inner())
 }
 

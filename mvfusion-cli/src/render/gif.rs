@@ -10,14 +10,15 @@ use image::imageops::{FilterType, resize};
 use mvfusion_model::files::beside;
 use tempfile::NamedTempFile;
 
-/// Widest animation; wider frames are made smaller, because every frame costs a byte a pixel before compression.
+/// Maximum width of an animation. Wider frames are downscaled, because a frame takes one byte per pixel before
+/// compression.
 const MOST_WIDE: u32 = 640;
-/// Shortest time that a frame is shown, hundredths of a second: browsers show shorter ones for ten.
+/// Shortest duration of a frame, in hundredths of a second. Browsers extend shorter durations to ten.
 const SHORTEST: u64 = 2;
-/// Pixels of a frame by which its colours are chosen: with fewer, small things lose theirs.
+/// Pixels of a frame that determine its palette. With fewer, small objects lose their colours.
 const SAMPLED: u64 = 60_000;
 
-/// An animation under way. It is renamed to its place when it is whole.
+/// An animation in progress. The file is renamed to its final path when it is complete.
 pub(super) struct GifWriter {
     path: PathBuf,
     encoder: Encoder<BufWriter<NamedTempFile>>,
@@ -26,7 +27,7 @@ pub(super) struct GifWriter {
 }
 
 impl GifWriter {
-    /// An animation of frames of `size` that repeats for ever.
+    /// An endless animation with frames of `size`.
     pub(super) fn create(path: &Path, size: (u32, u32), fps: f64) -> anyhow::Result<Self> {
         let size = bounded(size);
         let start = || -> anyhow::Result<_> {
@@ -39,7 +40,7 @@ impl GifWriter {
         Ok(Self { path: path.to_owned(), encoder, size, pace: Pace { fps, index: 0, next: 0 } })
     }
 
-    /// Adds a frame; it is left out where there are more of them than can be shown.
+    /// Adds a frame. Frames are dropped if the frame rate is too high for GIF.
     pub(super) fn add(&mut self, picture: &RgbImage) -> anyhow::Result<()> {
         let Some(delay) = self.pace.step() else { return Ok(()) };
         let (width, height) = self.size;
@@ -67,7 +68,7 @@ impl GifWriter {
     }
 }
 
-/// The size of an animation of frames of this size.
+/// The size of an animation for frames of this size.
 fn bounded((width, height): (u32, u32)) -> (u32, u32) {
     if width <= MOST_WIDE {
         return (width, height);
@@ -76,17 +77,17 @@ fn bounded((width, height): (u32, u32)) -> (u32, u32) {
     (MOST_WIDE, u32::try_from(height).unwrap_or(u32::MAX))
 }
 
-/// How long each frame is shown. Times are whole hundredths of a second, so they are made up for by the following ones.
+/// The duration of each frame. Durations are whole hundredths of a second, so later frames compensate for rounding.
 struct Pace {
     fps: f64,
-    /// The frame that comes.
+    /// Index of the current frame.
     index: u64,
-    /// The next frame that is shown.
+    /// Index of the next shown frame.
     next: u64,
 }
 
 impl Pace {
-    /// How long the frame that comes is shown, hundredths of a second; `None` if it is not.
+    /// The duration of the current frame in hundredths of a second; `None` if it is dropped.
     fn step(&mut self) -> Option<u16> {
         let index = self.index;
         self.index += 1;

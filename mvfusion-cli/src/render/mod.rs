@@ -1,4 +1,4 @@
-//! What `mvfusion render` renders, and the files that it writes.
+//! The views and files of `mvfusion render`.
 
 mod choices;
 mod exr;

@@ -1,4 +1,4 @@
-//! Videos that are renamed to their place when they are whole.
+//! Videos, which are renamed to their final path when they are complete.
 
 use std::path::{Path, PathBuf};
 
@@ -8,16 +8,16 @@ use mvfusion_data::VideoWriter;
 use mvfusion_model::files::beside;
 use tempfile::TempPath;
 
-/// A video under way.
+/// A video in progress.
 pub(super) struct Mp4Writer {
     path: PathBuf,
-    /// Before its file, which some systems do not remove while it is written.
+    /// Dropped before its file, because some systems do not remove an open file.
     video: VideoWriter,
     file: TempPath,
 }
 
 impl Mp4Writer {
-    /// A video of frames of `size`.
+    /// A video with frames of `size`.
     pub(super) fn create(path: &Path, size: (u32, u32), fps: f64) -> anyhow::Result<Self> {
         let file = beside(path).with_context(|| format!("cannot write {}", path.display()))?.into_temp_path();
         Ok(Self { path: path.to_owned(), video: VideoWriter::create(&file, size, fps)?, file })

@@ -1,4 +1,4 @@
-//! The files of a rendering: one stream a layer and kind.
+//! The files of a rendering: one stream per layer and format.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -14,10 +14,10 @@ use super::gif::GifWriter;
 use super::mp4::Mp4Writer;
 use crate::atomic;
 
-/// Folder of the pictures in floats.
+/// Folder of the float images.
 const EXR: &str = "exr";
 
-/// Files that could be written: nothing was yet.
+/// Files that can be written. Nothing has been written yet.
 #[derive(Clone, Debug)]
 pub struct OutputsPlan {
     folder: PathBuf,
@@ -25,13 +25,13 @@ pub struct OutputsPlan {
     formats: Vec<FileFormat>,
 }
 
-/// Takes frames in and writes their files.
+/// Receives frames and writes their files.
 pub struct Outputs {
     plan: OutputsPlan,
     size: (u32, u32),
     gifs: Vec<GifWriter>,
     videos: Vec<Mp4Writer>,
-    /// Pictures of an earlier rendering that were not replaced yet.
+    /// Images of an earlier rendering that have not been replaced yet.
     stale: BTreeSet<PathBuf>,
 }
 
@@ -41,30 +41,30 @@ impl OutputsPlan {
         Self { folder: folder.to_owned(), layers: layers.to_vec(), formats: formats.to_vec() }
     }
 
-    /// Makes sure that nothing is overwritten.
+    /// Checks that nothing would be overwritten.
     ///
     /// # Errors
-    /// If files of the same names are there.
+    /// If files of the same names exist.
     pub fn check_free(&self) -> anyhow::Result<()> {
         match self.existing()?.first() {
             Some(file) => bail!(
-                "there is {} already. Give --force to replace what was rendered there, or another folder with --out.",
+                "{} already exists. Use --force to replace earlier renders, or choose another folder with --out.",
                 file.display()
             ),
             None => Ok(()),
         }
     }
 
-    /// Makes the folders and starts the animations of frames of `size`. What an earlier rendering of the same layers
-    /// left stays until it is replaced, or everything was written.
+    /// Creates the folders and starts the animations with frames of `size`. Files of an earlier rendering of the same
+    /// layers stay until they are replaced or everything has been written.
     ///
     /// # Errors
-    /// If the system refuses.
+    /// If the file system refuses.
     pub fn create(self, size: (usize, usize), fps: f64) -> anyhow::Result<Outputs> {
         let size = (u32::try_from(size.0)?, u32::try_from(size.1)?);
         let stale = self.numbered()?;
         for folder in [self.folder.clone()].into_iter().chain(self.folders()) {
-            fs::create_dir_all(&folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+            fs::create_dir_all(&folder).with_context(|| format!("cannot create the folder {}", folder.display()))?;
         }
         let gifs = self.files(FileFormat::Gif).into_iter().map(|path| GifWriter::create(&path, size, fps));
         let gifs = gifs.collect::<anyhow::Result<_>>()?;
@@ -73,12 +73,12 @@ impl OutputsPlan {
         Ok(Outputs { plan: self, size, gifs, videos, stale })
     }
 
-    /// Whether pictures of 8 bits are made.
+    /// Whether any format needs 8-bit images.
     pub fn has_pictures(&self) -> bool {
         self.formats.iter().any(|format| *format != FileFormat::Exr)
     }
 
-    /// What lies where, a line a kind.
+    /// The paths of the files, one line per format.
     pub fn describe(&self) -> Vec<(&'static str, String)> {
         let within = |name: &str| self.folder.join(name).display().to_string();
         let describe = |format: &FileFormat| match format {
@@ -101,7 +101,7 @@ impl OutputsPlan {
         layers.chain(self.has(FileFormat::Exr).then(|| self.folder.join(EXR))).collect()
     }
 
-    /// The animations of a kind, one a layer.
+    /// The animations of a format, one per layer.
     fn files(&self, format: FileFormat) -> Vec<PathBuf> {
         let name = |layer: &Layer| match format {
             FileFormat::Gif => Some(format!("{layer}.gif")),
@@ -112,13 +112,13 @@ impl OutputsPlan {
         layers.filter_map(name).map(|name| self.folder.join(name)).collect()
     }
 
-    /// Files that an earlier rendering left, and no others: whatever has another name is somebody else's.
+    /// Files of an earlier rendering. Files with other names do not belong to it.
     fn existing(&self) -> anyhow::Result<Vec<PathBuf>> {
         let animations = [FileFormat::Gif, FileFormat::Mp4].into_iter().flat_map(|format| self.files(format));
         Ok(self.numbered()?.into_iter().chain(animations.filter(|path| path.exists())).collect())
     }
 
-    /// The pictures among them.
+    /// The numbered images among them.
     fn numbered(&self) -> anyhow::Result<BTreeSet<PathBuf>> {
         let mut found = BTreeSet::new();
         for folder in self.folders().into_iter().filter(|folder| folder.is_dir()) {
@@ -161,7 +161,7 @@ impl Outputs {
         Ok(())
     }
 
-    /// Writes the picture of the layer at a place of the list.
+    /// Writes the image of the layer at an index of the list.
     fn add_picture(&mut self, number: usize, place: usize, picture: RgbImage) -> anyhow::Result<()> {
         if let Some(gif) = self.gifs.get_mut(place) {
             gif.add(&picture)?;
@@ -177,10 +177,10 @@ impl Outputs {
         Ok(())
     }
 
-    /// Ends the animations, and removes the pictures of an earlier rendering that have no successor.
+    /// Ends the animations, and removes images of an earlier rendering that were not replaced.
     ///
     /// # Errors
-    /// If an animation cannot be written, or the system refuses.
+    /// If an animation cannot be written, or the file system refuses.
     pub fn finish(self) -> anyhow::Result<OutputsPlan> {
         self.gifs.into_iter().try_for_each(GifWriter::finish)?;
         self.videos.into_iter().try_for_each(Mp4Writer::finish)?;

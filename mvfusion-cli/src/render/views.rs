@@ -1,4 +1,4 @@
-//! From where and when is rendered.
+//! The cameras and times of a rendering.
 
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -11,29 +11,29 @@ use mvfusion_model::timeline::spread;
 
 use crate::failure::UsageError;
 
-/// Frames of a path unless somebody asks for another number.
+/// Default number of frames of a path.
 const PATH_FRAMES: usize = 120;
-/// Most frames of a still camera unless somebody asks for more.
+/// Default maximum number of frames of a still camera.
 const MOST_MOMENTS: usize = 300;
-/// Frames a second unless somebody asks for another number.
+/// Default frame rate.
 const FPS: f64 = 30.0;
-/// Smallest side of a picture, pixels.
+/// Smallest side of an image in pixels.
 pub const LEAST_SIDE: usize = 16;
 
 /// A kind of views.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Views {
-    /// Those that were trained on.
+    /// The training views.
     Train,
-    /// Those held out.
+    /// The held-out views.
     Test,
-    /// A spiral about the middle of the training cameras.
+    /// A spiral around the centre of the training cameras.
     Spiral,
-    /// Around what these look at.
+    /// An orbit around the point that they look at.
     Orbit,
     /// One camera.
     Still,
-    /// Those of a file.
+    /// The cameras of a file.
     File(PathBuf),
 }
 
@@ -50,25 +50,25 @@ impl FromStr for Views {
             _ if Path::new(text).extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json")) => {
                 Self::File(text.into())
             }
-            _ => return Err("views are train, test, spiral, orbit, still, or a camera path FILE.json".to_owned()),
+            _ => return Err("expected train, test, spiral, orbit, still, or a camera path FILE.json".to_owned()),
         })
     }
 }
 
-/// Which of the views, and of which size.
+/// The selected views, and their size.
 #[derive(Clone, Debug, Default)]
 pub struct Selection {
-    /// How many; evenly spread, where there is a list of them.
+    /// Number of frames; evenly spaced if there is a list of views.
     pub frames: Option<NonZeroUsize>,
-    /// The moment of all of them.
+    /// A common time for all of them.
     pub time: Option<f64>,
-    /// The camera that stands still.
+    /// The still camera.
     pub camera: Option<String>,
     /// The size.
     pub reframing: Reframing,
 }
 
-/// The size of pictures.
+/// The size of the images.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Reframing {
     /// That of the camera.
@@ -76,35 +76,35 @@ pub enum Reframing {
     AsItIs,
     /// Width and height.
     Size(usize, usize),
-    /// So many times smaller.
+    /// Width and height divided by a number.
     Downscale(NonZeroUsize),
 }
 
-/// A picture to be rendered.
+/// A frame to render.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame {
     /// Number of its files.
     pub number: usize,
     /// The camera.
     pub camera: Camera,
-    /// The moment.
+    /// The time.
     pub time: f64,
 }
 
-/// Frames of one size. There is one at least.
+/// Frames of one size. There is at least one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Film {
     /// The frames.
     pub frames: Vec<Frame>,
-    /// How many of them are shown in a second.
+    /// Frame rate.
     pub fps: f64,
-    /// Whether they are held-out photos, whose moments were not trained on: a model of two branches then shows its
-    /// static one alone.
+    /// Whether they are held-out photos, whose times were not trained. A model with two branches then shows only the
+    /// static branch.
     pub is_clean: bool,
 }
 
 impl Film {
-    /// The moment of a frame by its place; `None` where what does not move is shown alone.
+    /// The time of a frame by its index; `None` if only the static branch is shown.
     pub fn moment(&self, index: usize) -> Option<f64> {
         (!self.is_clean).then_some(self.frames[index].time)
     }
@@ -126,17 +126,17 @@ impl Views {
     /// The frames to render of a scene.
     ///
     /// # Errors
-    /// If a file cannot be used, there is no such camera, or the pictures would have several sizes or next to none.
+    /// If a file cannot be used, the camera does not exist, or the images would be too small or differ in size.
     pub fn film(&self, scene: &Scene, selection: &Selection) -> anyhow::Result<Film> {
         if selection.camera.is_some() && *self != Self::Still {
-            bail!(UsageError::new("--camera is for --views still alone; the other views have their own cameras."));
+            bail!(UsageError::new("--camera works only with --views still; the other views have their own cameras."));
         }
         let path_frames = selection.frames.map_or(PATH_FRAMES, usize::from);
         let is_clean = *self == Self::Test && scene.capture == Capture::Photos && selection.time.is_none();
         let mut film = Film { frames: Vec::new(), fps: FPS, is_clean };
         film.frames = match self {
             Self::Train => listed(&scene.train, selection),
-            Self::Test if scene.test.is_empty() => bail!("the scene holds no views out. Give --views train."),
+            Self::Test if scene.test.is_empty() => bail!("the scene has no held-out views. Use --views train."),
             Self::Test => listed(&scene.test, selection),
             Self::Spiral => running(scene, spiral(scene, path_frames)),
             Self::Orbit => running(scene, orbit(scene, path_frames)),
@@ -156,27 +156,27 @@ impl Views {
     }
 }
 
-/// Views of the scene, evenly spread, with the numbers that they have there.
+/// Views of the scene, evenly spaced, with their indices in the scene.
 fn listed(views: &[View], selection: &Selection) -> Vec<Frame> {
     let chosen = spread(views.len(), selection.frames.map_or(usize::MAX, usize::from));
     chosen.into_iter().map(|number| Frame { number, camera: views[number].camera, time: views[number].time }).collect()
 }
 
-/// Cameras one after another while the time runs through once.
+/// A sequence of cameras while time runs through once.
 fn running(scene: &Scene, cameras: Vec<Camera>) -> Vec<Frame> {
     let times = running_times(scene, cameras.len());
     let moments = cameras.into_iter().zip(times).enumerate();
     moments.map(|(number, (camera, time))| Frame { number, camera, time }).collect()
 }
 
-/// One camera, again and again.
+/// One camera, repeated.
 fn still(scene: &Scene, selection: &Selection) -> anyhow::Result<Vec<Camera>> {
     let wanted = selection.camera.as_deref().unwrap_or("0");
     let Some(view) = find_view(scene, wanted) else {
         let (first, last) = (&scene.train[0].name, &scene.train[scene.train.len() - 1].name);
         bail!(UsageError::new(format!(
-            "the scene has no view or camera `{wanted}`. Views are named as {first} and {last}, or give the number of \
-             a held-out view, of which there are {}.",
+            "the scene has no view or camera `{wanted}`. Give the name of a view ({first} to {last}) or of its camera, \
+             or the index of one of the {} held-out views.",
             scene.test.len()
         )));
     };
@@ -184,7 +184,7 @@ fn still(scene: &Scene, selection: &Selection) -> anyhow::Result<Vec<Camera>> {
     Ok(vec![view.camera; selection.frames.map_or(moments, usize::from)])
 }
 
-/// The frames of a camera path, evenly spread, and how many of them are shown in a second.
+/// The frames of a camera path, evenly spaced, and its frame rate.
 fn from_file(path: &Path, scene: &Scene, selection: &Selection) -> anyhow::Result<(Vec<Frame>, Option<f64>)> {
     let read = read_camera_path(path)?;
     let chosen = spread(read.entries.len(), selection.frames.map_or(usize::MAX, usize::from));
@@ -196,19 +196,19 @@ fn from_file(path: &Path, scene: &Scene, selection: &Selection) -> anyhow::Resul
     Ok((frames, read.fps))
 }
 
-/// All pictures have one size, because a video has.
+/// Checks that all frames have one size, as a video needs.
 fn check_sizes(frames: &[Frame]) -> anyhow::Result<()> {
     let size = |frame: &Frame| (frame.camera.width, frame.camera.height);
     let Some(first) = frames.first() else { return Ok(()) };
     let (width, height) = size(first);
     if width.min(height) < LEAST_SIDE {
-        bail!("the pictures would have {width} x {height} pixels. Give a smaller --downscale, or a larger --size.");
+        bail!("the images would have only {width} x {height} pixels. Use a smaller --downscale or a larger --size.");
     }
     match frames.iter().find(|frame| size(frame) != (width, height)) {
         Some(other) => {
             let (w, h) = size(other);
             bail!(
-                "frame {} has {width} x {height} pixels and frame {} has {w} x {h}. Give them one --size.",
+                "frame {} has {width} x {height} pixels, but frame {} has {w} x {h}. Set a common --size.",
                 first.number,
                 other.number
             )

@@ -1,4 +1,4 @@
-//! The pictures that the report of a run shows: which views, which kinds, how large.
+//! The images that the report of a run shows: their views, kinds and sizes.
 
 use std::path::Path;
 
@@ -10,61 +10,60 @@ use super::files::{Found, Missing, RunFiles};
 use super::picture::{Embedded, embed};
 use crate::run::{self, PictureKind};
 
-/// Most views.
+/// Maximum number of views.
 const MOST_VIEWS: usize = 12;
 
-/// So many views are taken where the run has chosen none by a strip.
+/// Number of views if the run has no strips.
 const VIEWS: usize = 6;
 
-/// Widths that pictures are bounded to, largest first: the first that keeps the page below [`BUDGET`], else the last
-/// resort.
+/// Maximum widths of the images, largest first. The first width that keeps the page below [`BUDGET`] is used, otherwise
+/// the last resort.
 const WIDTHS: [u32; 3] = [960, 640, 480];
 const LAST_RESORT: u32 = 320;
 
-/// Bytes of all pictures, as they stand in the page.
+/// Maximum size of all images in the page, in bytes.
 const BUDGET: usize = 14_000_000;
 
-/// A strip has several pictures side by side, so it may be wider than one.
+/// Factor by which a strip may be wider than an image, because it has several panels.
 const STRIP: u32 = 2;
 
-/// A picture of a view.
+/// An image of a view.
 #[derive(Debug)]
 pub(super) struct ViewPicture {
-    /// What it shows.
+    /// Its contents.
     pub kind: PictureKind,
-    /// The picture.
+    /// The image.
     pub picture: Found<Embedded>,
 }
 
 /// A view.
 #[derive(Debug)]
 pub(super) struct AlbumView {
-    /// Its number in the album, which names its pictures within the page.
+    /// Its index in the album, which is part of the ids of its images.
     pub number: usize,
     /// Its name.
     pub name: String,
-    /// Ground truth and layers, as far as the run has them.
+    /// Ground truth and layers that the run has.
     pub images: Vec<ViewPicture>,
-    /// Heat maps, as far as the run has them.
+    /// Heat maps that the run has.
     pub heat_maps: Vec<ViewPicture>,
 }
 
-/// The pictures.
+/// All images of the report.
 #[derive(Debug)]
 pub(super) struct Album {
     /// The views.
     pub views: Vec<AlbumView>,
-    /// Side-by-side pictures, by the names of their views, where there are no layers.
+    /// Strips with the names of their views, if there are no layers.
     pub strips: Vec<(String, Found<Embedded>)>,
-    /// The width that pictures are bounded to.
+    /// Maximum width of the images.
     pub widest: u32,
-    /// How many views have pictures in the folder.
+    /// Number of views with images in the folder.
     pub in_folder: usize,
 }
 
 impl Album {
-    /// Chooses and reads the pictures: of the views that have a strip, every layer; where there are no layers, the
-    /// strips.
+    /// Chooses and reads the images: every layer of the views that have a strip, or the strips if there are no layers.
     pub fn read(files: &RunFiles) -> Self {
         let mut albums = WIDTHS.into_iter().map(|widest| Self::at(files, widest));
         let fitting = albums.find(|album| album.bytes() <= BUDGET);
@@ -108,7 +107,7 @@ fn spread(names: Vec<String>, most: usize) -> Vec<String> {
 
 fn view(files: &RunFiles, renders: &Path, number: usize, file: &str, widest: u32) -> AlbumView {
     let read = |kinds: &[PictureKind]| -> Vec<ViewPicture> {
-        // A kind without any picture is not missing: a model of one branch has no mask.
+        // A kind without any image is not missing. For example, a model with one branch has no mask.
         let is_present = |kind: &PictureKind| renders.join(kind.folder()).is_dir();
         let present: Vec<PictureKind> = kinds.iter().copied().filter(is_present).collect();
         let picture = |kind: PictureKind| {
@@ -130,7 +129,7 @@ fn read_strips(files: &RunFiles, strips: Vec<String>, widest: u32) -> Vec<(Strin
     strips.into_par_iter().map(strip).collect()
 }
 
-/// The name of the view whose pictures have this file name.
+/// The name of the view whose images have this file name.
 fn view_name(files: &RunFiles, file: &str) -> String {
     let known = files.per_view.as_ref().ok().and_then(|per_view| per_view.test.get(file));
     known.map_or_else(|| file.trim_end_matches(".png").to_owned(), |view| view.view.clone())
@@ -140,8 +139,8 @@ fn view_name(files: &RunFiles, file: &str) -> String {
 pub(super) fn without_layers(files: &RunFiles) -> Missing {
     let unwanted = files.config.as_ref().is_ok_and(|config| !config.eval.pictures);
     Missing::new(match unwanted {
-        true => "The run was evaluated with eval.pictures=false, so its layers are not there to be compared.",
-        false => "The run has no pictures of its layers (renders/test); `mvfusion eval RUN --write` writes them.",
+        true => "The run was evaluated with eval.pictures=false, so it has no layers to compare.",
+        false => "The run has no images of its layers (renders/test). `mvfusion eval RUN --write` writes them.",
     })
 }
 
@@ -179,7 +178,7 @@ mod tests {
         assert_eq!(folders(&album.views[0]), ["gt", "composed"]);
         assert_eq!(album.views[0].heat_maps.len(), 1);
         let gone = album.views[1].images[0].picture.as_ref().expect_err("a lack");
-        assert_eq!(gone.to_string(), "There is no renders/test/gt/00007.png.");
+        assert_eq!(gone.to_string(), "The file renders/test/gt/00007.png is missing.");
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! What a run's folder holds, read as far as it can be read.
+//! The files of a run folder, as far as they can be read.
 
 use std::fmt;
 use std::io;
@@ -14,7 +14,7 @@ use super::log::Log;
 use crate::config;
 use crate::run::{self, PerView, Results};
 
-/// Something of a run, or why it is not there.
+/// A part of a run, or why it is missing.
 pub type Found<T> = Result<T, Missing>;
 
 /// Why a part of a run cannot be shown: a sentence that names the file.
@@ -22,7 +22,7 @@ pub type Found<T> = Result<T, Missing>;
 pub struct Missing(String);
 
 impl Missing {
-    /// What is missing, as a sentence.
+    /// A reason, as a sentence.
     pub fn new(sentence: impl Into<String>) -> Self {
         Self(sentence.into())
     }
@@ -34,49 +34,49 @@ impl fmt::Display for Missing {
     }
 }
 
-/// How a file comes back that evaluation writes.
-const REMEDY: &str = " `mvfusion eval RUN --write` writes it anew.";
+/// How to restore a file that the evaluation writes.
+const REMEDY: &str = " `mvfusion eval RUN --write` writes it again.";
 
-/// The files of a run but for its pictures.
+/// The files of a run, except for its images.
 #[derive(Debug)]
 pub struct RunFiles {
     /// The folder.
     pub folder: PathBuf,
-    /// The configuration as it is written there.
+    /// The text of the configuration file.
     pub config_text: Found<String>,
     /// The configuration, before `train.scale`.
     pub config: Found<Config>,
-    /// `run.json`; versions differ in what they note there.
+    /// `run.json`, whose contents depend on the version.
     pub record: Found<Value>,
     /// `metrics.jsonl`.
     pub log: Found<Log>,
-    /// `results.json`, whole.
+    /// `results.json` as a whole.
     pub results_value: Found<Value>,
     /// The metrics in it.
     pub results: Found<Results>,
     /// `per_view.json`.
     pub per_view: Found<PerView>,
-    /// The metrics by other protocols that the run was evaluated by, in the order of [`Protocol::ALL`].
+    /// The metrics under other protocols, in the order of [`Protocol::ALL`].
     pub others: Vec<(Protocol, Found<Results>)>,
 }
 
 impl RunFiles {
-    /// Reads what there is.
+    /// Reads all files that exist.
     ///
     /// # Errors
-    /// If the folder does not exist, or holds nothing that a run has written.
+    /// If the folder does not exist, or contains no file of a run.
     pub fn read(folder: &Path) -> anyhow::Result<Self> {
         if !folder.is_dir() {
-            bail!("there is no folder {}. Give the folder of a run, such as runs/quickstart-0.", folder.display());
+            bail!("the folder {} does not exist. Give a run folder, such as runs/quickstart-0.", folder.display());
         }
         if !run::ENTRIES.iter().any(|&name| name != run::REPORT && folder.join(name).exists()) {
-            bail!("{} is no run: it holds neither {} nor {}.", folder.display(), run::CONFIG, run::RESULTS);
+            bail!("{} is not a run: it contains neither {} nor {}.", folder.display(), run::CONFIG, run::RESULTS);
         }
         Ok(Self {
             folder: folder.to_owned(),
             config_text: text(folder, run::CONFIG),
             config: text(folder, run::CONFIG).and_then(|_| configuration(folder)),
-            // Evaluation writes all but the record.
+            // The evaluation writes everything except the record.
             record: json(folder, run::RECORD, ""),
             log: text(folder, run::METRICS).map(|text| Log::parse(&text)),
             results_value: json(folder, run::RESULTS, REMEDY),
@@ -86,7 +86,7 @@ impl RunFiles {
         })
     }
 
-    /// A text of `run.json`, by the names that lead to it.
+    /// A value of `run.json` as text, by its path.
     pub fn recorded(&self, path: &[&str]) -> Option<String> {
         let value = path.iter().try_fold(self.record.as_ref().ok()?, |value, name| value.get(name))?;
         match value {
@@ -97,11 +97,11 @@ impl RunFiles {
     }
 }
 
-/// What other protocols than the run's own say; one that was never asked is not missing.
+/// The metrics under protocols other than the run's own. A protocol that was never used is not missing.
 fn others(folder: &Path) -> Vec<(Protocol, Found<Results>)> {
     let read = |protocol: Protocol| {
         let name = format!("{}/{}/{}", run::PROTOCOLS, protocol.name(), run::RESULTS);
-        let remedy = format!(" `mvfusion eval RUN --protocol {} --write` writes it anew.", protocol.name());
+        let remedy = format!(" `mvfusion eval RUN --protocol {} --write` writes it again.", protocol.name());
         folder.join(&name).exists().then(|| (protocol, json::<Results>(folder, &name, &remedy)))
     };
     let is_other = |protocol: &Protocol| *protocol != Protocol::default();
@@ -114,7 +114,7 @@ fn configuration(folder: &Path) -> Found<Config> {
         config.check()?;
         Ok(config)
     };
-    read().map_err(|error| Missing::new(format!("{} is of another version: {error:#}", run::CONFIG)))
+    read().map_err(|error| Missing::new(format!("{} was written by another version: {error:#}", run::CONFIG)))
 }
 
 fn text(folder: &Path, name: &str) -> Found<String> {
@@ -124,7 +124,7 @@ fn text(folder: &Path, name: &str) -> Found<String> {
     })
 }
 
-/// Reads a file of JSON; the `remedy` follows the sentence that says why it cannot be read.
+/// Reads a JSON file. If that fails, `remedy` follows the reason.
 fn json<T: DeserializeOwned>(folder: &Path, name: &str, remedy: &str) -> Found<T> {
     let wrong = |error| Missing::new(format!("{name} cannot be read: {error}.{remedy}"));
     serde_json::from_str(&text(folder, name)?).map_err(wrong)
@@ -138,9 +138,9 @@ mod tests {
     fn what_is_no_run_is_refused_and_named() {
         let folder = tempfile::tempdir().expect("folder");
         let error = RunFiles::read(folder.path()).expect_err("refused").to_string();
-        assert!(error.contains("is no run") && error.contains("results.json"), "{error}");
+        assert!(error.contains("is not a run") && error.contains("results.json"), "{error}");
         let error = RunFiles::read(&folder.path().join("gone")).expect_err("refused").to_string();
-        assert!(error.contains("there is no folder") && error.contains("gone"), "{error}");
+        assert!(error.contains("does not exist") && error.contains("gone"), "{error}");
         // A report alone is what is left of a run, not a run.
         std::fs::write(folder.path().join(run::REPORT), "x").expect("written");
         RunFiles::read(folder.path()).expect_err("refused");

@@ -1,4 +1,4 @@
-//! The head of the page: which run this is, and its metrics in front.
+//! The head of the page: the name of the run, and its main metrics.
 
 use std::borrow::Cow;
 
@@ -20,14 +20,14 @@ pub(super) fn title(files: &RunFiles) -> String {
     })
 }
 
-/// Title, and the circumstances in a line each.
+/// The title, and two lines of facts about the run.
 pub(super) fn head(files: &RunFiles) -> Markup {
     let of = |path: &[&str]| files.recorded(path);
     let views = of(&["scene", "train_views"]).zip(of(&["scene", "test_views"]));
     let what = [
         of(&["preset"]).map(|preset| ("preset", preset)),
         of(&["seed"]).map(|seed| ("seed", seed)),
-        views.map(|(train, test)| ("views", format!("{train} trained on, {test} held out"))),
+        views.map(|(train, test)| ("views", format!("{train} training, {test} held out"))),
         of(&["device"]).map(|device| ("device", device)),
     ];
     let when = [
@@ -47,25 +47,25 @@ pub(super) fn head(files: &RunFiles) -> Markup {
     }
 }
 
-/// A time of the record, `2026-03-09T17:04:05Z`, as people write it.
+/// A time of the record, such as `2026-03-09T17:04:05Z`, in a readable form.
 fn legible(time: &str) -> String {
     time.strip_suffix('Z').map_or(time.to_owned(), |time| format!("{} UTC", time.replace('T', " ")))
 }
 
-/// The state of the sources, if the run has noted it: a text, or a commit with what is said of it.
+/// The git state of the sources, if it was recorded: a text, or a commit with further values.
 fn git(files: &RunFiles) -> Option<String> {
     match files.record.as_ref().ok()?.get("git")? {
         Value::String(text) => Some(text.clone()),
         Value::Object(parts) => {
             let commit: String = parts.get("commit")?.as_str()?.chars().take(12).collect();
             let is_dirty = parts.get("dirty").and_then(Value::as_bool).unwrap_or(false);
-            Some(if is_dirty { format!("{commit} with changes") } else { commit })
+            Some(if is_dirty { format!("{commit} with local changes") } else { commit })
         }
         _ => None,
     }
 }
 
-/// A metric in front.
+/// A main metric.
 struct Card {
     name: Cow<'static, str>,
     title: &'static str,
@@ -73,7 +73,7 @@ struct Card {
     unit: &'static str,
 }
 
-/// The metrics that one asks for first.
+/// The main metrics of the run.
 pub(super) fn headline(files: &RunFiles) -> Markup {
     let Ok(results) = &files.results else { return html! {} };
     html! {
@@ -92,7 +92,7 @@ fn cards(results: &Results) -> impl Iterator<Item = Card> {
     quality(&results.test).into_iter().chain(cost(results)).flatten()
 }
 
-/// How good the pictures are.
+/// The quality of the renders.
 fn quality(test: &Scores) -> [Option<Card>; 7] {
     let metric = |name: &str, metric: Metric, value: Option<f64>| {
         let (name, unit) = (Cow::from(name.to_owned()), metric.unit().unwrap_or_default());
@@ -106,7 +106,7 @@ fn quality(test: &Scores) -> [Option<Card>; 7] {
     };
     let overlap = test.mask_iou.map(|value| Card {
         name: "mask IoU".into(),
-        title: "overlap of predicted and given mask",
+        title: "overlap of the predicted and the given mask",
         value: number(value, 3),
         unit: "",
     });
@@ -121,11 +121,11 @@ fn quality(test: &Scores) -> [Option<Card>; 7] {
     ]
 }
 
-/// What they cost.
+/// The cost of the renders.
 fn cost(results: &Results) -> [Option<Card>; 3] {
     let gaussians = Card {
         name: "Gaussians".into(),
-        title: "of both branches",
+        title: "total of both branches",
         value: (results.gaussians.static_.unwrap_or(0).saturating_add(results.gaussians.dynamic)).to_string(),
         unit: "",
     };
@@ -137,9 +137,9 @@ fn cost(results: &Results) -> [Option<Card>; 3] {
     });
     let speed = results.speed.map(|speed| Card {
         name: "rendering".into(),
-        title: "frames a second of the held-out views, all parts, nothing handed back to the host",
+        title: "frame rate on the held-out views, with all parts of the model and without transfers to the host",
         value: number(speed.fps, 1),
-        unit: "fps",
+        unit: "FPS",
     });
     [Some(gaussians), time, speed]
 }

@@ -1,10 +1,10 @@
-//! `metrics.jsonl` read back: what a training noted as it went.
+//! Reader of `metrics.jsonl`, the log of a training.
 
 use serde::Deserialize;
 
 use super::curve::{Mark, Point};
 
-/// A line, of which a number that was not finite is absent.
+/// A line. Numbers that were not finite are absent.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct LogLine {
     /// Steps done in the whole run.
@@ -22,7 +22,7 @@ pub struct LogLine {
     /// Numbers of Gaussians.
     #[serde(default)]
     pub gaussians: Counts,
-    /// Steps a second.
+    /// Steps per second.
     #[serde(default)]
     pub steps_per_second: Option<f64>,
 }
@@ -41,14 +41,14 @@ pub struct Counts {
 /// The lines of a training.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Log {
-    /// Those that could be read, by step.
+    /// The readable lines, by step.
     pub lines: Vec<LogLine>,
-    /// How many could not.
+    /// Number of unreadable lines.
     pub unreadable: usize,
 }
 
 impl Log {
-    /// Reads the lines; one that was cut short, as by a full disk, costs no other.
+    /// Reads the lines. A truncated line, for example after a full disk, does not affect the others.
     pub fn parse(text: &str) -> Self {
         let mut log = Self::default();
         for line in text.lines().filter(|line| !line.trim().is_empty()) {
@@ -61,13 +61,13 @@ impl Log {
         log
     }
 
-    /// A curve; a value that is absent is a gap.
+    /// A curve. Absent values are gaps.
     pub fn curve(&self, value: impl Fn(&LogLine) -> Option<f64>) -> Vec<Point> {
         let point = |line: &LogLine| Point { x: line.step as f64, y: value(line).unwrap_or(f64::NAN) };
         self.lines.iter().map(point).collect()
     }
 
-    /// Where the stages began, as far as they left a line.
+    /// The starts of the stages that have a line.
     pub fn stages(&self) -> Vec<Mark> {
         let mut marks: Vec<Mark> = Vec::new();
         for line in &self.lines {

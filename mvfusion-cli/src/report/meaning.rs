@@ -1,4 +1,4 @@
-//! What the metrics are, in the words of docs/evaluation.md, and why one may be absent.
+//! Definitions of the metrics, as in docs/evaluation.md, and the reasons why one may be absent.
 
 use std::collections::BTreeMap;
 
@@ -6,32 +6,30 @@ use mvfusion_model::evaluation::{Backbone, InputRange, Metric, Protocol};
 
 use crate::run::LpipsWeights;
 
-/// What a metric is, in a sentence.
+/// The definition of a metric, in one sentence.
 pub(super) fn meaning(metric: Metric) -> &'static str {
     match metric {
-        Metric::Psnr => "PSNR in dB of pictures rounded to 8 bits, all pixels and channels",
-        Metric::PsnrExact => "PSNR in dB of pictures as rendered",
-        Metric::Ssim => {
-            "SSIM, 11-pixel Gaussian window of sigma 1.5, zeros outside the picture, mean of the map (3DGS)"
-        }
+        Metric::Psnr => "PSNR in dB of renders rounded to 8 bits, over all pixels and channels",
+        Metric::PsnrExact => "PSNR in dB of unrounded renders",
+        Metric::Ssim => "SSIM with an 11-pixel Gaussian window of sigma 1.5 and zero padding, mean of the map (3DGS)",
         Metric::SsimValid => "SSIM without the 5 outermost pixels (scikit-image, torchmetrics, nerfbaselines)",
-        Metric::MsSsim => "MS-SSIM of pytorch-msssim, five scales",
+        Metric::MsSsim => "MS-SSIM as in pytorch-msssim, five scales",
         Metric::DSsim => "(1 - MS-SSIM) / 2",
         Metric::Lpips(variant) => match (variant.backbone, variant.range) {
-            (Backbone::Alex, InputRange::Signed) => "LPIPS v0.1 by AlexNet, fed [-1, 1] as it should be",
-            (Backbone::Vgg, InputRange::Signed) => "LPIPS v0.1 by VGG-16, fed [-1, 1] as it should be",
+            (Backbone::Alex, InputRange::Signed) => "LPIPS v0.1 with AlexNet, inputs in [-1, 1] as intended",
+            (Backbone::Vgg, InputRange::Signed) => "LPIPS v0.1 with VGG-16, inputs in [-1, 1] as intended",
             (Backbone::Alex, InputRange::Raw) => {
-                "LPIPS v0.1 by AlexNet, fed [0, 1] as by the code of 3DGS\u{2019} descendants"
+                "LPIPS v0.1 with AlexNet, inputs in [0, 1] as in the code of 3DGS\u{2019} descendants"
             }
-            (Backbone::Vgg, InputRange::Raw) => "LPIPS v0.1 by VGG-16, fed [0, 1] as by the code of 3DGS",
+            (Backbone::Vgg, InputRange::Raw) => "LPIPS v0.1 with VGG-16, inputs in [0, 1] as in the code of 3DGS",
         },
     }
 }
 
-/// Why no layer has a metric; `lpips` is what the networks were given, as far as the run has noted it.
+/// Why no layer has a metric. `lpips` contains the weights of the networks, if the run recorded them.
 pub(super) fn why_absent(metric: Metric, lpips: &BTreeMap<String, LpipsWeights>) -> String {
     match metric {
-        Metric::MsSsim | Metric::DSsim => "of pictures of more than 160 pixels a side".to_owned(),
+        Metric::MsSsim | Metric::DSsim => "needs images of more than 160 pixels on each side".to_owned(),
         Metric::Lpips(variant) => why_no_lpips(variant.backbone, lpips.get(variant.backbone.name())),
         _ => "not written by this run\u{2019}s version".to_owned(),
     }
@@ -39,16 +37,20 @@ pub(super) fn why_absent(metric: Metric, lpips: &BTreeMap<String, LpipsWeights>)
 
 fn why_no_lpips(backbone: Backbone, weights: Option<&LpipsWeights>) -> String {
     match (weights, backbone) {
-        // A network that was there has been shown pictures that it shrinks to nothing.
-        (Some(LpipsWeights::WeightsSha256(_)), Backbone::Alex) => "of pictures of at least 31 pixels a side".to_owned(),
-        (Some(LpipsWeights::WeightsSha256(_)), Backbone::Vgg) => "of pictures of at least 16 pixels a side".to_owned(),
+        // The weights were given, so the images are too small for the network.
+        (Some(LpipsWeights::WeightsSha256(_)), Backbone::Alex) => {
+            "needs images of at least 31 pixels on each side".to_owned()
+        }
+        (Some(LpipsWeights::WeightsSha256(_)), Backbone::Vgg) => {
+            "needs images of at least 16 pixels on each side".to_owned()
+        }
         (Some(LpipsWeights::Absent(reason)), _) => format!("{reason}, see docs/evaluation.md"),
-        (None, _) => "by networks whose weights were not given, see docs/evaluation.md".to_owned(),
+        (None, _) => "the network weights were not given, see docs/evaluation.md".to_owned(),
     }
 }
 
-/// The protocol that a run followed, by what its metrics are said to mean; where that is of another version, the one of
-/// the same name, and where there is none, this program's own, which names every metric.
+/// The protocol of a run, from its statement. A statement of another version selects the protocol of the same name. An
+/// unknown name selects this program's own protocol, which has every metric.
 pub(super) fn protocol_of(statement: &str) -> Protocol {
     let named = |protocol: &Protocol| {
         let rest = statement.strip_prefix(protocol.name());
@@ -69,10 +71,10 @@ mod tests {
         let missing = LpipsWeights::Absent("/weights has no such file".to_owned());
         let lpips = BTreeMap::from([("alex".to_owned(), given.clone()), ("vgg".to_owned(), missing)]);
         let why = |variant, lpips: &BTreeMap<String, LpipsWeights>| why_absent(Metric::Lpips(variant), lpips);
-        assert_eq!(why(LpipsVariant::ALEX, &lpips), "of pictures of at least 31 pixels a side");
+        assert_eq!(why(LpipsVariant::ALEX, &lpips), "needs images of at least 31 pixels on each side");
         assert_eq!(why(LpipsVariant::VGG_RAW, &lpips), "/weights has no such file, see docs/evaluation.md");
         let lpips = BTreeMap::from([("vgg".to_owned(), given)]);
-        assert_eq!(why(LpipsVariant::VGG, &lpips), "of pictures of at least 16 pixels a side");
+        assert_eq!(why(LpipsVariant::VGG, &lpips), "needs images of at least 16 pixels on each side");
         // A run of a version that did not note it.
         assert!(why(LpipsVariant::ALEX_RAW, &lpips).contains("weights were not given"));
     }

@@ -1,8 +1,8 @@
-//! `report.html`: a run on one page, made from the files of its folder alone.
+//! `report.html`: a run on one page, built only from the files of its folder.
 //!
-//! The page needs nothing but itself: style, script and pictures are inside, and its security policy forbids it the
-//! network. Whatever the run's files say is text, which [`maud`] escapes. A file that is missing or broken costs its
-//! section, which then says so.
+//! The page is self-contained: it includes style, script and images, and its security policy forbids network access.
+//! Text from the run's files is escaped by [`maud`]. If a file is missing or broken, its section says so, and the other
+//! sections are not affected.
 
 mod album;
 mod curve;
@@ -29,14 +29,14 @@ use crate::{atomic, run};
 /// The report of a run as HTML.
 ///
 /// # Errors
-/// If the folder does not exist or is no run.
+/// If the folder does not exist or is not a run.
 pub fn html(run: &Path) -> anyhow::Result<String> {
     let files = RunFiles::read(run)?;
     let album = Album::read(&files);
     Ok(page::page(&files, &album).into_string())
 }
 
-/// Writes the report into the run's folder, and returns where it lies.
+/// Writes the report to the run folder, and returns its path.
 ///
 /// # Errors
 /// As [`html()`], and if the file cannot be written.

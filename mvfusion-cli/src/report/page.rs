@@ -15,11 +15,11 @@ const SCRIPT: &str = include_str!("report.js");
 
 /// A section.
 struct Section {
-    /// Where links lead to.
+    /// Target of links.
     anchor: &'static str,
-    /// Its heading, also above the page.
+    /// Its heading, also shown in the navigation.
     title: &'static str,
-    /// What stands in it.
+    /// Its contents.
     body: fn(&RunFiles, &Album) -> Markup,
 }
 
@@ -27,7 +27,7 @@ struct Section {
 const SECTIONS: [Section; 7] = [
     Section { anchor: "metrics", title: "Metrics", body: |files, _| scores::scores(files) },
     Section { anchor: "training", title: "Training", body: |files, _| training::training(files) },
-    Section { anchor: "sliders", title: "Before and after", body: images::sliders },
+    Section { anchor: "sliders", title: "Comparison", body: images::sliders },
     Section { anchor: "layers", title: "Branch decomposition", body: images::layers },
     Section { anchor: "motion", title: "Motion", body: images::heat_maps },
     Section { anchor: "record", title: "Record", body: |files, _| record::record(files) },
@@ -35,7 +35,7 @@ const SECTIONS: [Section; 7] = [
 ];
 
 impl Section {
-    /// Its title, which leads to it.
+    /// Its title, as a link to it.
     fn link(&self) -> Markup {
         html! { a href=(format!("#{}", self.anchor)) { (self.title) } }
     }
@@ -57,7 +57,7 @@ pub(super) fn page(files: &RunFiles, album: &Album) -> Markup {
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 meta name="color-scheme" content="light dark";
                 title { (head::title(files)) " \u{2013} MVFusion-GS" }
-                // The icon that browsers would ask for otherwise.
+                // Browsers would request an icon otherwise.
                 link rel="icon" href="data:,";
                 style { (PreEscaped(STYLE)) }
             }
@@ -75,8 +75,8 @@ pub(super) fn page(files: &RunFiles, album: &Album) -> Markup {
     }
 }
 
-/// What the page may do: show what is in it, and run its own script, known by its hash. Styles may be inline, as
-/// those of the sliders are.
+/// The security policy: the page may show its own images and run its own script, identified by its hash. Inline styles
+/// are allowed, because the sliders use them.
 fn policy() -> String {
     let hash = STANDARD.encode(Sha256::digest(SCRIPT));
     format!(
@@ -90,12 +90,12 @@ fn foot(album: &Album) -> Markup {
     html! {
         footer {
             p {
-                "Made by mvfusion " (env!("CARGO_PKG_VERSION")) " from the files of the run\u{2019}s folder. "
+                "Created by mvfusion " (env!("CARGO_PKG_VERSION")) " from the files of the run folder. "
                 "This page needs no other file and no network. "
                 @if shown > 0 {
-                    "It shows " (shown) " of the " (album.in_folder) " held-out views with pictures: small ones as \
-                    they were written, others as JPEG (quality " (QUALITY) ", at most " (album.widest) " pixels \
-                    wide). Metrics were computed before that, on the originals."
+                    "It shows " (shown) " of the " (album.in_folder) " held-out views with images. Small images are \
+                    embedded unchanged, others as JPEG (quality " (QUALITY) ", at most " (album.widest) " pixels \
+                    wide). The metrics were computed on the original images."
                 }
             }
         }

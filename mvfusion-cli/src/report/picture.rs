@@ -1,4 +1,4 @@
-//! A picture within the page, as a data URI.
+//! An image embedded in the page, as a data URI.
 
 use std::io::{self, Cursor};
 use std::path::Path;
@@ -11,13 +11,13 @@ use image::{DynamicImage, ImageFormat, ImageReader};
 
 use super::files::{Found, Missing};
 
-/// PNG files up to this many bytes stand in the page as they are.
+/// PNG files up to this many bytes are embedded unchanged.
 const SMALL: usize = 48 * 1024;
 
-/// Quality of the JPEGs that the others become.
+/// JPEG quality of all other images.
 pub(super) const QUALITY: u8 = 90;
 
-/// A picture of the page.
+/// An image of the page.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Embedded {
     /// `data:image/…`.
@@ -28,19 +28,18 @@ pub(super) struct Embedded {
     pub height: u32,
 }
 
-/// Takes a PNG file into the page: as it is if it is small and no wider than `widest`, else as a JPEG of at most that
-/// width.
+/// Embeds a PNG file: unchanged if it is small and no wider than `widest`, otherwise as a JPEG of at most that width.
 ///
 /// # Errors
-/// A [`Missing`] that names the file as `name` if it is missing or no picture.
+/// A [`Missing`] that names the file as `name` if it is missing or not an image.
 pub(super) fn embed(path: &Path, name: &str, widest: u32) -> Found<Embedded> {
     let bytes = std::fs::read(path).map_err(|error| match error.kind() {
-        io::ErrorKind::NotFound => Missing::new(format!("There is no {name}.")),
+        io::ErrorKind::NotFound => Missing::new(format!("The file {name} is missing.")),
         _ => Missing::new(format!("{name} cannot be read: {error}.")),
     })?;
-    // Decoded even if it stays as it is: a browser would show a broken picture without a word.
+    // Decoded even if it is embedded unchanged, because a browser would show a broken image without a message.
     let picture = ImageReader::with_format(Cursor::new(&bytes), ImageFormat::Png).decode();
-    let wrong = |error| Missing::new(format!("{name} is no picture: {error}."));
+    let wrong = |error| Missing::new(format!("{name} is not an image: {error}."));
     let picture = picture.map_err(wrong)?;
     let (width, height) = (picture.width(), picture.height());
     let uri = match bytes.len() <= SMALL && width <= widest {
@@ -97,8 +96,8 @@ mod tests {
         let folder = tempfile::tempdir().expect("folder");
         let path = folder.path().join("a.png");
         let sentence = |path: &Path| embed(path, "layer/a.png", 960).expect_err("missing").to_string();
-        assert_eq!(sentence(&path), "There is no layer/a.png.");
+        assert_eq!(sentence(&path), "The file layer/a.png is missing.");
         std::fs::write(&path, b"\x89PNG\r\n\x1a\n and no more").expect("written");
-        assert!(sentence(&path).starts_with("layer/a.png is no picture"), "{}", sentence(&path));
+        assert!(sentence(&path).starts_with("layer/a.png is not an image"), "{}", sentence(&path));
     }
 }

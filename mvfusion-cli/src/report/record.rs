@@ -1,4 +1,4 @@
-//! The sections of what was done: the record, the metrics as they were written, the configuration.
+//! The sections for the record, the raw metrics and the configuration.
 
 use maud::{Markup, html};
 use serde_json::Value;
@@ -7,7 +7,7 @@ use super::files::RunFiles;
 use super::snippet::notice;
 use crate::run;
 
-/// `run.json` as a table, and `results.json` as it is.
+/// `run.json` as a table, and `results.json` unchanged.
 pub(super) fn record(files: &RunFiles) -> Markup {
     html! {
         @match &files.record {
@@ -21,8 +21,9 @@ pub(super) fn record(files: &RunFiles) -> Markup {
                 summary { (run::RESULTS) ", in full precision" }
                 @if has_names_of_the_field(results) {
                     p.note {
-                        "Under " code { "ours_\u{2026}" } " stand the names that scripts of 3DGS and its descendants \
-                        read: LPIPS there is fed [0, 1], so that LPIPS-vgg is what the tables call LPIPS-vgg on [0,1]."
+                        "The entry " code { "ours_\u{2026}" } " uses the names that scripts of 3DGS and its \
+                        descendants read. Its LPIPS inputs are in [0, 1], so its LPIPS-vgg is LPIPS-vgg on [0,1] in \
+                        the tables."
                     }
                 }
                 pre { (serde_json::to_string_pretty(results).unwrap_or_else(|error| error.to_string())) }
@@ -32,17 +33,17 @@ pub(super) fn record(files: &RunFiles) -> Markup {
     }
 }
 
-/// Whether metrics stand there a second time, under names that mean something else in the tables of the page.
+/// Whether the metrics are also stored under names that mean something else in the tables of the page.
 fn has_names_of_the_field(results: &Value) -> bool {
     results.as_object().is_some_and(|parts| parts.keys().any(|name| name.starts_with("ours_")))
 }
 
-/// The configuration, every key.
+/// The complete configuration.
 pub(super) fn config(files: &RunFiles) -> Markup {
     html! {
         @match &files.config_text {
             Ok(text) => {
-                p.note { code { "mvfusion train --config " (run::CONFIG) } " does the run again." }
+                p.note { code { "mvfusion train --config " (run::CONFIG) } " repeats the run." }
                 details { summary { (run::CONFIG) ", " (text.lines().count()) " lines" } pre { (text) } }
             },
             Err(missing) => (notice(missing)),
@@ -51,7 +52,7 @@ pub(super) fn config(files: &RunFiles) -> Markup {
     }
 }
 
-/// The values of a record by dotted name; lists of plain values in one line.
+/// The values of a record by dotted name. Lists of plain values become one line.
 fn entries(record: &Value) -> Vec<(String, String)> {
     let mut found = Vec::new();
     collect(record, "", &mut found);
@@ -76,7 +77,7 @@ fn collect(value: &Value, name: &str, found: &mut Vec<(String, String)>) {
 
 fn plain(value: &Value) -> String {
     match value {
-        // An argument of a command line with a blank in it is still one argument.
+        // Quoted, so that an argument with a space is recognised as one argument.
         Value::String(text) if text.contains(char::is_whitespace) => format!("\"{text}\""),
         Value::String(text) => text.clone(),
         other => other.to_string(),

@@ -1,15 +1,15 @@
 'use strict';
-// Shows what needs a script.
+// Show the parts that need a script.
 document.documentElement.classList.add('js');
 
-// A picture that is shown again is copied from where it stands.
+// Copy repeated images from their first occurrence.
 const copy = (picture, id) => {
   const source = document.getElementById(id);
   if (source) picture.src = source.src;
 };
 for (const picture of document.querySelectorAll('img[data-copy]')) copy(picture, picture.dataset.copy);
 
-// Before and after: the range moves the edge at which the right picture begins.
+// Comparison: the range moves the boundary between the two images.
 for (const figure of document.querySelectorAll('figure.slider')) {
   const range = figure.querySelector('input');
   const move = () => figure.style.setProperty('--at', range.value + '%');
@@ -22,7 +22,7 @@ for (const figure of document.querySelectorAll('figure.slider')) {
   }
 }
 
-// A click on a picture of a row, or Enter, shows it large, and small again.
+// A click on an image of a row, or Enter, toggles its large size.
 for (const figure of document.querySelectorAll('.row figure')) {
   const toggle = () => figure.classList.toggle('large');
   figure.tabIndex = 0;
@@ -30,7 +30,7 @@ for (const figure of document.querySelectorAll('.row figure')) {
   figure.addEventListener('keydown', event => { if (event.key === 'Enter') toggle(); });
 }
 
-// Tables of views: a click on a column sorts by it, another one the other way round.
+// Tables of views: a click on a column sorts by it, a second click reverses the order.
 for (const table of document.querySelectorAll('table.sortable')) {
   const body = table.tBodies[0];
   for (const head of table.tHead.rows[0].cells) {
@@ -53,7 +53,7 @@ for (const table of document.querySelectorAll('table.sortable')) {
   }
 }
 
-// What is folded up is printed as well.
+// Open folded parts for printing.
 addEventListener('beforeprint', () => {
   for (const details of document.querySelectorAll('details')) details.open = true;
 });

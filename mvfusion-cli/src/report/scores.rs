@@ -1,4 +1,4 @@
-//! The section of the metrics: means by layer and region, and by each protocol.
+//! The section of the metrics: means by layer and region, under each protocol.
 
 use std::collections::BTreeMap;
 
@@ -25,15 +25,15 @@ pub(super) fn scores(files: &RunFiles) -> Markup {
     html! {
         (own)
         @for (protocol, results) in &files.others { (by_another(*protocol, results)) }
-        h3 { "View by view" }
+        h3 { "Per-view metrics" }
         (views)
     }
 }
 
-/// The same run's metrics as another protocol has them.
+/// The metrics of the run under another protocol.
 fn by_another(protocol: Protocol, results: &Found<Results>) -> Markup {
     html! {
-        h3 { "By the protocol " (protocol.name()) }
+        h3 { "Metrics under the protocol " (protocol.name()) }
         @match results {
             Ok(results) => (means(results)),
             Err(missing) => (notice(missing)),
@@ -41,16 +41,16 @@ fn by_another(protocol: Protocol, results: &Found<Results>) -> Markup {
     }
 }
 
-/// How much of a picture is compared.
+/// The part of an image that is compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Extent {
-    /// All of it.
+    /// The whole image.
     Picture,
-    /// Where something moves, or where nothing does.
+    /// Only the pixels of a region.
     Region,
 }
 
-/// A row of the table: what is compared, its metrics, and if there are none, why.
+/// A row of the table: what is compared, its metrics, and the reason if there are none.
 struct Row {
     name: String,
     title: &'static str,
@@ -64,42 +64,42 @@ fn rows(scores: &Scores, results: &Results) -> [Row; 5] {
         None => "the model has no static branch",
         Some(_) => "no clean background is known",
     };
-    const NO_REGION: &str = "no masks were given, and no camera stands still";
+    const NO_REGION: &str = "no masks were given, and no camera is static";
     [
         Row {
             name: scores.label("composed"),
-            title: "the blended picture against the photo",
+            title: "the composed render compared with the photo",
             extent: Extent::Picture,
             scores: Some(scores.composed),
             absent: "not scored",
         },
         Row {
             name: scores.label("static"),
-            title: "the static branch against the clean background",
+            title: "the static branch compared with the clean background",
             extent: Extent::Picture,
             scores: scores.static_,
             absent: no_static,
         },
         Row {
             name: scores.label("dynamic_region"),
-            title: "the blended picture against the photo, where something moves",
+            title: "the composed render compared with the photo, where something moves",
             extent: Extent::Region,
             scores: scores.dynamic_region,
             absent: NO_REGION,
         },
         Row {
             name: scores.label("still_region"),
-            title: "the blended picture against the photo, where nothing moves",
+            title: "the composed render compared with the photo, where nothing moves",
             extent: Extent::Region,
             scores: scores.still_region,
             absent: NO_REGION,
         },
         Row {
             name: scores.label("movers"),
-            title: "the blended picture against the photo, where something that goes somewhere is in front",
+            title: "the composed render compared with the photo, where a mover is in front",
             extent: Extent::Region,
             scores: scores.movers,
-            absent: "what goes somewhere is known of built-in scenes alone, or is nowhere in these views",
+            absent: "movers are known only in built-in scenes, or none is visible in these views",
         },
     ]
 }
@@ -114,7 +114,7 @@ fn means(results: &Results) -> Markup {
     }
 }
 
-/// The table of a set of views, and what belongs to none of its cells.
+/// The table of a set of views, and the metrics outside the table.
 fn layers(caption: &str, scores: &Scores, results: &Results) -> Markup {
     let rows = rows(scores, results);
     let is_known = |metric: &Metric| rows.iter().any(|row| row.scores.is_some_and(|s| metric.of(&s).is_some()));
@@ -140,12 +140,12 @@ fn layers(caption: &str, scores: &Scores, results: &Results) -> Markup {
         }
         (beside(scores))
         @if !unknown.is_empty() {
-            p.note { "Not known: " (excuses(&unknown, &results.lpips)) "." }
+            p.note { "Not available: " (excuses(&unknown, &results.lpips)) "." }
         }
     }
 }
 
-/// The metrics that no layer has, those with the same reason together.
+/// The missing metrics, grouped by reason.
 fn excuses(unknown: &[Metric], lpips: &BTreeMap<String, LpipsWeights>) -> String {
     let mut excuses: Vec<(String, Vec<&str>)> = Vec::new();
     for &metric in unknown {
@@ -168,46 +168,44 @@ fn cell(row: &Row, metric: Metric) -> Markup {
     }
 }
 
-/// Why a row that has other metrics lacks one that another row has.
+/// Why a row with other metrics lacks one that another row has.
 fn why_blank(extent: Extent, metric: Metric, scores: &LayerScores) -> &'static str {
     match (extent, metric) {
-        (_, Metric::Psnr) => "every picture equals what it is compared with once rounded, so PSNR is infinite",
-        (_, Metric::PsnrExact) if scores.psnr.is_none() => {
-            "every picture equals what it is compared with, so PSNR is infinite"
-        }
+        (_, Metric::Psnr) => "every image equals its reference after rounding, so PSNR is infinite",
+        (_, Metric::PsnrExact) if scores.psnr.is_none() => "every image equals its reference, so PSNR is infinite",
         (Extent::Region, Metric::MsSsim | Metric::DSsim) => {
-            "MS-SSIM multiplies means over five scales of the whole picture, so it has no map to take a region of"
+            "MS-SSIM multiplies means over five scales of the whole image, so it has no map to select a region from"
         }
         (Extent::Region, Metric::SsimValid) => {
-            "none of its pixels is inside the border of 5 pixels, or the run\u{2019}s version did not know this metric"
+            "all of its pixels are in the 5-pixel border, or the run\u{2019}s version did not support this metric"
         }
         _ => "not written by this run\u{2019}s version",
     }
 }
 
-/// The metrics that no layer has: difference of regions, overlap of masks, small movers, and flicker.
+/// The metrics that do not belong to a layer: difference of regions, overlap of masks, small movers and flicker.
 fn beside(scores: &Scores) -> Markup {
     let temporal = scores.temporal.unwrap_or_default();
     let metrics = [
-        ("mask IoU \u{2191}", "overlap of predicted and given mask, pixels of all views pooled", scores.mask_iou),
+        (
+            "mask IoU \u{2191}",
+            "overlap of the predicted and the given mask, over the pixels of all views",
+            scores.mask_iou,
+        ),
         (
             "recall of small movers \u{2191}",
-            "share of what moves in parts below 1 % of the picture that the predicted mask covers, pixels of all views \
-             pooled",
+            "share of the pixels of small moving components (below 1 % of the image) that the predicted mask covers, \
+             over all views",
             scores.small_movers.map(|small| small.recall),
         ),
-        (
-            "T-LPIPS-alex \u{2193}",
-            "mean |LPIPS(pictures) - LPIPS(photos)| of consecutive frames",
-            temporal.t_lpips_alex,
-        ),
-        ("T-LPIPS-vgg \u{2193}", "the same by VGG-16", temporal.t_lpips_vgg),
+        ("T-LPIPS-alex \u{2193}", "mean |LPIPS(renders) - LPIPS(photos)| of consecutive frames", temporal.t_lpips_alex),
+        ("T-LPIPS-vgg \u{2193}", "the same with VGG-16", temporal.t_lpips_vgg),
         (
             "consecutive LPIPS-alex",
-            "LPIPS of each picture and the one before; motion counts",
+            "LPIPS of each render and the previous one; includes motion",
             temporal.consecutive_lpips_alex,
         ),
-        ("consecutive LPIPS-vgg", "the same by VGG-16", temporal.consecutive_lpips_vgg),
+        ("consecutive LPIPS-vgg", "the same with VGG-16", temporal.consecutive_lpips_vgg),
     ];
     let known: Vec<_> = metrics.into_iter().filter_map(|(name, title, value)| Some((name, title, value?))).collect();
     html! {
@@ -215,7 +213,7 @@ fn beside(scores: &Scores) -> Markup {
             ul.beside {
                 @if let Some(shown) = scores.composed_shows { li { "composed shows " b { (what_photos_show(shown)) } } }
                 @if let Some(difference) = scores.dynamic_minus_still_psnr {
-                    li title="PSNR of the dynamic region less that of the still region" {
+                    li title="PSNR of the dynamic region minus PSNR of the still region" {
                         "dynamic - still region " b { (number(difference, 2)) } " dB"
                     }
                 }
@@ -246,7 +244,7 @@ pub(super) mod tests {
     fn a_dash_tells_what_a_region_cannot_have_from_what_this_one_lacks() {
         let nothing = LayerScores::default();
         assert!(why_blank(Extent::Region, Metric::MsSsim, &known()).contains("has no map"));
-        assert!(why_blank(Extent::Region, Metric::SsimValid, &known()).contains("inside the border"));
+        assert!(why_blank(Extent::Region, Metric::SsimValid, &known()).contains("5-pixel border"));
         for extent in [Extent::Picture, Extent::Region] {
             assert!(why_blank(extent, Metric::Psnr, &known()).contains("infinite"));
             assert!(why_blank(extent, Metric::PsnrExact, &nothing).contains("infinite"));

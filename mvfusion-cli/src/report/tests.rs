@@ -1,4 +1,4 @@
-//! The page of runs that were made up: whole ones, those with gaps, and those that mean harm.
+//! The pages of synthetic runs: complete ones, incomplete ones, and hostile ones.
 
 use std::fs;
 use std::path::Path;
@@ -112,7 +112,7 @@ fn a_metric_that_is_not_known_is_a_dash_with_its_reason() {
 #[test]
 fn other_protocols_have_tables_of_their_own_in_a_fixed_order() {
     let folder = run(Protocol::Mvfusion.statement());
-    assert!(!html(folder.path()).expect("a page").contains("By the protocol"));
+    assert!(!html(folder.path()).expect("a page").contains("Metrics under the protocol"));
     for (protocol, psnr) in [(Protocol::NerfBaselines, 24.25), (Protocol::ThreeDgs, 23.75)] {
         let composed = LayerScores { psnr: Some(psnr), ..LayerScores::default() };
         let results =
@@ -123,17 +123,17 @@ fn other_protocols_have_tables_of_their_own_in_a_fixed_order() {
     let page = html(folder.path()).expect("a page");
     let places = [
         "27.34",
-        "By the protocol degauss",
+        "Metrics under the protocol degauss",
         "protocols/degauss/results.json cannot be read",
-        "`mvfusion eval RUN --protocol degauss --write` writes it anew",
-        "By the protocol 3dgs",
+        "`mvfusion eval RUN --protocol degauss --write` writes it again",
+        "Metrics under the protocol 3dgs",
         "23.75",
         "</b>3dgs: last iteration",
-        "By the protocol nerfbaselines",
+        "Metrics under the protocol nerfbaselines",
         "24.25",
         "LPIPS-alex, LPIPS-vgg (no folder",
         "</b>nerfbaselines: last iteration",
-        "View by view",
+        "Per-view metrics",
     ];
     let found = places.map(|words| page.find(words).unwrap_or_else(|| panic!("{words} is missing")));
     assert!(found.is_sorted(), "{found:?}");
@@ -151,7 +151,7 @@ fn a_region_has_the_ssim_without_border_and_no_ms_ssim() {
     write(folder.path(), "protocols/degauss/results.json", json(&results));
     let page = html(folder.path()).expect("a page");
     assert!(page.contains(">0.9375</td>") && page.contains(">0.8125</td>"));
-    assert_eq!(count(&page, "so it has no map to take a region of"), 1, "MS-SSIM of the dynamic region");
+    assert_eq!(count(&page, "so it has no map to select a region from"), 1, "MS-SSIM of the dynamic region");
 }
 
 #[test]
@@ -219,14 +219,16 @@ fn broken_files_and_pictures_cost_their_places_alone() {
     write(folder.path(), "per_view.json", "[]");
     write(folder.path(), "renders/test/composed/00000.png", "no picture");
     let page = html(folder.path()).expect("a page");
-    for lack in
-        ["results.json cannot be read", "per_view.json cannot be read", "renders/test/composed/00000.png is no picture"]
-    {
+    for lack in [
+        "results.json cannot be read",
+        "per_view.json cannot be read",
+        "renders/test/composed/00000.png is not an image",
+    ] {
         assert!(page.contains(lack), "{lack}");
     }
     // The others are there, and the slider compares what is left.
     assert_eq!(count(&page, "src=\"data:image/png"), 4);
-    assert_eq!(count(&page, "<metric class=\"slider script\""), 1);
+    assert_eq!(count(&page, "<figure class=\"slider script\""), 1);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! The section of the training's curves.
+//! The section of the training curves.
 
 use maud::{Markup, html};
 use mvfusion_model::Config;
@@ -9,12 +9,13 @@ use super::files::RunFiles;
 use super::log::Log;
 use super::snippet::notice;
 
-/// Curves of more points than this are drawn with their mean over [`WINDOW`].
+/// Curves with more points than this are drawn with their running mean over [`WINDOW`].
 const NOISY: usize = 60;
-/// Share of a curve's points over which a mean is taken: enough to be read, too few to hide a stage's begin.
+/// The window of the mean is the number of points divided by this: wide enough to be smooth, and too short to hide the
+/// start of a stage.
 const WINDOW: usize = 30;
 
-/// Loss, PSNR, numbers of Gaussians and pace over the steps.
+/// Loss, PSNR, numbers of Gaussians and speed over the steps.
 pub(super) fn training(files: &RunFiles) -> Markup {
     match &files.log {
         Ok(log) => curves(log, &marks(files, log)),
@@ -33,21 +34,21 @@ fn curves(log: &Log, marks: &[Mark]) -> Markup {
     html! {
         div.charts {
             (Chart::fitting("Loss", noisy(log.curve(|line| line.loss)), marks).draw())
-            (Chart::linear("PSNR of the step\u{2019}s photos, dB", noisy(log.curve(|line| line.psnr)), marks).draw())
+            (Chart::linear("PSNR of the training batch, dB", noisy(log.curve(|line| line.psnr)), marks).draw())
             (Chart::amounts("Gaussians", known(gaussians), marks).draw())
-            (Chart::amounts("Steps a second", pace, marks).draw())
+            (Chart::amounts("Steps per second", pace, marks).draw())
         }
         p.note {
             "From metrics.jsonl, " (log.lines.len()) " lines. "
             @if log.lines.len() > NOISY {
-                "Pale: as noted, for each step\u{2019}s few photos; strong: running mean of them. "
+                "Pale curves show single batches, strong curves their running mean. "
             }
-            @if log.unreadable > 0 { b { (log.unreadable) " of its lines could not be read and are left out." } }
+            @if log.unreadable > 0 { b { (log.unreadable) " lines could not be read and are left out." } }
         }
     }
 }
 
-/// A curve, and before it, if it is long, the same unsmoothed.
+/// A curve. A long one is smoothed, and the unsmoothed curve comes before it.
 fn noisy(points: Vec<Point>) -> Vec<Series> {
     let series = |weight, points| Series { name: None, colour: 0, weight, points };
     if points.len() <= NOISY {
@@ -57,12 +58,12 @@ fn noisy(points: Vec<Point>) -> Vec<Series> {
     vec![series(Weight::Faint, points), series(Weight::Bold, mean)]
 }
 
-/// The curves that have a value; models of one branch have no static one.
+/// The curves that have a value. Models with one branch have no static curve.
 fn known(series: Vec<Series>) -> Vec<Series> {
     series.into_iter().filter(|series| series.points.iter().any(|point| point.y.is_finite())).collect()
 }
 
-/// Where the stages begin: by the configuration, which knows those that left no line, else by the lines.
+/// The starts of the stages: from the configuration, which includes stages without a line, otherwise from the lines.
 fn marks(files: &RunFiles, log: &Log) -> Vec<Mark> {
     match &files.config {
         Ok(config) => planned(config),

@@ -1,4 +1,4 @@
-//! Every view: a curve for each PSNR, the views that are worst where things move, and a table.
+//! Per-view metrics: a curve for each PSNR, the views with the worst moving parts, and a table.
 
 use maud::{Markup, html};
 use mvfusion_model::evaluation::{LpipsVariant, Metric, Scores, ViewScores};
@@ -7,16 +7,16 @@ use super::curve::{Chart, Point, Series, Weight};
 use super::snippet::number;
 use crate::run::PerView;
 
-/// Views from which their metrics are drawn as well, and beyond which the table is folded up.
+/// Minimum number of views for a chart, and maximum number of views for an open table.
 const DRAWN: usize = 8;
 const FOLDED: usize = 12;
-/// Views that are named as the worst.
+/// Number of worst views that are listed.
 const WORST: usize = 4;
 
 /// A column of the table of views.
 struct ViewColumn {
     name: &'static str,
-    /// The part of the picture that it is of, as [`Scores::label_and_source`] knows it; empty for all of it.
+    /// The part of the image, as in [`Scores::label_and_source`]; empty for the whole image.
     part: &'static str,
     title: &'static str,
     decimals: usize,
@@ -41,35 +41,35 @@ const VIEW_COLUMNS: [ViewColumn; 13] = [
     ViewColumn {
         name: Metric::Lpips(LpipsVariant::ALEX).label(),
         part: "",
-        title: "composed, network fed [-1, 1]",
+        title: "composed, network inputs in [-1, 1]",
         decimals: 4,
         of: |scores| Metric::Lpips(LpipsVariant::ALEX).of(&scores.composed),
     },
     ViewColumn {
         name: Metric::Lpips(LpipsVariant::VGG).label(),
         part: "",
-        title: "composed, network fed [-1, 1]",
+        title: "composed, network inputs in [-1, 1]",
         decimals: 4,
         of: |scores| Metric::Lpips(LpipsVariant::VGG).of(&scores.composed),
     },
     ViewColumn {
         name: Metric::Lpips(LpipsVariant::ALEX_RAW).label(),
         part: "",
-        title: "composed, network fed [0, 1]",
+        title: "composed, network inputs in [0, 1]",
         decimals: 4,
         of: |scores| Metric::Lpips(LpipsVariant::ALEX_RAW).of(&scores.composed),
     },
     ViewColumn {
         name: Metric::Lpips(LpipsVariant::VGG_RAW).label(),
         part: "",
-        title: "composed, network fed [0, 1]",
+        title: "composed, network inputs in [0, 1]",
         decimals: 4,
         of: |scores| Metric::Lpips(LpipsVariant::VGG_RAW).of(&scores.composed),
     },
     ViewColumn {
         name: "static PSNR",
         part: "",
-        title: "static branch against the clean background, dB",
+        title: "static branch compared with the clean background, dB",
         decimals: 2,
         of: |scores| scores.static_?.psnr,
     },
@@ -90,14 +90,14 @@ const VIEW_COLUMNS: [ViewColumn; 13] = [
     ViewColumn {
         name: "movers PSNR",
         part: "movers",
-        title: "composed, where something that goes somewhere is in front, dB",
+        title: "composed, where a mover is in front, dB",
         decimals: 2,
         of: |scores| scores.movers?.psnr,
     },
     ViewColumn {
         name: "small movers",
         part: "",
-        title: "share of moving parts below 1 % of the picture that the mask covers",
+        title: "share of the pixels of small moving components (below 1 % of the image) that the mask covers",
         decimals: 4,
         of: |scores| scores.small_movers.map(|small| small.recall),
     },
@@ -111,21 +111,21 @@ const VIEW_COLUMNS: [ViewColumn; 13] = [
     ViewColumn {
         name: "T-LPIPS-alex",
         part: "",
-        title: "flicker since the frame before",
+        title: "flicker relative to the previous frame",
         decimals: 4,
         of: |scores| scores.temporal?.t_lpips_alex,
     },
 ];
 
 impl ViewColumn {
-    /// Its name, with the masks of a region.
+    /// Its name, with the mask source of a region.
     fn heading(&self, views: &[&ViewScores]) -> String {
         let source = views.iter().find_map(|view| view.scores.label_and_source(self.part).1);
         self.name.to_owned() + &source.map_or(String::new(), |source| format!(" ({})", source.words()))
     }
 }
 
-/// Every view: PSNR as curves, what is lowest in words, and all metrics in a table.
+/// The metrics of every view: PSNR as curves, the worst views in words, and all metrics in a table.
 pub(super) fn views(per_view: &PerView) -> Markup {
     let views: Vec<&ViewScores> = per_view.test.values().collect();
     let is_known = |column: &ViewColumn| views.iter().any(|view| (column.of)(&view.scores).is_some());
@@ -158,7 +158,7 @@ pub(super) fn views(per_view: &PerView) -> Markup {
     }
 }
 
-/// PSNR over the views, in their order, which is that of a camera's frames.
+/// PSNR over the views, in the order of a camera's frames.
 fn chart(views: &[&ViewScores]) -> Chart<'static> {
     let curve = |layer: &str, colour, of: PsnrOf| {
         let point =
@@ -179,14 +179,14 @@ fn chart(views: &[&ViewScores]) -> Chart<'static> {
 /// A PSNR of a view.
 type PsnrOf = fn(&Scores) -> Option<f64>;
 
-/// A layer in words, with the masks of a region.
+/// A layer in words, with the mask source of a region.
 fn name(layer: &str, views: &[&ViewScores]) -> String {
     let labels = || views.iter().map(|view| view.scores.label(layer));
-    // A view in which nothing moves says nothing of masks.
+    // A view without motion has no mask source.
     labels().find(|label| label.ends_with(')')).or_else(|| labels().next()).unwrap_or_default()
 }
 
-/// The views whose movers, or else whose dynamic region, are shown worst: a mean hides a frame without its ball.
+/// The views with the worst movers, or otherwise the worst dynamic region. A mean would hide a single bad frame.
 fn lowest(views: &[&ViewScores]) -> Markup {
     let of_movers: PsnrOf = |scores| scores.movers?.psnr;
     let of_region: PsnrOf = |scores| scores.dynamic_region?.psnr;
@@ -200,7 +200,8 @@ fn lowest(views: &[&ViewScores]) -> Markup {
     html! {
         @if let Some((median, _)) = sorted.get(sorted.len() / 2) {
             p.note {
-                "PSNR of " (name(layer, views)) ", dB: median " (number(*median, 2)) "; lowest in " (worst.join(", ")) "."
+                "PSNR of " (name(layer, views)) ", dB: median " (number(*median, 2)) "; lowest in " (worst.join(", "))
+                "."
             }
         }
     }

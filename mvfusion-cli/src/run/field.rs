@@ -1,4 +1,4 @@
-//! Metrics under the names that the scripts of 3DGS and its descendants look for in `results.json` and `per_view.json`:
+//! Metrics under the names that the scripts of 3DGS and its descendants expect in `results.json` and `per_view.json`:
 //! `{"ours_14000": {"PSNR": ..}}`.
 
 use std::collections::BTreeMap;
@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use mvfusion_model::evaluation::{LayerScores, LpipsVariant, Metric, ViewScores};
 use serde::Serialize;
 
-/// The field's name of a metric, and what it is here: both kinds of LPIPS are fed `[0, 1]`.
+/// The common name of a metric, and the metric itself. Both LPIPS networks receive inputs in `[0, 1]`.
 const FIGURES: [(&str, Metric); 6] = [
     ("SSIM", Metric::Ssim),
     ("PSNR", Metric::Psnr),
@@ -16,23 +16,23 @@ const FIGURES: [(&str, Metric); 6] = [
     ("D-SSIM", Metric::DSsim),
 ];
 
-/// Means of the composed pictures, by the field's names.
+/// Means over the composed renders, by their common names.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[serde(transparent)]
 pub struct FieldScores(BTreeMap<&'static str, f64>);
 
-/// Metrics of every composed picture, by the field's names and the pictures'.
+/// Metrics of every composed render, by their common names and the names of the images.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[serde(transparent)]
 pub struct FieldPerView(BTreeMap<&'static str, BTreeMap<String, f64>>);
 
-/// Under what name a training of so many steps stands there.
+/// The method name of a training with this number of steps.
 fn method(steps: usize) -> String {
     format!("ours_{steps}")
 }
 
 impl FieldScores {
-    /// The metrics of a layer that are known.
+    /// The known metrics of a layer.
     pub fn of(steps: usize, scores: &LayerScores) -> BTreeMap<String, Self> {
         let known = FIGURES.into_iter().filter_map(|(name, metric)| Some((name, metric.of(scores)?)));
         BTreeMap::from([(method(steps), Self(known.collect()))])
@@ -40,7 +40,7 @@ impl FieldScores {
 }
 
 impl FieldPerView {
-    /// The metrics of views that are known, by the names of their pictures.
+    /// The known metrics of views, by the names of their images.
     pub fn of(steps: usize, views: &BTreeMap<String, ViewScores>) -> BTreeMap<String, Self> {
         let column = |metric: Metric| -> BTreeMap<String, f64> {
             let value = |view: &ViewScores| metric.of(&view.scores.composed);

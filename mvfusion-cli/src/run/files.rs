@@ -1,37 +1,37 @@
-//! The names of the files and folders within a run's folder.
+//! The names of the files and folders in a run folder.
 
 /// The resolved configuration.
 pub const CONFIG: &str = "config.toml";
-/// What was done: versions, device, times.
+/// The record of the run: versions, device, times.
 pub const RECORD: &str = "run.json";
-/// A line for every log step.
+/// One line per log step.
 pub const METRICS: &str = "metrics.jsonl";
 /// The metrics.
 pub const RESULTS: &str = "results.json";
 /// The metrics of each view.
 pub const PER_VIEW: &str = "per_view.json";
-/// Folder of the states.
+/// Folder of the checkpoints.
 pub const CHECKPOINTS: &str = "checkpoints";
 /// The state after the last step, within [`CHECKPOINTS`].
 pub const FINAL: &str = "final.safetensors";
 /// Folder of the Gaussians.
 pub const POINT_CLOUD: &str = "point_cloud";
-/// Folder of the evaluation's pictures.
+/// Folder of the images that the evaluation writes.
 pub const RENDERS: &str = "renders";
-/// Folder of what `mvfusion render` makes, a folder for each kind of views.
+/// Folder of the output of `mvfusion render`, with one folder for each kind of views.
 pub const FILMS: &str = "films";
-/// Folder of the metrics of other protocols, with one folder for each.
+/// Folder of the metrics under other protocols, with one folder for each.
 pub const PROTOCOLS: &str = "protocols";
-/// Folder of the side-by-side pictures.
+/// Folder of the side-by-side images.
 pub const STRIPS: &str = "strips";
-/// The run on one page.
+/// The report of the run.
 pub const REPORT: &str = "report.html";
 
-/// All that a run writes at the top of its folder.
+/// Everything that a run writes at the top level of its folder.
 pub const ENTRIES: [&str; 12] =
     [CONFIG, RECORD, METRICS, RESULTS, PER_VIEW, PROTOCOLS, CHECKPOINTS, POINT_CLOUD, RENDERS, FILMS, STRIPS, REPORT];
 
-/// Name of the pictures of the view of this number.
+/// File name of the images of a view with this index.
 pub(super) fn picture_file(index: usize) -> String {
     format!("{index:05}.png")
 }

@@ -1,4 +1,4 @@
-//! Making and unmaking a run's folder, or another one that a command fills.
+//! Creating and removing the folder of a run, or another output folder of a command.
 
 use std::ffi::OsString;
 use std::fs;
@@ -11,19 +11,19 @@ use tracing::warn;
 
 use super::files::ENTRIES;
 
-/// What becomes of a run that lies in the folder already.
+/// What happens to a run that is already in the folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Existing {
-    /// It stays, and the new run is refused.
+    /// It stays, and the new run is an error.
     Keep,
-    /// The new run takes its place.
+    /// The new run replaces it.
     Replace,
 }
 
-/// What a folder is for, and all that may be written at its top.
+/// The purpose of a folder, and everything that may be written at its top level.
 #[derive(Clone, Copy, Debug)]
 pub struct Contents {
-    /// What lies in it, for messages: `run`.
+    /// What it contains, for messages: `run`.
     pub what: &'static str,
     /// Names of files and folders.
     pub entries: &'static [&'static str],
@@ -32,40 +32,39 @@ pub struct Contents {
 /// A run.
 const RUN: Contents = Contents { what: "run", entries: &ENTRIES };
 
-/// A folder that could be made: nothing was written yet.
+/// A folder that can be created. Nothing has been written yet.
 #[derive(Clone, Debug)]
 pub struct RunPlan {
     path: PathBuf,
     contents: Contents,
 }
 
-/// A run's folder. Unless [`RunFolder::keep`] was called it is removed again when dropped, and what it replaced comes
-/// back.
+/// A run folder. Unless [`RunFolder::keep`] was called, dropping it removes the folder and restores what it replaced.
 #[derive(Debug)]
 pub struct RunFolder {
     path: PathBuf,
     contents: Contents,
-    /// Whether the folder was there before.
+    /// Whether the folder existed before.
     existed: bool,
-    /// Parent folders that were made for this one, outermost first.
+    /// Parent folders that were created for this one, outermost first.
     parents: Vec<PathBuf>,
     kept: bool,
 }
 
-/// Where the files of a replaced run wait, within the folder, until the new run has its first checkpoint. Within, because
-/// the folder itself may be a link or a mount point that cannot be renamed.
+/// The subfolder that keeps the files of a replaced run until the first checkpoint of the new run. It is inside the run
+/// folder, because that folder may be a link or a mount point that cannot be renamed.
 const ASIDE: &str = ".replaced";
 
 impl RunPlan {
-    /// Makes sure that a run can be written to `path`, without leaving a trace.
+    /// Checks that a run can be written to `path`. Leaves no trace.
     ///
     /// # Errors
-    /// If there is something already that must not be replaced, or nothing can be written there.
+    /// If the folder contains something that must not be replaced, or cannot be written to.
     pub fn new(path: &Path, existing: Existing) -> anyhow::Result<Self> {
         Self::for_contents(path, existing, RUN)
     }
 
-    /// The same for a folder of other contents.
+    /// The same for a folder with other contents.
     ///
     /// # Errors
     /// As [`RunPlan::new`].
@@ -77,10 +76,10 @@ impl RunPlan {
         Ok(Self { path: path.to_owned(), contents })
     }
 
-    /// Makes the folder; a run that lies there moves aside.
+    /// Creates the folder. An existing run is moved aside.
     ///
     /// # Errors
-    /// If the system refuses.
+    /// If the file system refuses.
     pub fn create(self) -> anyhow::Result<RunFolder> {
         let Self { path, contents } = self;
         let existed = path.exists();
@@ -90,12 +89,12 @@ impl RunPlan {
         let mut folder = RunFolder { path, contents, existed, parents, kept: false };
         fs::create_dir_all(&folder.path)
             .and_then(|()| remove_unfinished(&folder.path))
-            .with_context(|| format!("cannot make the folder {}", folder.path.display()))?;
+            .with_context(|| format!("cannot create the folder {}", folder.path.display()))?;
         if existed && let Err(error) = move_aside(&folder.path, contents.entries) {
-            // What has not moved yet is the old one's, and must not be tidied up.
+            // Files that have not been moved yet belong to the old run and must not be removed.
             folder.kept = true;
             let back = move_back(&folder.path, contents.entries);
-            let place = if back.is_ok() { String::new() } else { format!("; some of it lies in its {ASIDE}") };
+            let place = if back.is_ok() { String::new() } else { format!("; part of it is in {ASIDE}") };
             let what = contents.what;
             return Err(error)
                 .with_context(|| format!("cannot move the old {what} in {} aside{place}", folder.path.display()));
@@ -110,15 +109,15 @@ impl RunFolder {
         &self.path
     }
 
-    /// A file or folder within; the folders on the way are made.
+    /// The path of a file or folder within. Missing folders on the way are created.
     ///
     /// # Errors
-    /// If the system refuses.
+    /// If the file system refuses.
     pub fn place(&self, parts: &[&str]) -> anyhow::Result<PathBuf> {
         place(&self.path, parts)
     }
 
-    /// From now on the folder stays, whatever happens; a run that it replaced is removed.
+    /// Keeps the folder from now on, even after a failure. Removes a replaced run.
     pub fn keep(&mut self) {
         self.kept = true;
         let aside = self.path.join(ASIDE);
@@ -129,7 +128,7 @@ impl RunFolder {
         }
     }
 
-    /// Leaves the place as it was found.
+    /// Restores the original state.
     fn undo(&self) -> io::Result<()> {
         if self.existed {
             remove_entries(&self.path, self.contents.entries)?;
@@ -140,25 +139,25 @@ impl RunFolder {
     }
 }
 
-/// A nameless file where a folder lies or would lie, which proves that files can be written there.
+/// An unnamed file at the place of an existing or future folder. It proves that files can be written there.
 ///
 /// # Errors
 /// If they cannot.
 pub(crate) fn trial_file(path: &Path, what: &str) -> anyhow::Result<fs::File> {
     let shown = path.display();
     if let Some(file) = path.ancestors().find(|folder| folder.is_file()) {
-        bail!("cannot make the {what}'s folder {shown}: {} is a file. Give another --out.", file.display());
+        bail!("cannot create the {what} folder {shown}: {} is a file. Choose another --out.", file.display());
     }
     let ground = path.ancestors().find(|folder| folder.is_dir()).unwrap_or(Path::new("."));
     tempfile::tempfile_in(ground).with_context(|| {
         format!(
-            "cannot write into {}, where the {what}'s folder {shown} would lie; give another --out",
+            "cannot write to {}, where the {what} folder {shown} would be created; choose another --out",
             ground.display()
         )
     })
 }
 
-/// Removes what a killed process was writing at the top of a folder.
+/// Removes unfinished files of a killed process at the top level of a folder.
 fn remove_unfinished(folder: &Path) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let entry = entry?;
@@ -169,14 +168,14 @@ fn remove_unfinished(folder: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// A file or folder within a run's folder; the folders on the way are made.
+/// The path of a file or folder within a run folder. Missing folders on the way are created.
 ///
 /// # Errors
-/// If the system refuses.
+/// If the file system refuses.
 pub(crate) fn place(run: &Path, parts: &[&str]) -> anyhow::Result<PathBuf> {
     let path = parts.iter().fold(run.to_owned(), |path, part| path.join(part));
     if let Some(folder) = path.parent() {
-        fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+        fs::create_dir_all(folder).with_context(|| format!("cannot create the folder {}", folder.display()))?;
     }
     Ok(path)
 }
@@ -186,7 +185,7 @@ impl Drop for RunFolder {
         if !self.kept
             && let Err(error) = self.undo()
         {
-            warn!("cannot tidy up the failed {} {}: {error}", self.contents.what, self.path.display());
+            warn!("cannot remove the failed {} {}: {error}", self.contents.what, self.path.display());
         }
     }
 }
@@ -194,7 +193,7 @@ impl Drop for RunFolder {
 fn check_existing(path: &Path, existing: Existing, contents: Contents) -> anyhow::Result<()> {
     let (shown, what) = (path.display(), contents.what);
     if !path.is_dir() {
-        bail!("cannot make the {what}'s folder {shown}: there is a file of that name. Give another --out.");
+        bail!("cannot create the {what} folder {shown}: a file of that name exists. Choose another --out.");
     }
     let mut entries: Vec<OsString> = fs::read_dir(path)
         .and_then(|entries| entries.map(|entry| entry.map(|entry| entry.file_name())).collect())
@@ -204,23 +203,21 @@ fn check_existing(path: &Path, existing: Existing, contents: Contents) -> anyhow
         return Ok(());
     }
     if existing == Existing::Keep {
-        bail!(
-            "the folder {shown} is not empty. Give --force to replace the {what} in it, or another folder with --out."
-        );
+        bail!("the folder {shown} is not empty. Use --force to replace the {what} in it, or choose another --out.");
     }
-    // Whatever no run wrote was put there by somebody who may want it back.
+    // Other files were put there by a user, who may still need them.
     match entries.iter().find(|name| *name != ASIDE && !contents.entries.iter().any(|&known| *name == known)) {
         Some(other) => bail!(
-            "the folder {shown} holds `{}`, which is no part of such a {what}, so --force does not replace it. Move it \
-             away, or give another folder with --out.",
+            "the folder {shown} contains `{}`, which does not belong to such a {what}, so --force does not replace it. \
+             Move it away, or choose another --out.",
             other.display()
         ),
         None => Ok(()),
     }
 }
 
-/// Moves the files of a run aside. If a run waits there already, an earlier replacement was cut short: that run is the one
-/// to come back, and what lies in the folder is the remains of its successor.
+/// Moves the files of a run aside. If another run is already there, an earlier replacement was interrupted. That run is
+/// then kept, and the files in the folder are the remains of its successor.
 fn move_aside(run: &Path, known: &'static [&'static str]) -> io::Result<()> {
     let aside = run.join(ASIDE);
     if aside.exists() {
@@ -244,7 +241,7 @@ fn move_back(run: &Path, known: &[&str]) -> io::Result<()> {
     fs::remove_dir(aside)
 }
 
-/// Removes what a run has written.
+/// Removes the files of a run.
 fn remove_entries(run: &Path, known: &[&str]) -> io::Result<()> {
     for path in known.iter().map(|name| run.join(name)) {
         if path.is_dir() {

@@ -1,4 +1,4 @@
-//! `metrics.jsonl`: a line for every log step.
+//! `metrics.jsonl`: one line per log step.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -23,27 +23,27 @@ pub struct MetricsLine {
     pub stage_step: usize,
     /// Loss of the step.
     pub loss: f32,
-    /// PSNR of the composed pictures of the step's batch in dB; absent if they are perfect.
+    /// PSNR of the composed renders of the batch in dB; absent if they are perfect.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub psnr: Option<f64>,
     /// Numbers of Gaussians.
     pub gaussians: GaussianCounts,
-    /// Steps a second since the last line.
+    /// Steps per second since the last line.
     pub steps_per_second: f64,
     /// Seconds of training so far.
     pub elapsed: f64,
-    /// Milliseconds a step by part, since the last line; on a GPU those of the calls alone.
+    /// Milliseconds per step by part, since the last line. On a GPU, only the time of the calls.
     pub ms: BTreeMap<&'static str, f64>,
 }
 
-/// The times since the last call as milliseconds a step; parts that took none are left out.
+/// The times since the last call as milliseconds per step. Parts that took no time are left out.
 pub fn milliseconds(steps: usize) -> BTreeMap<&'static str, f64> {
     let a_step = |time: Duration| 1000.0 * time.as_secs_f64() / steps.max(1) as f64;
     let times = Part::ALL.iter().zip(profile::take());
     times.filter(|(_, time)| !time.is_zero()).map(|(part, time)| (part.name(), a_step(time))).collect()
 }
 
-/// The file, to which lines are added.
+/// The file to which lines are appended.
 #[derive(Debug)]
 pub struct MetricsLog {
     file: File,
@@ -54,13 +54,13 @@ impl MetricsLog {
     /// A new, empty file.
     ///
     /// # Errors
-    /// If it cannot be made.
+    /// If it cannot be created.
     pub fn create(path: &Path) -> anyhow::Result<Self> {
         let file = File::create(path).with_context(|| format!("cannot write {}", path.display()))?;
         Ok(Self { file, path: path.to_owned() })
     }
 
-    /// Adds a line, whole: a reader never meets half of one.
+    /// Appends a whole line, so that readers never see half of one.
     ///
     /// # Errors
     /// If it cannot be written.

@@ -1,4 +1,4 @@
-//! A run's folder: which files there are, and what stands in them.
+//! The run folder: its files and their contents.
 
 mod field;
 mod files;

@@ -1,4 +1,4 @@
-//! A run that was trained, opened again.
+//! Opening a trained run.
 
 use std::path::{Path, PathBuf};
 
@@ -13,12 +13,12 @@ use crate::device::{self, OpenDevice};
 use crate::progress::Verbosity;
 use crate::{config, scene};
 
-/// Which run is opened, and what has moved since it was trained.
+/// The run to open, and what has moved since its training.
 #[derive(Clone, Copy, Debug)]
 pub struct RunRequest<'a> {
-    /// Folder of the run.
+    /// Run folder.
     pub run: &'a Path,
-    /// Folder of the scene, if it is not where it was.
+    /// Scene folder, if it has moved.
     pub data: Option<&'a Path>,
     /// The masks of `eval.dynamic_masks`.
     pub masks: MasksRequest<'a>,
@@ -26,18 +26,18 @@ pub struct RunRequest<'a> {
     pub device: &'a str,
 }
 
-/// What becomes of the masks that say where something moves.
+/// Which masks of moving objects are read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MasksRequest<'a> {
-    /// Those that the run was configured with, if any.
+    /// Those of the run's configuration, if any.
     AsConfigured,
     /// Those of this folder.
     Folder(&'a Path),
-    /// None are read: nothing is scored.
+    /// None, because nothing is scored.
     Unused,
 }
 
-/// A trained run with all that it was trained under.
+/// A trained run with its configuration, scene and device.
 #[derive(Debug)]
 pub struct OpenRun {
     /// The configuration, scaled.
@@ -51,10 +51,10 @@ pub struct OpenRun {
 }
 
 impl OpenRun {
-    /// Opens a run; device and scene are noted.
+    /// Opens a run. Prints notes about device and scene.
     ///
     /// # Errors
-    /// If the run is not complete, its data are gone, or there is no such device.
+    /// If the run is not complete, its data are missing, or the device does not exist.
     pub fn open(request: &RunRequest<'_>, verbosity: Verbosity) -> anyhow::Result<Self> {
         let checkpoint = find_checkpoint(request.run)?;
         let config = configuration(request)?;
@@ -62,8 +62,8 @@ impl OpenRun {
         let scene = scene::open(&config).context(match request.masks {
             MasksRequest::Unused => "cannot open the scene of the run; if it has moved, give its folder with --data",
             _ => {
-                "cannot open the scene of the run; if it has moved, give its folder with --data and that of the masks \
-                 with --masks"
+                "cannot open the scene of the run; if it has moved, give its folder with --data and the \
+                 folder of the masks with --masks"
             }
         })?;
         verbosity.note(&format!("device: {}", device.reason));
@@ -73,19 +73,19 @@ impl OpenRun {
         Ok(Self { config, device, scene, trained })
     }
 
-    /// The model, without temporal attention if `no_mfta`, with a note where that changes nothing.
+    /// The model, without temporal attention if `no_mfta`. Prints a note if that has no effect.
     pub fn model(&self, no_mfta: bool, verbosity: Verbosity) -> Model {
         let model = &self.trained.model;
         if !no_mfta {
             return model.clone();
         }
         model.without_mfta(final_level(&self.config)).unwrap_or_else(|| {
-            verbosity.note("note:   the model was trained without MFTA, so --no-mfta changes nothing");
+            verbosity.note("note:   the model was trained without MFTA, so --no-mfta has no effect");
             model.clone()
         })
     }
 
-    /// What the model needs to know to be rendered.
+    /// The context for rendering the model.
     pub fn render_context(&self) -> RenderContext {
         RenderContext::new(&self.config, &self.scene)
     }
@@ -94,15 +94,15 @@ impl OpenRun {
 fn find_checkpoint(run: &Path) -> anyhow::Result<PathBuf> {
     let checkpoint = run.join(CHECKPOINTS).join(FINAL);
     if !run.is_dir() {
-        bail!("there is no folder {}. Give the folder of a run, such as runs/quickstart-0.", run.display());
+        bail!("the folder {} does not exist. Give a run folder, such as runs/quickstart-0.", run.display());
     }
     if !checkpoint.is_file() {
-        bail!("{} holds no {CHECKPOINTS}/{FINAL}: it is no run, or its training did not end.", run.display());
+        bail!("{} has no {CHECKPOINTS}/{FINAL}: it is not a run, or its training did not finish.", run.display());
     }
     Ok(checkpoint)
 }
 
-/// The run's configuration, with what has moved since.
+/// The run's configuration, with the paths that have changed since.
 fn configuration(request: &RunRequest<'_>) -> anyhow::Result<Config> {
     let mut config = config::read(&request.run.join(CONFIG))?;
     if let Some(data) = request.data {

@@ -1,22 +1,22 @@
-//! The kinds of pictures that an evaluation writes, with the folder and the label of each.
+//! The kinds of images that an evaluation writes, each with its folder and label.
 
 use mvfusion_model::evaluation::Layer;
 
-/// What a picture of a held-out view shows.
+/// The contents of an image of a held-out view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PictureKind {
     /// The photo.
     GroundTruth,
     /// A layer of the model.
     Model(Layer),
-    /// The background, where the scene knows it.
+    /// The true background, if the scene provides it.
     TrueBackground,
-    /// The mask of what moves, where the scene knows it.
+    /// The true mask of moving objects, if the scene provides it.
     TrueMask,
 }
 
 impl PictureKind {
-    /// The ground truth and the layers of the model in colours, in the order of a row of the report.
+    /// The ground truth and the layers of the model, in the order of a row of the report.
     pub const IMAGES: [Self; 9] = [
         Self::GroundTruth,
         Self::Model(Layer::Composed),
@@ -37,7 +37,7 @@ impl PictureKind {
         Self::Model(Layer::ScaleVariance),
     ];
 
-    /// The folder of these pictures within `renders/test`.
+    /// The folder of these images within `renders/test`.
     pub const fn folder(self) -> &'static str {
         match self {
             Self::GroundTruth => "gt",
@@ -47,7 +47,7 @@ impl PictureKind {
         }
     }
 
-    /// What captions call it.
+    /// The label for captions.
     pub const fn label(self) -> &'static str {
         match self {
             Self::GroundTruth => "ground truth",

@@ -1,4 +1,4 @@
-//! The pictures of an evaluation: every layer as a file, and side by side in strips.
+//! The images of an evaluation: one file per layer, and strips of layers side by side.
 
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,7 @@ use super::folder::place;
 use super::picture_kind::PictureKind;
 use crate::atomic;
 
-/// What stands side by side in a strip of a model, from left to right.
+/// The panels of a strip of a model, from left to right.
 pub fn legend(model: &Model) -> String {
     let branches = model.static_.as_ref().map(|_| [Layer::Static, Layer::Dynamic, Layer::Mask].map(Layer::name));
     let motion = model.motion.as_ref().map(|_| Layer::Motion.label());
@@ -22,42 +22,42 @@ pub fn legend(model: &Model) -> String {
     first.into_iter().chain(branches.into_iter().flatten()).chain(motion).collect::<Vec<_>>().join(", ")
 }
 
-/// White pixels between two pictures of a strip.
+/// White pixels between two panels of a strip.
 const GAP: u32 = 4;
 
-/// Writes the pictures of held-out views into a run's folder.
+/// Writes the images of held-out views to a run folder.
 #[derive(Clone, Debug)]
 pub struct PicturesWriter {
     run: PathBuf,
-    /// Whether every layer becomes a file.
+    /// Whether every layer is written to a file.
     layers: bool,
-    /// The views of which a strip is made.
+    /// The views with a strip.
     strips: Vec<usize>,
 }
 
 impl PicturesWriter {
-    /// A writer for `views` held-out views, of which the configuration says what is wanted.
+    /// A writer for `views` held-out views. The configuration selects the images.
     pub fn new(run: &Path, config: &EvalConfig, views: usize) -> Self {
         Self { run: run.to_owned(), layers: config.pictures, strips: timeline::spread(views, config.strips) }
     }
 
-    /// A strip worth looking at: the one in the middle, if any is made.
+    /// An example strip: the middle one, if there is any.
     pub fn strip_to_see(&self) -> Option<PathBuf> {
         let middle = self.strips.get(self.strips.len() / 2)?;
         Some(self.run.join(STRIPS).join(picture_file(*middle)))
     }
 
-    /// Whether every layer becomes a file.
+    /// Whether every layer is written to a file.
     pub fn writes_layers(&self) -> bool {
         self.layers
     }
 
-    /// Whether a strip is made of the view of this number.
+    /// Whether the view with this index has a strip.
     pub fn makes_strip(&self, index: usize) -> bool {
         self.strips.contains(&index)
     }
 
-    /// Writes a layer of a view, if layers become files.
+    /// Writes a layer of a view, if layers are written to files.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -72,7 +72,7 @@ impl PicturesWriter {
         atomic::write_png(&place(&self.run, &[RENDERS, "test", kind.folder(), &picture_file(index)])?, picture)
     }
 
-    /// Writes what is wanted of a view.
+    /// Writes the selected images of a view.
     ///
     /// # Errors
     /// If a photo cannot be read or a file cannot be written.
@@ -117,7 +117,7 @@ impl PicturesWriter {
     }
 }
 
-/// Pictures in a row, tops aligned, with white gaps.
+/// Images in a row, tops aligned, with white gaps.
 fn side_by_side(panels: &[&RgbImage]) -> anyhow::Result<RgbImage> {
     let height = panels.iter().map(|panel| panel.height()).max().unwrap_or(0);
     let gaps = GAP * panels.len().saturating_sub(1) as u32;

@@ -1,28 +1,28 @@
-//! What tells one set of pictures from another.
+//! Hashes of image sets.
 
 use image::{ImageBuffer, Pixel};
 use mvfusion_model::files::sha256;
 
-/// The SHA-256 of a set of pictures: that of those of its pictures in hexadecimal, one after another. Of a picture it
-/// is that of width and height, in 4 bytes each, little endian, and its pixels in 8 bits.
+/// The SHA-256 of a set of images: the hash of the concatenated hexadecimal hashes of its images. The hash of an image
+/// covers width and height, as 4 bytes each in little-endian order, and its 8-bit pixels.
 #[derive(Clone, Debug)]
 pub struct PicturesHash {
     digests: Vec<String>,
 }
 
 impl PicturesHash {
-    /// Of so many pictures.
+    /// A hash of this number of images.
     pub fn new(pictures: usize) -> Self {
         Self { digests: vec![String::new(); pictures] }
     }
 
-    /// Takes in the picture of an index.
+    /// Adds the image with this index.
     pub fn add<P: Pixel<Subpixel = u8>>(&mut self, index: usize, picture: &ImageBuffer<P, Vec<u8>>) {
         let (width, height) = picture.dimensions();
         self.digests[index] = sha256(&[&width.to_le_bytes(), &height.to_le_bytes(), &picture.as_raw()[..]].concat());
     }
 
-    /// The hash of those taken in.
+    /// The hash of all added images.
     pub fn finish(self) -> String {
         sha256(self.digests.concat().as_bytes())
     }

@@ -9,13 +9,13 @@ use crate::atomic;
 /// Colour channels.
 const CHANNELS: usize = 3;
 
-/// What follows the colours in the standard order.
+/// The properties after the colours, in the standard order.
 const SHAPE: [&str; 8] = ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"];
 
-/// Writes Gaussians as they are stored, before any activation: opacity as logit, scales as logarithms, rotation w, x,
-/// y, z, zeros for normals. Mask logits follow the standard properties as `mask_static`, `mask_brightness` and
-/// `mask_dynamic`, lifetimes as `time_centre`, `log_duration` and `velocity_x` to `velocity_z`; readers go by name and
-/// pass over them. The header has no comments, because some readers count lines.
+/// Writes Gaussians as stored, before any activation: opacities as logits, scales as logarithms, rotations as w, x, y,
+/// z, and zeros for normals. Mask logits follow the standard properties as `mask_static`, `mask_brightness` and
+/// `mask_dynamic`, lifetimes as `time_centre`, `log_duration` and `velocity_x` to `velocity_z`. Readers look up
+/// properties by name and ignore these. The header has no comments, because some readers count lines.
 ///
 /// # Errors
 /// If the file cannot be written.
@@ -47,7 +47,7 @@ fn encode(gaussians: &GaussianCloud) -> Vec<u8> {
         put(&gaussians.means[index]);
         put(&[0.0; 3]);
         put(&gaussians.sh_dc[index]);
-        // Ours go coefficient by coefficient, the file's channel by channel.
+        // Our order is by coefficient, the file's by channel.
         let rest = gaussians.rest(index);
         for channel in 0..CHANNELS {
             rest.iter().skip(channel).step_by(CHANNELS).for_each(|&value| put(&[value]));

@@ -1,4 +1,4 @@
-//! `run.json`: what was done, with what, and when.
+//! `run.json`: the record of a run.
 
 use mvfusion_data::Scene;
 use serde::{Deserialize, Serialize};
@@ -33,9 +33,9 @@ pub struct RunRecord {
     pub device: String,
     /// CPU threads.
     pub threads: usize,
-    /// When the training began.
+    /// Start of the training.
     pub started: String,
-    /// When everything was written; absent until then.
+    /// End of the run; absent until everything has been written.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub finished: Option<String>,
 }
@@ -45,11 +45,11 @@ pub struct RunRecord {
 pub struct SceneRecord {
     /// Its name.
     pub name: String,
-    /// Views that were trained on.
+    /// Training views.
     pub train_views: usize,
-    /// Views that were held out.
+    /// Held-out views.
     pub test_views: usize,
-    /// Points to start from.
+    /// Initial points.
     pub points: usize,
 }
 

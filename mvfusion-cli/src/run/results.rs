@@ -10,30 +10,30 @@ use serde::{Deserialize, Serialize};
 use super::field::{FieldPerView, FieldScores};
 use super::files::picture_file;
 
-/// Relative difference below which two metrics are the same: the JSON reader may miss the last bit of a number.
+/// Relative difference below which two metrics are equal. The JSON reader may change the last bit of a number.
 const SAME: f64 = 1e-12;
 
-/// `results.json`. A metric that is not known is absent.
+/// `results.json`. Unknown metrics are absent.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Results {
-    /// What the metrics mean.
+    /// The protocol of the metrics.
     pub protocol: String,
     /// Means over the held-out views.
     pub test: Scores,
-    /// Means over the views that were trained on, where `eval.training_views` asks for them.
+    /// Means over the training views, if `eval.training_views` is set.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub training_views: Option<Scores>,
     /// Numbers of Gaussians.
     pub gaussians: GaussianCounts,
-    /// The training; absent where only an evaluation is known.
+    /// The training time; absent if only an evaluation is known.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub train: Option<TrainTime>,
     /// The evaluation.
     pub eval: EvalTime,
-    /// How fast pictures are rendered; absent unless it was measured.
+    /// The frame rate; absent unless it was measured.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub speed: Option<RenderSpeed>,
-    /// By the name of each network that the protocol wants: its weights, or why there are none.
+    /// For each network that the protocol needs: its weights, or why there are none.
     #[serde(default)]
     pub lpips: BTreeMap<String, LpipsWeights>,
     /// SHA-256 of all learned parameters.
@@ -41,13 +41,13 @@ pub struct Results {
     /// SHA-256 of the run's `config.toml`.
     #[serde(default)]
     pub config_sha256: String,
-    /// SHA-256 of the composed pictures of all held-out views, see [`PicturesHash`](super::PicturesHash).
+    /// SHA-256 of the composed renders of all held-out views, see [`PicturesHash`](super::PicturesHash).
     #[serde(default)]
     pub predictions_sha256: String,
-    /// SHA-256 of the photos that they were compared with.
+    /// SHA-256 of the ground-truth photos.
     #[serde(default)]
     pub photos_sha256: String,
-    /// SHA-256 of the masks that say where something moves; absent where none were given.
+    /// SHA-256 of the masks of moving objects; absent if none were given.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub masks_sha256: Option<String>,
     /// Device.
@@ -56,36 +56,36 @@ pub struct Results {
     pub threads: usize,
     /// Seed of the run.
     pub seed: u64,
-    /// The metrics under the names that the field's scripts look for.
+    /// The metrics under the names that the scripts of 3DGS expect.
     #[serde(flatten, skip_deserializing)]
     pub field: BTreeMap<String, FieldScores>,
 }
 
-/// What a network of LPIPS was given.
+/// The weights of an LPIPS network.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LpipsWeights {
-    /// A file of this SHA-256.
+    /// A file with this SHA-256.
     WeightsSha256(String),
-    /// Nothing, for this reason; its metrics are absent.
+    /// None, for this reason. Its metrics are absent.
     Absent(String),
 }
 
-/// How fast the held-out views are rendered, in turn and over and over (METHOD A35): all of deformation, refinement and
-/// rasterisation, nothing read or written, no picture handed back.
+/// The frame rate of repeated renders of the held-out views (METHOD A35). It includes deformation, refinement and
+/// rasterisation. It excludes reading, writing and transfers to the host.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RenderSpeed {
-    /// Pixels of the first view.
+    /// Width of the first view in pixels.
     pub width: usize,
-    /// Pixels of the first view.
+    /// Height of the first view in pixels.
     pub height: usize,
-    /// Frames before the clock started.
+    /// Warm-up frames.
     pub warm_up: usize,
-    /// Frames under the clock.
+    /// Measured frames.
     pub frames: usize,
-    /// Frames a second.
+    /// Frames per second.
     pub fps: f64,
-    /// Frames a second without MFTA, the cheaper inference; absent where there is none anyway.
+    /// Frames per second without MFTA, the cheaper inference; absent if the model has no MFTA.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub fps_without_mfta: Option<f64>,
 }
@@ -93,14 +93,14 @@ pub struct RenderSpeed {
 /// Numbers of Gaussians.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct GaussianCounts {
-    /// Of the static branch; absent where there is none.
+    /// Of the static branch; absent if there is none.
     #[serde(rename = "static", skip_serializing_if = "Option::is_none", default)]
     pub static_: Option<usize>,
     /// Of the dynamic branch.
     pub dynamic: usize,
 }
 
-/// How long training took.
+/// Training time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrainTime {
     /// Seconds of all steps.
@@ -109,10 +109,10 @@ pub struct TrainTime {
     pub steps: usize,
 }
 
-/// How long evaluation took.
+/// Evaluation time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EvalTime {
-    /// Seconds of rendering, scoring and writing pictures.
+    /// Seconds of rendering, scoring and writing images.
     pub seconds: f64,
 }
 
@@ -140,13 +140,13 @@ impl LpipsWeights {
 }
 
 impl Results {
-    /// The speed of rendering, if it is that of the same parameters on the same device as `other`'s.
+    /// The frame rate, if parameters and device are the same as those of `other`.
     pub fn speed_of(&self, other: &Self) -> Option<RenderSpeed> {
         let is_same = self.params_sha256 == other.params_sha256 && self.device == other.device;
         self.speed.filter(|_| is_same)
     }
 
-    /// The names of the metrics in which `other` is not the same, each with both values.
+    /// The names of the metrics that differ from those of `other`, each with both values.
     pub fn differences(&self, other: &Self) -> Vec<String> {
         let (own, others) = (self.metrics(), other.metrics());
         let names: BTreeSet<_> = own.keys().chain(others.keys()).collect();
@@ -158,14 +158,14 @@ impl Results {
                     (Some(a), Some(b)) => (a - b).abs() <= SAME * a.abs().max(b.abs()),
                     _ => false,
                 };
-                // The other one may be of a program that did not measure it.
+                // The other program version may not have measured it.
                 let shown = |metric: Option<&f64>| metric.map_or("not measured".to_owned(), f64::to_string);
                 (!same).then(|| format!("{name} {} instead of {}", shown(a), shown(b)))
             })
             .collect()
     }
 
-    /// The metrics that are known, by the names they have in the file; times and speeds are none.
+    /// The known metrics, by their names in the file, without times and frame rates.
     pub fn metrics(&self) -> BTreeMap<String, f64> {
         let sets =
             std::iter::once(("test", &self.test)).chain(self.training_views.iter().map(|set| ("training_views", set)));
@@ -204,20 +204,20 @@ fn metrics_of(set: &str, scores: &Scores) -> BTreeMap<String, f64> {
     metrics
 }
 
-/// `per_view.json`: the metrics of every held-out view, by the name of its pictures.
+/// `per_view.json`: the metrics of every held-out view, by the name of its images.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PerView {
-    /// What the metrics mean.
+    /// The protocol of the metrics.
     pub protocol: String,
     /// The held-out views.
     pub test: BTreeMap<String, ViewScores>,
-    /// The metrics under the names that the field's scripts look for.
+    /// The metrics under the names that the scripts of 3DGS expect.
     #[serde(flatten, skip_deserializing)]
     pub field: BTreeMap<String, FieldPerView>,
 }
 
 impl PerView {
-    /// The views of an evaluation after so many `steps` of training.
+    /// The views of an evaluation after `steps` steps of training.
     pub fn of(protocol: &str, evaluation: &Evaluation, steps: usize) -> Self {
         let test: BTreeMap<_, _> =
             evaluation.views.iter().enumerate().map(|(index, view)| (picture_file(index), view.clone())).collect();

@@ -1,4 +1,4 @@
-//! What is refused about a grid before any of its cells is made.
+//! Checks of a grid before any of its cells is created.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,15 +11,15 @@ use super::metric;
 use crate::config::{self, PartialConfig, nearest};
 use crate::failure::UsageError;
 
-/// Keys that the grid says elsewhere, and where.
+/// Keys that a grid sets in other places, and these places.
 const ELSEWHERE: [(&str, &str); 4] = [
     ("seed", "list it in `seeds`"),
-    ("scene.data", "give the scene a `data`"),
-    ("eval.dynamic_masks", "give the scene `masks`"),
-    ("eval.lpips_weights", "give --lpips-weights on the command line"),
+    ("scene.data", "use `data` of the scene"),
+    ("eval.dynamic_masks", "use `masks` of the scene"),
+    ("eval.lpips_weights", "use --lpips-weights on the command line"),
 ];
 
-/// Lists, names, and keys that contradict each other; `settings` are those of the command line.
+/// Checks lists, names and conflicting keys. `settings` are those of the command line.
 pub(super) fn grid(grid: &Grid, axes: &[Axis], settings: &[PartialConfig], origin: &str) -> Result<(), UsageError> {
     let wrong = |what: String| UsageError::new(format!("{origin}: {what}"));
     lists(grid, axes).map_err(wrong)?;
@@ -32,9 +32,9 @@ pub(super) fn grid(grid: &Grid, axes: &[Axis], settings: &[PartialConfig], origi
     paper_once(&grid.paper).map_err(wrong)
 }
 
-/// Empty and repeated entries.
+/// Rejects empty lists and repeated entries.
 fn lists(grid: &Grid, axes: &[Axis]) -> Result<(), String> {
-    let empty = |what: &str| Err(format!("{what} is empty: there would be nothing to train."));
+    let empty = |what: &str| Err(format!("{what} is empty, so there is nothing to train."));
     if grid.scenes.is_empty() {
         return empty("`scenes`");
     }
@@ -51,35 +51,35 @@ fn lists(grid: &Grid, axes: &[Axis]) -> Result<(), String> {
         once(&format!("`{}` in [grid]: the value", axis.key), axis.values.iter())?;
     }
     match grid.variants.iter().position(|variant| variant.name.trim().is_empty()) {
-        Some(place) => Err(format!("the name of variant {} is empty; give it one for its row.", place + 1)),
+        Some(place) => Err(format!("the name of variant {} is empty; its row needs a name.", place + 1)),
         None => Ok(()),
     }
 }
 
-/// Refuses what is in a list twice.
+/// Rejects repeated entries of a list.
 fn once(what: &str, entries: impl Iterator<Item = impl ToString>) -> Result<(), String> {
     let mut seen = BTreeSet::new();
     match entries.map(|entry| entry.to_string()).find(|entry| !seen.insert(entry.clone())) {
-        Some(entry) => Err(format!("{what} `{entry}` is there twice.")),
+        Some(entry) => Err(format!("{what} `{entry}` appears twice.")),
         None => Ok(()),
     }
 }
 
-/// A scene and a variant cannot both say where a cell starts from.
+/// Rejects grids in which both a scene and a variant name a preset.
 fn presets(grid: &Grid) -> Result<(), String> {
     let scene = grid.scenes.iter().find(|scene| scene.preset.is_some());
     let variant = grid.variants.iter().find(|variant| variant.preset.is_some());
     match (scene, variant) {
         (Some(scene), Some(variant)) => Err(format!(
-            "the scene `{}` and the variant `{}` both name a preset, and their cells can start from one only. Give one \
-             of them keys under `set` instead.",
+            "the scene `{}` and the variant `{}` both name a preset, but a cell starts from only one. Use keys under \
+             `set` for one of them.",
             scene.name, variant.name
         )),
         _ => Ok(()),
     }
 }
 
-/// Keys that are given in two places of which one would hide the other, or in the wrong one.
+/// Rejects keys that are set in two places, or in the wrong place.
 fn keys(grid: &Grid, axes: &[Axis], settings: &[PartialConfig]) -> Result<(), String> {
     let own = [("[set]".to_owned(), &grid.set), ("[grid]".to_owned(), &grid.grid)];
     let scenes: Vec<Place> =
@@ -90,13 +90,13 @@ fn keys(grid: &Grid, axes: &[Axis], settings: &[PartialConfig]) -> Result<(), St
     for (place, table) in own.iter().chain(&scenes).chain(&variants).chain(&given) {
         for (key, _) in leaves(table) {
             if let Some((_, remedy)) = ELSEWHERE.iter().find(|(known, _)| *known == key) {
-                return Err(format!("`{key}` stands in {place}; {remedy}."));
+                return Err(format!("`{key}` cannot be set in {place}; {remedy}."));
             }
         }
     }
     for (index, axis) in axes.iter().enumerate() {
         if let Some(other) = axes[..index].iter().find(|other| overlap(&other.key, &axis.key)) {
-            return Err(format!("`{}` and `{}` in [grid] are about the same key.", other.key, axis.key));
+            return Err(format!("`{}` and `{}` in [grid] set the same key.", other.key, axis.key));
         }
     }
     let swept = [("[grid]".to_owned(), &grid.grid)];
@@ -105,16 +105,16 @@ fn keys(grid: &Grid, axes: &[Axis], settings: &[PartialConfig]) -> Result<(), St
     apart(&variants, &[&scenes[..], &given].concat())
 }
 
-/// Keys and where they stand.
+/// Keys and the place where they are set.
 type Place<'a> = (String, &'a Table);
 
-/// Refuses a key that stands in a place of each kind.
+/// Rejects keys that are set in a place of each kind.
 fn apart(some: &[Place<'_>], others: &[Place<'_>]) -> Result<(), String> {
     for ((place, table), (other_place, other_table)) in some.iter().flat_map(|a| others.iter().map(move |b| (a, b))) {
         for (key, _) in leaves(table) {
             if let Some((other, _)) = leaves(other_table).into_iter().find(|(other, _)| overlap(&key, other)) {
                 return Err(format!(
-                    "`{key}` in {place} and `{other}` in {other_place} would hide one another. Remove one of them."
+                    "`{key}` in {place} and `{other}` in {other_place} set the same key. Remove one of them."
                 ));
             }
         }
@@ -122,7 +122,7 @@ fn apart(some: &[Place<'_>], others: &[Place<'_>]) -> Result<(), String> {
     Ok(())
 }
 
-/// Whether two dotted keys are the same, or one a part of the other.
+/// Whether two dotted keys are equal, or one is a part of the other.
 fn overlap(a: &str, b: &str) -> bool {
     let within = |inner: &str, outer: &str| inner.strip_prefix(outer).is_some_and(|rest| rest.starts_with('.'));
     a == b || within(a, b) || within(b, a)
@@ -133,10 +133,10 @@ fn exclusion_keys(grid: &Grid, axes: &[Axis]) -> Result<(), String> {
         ["scene", "variant", "seed"].into_iter().chain(axes.iter().map(|a| a.key.as_str())).collect();
     for entry in &grid.exclude {
         if entry.is_empty() {
-            return Err("an entry of `exclude` is empty, and would leave out everything.".to_owned());
+            return Err("an entry of `exclude` is empty and would exclude every cell.".to_owned());
         }
         if let Some((key, _)) = leaves(entry).into_iter().find(|(key, _)| !known.contains(&key.as_str())) {
-            return Err(format!("`exclude` knows {}, not `{key}`.", listed(&known)));
+            return Err(format!("`exclude` accepts {}, not `{key}`.", listed(&known)));
         }
     }
     Ok(())
@@ -149,7 +149,7 @@ fn columns(grid: &Grid) -> Result<(), String> {
     for column in &grid.columns {
         let wrong = |what: String| Err(format!("the column `{}` {what}", column.title));
         if let Some(scene) = column.scenes.iter().find(|scene| !scenes.contains(&scene.as_str())) {
-            return wrong(format!("names the scene `{scene}`; there are {}.", listed(&scenes)));
+            return wrong(format!("names the unknown scene `{scene}`; the scenes are {}.", listed(&scenes)));
         }
         if column.metrics.is_empty() {
             return wrong("has no metrics.".to_owned());
@@ -158,17 +158,17 @@ fn columns(grid: &Grid) -> Result<(), String> {
         once(&format!("the column `{}`: the metric", column.title), column.metrics.iter())?;
         if let Some(metric) = column.metrics.iter().find(|metric| !known.contains(*metric)) {
             let meant = nearest(metric, known.iter().map(String::as_str))
-                .map_or(String::new(), |near| format!(" The nearest is `{near}`."));
-            return wrong(format!("names the metric `{metric}`, which there is not.{meant}"));
+                .map_or(String::new(), |near| format!(" Did you mean `{near}`?"));
+            return wrong(format!("names the unknown metric `{metric}`.{meant}"));
         }
         if grid.speed_frames == 0 && column.metrics.iter().any(|metric| metric.starts_with("speed.")) {
-            return wrong("wants the speed of rendering, which `speed_frames` = 0 does not measure.".to_owned());
+            return wrong("needs the frame rate, which is not measured because `speed_frames` is 0.".to_owned());
         }
     }
     Ok(())
 }
 
-/// Whether differences are of two variants that the grid has.
+/// Checks that differences name two variants of the grid.
 fn differences(grid: &Grid) -> Result<(), String> {
     let variants: Vec<&str> = grid.variants.iter().map(|variant| variant.name.as_str()).collect();
     let name = |difference: &Difference| format!("{} - {}", difference.variant, difference.minus);
@@ -176,7 +176,10 @@ fn differences(grid: &Grid) -> Result<(), String> {
     for difference in &grid.differences {
         let Difference { variant, minus } = difference;
         if let Some(unknown) = [variant, minus].into_iter().find(|name| !variants.contains(&name.as_str())) {
-            return Err(format!("`differences` names the variant `{unknown}`; there are {}.", listed(&variants)));
+            return Err(format!(
+                "`differences` names the unknown variant `{unknown}`; the variants are {}.",
+                listed(&variants)
+            ));
         }
         if variant == minus {
             return Err(format!("`differences` compares `{variant}` with itself."));
@@ -185,13 +188,13 @@ fn differences(grid: &Grid) -> Result<(), String> {
     Ok(())
 }
 
-/// Whether a row of the paper belongs to something.
+/// Checks that a row of the paper belongs to a row and a column of the table.
 fn paper(grid: &Grid, axes: &[Axis], row: &PaperRow) -> Result<(), String> {
     let name = name_of(row);
     let lost = |what: String| Err(format!("the paper's row `{name}` {what}."));
     let is_variant = |name: &String| grid.variants.iter().any(|variant| variant.name == *name);
     if let Some(variant) = row.variant.as_ref().filter(|variant| !is_variant(variant)) {
-        return lost(format!("belongs to the variant `{variant}`, which there is not"));
+        return lost(format!("names the unknown variant `{variant}`"));
     }
     if row.variant.is_some() && row.literature.is_some() {
         return lost("has both a `variant` and a `literature`".to_owned());
@@ -201,17 +204,17 @@ fn paper(grid: &Grid, axes: &[Axis], row: &PaperRow) -> Result<(), String> {
         axes.iter().any(|axis| axis.key == key && axis.values.iter().any(|own| is_same(own, value)))
     };
     if let Some((key, value)) = at.iter().find(|(key, value)| !is_swept(key, value)) {
-        return lost(format!("stands at `{key} = {value}`, which [grid] does not have"));
+        return lost(format!("is at `{key} = {value}`, which is not in [grid]"));
     }
     let left_out = |axis: &&Axis| axis.values.len() > 1 && !at.iter().any(|(key, _)| *key == axis.key);
     if let Some(axis) = axes.iter().find(left_out).filter(|_| row.literature.is_none()) {
-        return lost(format!("does not say at which `{}` it stands; give `at`", axis.key));
+        return lost(format!("does not say to which `{}` it belongs; give `at`", axis.key));
     }
     let columns = grid.column_groups();
     match columns.iter().find(|column| column.title == row.column) {
         None => {
             let titles: Vec<&str> = columns.iter().map(|column| column.title.as_str()).collect();
-            lost(format!("belongs to the column `{}`; there are {}", row.column, listed(&titles)))
+            lost(format!("names the unknown column `{}`; the columns are {}", row.column, listed(&titles)))
         }
         Some(column) => match row.values.keys().find(|metric| !column.metrics.contains(metric)) {
             Some(metric) => lost(format!("has `{metric}`, which the column `{}` does not show", column.title)),
@@ -220,12 +223,12 @@ fn paper(grid: &Grid, axes: &[Axis], row: &PaperRow) -> Result<(), String> {
     }
 }
 
-/// What the messages call a row of the paper.
+/// The name of a row of the paper in messages.
 fn name_of(row: &PaperRow) -> &str {
     row.variant.as_deref().or(row.literature.as_deref()).unwrap_or(&row.column)
 }
 
-/// Whether the reasons of a row are some, against numbers that it has.
+/// Checks that the reasons of a row are not empty, and belong to values of the row.
 fn reasons(row: &PaperRow) -> Result<(), String> {
     for (metric, reason) in &row.not_comparable {
         if metric != ALL_METRICS && !row.values.contains_key(metric) {
@@ -240,13 +243,13 @@ fn reasons(row: &PaperRow) -> Result<(), String> {
     Ok(())
 }
 
-/// Refuses a second number of the paper for a metric of the table, of which one would hide the other.
+/// Rejects a second value of the paper for the same entry of the table.
 fn paper_once(rows: &[PaperRow]) -> Result<(), String> {
     for (index, row) in rows.iter().enumerate() {
         for other in rows[..index].iter().filter(|other| share_a_row(other, row)) {
             if let Some(metric) = row.values.keys().find(|metric| other.values.contains_key(*metric)) {
                 return Err(format!(
-                    "the paper has two numbers of `{metric}` for the same row in the column `{}`, in its rows `{}` and \
+                    "the paper has two values of `{metric}` for the same row in the column `{}`, in its rows `{}` and \
                      `{}`. Remove one of them.",
                     row.column,
                     name_of(other),
@@ -258,7 +261,7 @@ fn paper_once(rows: &[PaperRow]) -> Result<(), String> {
     Ok(())
 }
 
-/// Whether the numbers of two of the paper's rows stand in the same columns of a row of the table.
+/// Whether two rows of the paper belong to the same columns and the same row of the table.
 fn share_a_row(a: &PaperRow, b: &PaperRow) -> bool {
     let [at, other] = [a, b].map(|row| leaves(&row.at));
     let agree = at.iter().all(|(key, value)| {
@@ -266,7 +269,7 @@ fn share_a_row(a: &PaperRow, b: &PaperRow) -> bool {
         others.is_none_or(|(_, others)| is_same(value, others))
     });
     let is_one_method = match (&a.literature, &b.literature) {
-        // Such a row stands by itself where it says, and not at every value of a key that it leaves out.
+        // Such a row belongs only to the values that it names, not to every value of a missing key.
         (Some(a), Some(b)) => a == b && at.len() == other.len() && at.iter().all(|(key, _)| has(&other, key)),
         (None, None) => a.variant.is_none() || b.variant.is_none() || a.variant == b.variant,
         _ => false,
@@ -279,28 +282,28 @@ fn has(leaves: &[(String, &Value)], key: &str) -> bool {
     leaves.iter().any(|(own, _)| own == key)
 }
 
-/// Exclusions that leave out nothing, or everything.
+/// Rejects exclusions that match nothing, or everything.
 pub(super) fn exclusions(grid: &Grid, counts: &[usize], left: usize, origin: &str) -> Result<(), UsageError> {
     if let Some((entry, _)) = grid.exclude.iter().zip(counts).find(|(_, count)| **count == 0) {
         let entry = entry.to_string().trim_end().replace('\n', ", ");
-        return Err(UsageError::new(format!("{origin}: no cell is as `exclude` says: {entry}.")));
+        return Err(UsageError::new(format!("{origin}: no cell matches this entry of `exclude`: {entry}.")));
     }
     match left {
-        0 => Err(UsageError::new(format!("{origin}: `exclude` leaves out every cell."))),
+        0 => Err(UsageError::new(format!("{origin}: `exclude` excludes every cell."))),
         _ => Ok(()),
     }
 }
 
-/// Cells that are the same run under two names, be it after `train.scale` only.
+/// Rejects two cells that are the same run, even if only after applying `train.scale`.
 pub(super) fn twins(index: &Index, configs: &[Config]) -> anyhow::Result<()> {
     let mut seen: BTreeMap<String, &Cell> = BTreeMap::new();
     for (cell, config) in index.cells.iter().zip(configs) {
         if let Some(other) = seen.insert(config::to_toml(&config.scaled())?, cell) {
             let [a, b] = [other, cell].map(|cell| cell.name(&index.axes));
             let why = if other.id == cell.id {
-                "have one configuration".to_owned()
+                "have the same configuration".to_owned()
             } else {
-                format!("train the same at train.scale = {}", config.train.scale)
+                format!("train identically at train.scale = {}", config.train.scale)
             };
             let message = format!("two cells of the grid are the same run: `{a}` and `{b}` {why}. Remove one of them.");
             return Err(UsageError::new(message).into());
@@ -309,7 +312,7 @@ pub(super) fn twins(index: &Index, configs: &[Config]) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Columns with metrics that no evaluation of their cells gives.
+/// Rejects columns with metrics that the evaluation of their cells does not compute.
 pub(super) fn scored(index: &Index, configs: &[Config]) -> Result<(), UsageError> {
     let wants_training_views =
         |column: &&ColumnGroup| column.metrics.iter().any(|name| name.starts_with(metric::TRAINING_VIEWS));
@@ -317,7 +320,7 @@ pub(super) fn scored(index: &Index, configs: &[Config]) -> Result<(), UsageError
         let own = index.cells.iter().zip(configs).filter(|(cell, _)| column.scenes.contains(&cell.scene));
         if let Some((cell, _)) = own.into_iter().find(|(_, config)| !config.eval.training_views) {
             return Err(UsageError::new(format!(
-                "the column `{}` wants metrics of the training views, which are not scored: set \
+                "the column `{}` needs metrics of the training views, which are not evaluated. Set \
                  eval.training_views = true for the scene `{}`.",
                 column.title, cell.scene
             )));

@@ -1,4 +1,4 @@
-//! How long cells will take, going by those that have finished.
+//! Time estimates of cells, from those that have finished.
 
 use std::collections::BTreeMap;
 
@@ -6,13 +6,13 @@ use super::folder::{State, SweepFolder};
 use super::grid::Expected;
 use super::index::{Cell, Index};
 
-/// Seconds a step of the cells that have finished, by scene and variant.
+/// Seconds per step of the finished cells, by scene and variant.
 #[derive(Clone, Debug, Default)]
 pub struct Estimate {
     seen: BTreeMap<(String, String), Pace>,
-    /// What the grid says of a cell before any has finished.
+    /// The estimate of the grid, used before any cell has finished.
     expected: Option<Expected>,
-    /// Whether some of it was only probed.
+    /// Whether parts of it come from probes.
     is_probed: bool,
 }
 
@@ -33,7 +33,7 @@ impl Pace {
 }
 
 impl Estimate {
-    /// From the finished cells of a sweep.
+    /// An estimate from the finished cells of a sweep.
     ///
     /// # Errors
     /// As [`SweepFolder::state`].
@@ -49,13 +49,13 @@ impl Estimate {
         Ok(estimate)
     }
 
-    /// One more cell has taken so many seconds.
+    /// Adds a finished cell with its seconds.
     pub fn add(&mut self, cell: &Cell, seconds: f64) {
         let pace = self.seen.entry(key(cell)).or_default();
         *pace = pace.with(Pace { seconds, steps: cell.steps });
     }
 
-    /// A cell has been probed, and will take so many seconds. What has finished counts more.
+    /// Adds a probed cell with its estimated seconds, unless a similar cell has finished.
     pub fn add_probe(&mut self, cell: &Cell, seconds: f64) {
         if !self.seen.contains_key(&key(cell)) {
             self.add(cell, seconds);
@@ -63,14 +63,15 @@ impl Estimate {
         }
     }
 
-    /// Seconds that cells will take, so many at a time; `None` where nothing is known.
+    /// Estimated seconds of cells with `jobs` at a time; `None` without any data.
     pub fn seconds<'a>(&self, cells: impl Iterator<Item = &'a Cell>, jobs: usize) -> Option<f64> {
         let each: Vec<f64> = cells.map(|cell| self.one(cell)).collect::<Option<_>>()?;
         let longest = each.iter().copied().fold(0.0, f64::max);
         Some(longest.max(each.iter().sum::<f64>() / jobs.max(1) as f64))
     }
 
-    /// Seconds of a cell: by finished ones of its scene and variant, else of its scene, else of any, else by the grid.
+    /// Seconds of a cell: from finished cells of its scene and variant, of its scene, or of any scene; otherwise from
+    /// the grid.
     fn one(&self, cell: &Cell) -> Option<f64> {
         let pace = |matches: &dyn Fn(&(String, String)) -> bool| {
             self.seen.iter().filter(|(key, _)| matches(key)).fold(Pace::default(), |sum, (_, pace)| sum.with(*pace))
@@ -82,15 +83,15 @@ impl Estimate {
             .or_else(|| self.expected.as_ref().map(|expected| 60.0 * expected.minutes))
     }
 
-    /// What the estimate goes by, in words.
+    /// The basis of the estimate, in words.
     pub fn ground(&self) -> String {
         match (self.seen.is_empty(), &self.expected) {
-            (false, _) if self.is_probed => "going by a few steps of the cells".to_owned(),
-            (false, _) => "going by the cells that have finished".to_owned(),
+            (false, _) if self.is_probed => "estimated from a few steps of the cells".to_owned(),
+            (false, _) => "estimated from the finished cells".to_owned(),
             (true, Some(expected)) => {
-                format!("going by the grid: {} min a cell on {}", expected.minutes, expected.on)
+                format!("estimate of the grid: {} min per cell on {}", expected.minutes, expected.on)
             }
-            (true, None) => "nothing to go by until a cell has finished; --probe tries a few steps".to_owned(),
+            (true, None) => "no estimate until a cell has finished; --probe runs a few steps".to_owned(),
         }
     }
 }

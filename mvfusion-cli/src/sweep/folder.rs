@@ -1,4 +1,4 @@
-//! A sweep's folder: where things lie, and what became of each cell.
+//! The sweep folder: its files, and the state of each cell.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File, TryLockError};
@@ -17,36 +17,36 @@ use super::table::{CellMetrics, Outcome};
 use crate::run::{self, LpipsWeights, Results, RunRecord};
 use crate::{atomic, config};
 
-/// The grid as it was given.
+/// The text of the grid.
 const GRID: &str = "grid.toml";
-/// Folder of the cells' runs, and of what belongs to them.
+/// Folder of the cells' runs and their additional files.
 const CELLS: &str = "cells";
-/// How long a cell waits for its lock: somebody may just be looking whether it is held.
+/// How long a cell waits for its lock. Another process may hold it briefly while checking its state.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// A sweep's folder.
+/// A sweep folder.
 #[derive(Clone, Debug)]
 pub struct SweepFolder {
     path: PathBuf,
 }
 
-/// How far a cell is.
+/// The state of a cell.
 #[derive(Clone, Debug, PartialEq)]
 pub enum State {
-    /// Nothing was done.
+    /// Not started.
     ToDo,
-    /// A process works on it, on this machine or on another that shares the folder.
+    /// Running in a process on this machine, or on another machine that shares the folder.
     Running,
-    /// It was begun, and nobody works on it any more.
+    /// Started, but no longer running.
     Interrupted,
-    /// It failed, with these words.
+    /// Failed, with this message.
     Failed(String),
-    /// All its metrics are there.
+    /// Finished, with all its metrics.
     Finished,
 }
 
 impl State {
-    /// In a word.
+    /// The state in a word.
     pub fn word(&self) -> &'static str {
         match self {
             Self::ToDo => "to do",
@@ -58,30 +58,30 @@ impl State {
     }
 }
 
-/// `cells/ID.json`: what a cell is to do, beside its configuration, so that it can run without the index. A cell that
-/// waits in a queue while the grid changes follows the grid in what is measured (its id, and so its training, cannot
-/// change), and keeps its order if the grid has it no longer.
+/// `cells/ID.json`: the task of a cell, next to its configuration, so that it can run without the index. If the grid
+/// changes while a cell waits in a queue, the requested measurements follow the grid. Its id, and thus its training,
+/// cannot change. If the grid no longer contains the cell, its task stays.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Order {
     /// The cell's place in the grid, in words.
     pub name: String,
-    /// The preset that it started from.
+    /// The preset that it starts from.
     pub preset: String,
-    /// What is measured beside the metrics that a training leaves.
+    /// Measurements in addition to the metrics of a training.
     pub wanted: Wanted,
 }
 
-/// Held while a process works on a cell. The system lets go of it however the process ends.
+/// A lock that a process holds while it runs a cell. The system releases it however the process ends.
 #[derive(Debug)]
 pub struct CellLock {
     _file: File,
 }
 
 impl SweepFolder {
-    /// The folder of a path, which need not be there yet.
+    /// The folder at a path, which need not exist yet.
     ///
     /// # Errors
-    /// If the current folder is gone.
+    /// If the current folder does not exist any more.
     pub fn new(path: &Path) -> anyhow::Result<Self> {
         Ok(Self { path: std::path::absolute(path)? })
     }
@@ -91,14 +91,14 @@ impl SweepFolder {
         &self.path
     }
 
-    /// Makes sure that files can be written and locked, before anything is run.
+    /// Checks that files can be written and locked, before anything runs.
     ///
     /// # Errors
-    /// If the folder cannot be made or written to, or belongs to something else.
+    /// If the folder cannot be created or written to, or belongs to something else.
     pub fn check(&self) -> anyhow::Result<()> {
         let file = run::trial_file(&self.path, "sweep")?;
         file.try_lock().with_context(|| {
-            format!("files of {} cannot be locked; give an --out whose file system knows locks", self.path.display())
+            format!("cannot lock files in {}; choose an --out whose file system supports locks", self.path.display())
         })?;
         if self.path.is_dir() && !self.path.join(INDEX).is_file() {
             self.check_stranger()?;
@@ -106,26 +106,26 @@ impl SweepFolder {
         Ok(())
     }
 
-    /// Refuses a folder without an index that holds more than a sweep writes before it.
+    /// Rejects a folder without an index that contains files other than those that a sweep writes before the index.
     fn check_stranger(&self) -> anyhow::Result<()> {
         let shown = self.path.display();
         let entries = fs::read_dir(&self.path).with_context(|| format!("cannot list the folder {shown}"))?;
         for entry in entries {
             let name = entry.with_context(|| format!("cannot list the folder {shown}"))?.file_name();
             if ![GRID, CELLS].iter().any(|known| name == *known) && !is_unfinished(&name) {
-                bail!("the folder {shown} holds `{}` and no sweep. Give another --out.", name.display());
+                bail!("the folder {shown} contains `{}`, but no sweep. Choose another --out.", name.display());
             }
         }
         Ok(())
     }
 
-    /// Writes the grid, what each cell needs to run by itself, and the index.
+    /// Writes the grid, the files that each cell needs to run on its own, and the index.
     ///
     /// # Errors
     /// If a file cannot be written.
     pub fn prepare(&self, text: &str, plan: &Plan) -> anyhow::Result<()> {
         fs::create_dir_all(self.path.join(CELLS))
-            .with_context(|| format!("cannot make the folder {}", self.path.display()))?;
+            .with_context(|| format!("cannot create the folder {}", self.path.display()))?;
         atomic::write(&self.path.join(GRID), text.as_bytes())?;
         let Plan { index, configs } = plan;
         for (cell, config) in index.cells.iter().zip(configs) {
@@ -137,14 +137,14 @@ impl SweepFolder {
         index.write(&self.path)
     }
 
-    /// What a cell is to do.
+    /// The task of a cell.
     ///
     /// # Errors
     /// If the sweep has no such cell.
     pub fn order(&self, id: &str) -> anyhow::Result<Order> {
         let path = self.beside(id, "json");
         let text = fs::read_to_string(&path).with_context(|| {
-            format!("{} is no sweep with a cell `{id}`: cannot read {}", self.path.display(), path.display())
+            format!("{} is not a sweep with a cell `{id}`: cannot read {}", self.path.display(), path.display())
         })?;
         serde_json::from_str(&text).with_context(|| of_another_version(&path))
     }
@@ -164,17 +164,17 @@ impl SweepFolder {
         self.beside(id, "toml")
     }
 
-    /// What a cell's processes have said.
+    /// The output of a cell's processes.
     pub fn log(&self, id: &str) -> PathBuf {
         self.beside(id, "log")
     }
 
-    /// A file beside a cell's run: within it there is nothing that is not the run's.
+    /// A file next to a cell's run folder, which contains only the files of the run.
     fn beside(&self, id: &str, extension: &str) -> PathBuf {
         self.path.join(CELLS).join(format!("{id}.{extension}"))
     }
 
-    /// Notes that a cell failed.
+    /// Records that a cell failed.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -182,7 +182,7 @@ impl SweepFolder {
         atomic::write(&self.beside(id, "failed"), format!("{words}\n").as_bytes())
     }
 
-    /// Forgets that a cell failed.
+    /// Removes the record of a failure.
     ///
     /// # Errors
     /// If the file cannot be removed.
@@ -196,14 +196,14 @@ impl SweepFolder {
         }
     }
 
-    /// Takes a cell's lock; `None` if another process works on it.
+    /// Takes the lock of a cell; `None` if another process is running it.
     ///
     /// # Errors
-    /// If the file cannot be made, or the file system knows no locks.
+    /// If the file cannot be created, or the file system does not support locks.
     pub fn lock(&self, id: &str) -> anyhow::Result<Option<CellLock>> {
         let path = self.beside(id, "lock");
         let file = File::options().create(true).truncate(false).write(true).open(&path);
-        let file = file.with_context(|| format!("cannot make {}", path.display()))?;
+        let file = file.with_context(|| format!("cannot create {}", path.display()))?;
         let since = Instant::now();
         loop {
             match file.try_lock() {
@@ -217,8 +217,8 @@ impl SweepFolder {
         }
     }
 
-    /// Whether a process holds a cell's lock; `None` if no process ever did. Those who only look share their lock with
-    /// each other, and need not be able to write.
+    /// Whether a process holds the lock of a cell; `None` if no process ever did. This check takes a shared lock and
+    /// does not need write permission.
     fn is_locked(&self, id: &str) -> anyhow::Result<Option<bool>> {
         let path = self.beside(id, "lock");
         let file = match File::open(&path) {
@@ -233,7 +233,7 @@ impl SweepFolder {
         }
     }
 
-    /// How far a cell is.
+    /// The state of a cell.
     ///
     /// # Errors
     /// If its files cannot be read.
@@ -242,7 +242,7 @@ impl SweepFolder {
         if lock == Some(true) {
             return Ok(State::Running);
         }
-        // The lock came first: looked at after the metrics, a cell that ends between the two looks would seem
+        // The lock is checked before the metrics. Otherwise, a cell that ends between the two checks would seem
         // interrupted.
         if self.is_finished(id, wanted) {
             return Ok(State::Finished);
@@ -257,23 +257,23 @@ impl SweepFolder {
         }
     }
 
-    /// Whether a cell has all that is wanted of it.
+    /// Whether a cell has all requested metrics.
     pub fn is_finished(&self, id: &str, wanted: &Wanted) -> bool {
         self.is_trained(id) && self.results(id).is_some_and(|results| is_measured(&results, wanted))
     }
 
-    /// Whether a cell's training and evaluation came to their end.
+    /// Whether the training and the evaluation of a cell have finished.
     pub fn is_trained(&self, id: &str) -> bool {
         let record: Option<RunRecord> = read_json(&self.run(id).join(run::RECORD));
         record.is_some_and(|record| record.finished.is_some()) && self.results(id).is_some()
     }
 
-    /// The metrics of a cell, if they are there.
+    /// The metrics of a cell, if they exist.
     pub fn results(&self, id: &str) -> Option<Results> {
         read_json(&self.run(id).join(run::RESULTS))
     }
 
-    /// What became of each cell, for the table.
+    /// The outcome of each cell, for the table.
     ///
     /// # Errors
     /// As [`SweepFolder::state`].
@@ -297,7 +297,7 @@ impl SweepFolder {
     }
 }
 
-/// Writes a file unless it is so already: a cell at work may be reading it.
+/// Writes a file if its contents change. A running cell may be reading it.
 fn write_changed(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     match fs::read(path) {
         Ok(old) if old == bytes => Ok(()),
@@ -305,8 +305,8 @@ fn write_changed(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     }
 }
 
-/// Whether a run has the metrics that are wanted beside its own: those of LPIPS by every wanted network, with the
-/// weights that are wanted.
+/// Whether a run has the additional metrics that were requested: the frame rate, and LPIPS of every requested network
+/// with the requested weights.
 fn is_measured(results: &Results, wanted: &Wanted) -> bool {
     let has_network = |(network, sha256): (&String, &String)| match results.lpips.get(network) {
         Some(LpipsWeights::WeightsSha256(own)) => own == sha256,
@@ -315,12 +315,12 @@ fn is_measured(results: &Results, wanted: &Wanted) -> bool {
     (wanted.speed_frames == 0 || results.speed.is_some()) && wanted.lpips.iter().all(has_network)
 }
 
-/// A file that is whole or not there; a broken one counts as not there.
+/// A JSON file that is either complete or missing. A broken file counts as missing.
 fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Option<T> {
     serde_json::from_str(&fs::read_to_string(path).ok()?).ok()
 }
 
-/// All metrics of a run by the names that grids call them.
+/// All metrics of a run, by their names in grids.
 pub(super) fn metrics(results: &Results) -> BTreeMap<String, f64> {
     let short = |(name, value): (String, f64)| (name.strip_prefix("test.").unwrap_or(&name).to_owned(), value);
     let mut metrics: BTreeMap<String, f64> = results.metrics().into_iter().map(short).collect();

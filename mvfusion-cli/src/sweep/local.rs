@@ -15,13 +15,13 @@ use super::index::{Cell, Index};
 use crate::clock::spoken;
 use crate::progress::Verbosity;
 
-/// Pause before cells that other processes work on are looked at again.
+/// Time between two checks of cells that run in other processes.
 const PAUSE: Duration = Duration::from_secs(1);
 
 /// How cells are run on this machine.
 #[derive(Clone, Debug)]
 pub struct Local<'a> {
-    /// The sweep's folder.
+    /// The sweep folder.
     pub folder: &'a SweepFolder,
     /// The sweep.
     pub index: &'a Index,
@@ -31,32 +31,32 @@ pub struct Local<'a> {
     pub jobs: usize,
     /// Threads of each.
     pub threads: usize,
-    /// What is said.
+    /// Amount of output.
     pub verbosity: Verbosity,
 }
 
-/// What the workers share.
+/// The state that the workers share.
 struct Progress<'a> {
     queue: VecDeque<&'a Cell>,
-    /// Cells that other processes work on.
+    /// Cells that run in other processes.
     awaited: BTreeSet<String>,
     estimate: Estimate,
     done: usize,
     failed: usize,
 }
 
-/// How a cell stands after its turn.
+/// The outcome of a cell's turn.
 struct End {
     state: State,
-    /// How long it ran; absent if there was no need to.
+    /// Running time; absent if it did not need to run.
     took: Option<Duration>,
 }
 
 impl Local<'_> {
-    /// Runs cells. Returns how many failed.
+    /// Runs cells. Returns the number of failed cells.
     ///
     /// # Errors
-    /// If the folder cannot be used any more, or the program cannot be started.
+    /// If the folder can no longer be used, or the program cannot be started.
     pub fn run(&self, cells: &[&Cell], estimate: Estimate) -> anyhow::Result<usize> {
         let progress = Mutex::new(Progress {
             queue: cells.iter().copied().collect(),
@@ -67,24 +67,23 @@ impl Local<'_> {
         });
         std::thread::scope(|scope| {
             let workers: Vec<_> = (0..self.jobs).map(|_| scope.spawn(|| self.work(&progress, cells.len()))).collect();
-            // Every worker is waited for, whatever befell the others.
+            // Wait for every worker, even if others failed.
             let ended: Vec<_> = workers.into_iter().map(|worker| worker.join()).collect();
             ended.into_iter().try_for_each(|end| end.unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
         })?;
         Ok(held(&progress).failed)
     }
 
-    /// Takes cells from the queue until there is none.
+    /// Takes cells from the queue until it is empty.
     fn work(&self, progress: &Mutex<Progress<'_>>, count: usize) -> anyhow::Result<()> {
-        // Named apart, so that the lock is not held while a cell runs.
+        // A separate closure, so that the lock is not held while a cell runs.
         let next = || held(progress).queue.pop_front();
         while let Some(cell) = next() {
             let end = self.one(cell)?;
             if end.state == State::Running {
                 if held(progress).awaited.insert(cell.id.clone()) {
                     let name = cell.name(&self.index.axes);
-                    self.verbosity
-                        .note(&format!("{} {name}: another process works on it, which is waited for", cell.id));
+                    self.verbosity.note(&format!("{} {name}: waiting for another process that runs it", cell.id));
                 }
                 held(progress).queue.push_back(cell);
                 std::thread::sleep(PAUSE);
@@ -102,7 +101,7 @@ impl Local<'_> {
         Ok(())
     }
 
-    /// Runs a cell, unless it is finished or another process works on it.
+    /// Runs a cell, unless it is finished or runs in another process.
     fn one(&self, cell: &Cell) -> anyhow::Result<End> {
         let look = || self.folder.state(&cell.id, &self.index.wanted);
         let state = look()?;
@@ -113,9 +112,9 @@ impl Local<'_> {
         let status = self.process(cell)?;
         let took = Some(started.elapsed());
         match look()? {
-            // It was killed, or could not even say why it failed.
+            // The process was killed, or could not record why it failed.
             State::ToDo | State::Interrupted => {
-                let words = format!("{status}; its last words are in {}", self.folder.log(&cell.id).display());
+                let words = format!("{status}; see the end of {}", self.folder.log(&cell.id).display());
                 self.folder.note_failure(&cell.id, &words)?;
                 Ok(End { state: State::Failed(words), took })
             }
@@ -125,7 +124,7 @@ impl Local<'_> {
 
     fn process(&self, cell: &Cell) -> anyhow::Result<ExitStatus> {
         let path = self.folder.log(&cell.id);
-        // Another process that works on the cell after all goes on writing there.
+        // Append, because another process may still be running the cell and writing to this file.
         let log = File::options().create(true).append(true).open(&path);
         let log = log.with_context(|| format!("cannot write {}", path.display()))?;
         own_program()?
@@ -154,14 +153,14 @@ impl Local<'_> {
     }
 }
 
-/// This program as it was when the sweep began, even if it has been built anew since.
+/// The program file as it was when the sweep started, even if the program has been rebuilt since.
 pub(super) fn own_program() -> anyhow::Result<Command> {
-    // The name that Linux gives to the file that is being executed, wherever it lies now.
+    // On Linux, this path always refers to the running executable.
     let this = if cfg!(target_os = "linux") { PathBuf::from("/proc/self/exe") } else { std::env::current_exe()? };
     Ok(Command::new(this))
 }
 
-/// The lock; a worker that panicked holding it has ended the sweep anyway.
+/// Takes the lock. If a worker panicked while holding it, the sweep ends anyway.
 fn held<'a, 'b>(progress: &'a Mutex<Progress<'b>>) -> MutexGuard<'a, Progress<'b>> {
     progress.lock().unwrap_or_else(PoisonError::into_inner)
 }

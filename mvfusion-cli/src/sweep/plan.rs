@@ -1,4 +1,4 @@
-//! From a grid to its cells: every configuration is resolved and checked before anything is run.
+//! From a grid to its cells. Every configuration is resolved and checked before anything runs.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -14,23 +14,23 @@ use super::index::{Cell, Index, Wanted};
 use crate::config::{self, Origin, PRESETS, PartialConfig, Preset};
 use crate::failure::UsageError;
 
-/// Digits of a cell's id: of a million cells, the chance that any two share one is below one in five hundred.
+/// Digits of a cell's id. Among a million cells, the probability of a collision is below 1/500.
 const ID_LENGTH: usize = 12;
 
-/// The preset whose runs are an eighth of the paper's.
+/// The preset whose runs have an eighth of the paper's length.
 const SHORT: &str = "quickstart";
 
-/// Keys of `train` that change what is written down, and no training.
+/// Keys of `train` that change only the output, not the training.
 const UNSCHEDULED: [&str; 2] = ["train.log_interval", "train.checkpoint_interval"];
 
 /// What the command line adds to a grid.
 #[derive(Clone, Debug, Default)]
 pub struct Additions {
-    /// Where the scenes' folders lie.
+    /// Folder that contains the scene folders.
     pub data_root: Option<PathBuf>,
-    /// Folder with the weights of LPIPS.
+    /// Folder with the LPIPS weights.
     pub lpips_weights: Option<PathBuf>,
-    /// Keys of every cell, `KEY=VALUE`.
+    /// Keys of every cell, as `KEY=VALUE`.
     pub set: Vec<String>,
 }
 
@@ -43,7 +43,7 @@ pub struct Plan {
     pub configs: Vec<Config>,
 }
 
-/// Where a cell stands in its grid.
+/// The position of a cell in its grid.
 #[derive(Clone, Copy)]
 struct Place<'a> {
     scene: &'a SceneEntry,
@@ -53,7 +53,7 @@ struct Place<'a> {
     seed: u64,
 }
 
-/// What all cells of a grid share.
+/// The data that all cells of a grid share.
 struct Ground<'a> {
     grid: &'a Grid,
     /// The grid's name, for messages.
@@ -68,8 +68,7 @@ impl Plan {
     /// All cells of a grid.
     ///
     /// # Errors
-    /// [`UsageError`] for a grid that contradicts itself, names what there is not, or has a cell that cannot be
-    /// trained.
+    /// [`UsageError`] for a grid that contradicts itself, contains unknown names, or has a cell that cannot be trained.
     pub fn new(source: &Source, additions: &Additions) -> anyhow::Result<Self> {
         let grid = &source.grid;
         let axes = grid.axes()?;
@@ -118,7 +117,7 @@ impl Plan {
 }
 
 impl Ground<'_> {
-    /// Whether an entry of `exclude` agrees with a cell; counts for each entry how often it did.
+    /// Whether an entry of `exclude` matches a cell. Counts the matches of each entry.
     fn is_excluded(&self, place: Place<'_>, counts: &mut [usize]) -> bool {
         let mut any = false;
         for (entry, count) in self.grid.exclude.iter().zip(counts) {
@@ -131,7 +130,7 @@ impl Ground<'_> {
         any
     }
 
-    /// What a cell has at a key of an exclusion.
+    /// The value of a cell at a key of an exclusion.
     fn value(&self, place: Place<'_>, key: &str) -> Option<Value> {
         match key {
             "scene" => Some(Value::String(place.scene.name.clone())),
@@ -162,8 +161,8 @@ impl Ground<'_> {
         Ok((cell, config))
     }
 
-    /// The id of a cell. It does not depend on where things lie, so that a sweep can move to another machine, nor on
-    /// the weights of LPIPS, which may come later.
+    /// The id of a cell. It does not depend on absolute paths, so that a sweep can move to another machine. Nor does it
+    /// depend on the LPIPS weights, which may be added later.
     fn id(&self, place: Place<'_>, config: &Config) -> anyhow::Result<String> {
         let mut config = config.clone();
         config.scene.data.clone_from(&place.scene.data);
@@ -172,14 +171,14 @@ impl Ground<'_> {
         Ok(sha256(config::to_toml(&config)?.as_bytes())[..ID_LENGTH].to_owned())
     }
 
-    /// The preset of the variant, else of the scene, else of the grid. [`check::grid`] refuses grids where both say
-    /// one.
+    /// The preset of the variant, otherwise of the scene, otherwise of the grid. [`check::grid`] rejects grids in which
+    /// both a scene and a variant name one.
     fn preset(&self, place: Place<'_>) -> Result<&'static Preset, UsageError> {
         let named = place.variant.preset.as_deref().or(place.scene.preset.as_deref());
         Preset::find(named.unwrap_or(&self.grid.preset))
     }
 
-    /// What overrides the preset. Later items override earlier ones.
+    /// The layers above the preset. Later items override earlier ones.
     fn partials(&self, place: Place<'_>) -> Result<Vec<PartialConfig>, UsageError> {
         let origin = self.origin;
         let part = |part: String| Origin::Grid(format!("{origin}, {part}"));
@@ -193,15 +192,15 @@ impl Ground<'_> {
         }
         partials.extend(self.settings.iter().cloned());
         let seed = i64::try_from(place.seed).map_err(|_| {
-            UsageError::new(format!("{origin}: the seed {} is too large; {} is the largest.", place.seed, i64::MAX))
+            UsageError::new(format!("{origin}: the seed {} is too large; the maximum is {}.", place.seed, i64::MAX))
         })?;
         partials.push(PartialConfig::of_one("seed", Value::Integer(seed), part("seeds".to_owned())));
         Ok(partials)
     }
 
-    /// Why the paper's numbers are of something else: another scene, or another schedule than the paper's. How a grid
-    /// reads its scenes is taken for a part of them; how the command line does is not. What a variant changes is what
-    /// the paper compares, but for a schedule of its own making.
+    /// Why the paper's values are not comparable: another scene, or another schedule. The options with which a grid
+    /// reads its scenes count as a part of the scenes; those of the command line do not. The changes of a variant are
+    /// what the paper compares, except for a schedule of its own.
     fn not_comparable(&self, place: Place<'_>, preset: &'static Preset) -> Option<String> {
         let mut reasons = BTreeSet::new();
         if place.scene.data.is_none() {
@@ -230,8 +229,8 @@ impl Ground<'_> {
         (!reasons.is_empty()).then(|| reasons.into_iter().collect::<Vec<_>>().join(", "))
     }
 
-    /// The keys of a variant's schedule, if it is neither the preset's nor that of a method that ships as a preset
-    /// `PRESET-...`: where the scenes name the presets a variant cannot, and says the method's keys itself.
+    /// The keys of a variant's schedule, if it is neither that of the preset nor that of a method that ships as a
+    /// preset `PRESET-...`. If the scenes name the presets, a variant cannot, and sets the keys of the method itself.
     fn own_schedule(&self, variant: &VariantEntry, preset: &'static Preset) -> Vec<String> {
         let is_schedule = |key: &str| key.starts_with("train.") && !UNSCHEDULED.contains(&key);
         let given: Vec<String> = leaves(&variant.set)
@@ -256,7 +255,7 @@ impl Ground<'_> {
     }
 }
 
-/// Every choice of one value for each axis; the last axis varies fastest. Without axes there is one, of nothing.
+/// Every combination of one value per axis. The last axis varies fastest. Without axes, there is one empty combination.
 fn combinations(axes: &[Axis]) -> Vec<Vec<Value>> {
     axes.iter().fold(vec![Vec::new()], |combinations, axis| {
         let with = |combination: &Vec<Value>| {

@@ -1,4 +1,4 @@
-//! A few steps of a cell, to know how long it will take.
+//! A few steps of a cell, to estimate its running time.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -14,26 +14,26 @@ use super::local::own_program;
 use crate::run::{self, Results};
 use crate::{atomic, config};
 
-/// Steps of a probe: some of each stage.
+/// Steps of a probe. They cover each stage.
 const STEPS: usize = 40;
 
-/// What counts of a line of `metrics.jsonl`.
+/// The relevant values of a line of `metrics.jsonl`.
 #[derive(Deserialize)]
 struct Line {
     stage: String,
     elapsed: f64,
 }
 
-/// Seconds that a cell will take, by a few steps of it on this machine.
+/// Estimated seconds of a cell, from a few of its steps on this machine.
 ///
 /// # Errors
 /// If the cell cannot be trained.
 pub fn seconds(cell: &Cell, configuration: &Config, device: &str, threads: usize) -> anyhow::Result<f64> {
-    let folder = tempfile::tempdir().context("cannot make a folder for the probe")?;
+    let folder = tempfile::tempdir().context("cannot create a folder for the probe")?;
     let path = folder.path().join(run::CONFIG);
     let mut short = configuration.clone();
     short.train.scale *= STEPS as f64 / cell.steps.max(STEPS) as f64;
-    // What makes up for a short run's steps does not belong to a probe of a whole one.
+    // The adaptations for short runs do not belong in the probe of a full run.
     short.train.scale_times &= configuration.train.scale < 1.0;
     short.train.log_interval = 1;
     atomic::write(&path, config::to_toml(&short)?.as_bytes())?;
@@ -49,7 +49,8 @@ pub fn seconds(cell: &Cell, configuration: &Config, device: &str, threads: usize
         .context("cannot start the program for a probe")?;
     let said = String::from_utf8_lossy(&output.stderr);
     ensure!(output.status.success(), "the probe of a cell failed: {}", said.trim().trim_start_matches("error: "));
-    let results: Results = serde_json::from_str(&read(&out.join(run::RESULTS))?).context("the probe's results")?;
+    let results: Results =
+        serde_json::from_str(&read(&out.join(run::RESULTS))?).context("cannot read the probe's results")?;
     let paces = paces(&read(&out.join(run::METRICS))?)?;
     let stages = configuration.scaled().train.stages;
     let lengths = [
@@ -57,7 +58,7 @@ pub fn seconds(cell: &Cell, configuration: &Config, device: &str, threads: usize
         (Stage::Deformation, stages.deformation.0),
         (Stage::Refinement, stages.refinement.0),
     ];
-    // A stage too short for the probe is counted as the slowest.
+    // A stage that is too short for the probe counts as the slowest.
     let slowest = paces.values().copied().fold(0.0, f64::max);
     let pace = |stage: Stage| paces.get(stage.name()).copied().unwrap_or(slowest);
     let training: f64 = lengths.into_iter().map(|(stage, steps)| pace(stage) * steps as f64).sum();
@@ -68,12 +69,12 @@ fn read(path: &Path) -> anyhow::Result<String> {
     std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))
 }
 
-/// Seconds of the median step of each stage: the first ones compile kernels and decode pictures.
+/// Seconds of the median step of each stage. The first steps are slower: they compile kernels and decode images.
 fn paces(log: &str) -> anyhow::Result<BTreeMap<String, f64>> {
     let mut steps: BTreeMap<String, Vec<f64>> = BTreeMap::new();
     let mut before = 0.0;
     for line in log.lines() {
-        let Line { stage, elapsed } = serde_json::from_str(line).context("a line of the probe's log")?;
+        let Line { stage, elapsed } = serde_json::from_str(line).context("cannot read the probe's log")?;
         steps.entry(stage).or_default().push(elapsed - before);
         before = elapsed;
     }

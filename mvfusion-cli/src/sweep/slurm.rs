@@ -1,8 +1,8 @@
 //! The cells of a sweep as one job array of SLURM.
 //!
-//! SLURM queues, places, limits and repeats; this file only writes what it asks for. The ids stand in the script
-//! itself, of which `sbatch` keeps a copy, and each cell has its order in a file of its own: a later submission does
-//! not change which cells an array that still waits will run, nor how they train.
+//! SLURM handles queueing, placement, limits and restarts; this module only writes the request. The ids are in the
+//! script itself, of which `sbatch` keeps a copy, and each cell has its task in a separate file. A later submission
+//! therefore changes neither the cells of an array that is still waiting, nor their training.
 
 use std::path::Path;
 use std::process::Command;
@@ -15,27 +15,27 @@ use super::index::{Cell, Index};
 use crate::failure::UsageError;
 use crate::{atomic, device, run};
 
-/// Folder of the script and of what SLURM says.
+/// Folder of the script and of SLURM's output.
 const FOLDER: &str = "slurm";
 
-/// What a value of `--gres` or `--tres-per-...` holds that decides about GPUs: a whole one, a share of one, nothing.
+/// Words in a value of `--gres` or `--tres-per-...` that decide about GPUs: a whole GPU, a share of one, or none.
 const GPU_WORDS: [&str; 4] = ["gpu", "mps", "shard", "none"];
 
-/// Pause before cells that other tasks work on are looked at again; each look asks the file system of all nodes.
+/// Time between two checks of cells that run in other tasks. Each check accesses the shared file system.
 const PAUSE: Duration = Duration::from_secs(2);
 
-/// How cells are handed to SLURM.
+/// How cells are submitted to SLURM.
 #[derive(Clone, Debug)]
 pub struct Slurm<'a> {
-    /// The sweep's folder, which all nodes share.
+    /// The sweep folder, which all nodes share.
     pub folder: &'a SweepFolder,
     /// The sweep.
     pub index: &'a Index,
     /// `--device` of each cell.
     pub device: &'a str,
-    /// Cells at the same time; as many as SLURM likes if absent.
+    /// Maximum number of cells at the same time; no limit if absent.
     pub jobs: Option<usize>,
-    /// CPUs, and threads, of each.
+    /// CPUs, and threads, of each cell.
     pub threads: usize,
     /// Further options of sbatch, such as `--partition=gpu`.
     pub options: &'a [String],
@@ -45,7 +45,8 @@ impl Slurm<'_> {
     /// The batch script of an array of cells.
     ///
     /// # Errors
-    /// [`UsageError`] for a device or an option that is none; if this program or the folder has a name that is no text.
+    /// [`UsageError`] for an unknown device or an invalid option. If the path of this program or of the folder is not
+    /// valid UTF-8.
     pub fn script(&self, cells: &[&Cell]) -> anyhow::Result<String> {
         let program = std::env::current_exe()?;
         let (program, folder, logs) = (text(&program)?, text(self.folder.path())?, self.folder.cells());
@@ -57,7 +58,7 @@ impl Slurm<'_> {
         Ok(format!(
             "#!/bin/sh\n\
              {directives}\
-             # The cells, a line each; the task's number picks one.\n\
+             # The cells, one per line; the task id selects one.\n\
              set --{ids}\n\
              shift \"$SLURM_ARRAY_TASK_ID\"\n\
              exec >>{logs}/\"$1\".log 2>&1\n\
@@ -65,11 +66,11 @@ impl Slurm<'_> {
         ))
     }
 
-    /// What is asked of SLURM for each of so many tasks.
+    /// The directives for an array with this number of tasks.
     fn directives(&self, count: usize) -> anyhow::Result<Vec<String>> {
         if let Some(option) = self.options.iter().find(|option| !option.starts_with('-') || option.contains('\n')) {
             let advice = "write --sbatch=--KEY=VALUE";
-            return Err(UsageError::new(format!("`--sbatch {option}` is no option of sbatch; {advice}.")).into());
+            return Err(UsageError::new(format!("`--sbatch {option}` is not an option of sbatch; {advice}.")).into());
         }
         let limit = self.jobs.map_or(String::new(), |jobs| format!("%{jobs}"));
         let folder = text(self.folder.path())?.replace('%', "%%");
@@ -78,7 +79,7 @@ impl Slurm<'_> {
             format!("--array=0-{}{limit}", count.saturating_sub(1)),
             format!("--output=\"{folder}/{FOLDER}/%A_%a.log\""),
             format!("--cpus-per-task={}", self.threads),
-            // A task that SLURM stops for another's sake, or whose node fails, starts again.
+            // A task that SLURM preempts, or whose node fails, starts again.
             "--requeue".to_owned(),
             "--open-mode=append".to_owned(),
         ];
@@ -89,10 +90,10 @@ impl Slurm<'_> {
         Ok(directives)
     }
 
-    /// Writes the script and submits it; returns the job's number. With `wait`, after the last task has ended.
+    /// Writes and submits the script. Returns the job id, with `wait` only after the last task has ended.
     ///
     /// # Errors
-    /// If there is no `sbatch`, or it refuses.
+    /// If `sbatch` is missing, or rejects the script.
     pub fn submit(&self, cells: &[&Cell], wait: bool) -> anyhow::Result<String> {
         let path = run::place(self.folder.path(), &[FOLDER, "array.sh"])?;
         atomic::write(&path, self.script(cells)?.as_bytes())?;
@@ -102,21 +103,21 @@ impl Slurm<'_> {
             format!("cannot start sbatch; --launcher slurm needs SLURM's commands. The script is {}", path.display())
         })?;
         let said = |bytes: &[u8]| String::from_utf8_lossy(bytes).trim().to_owned();
-        // `--parsable` prints the number, and on some clusters a semicolon and the cluster's name.
+        // `--parsable` prints the job id, and on some clusters a semicolon and the name of the cluster.
         let number = said(&output.stdout).split(';').next().unwrap_or_default().to_owned();
-        // With --wait the exit code is that of the tasks, which the caller looks at himself.
+        // With --wait, the exit code is that of the tasks, which the caller checks itself.
         if number.is_empty() || !(output.status.success() || wait) {
-            bail!("sbatch refuses {}: {}", path.display(), said(&output.stderr));
+            bail!("sbatch rejected {}: {}", path.display(), said(&output.stderr));
         }
         Ok(number)
     }
 
-    /// Waits until no process works on any of these cells: an array can end before a task of an earlier one does.
+    /// Waits until none of these cells is running. A task of an earlier array may outlast the new array.
     ///
     /// # Errors
-    /// If the folder cannot be used any more.
+    /// If the folder can no longer be used.
     pub fn wait_for(&self, cells: &[&Cell]) -> anyhow::Result<()> {
-        // All of them anew each time: while one is waited for, an earlier array may have begun another.
+        // Checks all of them each time, because an earlier array may have started another cell in the meantime.
         let is_at_work = |cell: &&Cell| Ok(self.folder.state(&cell.id, &self.index.wanted)? == State::Running);
         while cells.iter().map(is_at_work).collect::<anyhow::Result<Vec<bool>>>()?.contains(&true) {
             std::thread::sleep(PAUSE);
@@ -131,7 +132,7 @@ fn with_gpu(options: &[String]) -> Vec<String> {
     if options.iter().any(|option| decides_about_gpus(option)) {
         return options;
     }
-    // Of several `--gres` SLURM takes the last alone.
+    // SLURM uses only the last of several `--gres`.
     let others = |(place, option): (usize, &String)| Some((place, resources(option)?.to_owned()));
     let last = options.iter().enumerate().rev().find_map(others);
     match last {
@@ -141,7 +142,7 @@ fn with_gpu(options: &[String]) -> Vec<String> {
     options
 }
 
-/// Whether an option says how many GPUs a task has. A partition may be called `gpu`, and promises none.
+/// Whether an option decides how many GPUs a task has. A partition named `gpu` does not.
 fn decides_about_gpus(option: &str) -> bool {
     let (name, value) = option.split_once(['=', ' ']).unwrap_or((option, ""));
     let value = value.to_ascii_lowercase();
@@ -150,7 +151,7 @@ fn decides_about_gpus(option: &str) -> bool {
     is_of_gpus || (lists_resources && GPU_WORDS.iter().any(|word| value.contains(word)))
 }
 
-/// The value of `--gres`, if an option is that.
+/// The value of `--gres`, if the option is one.
 fn resources(option: &str) -> Option<&str> {
     option.strip_prefix("--gres")?.strip_prefix(['=', ' ']).map(str::trim)
 }
@@ -159,14 +160,14 @@ fn text(path: &Path) -> anyhow::Result<&str> {
     path.to_str().with_context(|| format!("{} is not valid UTF-8; rename it", path.display()))
 }
 
-/// A name that SLURM takes as one word.
+/// A name that SLURM reads as one word.
 fn plain(name: &str) -> String {
     name.chars()
         .map(|letter| if letter.is_ascii_alphanumeric() || "-_.".contains(letter) { letter } else { '-' })
         .collect()
 }
 
-/// A word for the shell.
+/// A word, quoted for the shell.
 fn quoted(word: &str) -> String {
     format!("'{}'", word.replace('\'', r"'\''"))
 }

@@ -92,7 +92,7 @@ fn a_run_is_rendered_in_every_layer_as_pictures_floats_and_animations() {
     // MP4 needs ffmpeg, and so has a test among those of other programs' readers (tests/tests/oracles/foreign.rs).
     let format = "png,exr,gif";
     let said = rendered(folder.path(), &["--frames", "3", "--size", "48x36", "--layers", "all", "--format", format]);
-    assert!(said.contains("3 of 48x36") && said.contains("masked_static") && said.contains("spiral"), "{said}");
+    assert!(said.contains("3 at 48x36") && said.contains("masked_static") && said.contains("spiral"), "{said}");
     let views = folder.path().join(RUN).join("films/spiral");
 
     for (layer, _) in LAYERS {

@@ -277,7 +277,7 @@ fn a_grid_that_cannot_be_run_is_refused_before_anything_is() {
     for (good, bad, code, word) in [
         ("motion.mfta = false", "motion.mtfa = false", USAGE, "`motion.mfta`"),
         ("seeds = [1, 2]", "seeds = []", USAGE, "is empty"),
-        ("name = \"w/o MFTA\"", "name = \"full\"", USAGE, "is there twice"),
+        ("name = \"w/o MFTA\"", "name = \"full\"", USAGE, "appears twice"),
         ("motion.mfta = false", "motion.mfta = false, motion.temporal = \"average\"", USAGE, "motion.temporal"),
         ("name = \"video\"", "name = \"video\"\ndata = \"not/there\"", FAILED, "--data-root"),
     ] {
@@ -297,7 +297,7 @@ fn a_folder_that_holds_something_else_is_not_written_to() {
     fs::write(ground.path().join("out/thesis.tex"), "x").expect("written");
     let output = ground.sweep(&[]);
     assert_eq!(output.status.code(), Some(FAILED));
-    assert!(text(&output.stderr).contains("`thesis.tex` and no sweep"), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("`thesis.tex`, but no sweep"), "{}", text(&output.stderr));
 
     let ground = Ground::new(TINY);
     fs::write(ground.path().join("out"), "x").expect("written");
@@ -309,7 +309,7 @@ fn a_folder_that_holds_something_else_is_not_written_to() {
         let arguments = ["sweep", "tiny.toml", "--device", "cpu", "--out", "/proc/sweep"];
         let output = mvfusion(ground.path(), &arguments);
         assert_eq!(output.status.code(), Some(FAILED));
-        assert!(text(&output.stderr).contains("cannot write into /proc"), "{}", text(&output.stderr));
+        assert!(text(&output.stderr).contains("cannot write to /proc"), "{}", text(&output.stderr));
     }
 }
 
@@ -404,21 +404,21 @@ fn cells_at_work_are_left_out_of_a_new_array_and_waited_for() {
 
     let held = ground.hold(&ids[1]);
     let said = ground.submitted(&[]);
-    assert!(said.contains("1 of 4 cells at work already") && said.contains("job 7: 3 cells"), "{said}");
+    assert!(said.contains("1 of 4 cells are already running") && said.contains("job 7: 3 cells"), "{said}");
     let script = fs::read_to_string(ground.path().join("out/slurm/array.sh")).expect("read");
     let submitted: Vec<bool> = ids.iter().map(|id| script.contains(id.as_str())).collect();
     assert_eq!(submitted, [true, false, true, true], "{script}");
 
     let others = [0, 2, 3].map(|place: usize| ground.hold(&ids[place]));
     let said = ground.submitted(&[]);
-    assert!(said.contains("4 of 4 cells at work already") && !said.contains("job "), "{said}");
+    assert!(said.contains("4 of 4 cells are already running") && !said.contains("job "), "{said}");
     assert_eq!(ground.jobs().len(), 2, "{:?}", ground.jobs());
     drop(others);
 
     let mut waiting =
         ground.submission(&["--wait"]).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("starts");
     let mut notes = BufReader::new(waiting.stderr.take().expect("piped")).lines().map(|line| line.expect("read"));
-    assert!(notes.any(|note| note.contains("waiting for cells that are still at work (1)")), "it did not wait");
+    assert!(notes.any(|note| note.contains("waiting for running cells (1)")), "it did not wait");
     assert!(ground.jobs()[2].contains("--wait"), "{:?}", ground.jobs());
     assert_eq!(waiting.try_wait().expect("asked"), None, "it did not wait for the cell at work");
     drop(held);

@@ -1,26 +1,26 @@
-//! The attention on slices: rows in parallel, each alone.
+//! Attention on slices. Rows are independent and run in parallel.
 
 use rayon::prelude::*;
 
 use crate::Real;
 use crate::simd::vectorised;
 
-/// Rows that a thread takes at a time.
+/// Rows per task.
 const BLOCK: usize = 64;
 
-/// Partial sums of a scalar product, which is added up in the same order on every machine.
+/// Partial sums of a scalar product. It is summed in the same order on every machine.
 const SUMS: usize = 8;
 
-/// How the rows of queries and memory are made.
+/// The layout of the rows of queries and memory.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Layout {
     /// Columns of a query, a key and a value.
     pub width: usize,
-    /// Queries of a row, which share its keys.
+    /// Queries per row, which share its keys.
     pub queries: usize,
-    /// Keys of a row.
+    /// Keys per row.
     pub keys: usize,
-    /// Heads that share the columns.
+    /// Number of heads, which divide the columns.
     pub heads: usize,
 }
 
@@ -31,23 +31,24 @@ pub(super) struct Adjoint<T> {
 }
 
 impl Layout {
-    /// Numbers of a row's queries.
+    /// Length of a row's queries.
     fn query_numbers(self) -> usize {
         self.queries * self.width
     }
 
-    /// Numbers of a row of the memory.
+    /// Length of a row of the memory.
     fn memory_numbers(self) -> usize {
         self.keys * 2 * self.width
     }
 
-    /// Columns of a head.
+    /// Columns per head.
     fn depth(self) -> usize {
         self.width / self.heads
     }
 }
 
-/// What each of `queries` `[N, queries, width]` finds in `memory` `[N, keys, 2 width]`: as `queries`.
+/// Attends from `queries` `[N, queries, width]` to `memory` `[N, keys, 2 width]`. The result has the shape of
+/// `queries`.
 pub(super) fn forward<T: Real>(queries: &[T], memory: &[T], layout: Layout) -> Vec<T> {
     let mut found = vec![T::zero(); queries.len()];
     let blocks = (
@@ -77,7 +78,7 @@ pub(super) fn forward<T: Real>(queries: &[T], memory: &[T], layout: Layout) -> V
     found
 }
 
-/// The adjoints of queries and memory, of `v_found` `[N, queries, width]`.
+/// The adjoints of queries and memory for the cotangent `v_found` `[N, queries, width]`.
 pub(super) fn backward<T: Real>(queries: &[T], memory: &[T], v_found: &[T], layout: Layout) -> Adjoint<T> {
     let mut adjoint = Adjoint { queries: vec![T::zero(); queries.len()], memory: vec![T::zero(); memory.len()] };
     let blocks = (
@@ -118,7 +119,7 @@ struct Head<'a, T> {
     query: &'a [T],
     memory: &'a [T],
     layout: Layout,
-    /// The first of its columns.
+    /// First column of the head.
     first: usize,
     /// `1 / sqrt(d)`.
     scale: T,
@@ -133,13 +134,13 @@ impl<'a, T: Real> Head<'a, T> {
         Self { query: &query[first..first + depth], memory, layout, first, scale }
     }
 
-    /// Where key `index` begins in the row's memory.
+    /// The start of key `index` in the row's memory.
     #[inline(always)]
     fn key_at(&self, index: usize) -> usize {
         index * 2 * self.layout.width + self.first
     }
 
-    /// Where value `index` begins.
+    /// The start of value `index`.
     #[inline(always)]
     fn value_at(&self, index: usize) -> usize {
         self.key_at(index) + self.layout.width
@@ -173,7 +174,7 @@ impl<'a, T: Real> Head<'a, T> {
         }
     }
 
-    /// Adds the adjoints of this head's query, keys and values; `v_weights` is room for numbers on the way.
+    /// Adds the adjoints of this head's query, keys and values; `v_weights` is scratch memory.
     #[inline(always)]
     fn pull_back(&self, weights: &[T], v_weights: &mut [T], v_found: &[T], v_query: &mut [T], v_memory: &mut [T]) {
         let depth = self.query.len();

@@ -1,45 +1,47 @@
-//! What can be wrong with the arguments of the op.
+//! Errors in the arguments of the op.
 
 use burn::tensor::{DType, Tensor};
 
 use crate::device::takes;
 
-/// An argument of [`forward`](super::forward) that does not fit.
+/// An invalid argument of [`forward`](super::forward).
 #[derive(Debug, thiserror::Error)]
 pub enum AttentionError {
-    /// A row without a query.
-    #[error("`queries` has shape {found:?}; expected [rows, queries, width] with a query at least")]
+    /// There are no queries per row.
+    #[error("`queries` has shape {found:?}; expected [rows, queries, width] with at least one query")]
     Queries {
-        /// Its shape.
+        /// The tensor's shape.
         found: [usize; 3],
     },
-    /// The memory is not made for these queries.
-    #[error("`memory` has shape {found:?}; expected [{rows}, keys, {columns}] with a key at least", rows = expected[0], columns = expected[1])]
+    /// The shape of the memory does not match the queries.
+    #[error("`memory` has shape {found:?}; expected [{rows}, keys, {columns}] with at least one key", rows = expected[0], columns = expected[1])]
     Memory {
-        /// Its shape.
+        /// The tensor's shape.
         found: [usize; 3],
-        /// Rows of the queries, and columns of a key and its value.
+        /// Rows of the queries, and columns of a key with its value.
         expected: [usize; 2],
     },
-    /// Heads that do not share the columns evenly.
-    #[error("{heads} heads cannot share {width} columns: they must divide them, and neither may be zero")]
+    /// The number of heads does not divide the columns.
+    #[error(
+        "{heads} heads cannot divide {width} columns: the width must be a positive multiple of the number of heads"
+    )]
     Heads {
-        /// Heads asked for.
+        /// Requested number of heads.
         heads: usize,
         /// Columns of the queries.
         width: usize,
     },
-    /// A tensor's numbers are of a type that the device does not take, or the two tensors differ.
-    #[error("`queries` holds {queries:?} and `memory` holds {memory:?}; expected f32 in both, or f64 on a CPU")]
+    /// The device does not support a dtype, or the two dtypes differ.
+    #[error("`queries` has dtype {queries:?} and `memory` has dtype {memory:?}; expected f32 in both, or f64 on a CPU")]
     Type {
-        /// Type of the queries.
+        /// Dtype of the queries.
         queries: DType,
-        /// Type of the memory.
+        /// Dtype of the memory.
         memory: DType,
     },
 }
 
-/// Checks everything that [`forward`](super::forward) takes.
+/// Checks all arguments of [`forward`](super::forward).
 pub(super) fn check(queries: &Tensor<3>, memory: &Tensor<3>, heads: usize) -> Result<(), AttentionError> {
     let [rows, count, width] = queries.dims();
     if count == 0 {

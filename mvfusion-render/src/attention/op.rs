@@ -1,4 +1,4 @@
-//! The attention as a Burn backend extension.
+//! Attention as a Burn backend extension.
 
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
@@ -19,7 +19,7 @@ pub(crate) trait AttentionOps: Backend {
     fn attention_forward(queries: FloatTensor<Self>, memory: FloatTensor<Self>, heads: usize) -> FloatTensor<Self>;
 }
 
-/// The adjoint; on plain backends only.
+/// The adjoint; only on backends without autodiff.
 pub(crate) trait AttentionAdjoint: AttentionOps {
     /// The adjoints of queries and memory. `v_found` is `[N, queries, width]`.
     fn attention_backward(

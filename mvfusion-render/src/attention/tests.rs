@@ -5,7 +5,7 @@ use burn::tensor::{DType, Device, Tensor, TensorData, activation::softmax};
 use super::*;
 use crate::test_support::{assert_parts_close, for_each_device, numbers, random};
 
-/// Sums over a few dozen columns, in f64 and f32, relative to the largest number.
+/// Sums over a few dozen columns, in f64 and f32, relative to the largest value.
 const EXACT: f64 = 1e-13;
 const SINGLE: f64 = 5e-6;
 
@@ -14,7 +14,7 @@ const SINGLE: f64 = 5e-6;
 struct Case([usize; 5]);
 
 impl Case {
-    /// What is found, then the adjoints of queries and memory.
+    /// The result, then the adjoints of queries and memory.
     fn run(
         self,
         device: &Device,
@@ -24,7 +24,7 @@ impl Case {
         let Self([rows, count, keys, heads, depth]) = self;
         let width = heads * depth;
         let device = &device.clone().autodiff();
-        // Numbers to 3 either way, so that some weights are close to 0 and 1.
+        // Values in -3 to 3, so that some weights are close to 0 and 1.
         let spread = |seed, count| random(seed, count).iter().map(|x| 6.0 * x - 3.0).collect::<Vec<f64>>();
         let queries = TensorData::new(spread(1, rows * count * width), [rows, count, width]);
         let memory = TensorData::new(spread(2, rows * keys * 2 * width), [rows, keys, 2 * width]);
@@ -45,12 +45,12 @@ impl Case {
     }
 }
 
-/// The same by tensor operations.
+/// The same computation with tensor operations.
 fn written_out(queries: Tensor<3>, memory: Tensor<3>, heads: usize) -> Tensor<3> {
     let ([rows, keys, both], count) = (memory.dims(), queries.dims()[1]);
     let (width, depth) = (both / 2, both / 2 / heads);
     let part = |first| memory.clone().narrow(2, first, width).reshape([rows, 1, keys, heads, depth]);
-    // Not divided by the root: Burn's adjoint of a division by a number rounds that number to f32.
+    // No division by the root: Burn's adjoint of a division by a scalar rounds the scalar to f32.
     let scale = 1.0 / (depth as f64).sqrt();
     let scores = (queries.reshape([rows, count, 1, heads, depth]) * part(0)).sum_dim(4) * scale;
     (softmax(scores, 2) * part(width)).sum_dim(2).reshape([rows, count, width])
@@ -59,8 +59,8 @@ fn written_out(queries: Tensor<3>, memory: Tensor<3>, heads: usize) -> Tensor<3>
 #[test]
 fn results_and_gradients_are_those_of_tensor_operations() {
     for_each_device(|device| {
-        // One key, which gets all the weight; a head narrower and one wider than the partial sums; several blocks; one
-        // query and several.
+        // One key, which gets all the weight; heads narrower and wider than the partial sums; several blocks; one query
+        // and several.
         let cases = [[3, 1, 1, 1, 5], [70, 1, 2, 4, 16], [65, 1, 3, 2, 11], [200, 1, 10, 1, 8], [70, 3, 3, 2, 9]];
         for case in cases.map(Case) {
             let wanted = case.run(&device, DType::F64, written_out);
@@ -109,17 +109,17 @@ fn what_does_not_fit_is_refused() {
         };
         assert_eq!(
             refusal(&queries, [5, 2, 8], 2),
-            "`memory` has shape [5, 2, 8]; expected [5, keys, 16] with a key at least"
+            "`memory` has shape [5, 2, 8]; expected [5, keys, 16] with at least one key"
         );
         let none = Tensor::<3>::zeros([5, 0, 8], &device);
         assert_eq!(
             refusal(&none, [5, 2, 16], 2),
-            "`queries` has shape [5, 0, 8]; expected [rows, queries, width] with a query at least"
+            "`queries` has shape [5, 0, 8]; expected [rows, queries, width] with at least one query"
         );
         assert!(refusal(&queries, [5, 0, 16], 2).starts_with("`memory` has shape [5, 0, 16]"));
         assert!(refusal(&queries, [4, 2, 16], 2).starts_with("`memory` has shape [4, 2, 16]"));
-        assert!(refusal(&queries, [5, 2, 16], 3).starts_with("3 heads cannot share 8 columns"));
+        assert!(refusal(&queries, [5, 2, 16], 3).starts_with("3 heads cannot divide 8 columns"));
         assert!(refusal(&queries, [5, 2, 16], 0).starts_with("0 heads"));
-        assert!(refusal(&queries.clone().cast(DType::F64), [5, 2, 16], 2).contains("holds F64"));
+        assert!(refusal(&queries.clone().cast(DType::F64), [5, 2, 16], 2).contains("has dtype F64"));
     });
 }

@@ -50,7 +50,7 @@ impl AdamOps for CubeBackend {
     }
 }
 
-/// A tensor to change: itself if nobody else holds it, else a copy.
+/// A tensor to modify in place: the tensor itself if it is not shared, otherwise a copy.
 fn own(tensor: CubeTensor) -> CubeTensor {
     let tensor = single(tensor);
     if tensor.can_mut() { tensor } else { tensor.copy() }

@@ -14,10 +14,10 @@ use crate::splat::SplatError;
 /// Bits of a depth's sort key.
 const DEPTH_BITS: usize = 32;
 
-/// Bytes that a pair of a Gaussian and a tile takes in each of the lists.
+/// Bytes per pair of a Gaussian and a tile in each list.
 pub(super) const PAIR_BYTES: u64 = 4;
 
-/// The tile lists, as [`SplatSaved`](crate::splat::op::SplatSaved) names them.
+/// The tile lists; see [`SplatSaved`](crate::splat::op::SplatSaved).
 pub(super) struct Bins {
     pub sorted: CubeTensor,
     pub starts: CubeTensor,
@@ -27,20 +27,21 @@ pub(super) struct Bins {
 
 /// The visible Gaussians by depth.
 struct ByDepth {
-    /// Their indices, `[N]`, of which `visible` are there.
+    /// Their indices, `[N]`; the first `visible` entries are valid.
     ids: CubeTensor,
-    /// `[1]`.
+    /// Number of visible Gaussians, `[1]`.
     visible: CubeTensor,
-    /// The tiles that they touch, before each and of all.
+    /// Prefix sums of the number of tiles that they touch.
     pairs: RunningSums,
 }
 
 impl Frame {
-    /// Lists the Gaussians of each tile by depth. Here is the one place where the host waits for the device: the lists'
-    /// length is not known before.
+    /// Lists the Gaussians of each tile by depth. This is the only place where the host waits for the device, because
+    /// the length of the lists must be read back.
     ///
     /// # Errors
-    /// If a buffer of `pair_bytes` for each entry of the lists is larger than the device has, or indices do not count them.
+    /// If a buffer of `pair_bytes` per list entry is too large for the device, or the number of entries overflows an
+    /// index.
     pub fn bin(&self, projected: &Projected, pair_bytes: u64) -> Result<Bins, SplatError> {
         if self.count() == 0 {
             return Ok(self.no_bins());
@@ -142,7 +143,7 @@ impl Frame {
         Bins { sorted, starts, spans, slots }
     }
 
-    /// The lists of a picture that shows nothing.
+    /// The lists of an empty image.
     pub fn no_bins(&self) -> Bins {
         let gpu = &self.gpu;
         Bins {
@@ -154,13 +155,13 @@ impl Frame {
     }
 }
 
-/// Bits of the numbers below `count`.
+/// Bits needed for the numbers below `count`.
 fn bits_of(count: usize) -> usize {
     (usize::BITS - (count - 1).leading_zeros()) as usize
 }
 
-/// Whether indices count so many pairs, and buffers of `limit` bytes hold `bytes` for each. A number that 32 bits do not
-/// hold comes as their largest.
+/// Checks that an index can count `pairs`, and that `bytes` per pair fit into `limit`. Larger counts arrive as
+/// `u32::MAX`.
 fn check_pairs(pairs: u32, bytes: u64, limit: u64) -> Result<(), SplatError> {
     if pairs > i32::MAX as u32 {
         return Err(SplatError::Pairs(pairs));

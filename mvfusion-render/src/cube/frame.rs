@@ -1,4 +1,4 @@
-//! A picture to render on a GPU: its Gaussians, its view, and both as arguments of kernels.
+//! An image to render on a GPU: its Gaussians, its view, and both as kernel arguments.
 
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
@@ -11,7 +11,7 @@ use crate::splat::op::{SplatPlan, SplatPrimitives};
 use crate::splat::tensors::{SplatSizes, SplatTensors};
 use crate::splat::{Antialias, Extent};
 
-/// One picture to render, or to pull back.
+/// One image to render or to backpropagate.
 pub(super) struct Frame {
     pub gpu: Gpu,
     pub tensors: SplatTensors<CubeTensor>,
@@ -27,7 +27,7 @@ pub(super) struct Projected {
     pub radii: CubeTensor,
     /// `[N]`, the larger radius.
     pub largest: CubeTensor,
-    /// `[N]`, tiles that each touches.
+    /// `[N]`, number of tiles that each Gaussian touches.
     pub touched: CubeTensor,
 }
 
@@ -59,12 +59,12 @@ impl Frame {
         }
     }
 
-    /// Whether tiles are reckoned by one radius.
+    /// Whether tiles are computed from one radius.
     pub fn is_square(&self) -> bool {
         matches!(self.view.extent, Extent::Square { .. })
     }
 
-    /// The camera and the rules of projection, for a kernel.
+    /// The camera and the projection rules as a kernel argument.
     pub fn view(&self) -> ViewLaunch {
         let view = &self.view;
         let pair = |[x, y]: [f32; 2]| PairLaunch::new(x, y);
@@ -99,7 +99,7 @@ impl Frame {
     }
 }
 
-/// The largest number for one without end: a shader may take floats to be finite.
+/// Replaces infinity by the largest finite number, because a shader may assume that floats are finite.
 fn finite(number: f32) -> f32 {
     number.min(f32::MAX)
 }

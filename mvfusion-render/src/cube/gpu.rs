@@ -1,4 +1,4 @@
-//! A device to launch on: its buffers, its limits, and how launches are folded into them.
+//! A device for launches: its buffers, its limits, and the folding of launches into two dimensions.
 
 use std::cell::Cell;
 use std::thread::LocalKey;
@@ -18,37 +18,38 @@ use mvfusion_kernels::cube::UNITS;
 use mvfusion_kernels::cube::product::ProductPlan;
 use mvfusion_kernels::splat::TILE;
 
-/// The most cubes along one axis of a launch: what WebGPU promises everywhere.
+/// Largest number of cubes along one axis of a launch: the limit that WebGPU guarantees.
 pub(crate) const MAX_CUBES: u32 = 65_535;
 
 thread_local! {
-    /// The limit in force for launches of this thread, which tests lower.
+    /// The limit for launches of this thread; tests lower it.
     static LIMIT: Cell<u32> = const { Cell::new(MAX_CUBES) };
 
-    /// Whether this thread treats every device as hardware without an atomic addition of floats, for tests.
+    /// Whether this thread treats every device as hardware without an atomic addition of floats; for tests.
     static IMITATES: Cell<bool> = const { Cell::new(false) };
 }
 
-/// The size of every cube but those that blend and those that multiply.
+/// The cube size of all kernels except those for blending and products.
 pub(super) const CUBE: CubeDim = CubeDim::new_1d(UNITS as u32);
 
-/// Pixels of a row that a unit of a GPU blends: what it reads of a Gaussian serves them all, and enough units are left.
+/// Neighbouring pixels that a unit of a GPU blends. It reads each Gaussian once for all of them, and enough units
+/// remain.
 const GPU_SPAN: usize = 4;
 
-/// Bytes that the units of a cube share on a GPU, which holds several cubes at once if they take no more.
+/// Preferred bytes of shared memory per cube on a GPU, so that several cubes are resident at once.
 const GPU_MEMORY: usize = 16 << 10;
 
-/// How the pixels of a tile are shared out among the units of a cube.
+/// How the pixels of a tile are divided among the units of a cube.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TilePlan {
-    /// Neighbouring pixels of a unit. On a CPU a whole row: there each unit's reading costs as much as what it computes
-    /// for a pixel.
+    /// Neighbouring pixels per unit. On a CPU it is a whole row, because reading a Gaussian costs as much as computing
+    /// a pixel.
     pub span: usize,
-    /// Bytes that the units had better share at most, and those that they can.
+    /// Preferred and largest number of bytes of shared memory.
     pub memory: [usize; 2],
 }
 
-/// A device, as launches need it.
+/// A device for launches.
 #[derive(Clone)]
 pub(super) struct Gpu {
     pub client: Client,
@@ -66,13 +67,13 @@ impl Gpu {
         buffer_limit(&self.client)
     }
 
-    /// Room for a tensor whose numbers are still to be written.
+    /// Allocates an uninitialised tensor.
     ///
     /// # Panics
-    /// If the device binds no buffer of that size.
+    /// If the device cannot bind a buffer of that size.
     pub fn room(&self, shape: impl Into<Shape>, dtype: DType) -> CubeTensor {
         let shape = shape.into();
-        // No device binds a buffer of nothing.
+        // No device binds an empty buffer.
         let bytes = (shape.num_elements() * dtype.size()).max(4);
         let limit = self.buffer_limit();
         assert!(
@@ -84,27 +85,27 @@ impl Gpu {
         CubeTensor::new_contiguous(self.client.clone(), self.device.clone(), shape, handle, dtype)
     }
 
-    /// Room for floats.
+    /// Allocates floats.
     pub fn floats(&self, shape: impl Into<Shape>) -> CubeTensor {
         self.room(shape, DType::F32)
     }
 
-    /// Room for whole numbers that leave the op.
+    /// Allocates signed integers, which may leave the op.
     pub fn integers(&self, shape: impl Into<Shape>) -> CubeTensor {
         self.room(shape, DType::I32)
     }
 
-    /// Room for `count` whole numbers within the op.
+    /// Allocates `count` unsigned integers for use within the op.
     pub fn naturals(&self, count: usize) -> CubeTensor {
         self.room([count], DType::U32)
     }
 
-    /// Whole numbers of the host.
+    /// Uploads integers.
     pub fn upload(&self, numbers: &[u32]) -> CubeTensor {
         self.upload_words(numbers.iter().map(|number| number.to_le_bytes()), DType::U32)
     }
 
-    /// Floats of the host.
+    /// Uploads floats.
     pub fn upload_floats(&self, numbers: &[f32]) -> CubeTensor {
         self.upload_words(numbers.iter().map(|number| number.to_le_bytes()), DType::F32)
     }
@@ -115,12 +116,12 @@ impl Gpu {
         CubeTensor::new_contiguous(self.client.clone(), self.device.clone(), shape, handle, dtype)
     }
 
-    /// Whole numbers that are all zero.
+    /// Integer zeros.
     pub fn zeros(&self, shape: impl Into<Shape>) -> CubeTensor {
         CubeBackend::int_zeros(shape.into(), &self.device, IntDType::I32)
     }
 
-    /// Floats that are all zero.
+    /// Float zeros.
     pub fn zero_floats(&self, shape: impl Into<Shape>) -> CubeTensor {
         CubeBackend::float_zeros(shape.into(), &self.device, FloatDType::F32)
     }
@@ -131,12 +132,12 @@ impl Gpu {
         CubeBackend::float_reshape(CubeBackend::float_sum_dim(tensor, 0), Shape::from([columns]))
     }
 
-    /// How the pixels of a tile are shared out among units.
+    /// How the pixels of a tile are divided among units.
     pub fn tile_plan(&self) -> TilePlan {
         TilePlan::of(&self.device)
     }
 
-    /// How a product of matrices is shared out: on a CPU in larger blocks, for the same reason.
+    /// How a matrix product is divided among units: in larger blocks on a CPU, for the same reason.
     pub fn product_plan(&self) -> ProductPlan {
         if computes_on_cpu(&self.device) {
             ProductPlan { units: 16, block: [16, 8] }
@@ -145,29 +146,29 @@ impl Gpu {
         }
     }
 
-    /// Waits for a whole number of the device.
+    /// Reads an integer from the device and waits for it.
     ///
     /// # Panics
     /// If the device fails.
     pub fn read(&self, number: &CubeTensor) -> u32 {
         let bytes = self.client.read_one_unchecked(number.handle.clone());
-        // Proof: the buffer holds one number of four bytes.
+        // Proof: the buffer contains one value of four bytes.
         u32::from_le_bytes(bytes[..4].try_into().expect("four bytes"))
     }
 
-    /// A launch of `cubes` cubes, folded in two dimensions where one does not hold them; some cubes may be too many.
+    /// A launch of `cubes` cubes, folded into two dimensions if necessary; there may be a few excess cubes.
     pub fn cubes(&self, cubes: usize) -> CubeCount {
         let [x, y] = fold(cubes, LIMIT.get());
         CubeCount::Static(x, y, 1)
     }
 
-    /// A launch with a unit for each of `units` things.
+    /// A launch with at least `units` units.
     pub fn units(&self, units: usize) -> CubeCount {
         self.cubes(units.div_ceil(UNITS))
     }
 }
 
-/// A tensor as kernels read it: single precision, row-major.
+/// A tensor in the format of the kernels: single precision, row-major.
 pub(super) fn single(tensor: CubeTensor) -> CubeTensor {
     assert_eq!(tensor.dtype, DType::F32, "GPUs work in single precision here");
     into_contiguous(tensor)
@@ -185,17 +186,17 @@ impl TilePlan {
     }
 }
 
-/// Bytes of the largest buffer that kernels can use on a device: they count numbers with 32 bits.
+/// Bytes of the largest buffer that kernels can use on a device. Kernels index values with 32 bits.
 pub(crate) fn buffer_limit(client: &Client) -> u64 {
     client.properties().memory.max_page_size.min(4 * u64::from(u32::MAX))
 }
 
-/// Whether work is shared out as for a driver that computes on the CPU.
+/// Whether work is divided as for a software driver.
 fn computes_on_cpu(device: &CubeDevice) -> bool {
     !IMITATES.get() && is_software(device)
 }
 
-/// Whether a device is a driver that computes on the CPU, chosen as such: wgpu does not say what its default device is.
+/// Whether a device was explicitly chosen as a software driver. wgpu does not report what its default device is.
 pub(crate) fn is_software(device: &CubeDevice) -> bool {
     match device {
         #[cfg(feature = "wgpu")]
@@ -211,7 +212,7 @@ pub(crate) fn adds_floats(client: &Client) -> bool {
     !IMITATES.get() && client.properties().atomic_type_usage(float).contains(AtomicUsage::Add)
 }
 
-/// `cubes` as `x y`, each of the two as small as the limit on `x` allows.
+/// Factors `cubes` into `[x, y]`, both as small as the limit on `x` allows.
 fn fold(cubes: usize, limit: u32) -> [u32; 2] {
     let rows = cubes.div_ceil(limit as usize).max(1);
     [cubes.div_ceil(rows).max(1) as u32, rows as u32]
@@ -227,7 +228,7 @@ pub(crate) fn imitate_hardware<T>(body: impl FnOnce() -> T) -> T {
     with(&IMITATES, true, body)
 }
 
-/// Runs `body` while a switch of this thread has a value; even a panic sets it back.
+/// Runs `body` while a switch of this thread has a value; the switch is reset even after a panic.
 fn with<S: Copy + 'static, T>(switch: &'static LocalKey<Cell<S>>, value: S, body: impl FnOnce() -> T) -> T {
     struct Reset<S: Copy + 'static>(&'static LocalKey<Cell<S>>, S);
     impl<S: Copy> Drop for Reset<S> {

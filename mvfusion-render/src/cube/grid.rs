@@ -1,4 +1,4 @@
-//! The HexPlane look-up. CPU twin: `grid/cpu.rs`.
+//! HexPlane interpolation. CPU twin: `grid/cpu.rs`.
 
 use burn::backend::TensorMetadata;
 use burn::backend::ops::FloatTensorOps;
@@ -26,7 +26,7 @@ impl GridOps for CubeBackend {
         let query = Query::new(LookUp { planes, points, times }, &bounds, &layout);
         let found = query.gpu.floats([query.count, layout.feature_count()]);
         if query.count > 0 {
-            // SAFETY: cells are cut off at the axes that `layout` tells, and rows at `count`.
+            // SAFETY: cells are clamped to the axes in `layout`, and rows to `count`.
             unsafe {
                 look_up::launch_unchecked(
                     &query.gpu.client,
@@ -68,7 +68,7 @@ impl GridAdjoint for CubeBackend {
             } else {
                 look_up_backward::launch_unchecked::<ExchangedSum>
             };
-            // SAFETY: as for the look-up; each unit has its own places.
+            // SAFETY: as in the forward pass; each unit writes its own rows of `v_places`.
             unsafe {
                 launch(
                     &gpu.client,
@@ -109,7 +109,7 @@ impl GridAdjoint for CubeBackend {
     }
 }
 
-/// A look-up's arguments as its kernels take them.
+/// The arguments of an interpolation as kernel arguments.
 struct Query {
     gpu: Gpu,
     planes: CubeTensor,
@@ -153,7 +153,7 @@ impl Query {
         GridBoxLaunch::new(triple(self.bounds.max), triple(slopes(&self.bounds)))
     }
 
-    /// How far on the time of the next point is.
+    /// Distance from one point's time to the next.
     fn time_step(&self) -> u32 {
         u32::from(self.times.shape().num_elements() > 1)
     }

@@ -1,4 +1,4 @@
-//! The perceptrons, a launch a layer. CPU twin: `mlp/cpu.rs`.
+//! The MLPs, one launch per layer. CPU twin: `mlp/cpu.rs`.
 
 use burn::backend::TensorMetadata;
 use burn::backend::tensor::FloatTensor;
@@ -13,8 +13,8 @@ use crate::mlp::cpu::Wanted;
 use crate::mlp::layout::LinearLayout;
 use crate::mlp::op::{Arguments, MlpAdjoint, MlpOps};
 
-/// Rows that a cube sums for the adjoint of a weight: enough that the slabs' shares are few, few enough that there are
-/// many slabs.
+/// Rows that a cube sums for the adjoint of a weight. More rows mean fewer partial sums, fewer rows mean more parallel
+/// slabs.
 const SLAB: usize = 1024;
 
 impl MlpOps for CubeBackend {
@@ -79,9 +79,9 @@ impl MlpAdjoint for CubeBackend {
 struct Matrix {
     tensor: CubeTensor,
     columns: usize,
-    /// Its first number in the buffer.
+    /// Index of its first value in the buffer.
     first: usize,
-    /// From one row to the next.
+    /// Distance from one row to the next.
     stride: usize,
 }
 
@@ -97,12 +97,12 @@ impl Matrix {
         Self { tensor: tensor.clone(), columns, first, stride: tensor.shape()[1] }
     }
 
-    /// For a kernel.
+    /// The layout as a kernel argument.
     fn layout(&self) -> MatrixLayoutLaunch {
         MatrixLayoutLaunch::new(self.first as u32, self.stride as u32, 1)
     }
 
-    /// For a kernel that takes columns for rows.
+    /// The layout of the transpose.
     fn transposed_layout(&self) -> MatrixLayoutLaunch {
         MatrixLayoutLaunch::new(self.first as u32, 1, self.stride as u32)
     }
@@ -114,7 +114,7 @@ struct Run {
     input: Matrix,
     parameters: CubeTensor,
     rows: usize,
-    /// Whether the input's negative numbers count as zero.
+    /// Whether negative values of the input count as zero.
     rectified: bool,
 }
 
@@ -126,7 +126,7 @@ impl Run {
         Self { gpu, input, parameters: single(parameters), rows, rectified: layout.rectified }
     }
 
-    /// The rectified outputs of a chain's layers but the last.
+    /// The rectified outputs of all layers of a chain except the last.
     fn hidden(&self, chain: &[LinearLayout]) -> Vec<Matrix> {
         let mut hidden: Vec<Matrix> = Vec::new();
         for layer in &chain[..chain.len() - 1] {
@@ -137,7 +137,7 @@ impl Run {
         hidden
     }
 
-    /// Whether a layer's source is the input, whose negative numbers count as zero.
+    /// Whether a layer reads the input and its negative values count as zero.
     fn is_rectified(&self, source: &Matrix) -> bool {
         self.rectified && std::ptr::eq(source, &self.input)
     }
@@ -174,8 +174,8 @@ impl Run {
         });
     }
 
-    /// The slabs' shares of the adjoint of a layer's weight, `sourceᵀ v`, and of its bias, the sum of v: the bias lies
-    /// behind the weight as another row.
+    /// The slabs' partial sums of the adjoint of a layer's weight, `sourceᵀ v`, and of its bias, the sum of v. The bias
+    /// follows the weight as another row.
     fn weight_adjoint(&self, source: &Matrix, v: &Matrix, layer: &LinearLayout, shares: &CubeTensor) {
         let result =
             Matrix { tensor: shares.clone(), columns: layer.outputs, first: layer.weight.start, stride: layer.outputs };
@@ -202,8 +202,8 @@ impl Run {
         let slab = if of.end == End::Slabs { SLAB } else { depth };
         let tiles = rows.div_ceil(kind.tile_rows()) * columns.div_ceil(kind.tile_columns());
         let slab_stride = of.result.tensor.shape()[1];
-        // SAFETY: rows, columns and the depth are those of the matrices, and what lies beyond them is neither read nor
-        // written.
+        // SAFETY: rows, columns and depth are those of the matrices, and the kernel neither reads nor writes beyond
+        // them.
         unsafe {
             product::launch_unchecked(
                 &self.gpu.client,
@@ -237,7 +237,7 @@ struct Product<'a> {
     result: &'a Matrix,
     gate: &'a Matrix,
     bias: usize,
-    /// Whether negative numbers of the left matrix count as zero.
+    /// Whether negative values of the left matrix count as zero.
     rectified: bool,
     end: End,
 }

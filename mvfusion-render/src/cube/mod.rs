@@ -1,7 +1,6 @@
-//! The ops on a GPU: which buffers a kernel gets, and how many cubes. The kernels themselves are in
-//! `mvfusion_kernels::cube`.
+//! The ops on a GPU: buffers and launch sizes. The kernels themselves are in `mvfusion_kernels::cube`.
 //!
-//! Every op works in single precision.
+//! All ops use single precision.
 
 mod adam;
 mod attention;

@@ -16,7 +16,7 @@ impl PenaltyOps for CubeBackend {
         let numbers = planes.shape().num_elements();
         let cubes = numbers.div_ceil(PENALTY_BLOCK);
         let sums = gpu.floats([cubes, TERMS]);
-        // SAFETY: numbers are read within their plane, of which `places` tells the size.
+        // SAFETY: values are read within their plane, whose size is in `places`.
         unsafe {
             penalties::launch_unchecked(
                 &gpu.client,
@@ -43,7 +43,7 @@ impl PenaltyAdjoint for CubeBackend {
         let gpu = Gpu::of(&planes);
         let numbers = planes.shape().num_elements();
         let v_planes = gpu.floats(planes.shape());
-        // SAFETY: numbers are read within their plane, of which `places` tells the size.
+        // SAFETY: values are read within their plane, whose size is in `places`.
         unsafe {
             penalties_backward::launch_unchecked(
                 &gpu.client,
@@ -61,7 +61,7 @@ impl PenaltyAdjoint for CubeBackend {
     }
 }
 
-/// Where each plane lies, see [`mvfusion_kernels::cube::penalties`].
+/// The layout of each plane, see [`mvfusion_kernels::cube::penalties`].
 fn places(gpu: &Gpu, layout: &GridLayout) -> CubeTensor {
     let planes = layout.planes();
     let numbers = planes.iter().flat_map(|plane| {

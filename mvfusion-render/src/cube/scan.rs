@@ -1,19 +1,19 @@
-//! Running sums on the device.
+//! Prefix sums on the device.
 
 use burn_cubecl::tensor::CubeTensor;
 use mvfusion_kernels::cube::scan::{SCAN_BLOCK, scan_blocks, sum_blocks};
 
 use super::gpu::{CUBE, Gpu};
 
-/// Running sums of `[count]` whole numbers.
+/// Prefix sums of `[count]` integers.
 pub(super) struct RunningSums {
-    /// The sum of the numbers before each, `[count]`.
+    /// The sum of the values before each one, `[count]`.
     pub before: CubeTensor,
-    /// The sum of all, `[1]`.
+    /// The sum of all values, `[1]`.
     pub total: CubeTensor,
 }
 
-/// The running sums of `values`, of which there are `count > 0`.
+/// The prefix sums of `values`, with `count > 0` entries.
 pub(super) fn running_sums(gpu: &Gpu, values: &CubeTensor, count: usize) -> RunningSums {
     let blocks = count.div_ceil(SCAN_BLOCK);
     let offsets = if blocks == 1 {

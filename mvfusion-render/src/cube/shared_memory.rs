@@ -1,18 +1,18 @@
-//! Which blending kernels fit the memory that the units of a device share.
+//! Selection of blending kernels that fit into a device's shared memory.
 
 use burn_cubecl::CubeDevice;
 use mvfusion_kernels::cube::backward_kind::{BlendBackwardKind, CountedChannels};
 
 use super::gpu::TilePlan;
 
-/// Whether the units of a device share enough memory to blend so many channels, there and back.
+/// Whether a device has enough shared memory to blend this many channels, forward and backward.
 pub(crate) fn fits_shared_memory(device: &CubeDevice, channels: usize) -> bool {
     let statistic = Some(CountedChannels::All);
     let kind = |span, memory| BlendBackwardKind::fitting(span, channels, statistic, memory);
     fitting(TilePlan::of(device), kind).is_some()
 }
 
-/// The first of the plan's sizes of memory in which something fits.
+/// The kernel for the first of the plan's memory sizes into which one fits.
 pub(super) fn fitting<T>(plan: TilePlan, kind: impl Fn(usize, usize) -> Option<T>) -> Option<T> {
     plan.memory.into_iter().find_map(|memory| kind(plan.span, memory))
 }

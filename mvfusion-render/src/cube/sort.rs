@@ -6,20 +6,20 @@ use mvfusion_kernels::cube::sort::{DIGIT_BITS, DIGITS, SORT_BLOCK, count_digits,
 use super::gpu::{CUBE, Gpu};
 use super::scan::running_sums;
 
-/// Keys, and a number that goes with each.
+/// Keys, each with a number.
 pub(super) struct Keyed {
     pub keys: CubeTensor,
     pub numbers: CubeTensor,
 }
 
-/// Sorts by the lowest `bits` bits of the keys; equal keys keep their order. There is room for `capacity > 0` keys, and
-/// `total` `[1]` of them are there.
+/// Sorts by the lowest `bits` bits of the keys; equal keys keep their order. The buffers have room for `capacity > 0`
+/// keys, of which the first `total` `[1]` are valid.
 pub(super) fn sort(gpu: &Gpu, mut sorted: Keyed, total: &CubeTensor, capacity: usize, bits: usize) -> Keyed {
     let blocks = capacity.div_ceil(SORT_BLOCK);
     let counts = gpu.naturals(DIGITS * blocks);
     let mut moved = Keyed { keys: gpu.naturals(capacity), numbers: gpu.naturals(capacity) };
     for shift in (0..bits).step_by(DIGIT_BITS) {
-        // SAFETY: keys are read below `total`, which is at most the capacity; counts have a place for each digit and
+        // SAFETY: keys are read below `total`, which is at most the capacity; counts have an entry for each digit and
         // block.
         unsafe {
             count_digits::launch_unchecked(
@@ -34,7 +34,7 @@ pub(super) fn sort(gpu: &Gpu, mut sorted: Keyed, total: &CubeTensor, capacity: u
             );
         }
         let offsets = running_sums(gpu, &counts, DIGITS * blocks).before;
-        // SAFETY: as before; a place is the number of keys that come first, so it lies below their number.
+        // SAFETY: as above; a position is the number of preceding keys, so it is less than the number of keys.
         unsafe {
             move_keys::launch_unchecked(
                 &gpu.client,

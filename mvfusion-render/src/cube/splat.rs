@@ -1,4 +1,5 @@
-//! The splat op: projection, sorting, blending, and back. CPU twin: `splat/cpu/forward.rs` and `backward.rs`.
+//! The splat op: projection, sorting, blending, and their gradients. CPU twin: `splat/cpu/forward.rs` and
+//! `backward.rs`.
 
 use burn::backend::TensorMetadata;
 use burn::backend::tensor::FloatTensor;
@@ -46,7 +47,7 @@ impl SplatKernels for CubeBackend {
     }
 }
 
-/// Renders. Each pair of a Gaussian and a tile will take `pair_bytes` in the largest of its buffers.
+/// Renders. The largest buffer will have `pair_bytes` per pair of a Gaussian and a tile.
 fn forward(inputs: SplatPrimitives<CubeBackend>, plan: &SplatPlan, pair_bytes: u64) -> SplatForward<CubeBackend> {
     let frame = Frame::new(inputs, plan);
     let projected = frame.project();
@@ -98,13 +99,13 @@ impl Frame {
         let (gpu, tiles, view) = (&self.gpu, self.view.tile_count(), &self.view);
         let picture = gpu.floats([2, plane_count(self.channels()), view.height, view.width]);
         let (transmittance, last) = (gpu.floats([tiles, TILE_PIXELS]), gpu.integers([tiles, TILE_PIXELS]));
-        // Proof: `splat` has made sure that the backward pass fits, which needs more.
+        // Proof: `splat` checked that the backward pass fits, which needs more memory.
         let share = fitting(gpu.tile_plan(), |span, memory| TileShare::fitting(span, self.channels(), memory))
             .expect("the channels fit");
         let inputs = arguments(&self.tensors);
-        // SAFETY: the kernel's indices lie within its arguments: tiles, pixels and channels by the sizes of the tensors
-        // made here, the places in the lists by `starts`, and the lists name projected Gaussians. Its loops end with
-        // the lists.
+        // SAFETY: the kernel's indices are within its arguments. Tiles, pixels and channels follow from the sizes of
+        // the tensors allocated here, positions in the lists from `starts`. The lists contain projected Gaussians, and
+        // the loops end with the lists.
         unsafe {
             blend::launch_unchecked(
                 &gpu.client,
@@ -138,7 +139,7 @@ impl Frame {
         }
     }
 
-    /// The gradient records of the tile lists, and the tiles' shares of the background's gradient.
+    /// The gradient records of the tile lists, and each tile's part of the background's gradient.
     fn blend_backward(
         &self,
         saved: &SplatSaved<CubeBackend>,
@@ -150,15 +151,15 @@ impl Frame {
             Statistic::ColourAndDepth => CountedChannels::ColourAndDepth,
             Statistic::AllChannels => CountedChannels::All,
         });
-        // Proof: `splat` has made sure of it.
+        // Proof: `splat` checked that it fits.
         let kind =
             fitting(gpu.tile_plan(), |span, memory| BlendBackwardKind::fitting(span, channels, statistic, memory))
                 .expect("the channels fit");
-        // One row at least: the kernel reads and writes vectors, for which no device binds less.
+        // At least one row: the kernel reads and writes whole vectors, so it needs a buffer of at least one.
         let gradients = gpu.floats([saved.sorted.shape()[0].max(1), record_numbers(channels)]);
         let background = gpu.floats([tiles, background_channels(channels)]);
         let inputs = arguments(&self.tensors);
-        // SAFETY: as for the forward pass; the gradients have a row for each entry of the lists.
+        // SAFETY: as in the forward pass; the gradients have a row for each entry of the lists.
         unsafe {
             blend_backward::launch_unchecked(
                 &gpu.client,
@@ -194,8 +195,8 @@ impl Frame {
         let result = SplatTensors { background: gpu.sum_rows(background), ..room };
         if count > 0 {
             let (inputs, outputs) = (arguments(&self.tensors), arguments(&result));
-            // SAFETY: units beyond the Gaussians do nothing, and the others read and write their own rows; `spans` and
-            // `slots` name rows of `gradients`.
+            // SAFETY: excess units do nothing, and the others read and write their own rows; `spans` and `slots` refer
+            // to rows of `gradients`.
             unsafe {
                 project_backward::launch_unchecked(
                     &gpu.client,
@@ -229,7 +230,7 @@ impl Frame {
     }
 }
 
-/// The tensors as arguments of a kernel.
+/// The tensors as kernel arguments.
 fn arguments(tensors: &SplatTensors<CubeTensor>) -> SplatTensors<BufferArg> {
     tensors.each_ref().map(|tensor| tensor.clone().into_buffer_arg())
 }

@@ -20,7 +20,7 @@ impl WindowOps for CubeBackend {
         let pass = Pass::new(&images, &window);
         let (sums, blurred) = (pass.map(), pass.map());
         if pass.pixels() > 0 {
-            // SAFETY: taps stay within their plane, and every buffer has the numbers of `Pass::size`.
+            // SAFETY: taps stay within their plane, and every buffer has the size of `Pass::size`.
             unsafe {
                 blur_columns::launch_unchecked(
                     &pass.gpu.client,
@@ -32,7 +32,7 @@ impl WindowOps for CubeBackend {
                     pass.size(),
                 );
             }
-            // SAFETY: taps stay within their plane, and every buffer has the numbers of `Pass::size`.
+            // SAFETY: taps stay within their plane, and every buffer has the size of `Pass::size`.
             unsafe {
                 blur_rows::launch_unchecked(
                     &pass.gpu.client,
@@ -56,7 +56,7 @@ impl WindowOps for CubeBackend {
     ) -> FloatTensor<Self> {
         let pass = Pass::new(&a, &window);
         let map = pass.map();
-        // No slopes are wanted, but the kernel has a place for them.
+        // The derivatives are not needed, but the kernel has an argument for them.
         let none = pass.gpu.floats([1]);
         pass.similarity(Pair { a, b }, kind, &map, none, false);
         map
@@ -82,11 +82,11 @@ impl SimilarityAdjoint for CubeBackend {
         window: Window,
     ) -> Pair<Self> {
         let pass = Pass::new(&v_map, &window);
-        // Proof: the forward pass left one tensor.
+        // Proof: the forward pass saved one tensor.
         let slopes = slopes.0.into_iter().next().expect("the slopes");
         let (sums, adjoints) = (pass.maps(), Pair::<Self> { a: pass.map(), b: pass.map() });
         if pass.pixels() > 0 {
-            // SAFETY: taps stay within their plane, and every buffer has the numbers of `Pass::size`.
+            // SAFETY: taps stay within their plane, and every buffer has the size of `Pass::size`.
             unsafe {
                 adjoint_columns::launch_unchecked(
                     &pass.gpu.client,
@@ -99,7 +99,7 @@ impl SimilarityAdjoint for CubeBackend {
                     pass.size(),
                 );
             }
-            // SAFETY: taps stay within their plane, and every buffer has the numbers of `Pass::size`.
+            // SAFETY: taps stay within their plane, and every buffer has the size of `Pass::size`.
             unsafe {
                 adjoint_rows::launch_unchecked(
                     &pass.gpu.client,
@@ -141,12 +141,12 @@ impl Pass {
         PlaneSizeLaunch::new((self.shape[0] * self.shape[1]) as u32, self.shape[2] as u32, self.shape[3] as u32)
     }
 
-    /// Room for one number a pixel.
+    /// Allocates one value per pixel.
     fn map(&self) -> CubeTensor {
         self.gpu.floats(self.shape.clone())
     }
 
-    /// Room for four.
+    /// Allocates four values per pixel.
     fn maps(&self) -> CubeTensor {
         self.gpu.floats([4, self.pixels()])
     }
@@ -163,7 +163,7 @@ impl Pass {
             return;
         }
         let sums = self.maps();
-        // SAFETY: taps stay within their plane, and every buffer has the numbers of `Pass::size`.
+        // SAFETY: taps stay within their plane, and every buffer has the size of `Pass::size`.
         unsafe {
             moment_columns::launch_unchecked(
                 &self.gpu.client,
@@ -180,7 +180,7 @@ impl Pass {
             Similarity::Ssim => SimilarityKind::Ssim,
             Similarity::Structure => SimilarityKind::Structure,
         };
-        // SAFETY: taps stay within their plane, and every buffer has the numbers of `Pass::size`.
+        // SAFETY: taps stay within their plane, and every buffer has the size of `Pass::size`.
         unsafe {
             similarity_rows::launch_unchecked(
                 &self.gpu.client,

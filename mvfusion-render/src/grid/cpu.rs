@@ -1,6 +1,7 @@
-//! CPU twin of the HexPlane look-up. Points are shared out to threads in the forward pass and for their own adjoints,
-//! planes for theirs, so that every sum has one order. Features are worked on in blocks that fill a vector register;
-//! each step reads its blocks, then stores its results whole: from such stores the compiler builds vector instructions.
+//! CPU twin of the HexPlane interpolation. Threads divide the points in the forward pass and for the adjoints of
+//! points, and the planes for the adjoints of planes. Every sum therefore has a fixed order. Features are processed in
+//! blocks that fill a vector register. Each step reads its blocks and then stores whole results, so that the compiler
+//! generates vector instructions.
 #![allow(clippy::needless_range_loop, reason = "lane loops over several arrays become vector instructions as they are")]
 
 use std::array;
@@ -12,16 +13,16 @@ use crate::Real;
 use crate::simd::vectorised;
 use mvfusion_kernels::grid::PAIRS;
 
-/// Points that a thread takes at a time.
+/// Points per task.
 const POINTS_PER_TASK: usize = 256;
 
-/// Cells of the space-filling curve along each axis: about those of the finest planes.
+/// Cells of the space-filling curve along each axis: about as many as in the finest planes.
 const CURVE_CELLS: usize = 256;
 
 /// Features in a block.
 const LANES: usize = 8;
 
-/// Runs `$body` for blocks of [`LANES`], then for single features, from `$at` on; `$L` is the block's size.
+/// Runs `$body` for blocks of [`LANES`] features, then for single features. `$at` is the block's start, `$L` its size.
 macro_rules! in_blocks {
     ($features:expr, $at:ident, $L:ident => $body:expr) => {{
         let mut $at = 0;
@@ -41,7 +42,7 @@ mod backward;
 
 pub(super) use backward::look_up_backward;
 
-/// The slopes of grid coordinates with respect to world coordinates.
+/// The derivatives of grid coordinates with respect to world coordinates.
 pub(crate) fn slopes(bounds: &GridBounds) -> [f64; 3] {
     array::from_fn(|axis| {
         let slope = 2.0 / (bounds.min[axis] - bounds.max[axis]);
@@ -49,12 +50,12 @@ pub(crate) fn slopes(bounds: &GridBounds) -> [f64; 3] {
     })
 }
 
-/// Where and when features are asked for.
+/// The points and times of an interpolation.
 pub(super) struct Query<'a, T> {
     points: &'a [T],
     times: &'a [T],
     max: [T; 3],
-    /// The slope of a grid coordinate with respect to a world coordinate.
+    /// Derivative of a grid coordinate with respect to a world coordinate.
     slope: [T; 3],
 }
 
@@ -79,8 +80,8 @@ impl<'a, T: Real> Query<'a, T> {
         coordinates
     }
 
-    /// The wanted points along a space-filling curve: neighbours in order are neighbours in the planes, so that most
-    /// cells are still in cache. Points of one place keep their order.
+    /// The wanted points along a space-filling curve. Consecutive points are close in the planes, so that most cells
+    /// are in the cache. Points in the same cell keep their order.
     fn along_curve(&self, wanted: impl Fn(usize) -> bool + Sync) -> Vec<usize> {
         let key = |point: usize| {
             let [x, y, z, _] = self.grid_coordinates(point);
@@ -99,14 +100,14 @@ fn spread_bits(number: u64) -> u64 {
     (0..10).map(|bit| (number >> bit & 1) << (3 * bit)).sum()
 }
 
-/// A coordinate among the cells of an axis.
+/// The position of a coordinate among the cells of an axis.
 #[derive(Clone, Copy, Default)]
 struct Place<T> {
     low: usize,
-    /// How far on the upper cell is: 1, or 0 on an axis of one cell.
+    /// Distance to the upper cell: 1, or 0 on an axis of one cell.
     step: usize,
     fraction: T,
-    /// The slope of the cell coordinate with respect to the grid coordinate: 0 on and beyond the border.
+    /// Derivative of the cell coordinate with respect to the grid coordinate: 0 on and beyond the border.
     slope: T,
 }
 
@@ -127,14 +128,14 @@ impl<T: Real> Place<T> {
 /// The four cells around a point in one plane.
 #[derive(Clone, Copy, Default)]
 struct Corners<T> {
-    /// The first number of the cells (low, low), (low, high), (high, low), (high, high) of (row, column).
+    /// Index of the first value of the cells (low, low), (low, high), (high, low), (high, high) in (row, column).
     at: [usize; 4],
     column: T,
     row: T,
 }
 
 impl<T: Real> Corners<T> {
-    /// `first` is the first number of the plane's first cell.
+    /// `first` is the index of the first value of the plane's first cell.
     #[inline(always)]
     fn new(places: &[Place<T>; 4], plane: &PlaneLayout, first: usize, features: usize) -> Self {
         let (column, row) = (&places[PAIRS[plane.pair][0]], &places[PAIRS[plane.pair][1]]);
@@ -173,21 +174,21 @@ impl<T: Real> Corners<T> {
     }
 }
 
-/// The `L` numbers from `at` on.
+/// The `L` values from `at` on.
 #[inline(always)]
 fn block<T, const L: usize>(numbers: &[T], at: usize) -> &[T; L] {
-    // Proof: the slice taken has exactly that length.
+    // Proof: the slice has exactly that length.
     numbers[at..at + L].try_into().expect("a slice of that length")
 }
 
-/// The same to change.
+/// The `L` values from `at` on, mutable.
 #[inline(always)]
 fn block_mut<T, const L: usize>(numbers: &mut [T], at: usize) -> &mut [T; L] {
     // Proof: as in `block`.
     (&mut numbers[at..at + L]).try_into().expect("a slice of that length")
 }
 
-/// The places of a point along the four axes of every scale, then its corners in the scale's six planes.
+/// The positions of a point along the four axes of a scale.
 #[inline(always)]
 fn locate<T: Real>(coordinates: [T; 4], axes: [usize; 4]) -> [Place<T>; 4] {
     let mut places = [Place::default(); 4];
@@ -197,7 +198,7 @@ fn locate<T: Real>(coordinates: [T; 4], axes: [usize; 4]) -> [Place<T>; 4] {
     places
 }
 
-/// The scales' axes, beside their planes.
+/// The axes and planes of all scales.
 struct Scales {
     axes: Vec<[usize; 4]>,
     planes: Vec<PlaneLayout>,

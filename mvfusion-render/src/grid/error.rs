@@ -1,55 +1,55 @@
-//! What can be wrong with the arguments of a look-up.
+//! Errors in the arguments of the grid functions.
 
 use burn::tensor::{DType, Tensor};
 
 use super::{GridBounds, GridLayout};
 use crate::device::{buffer_limit, takes};
 
-/// An argument of a grid function that does not fit.
+/// An invalid argument of a grid function.
 #[derive(Debug, thiserror::Error)]
 pub enum GridError {
-    /// A tensor has another shape than the layout asks for.
+    /// The shape of a tensor does not match the layout.
     #[error("`{argument}` has shape {found:?}; expected {expected}")]
     Shape {
-        /// The argument's name.
+        /// Name of the argument.
         argument: &'static str,
         /// Its shape.
         found: [usize; 2],
         /// The shape in words.
         expected: String,
     },
-    /// A tensor's numbers are of another type than those of the planes, or of one that the device does not take.
-    #[error("`{argument}` holds {found:?}; expected f32, or f64 on a CPU, the same in all arguments")]
+    /// The dtype of a tensor differs from the planes', or the device does not support it.
+    #[error("`{argument}` has dtype {found:?}; expected f32, or f64 on a CPU, the same in all arguments")]
     Type {
-        /// The argument's name.
+        /// Name of the argument.
         argument: &'static str,
-        /// Its type.
+        /// Its dtype.
         found: DType,
     },
-    /// Features that are more than a buffer of the device holds.
+    /// The features do not fit into a buffer of the device.
     #[error(
-        "{points} points with {features} features take {bytes} bytes, but no buffer of this device holds more than {limit}: \
-         use fewer Gaussians, or take `--device cpu`"
+        "{points} points with {features} features need {bytes} bytes, but the largest buffer of this device has {limit}: \
+         use fewer Gaussians or `--device cpu`"
     )]
     Buffer {
         /// Number of points.
         points: usize,
-        /// Features of a point.
+        /// Features per point.
         features: usize,
         /// Bytes of the result.
         bytes: u64,
-        /// Those of the largest buffer.
+        /// Bytes of the largest buffer.
         limit: u64,
     },
-    /// A layout without a feature, a cell or a scale.
+    /// The layout has no features, no cells or no scales.
     #[error("the grid layout {0:?} is empty: features, resolution and multipliers must be positive")]
     Layout(GridLayout),
-    /// Bounds that are not finite.
+    /// The bounds are not finite.
     #[error("the grid bounds {0:?} are not finite")]
     Bounds(GridBounds),
 }
 
-/// Checks everything that [`look_up`](super::look_up) takes.
+/// Checks all arguments of [`look_up`](super::look_up).
 pub(super) fn check(
     planes: &Tensor<2>,
     points: &Tensor<2>,
@@ -82,7 +82,7 @@ pub(super) fn check(
     }
 }
 
-/// Checks the planes alone.
+/// Checks only the planes.
 pub(super) fn check_planes(planes: &Tensor<2>, layout: &GridLayout) -> Result<(), GridError> {
     let sizes = layout.resolution.iter().chain(&layout.multipliers);
     if layout.features == 0 || layout.multipliers.is_empty() || sizes.into_iter().any(|&size| size == 0) {

@@ -1,4 +1,4 @@
-//! Where the cells of each plane lie in the one tensor that holds them all.
+//! The layout of all planes in one tensor.
 
 use mvfusion_kernels::grid::{PAIRS, TIME};
 
@@ -9,22 +9,22 @@ pub struct GridLayout {
     pub features: usize,
     /// Cells along x, y, z and t at multiplier 1.
     pub resolution: [usize; 4],
-    /// One entry a scale: what multiplies the cells along x, y and z; t keeps its own.
+    /// The factor of the cells along x, y and z at each scale; t is not multiplied.
     pub multipliers: Vec<usize>,
 }
 
 /// One plane of a [`GridLayout`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlaneLayout {
-    /// Which entry of the multipliers.
+    /// Index of its multiplier.
     pub scale: usize,
-    /// Which pair of axes: 0 to 5 for xy, xz, xt, yz, yt, zt.
+    /// Pair of axes: 0 to 5 for xy, xz, xt, yz, yt, zt.
     pub pair: usize,
-    /// Cells along the first coordinate of the pair, neighbours in memory.
+    /// Cells along the first coordinate of the pair, contiguous in memory.
     pub width: usize,
-    /// Cells along the second coordinate of the pair: time for the pairs 2, 4 and 5.
+    /// Cells along the second coordinate of the pair, which is time for the pairs 2, 4 and 5.
     pub height: usize,
-    /// The row of the planes' tensor that holds cell (0, 0); cell (row, column) is `row * width + column` further.
+    /// The row of the planes' tensor with cell (0, 0); cell (row, column) is `row * width + column` rows further.
     pub first_cell: usize,
 }
 
@@ -61,7 +61,7 @@ impl GridLayout {
         planes
     }
 
-    /// The number of features that a look-up gives: those of a cell times the scales.
+    /// Number of interpolated features: features per cell times the number of scales.
     pub fn feature_count(&self) -> usize {
         self.features * self.multipliers.len()
     }
@@ -74,8 +74,8 @@ impl GridLayout {
     }
 }
 
-/// The box that a grid spans in world coordinates. Its maximum corner is grid coordinate -1, its minimum corner +1
-/// (METHOD §2.1); a side of no length looks up its first cell everywhere.
+/// The box of a grid in world coordinates. Its maximum corner is grid coordinate -1, its minimum corner +1 (METHOD
+/// §2.1). Along a side of length zero, every point gets the first cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GridBounds {
     /// The corner of the largest coordinates.

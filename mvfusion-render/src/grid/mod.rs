@@ -1,4 +1,4 @@
-//! HexPlane: six planes per scale, looked up at points in space and time, and the penalties that keep them smooth.
+//! HexPlane: six planes per scale, interpolated at points in space and time, and the penalties that keep them smooth.
 
 pub(crate) mod cpu;
 mod error;
@@ -12,20 +12,20 @@ use burn::tensor::Tensor;
 pub use error::GridError;
 pub use layout::{GridBounds, GridLayout, PlaneLayout};
 
-/// The features of `points` at `times`: per scale the product of six bilinear samples, scales one after another
-/// (METHOD §2.1).
+/// The features of `points` at `times`: the product of six bilinear samples per scale, scales concatenated (METHOD
+/// §2.1).
 ///
-/// `planes` `[cells, F]` holds every plane, channels last, as [`GridLayout::planes`] says; `points` `[N, 3]` are world
-/// coordinates; `times` is `[N, 1]`, or `[1, 1]` for all points, and used raw as a grid coordinate of `-1..=1`. The
-/// result is `[N, scales * F]`. All three share one dtype, f32, or f64 on a CPU.
+/// `planes` `[cells, F]` contains all planes, channels last, in the order of [`GridLayout::planes`]. `points` `[N, 3]`
+/// are world coordinates. `times` is `[N, 1]`, or `[1, 1]` for all points, and is used directly as a grid coordinate in
+/// `-1..=1`. The result is `[N, scales * F]`. All three have the same dtype: f32, or f64 on a CPU.
 ///
-/// A coordinate beyond the border counts as on it. Gradients reach planes, points and times; the one with respect to a
-/// coordinate is zero on and beyond the border, and on an interior node it is the slope of the right-hand cell. A
-/// coordinate that is NaN looks up the first cell.
+/// Coordinates are clamped to the border; NaN becomes the first cell. Gradients reach planes, points and times. The
+/// gradient of a coordinate is zero on and beyond the border. At an interior node it is the slope of the right-hand
+/// cell.
 ///
 /// # Errors
-/// If a shape or dtype does not fit, the layout has a zero in it, the bounds are not finite, or the result is larger than a
-/// buffer of the device.
+/// If a shape or dtype does not match, the layout contains a zero, the bounds are not finite, or the result does not
+/// fit into a buffer of the device.
 pub fn look_up(
     planes: Tensor<2>,
     points: Tensor<2>,

@@ -1,4 +1,4 @@
-//! The HexPlane look-up as a Burn backend extension.
+//! HexPlane interpolation as a Burn backend extension.
 
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
@@ -12,7 +12,7 @@ use crate::host::HostBackend;
 use crate::profile::{self, Part};
 use crate::real::with_real;
 
-/// The look-up.
+/// The forward pass.
 #[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"), Autodiff)]
 pub(crate) trait GridOps: Backend {
     /// See [`look_up`](super::look_up).
@@ -25,7 +25,7 @@ pub(crate) trait GridOps: Backend {
     ) -> FloatTensor<Self>;
 }
 
-/// The adjoint of the look-up; on plain backends only.
+/// The adjoint; only on backends without autodiff.
 pub(crate) trait GridAdjoint: GridOps {
     /// `v_features` is `[N, scales * F]`.
     fn grid_look_up_backward(
@@ -36,7 +36,7 @@ pub(crate) trait GridAdjoint: GridOps {
     ) -> LookUp<Self>;
 }
 
-/// The three differentiable arguments of a look-up, or their adjoints.
+/// The three differentiable arguments, or their adjoints.
 #[derive(Clone, Debug)]
 pub(crate) struct LookUp<B: Backend> {
     pub planes: FloatTensor<B>,

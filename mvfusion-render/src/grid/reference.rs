@@ -1,5 +1,5 @@
-//! The HexPlane look-up and its penalties written with tensor operations: slower, plainly right, and differentiated by
-//! Burn. It is the reference that tests hold the ops against.
+//! HexPlane interpolation and its penalties with tensor operations: slower, simple, and differentiated by Burn. It is
+//! the reference for the tests of the ops.
 
 use burn::tensor::{Int, Tensor};
 
@@ -7,7 +7,7 @@ use super::regulariser::GridPenalties;
 use super::{GridBounds, GridLayout, PlaneLayout};
 use mvfusion_kernels::grid::{PAIRS, TIME};
 
-/// A coordinate among the cells of an axis, for all points.
+/// The position of a coordinate among the cells of an axis, for all points.
 struct Place {
     /// `[N]`.
     low: Tensor<1, Int>,
@@ -23,7 +23,7 @@ impl Place {
         let last = (cells - 1) as f64;
         let cell = (grid_coordinate + 1.0) * (last / 2.0);
         let outside = cell.clone().lower_equal_elem(0.0).bool_or(cell.clone().greater_equal_elem(last));
-        // On and beyond the border no gradient reaches the coordinate.
+        // On and beyond the border, the coordinate has no gradient.
         let cell = cell.clone().mask_where(outside, cell.detach().clamp(0.0, last));
         let low = cell.clone().detach().floor().clamp(0.0, cells.saturating_sub(2) as f64);
         let fraction = cell - low.clone();
@@ -31,7 +31,7 @@ impl Place {
     }
 }
 
-/// The same as [`look_up`](super::look_up), without its checks.
+/// [`look_up`](super::look_up) without its checks.
 pub fn look_up(
     planes: Tensor<2>,
     points: Tensor<2>,
@@ -72,7 +72,7 @@ fn mix(from: Tensor<2>, to: Tensor<2>, fraction: Tensor<2>) -> Tensor<2> {
     from.clone() + (to - from) * fraction
 }
 
-/// The same as [`penalties`](super::regulariser::penalties), without its checks.
+/// [`penalties`](super::regulariser::penalties) without its checks.
 pub fn penalties(planes: Tensor<2>, layout: &GridLayout) -> GridPenalties {
     let zero = Tensor::<1>::zeros([1], (&planes.device(), planes.dtype()));
     let mut sums = GridPenalties { plane_smooth: zero.clone(), time_smooth: zero.clone(), l1_time: zero };

@@ -1,4 +1,4 @@
-//! R_grid of METHOD §4.4: what keeps the planes smooth and the time planes near 1.
+//! R_grid of METHOD §4.4: penalties that keep the planes smooth and the time planes close to 1.
 
 mod cpu;
 pub(crate) mod op;
@@ -7,7 +7,7 @@ use burn::tensor::Tensor;
 
 use super::{GridError, GridLayout, error};
 
-/// The three terms of R_grid, each `[1]`, unweighted. The "plane TV" term is really a smoothness along one axis.
+/// The three terms of R_grid, each `[1]`, unweighted. The "plane TV" term is actually a smoothness term along one axis.
 #[derive(Clone, Debug)]
 pub struct GridPenalties {
     /// The sum over scales and the planes xy, xz, yz of the mean squared second difference along the height.
@@ -18,12 +18,12 @@ pub struct GridPenalties {
     pub l1_time: Tensor<1>,
 }
 
-/// The penalties of `planes` `[cells, F]`, laid out as [`GridLayout::planes`] says, f32, or f64 on a CPU. A plane of
-/// fewer than three rows has no second difference and adds nothing; where a number is exactly 1, `|1 - p|` has gradient
+/// The penalties of `planes` `[cells, F]` in the order of [`GridLayout::planes`]; f32, or f64 on a CPU. A plane with
+/// fewer than three rows has no second difference and adds nothing to the smoothness. The gradient of `|1 - p|` at 1 is
 /// 0.
 ///
 /// # Errors
-/// If the planes do not fit the layout.
+/// If the planes do not match the layout.
 pub fn penalties(planes: Tensor<2>, layout: &GridLayout) -> Result<GridPenalties, GridError> {
     error::check_planes(&planes, layout)?;
     let terms = op::penalties(planes, layout);

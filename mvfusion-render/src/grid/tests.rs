@@ -1,15 +1,15 @@
-//! The look-up against its reference, finite differences and hostile input, on every CPU backend.
+//! Interpolation against its reference, finite differences and hostile input, on every CPU backend.
 
 use burn::tensor::{DType, Device, Tensor, TensorData};
 
 use super::*;
 use crate::test_support::{for_each_device, numbers, random};
 
-/// Products of six samples and sums over dozens of points, in f64 and f32, relative to the largest number.
+/// Products of six samples and sums over dozens of points, in f64 and f32, relative to the largest value.
 const EXACT: f64 = 1e-12;
 const SINGLE: f64 = 2e-5;
 
-/// Central differences with this step are good to about its square times the curvature.
+/// Step of the central differences. Their error is about its square times the curvature.
 const STEP: f64 = 1e-5;
 const DIFFERENCES: f64 = 1e-7;
 
@@ -29,7 +29,7 @@ struct Case {
 }
 
 impl Case {
-    /// `count` points in and around the box; `times` of them differ.
+    /// `count` points in and around the box, with `times` distinct times.
     fn random(layout: GridLayout, count: usize, times: usize) -> Self {
         let spread = |values: Vec<f64>, scale: f64| -> Vec<f64> { values.iter().map(|x| (x - 0.5) * scale).collect() };
         Self {

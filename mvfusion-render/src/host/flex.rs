@@ -11,7 +11,7 @@ use burn_flex::FlexTensor;
 use super::HostBackend;
 use crate::Real;
 
-/// A contiguous tensor that fills its buffer, read as numbers of type `E`.
+/// A contiguous tensor that fills its buffer, read as values of type `E`.
 pub(crate) struct FlexValues<E>(FlexTensor, PhantomData<E>);
 
 impl<T: Real> Deref for FlexValues<T> {
@@ -22,7 +22,7 @@ impl<T: Real> Deref for FlexValues<T> {
     }
 }
 
-/// The same for indices, which are no [`Real`].
+/// The same for indices, which are not a [`Real`].
 pub(crate) struct FlexIndices(FlexTensor);
 
 impl Deref for FlexIndices {
@@ -46,7 +46,7 @@ impl HostBackend for Flex {
     }
 
     fn values_mut<T: Real>(tensor: &mut FloatTensor<Self>) -> &mut [T] {
-        // The old handle is dropped by the assignment, so that a buffer held by nobody else counts as unique.
+        // The assignment drops the old handle, so that an unshared buffer counts as unique.
         let contiguous = tensor.to_contiguous();
         *tensor = contiguous;
         tensor.storage_mut()

@@ -12,7 +12,7 @@ use bytemuck::Pod;
 use super::HostBackend;
 use crate::Real;
 
-/// A tensor in standard layout, read as numbers of type `E`.
+/// A tensor in standard layout, read as values of type `E`.
 pub(crate) struct NdArrayValues<E>(NdArrayTensor, PhantomData<E>);
 
 impl<T: Element + Pod> Deref for NdArrayValues<T> {
@@ -23,7 +23,7 @@ impl<T: Element + Pod> Deref for NdArrayValues<T> {
             NdArrayTensor::F32(storage) => same_type(storage.view().to_slice()),
             NdArrayTensor::F64(storage) => same_type(storage.view().to_slice()),
             NdArrayTensor::I32(storage) => same_type(storage.view().to_slice()),
-            // Proof: `with_real` and the index helpers name only these three types.
+            // Proof: `with_real` and the index helpers use only these three types.
             other => panic!("{:?} numbers are not read by CPU twins", other.dtype()),
         }
     }
@@ -44,13 +44,13 @@ impl HostBackend for NdArray {
 
     fn values_mut<T: Real>(tensor: &mut FloatTensor<Self>) -> &mut [T] {
         assert_eq!(tensor.dtype(), T::DTYPE, "numbers are changed in the tensor's own dtype");
-        // The empty tensor only holds the place, so that no second handle makes the buffer count as shared.
+        // The empty tensor is a placeholder, so that no second handle makes the buffer count as shared.
         let held = std::mem::replace(tensor, Self::tensor::<T>(Vec::new(), [0]));
         *tensor = in_standard_layout(held);
         match tensor {
             NdArrayTensor::F32(storage) => same_type_mut(storage.ensure_owned().as_slice_mut()),
             NdArrayTensor::F64(storage) => same_type_mut(storage.ensure_owned().as_slice_mut()),
-            // Proof: `with_real` names only these two types.
+            // Proof: `with_real` uses only these two types.
             other => panic!("{:?} numbers are not changed by CPU twins", other.dtype()),
         }
     }
@@ -65,9 +65,9 @@ impl HostBackend for NdArray {
     }
 }
 
-/// The tensor with its numbers row by row, copied only where they are not so already.
+/// The tensor in row-major order, copied only if necessary.
 fn in_standard_layout(tensor: NdArrayTensor) -> NdArrayTensor {
-    // A macro, because Burn does not export the type of a variant's storage.
+    // This is a macro because Burn does not export the type of a variant's storage.
     macro_rules! standard {
         ($($variant:ident),*) => {
             match tensor {
@@ -81,9 +81,9 @@ fn in_standard_layout(tensor: NdArrayTensor) -> NdArrayTensor {
     standard!(F32, F64, I32)
 }
 
-/// The numbers of a tensor in standard layout, under the name that its dtype has in the caller.
+/// The values of a tensor in standard layout, as the caller's name for the same type.
 fn same_type<E: Pod, T: Pod>(values: Option<&[E]>) -> &[T] {
-    // Proof: every tensor that comes here went through `in_standard_layout`, and its dtype was compared with `T`'s.
+    // Proof: every tensor here went through `in_standard_layout`, and its dtype was compared with that of `T`.
     bytemuck::cast_slice(values.expect("the layout is standard"))
 }
 
@@ -92,7 +92,7 @@ fn same_type_mut<E: Pod, T: Pod>(values: Option<&mut [E]>) -> &mut [T] {
     bytemuck::cast_slice_mut(values.expect("the layout is standard"))
 }
 
-/// The device whose tensors live here.
+/// The device of this backend.
 pub(crate) fn device() -> burn::tensor::Device {
     burn::tensor::Device::ndarray()
 }

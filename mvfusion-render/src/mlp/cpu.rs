@@ -1,4 +1,4 @@
-//! The perceptrons on slices: blocks of rows that stay in the cache, in parallel.
+//! The MLPs on slices. Blocks of rows stay in the cache and run in parallel.
 
 mod product;
 
@@ -12,17 +12,17 @@ use super::layout::LinearLayout;
 use crate::Real;
 use crate::simd::vectorised;
 
-/// Rows that go through all layers at once: at width 128 a hidden block is 128 KiB, so that a few of them and the weights
-/// fit into a core's second cache.
+/// Rows that pass through all layers at once. At width 128, a hidden block has 128 KiB, so a few of them and the
+/// weights fit into a core's L2 cache.
 const BLOCK: usize = 256;
 
-/// Parameter gradients are summed over this many ranges of rows at most, each of which needs memory for all of them.
+/// Largest number of row ranges with separate sums of parameter gradients. Each needs memory for all parameters.
 const MAX_PARTS: usize = 32;
 
-/// The fewest rows of such a range, in blocks.
+/// Minimum size of such a range, in blocks.
 const MIN_PART_BLOCKS: usize = 4;
 
-/// Which adjoints somebody waits for.
+/// The requested adjoints.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Wanted {
     pub input: bool,
@@ -55,9 +55,9 @@ pub(super) fn forward<T: Real>(input: &[T], parameters: &[T], layout: &MlpLayout
     outputs
 }
 
-/// The adjoints of rows `[N, inputs]` and parameters, of `v_outputs` `[N, outputs]`.
+/// The adjoints of rows `[N, inputs]` and parameters for the cotangent `v_outputs` `[N, outputs]`.
 ///
-/// Rows are cut the same way for any number of threads, and parts are summed in their order.
+/// Rows are divided in the same way for any number of threads, and parts are summed in order.
 pub(super) fn backward<T: Real>(
     input: &[T],
     parameters: &[T],
@@ -99,7 +99,7 @@ pub(super) fn backward<T: Real>(
     Adjoint { input: v_input, parameters: wanted.parameters.then(|| sum_in_order(&sums, parameters.len())) }
 }
 
-/// The sum of vectors of one length, first to last.
+/// The sum of vectors of equal length, first to last.
 fn sum_in_order<T: Real>(vectors: &[Vec<T>], len: usize) -> Vec<T> {
     const PIECE: usize = 4096;
     let mut total = vec![T::zero(); len];
@@ -110,13 +110,13 @@ fn sum_in_order<T: Real>(vectors: &[Vec<T>], len: usize) -> Vec<T> {
     total
 }
 
-/// A few rows on their way through the layers.
+/// A few rows that pass through the layers.
 struct Block<'a, T> {
-    /// The rows as they came.
+    /// The input rows.
     input: &'a [T],
-    /// The rows as the first layers see them.
+    /// The input rows after the ReLU, if there is one.
     rectified: Option<Vec<T>>,
-    /// The rectified outputs of a chain's layers but the last.
+    /// The rectified outputs of all layers of a chain except the last.
     hidden: Vec<Vec<T>>,
     rows: usize,
     inputs: usize,
@@ -132,7 +132,7 @@ impl<'a, T: Real> Block<'a, T> {
         Self { input, rectified, hidden: Vec::new(), rows: input.len() / layout.inputs, inputs: layout.inputs }
     }
 
-    /// What layer `index` of the current chain reads.
+    /// The input of layer `index` of the current chain.
     fn source(&self, index: usize) -> Matrix<'_, T> {
         match index.checked_sub(1) {
             Some(before) => Matrix::rows(&self.hidden[before], self.rows),
@@ -140,7 +140,7 @@ impl<'a, T: Real> Block<'a, T> {
         }
     }
 
-    /// Fills `hidden` with what the layers of a chain but the last make of the rows.
+    /// Fills `hidden` with the outputs of all layers of a chain except the last.
     fn pass_hidden_layers(&mut self, chain: &[LinearLayout], parameters: &[T]) {
         for (index, layer) in chain[..chain.len() - 1].iter().enumerate() {
             let mut rows = std::mem::take(self.hidden_mut(index));
@@ -158,7 +158,7 @@ impl<'a, T: Real> Block<'a, T> {
         &mut self.hidden[index]
     }
 
-    /// Adds the adjoints of these rows to `v_parameters`, unless that is empty, and writes those of the input.
+    /// Adds the adjoints of the parameters to `v_parameters`, unless it is empty, and writes the adjoints of the input.
     fn pull_back(
         &mut self,
         layers: &[Vec<LinearLayout>],
@@ -200,7 +200,7 @@ impl<'a, T: Real> Block<'a, T> {
     }
 }
 
-/// `source W + b` into the columns of `target` from `first` on; `target` has `columns` columns.
+/// Writes `source W + b` to the columns of `target` from `first` on; `target` has `columns` columns.
 fn linear<T: Real>(
     source: Matrix<'_, T>,
     layer: &LinearLayout,
@@ -217,7 +217,7 @@ fn linear<T: Real>(
     add_product(&mut target[first..], columns, source, weight);
 }
 
-/// The ReLU.
+/// Applies the ReLU.
 fn rectify<T: Real>(numbers: &mut [T]) {
     vectorised(|| {
         for x in numbers.iter_mut() {
@@ -226,7 +226,7 @@ fn rectify<T: Real>(numbers: &mut [T]) {
     });
 }
 
-/// The adjoint of the ReLU whose result was `rectified`.
+/// The adjoint of the ReLU with the result `rectified`.
 fn keep_positive<T: Real>(adjoints: &mut [T], rectified: &[T]) {
     vectorised(|| {
         for (v, &y) in adjoints.iter_mut().zip(rectified) {

@@ -1,52 +1,54 @@
-//! What can be wrong with the arguments of the op.
+//! Errors in the arguments of the op.
 
 use burn::tensor::{DType, Tensor};
 
 use super::MlpLayout;
 use crate::device::{buffer_limit, takes};
 
-/// An argument of [`forward`](super::forward) that does not fit.
+/// An invalid argument of [`forward`](super::forward).
 #[derive(Debug, thiserror::Error)]
 pub enum MlpError {
-    /// A tensor has another shape than the layout asks for.
+    /// The shape of a tensor does not match the layout.
     #[error("`{argument}` has shape {found:?}; expected {expected}")]
     Shape {
-        /// The argument's name.
+        /// Name of the argument.
         argument: &'static str,
         /// Its shape.
         found: Vec<usize>,
         /// The shape in words.
         expected: String,
     },
-    /// A tensor's numbers are of a type that the device does not take, or the two tensors differ.
-    #[error("`input` holds {input:?} and `parameters` holds {parameters:?}; expected f32 in both, or f64 on a CPU")]
+    /// The device does not support a dtype, or the two dtypes differ.
+    #[error(
+        "`input` has dtype {input:?} and `parameters` has dtype {parameters:?}; expected f32 in both, or f64 on a CPU"
+    )]
     Type {
-        /// Type of the input.
+        /// Dtype of the input.
         input: DType,
-        /// Type of the parameters.
+        /// Dtype of the parameters.
         parameters: DType,
     },
-    /// Rows that are more than a buffer of the device holds, at the widest layer.
+    /// The rows of the widest layer do not fit into a buffer of the device.
     #[error(
-        "{rows} rows of {width} numbers take {bytes} bytes, but no buffer of this device holds more than {limit}: use fewer \
-         Gaussians, or take `--device cpu`"
+        "{rows} rows of {width} values need {bytes} bytes, but the largest buffer of this device has {limit}: use fewer \
+         Gaussians or `--device cpu`"
     )]
     Buffer {
         /// Rows of the input.
         rows: usize,
-        /// The largest width of a layer.
+        /// Width of the widest layer.
         width: usize,
-        /// Bytes of these numbers.
+        /// Bytes of these rows.
         bytes: u64,
-        /// Those of the largest buffer.
+        /// Bytes of the largest buffer.
         limit: u64,
     },
-    /// A layout without a chain, or with a chain without layers, or with a width of zero.
-    #[error("the layout {0:?} is empty: there must be a chain, and every width must be positive")]
+    /// The layout has no chains, a chain without layers, or a width of zero.
+    #[error("the layout {0:?} is empty: it needs at least one chain, and every width must be positive")]
     Layout(MlpLayout),
 }
 
-/// Checks everything that [`forward`](super::forward) takes.
+/// Checks all arguments of [`forward`](super::forward).
 pub(super) fn check(input: &Tensor<2>, parameters: &Tensor<1>, layout: &MlpLayout) -> Result<(), MlpError> {
     let empty = |widths: &Vec<usize>| widths.is_empty() || widths.contains(&0);
     if layout.inputs == 0 || layout.chains.is_empty() || layout.chains.iter().any(empty) {

@@ -1,38 +1,38 @@
-//! Which layers a bundle of perceptrons has, and where their parameters lie.
+//! The layers of a group of MLPs, and the positions of their parameters.
 
 use std::ops::Range;
 
-/// Perceptrons that read the same rows.
+/// MLPs that read the same rows.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MlpLayout {
     /// Columns of the input.
     pub inputs: usize,
-    /// Whether the input passes a ReLU first.
+    /// Whether the input first passes through a ReLU.
     pub rectified: bool,
-    /// For each chain the output widths of its layers, first to last.
+    /// The output widths of each chain's layers, first to last.
     pub chains: Vec<Vec<usize>>,
 }
 
 /// One linear layer within the parameters.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct LinearLayout {
-    /// Width of its input.
+    /// Width of the input.
     pub inputs: usize,
-    /// Width of its output.
+    /// Width of the output.
     pub outputs: usize,
-    /// Where its weight `[inputs, outputs]` lies.
+    /// Range of the weight `[inputs, outputs]`.
     pub weight: Range<usize>,
-    /// Where its bias `[outputs]` lies.
+    /// Range of the bias `[outputs]`.
     pub bias: Range<usize>,
 }
 
 impl MlpLayout {
-    /// Columns of the result: those of all chains.
+    /// Columns of the result, summed over the chains.
     pub fn outputs(&self) -> usize {
         self.chains.iter().filter_map(|widths| widths.last()).sum()
     }
 
-    /// Numbers that all layers need together.
+    /// Number of parameters of all layers.
     pub fn parameters(&self) -> usize {
         self.layers().iter().flatten().map(|layer| layer.bias.end).max().unwrap_or(0)
     }

@@ -1,4 +1,4 @@
-//! The perceptrons as a Burn backend extension.
+//! The MLPs as a Burn backend extension.
 
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
@@ -20,9 +20,9 @@ pub(crate) trait MlpOps: Backend {
     fn mlp_forward(input: FloatTensor<Self>, parameters: FloatTensor<Self>, layout: MlpLayout) -> FloatTensor<Self>;
 }
 
-/// The adjoint; on plain backends only.
+/// The adjoint; only on backends without autodiff.
 pub(crate) trait MlpAdjoint: MlpOps {
-    /// The adjoints of input and parameters, those that are wanted. `v_outputs` is `[N, outputs]`.
+    /// The requested adjoints of input and parameters. `v_outputs` is `[N, outputs]`.
     fn mlp_backward(
         arguments: Arguments<Self>,
         v_outputs: FloatTensor<Self>,

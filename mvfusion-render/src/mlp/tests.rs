@@ -5,7 +5,7 @@ use burn::tensor::{DType, Device, Tensor, TensorData, activation::relu};
 use super::*;
 use crate::test_support::{assert_parts_close, for_each_device, numbers, random};
 
-/// Sums over some dozens of columns and hundreds of rows, in f64 and f32, relative to the largest number.
+/// Sums over dozens of columns and hundreds of rows, in f64 and f32, relative to the largest value.
 const EXACT: f64 = 1e-12;
 const SINGLE: f64 = 2e-5;
 
@@ -61,7 +61,7 @@ impl Case {
     }
 }
 
-/// The same by tensor operations.
+/// The same computation with tensor operations.
 fn written_out(input: Tensor<2>, parameters: Tensor<1>, layout: &MlpLayout) -> Tensor<2> {
     let input = if layout.rectified { relu(input) } else { input };
     let mut at = 0;
@@ -86,7 +86,7 @@ fn written_out(input: Tensor<2>, parameters: Tensor<1>, layout: &MlpLayout) -> T
 #[test]
 fn outputs_and_gradients_are_those_of_tensor_operations() {
     for_each_device(|device| {
-        // One row, a part of a block, several blocks, several parts.
+        // One row, part of a block, several blocks, several parts.
         for rows in [1, 40, 600, 2500] {
             for rectified in [false, true] {
                 let case = Case::random(bundle(rectified), rows);
@@ -170,7 +170,7 @@ fn what_does_not_fit_is_refused() {
             "`input` has shape [2, 6]; expected [N, 7]"
         );
         assert!(refusal(&input, &Tensor::zeros([5], &device), &layout).starts_with("`parameters` has shape [5]"));
-        assert!(refusal(&input.clone().cast(DType::F64), &parameters, &layout).contains("holds F64"));
+        assert!(refusal(&input.clone().cast(DType::F64), &parameters, &layout).contains("has dtype F64"));
         let without = MlpLayout { chains: vec![vec![]], ..layout };
         assert!(refusal(&input, &parameters, &without).contains("is empty"));
     });

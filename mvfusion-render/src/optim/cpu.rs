@@ -6,26 +6,26 @@ use super::AdamRule;
 use crate::Real;
 use crate::simd::vectorised;
 
-/// Numbers that a thread takes at a time.
+/// Values per task.
 const NUMBERS_PER_TASK: usize = 1 << 14;
 
-/// What a step changes.
+/// The values that a step changes.
 pub(super) struct State<'a, T> {
     pub(super) value: &'a mut [T],
     pub(super) first: &'a mut [T],
     pub(super) second: &'a mut [T],
 }
 
-/// The rule at one step, in the numbers' own precision.
+/// The constants of one step, in the precision of the values.
 #[derive(Clone, Copy)]
 struct Step<T> {
     beta1: T,
     rest1: T,
     beta2: T,
     rest2: T,
-    /// The learning rate over the first moment's correction.
+    /// Learning rate divided by the first moment's bias correction.
     rate: T,
-    /// One over the root of the second moment's correction.
+    /// Inverse square root of the second moment's bias correction.
     root: T,
     epsilon: T,
 }
@@ -45,7 +45,7 @@ impl<T: Real> Step<T> {
     }
 }
 
-/// Makes step number `step`, counted from 1.
+/// Performs step number `step`, counted from 1.
 pub(super) fn step<T: Real>(state: State<T>, gradient: &[T], rule: &AdamRule, step: usize) {
     let step = Step::<T>::new(rule, step);
     let values = state.value.par_chunks_mut(NUMBERS_PER_TASK);

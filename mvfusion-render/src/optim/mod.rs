@@ -1,4 +1,4 @@
-//! Adam for parameters whose rows come and go: its moments are plain tensors in the hands of the trainer.
+//! Adam for parameters whose rows are added and removed. The moments are plain tensors that the trainer owns.
 
 mod cpu;
 pub(crate) mod op;
@@ -8,13 +8,13 @@ use burn::tensor::Tensor;
 /// Adam's constants (METHOD §4.5).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AdamRule {
-    /// The step size.
+    /// Learning rate.
     pub learning_rate: f64,
-    /// The decay of the first moment.
+    /// Decay of the first moment.
     pub beta1: f64,
-    /// The decay of the second moment.
+    /// Decay of the second moment.
     pub beta2: f64,
-    /// What is added to the root of the second moment.
+    /// Added to the square root of the second moment.
     pub epsilon: f64,
 }
 
@@ -32,32 +32,32 @@ impl Default for AdamRule {
     }
 }
 
-/// Adam's memory of a parameter.
+/// Adam's state of a parameter.
 #[derive(Clone, Debug)]
 pub struct AdamMoments<const D: usize> {
-    /// The running mean of the gradient, of the parameter's shape.
+    /// Running mean of the gradient, in the parameter's shape.
     pub first: Tensor<D>,
-    /// The running mean of its square, of the parameter's shape.
+    /// Running mean of the squared gradient, in the parameter's shape.
     pub second: Tensor<D>,
-    /// How many steps were made.
+    /// Number of steps so far.
     pub steps: usize,
 }
 
 impl<const D: usize> AdamMoments<D> {
-    /// No memory yet of a parameter like `value`.
+    /// The initial state of a parameter like `value`.
     pub fn zeros_like(value: &Tensor<D>) -> Self {
         Self { first: Tensor::zeros_like(value), second: Tensor::zeros_like(value), steps: 0 }
     }
 }
 
-/// One step of Adam as PyTorch makes it: both moments are corrected for their start at zero, and epsilon is added after
-/// the correction of the second.
+/// One step of Adam as in PyTorch: both moments are bias-corrected, and epsilon is added after the correction of the
+/// second.
 ///
-/// All tensors are of one shape and dtype (f32, or f64 on a CPU) and outside of autodiff. Memory that nobody else holds
-/// is changed in place, so hand the tensors over rather than clones of them.
+/// All tensors have the same shape and dtype (f32, or f64 on a CPU) and are outside of autodiff. Unshared memory is
+/// changed in place, so pass the tensors themselves, not clones.
 ///
 /// # Panics
-/// If the shapes differ, or the numbers are not f32, or f64 on a CPU.
+/// If the shapes differ, or the dtype is not f32, or f64 on a CPU.
 pub fn adam_step<const D: usize>(
     value: Tensor<D>,
     gradient: Tensor<D>,
@@ -78,7 +78,7 @@ mod tests {
     use super::*;
     use crate::test_support::{for_each_device, numbers, random};
 
-    /// A few roundings on numbers of size one.
+    /// A few rounding errors on numbers of size one.
     const EXACT: f64 = 1e-14;
     const SINGLE: f64 = 1e-6;
 
@@ -86,7 +86,7 @@ mod tests {
         Tensor::from_data(TensorData::new(values.to_vec(), [values.len() / 3, 3]), (device, dtype))
     }
 
-    /// The rule as a textbook writes it, for one number.
+    /// The textbook rule for one number.
     fn textbook(mut value: f64, gradients: &[f64], rule: &AdamRule) -> f64 {
         let (mut first, mut second) = (0.0, 0.0);
         for (i, gradient) in gradients.iter().enumerate() {

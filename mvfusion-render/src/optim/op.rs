@@ -1,4 +1,4 @@
-//! Adam as a Burn backend extension: no autodiff, in place where memory is not shared.
+//! Adam as a Burn backend extension: without autodiff, and in place if memory is not shared.
 
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, Dispatch, ExtensionType, TensorMetadata, backend_extension};
@@ -19,7 +19,7 @@ pub(crate) struct Stepped<B: Backend> {
 /// One step of Adam.
 #[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"))]
 pub(crate) trait AdamOps: Backend {
-    /// Step number `step`, counted from 1.
+    /// Performs step number `step`, counted from 1.
     fn adam_step(
         value: FloatTensor<Self>,
         gradient: FloatTensor<Self>,

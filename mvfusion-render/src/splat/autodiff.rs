@@ -1,4 +1,4 @@
-//! The splat op's place in the autodiff graph.
+//! The splat op in the autodiff graph.
 
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
@@ -10,11 +10,11 @@ use crate::profile::{self, Part};
 use super::op::{SplatKernels, SplatOps, SplatOutput, SplatPlan, SplatPrimitives, SplatSaved};
 use super::tensors::{SplatTensors, TENSORS};
 
-/// The op's step back.
+/// The op's backward step.
 #[derive(Debug)]
 struct SplatBackward;
 
-/// What the step back needs.
+/// The state of the backward step.
 #[derive(Clone, Debug)]
 struct SplatState<B: Backend> {
     inputs: SplatPrimitives<B>,

@@ -1,4 +1,4 @@
-//! A look inside the CPU twin, for benchmarks and for comparison with other rasterisers.
+//! Intermediate results of the CPU twin, for benchmarks and comparisons with other rasterisers.
 
 use burn::backend::ops::FloatTensorOps;
 use burn::backend::{Dispatch, DispatchTensor, TensorMetadata};
@@ -14,7 +14,7 @@ use super::cpu::view::View;
 use super::{SplatError, SplatInputs, SplatSettings, check};
 use crate::real::with_real;
 
-/// What projection made of each Gaussian, and how much work blending was. Rows of culled Gaussians are zero.
+/// The projection of each Gaussian, and the amount of work in blending. Rows of culled Gaussians are zero.
 #[derive(Clone, Debug, Default)]
 pub struct SplatDiagnosis {
     /// Projected centres in pixels.
@@ -31,16 +31,16 @@ pub struct SplatDiagnosis {
     pub opacities: Vec<f64>,
     /// Pairs of a Gaussian and a tile.
     pub intersections: usize,
-    /// Pairs of a Gaussian and a pixel that were looked at.
+    /// Evaluated pairs of a Gaussian and a pixel.
     pub evaluated_pairs: usize,
-    /// Pairs of a Gaussian and a pixel in which the Gaussian was added to the pixel.
+    /// Pairs of a Gaussian and a pixel in which the Gaussian contributes.
     pub contributing_pairs: usize,
 }
 
-/// Renders on the CPU, whatever the device of the inputs, and tells what happened.
+/// Renders on the CPU, whatever the device of the inputs, and returns the intermediate results.
 ///
 /// # Errors
-/// As [`super::splat`].
+/// Same as [`super::splat`].
 pub fn diagnose(inputs: &SplatInputs, camera: &Camera, settings: &SplatSettings) -> Result<SplatDiagnosis, SplatError> {
     let (tensors, sizes) = check(inputs.clone(), None, camera, settings)?;
     Ok(with_real!(inputs.means.dtype(), T => {
@@ -50,7 +50,7 @@ pub fn diagnose(inputs: &SplatInputs, camera: &Camera, settings: &SplatSettings)
     }))
 }
 
-/// The numbers of a tensor of any rank, row-major.
+/// The values of a tensor of any rank, row-major.
 fn numbers<T: Lane>(tensor: DispatchTensor) -> Vec<T> {
     let shape = Shape::from([tensor.shape().num_elements()]);
     Tensor::<1>::from_dispatch(Dispatch::float_reshape(tensor, shape)).into_data().iter::<T>().collect()

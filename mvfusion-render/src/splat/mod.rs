@@ -1,11 +1,12 @@
-//! The differentiable Gaussian splat op: raw parameters and a camera in, a picture out.
+//! The differentiable Gaussian splat op: from raw parameters and a camera to an image.
 //!
 //! ```text
 //! means, quaternions, log-scales, opacity logits, SH, features, background, camera
 //!   ─► project ─► bin into tiles by depth ─► blend front to back ─► colour, features, alpha, depth
 //! ```
-//! The picture comes in two equal copies, so that two losses can be told apart in one backward pass: the gradients
-//! of the parameters take both, the statistic that leaves through the probe takes `main` alone (METHOD §4.4, §4.7).
+//! The image is returned in two equal copies, so that one backward pass can separate two losses. The gradients of the
+//! parameters include both. The statistic, which is the gradient of the probe, includes only `main` (METHOD §4.4,
+//! §4.7).
 
 mod autodiff;
 pub(crate) mod cpu;
@@ -29,29 +30,29 @@ use crate::device::{blends, buffer_limit, takes};
 use op::{SplatOps, SplatPlan};
 use tensors::{SplatSizes, SplatTensors};
 
-/// Raw parameters of `N` Gaussians, all of one dtype (`f32`, or `f64` on CPU backends) and on one device.
+/// Raw parameters of `N` Gaussians, all with the same dtype (`f32`, or `f64` on CPU backends) and on the same device.
 ///
-/// Activations happen inside the op: quaternions are normalised, scales are `exp`, opacities are logistic.
-/// A Gaussian with a number that is not finite or with a zero quaternion is culled.
+/// The op applies the activations: it normalises quaternions, takes `exp` of the scales and the sigmoid of the
+/// opacities. A Gaussian with a non-finite value or a zero quaternion is culled.
 #[derive(Clone, Debug)]
 pub struct SplatInputs {
-    /// Centres in the world, `[N, 3]`.
+    /// Centres in world coordinates, `[N, 3]`.
     pub means: Tensor<2>,
-    /// Rotations w, x, y, z of any length, `[N, 4]`.
+    /// Rotations w, x, y, z of any norm, `[N, 4]`.
     pub quaternions: Tensor<2>,
     /// Logarithms of the standard deviations along the axes, `[N, 3]`.
     pub log_scales: Tensor<2>,
-    /// Opacities before the logistic function, `[N]`.
+    /// Opacities before the sigmoid, `[N]`.
     pub opacity_logits: Tensor<1>,
-    /// Coefficients of the colours, `[N, K, 3]`; `K` may be larger than the degree asks for.
+    /// SH coefficients of the colours, `[N, K, 3]`; `K` may be larger than the degree needs.
     pub sh: Tensor<3>,
-    /// Further channels to blend as they are, `[N, F]`.
+    /// Extra channels to blend unchanged, `[N, F]`.
     pub features: Option<Tensor<2>>,
-    /// What shows where no Gaussian does, `[3 + F]`.
+    /// Background, `[3 + F]`.
     pub background: Tensor<1>,
 }
 
-/// A rendered picture.
+/// A rendered image.
 #[derive(Clone, Debug)]
 pub struct SplatPicture {
     /// Two equal copies, `[2, 3 + F + 2, H, W]`: colour, features, alpha, depth.
@@ -60,26 +61,26 @@ pub struct SplatPicture {
     pub radii: Tensor<1, Int>,
 }
 
-/// The layers of one copy of a picture.
+/// The layers of one copy of an image.
 #[derive(Clone, Debug)]
 pub struct SplatPlanes {
     /// `[3, H, W]`, background included.
     pub colour: Tensor<3>,
     /// `[F, H, W]`, background included; `None` if there are no features.
     pub features: Option<Tensor<3>>,
-    /// One minus the light that is left behind the last Gaussian, `[1, H, W]`.
+    /// One minus the transmittance behind the last Gaussian, `[1, H, W]`.
     pub alpha: Tensor<3>,
     /// Sum of `alpha T z` with z in camera coordinates, `[1, H, W]`: not divided by alpha, without background.
     pub depth: Tensor<3>,
 }
 
 impl SplatPicture {
-    /// The copy whose gradients feed the statistic.
+    /// The copy whose gradients enter the statistic.
     pub fn main(&self) -> SplatPlanes {
         self.layers(0)
     }
 
-    /// The copy whose gradients do not.
+    /// The copy whose gradients do not enter the statistic.
     pub fn light(&self) -> SplatPlanes {
         self.layers(1)
     }
@@ -88,7 +89,7 @@ impl SplatPicture {
         let [_, count, height, width] = self.packed.dims();
         let copy: Tensor<3> = self.packed.clone().narrow(0, copy, 1).reshape([count, height, width]);
         let planes = |begin: usize, end: usize| copy.clone().narrow(0, begin, end - begin);
-        // All planes but alpha's are blended channels.
+        // All planes except alpha are blended channels.
         let alpha = alpha_plane(count - 1);
         SplatPlanes {
             colour: planes(0, COLOUR_CHANNELS),
@@ -101,14 +102,15 @@ impl SplatPicture {
 
 /// Renders Gaussians (METHOD §8).
 ///
-/// `probe` is a leaf with `require_grad`, of shape `[1, 2]`, or rows selected of one, `[N, 2]`: after the backward pass its
-/// gradient is `[N, 2]`, that of the `main` picture with respect to the projected centres, in normalised device coordinates
-/// (per pixel times half the picture's width, height). Several calls with one probe add up. Which channels count is [`SplatSettings::statistic`].
+/// `probe` is a leaf with `require_grad` of shape `[1, 2]`, or rows selected from one, `[N, 2]`. After the backward
+/// pass, its gradient `[N, 2]` is that of the `main` image with respect to the projected centres. The unit is
+/// normalised device coordinates: the gradient per pixel times half the image's width and height. Several calls with
+/// one probe add up. [`SplatSettings::statistic`] selects the channels.
 ///
 /// # Errors
-/// If shapes or dtypes do not fit together, the degree is above 3, the near plane lies behind the camera, the camera has no
-/// pixels, or a GPU is handed more than it holds: features, or a picture, coefficients, projected Gaussians or tile lists
-/// that are larger than its buffers.
+/// If shapes or dtypes do not match, the degree is above 3, the near plane is behind the camera, or the camera has no
+/// pixels. On a GPU, also if there are too many features, or if the image, coefficients, projected Gaussians or tile
+/// lists do not fit into a buffer.
 pub fn splat(
     inputs: SplatInputs,
     probe: Option<Tensor<2>>,
@@ -123,7 +125,7 @@ pub fn splat(
     if !blends(&device, sizes.channels()) {
         return Err(SplatError::Features(sizes.features));
     }
-    // A missing tensor gets a stand-in, and so do features without channels, because no device binds an empty buffer.
+    // A placeholder replaces missing tensors and features without channels, because no device binds an empty buffer.
     let tensors = SplatTensors { features: tensors.features.filter(|_| sizes.features > 0), ..tensors };
     let stand_in = || Tensor::<2>::zeros([1, 2], (&device, dtype)).into_dispatch();
     let primitives = tensors.map(|tensor| tensor.unwrap_or_else(stand_in));
@@ -135,7 +137,7 @@ pub fn splat(
     Ok(SplatPicture { packed: Tensor::from_dispatch(output.picture), radii: Tensor::from_dispatch(output.radii) })
 }
 
-/// Checks the arguments. Returns the tensors, of which `features` and `probe` may be missing, and their sizes.
+/// Checks the arguments. Returns the tensors and their sizes; `features` and `probe` may be missing.
 fn check(
     inputs: SplatInputs,
     probe: Option<Tensor<2>>,
@@ -174,7 +176,7 @@ fn check(
     Ok((tensors, sizes))
 }
 
-/// Checks the settings and the size of the picture.
+/// Checks the settings and the size of the image.
 fn check_picture(camera: &Camera, settings: &SplatSettings) -> Result<(), SplatError> {
     if settings.sh_degree > MAX_DEGREE {
         return Err(SplatError::Degree(settings.sh_degree));
@@ -206,7 +208,7 @@ fn check_tensor(
     Ok(())
 }
 
-/// Whether buffers of `limit` bytes hold the largest tensors of known size.
+/// Checks that the largest tensors of known size fit into buffers of `limit` bytes.
 fn check_buffers(sizes: SplatSizes, camera: &Camera, limit: u64) -> Result<(), SplatError> {
     let SplatSizes { count, coefficients, features } = sizes;
     for (tensor, numbers) in [

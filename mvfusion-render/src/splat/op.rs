@@ -1,4 +1,4 @@
-//! The splat op as a Burn backend extension: what a backend implements, and the CPU backends' implementation.
+//! The splat op as a Burn backend extension: the traits, and their implementation for the CPU backends.
 
 use burn::backend::tensor::{FloatTensor, IntTensor};
 use burn::backend::{
@@ -19,7 +19,7 @@ use super::tensors::{SplatSizes, SplatTensors};
 use crate::host::HostBackend;
 use crate::real::with_real;
 
-/// Arguments of the op that are no tensors.
+/// Arguments of the op that are not tensors.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SplatPlan {
     pub camera: Camera,
@@ -27,10 +27,10 @@ pub(crate) struct SplatPlan {
     pub sizes: SplatSizes,
 }
 
-/// The tensors that go into the op, or their gradients, on a backend.
+/// The input tensors of the op on a backend, or their gradients.
 pub(crate) type SplatPrimitives<B> = SplatTensors<FloatTensor<B>>;
 
-// Written by hand: the derive recognises tensors by the types of the fields, and here the type is `T`.
+// Implemented by hand, because the derive recognises tensors by their field types and here the type is `T`.
 impl<B: Backend> ExtensionType<B> for SplatPrimitives<B> {
     type Target = SplatPrimitives<Dispatch>;
 
@@ -62,59 +62,59 @@ impl<B: Backend> ExtensionType<B> for SplatPrimitives<B> {
     }
 }
 
-/// What the op gives.
+/// The output of the op.
 #[derive(ExtensionType, Clone, Debug)]
 pub(crate) struct SplatOutput<B: Backend> {
     /// `[2, 3 + features + 2, height, width]`.
     pub picture: FloatTensor<B>,
     /// `[N]`.
     pub radii: IntTensor<B>,
-    /// Why the device cannot hold the tile lists, whose length is known on the way only; the picture is an empty one
-    /// then.
+    /// The error if the tile lists do not fit on the device; the image is then empty. Their length is known only during
+    /// the call.
     pub refused: Option<SplatError>,
 }
 
-/// What the forward pass leaves for the backward pass. Plain tensors, so that every backend can fill them;
-/// what they mean in detail is between a backend's forward and its backward.
+/// The state that the forward pass saves for the backward pass. It consists of plain tensors, so that every backend can
+/// fill them. Their details may differ between backends.
 #[derive(Clone, Debug)]
 pub(crate) struct SplatSaved<B: Backend> {
     /// `[N, PROJECTED_LEN]`, rows of [`mvfusion_kernels::splat::Projected`].
     pub records: FloatTensor<B>,
     /// `[intersections]`, Gaussians by tile and depth.
     pub sorted: IntTensor<B>,
-    /// `[tiles + 1]`, where each tile starts in `sorted`.
+    /// `[tiles + 1]`, start of each tile in `sorted`.
     pub starts: IntTensor<B>,
-    /// `[N, 2]`, where each Gaussian's entries start in `slots`, and how many they are.
+    /// `[N, 2]`, start and number of each Gaussian's entries in `slots`.
     pub spans: IntTensor<B>,
-    /// `[intersections]`, places in `sorted` by Gaussian and tile.
+    /// `[intersections]`, positions in `sorted` by Gaussian and tile.
     pub slots: IntTensor<B>,
-    /// `[tiles, TILE_PIXELS]`, what light is left behind the last Gaussian.
+    /// `[tiles, TILE_PIXELS]`, transmittance behind the last Gaussian.
     pub transmittance: FloatTensor<B>,
-    /// `[tiles, TILE_PIXELS]`, one more than the place of the last Gaussian in the tile's list.
+    /// `[tiles, TILE_PIXELS]`, one plus the position of the last Gaussian in the tile's list.
     pub last: IntTensor<B>,
 }
 
-/// The op with what it leaves for its backward pass.
+/// The output with the state for the backward pass.
 #[derive(Clone, Debug)]
 pub(crate) struct SplatForward<B: Backend> {
     pub output: SplatOutput<B>,
     pub saved: SplatSaved<B>,
 }
 
-/// The op, for plain backends and for `Autodiff`.
+/// The op, with and without autodiff.
 #[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"), Autodiff)]
 pub(crate) trait SplatOps: Backend {
     /// Renders.
     fn splat(#[extension_type] inputs: SplatPrimitives<Self>, plan: SplatPlan) -> SplatOutput<Self>;
 }
 
-/// The two halves of the op that `Autodiff` puts together; for plain backends only.
+/// The two passes of the op, which `Autodiff` combines; only on backends without autodiff.
 pub(crate) trait SplatKernels: SplatOps {
-    /// Renders, and keeps what the backward pass needs.
+    /// Renders, and saves the state for the backward pass.
     fn splat_forward(inputs: SplatPrimitives<Self>, plan: SplatPlan) -> SplatForward<Self>;
 
-    /// Pulls the cotangent of the packed picture back to the inputs. The gradient of the probe, `[N, 2]`, is the statistic;
-    /// `statistic` says what it counts, if there is a probe.
+    /// Backpropagates the cotangent of the packed image to the inputs. The gradient of the probe, `[N, 2]`, is the
+    /// statistic. If there is a probe, `statistic` selects its channels.
     fn splat_backward(
         inputs: SplatPrimitives<Self>,
         saved: SplatSaved<Self>,

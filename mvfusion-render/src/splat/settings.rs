@@ -1,9 +1,9 @@
-//! What a picture is rendered by: the rules of the rasteriser, the degree of the colours, and what the statistic counts.
+//! The settings of a render: the rules of the rasteriser, the SH degree, and the channels of the statistic.
 
-/// How far a Gaussian reaches on the picture plane, from which its radius and its tiles follow.
+/// The extent of a Gaussian on the image plane, which determines its radius and its tiles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Extent {
-    /// A square whose half side is this many standard deviations of the longest axis, in the tile arithmetic of 3DGS.
+    /// A square whose half side is this many standard deviations of the longest axis, with the tile arithmetic of 3DGS.
     Square {
         /// Standard deviations.
         sigmas: f64,
@@ -15,25 +15,25 @@ pub enum Extent {
     },
 }
 
-/// Where the tangents `x / z`, `y / z` are cut off in the Jacobian of the projection.
+/// The bounds of the tangents `x / z`, `y / z` in the Jacobian of the projection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TangentClamp {
-    /// At 1.3 times the tangent of half the field of view to either side of the viewing direction.
+    /// 1.3 times the tangent of half the field of view on either side of the viewing direction.
     AroundAxis,
-    /// At 0.15 picture widths (heights) beyond the borders, wherever the principal point lies.
+    /// 0.15 image widths (heights) beyond the borders, wherever the principal point is.
     AroundPicture,
 }
 
-/// Gradient of an alpha that the clamp holds.
+/// Gradient of a clamped alpha.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ClampGradient {
-    /// As if the clamp were not there.
+    /// The gradient without the clamp.
     StraightThrough,
-    /// None.
+    /// No gradient.
     Zero,
 }
 
-/// When a pixel counts as opaque: a Gaussian that would bring the transmittance there is not added any more.
+/// When a pixel counts as opaque. A Gaussian that would reach this transmittance is not added.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Stop {
     /// Below this transmittance.
@@ -42,10 +42,10 @@ pub enum Stop {
     AtOrBelow(f64),
 }
 
-/// Whether the opacity pays for the widening of the Gaussian by the dilation.
+/// Whether the opacity is compensated for the dilation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Antialias {
-    /// The opacity stays as it is.
+    /// The opacity is unchanged.
     Off,
     /// The opacity is multiplied by `sqrt(max(det / det of the dilated covariance, 0.005²))`.
     Compensated,
@@ -54,23 +54,23 @@ pub enum Antialias {
 /// Rules of a rasteriser (METHOD §8). The named presets are [`SplatRules::inria`] and [`SplatRules::gsplat`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SplatRules {
-    /// Gaussians at this z in camera coordinates or before it are culled.
+    /// Gaussians at this z in camera coordinates or nearer are culled.
     pub near: f64,
-    /// Gaussians at this z or beyond it are culled.
+    /// Gaussians at this z or farther are culled.
     pub far: f64,
-    /// Added to z where it divides the centre's position.
+    /// Added to the z that divides the centre's position.
     pub depth_guard: f64,
-    /// Added to both diagonal entries of the covariance on the picture plane, in square pixels.
+    /// Added to both diagonal entries of the covariance on the image plane, in square pixels.
     pub dilation: f64,
     /// Largest alpha of one Gaussian at one pixel.
     pub alpha_clamp: f64,
-    /// Gradient of an alpha that the clamp holds.
+    /// Gradient of a clamped alpha.
     pub clamp_gradient: ClampGradient,
     /// When a pixel is finished.
     pub stop: Stop,
-    /// How far a Gaussian reaches.
+    /// Extent of a Gaussian.
     pub extent: Extent,
-    /// Where the Jacobian's tangents are cut off.
+    /// Bounds of the Jacobian's tangents.
     pub tangent_clamp: TangentClamp,
     /// Whether the opacity is compensated.
     pub antialias: Antialias,
@@ -93,7 +93,7 @@ impl SplatRules {
         }
     }
 
-    /// The rules of gsplat, with its present alpha clamp of 0.99 (it was 0.999), without antialiasing.
+    /// The rules of gsplat, with its current alpha clamp of 0.99 (formerly 0.999), without antialiasing.
     pub fn gsplat() -> Self {
         Self {
             near: 0.01,
@@ -116,23 +116,23 @@ impl Default for SplatRules {
     }
 }
 
-/// Which cotangents of the `main` picture feed the statistic that leaves through the probe.
+/// The cotangents of the `main` image that enter the statistic, which is the gradient of the probe.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Statistic {
-    /// Colour, alpha and depth: what the colour pass of a separate rasteriser would see.
+    /// Colour, alpha and depth: the channels of the colour pass of a separate rasteriser.
     #[default]
     ColourAndDepth,
-    /// These and the extra features.
+    /// Colour, alpha, depth and the extra features.
     AllChannels,
 }
 
-/// How to render.
+/// Settings of a render.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SplatSettings {
     /// The rasteriser's rules.
     pub rules: SplatRules,
-    /// Degree of the spherical harmonics that are evaluated, 0 to 3.
+    /// SH degree to evaluate, 0 to 3.
     pub sh_degree: usize,
-    /// What the statistic counts.
+    /// Channels of the statistic.
     pub statistic: Statistic,
 }

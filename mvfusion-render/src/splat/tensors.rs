@@ -1,12 +1,12 @@
-//! The tensors of the splat op by name, and the sizes that their shapes follow from.
+//! The tensors of the splat op by name, and the sizes that determine their shapes.
 
 use mvfusion_kernels::splat::{COLOUR_CHANNELS, background_channels, channel_count};
 
-/// Defines [`SplatTensors`] and the methods that treat all of its fields alike, so that each field is listed once.
+/// Defines [`SplatTensors`] and the methods that treat all its fields alike, so that each field is listed once.
 macro_rules! splat_tensors {
     ($($(#[$doc:meta])* $field:ident,)*) => {
-        /// One `T` for each tensor of the op: the tensor itself on some backend, its numbers, its gradient, its shape or
-        /// its name. `N` is the number of Gaussians.
+        /// One `T` for each tensor of the op: the tensor on some backend, its values, its gradient, its shape or its
+        /// name. `N` is the number of Gaussians.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub(crate) struct SplatTensors<T> {
             $($(#[$doc])* pub $field: T,)*
@@ -16,7 +16,7 @@ macro_rules! splat_tensors {
         pub(crate) const TENSORS: usize = [$(stringify!($field)),*].len();
 
         impl SplatTensors<&'static str> {
-            /// The names of the fields, by which errors call the arguments.
+            /// The names of the fields, which errors use.
             pub const NAMES: Self = Self { $($field: stringify!($field),)* };
         }
 
@@ -55,33 +55,33 @@ macro_rules! splat_tensors {
 }
 
 splat_tensors! {
-    /// Centres in the world, `[N, 3]`.
+    /// Centres in world coordinates, `[N, 3]`.
     means,
-    /// Rotations w, x, y, z of any length but zero, `[N, 4]`.
+    /// Rotations w, x, y, z of any nonzero norm, `[N, 4]`.
     quaternions,
     /// Logarithms of the standard deviations along the axes, `[N, 3]`.
     log_scales,
-    /// Opacities before the logistic function, `[N]`.
+    /// Opacities before the sigmoid, `[N]`.
     opacity_logits,
-    /// Coefficients of the colours, `[N, coefficients, 3]`.
+    /// SH coefficients of the colours, `[N, coefficients, 3]`.
     sh,
-    /// Further channels, `[N, features]`; without features, the tensor is a stand-in of two numbers.
+    /// Extra channels, `[N, features]`; without features, the tensor is a placeholder of two values.
     features,
-    /// What shows where no Gaussian does, `[3 + features]`.
+    /// Background, `[3 + features]`.
     background,
-    /// Carries the statistic out: its own numbers, `[1, 2]` or `[N, 2]`, are not read; its gradient, `[N, 2]`, is the
+    /// The carrier of the statistic. Its values, `[1, 2]` or `[N, 2]`, are not read; its gradient, `[N, 2]`, is the
     /// statistic.
     probe,
 }
 
-/// What the shapes of the tensors follow from.
+/// The sizes that determine the shapes of the tensors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct SplatSizes {
-    /// Gaussians.
+    /// Number of Gaussians.
     pub count: usize,
-    /// Stored coefficients of a Gaussian; those beyond the rendered degree are not read.
+    /// Stored coefficients per Gaussian; those above the rendered degree are not read.
     pub coefficients: usize,
-    /// Extra features of a Gaussian.
+    /// Extra features per Gaussian.
     pub features: usize,
 }
 
@@ -106,7 +106,7 @@ impl SplatSizes {
         }
     }
 
-    /// Numbers in each tensor for one Gaussian: none in the background, which all Gaussians share.
+    /// Values per Gaussian in each tensor: none in the background, which all Gaussians share.
     pub fn columns(&self) -> SplatTensors<usize> {
         SplatTensors { background: 0, ..self.shapes().map(|shape| shape[1..].iter().product()) }
     }

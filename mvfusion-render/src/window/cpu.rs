@@ -1,5 +1,5 @@
-//! CPU twin of the window ops: each output row sums the columns of the rows around it, then sums along itself. Rows are
-//! independent, so threads share nothing and the result does not depend on their number.
+//! CPU twin of the window ops. Each output row first sums the columns of the rows around it, then sums along the row.
+//! Rows are independent, so the result does not depend on the number of threads.
 #![allow(clippy::needless_range_loop, reason = "lane loops over several arrays become vector instructions as they are")]
 
 use std::array;
@@ -11,13 +11,13 @@ use super::Window;
 use super::similarity::{Blur, Similarity, SimilarityAdjoint, Traced, Windowed};
 use crate::simd::{Lanes, MAX_LANES, Wide};
 
-/// Rows that are worth a thread's while.
+/// Minimum number of rows per task.
 const MIN_ROWS: usize = 4;
 
-/// Vectors that are summed side by side.
+/// Number of vectors summed in parallel.
 const VECTORS: usize = 2;
 
-/// The narrowest row that is worked on: one block of vectors.
+/// Minimum width of a row: one block of vectors.
 const MIN_WIDTH: usize = VECTORS * MAX_LANES;
 
 /// Blurs planes of `[height, width]` pixels, stored one after another.
@@ -26,13 +26,13 @@ pub(super) fn blur<T: Lanes>(images: &[T], size: [usize; 2], window: &Window) ->
     out
 }
 
-/// The similarity of two pictures alone.
+/// The similarity of two images, without derivatives.
 pub(super) fn similarity<T: Lanes>(kind: Similarity, pair: [&[T]; 2], size: [usize; 2], window: &Window) -> Vec<T> {
     let [map] = windowed(kind, pair, [], size, window);
     map
 }
 
-/// The similarity of two pictures, and the four slopes that its adjoint needs.
+/// The similarity of two images, and the four derivatives that its adjoint needs.
 pub(super) fn similarity_with_slopes<T: Lanes>(
     kind: Similarity,
     pair: [&[T]; 2],
@@ -42,7 +42,7 @@ pub(super) fn similarity_with_slopes<T: Lanes>(
     windowed(Traced(kind), pair, [], size, window)
 }
 
-/// The adjoints of the two pictures.
+/// The adjoints of the two images.
 pub(super) fn similarity_backward<T: Lanes>(
     pair: [&[T]; 2],
     slopes: [&[T]; 4],
@@ -54,8 +54,8 @@ pub(super) fn similarity_backward<T: Lanes>(
     windowed(SimilarityAdjoint, [v_map, mean_a, mean_b, square, cross], pair, size, window)
 }
 
-/// What `work` makes of the window around every pixel of every plane; `own` are maps that are read at the pixel itself
-/// alone.
+/// Applies `work` to the window around every pixel of every plane. `own` are maps that are read only at the pixel
+/// itself.
 fn windowed<T: Lanes, W: Windowed<M, P, K, O>, const M: usize, const P: usize, const K: usize, const O: usize>(
     work: W,
     maps: [&[T]; M],
@@ -67,7 +67,8 @@ fn windowed<T: Lanes, W: Windowed<M, P, K, O>, const M: usize, const P: usize, c
         return array::from_fn(|_| Vec::new());
     }
     if width < MIN_WIDTH {
-        // Zeros on the right are what lies there anyway; their own results are cut off again.
+        // Zeros on the right do not change the result, because pixels outside are zero. The extra columns are removed
+        // again.
         let (maps, own) =
             (maps.map(|map| with_width(map, width, MIN_WIDTH)), own.map(|map| with_width(map, width, MIN_WIDTH)));
         let (maps, own) = (maps.each_ref().map(Vec::as_slice), own.each_ref().map(Vec::as_slice));
@@ -89,13 +90,13 @@ fn windowed<T: Lanes, W: Windowed<M, P, K, O>, const M: usize, const P: usize, c
     out
 }
 
-/// Rows of `from` numbers as rows of `to`, cut off or with zeros behind them.
+/// Rows of `from` values as rows of `to` values, cropped or padded with zeros.
 fn with_width<T: Lanes>(map: &[T], from: usize, to: usize) -> Vec<T> {
     let rows = map.chunks(from);
     rows.flat_map(|row| (0..to).map(|column| row.get(column).copied().unwrap_or(T::zero()))).collect()
 }
 
-/// The rows of several maps of one size: one array a row.
+/// The rows of several maps of the same size: one array per row.
 fn rows_of<T, const O: usize>(maps: &mut [Vec<T>; O], width: usize) -> Vec<[&mut [T]; O]> {
     let mut chunks = maps.each_mut().map(|map| map.chunks_mut(width));
     let rows = chunks[0].len();
@@ -129,7 +130,7 @@ impl<T: Lanes, W: Windowed<M, P, K, O>, const M: usize, const P: usize, const K:
 impl<T: Lanes, W: Windowed<M, P, K, O>, const M: usize, const P: usize, const K: usize, const O: usize>
     Row<'_, T, W, M, P, K, O>
 {
-    /// Where blocks of [`VECTORS`] vectors begin; the last one overlaps its neighbour, whose numbers it repeats.
+    /// The starts of blocks of [`VECTORS`] vectors. The last block overlaps its neighbour and repeats its values.
     #[inline(always)]
     fn blocks(width: usize, block: usize) -> impl Iterator<Item = usize> {
         (0..width).step_by(block).map(move |start| start.min(width - block))
@@ -149,7 +150,7 @@ impl<T: Lanes, W: Windowed<M, P, K, O>, const M: usize, const P: usize, const K:
         pixels
     }
 
-    /// The weighted column sums around the row, written behind a margin of one window radius that stays zero.
+    /// Writes the weighted column sums around the row, after a margin of one window radius that stays zero.
     #[inline(always)]
     fn sum_columns<S: Simd>(&mut self, simd: S) {
         let (radius, width) = (self.weights.len() / 2, self.out[0].len());
@@ -185,7 +186,7 @@ impl<T: Lanes, W: Windowed<M, P, K, O>, const M: usize, const P: usize, const K:
         }
     }
 
-    /// The column sums that lie `offset` columns to the right of the margin's beginning.
+    /// The column sums `offset` columns to the right of the start of the margin.
     #[inline(always)]
     fn columns<S: Simd>(&self, simd: S, offset: usize) -> [Wide<S, T>; K] {
         let mut columns = [Wide::<S, T>::splat(simd, T::zero()); K];
@@ -195,7 +196,7 @@ impl<T: Lanes, W: Windowed<M, P, K, O>, const M: usize, const P: usize, const K:
         columns
     }
 
-    /// Sums the column sums along the row, and writes what the work makes of each pixel's sums.
+    /// Sums the column sums along the row, and writes the work's results for each pixel.
     #[inline(always)]
     fn sum_along<S: Simd>(&mut self, simd: S) {
         let (radius, width) = (self.weights.len() / 2, self.out[0].len());
@@ -206,7 +207,7 @@ impl<T: Lanes, W: Windowed<M, P, K, O>, const M: usize, const P: usize, const K:
                 let at = start + vector * lanes;
                 let middle = self.columns(simd, at + radius);
                 let mut totals = [zero; K];
-                // The window is symmetric: two taps of one weight are multiplied together.
+                // The window is symmetric, so two taps with the same weight are multiplied together.
                 for tap in 0..radius {
                     let weight = Wide::splat(simd, self.weights[tap]);
                     let left = self.work.along(self.columns(simd, at + tap), middle);
@@ -224,7 +225,7 @@ impl<T: Lanes, W: Windowed<M, P, K, O>, const M: usize, const P: usize, const K:
         }
     }
 
-    /// Writes what the work makes of the sums of a vector of pixels.
+    /// Writes the work's results for a vector of pixels.
     #[inline(always)]
     fn finish<S: Simd>(&mut self, simd: S, at: usize, totals: [Wide<S, T>; K], middle: [Wide<S, T>; K]) {
         let mut own = [Wide::<S, T>::splat(simd, T::zero()); P];

@@ -1,4 +1,4 @@
-//! Gaussian windows over images: the blur, and the similarity maps that are made of it.
+//! Gaussian windows over images: the blur, and the similarity maps based on it.
 
 mod cpu;
 pub(crate) mod op;
@@ -16,12 +16,12 @@ pub struct Window {
 }
 
 impl Window {
-    /// A Gaussian of standard deviation `sigma` pixels, sampled at `size` pixels around its middle and normalised to sum 1
-    /// (METHOD §4.4: SSIM has 11 pixels and sigma 1.5). An even `size` counts as the next odd one, because a window has a
-    /// middle pixel.
+    /// A Gaussian with standard deviation `sigma` in pixels, sampled at `size` pixels around its middle and normalised
+    /// to sum 1 (METHOD §4.4: SSIM uses 11 pixels and sigma 1.5). An even `size` counts as the next odd one, because a
+    /// window has a middle pixel.
     ///
-    /// Weights are rounded to multiples of 2^-24 and the middle one is what is left of 1. Their sums are exact in `f32`
-    /// in any order, and a variance does not depend on the level from which a picture is counted.
+    /// Weights are rounded to multiples of 2^-24, and the middle one is the rest up to 1. Their sums are exact in `f32`
+    /// in any order, and a variance does not depend on an offset of the image.
     pub fn gaussian(size: usize, sigma: f64) -> Self {
         /// Steps of an `f32` between 0 and 1.
         const STEPS: f64 = (1u32 << 24) as f64;
@@ -36,17 +36,17 @@ impl Window {
         Self { weights: weights.into_iter().map(|weight| weight as f32).collect() }
     }
 
-    /// The weights along one axis: an odd number, symmetric.
+    /// The weights along one axis: symmetric, and odd in number.
     pub fn weights(&self) -> &[f32] {
         &self.weights
     }
 }
 
-/// Convolves each channel of `images` `[B, C, H, W]` with `window` along both axes, with zeros outside the image, and
-/// keeps the size. The op is linear and self-adjoint, so its gradient is the same blur of the cotangent.
+/// Convolves each channel of `images` `[B, C, H, W]` with `window` along both axes, with zeros outside the image. The
+/// size does not change. The op is linear and self-adjoint, so its gradient is the same blur of the cotangent.
 ///
 /// # Panics
-/// If the numbers are not f32, or f64 on a CPU.
+/// If the dtype is not f32, or f64 on a CPU.
 pub fn blur(images: Tensor<4>, window: &Window) -> Tensor<4> {
     op::blur(images, window)
 }
@@ -58,7 +58,7 @@ mod tests {
     use super::*;
     use crate::test_support::{for_each_device, numbers, random};
 
-    /// A few roundings of f64 and of f32, on numbers of size one.
+    /// A few rounding errors in f64 and in f32, on numbers of size one.
     const EXACT: f64 = 1e-12;
     const SINGLE: f64 = 2e-6;
 
@@ -66,7 +66,7 @@ mod tests {
         Tensor::from_data(TensorData::new(values.to_vec(), shape), (device, dtype))
     }
 
-    /// The definition: every pixel asks all pixels for their share.
+    /// The definition: every pixel sums over all pixels.
     fn slow_blur(image: &[f64], [height, width]: [usize; 2], window: &Window) -> Vec<f64> {
         let radius = window.weights.len() / 2;
         let weight = |a: usize, b: usize| match (b + radius).checked_sub(a) {

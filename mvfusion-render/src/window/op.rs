@@ -27,16 +27,16 @@ pub(crate) trait WindowOps: Backend {
     ) -> FloatTensor<Self>;
 }
 
-/// What the similarity's backward pass needs; on plain backends only.
+/// The adjoint of the similarity; only on backends without autodiff.
 pub(crate) trait SimilarityAdjoint: WindowOps {
-    /// The map and its slopes.
+    /// The map and its derivatives.
     fn window_similarity_tracked(
         pair: Pair<Self>,
         window: Window,
         kind: Similarity,
     ) -> (FloatTensor<Self>, Slopes<Self>);
 
-    /// The adjoints of the two pictures.
+    /// The adjoints of the two images.
     fn window_similarity_backward(
         pair: Pair<Self>,
         slopes: Slopes<Self>,
@@ -45,15 +45,15 @@ pub(crate) trait SimilarityAdjoint: WindowOps {
     ) -> Pair<Self>;
 }
 
-/// Two pictures, or their adjoints.
+/// Two images, or their adjoints.
 #[derive(Clone, Debug)]
 pub(crate) struct Pair<B: Backend> {
     pub a: FloatTensor<B>,
     pub b: FloatTensor<B>,
 }
 
-/// The slopes of a similarity with respect to the windowed moments: mean a, mean b, mean a² + b², mean ab. In four maps
-/// or in one behind the other, as the backend likes.
+/// The derivatives of a similarity with respect to the windowed moments: mean a, mean b, mean a² + b², mean ab. They
+/// are four maps or one concatenated map, depending on the backend.
 #[derive(Clone, Debug)]
 pub(crate) struct Slopes<B: Backend>(pub Vec<FloatTensor<B>>);
 

@@ -1,37 +1,37 @@
-//! What the window ops compute at one pixel, before and after the window's sums.
+//! The computations of the window ops at one pixel, before and after the window's sums.
 
 use pulp::Simd;
 
 use crate::simd::{Lanes, Wide};
 
-/// The constants of SSIM for pictures in `0..=1` (METHOD §4.4), and that of its structure term.
+/// The constants of SSIM for images in `0..=1` (METHOD §4.4), and of its structure term.
 pub(crate) const C1: f64 = 1e-4;
 pub(crate) const C2: f64 = 9e-4;
 pub(crate) const C3: f64 = C2 / 2.0;
 
-/// Where the structure map is cut off (METHOD §4.4 item 4).
+/// Upper bound of the structure map (METHOD §4.4 item 4).
 pub(crate) const STRUCTURE_MAX: f64 = 0.98;
 
-/// A computation around window sums: of `M` maps it sums `K` products down each column, sums these along the row, and of
-/// that and `P` numbers of the pixel itself it makes `O` results. What is not linear in the maps is given the middle of
-/// each sum, from which to count.
+/// A computation around window sums. It sums `K` products of `M` maps down each column, then sums these along the row.
+/// From the sums and `P` values of the pixel itself it computes `O` results. Nonlinear products also get the middle of
+/// each sum as their reference.
 pub(super) trait Windowed<const M: usize, const P: usize, const K: usize, const O: usize>: Copy + Sync {
-    /// What is summed down a column, of a pixel and of the one in the middle. Outside the picture maps are zero.
+    /// The summands down a column, from a pixel and the middle pixel. Outside the image, maps are zero.
     fn product<S: Simd, T: Lanes>(self, maps: [Wide<S, T>; M], middle: [Wide<S, T>; M]) -> [Wide<S, T>; K];
 
-    /// What a column hands on.
+    /// The result of a column.
     #[inline(always)]
     fn column<S: Simd, T: Lanes>(self, sums: [Wide<S, T>; K], _: [Wide<S, T>; M]) -> [Wide<S, T>; K] {
         sums
     }
 
-    /// What is summed along a row, of a column and of the one in the middle. Outside the picture a column is zero.
+    /// The summands along a row, from a column and the middle column. Outside the image, a column is zero.
     #[inline(always)]
     fn along<S: Simd, T: Lanes>(self, column: [Wide<S, T>; K], _: [Wide<S, T>; K]) -> [Wide<S, T>; K] {
         column
     }
 
-    /// What is made of the sums, of the column in the middle, and of the pixel.
+    /// The results from the sums, the middle column and the pixel.
     fn finish<S: Simd, T: Lanes>(
         self,
         sums: [Wide<S, T>; K],
@@ -40,7 +40,7 @@ pub(super) trait Windowed<const M: usize, const P: usize, const K: usize, const 
     ) -> [Wide<S, T>; O];
 }
 
-/// The sums themselves.
+/// Returns the sums themselves.
 #[derive(Clone, Copy)]
 pub(super) struct Blur;
 
@@ -61,7 +61,7 @@ impl Windowed<1, 0, 1, 1> for Blur {
     }
 }
 
-/// Which similarity of two pictures.
+/// The kind of similarity of two images.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Similarity {
     /// SSIM.
@@ -70,32 +70,32 @@ pub(crate) enum Similarity {
     Structure,
 }
 
-/// The windowed moments of two pictures at one pixel: mean a, mean b, variance of a + variance of b, covariance.
+/// The windowed moments of two images at one pixel: mean a, mean b, variance of a + variance of b, covariance.
 ///
-/// A variance as `mean a² - (mean a)²` is a small difference of large numbers where a picture is bright and flat: single
-/// precision leaves SSIM three digits. So pixels count from the middle of their column, columns from the middle of their
-/// row, and the variance is the mean of the columns' variances plus the variance of their means. That holds exactly,
-/// because the weights sum to 1 exactly; black outside the picture counts like every other pixel.
+/// In a bright, flat image, the variance `mean a² - (mean a)²` is a small difference of large numbers. In single
+/// precision, SSIM would keep three digits. Pixels are therefore relative to the middle of their column, and columns to
+/// the middle of their row. The variance is the mean of the columns' variances plus the variance of their means. This
+/// is exact, because the weights sum to exactly 1; black outside the image counts like any other pixel.
 type Moments<S, T> = [Wide<S, T>; 4];
 
-/// A similarity, and its slopes with respect to mean a, mean b, mean a² + b² and mean ab.
+/// A similarity, and its derivatives with respect to mean a, mean b, mean a² + b² and mean ab.
 type Trace<S, T> = [Wide<S, T>; 5];
 
-/// A pixel's part in the sums down its column.
+/// A pixel's summands down its column.
 #[inline(always)]
 fn of_pixel<S: Simd, T: Lanes>([a, b]: [Wide<S, T>; 2], [middle_a, middle_b]: [Wide<S, T>; 2]) -> Moments<S, T> {
     let (a, b) = (a - middle_a, b - middle_b);
     [a, b, a * a + b * b, a * b]
 }
 
-/// A column's part in the sums along the row.
+/// A column's summands along the row.
 #[inline(always)]
 fn of_column<S: Simd, T: Lanes>(column: Moments<S, T>, middle: Moments<S, T>) -> Moments<S, T> {
     let (a, b) = (column[0] - middle[0], column[1] - middle[1]);
     [a, b, column[2] + (a * a + b * b), column[3] + a * b]
 }
 
-/// Moments from sums that count from the middle.
+/// Moments from sums relative to the middle.
 #[inline(always)]
 fn from_middle<S: Simd, T: Lanes>(
     [a, b, squares, product]: Moments<S, T>,
@@ -141,7 +141,7 @@ impl Windowed<2, 0, 4, 1> for Similarity {
     }
 }
 
-/// A similarity with its slopes.
+/// A similarity with its derivatives.
 #[derive(Clone, Copy)]
 pub(super) struct Traced(pub(super) Similarity);
 
@@ -167,7 +167,7 @@ impl Windowed<2, 0, 4, 5> for Traced {
     }
 }
 
-/// Variances that rounding made negative count as zero, so that no denominator can vanish.
+/// Variances that are negative due to rounding count as zero, so that no denominator vanishes.
 #[inline(always)]
 fn positive<S: Simd, T: Lanes>(variance: Wide<S, T>) -> Wide<S, T> {
     variance.max(variance.value(0.0))
@@ -213,8 +213,8 @@ fn structure<S: Simd, T: Lanes>([mean_a, mean_b, variances, covariance]: Moments
     ]
 }
 
-/// The adjoints of two pictures from the cotangent of their similarity and its four slopes: the window is its own
-/// adjoint, so the slopes times the cotangent are summed by it.
+/// The adjoints of two images, from the cotangent of their similarity and its four derivatives. The window is its own
+/// adjoint, so it sums the derivatives times the cotangent.
 #[derive(Clone, Copy)]
 pub(super) struct SimilarityAdjoint;
 

@@ -4,22 +4,22 @@ use burn::tensor::Tensor;
 
 use super::{Window, op, similarity::Similarity};
 
-/// SSIM of `a` and `b`, both `[B, C, H, W]` of one dtype, at each pixel, `[B, C, H, W]`: windowed means, variances and
-/// covariance with zeros outside the pictures, C1 = 0.01², C2 = 0.03² (METHOD §4.4; the window there is
-/// `Window::gaussian(11, 1.5)`). Gradients reach both pictures.
+/// SSIM of `a` and `b`, both `[B, C, H, W]` with the same dtype, at each pixel, `[B, C, H, W]`. It uses windowed means,
+/// variances and covariance with zeros outside the images, C1 = 0.01² and C2 = 0.03² (METHOD §4.4; the window there is
+/// `Window::gaussian(11, 1.5)`). Gradients reach both images.
 ///
 /// # Panics
-/// If the shapes differ, or the numbers are not f32, or f64 on a CPU.
+/// If the shapes differ, or the dtype is not f32, or f64 on a CPU.
 pub fn ssim_map(a: Tensor<4>, b: Tensor<4>, window: &Window) -> Tensor<4> {
     op::similarity(a, b, window, Similarity::Ssim)
 }
 
-/// The structure similarity K of `a` and `b`, both `[B, C, H, W]` of one dtype, at each pixel, `[B, C, H, W]`:
+/// The structure similarity K of `a` and `b`, both `[B, C, H, W]` with the same dtype, at each pixel, `[B, C, H, W]`:
 /// `clip((s_ab + C3) / sqrt(s_a² + s_b² + C3), 0, 0.98)` with C3 = 0.03²/2 (METHOD §4.4 item 4; the window there is
-/// `Window::gaussian(5, 1.5)`). Gradients reach both pictures, and are zero where the value is clipped.
+/// `Window::gaussian(5, 1.5)`). Gradients reach both images, and are zero where the value is clipped.
 ///
 /// # Panics
-/// If the shapes differ, or the numbers are not f32, or f64 on a CPU.
+/// If the shapes differ, or the dtype is not f32, or f64 on a CPU.
 pub fn structure_map(a: Tensor<4>, b: Tensor<4>, window: &Window) -> Tensor<4> {
     op::similarity(a, b, window, Similarity::Structure)
 }
@@ -34,18 +34,18 @@ mod tests {
 
     const SHAPE: [usize; 4] = [2, 3, 13, 21];
 
-    /// In f64 two ways of rounding differ by little; the slopes divide by variances near 1e-3.
+    /// In f64, two orders of rounding differ by little; the derivatives divide by variances near 1e-3.
     const EXACT: f64 = 1e-9;
 
-    /// f32 loses digits in the gradients, where large numbers of both signs meet.
+    /// f32 loses digits in the gradients, where large numbers of both signs cancel.
     const SINGLE: f64 = 2e-4;
 
-    /// Of maps in f32.
+    /// Tolerance of maps in f32.
     const FLAT: f64 = 2e-6;
 
     type Map = fn(Tensor<4>, Tensor<4>, &Window) -> Tensor<4>;
 
-    /// SSIM by tensor operations.
+    /// SSIM with tensor operations.
     fn slow_ssim(a: Tensor<4>, b: Tensor<4>, window: &Window) -> Tensor<4> {
         let [mean_a, mean_b, variance_a, variance_b, covariance] = moments(a, b, window);
         let luminance = mean_a.clone() * mean_b.clone() * 2.0 + 1e-4;
@@ -53,7 +53,7 @@ mod tests {
         luminance * contrast / ((mean_a.square() + mean_b.square() + 1e-4) * (variance_a + variance_b + 9e-4))
     }
 
-    /// The structure term by tensor operations.
+    /// The structure term with tensor operations.
     fn slow_structure(a: Tensor<4>, b: Tensor<4>, window: &Window) -> Tensor<4> {
         let [_, _, variance_a, variance_b, covariance] = moments(a, b, window);
         ((covariance + 4.5e-4) / (variance_a + variance_b + 4.5e-4).sqrt()).clamp(0.0, 0.98)
@@ -67,7 +67,7 @@ mod tests {
         [mean_a, mean_b, variance_a, variance_b, covariance]
     }
 
-    /// The map, and the adjoints of both pictures.
+    /// The map, and the adjoints of both images.
     fn run(map: Map, pictures: [&[f64]; 2], window: &Window, device: &Device, dtype: DType) -> [Vec<f64>; 3] {
         let device = &device.clone().autodiff();
         let tensor = |values: &[f64]| Tensor::<4>::from_data(TensorData::new(values.to_vec(), SHAPE), (device, dtype));

@@ -1,4 +1,4 @@
-//! A chart: axes, curves and marks as inline SVG, whose colours are the page's.
+//! A chart: axes, curves and marks as inline SVG, in the colours of the page.
 
 use std::fmt::Write;
 
@@ -7,38 +7,38 @@ use maud::{Markup, html};
 use super::thin::{Point, thin};
 use crate::drawing::{Axis, Frame, Spacing, path, shown};
 
-/// Size of the drawing in its own units; the page scales it.
+/// Size of the drawing in its own units. The page scales it.
 const SIZE: [f64; 2] = [560.0, 250.0];
 /// Room around the curves: left, top, right, bottom.
 const MARGINS: [f64; 4] = [54.0, 30.0, 14.0, 36.0];
 /// Left, top, right and bottom of the part with the curves.
 const EDGES: [f64; 4] = [MARGINS[0], MARGINS[1], SIZE[0] - MARGINS[2], SIZE[1] - MARGINS[3]];
-/// Ratio of the largest to the smallest value from which a logarithmic axis shows more than a linear one.
+/// Minimum ratio of the largest to the smallest value for a logarithmic axis.
 const LOGARITHMIC_FROM: f64 = 10.0;
-/// Most points of a curve.
+/// Maximum number of points of a curve.
 const MOST_POINTS: usize = 1000;
-/// Up to so many points each is marked by a dot.
+/// Maximum number of points that are marked by dots.
 const DOTTED: usize = 40;
-/// Ticks that are aimed at along x and y.
+/// Desired number of ticks along x and y.
 const TICKS: [usize; 2] = [6, 5];
-/// Width of a letter of a mark's name, a little too wide rather than too narrow.
+/// Width of a letter in the name of a mark, estimated generously.
 const LETTER: f64 = 6.2;
 
 /// How strongly a curve is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Weight {
-    /// As what is to be read.
+    /// A main curve.
     Bold,
-    /// As what stands behind it.
+    /// A background curve.
     Faint,
 }
 
 /// A curve.
 #[derive(Clone, Debug)]
 pub struct Series {
-    /// What it shows, for the legend; curves without a name are not in it.
+    /// Name for the legend. Curves without a name are not in the legend.
     pub name: Option<String>,
-    /// Which of the page's colours it has, from 0.
+    /// Index of its colour in the page, from 0.
     pub colour: usize,
     /// How strongly it is drawn.
     pub weight: Weight,
@@ -46,21 +46,21 @@ pub struct Series {
     pub points: Vec<Point>,
 }
 
-/// A vertical line with a name: where something begins.
+/// A vertical line with a name, at the start of something.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mark {
-    /// Where.
+    /// Position.
     pub x: f64,
-    /// What begins.
+    /// Name of what starts there.
     pub name: String,
 }
 
-/// What is drawn.
+/// A chart.
 #[derive(Clone, Debug)]
 pub struct Chart<'a> {
-    /// What the values are, with their unit.
+    /// Name of the values, with their unit.
     pub title: &'a str,
-    /// What x is.
+    /// Name of x.
     pub x_title: &'a str,
     /// The curves.
     pub series: Vec<Series>,
@@ -71,7 +71,7 @@ pub struct Chart<'a> {
 }
 
 impl<'a> Chart<'a> {
-    /// A chart whose axis fits the values: logarithmic where they are spread over a decade or more.
+    /// A chart with an axis that fits the values: logarithmic if they span a decade or more.
     pub fn fitting(title: &'a str, series: Vec<Series>, marks: &'a [Mark]) -> Self {
         let values = series.iter().flat_map(|series| series.points.iter().map(|point| point.y));
         let values = Axis::logarithmic_from(LOGARITHMIC_FROM, values);
@@ -84,18 +84,18 @@ impl<'a> Chart<'a> {
         Self { title, x_title: "step", series, marks, values }
     }
 
-    /// A chart of amounts: a linear axis from zero.
+    /// A chart of amounts, with a linear axis from zero.
     pub fn amounts(title: &'a str, series: Vec<Series>, marks: &'a [Mark]) -> Self {
         let chart = Self::linear(title, series, marks);
         Self { values: chart.values.down_to_zero(), ..chart }
     }
 
-    /// The chart as a metric with title, legend and drawing; a sentence where there is nothing to draw.
+    /// The chart as a figure with title, legend and drawing, or a sentence if there is nothing to draw.
     pub fn draw(&self) -> Markup {
         let is_empty = self.series.iter().all(|series| series.points.iter().all(|point| !point.y.is_finite()));
         let logarithmic = self.values.spacing() == Spacing::Logarithmic;
         html! {
-            metric.chart {
+            figure.chart {
                 figcaption {
                     b { (self.title) }
                     @if logarithmic { " (logarithmic)" }
@@ -138,7 +138,7 @@ impl<'a> Chart<'a> {
         }
     }
 
-    /// The marks; a name that would run into the one before it stands a line higher.
+    /// The marks. A name that would overlap the previous one is placed one line higher.
     fn marks(&self, frame: &Frame) -> Markup {
         let [_, top, right, bottom] = EDGES;
         let mut ends = [f64::NEG_INFINITY; 2];
@@ -158,7 +158,7 @@ impl<'a> Chart<'a> {
         }
     }
 
-    /// What the chart shows, for those who do not see it.
+    /// A description of the chart, for screen readers.
     fn summary(&self) -> String {
         let mut text = self.title.to_owned();
         for series in self.series.iter().filter(|series| series.weight == Weight::Bold) {
@@ -177,7 +177,7 @@ impl<'a> Chart<'a> {
     }
 }
 
-/// A curve's line, interrupted at its gaps, and its dots where they are few.
+/// The line of a curve, interrupted at its gaps, and its dots if there are few.
 fn curve(series: &Series, frame: &Frame) -> Markup {
     let points: Vec<Option<[f64; 2]>> = thin(&series.points, MOST_POINTS)
         .iter()

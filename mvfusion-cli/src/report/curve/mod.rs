@@ -1,4 +1,4 @@
-//! Curves as SVG: what a training's numbers did over its steps.
+//! Curves as SVG: the values of a training over its steps.
 
 mod chart;
 mod thin;

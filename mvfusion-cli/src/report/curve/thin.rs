@@ -1,16 +1,16 @@
-//! Fewer points for the same line.
+//! Reduction of the points of a curve.
 
-/// A point of a curve; a value that is not finite is a gap.
+/// A point of a curve. A value that is not finite is a gap.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
-    /// Along the curve; points come in its order.
+    /// Position along the curve, in increasing order.
     pub x: f64,
     /// The value.
     pub y: f64,
 }
 
-/// At most `most` of the points and about as many gaps: of each of `most / 2` equal runs of points the lowest and the
-/// highest, so that no peak is lost. Where a run has a gap, it keeps one, behind its points.
+/// At most `most` of the points, and about as many gaps. Each of `most / 2` equal runs of points keeps its lowest and
+/// its highest point, so that no peak is lost. A run with gaps keeps one gap, after its points.
 pub(super) fn thin(points: &[Point], most: usize) -> Vec<Point> {
     if points.len() <= most {
         return points.to_vec();
@@ -19,7 +19,7 @@ pub(super) fn thin(points: &[Point], most: usize) -> Vec<Point> {
     points.chunks(run).flat_map(extremes).collect()
 }
 
-/// The lowest and the highest point of a run in their order, then one gap if it has any.
+/// The lowest and the highest point of a run, in their order, then one gap if the run has any.
 fn extremes(run: &[Point]) -> impl Iterator<Item = Point> {
     let finite = || run.iter().enumerate().filter(|(_, point)| point.y.is_finite());
     let lowest = finite().min_by(|a, b| a.1.y.total_cmp(&b.1.y)).map(|(index, _)| index);
@@ -30,7 +30,7 @@ fn extremes(run: &[Point]) -> impl Iterator<Item = Point> {
     [first, second].into_iter().flatten().map(|index| run[index]).chain(gap).collect::<Vec<_>>().into_iter()
 }
 
-/// The mean of each point and those up to `window - 1` before it, without the gaps, which stay.
+/// The mean of each point and up to `window - 1` points before it. Gaps are ignored and stay gaps.
 pub fn running_mean(points: &[Point], window: usize) -> Vec<Point> {
     let mean = |end: usize| {
         let values =

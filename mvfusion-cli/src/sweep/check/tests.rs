@@ -1,4 +1,4 @@
-//! Tests of the names that grids may use, against those that an evaluation gives.
+//! Compares the metric names that grids may use with those of an evaluation.
 
 use image::{GrayImage, Luma, Rgb, RgbImage};
 use mvfusion_model::evaluation::{

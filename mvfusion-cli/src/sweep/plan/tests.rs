@@ -117,7 +117,7 @@ fn cells_that_train_the_same_after_scaling_are_refused() {
     let intervals = GRID.replace("motion.window = [3, 5]", "motion.interval = [500, 1000]");
     let short = intervals.replace("train.scale = 0.5", "train.scale = 0.1");
     assert_eq!(cells(&intervals.replace("train.scale = 0.5", "train.scale = 1.0")).len(), 16);
-    assert!(refusal(&short).contains("train the same at train.scale = 0.1"), "{}", refusal(&short));
+    assert!(refusal(&short).contains("train identically at train.scale = 0.1"), "{}", refusal(&short));
 }
 
 #[test]
@@ -134,7 +134,7 @@ fn an_exclusion_leaves_out_what_agrees_with_all_of_it() {
     let excluding = format!("{GRID}\n[[exclude]]\nscene = \"steak\"\nvariant = \"w/o MFTA\"\nmotion.window = 3\n");
     assert_eq!(cells(&excluding).len(), 14);
     let nothing = format!("{GRID}\n[[exclude]]\nscene = \"stake\"\n");
-    assert!(refusal(&nothing).contains("no cell is as `exclude` says"), "{}", refusal(&nothing));
+    assert!(refusal(&nothing).contains("no cell matches this entry of `exclude`"), "{}", refusal(&nothing));
     let everything = format!("{GRID}\n[[exclude]]\nseed = 3\n[[exclude]]\nseed = 4\n");
     assert!(refusal(&everything).contains("every cell"));
     let unknown = format!("{GRID}\n[[exclude]]\nmotion.windows = 3\n");
@@ -199,20 +199,20 @@ fn a_bad_grid_is_refused_with_what_is_wrong() {
         ("motion.window = [3, 5]", "motion.widow = [3, 5]", "[grid]|`motion.window`"),
         ("motion.window = [3, 5]", "motion.window = []", "`motion.window` in [grid] is empty"),
         ("motion.window = [3, 5]", "motion.window = 3", "must be a list"),
-        ("motion.window = [3, 5]", "motion.window = [3, 3]", "the value `3` is there twice"),
+        ("motion.window = [3, 5]", "motion.window = [3, 3]", "the value `3` appears twice"),
         ("motion.window = [3, 5]", "motion.window = [3, 0]", "motion.window"),
         ("motion.window = [3, 5]", "motion.window = [3, \"wide\"]", "whole number"),
         ("motion.window = [3, 5]", "motion.mfta = [true, false]", "`motion.mfta` in [grid]|the variant `w/o MFTA`"),
         ("set = { scene.downscale = 2 }", "set = { motion.mfta = true }", "the variant `w/o MFTA`|the scene `steak`"),
         ("motion.window = [3, 5]", "seed = [3, 5]", "list it in `seeds`"),
         ("seeds = [3, 4]", "seeds = []", "`seeds` is empty"),
-        ("seeds = [3, 4]", "seeds = [3, 3]", "the seed `3` is there twice"),
-        ("name = \"w/o MFTA\"", "name = \"full\"", "the variant `full` is there twice"),
+        ("seeds = [3, 4]", "seeds = [3, 3]", "the seed `3` appears twice"),
+        ("name = \"w/o MFTA\"", "name = \"full\"", "the variant `full` appears twice"),
         ("name = \"w/o MFTA\"", "name = \" \"", "the name of variant 2 is empty"),
         ("set = { motion.mfta = false }", "", "are the same run"),
         ("set = { motion.mfta = false }", "set = { seed = 5 }", "`seeds`"),
         ("set = { motion.mfta = false }", "preset = \"neu3\"", "`neu3d`"),
-        ("name = \"steak\"", "name = \"video\"", "the scene `video` is there twice"),
+        ("name = \"steak\"", "name = \"video\"", "the scene `video` appears twice"),
         ("title = \"a test\"", "titel = \"a test\"", "line 2|titel"),
         ("title = \"a test\"", "title = \"a test", "not valid TOML"),
     ] {
@@ -228,9 +228,9 @@ fn a_bad_grid_is_refused_with_what_is_wrong() {
 fn columns_and_paper_rows_belong_to_something() {
     let column = |text: &str| format!("{GRID}\n[[columns]]\n{text}\n");
     assert!(refusal(&column("title = \"a\"\nscenes = [\"stake\"]\nmetrics = [\"composed.psnr\"]")).contains("`stake`"));
-    assert!(refusal(&column("title = \"a\"\nmetrics = [\"composed.pnsr\"]")).contains("nearest is `composed.psnr`"));
+    assert!(refusal(&column("title = \"a\"\nmetrics = [\"composed.pnsr\"]")).contains("Did you mean `composed.psnr`?"));
     let regions = "title = \"a\"\nmetrics = [\"dynamic_region.ms_ssim\"]";
-    assert!(refusal(&column(regions)).contains("`dynamic_region.ms_ssim`, which there is not"));
+    assert!(refusal(&column(regions)).contains("unknown metric `dynamic_region.ms_ssim`"));
     assert!(refusal(&column("title = \"a\"\nmetrics = []")).contains("no metrics"));
     assert!(refusal(&column("title = \"a\"\nmetrics = [\"speed.fps\"]")).contains("`speed_frames`"));
     let training = "title = \"a\"\nmetrics = [\"training_views.composed.psnr\"]";
@@ -238,7 +238,7 @@ fn columns_and_paper_rows_belong_to_something() {
     let flicker = column("title = \"a\"\nmetrics = [\"training_views.temporal.t_lpips_alex\"]");
     cells(&flicker.replace("eval.strips = 1", "eval.strips = 1, eval.training_views = true"));
     let twice = "title = \"a\"\nscenes = [\"video\", \"video\"]\nmetrics = [\"composed.psnr\"]";
-    assert!(refusal(&column(twice)).contains("the scene `video` is there twice"));
+    assert!(refusal(&column(twice)).contains("the scene `video` appears twice"));
     let paper = |metric: &str, text: &str| format!("{GRID}\n[[paper]]\nvalues = {{ \"{metric}\" = 1.0 }}\n{text}\n");
     let psnr = |text: &str| paper("composed.psnr", text);
     let whole = "variant = \"full\"\ncolumn = \"video\"\nat = { motion.window = 5 }";
@@ -261,7 +261,7 @@ fn differences_are_of_two_variants_of_the_grid() {
         |variant: &str, minus: &str| format!("{GRID}\n[[differences]]\nvariant = \"{variant}\"\nminus = \"{minus}\"\n");
     let planned = plan(&difference("full", "w/o MFTA"), &Additions::default()).expect("planned");
     assert_eq!(planned.index.differences[0].minus, "w/o MFTA");
-    assert!(refusal(&difference("fool", "w/o MFTA")).contains("`fool`; there are `full`"));
+    assert!(refusal(&difference("fool", "w/o MFTA")).contains("`fool`; the variants are `full`"));
     assert!(refusal(&difference("full", "full")).contains("with itself"));
 }
 
@@ -283,7 +283,7 @@ fn a_number_of_the_paper_is_given_once() {
         ("literature = \"3DGS\"\nat = { motion.window = 3 }", "literature = \"3DGS\"\nat = { motion.window = 3 }"),
     ] {
         let said = refusal(&rows(a, b));
-        assert!(said.contains("two numbers of `composed.psnr`") && said.contains("column `video`"), "{a}, {b}: {said}");
+        assert!(said.contains("two values of `composed.psnr`") && said.contains("column `video`"), "{a}, {b}: {said}");
     }
     for (a, b) in [
         ("variant = \"full\"\nat = { motion.window = 3 }", "variant = \"full\"\nat = { motion.window = 5 }"),

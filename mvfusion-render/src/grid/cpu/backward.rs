@@ -1,4 +1,4 @@
-//! The backward half of the look-up's CPU twin: first the adjoints of points and samples, then those of the planes.
+//! The backward pass of the CPU twin: first the adjoints of points and samples, then the adjoints of the planes.
 #![allow(clippy::needless_range_loop, reason = "lane loops over several arrays become vector instructions as they are")]
 
 use rayon::prelude::*;
@@ -9,18 +9,18 @@ use crate::grid::{GridLayout, PlaneLayout};
 use crate::simd::vectorised;
 use mvfusion_kernels::grid::{PAIRS, TIME};
 
-/// Points whose sample adjoints are held at once: few enough to stay in cache between the two halves.
+/// Points whose sample adjoints are stored at once: few enough to stay in the cache between the two halves.
 const POINTS_PER_CHUNK: usize = 4096;
 
-/// The adjoints of a look-up's arguments, in their shapes.
+/// The adjoints of the arguments, in their shapes.
 pub(in crate::grid) struct Adjoint<T> {
     pub(in crate::grid) planes: Vec<T>,
     pub(in crate::grid) points: Vec<T>,
     pub(in crate::grid) times: Vec<T>,
 }
 
-/// The adjoints for the cotangent `v_features` `[N, scales * F]`. Points without a cotangent (those that no picture
-/// shows) cost nothing.
+/// The adjoints for the cotangent `v_features` `[N, scales * F]`. Points with a zero cotangent, which no image shows,
+/// cost nothing.
 pub(in crate::grid) fn look_up_backward<T: Real>(
     planes: &[T],
     query: &Query<T>,
@@ -64,7 +64,7 @@ fn split_planes<'a, T>(mut v_planes: &'a mut [T], scales: &Scales) -> Vec<&'a mu
     scales.planes.iter().map(part).collect()
 }
 
-/// The adjoints of the grid coordinates of `points`; writes those of their samples, task by task.
+/// Returns the adjoints of the grid coordinates of `points` and writes the adjoints of their samples, task by task.
 fn point_adjoints<T: Real>(
     planes: &[T],
     query: &Query<T>,
@@ -99,7 +99,7 @@ fn point_adjoints<T: Real>(
 /// The samples of one point in the six planes of a scale, `[6, F]` each.
 struct Samples<T> {
     value: Vec<T>,
-    /// The slopes with respect to the cell coordinates.
+    /// The derivatives with respect to the cell coordinates.
     by_column: Vec<T>,
     by_row: Vec<T>,
     /// The adjoints of the values.
@@ -138,7 +138,7 @@ impl<T: Real> Samples<T> {
         }
     }
 
-    /// The adjoints of the values, of which the features are the product: the cotangent times the other five.
+    /// The adjoints of the six values whose product is the features: the cotangent times the other five.
     #[inline(always)]
     fn backward(&mut self, v_product: &[T]) {
         let features = v_product.len();
@@ -170,13 +170,14 @@ impl<T: Real> Samples<T> {
     }
 }
 
-/// The sample adjoints of a task's points, `[planes, points, F]`: each plane reads its own in one run.
+/// The sample adjoints of a task's points, `[planes, points, F]`, contiguous for each plane.
 struct TaskSamples<'a, T> {
     values: &'a mut [T],
     points: usize,
 }
 
-/// The adjoint of a point's grid coordinates; writes those of its samples at `index` among the task's points.
+/// Returns the adjoint of a point's grid coordinates and writes the adjoints of its samples at `index` among the task's
+/// points.
 #[inline(always)]
 fn point_adjoint<T: Real>(
     planes: &[T],
@@ -187,7 +188,7 @@ fn point_adjoint<T: Real>(
     (v_samples, index): (&mut TaskSamples<T>, usize),
 ) -> [T; 4] {
     let features = scales.features;
-    // Lane by lane, for sums along a block would have to be made in order.
+    // One sum per lane, because a sum along a block could not be vectorised in its order.
     let mut v_coordinates = [[T::zero(); LANES]; 4];
     for (scale, ((axes, layouts), v_features)) in scales.iter().zip(v_features.chunks(features)).enumerate() {
         let places = locate(coordinates, axes);

@@ -1,4 +1,4 @@
-//! CPU twin of the grid penalties, row by row: a row's sums are its own, and rows are added up in order.
+//! CPU twin of the grid penalties, row by row. Each row has its own sums, and rows are added in order.
 
 use rayon::prelude::*;
 
@@ -6,10 +6,10 @@ use crate::Real;
 use crate::grid::{GridLayout, PlaneLayout};
 use crate::simd::vectorised;
 
-/// Numbers that are summed side by side, in registers; sums are in double precision.
+/// Number of parallel partial sums, in registers; sums are in double precision.
 const LANES: usize = 16;
 
-/// Rows that are worth a thread's while.
+/// Minimum number of rows per task.
 const MIN_ROWS: usize = 8;
 
 /// One row of cells of a plane.
@@ -24,7 +24,7 @@ impl<'a> Row<'a> {
         planes.iter().flat_map(|plane| (0..plane.height).map(move |row| Self { plane, row })).collect()
     }
 
-    /// The numbers of the row `offset` below this one, none if it is not in the plane.
+    /// The values of the row `offset` below this one; `None` if it is outside the plane.
     #[inline(always)]
     fn values<'v, T>(&self, values: &'v [T], features: usize, offset: isize) -> Option<&'v [T]> {
         let row = self.row.checked_add_signed(offset).filter(|&row| row < self.plane.height)?;
@@ -33,13 +33,13 @@ impl<'a> Row<'a> {
     }
 }
 
-/// What each term's sum over a plane is divided by: entries of the second difference, and numbers.
+/// The divisors of each term's sum over a plane: the number of second differences, and the number of values.
 fn counts(plane: &PlaneLayout, features: usize) -> [f64; 2] {
     let row = (plane.width * features) as f64;
     [row * plane.height.saturating_sub(2).max(1) as f64, row * plane.height as f64]
 }
 
-/// The terms in the order plane smoothness, time smoothness, distance of the time planes from 1.
+/// The terms in this order: plane smoothness, time smoothness, distance of the time planes from 1.
 pub(super) fn penalties<T: Real>(planes: &[T], layout: &GridLayout) -> [f64; 3] {
     let layouts = layout.planes();
     let rows = Row::all(&layouts);
@@ -66,7 +66,7 @@ pub(super) fn penalties<T: Real>(planes: &[T], layout: &GridLayout) -> [f64; 3] 
     terms
 }
 
-/// The sums over a row of the squared second differences that begin in it, and of `|1 - p|` in a time plane.
+/// The sums over a row of the squared second differences that start in it, and of `|1 - p|` in a time plane.
 #[inline(always)]
 fn row_sums<T: Real>(planes: &[T], row: &Row, features: usize) -> [f64; 2] {
     let values = |offset| row.values(planes, features, offset);
@@ -118,7 +118,7 @@ pub(super) fn penalties_backward<T: Real>(planes: &[T], v_terms: [T; 3], layout:
     v_planes
 }
 
-/// The adjoint of one row: it is the first, the middle and the last row of up to three second differences.
+/// The adjoint of one row, which is the first, the middle and the last row of up to three second differences.
 #[inline(always)]
 fn row_adjoint<T: Real>(planes: &[T], row: &Row, v_terms: [T; 3], features: usize, v_row: &mut [T]) {
     let [differences, numbers] = counts(row.plane, features);

@@ -20,7 +20,7 @@ pub(crate) trait PenaltyOps: Backend {
     fn grid_penalties(planes: FloatTensor<Self>, layout: GridLayout) -> FloatTensor<Self>;
 }
 
-/// Their adjoint; on plain backends only.
+/// The adjoint; only on backends without autodiff.
 pub(crate) trait PenaltyAdjoint: PenaltyOps {
     /// The adjoint of the planes for the cotangents `v_terms` `[3]`.
     fn grid_penalties_backward(

@@ -1,4 +1,5 @@
-//! Products of small matrices that may be turned, or be columns of a wider one: the crate `gemm`, behind a safe border.
+//! Products of small matrices that may be transposed, or columns of a wider matrix: a safe interface to the crate
+//! `gemm`.
 
 use std::ops::Range;
 
@@ -16,7 +17,7 @@ pub(super) struct Matrix<'a, T> {
 }
 
 impl<'a, T: Real> Matrix<'a, T> {
-    /// A whole slice as `rows` rows.
+    /// A whole slice as a matrix with `rows` rows.
     pub(super) fn rows(numbers: &'a [T], rows: usize) -> Self {
         let columns = numbers.len() / rows;
         Self { numbers, rows, columns, row_stride: columns, column_stride: 1 }
@@ -44,14 +45,14 @@ impl<'a, T: Real> Matrix<'a, T> {
         }
     }
 
-    /// Adds every row to `total`. For matrices that are not turned.
+    /// Adds every row to `total`. The matrix must not be transposed.
     pub(super) fn add_rows_to(self, total: &mut [T]) {
         for row in self.numbers.chunks(self.row_stride) {
             add_rows(total, &row[..self.columns]);
         }
     }
 
-    /// Numbers from the first to the last.
+    /// Distance from the first value to the end of the last.
     fn span(&self) -> usize {
         span(self.rows, self.columns, self.row_stride, self.column_stride)
     }
@@ -61,13 +62,13 @@ fn span(rows: usize, columns: usize, row_stride: usize, column_stride: usize) ->
     if rows == 0 || columns == 0 { 0 } else { (rows - 1) * row_stride + (columns - 1) * column_stride + 1 }
 }
 
-/// `target += a b`, where the rows of `target` begin `stride` numbers apart. On this thread alone.
+/// `target += a b`, on this thread. The rows of `target` start `stride` values apart.
 pub(super) fn add_product<T: Real>(target: &mut [T], stride: usize, a: Matrix<'_, T>, b: Matrix<'_, T>) {
     assert_eq!(a.columns, b.rows, "the sum runs over the columns of one factor and the rows of the other");
     assert!(span(a.rows, b.columns, stride, 1) <= target.len() && b.columns <= stride, "the target is too small");
     assert!(a.span() <= a.numbers.len() && b.span() <= b.numbers.len(), "a factor is too small");
-    // SAFETY: the assertions above keep every access inside the three slices; rows of the target do not overlap, and the
-    // target is borrowed alone.
+    // SAFETY: the assertions above keep every access inside the three slices; rows of the target do not overlap, and
+    // the target is borrowed exclusively.
     unsafe {
         gemm::gemm(
             a.rows,

@@ -9,7 +9,7 @@ use super::view::View;
 use crate::splat::Statistic;
 use crate::splat::tensors::SplatTensors;
 
-/// What the forward pass saved, as it lies in tensors.
+/// The state that the forward pass saved, in the layout of the tensors.
 #[derive(Clone, Copy)]
 pub(crate) struct Saved<'a, T> {
     /// See [`super::project::Projections`].
@@ -24,7 +24,7 @@ pub(crate) struct Saved<'a, T> {
     pub last: &'a [i32],
 }
 
-/// Pulls the cotangent `[2, channels + 1, height, width]` of the packed picture back to the inputs.
+/// Backpropagates the cotangent `[2, channels + 1, height, width]` of the packed image to the inputs.
 pub(crate) fn backward<T: Lane>(
     cloud: &Cloud<T>,
     view: &View<T>,

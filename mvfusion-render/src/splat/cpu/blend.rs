@@ -1,4 +1,4 @@
-//! Blending the Gaussians of each tile, front to back.
+//! Blending of the Gaussians of each tile, front to back.
 
 use mvfusion_kernels::splat::{COLOUR_CHANNELS, MIN_ALPHA, PROJECTED_LEN, Projected, TILE, depth_channel};
 use rayon::prelude::*;
@@ -8,20 +8,20 @@ use super::lanes::{HALVES, LANES, Lane, Lanes, Plane, SEGMENTS, VectorJob, Vecto
 use super::tiles::touched_segments;
 use super::view::View;
 
-/// Gaussians that are gathered at once; whether a pixel is still open is looked up as often.
+/// Gaussians that are gathered at once. Open pixels are also determined once per batch.
 pub(crate) const BATCH: usize = 32;
 
-/// The blended picture, by tiles.
+/// The blended image, by tiles.
 pub(crate) struct Blended<T> {
     /// Channels of each tile: colour, features, depth.
     pub channels: Vec<Plane<T>>,
-    /// Transmittance that is left, a plane a tile.
+    /// Remaining transmittance, one plane per tile.
     pub transmittance: Vec<Plane<T>>,
-    /// One more than the place, in the tile's list, of the last Gaussian that each pixel added.
+    /// One plus the position in the tile's list of the last Gaussian that each pixel added.
     pub last: Vec<Plane<i32>>,
 }
 
-/// What all tiles of a picture share.
+/// The data that all tiles of an image share.
 #[derive(Clone, Copy)]
 pub(crate) struct TileSource<'a, T> {
     pub cloud: Cloud<'a, T>,
@@ -46,9 +46,9 @@ impl<'a, T: Lane> TileSource<'a, T> {
     }
 }
 
-/// Counts what blending does; the count of nothing costs nothing.
+/// Counts the work of blending. `()` counts nothing at no cost.
 pub(crate) trait Tally: Default + Send {
-    /// A segment was evaluated, and its pixels took up the Gaussian with these weights (zero: not at all).
+    /// Called for each evaluated segment, with the weights of the Gaussian in its pixels (zero if it was not added).
     fn segment<T: Lane>(&mut self, weights: &Lanes<T>);
 }
 
@@ -57,7 +57,7 @@ impl Tally for () {
     fn segment<T: Lane>(&mut self, _: &Lanes<T>) {}
 }
 
-/// Blends a picture; the tallies are those of the tiles, in order.
+/// Blends an image. Returns one tally per tile, in order.
 pub(crate) fn blend<T: Lane, K: Tally>(source: &TileSource<T>) -> (Blended<T>, Vec<K>) {
     let (tiles, channels) = (source.view.tile_count(), source.cloud.channels());
     let mut blended = Blended {
@@ -82,7 +82,7 @@ struct TileOutput<'a, T> {
     last: &'a mut Plane<i32>,
 }
 
-/// For the common numbers of channels, chooses a version with unrolled loops.
+/// Selects a version with unrolled loops for the common numbers of channels.
 fn blend_tile<T: Lane, K: Tally>(source: &TileSource<T>, tile: usize, output: TileOutput<T>) -> K {
     match source.cloud.channels() {
         4 if size_of::<T>() == 4 => T::run(BlendTile::<T, K, 4> { source, tile, output, tally: K::default() }),
@@ -91,7 +91,7 @@ fn blend_tile<T: Lane, K: Tally>(source: &TileSource<T>, tile: usize, output: Ti
     }
 }
 
-/// One tile to blend, with `C` channels, or with any number if `C` is 0.
+/// One tile to blend, with `C` channels, or any number if `C` is 0.
 struct BlendTile<'a, T, K, const C: usize> {
     source: &'a TileSource<'a, T>,
     tile: usize,
@@ -142,16 +142,16 @@ impl<T: Lane, K: Tally, const C: usize> VectorJob<T> for BlendTile<'_, T, K, C> 
     }
 }
 
-/// The state of a segment's pixels that a Gaussian changes.
+/// The state of a segment's pixels during blending.
 struct Pixels<'a, T> {
-    /// Positive while the pixel is open, negative once it is finished, zero outside the picture.
+    /// Positive while the pixel is open, negative once it is finished, zero outside the image.
     transmittance: &'a mut Lanes<T>,
     last: &'a mut Lanes<i32>,
     place: i32,
 }
 
 impl<T: Lane> Pixels<'_, T> {
-    /// Lets the Gaussian in where it is seen, and returns its weights.
+    /// Blends the Gaussian into the pixels where it is visible, and returns its weights.
     #[inline(always)]
     fn composite_forward<X: Vectors<T>>(self, x: X, opacity: T, falloff: X::V, view: &View<T>) -> X::V {
         let zero = x.splat(T::zero());
@@ -176,7 +176,7 @@ fn inside_picture<T: Lane>(origin: [usize; 2], view: &View<T>) -> Plane<T> {
     })
 }
 
-/// Segments that have an open pixel, one bit a segment.
+/// Segments with an open pixel, one bit per segment.
 #[inline(always)]
 fn open_segments<T: Lane, X: Vectors<T>>(x: X, transmittance: &Plane<T>) -> u32 {
     let mut open = 0;
@@ -187,7 +187,7 @@ fn open_segments<T: Lane, X: Vectors<T>>(x: X, transmittance: &Plane<T>) -> u32 
     open
 }
 
-/// Drops the sign that marks finished pixels, and lets the background through.
+/// Drops the sign that marks finished pixels, and adds the background.
 fn add_background<T: Lane>(channels: &mut [Plane<T>], transmittance: &mut Plane<T>, background: &[T]) {
     for left in transmittance.as_flattened_mut() {
         *left = left.abs();
@@ -202,13 +202,13 @@ fn add_background<T: Lane>(channels: &mut [Plane<T>], transmittance: &mut Plane<
 /// A projected Gaussian in the coordinates of a tile.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Staged<T> {
-    /// From the Gaussian's centre to the centre of the tile's first pixel.
+    /// Offset from the Gaussian's centre to the centre of the tile's first pixel.
     pub first: [T; 2],
     pub half_curve_x: T,
     pub slope: T,
     pub half_curve_y: T,
     pub opacity: T,
-    /// Segments it may touch.
+    /// Segments that it may touch.
     pub segments: u32,
 }
 
@@ -216,7 +216,7 @@ impl<T: Lane> Staged<T> {
     /// Offsets along x of the tile's columns from the Gaussian's centre.
     #[inline(always)]
     pub fn offsets_x<X: Vectors<T>>(&self, x: X) -> [X::V; HALVES] {
-        // No closure: it would be compiled without the instruction set of its surroundings.
+        // No closure here: it would be compiled without the instruction set of the caller.
         let first = x.splat(self.first[0]);
         [x.add(first, x.load(&columns(0))), x.add(first, x.load(&columns(1)))]
     }
@@ -236,15 +236,15 @@ impl<T: Lane> Staged<T> {
     }
 }
 
-/// A batch of Gaussians of a tile, gathered into one place.
+/// A gathered batch of Gaussians of a tile.
 pub(crate) struct Stage<T> {
     pub splats: [Staged<T>; BATCH],
-    /// Channel values of each: colour, features, depth.
+    /// Channel values of each Gaussian: colour, features, depth.
     pub values: Vec<T>,
 }
 
 impl<T: Lane> Stage<T> {
-    /// Room for a batch.
+    /// Allocates a batch.
     pub fn new(channels: usize) -> Self {
         Self { splats: [Staged::default(); BATCH], values: vec![T::zero(); BATCH * channels] }
     }

@@ -1,8 +1,8 @@
-//! Gradients of blending: each tile back to front, one record for each of its Gaussians.
+//! Gradients of blending: each tile back to front, one record per Gaussian of the tile.
 //!
-//! The record of a Gaussian in a tile sums over the tile's pixels by columns first, then over columns by a fixed tree.
-//! What depends on the pixel's place only through `1`, `x`, `y`, `x²`, `xy`, `y²` is summed as these six moments about
-//! the middle of the tile, and turned into gradients of centre and covariance once a record.
+//! The record of a Gaussian sums over the tile's pixels, first down each column, then over the columns by a fixed tree.
+//! The sums are the six moments `1`, `x`, `y`, `x²`, `xy`, `y²` about the middle of the tile. They become gradients of
+//! centre and covariance once per record.
 
 use mvfusion_kernels::splat::{
     COLOUR_CHANNELS, MIN_ALPHA, PROJECTED_GRADIENT_LEN, ProjectedGradient, TILE, alpha_plane, background_channels,
@@ -17,15 +17,15 @@ use super::lanes::{
 use super::view::View;
 use crate::splat::Statistic;
 
-/// What blending saved, and what arrives at the picture.
+/// The state that blending saved, and the cotangent of the image.
 #[derive(Clone, Copy)]
 pub(crate) struct BlendGradientSource<'a, T> {
     pub tiles: TileSource<'a, T>,
     pub transmittance: &'a [Plane<T>],
     pub last: &'a [Plane<i32>],
-    /// Cotangent of the packed picture, `[2, channels + 1, height, width]`.
+    /// Cotangent of the packed image, `[2, channels + 1, height, width]`.
     pub v_picture: &'a [T],
-    /// What the statistic counts; `None` if nobody asks for it.
+    /// The channels of the statistic; `None` if it is not requested.
     pub statistic: Option<Statistic>,
 }
 
@@ -68,9 +68,9 @@ pub(crate) fn blend_backward<T: Lane>(source: &BlendGradientSource<T>) -> BlendG
 
 /// The cotangents at a tile.
 struct TileCotangent<T> {
-    /// Both pictures together: a plane a channel, in the order colour, features, depth, and then alpha.
+    /// The sum over both images: one plane per channel, in the order colour, features, depth, alpha.
     all: Vec<Plane<T>>,
-    /// What the statistic counts, in the same order; `None` if that is the same, or if there is no statistic.
+    /// The channels of the statistic, in the same order; `None` if they are equal to `all`, or without a statistic.
     counted: Option<Vec<Plane<T>>>,
 }
 
@@ -105,7 +105,7 @@ impl<T: Lane> TileCotangent<T> {
             .collect()
     }
 
-    /// Fills in the records of the tile.
+    /// Computes the records of the tile.
     fn pull_back(&self, source: &BlendGradientSource<T>, tile: usize, records: &mut [T]) {
         let quiet = |planes: &[Plane<T>]| planes.as_flattened().as_flattened().iter().all(|v| v.is_zero());
         if quiet(&self.all) && self.counted.is_none() {
@@ -132,7 +132,7 @@ impl<T: Lane> TileCotangent<T> {
 }
 
 impl<T: Lane> BlendGradientSource<'_, T> {
-    /// Adds a tile of the cotangents of picture `copy` to planes in the order colour, features, depth, alpha.
+    /// Adds a tile of the cotangents of image `copy` to planes in the order colour, features, depth, alpha.
     fn add_tile(&self, copy: usize, tile: usize, planes: &mut [Plane<T>]) {
         let view = self.tiles.view;
         let (width, pixels, channels) = (view.width, view.width * view.height, planes.len() - 1);
@@ -153,7 +153,7 @@ impl<T: Lane> BlendGradientSource<'_, T> {
     }
 }
 
-/// One tile to pull back through, with `C` channels (any number if 0), and with a statistic of its own if `COUNTED`.
+/// The backward pass of one tile, with `C` channels (any number if 0), and with a separate statistic if `COUNTED`.
 struct BlendTileBackward<'a, T, const C: usize, const COUNTED: bool> {
     source: &'a BlendGradientSource<'a, T>,
     cotangent: &'a TileCotangent<T>,
@@ -214,11 +214,11 @@ impl<T: Lane, const C: usize, const COUNTED: bool> VectorJob<T> for BlendTileBac
     }
 }
 
-/// What the pixels of a tile carry from back to front.
+/// The state of a tile's pixels, updated from back to front.
 struct PixelState<T> {
-    /// Transmittance behind the Gaussian in turn.
+    /// Transmittance behind the current Gaussian.
     transmittance: Plane<T>,
-    /// Cotangent-weighted light that comes from behind it.
+    /// Cotangent-weighted light from behind the current Gaussian.
     behind: Plane<T>,
     /// The same for the statistic.
     behind_counted: Plane<T>,
@@ -230,7 +230,7 @@ impl<T: Lane> PixelState<T> {
         let transmittance = source.transmittance[tile];
         let background = source.tiles.cloud.values.background;
         let behind = |planes: &[Plane<T>]| {
-            // The last plane is alpha's, which is one minus the transmittance.
+            // The last plane is alpha, which is one minus the transmittance.
             let mut sum = planes[planes.len() - 1].map(|lanes| lanes.map(|v| -v));
             for (plane, &colour) in planes.iter().zip(background) {
                 for (sum, &v) in sum.as_flattened_mut().iter_mut().zip(plane.as_flattened()) {
@@ -252,14 +252,14 @@ impl<T: Lane> PixelState<T> {
 struct SplatBackward<'a, T> {
     splat: &'a Staged<T>,
     values: &'a [T],
-    /// Its place in the tile's list.
+    /// Its position in the tile's list.
     place: i32,
     segments: u32,
     last: &'a Plane<i32>,
 }
 
 impl<T: Lane> SplatBackward<'_, T> {
-    /// Sums over the Gaussian's segments, and takes it out of the pixels' state.
+    /// Sums over the Gaussian's segments, and removes the Gaussian from the pixels' state.
     #[inline(always)]
     fn pull_back<X: Vectors<T>, const C: usize, const COUNTED: bool>(
         &self,
@@ -298,7 +298,7 @@ impl<T: Lane> SplatBackward<'_, T> {
         moments
     }
 
-    /// What light does at a segment; sets the transmittance back to what it was before the Gaussian.
+    /// The compositing quantities at a segment. Resets the transmittance to its value before the Gaussian.
     #[inline(always)]
     fn light<X: Vectors<T>>(
         &self,
@@ -322,11 +322,11 @@ impl<T: Lane> SplatBackward<'_, T> {
     }
 }
 
-/// What light does at the pixels of a segment.
+/// The compositing quantities at the pixels of a segment.
 struct Light<V> {
     /// Transmittance before the Gaussian.
     before: V,
-    /// `1 / (1 - alpha)`, with alpha zero where the forward pass did not add the Gaussian.
+    /// `1 / (1 - alpha)`; alpha is zero where the forward pass did not add the Gaussian.
     inverse: V,
     /// `alpha * before`.
     weights: V,
@@ -335,7 +335,7 @@ struct Light<V> {
 }
 
 impl<V: Copy> Light<V> {
-    /// Gradient of alpha times `d alpha / d opacity`; adds the Gaussian to what comes from behind.
+    /// Gradient of alpha times `d alpha / d opacity`. Adds the Gaussian to the light from behind.
     #[inline(always)]
     fn alpha_gradient<T: Lane, X: Vectors<T, V = V>>(
         &self,
@@ -356,7 +356,7 @@ impl<V: Copy> Light<V> {
     }
 }
 
-/// Sums over the rows of one half of a tile, a lane a column: of 1, y, y².
+/// Sums of 1, y, y² over the rows of one half of a tile, one lane per column.
 struct Columns<V> {
     sums: [V; 3],
     counted: [V; 2],
@@ -383,7 +383,7 @@ impl<V: Copy> Columns<V> {
     }
 }
 
-/// Moments of the gradient of `sigma` (up to the factor `-opacity`) about the middle of the tile, still by lanes.
+/// Moments of the gradient of `sigma` (up to the factor `-opacity`) about the middle of the tile, one per lane.
 struct Moments<V> {
     one: V,
     x: V,
@@ -391,7 +391,7 @@ struct Moments<V> {
     xx: V,
     xy: V,
     yy: V,
-    /// One, x, y of the statistic.
+    /// Moments 1, x, y of the statistic.
     counted: [V; 3],
 }
 
@@ -427,7 +427,7 @@ impl<V: Copy> Moments<V> {
         splat: &Staged<T>,
         counted: bool,
     ) -> ProjectedGradient<T> {
-        // No closures over vectors: they would be compiled without the instruction set of their surroundings.
+        // No closures over vectors here: they would be compiled without the instruction set of the caller.
         let (one, x, y) = (sum_vector(vectors, self.one), sum_vector(vectors, self.x), sum_vector(vectors, self.y));
         let (xx, xy, yy) = (sum_vector(vectors, self.xx), sum_vector(vectors, self.xy), sum_vector(vectors, self.yy));
         let middle = T::of((TILE as f64 - 1.0) / 2.0);

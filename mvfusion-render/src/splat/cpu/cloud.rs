@@ -1,11 +1,11 @@
-//! The Gaussians as the op receives them: raw parameters in row-major slices.
+//! The Gaussians as raw parameters in row-major slices.
 
 use crate::splat::tensors::{SplatSizes, SplatTensors};
 
 /// Raw parameters of `N` Gaussians and the background.
 #[derive(Clone, Copy)]
 pub(crate) struct Cloud<'a, T> {
-    /// The numbers of the op's tensors; without features, those of `features` are not read.
+    /// The values of the op's tensors; without features, `features` is not read.
     pub values: SplatTensors<&'a [T]>,
     /// The sizes of the tensors.
     pub sizes: SplatSizes,
@@ -35,7 +35,7 @@ impl<'a, T: Copy> Cloud<'a, T> {
     }
 }
 
-/// Three neighbouring numbers of a row-major slice.
+/// Three neighbouring values of a row-major slice.
 #[inline(always)]
 pub(crate) fn triple<T: Copy>(values: &[T], index: usize) -> [T; 3] {
     [values[3 * index], values[3 * index + 1], values[3 * index + 2]]

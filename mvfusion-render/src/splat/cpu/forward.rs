@@ -1,4 +1,4 @@
-//! The whole forward pass: project, bin, blend, and lay the picture out.
+//! The whole forward pass: project, bin, blend, and pack the image.
 
 use mvfusion_kernels::splat::{TILE, alpha_plane, depth_channel, plane_count};
 use rayon::prelude::*;
@@ -10,7 +10,7 @@ use super::project::{Projections, project};
 use super::tiles::{Bins, bin};
 use super::view::View;
 
-/// A rendered picture and all that the backward pass needs of it.
+/// A rendered image and the state for the backward pass.
 pub(crate) struct Forward<T, K> {
     /// `[2, channels + 1, height, width]`: colour, features, alpha, depth; both copies are equal.
     pub picture: Vec<T>,
@@ -39,7 +39,7 @@ pub(crate) fn forward<T: Lane, K: Tally>(cloud: &Cloud<T>, view: &View<T>) -> Fo
     Forward { picture: lay_out(&blended, cloud.channels(), view), radii, projections, bins, blended, tallies }
 }
 
-/// From tiles to the packed picture.
+/// Packs the tiles into an image.
 fn lay_out<T: Lane>(blended: &Blended<T>, channels: usize, view: &View<T>) -> Vec<T> {
     let (width, height, columns) = (view.width, view.height, view.grid()[0]);
     let mut picture = vec![T::zero(); 2 * plane_count(channels) * height * width];

@@ -1,8 +1,8 @@
-//! Rows of pixels that are worked on at once.
+//! Segments: neighbouring pixels of a row that are processed at once.
 //!
-//! The hot loops are written once, against [`Vectors`]: with the registers of AVX2 for `f32` where the processor has
-//! them (left to itself, the compiler turned the selects of these loops into branches, four times slower), else with
-//! arrays, which the compiler vectorises as well as it can for whatever it finds.
+//! The hot loops are written once, against [`Vectors`]. For `f32` they use AVX2 registers if the processor has them.
+//! Without these, the compiler turned the selects of the loops into branches, which were four times slower. Otherwise
+//! they use arrays, which the compiler vectorises as far as possible.
 
 use std::fmt::Debug;
 
@@ -18,7 +18,7 @@ mod avx2;
 pub(crate) const LANES: usize = 8;
 /// Segments side by side in a tile.
 pub(crate) const HALVES: usize = TILE / LANES;
-/// Segments of a tile; segment `half * TILE + row` holds the pixels of that half of that row.
+/// Segments of a tile; segment `half * TILE + row` has the pixels of that half of that row.
 pub(crate) const SEGMENTS: usize = HALVES * TILE;
 
 /// One value for each pixel of a segment.
@@ -38,7 +38,7 @@ pub(crate) fn columns<T: Lane>(half: usize) -> Lanes<T> {
     std::array::from_fn(|lane| T::COUNT[half * LANES + lane])
 }
 
-/// A float that segments can be made of.
+/// A float type for segments.
 pub(crate) trait Lane: Real + Debug + Default {
     /// Relative rounding error.
     const ROUNDING: Self;
@@ -46,7 +46,7 @@ pub(crate) trait Lane: Real + Debug + Default {
     /// 0, 1, 2, …: the rows and columns of a tile.
     const COUNT: [Self; TILE];
 
-    /// A key that orders positive values as they are.
+    /// A key with the same order as positive values.
     fn order_key(self) -> u64;
 
     /// The next larger value.
@@ -56,13 +56,13 @@ pub(crate) trait Lane: Real + Debug + Default {
     /// any threshold.
     fn exp_lanes<S: Simd>(x: Lanes<Self>) -> Lanes<Self>;
 
-    /// Runs a job with the best instruction set of this processor.
+    /// Runs a job with the best instruction set of the processor.
     fn run<J: VectorJob<Self>>(job: J) -> J::Output;
 }
 
-/// Work on segments, whatever they are made of. Implementations mark `run` as `#[inline(always)]`.
+/// Work on segments of any type. Implementations mark `run` as `#[inline(always)]`.
 pub(crate) trait VectorJob<T> {
-    /// What comes out of it.
+    /// The result.
     type Output;
 
     /// Does the work.
@@ -73,7 +73,7 @@ pub(crate) trait VectorJob<T> {
 pub(crate) trait Vectors<T>: Copy {
     /// A value for each pixel.
     type V: Copy;
-    /// A truth for each pixel.
+    /// A boolean for each pixel.
     type M: Copy;
     /// An index for each pixel.
     type I: Copy;
@@ -92,9 +92,9 @@ pub(crate) trait Vectors<T>: Copy {
     fn mul(self, a: Self::V, b: Self::V) -> Self::V;
     /// `a / b`.
     fn div(self, a: Self::V, b: Self::V) -> Self::V;
-    /// `a b + c`, fused where the instruction set can.
+    /// `a b + c`, fused if the instruction set supports it.
     fn fma(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V;
-    /// `c - a b`, fused where the instruction set can.
+    /// `c - a b`, fused if the instruction set supports it.
     fn sub_product(self, c: Self::V, a: Self::V, b: Self::V) -> Self::V;
     /// The smaller, if both are numbers.
     fn min(self, a: Self::V, b: Self::V) -> Self::V;
@@ -106,9 +106,9 @@ pub(crate) trait Vectors<T>: Copy {
     fn less(self, a: Self::V, b: Self::V) -> Self::M;
     /// `a <= b`.
     fn at_most(self, a: Self::V, b: Self::V) -> Self::M;
-    /// Both.
+    /// Logical and.
     fn both(self, a: Self::M, b: Self::M) -> Self::M;
-    /// One bit a pixel.
+    /// One bit per pixel.
     fn bits(self, mask: Self::M) -> u32;
     /// `yes` where the mask is true, else `no`.
     fn select(self, mask: Self::M, yes: Self::V, no: Self::V) -> Self::V;
@@ -141,7 +141,7 @@ pub(crate) fn sum_vector<T: Real, X: Vectors<T>>(x: X, v: X::V) -> T {
 #[derive(Clone, Copy)]
 struct Arrays<S>(std::marker::PhantomData<S>);
 
-/// `a * b + c`, fused where the instruction set can.
+/// `a * b + c`, fused if the instruction set supports it.
 #[inline(always)]
 fn fma<S: Simd, T: Real>(a: T, b: T, c: T) -> T {
     if S::IS_SCALAR { a * b + c } else { a.mul_add(b, c) }
@@ -318,9 +318,9 @@ impl Lane for f64 {
 #[inline(always)]
 fn exp_single<X: Vectors<f32>>(x: X, argument: X::V, scale: impl FnOnce(X::V, X::V) -> X::V) -> X::V {
     const LOWEST: f32 = -86.0;
-    /// Adding it leaves the nearest integer in the low bits of the sum.
+    /// Adding this constant leaves the nearest integer in the low bits of the sum.
     const ROUNDER: f32 = 12_582_912.0;
-    /// ln 2 in two parts, the first of few bits, so that its product with `n` is exact.
+    /// ln 2 in two parts. The first has few bits, so that its product with `n` is exact.
     const LN_2_HIGH: f32 = 355.0 / 512.0;
     const LN_2_LOW: f32 = (std::f64::consts::LN_2 - 355.0 / 512.0) as f32;
     const SERIES: [f32; 6] = [0.008_363_179, 0.041_666_556, 0.166_665_76, 0.5, 1.0, 1.0];
@@ -340,7 +340,7 @@ fn exp_single<X: Vectors<f32>>(x: X, argument: X::V, scale: impl FnOnce(X::V, X:
 mod tests {
     use super::*;
 
-    /// A rounding in the reduced argument and one in the last step.
+    /// One rounding in the reduced argument and one in the last step.
     const EXP_TOLERANCE: f64 = 2e-7;
 
     /// Exponentials of some arguments.

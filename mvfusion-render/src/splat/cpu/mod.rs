@@ -1,8 +1,8 @@
 //! The splat op on slices: the CPU twin, generic over `f32` and `f64`, without Burn.
 //!
-//! Stages, in order: [`project`] each Gaussian (with [`sh`] for its colour), bin them into [`tiles`], [`blend`] each
-//! tile front to back; and back again: [`blend_backward`] each tile, then [`project_backward`] each Gaussian.
-//! Every sum has a fixed order, so results do not depend on the number of threads.
+//! The forward stages are: [`project`] each Gaussian (with [`sh`] for its colour), bin them into [`tiles`], [`blend`]
+//! each tile front to back. The backward stages are [`blend_backward`] for each tile, then [`project_backward`] for
+//! each Gaussian. Every sum has a fixed order, so results do not depend on the number of threads.
 
 pub(crate) mod backward;
 pub(crate) mod blend;

@@ -1,4 +1,4 @@
-//! From a Gaussian in the world to an ellipse on the picture plane (METHOD §8; EWA splatting).
+//! Projection of a Gaussian to an ellipse on the image plane (METHOD §8; EWA splatting).
 
 use mvfusion_kernels::splat::{
     MIN_ALPHA, MIN_COMPENSATION, MIN_DETERMINANT, MIN_EIGENVALUE_SPREAD, MIN_QUATERNION_NORM, PROJECTED_LEN, Projected,
@@ -14,7 +14,7 @@ use super::view::View;
 use crate::Real;
 use crate::splat::settings::{Antialias, Extent};
 
-/// Gaussians handed to a thread at once.
+/// Gaussians per task.
 pub(crate) const GAUSSIANS_PER_JOB: usize = 256;
 
 /// Projected Gaussians: `records` is `[N, PROJECTED_LEN]`, `radii` is `[N, 2]` in pixels, 0 where culled.
@@ -60,10 +60,10 @@ fn project_one<T: Lane>(cloud: &Cloud<T>, view: &View<T>, index: usize) -> Optio
         opacity,
         reach: (opacity / T::of(MIN_ALPHA)).ln() + T::of(REACH_SLACK),
         depth: geometry.point[2],
-        // Not `max`, which would turn NaN into zero.
+        // `max` would turn NaN into zero.
         colour: colour.map(|c| if c < T::zero() { T::zero() } else { c }),
     };
-    // The reach is minus infinity where the opacity has underflowed.
+    // The reach is minus infinity if the opacity has underflowed.
     let underflowed = |place: usize, x: T| place == projected_row::REACH && x < T::zero();
     let harmless = logit.is_finite()
         && cloud.features_of(index).iter().all(|f| f.is_finite())
@@ -76,14 +76,14 @@ pub(crate) fn sigmoid<T: Real>(x: T) -> T {
     T::one() / (T::one() + (-x).exp())
 }
 
-/// A direction in the world and the distance it was normalised by.
+/// A direction in world coordinates, and its norm before normalisation.
 pub(crate) struct Direction<T> {
     pub unit: [T; 3],
     pub distance: T,
 }
 
 impl<T: Lane> Direction<T> {
-    /// From the camera's centre to a Gaussian.
+    /// Direction from the camera's centre to a Gaussian.
     pub fn between(cloud: &Cloud<T>, view: &View<T>, index: usize) -> Self {
         let mean = triple(cloud.values.means, index);
         let offset: [T; 3] = std::array::from_fn(|i| mean[i] - view.centre[i]);
@@ -92,35 +92,35 @@ impl<T: Lane> Direction<T> {
     }
 }
 
-/// What the projection of a Gaussian goes through; the backward pass starts from the same values.
+/// Intermediate values of the projection of a Gaussian, which the backward pass also uses.
 pub(crate) struct Geometry<T> {
     /// Mean in camera coordinates.
     pub point: [T; 3],
     /// Centre in pixels.
     pub centre: [T; 2],
-    /// `x / z` and `y / z`, cut off.
+    /// `x / z` and `y / z`, clamped.
     pub tangents: [T; 2],
-    /// Whether the cut-off left them as they were.
+    /// Whether the clamp left them unchanged.
     pub tangents_free: [bool; 2],
-    /// Unit quaternion, w x y z, and the length it was normalised by.
+    /// Unit quaternion, w x y z, and its norm before normalisation.
     pub quaternion: [T; 4],
     pub quaternion_norm: T,
-    /// Rotation matrix of the quaternion, by rows.
+    /// Rotation matrix of the quaternion, in rows.
     pub rotation: [[T; 3]; 3],
     pub scales: [T; 3],
     /// Jacobian times the camera's rotation, 2 x 3.
     pub jacobian: [[T; 3]; 2],
     /// `jacobian * rotation`, before the scales; the undilated covariance is `F Fᵀ` with `F = spread * diag(scales)`.
     pub spread: [[T; 3]; 2],
-    /// Covariance on the picture plane with its dilation: xx, xy, yy.
+    /// Covariance on the image plane with its dilation: xx, xy, yy.
     pub covariance: [T; 3],
-    /// Determinants of it, and of it without dilation.
+    /// Determinants of the covariance, with and without dilation.
     pub determinant: T,
     pub sharp_determinant: T,
 }
 
 impl<T: Lane> Geometry<T> {
-    /// The geometry of a Gaussian, or `None` if it lies before the near plane, beyond the far one, or is not finite.
+    /// The geometry of a Gaussian. `None` if it is in front of the near plane, beyond the far plane, or not finite.
     pub fn of(cloud: &Cloud<T>, view: &View<T>, index: usize) -> Option<Self> {
         let mean = triple(cloud.values.means, index);
         let point: [T; 3] = std::array::from_fn(|row| dot(view.rotation[row], mean) + view.translation[row]);
@@ -168,7 +168,7 @@ impl<T: Lane> Geometry<T> {
         })
     }
 
-    /// Factor on the opacity that pays for the dilation.
+    /// Factor that compensates the opacity for the dilation.
     pub fn compensation(&self, antialias: Antialias) -> T {
         match antialias {
             Antialias::Off => T::one(),
@@ -176,7 +176,7 @@ impl<T: Lane> Geometry<T> {
         }
     }
 
-    /// Whether the lower bound of the compensation holds, so that it has no gradient.
+    /// Whether the compensation is at its lower bound, so that it has no gradient.
     pub fn compensation_is_bounded(&self) -> bool {
         self.sharp_determinant / self.determinant <= T::of(MIN_COMPENSATION * MIN_COMPENSATION)
     }
@@ -196,12 +196,12 @@ impl<T: Lane> Geometry<T> {
     }
 }
 
-/// Rounds up to whole pixels; what is too large is the largest number, what is not a number is 0.
+/// Rounds up to whole pixels. The result saturates; NaN becomes 0.
 fn pixels<T: Real>(length: T) -> i32 {
     length.ceil().wide() as i32
 }
 
-/// Covariance on the picture plane with its dilation, its determinant, and the determinant without dilation.
+/// Covariance on the image plane with its dilation, its determinant, and the determinant without dilation.
 ///
 /// The determinant of `F Fᵀ + e I` is `|f0 × f1|² + e (|f0|² + |f1|²) + e²` for the rows `f0`, `f1` of `F`: a sum of
 /// positive terms, where `xx yy - xy²` would cancel for long, thin Gaussians in single precision.
@@ -214,7 +214,7 @@ fn covariance<T: Real>(spread: [[T; 3]; 2], scales: [T; 3], dilation: T) -> ([T;
     ([xx + dilation, xy, yy + dilation], determinant.max(T::of(MIN_DETERMINANT)), sharp)
 }
 
-/// Rotation matrix of a unit quaternion, by rows.
+/// Rotation matrix of a unit quaternion, in rows.
 fn rotation_matrix<T: Real>([w, x, y, z]: [T; 4]) -> [[T; 3]; 3] {
     let (one, two) = (T::one(), T::of(2.0));
     [
@@ -255,7 +255,7 @@ mod tests {
 
     #[test]
     fn the_determinant_of_a_needle_does_not_cancel() {
-        // Single precision has no digits left in xx yy - xy² here.
+        // In single precision, xx yy - xy² has no correct digits here.
         let spread = [[1e4f32, 1e-2, 0.0], [1e4, 0.0, 1e-2]];
         let (_, determinant, sharp) = covariance(spread, [1.0; 3], 0.3);
         let exact_sharp = 2e4 + 1e-8;

@@ -1,4 +1,4 @@
-//! Gradients of projection: from the records of the tiles to the raw parameters.
+//! Gradients of the projection: from the records of the tiles to the raw parameters.
 
 use mvfusion_kernels::sh::coefficient_count;
 use mvfusion_kernels::splat::{PROJECTED_LEN, Projected, ProjectedGradient, gradient_record};
@@ -12,21 +12,20 @@ use super::view::View;
 use crate::splat::settings::Antialias;
 use crate::splat::tensors::{SplatSizes, SplatTensors};
 
-/// Gaussians whose records are summed before the first of them is pulled back: their records lie anywhere, and are
-/// fetched faster together.
+/// Gaussians whose records are summed together. The records are scattered in memory and load faster together.
 const SUMMED: usize = 16;
 
-/// Where the records of each Gaussian are, see [`super::tiles::Bins`].
+/// The positions of each Gaussian's records, see [`super::tiles::Bins`].
 #[derive(Clone, Copy)]
 pub(crate) struct RecordIndex<'a> {
     pub spans: &'a [i32],
     pub slots: &'a [i32],
 }
 
-/// Sums the records of each Gaussian, in the order of its tiles, and pulls them back through the projection.
+/// Sums the records of each Gaussian in the order of its tiles and backpropagates the sum through the projection.
 ///
-/// The gradient of the probe is the statistic in normalised device coordinates; that of the background, which belongs to
-/// no Gaussian, is left empty.
+/// The gradient of the probe is the statistic in normalised device coordinates. The gradient of the background belongs
+/// to no Gaussian and is left empty.
 pub(crate) fn project_backward<T: Lane>(
     cloud: &Cloud<T>,
     view: &View<T>,
@@ -41,9 +40,9 @@ pub(crate) fn project_backward<T: Lane>(
     gradients
 }
 
-/// The rows of some neighbouring Gaussians in each gradient.
+/// The rows of consecutive Gaussians in each gradient.
 struct Job<'a, T> {
-    /// The first of the Gaussians.
+    /// Index of the first Gaussian.
     first: usize,
     rows: SplatTensors<&'a mut [T]>,
 }
@@ -54,7 +53,7 @@ fn jobs<'a, T>(gradients: &'a mut SplatTensors<Vec<T>>, sizes: &SplatSizes) -> V
     let mut rest = gradients.each_mut().map(Vec::as_mut_slice);
     let job = |first: usize| {
         let take = GAUSSIANS_PER_JOB.min(count - first);
-        // Proof: each gradient has its columns for every Gaussian.
+        // Proof: each gradient has all its columns for every Gaussian.
         let rows = rest
             .each_mut()
             .zip(columns)
@@ -90,7 +89,7 @@ impl<T: Lane> RecordSource<'_, T> {
         }
     }
 
-    /// Sums the records of a Gaussian; false if it has none.
+    /// Sums the records of a Gaussian. Returns false if it has none.
     fn sum_records(&self, index: usize, record: &mut [T]) -> bool {
         let [begin, count] = [self.index.spans[2 * index], self.index.spans[2 * index + 1]].map(|x| x as usize);
         record.fill(T::zero());
@@ -138,7 +137,7 @@ impl<T: Lane> RecordSource<'_, T> {
         rows.probe[2 * i..2 * i + 2].copy_from_slice(&[x * half_size[0], y * half_size[1]]);
     }
 
-    /// Writes the gradient of the coefficients, and returns that of the mean through the direction.
+    /// Writes the gradient of the coefficients, and returns the gradient of the mean through the direction.
     fn colour_gradient(&self, index: usize, v_colour: [T; 3], v_sh: &mut [T]) -> [T; 3] {
         let degree = self.view.sh_degree;
         let direction = Direction::between(self.cloud, self.view, index);
@@ -153,7 +152,7 @@ impl<T: Lane> RecordSource<'_, T> {
     }
 }
 
-/// Gradients that leave through the covariance.
+/// Gradients through the covariance.
 struct ShapeGradient<T> {
     quaternion: [T; 4],
     log_scales: [T; 3],
@@ -162,8 +161,8 @@ struct ShapeGradient<T> {
 }
 
 impl<T: Lane> Geometry<T> {
-    /// Adds what the compensation of the opacity passes to the covariance: with `k = sqrt(sharp / det)`,
-    /// `dk = k / 2 (d ln sharp - d ln det)`.
+    /// Adds the gradient of the covariance through the compensation of the opacity. With `k = sqrt(sharp / det)`, `dk =
+    /// k / 2 (d ln sharp - d ln det)`.
     fn add_compensation_gradient(&self, v_compensation: T, dilation: T, v_covariance: &mut [T; 3]) {
         let half = T::of(0.5);
         let scale = half * v_compensation * (self.sharp_determinant / self.determinant).sqrt();
@@ -174,7 +173,7 @@ impl<T: Lane> Geometry<T> {
         v_covariance[2] += sharp * (xx - dilation) - full * xx;
     }
 
-    /// Through `covariance = F Fᵀ + dilation`, `F = jacobian * rotation * diag(scales)`.
+    /// Gradient through `covariance = F Fᵀ + dilation`, `F = jacobian * rotation * diag(scales)`.
     fn shape_gradient(&self, [v_xx, v_xy, v_yy]: [T; 3]) -> ShapeGradient<T> {
         let two = T::of(2.0);
         let scaled = self.spread.map(|row| [row[0] * self.scales[0], row[1] * self.scales[1], row[2] * self.scales[2]]);
@@ -193,10 +192,10 @@ impl<T: Lane> Geometry<T> {
         }
     }
 
-    /// Through the rotation matrix and the normalisation of the quaternion.
+    /// Gradient through the rotation matrix and the normalisation of the quaternion.
     ///
-    /// `R v = v + 2 (w a × v + a × (a × v))` with `a = (x, y, z)`; written with the antisymmetric part and the
-    /// symmetric part of the matrix's gradient.
+    /// `R v = v + 2 (w a × v + a × (a × v))` with `a = (x, y, z)`. The code uses the antisymmetric and the symmetric
+    /// part of the matrix's gradient.
     fn quaternion_gradient(&self, v: [[T; 3]; 3]) -> [T; 4] {
         let two = T::of(2.0);
         let [w, x, y, z] = self.quaternion;

@@ -1,4 +1,4 @@
-//! Colours from spherical harmonics, and back.
+//! Colours from spherical harmonics, and their gradients.
 
 use mvfusion_kernels::sh::{MAX_DEGREE, SH_C0, SH_C1, SH_C2, SH_C3, coefficient_count};
 
@@ -50,7 +50,7 @@ pub(crate) fn colour<T: Real>(degree: usize, direction: [T; 3], sh: &[T]) -> [T;
     colour
 }
 
-/// Gradient of `v_colour · colour` with respect to the direction, which is taken as free, not of unit length.
+/// Gradient of `v_colour · colour` with respect to the direction, without the constraint of unit length.
 pub(crate) fn direction_gradient<T: Real>(degree: usize, direction: [T; 3], sh: &[T], v_colour: [T; 3]) -> [T; 3] {
     let mut weights = [T::zero(); MAX_COEFFICIENTS];
     for (weight, row) in weights.iter_mut().zip(sh.as_chunks::<3>().0).take(coefficient_count(degree)) {

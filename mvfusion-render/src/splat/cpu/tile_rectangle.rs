@@ -14,7 +14,7 @@ pub(crate) struct TileRectangle {
 }
 
 impl TileRectangle {
-    /// The tiles that a Gaussian reaches by the rule of the view.
+    /// The tiles that a Gaussian reaches, by the extent rule of the view.
     pub fn of<T: Lane>(centre: [T; 2], radii: [i32; 2], view: &View<T>) -> Self {
         let grid = view.grid();
         let size = [view.width, view.height];
@@ -23,19 +23,19 @@ impl TileRectangle {
         for axis in 0..2 {
             let (middle, radius) = (centre[axis].wide(), f64::from(radii[axis]));
             let range = match view.extent {
-                // The arithmetic of 3DGS: pixel centres at whole numbers, and truncation.
+                // The arithmetic of 3DGS: pixel centres at integers, and truncation.
                 Extent::Square { .. } => [(middle - 0.5 - radius) / side, (middle - 0.5 + radius + side - 1.0) / side],
                 Extent::PerAxis { .. } if middle + radius <= 0.0 || middle - radius >= size[axis] as f64 => [0.0, 0.0],
                 Extent::PerAxis { .. } => [((middle - radius) / side).floor(), ((middle + radius) / side).ceil()],
             };
-            // A float turns into the nearest `usize`, which cuts off below zero.
+            // The conversion to `usize` saturates at zero.
             low[axis] = (range[0] as usize).min(grid[axis]);
             high[axis] = (range[1] as usize).min(grid[axis]);
         }
         Self { low, high }
     }
 
-    /// Whether there is no tile in it.
+    /// Whether the rectangle contains no tile.
     pub fn is_empty(&self) -> bool {
         self.low[0] >= self.high[0] || self.low[1] >= self.high[1]
     }

@@ -1,4 +1,4 @@
-//! Which Gaussians touch which tile, in the order in which they are blended.
+//! The Gaussians that touch each tile, in blending order.
 
 use std::sync::atomic::{AtomicI32, Ordering};
 
@@ -10,28 +10,28 @@ use super::project::Projections;
 use super::tile_rectangle::TileRectangle;
 use super::view::View;
 
-/// Gaussians of a chunk are at least this many, so that the counters of a chunk are worth their memory.
+/// Minimum number of Gaussians per chunk, so that a chunk's counters are worth their memory.
 const MIN_GAUSSIANS_PER_CHUNK: usize = 1024;
-/// Gaussians that are fetched together: in order of depth they lie anywhere, and waiting for them one by one took
-/// half of the time of binning.
+/// Gaussians that are loaded together. In order of depth they are scattered in memory; loading them one by one took
+/// half the time of binning.
 const GATHERED: usize = 16;
 
-/// The tile lists of a picture.
+/// The tile lists of an image.
 pub(crate) struct Bins {
-    /// Gaussians by tile, and inside a tile by depth, ties by index.
+    /// Gaussians by tile, within a tile by depth, ties by index.
     pub sorted: Vec<i32>,
-    /// Where each tile's list starts in `sorted`; one more entry for the end.
+    /// Start of each tile's list in `sorted`, with one more entry for the end.
     pub starts: Vec<i32>,
-    /// `[N, 2]`: where the entries of each Gaussian start in `slots`, and how many they are.
+    /// `[N, 2]`: start and number of each Gaussian's entries in `slots`.
     pub spans: Vec<i32>,
-    /// Places in `sorted`, by Gaussian and inside a Gaussian by tile.
+    /// Positions in `sorted`, by Gaussian and within a Gaussian by tile.
     pub slots: Vec<i32>,
 }
 
-/// Whether the ellipse on which alpha is just visible touches the box of pixel centres `low..=high`.
+/// Whether the ellipse at the smallest visible alpha touches the box of pixel centres `low..=high`.
 ///
-/// Never wrong in the direction that would lose a pixel: the offset along the sheared axis is shortened by what
-/// rounding may have done to it, here and at the pixel.
+/// Errors never lose a pixel: the offset along the sheared axis is reduced by the possible rounding error, here and at
+/// the pixel.
 #[inline(always)]
 pub(crate) fn touches_box<T: Lane>(splat: &Projected<T>, low: [T; 2], high: [T; 2]) -> bool {
     let zero = T::zero();
@@ -51,14 +51,14 @@ pub(crate) fn touches_box<T: Lane>(splat: &Projected<T>, low: [T; 2], high: [T; 
         let u = ((dx + splat.slope * dy).abs() - rounding).max(zero);
         T::of(0.5) * (splat.curve_x * u * u + splat.curve_y * dy * dy)
     };
-    // The minimum over the box lies on a side that faces the centre.
+    // The minimum over the box is on a side that faces the centre.
     let shear = splat.curve_x * splat.slope;
     let dy = (-shear * nearest[0] / (splat.curve_y + shear * splat.slope)).max(low[1]).min(high[1]);
     let dx = (-splat.slope * nearest[1]).max(low[0]).min(high[0]);
     sigma(nearest[0], dy).min(sigma(dx, nearest[1])) <= splat.reach
 }
 
-/// Which segments of a tile the Gaussian may touch, one bit a segment, for a tile whose first pixel is `origin`.
+/// The segments that the Gaussian may touch, one bit per segment, in the tile whose first pixel is `origin`.
 #[inline(always)]
 pub(crate) fn touched_segments<T: Lane, X: Vectors<T>>(x: X, splat: &Projected<T>, origin: [T; 2]) -> u32 {
     let half = T::of(0.5);
@@ -80,7 +80,7 @@ pub(crate) fn touched_segments<T: Lane, X: Vectors<T>>(x: X, splat: &Projected<T
         for side in 0..HALVES {
             let low = first[0] + T::of((side * LANES) as f64) - rounding;
             let high = low + T::of((LANES - 1) as f64) + rounding + rounding;
-            // How far the segment is from the sheared axis, on whichever side.
+            // Distance of the segment from the sheared axis, on either side.
             let (left, right) = (x.add(x.splat(low), shift), x.sub(x.splat(-high), shift));
             let u = x.max(x.max(left, right), x.splat(T::zero()));
             let touched = x.at_most(x.fma(curve_x, x.mul(u, u), beside), limit);
@@ -90,13 +90,13 @@ pub(crate) fn touched_segments<T: Lane, X: Vectors<T>>(x: X, splat: &Projected<T
     mask
 }
 
-/// What one chunk of the Gaussians, in order of depth, adds to the tiles.
+/// The tiles of one chunk of Gaussians, in order of depth.
 struct Chunk {
-    /// Tiles of its Gaussians, one Gaussian after the other.
+    /// Tiles of its Gaussians, one Gaussian after another.
     tiles: Vec<u32>,
-    /// How many of them belong to each Gaussian.
+    /// Number of tiles of each Gaussian.
     counts: Vec<u32>,
-    /// How many fall on each tile; later, where the chunk's first entry of the tile goes.
+    /// Number of Gaussians per tile; later, the position of the chunk's first entry in the tile.
     per_tile: Vec<u32>,
 }
 
@@ -130,7 +130,7 @@ pub(crate) fn bin<T: Lane>(projections: &Projections<T>, view: &View<T>) -> Bins
     Bins { sorted: sorted.into_iter().map(AtomicI32::into_inner).collect(), starts, spans, slots }
 }
 
-/// Gaussians that may be seen, by depth, ties by index.
+/// Potentially visible Gaussians, by depth, ties by index.
 fn depth_order<T: Lane>(projections: &Projections<T>) -> Vec<u32> {
     let (records, radii) = (projections.records.as_chunks::<PROJECTED_LEN>().0, projections.radii.as_chunks::<2>().0);
     let mut keyed: Vec<(u64, u32)> = records
@@ -167,7 +167,7 @@ fn chunk_tiles<T: Lane>(projections: &Projections<T>, view: &View<T>, ids: &[u32
 }
 
 impl Chunk {
-    /// Adds a Gaussian to the tiles of a rectangle that it touches.
+    /// Adds a Gaussian to the tiles that it touches in a rectangle.
     fn add<T: Lane>(&mut self, splat: &Projected<T>, rectangle: TileRectangle, columns: usize) {
         let (half, last) = (T::of(0.5), T::of(TILE as f64 - 0.5));
         let before = self.tiles.len();
@@ -185,7 +185,7 @@ impl Chunk {
     }
 }
 
-/// Turns the counts of the chunks into places, and returns where each tile starts.
+/// Turns the counts of the chunks into positions, and returns the start of each tile.
 fn place(chunks: &mut [Chunk], tile_count: usize) -> Vec<i32> {
     let total: usize = chunks.iter().map(|chunk| chunk.tiles.len()).sum();
     assert!(i32::try_from(total).is_ok(), "{total} pairs of a Gaussian and a tile are more than an index can count");
@@ -203,7 +203,7 @@ fn place(chunks: &mut [Chunk], tile_count: usize) -> Vec<i32> {
     starts
 }
 
-/// Writes a chunk's Gaussians to their places. The places of all chunks are disjoint; atomics only say so to the
+/// Writes a chunk's Gaussians to their positions. The positions of all chunks are disjoint; atomics only satisfy the
 /// compiler.
 fn fill(mut chunk: Chunk, ids: &[u32], slots: &mut [i32], sorted: &[AtomicI32]) {
     let mut entries = chunk.tiles.iter().zip(slots);
@@ -249,7 +249,7 @@ mod tests {
     #[test]
     fn the_square_rectangle_follows_the_integer_arithmetic_of_3dgs() {
         let of = |x: f64| TileRectangle::of([x, 8.0], [3, 3], &view(SplatRules::inria()));
-        // (12.5 - 0.5 + 3 + 15) / 16 = 1.875 is cut off to 1: the tile beside is not entered by three pixels.
+        // (12.5 - 0.5 + 3 + 15) / 16 = 1.875 is truncated to 1: the next tile is not reached by three pixels.
         assert_eq!((of(12.5).low[0], of(12.5).high[0]), (0, 1));
         assert_eq!((of(14.5).low[0], of(14.5).high[0]), (0, 2));
         assert!(of(-20.0).is_empty() && of(1e12).is_empty());

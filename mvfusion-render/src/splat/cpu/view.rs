@@ -1,4 +1,4 @@
-//! The camera and the rules in the precision of the computation, with everything that is the same for all Gaussians.
+//! The camera and the rules in the precision of the computation, with all values that Gaussians share.
 
 use mvfusion_data::Camera;
 use mvfusion_kernels::splat::TILE;
@@ -6,19 +6,19 @@ use mvfusion_kernels::splat::TILE;
 use super::lanes::Lane;
 use crate::splat::settings::{Antialias, ClampGradient, Extent, SplatSettings, Stop, TangentClamp};
 
-/// A camera and rules, ready to use.
+/// A camera and rules with precomputed values.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct View<T> {
-    /// Picture size in pixels.
+    /// Image size in pixels.
     pub width: usize,
     pub height: usize,
     /// Focal lengths and principal point in pixels.
     pub focal: [T; 2],
     pub principal: [T; 2],
-    /// World to camera, rows of the rotation.
+    /// Rotation from world to camera, in rows.
     pub rotation: [[T; 3]; 3],
     pub translation: [T; 3],
-    /// Centre of the camera in the world.
+    /// Centre of the camera in world coordinates.
     pub centre: [T; 3],
     /// Bounds of the tangents in the Jacobian.
     pub tangent_low: [T; 2],
@@ -28,9 +28,9 @@ pub(crate) struct View<T> {
     pub depth_guard: T,
     pub dilation: T,
     pub alpha_clamp: T,
-    /// Largest `opacity * exp(-sigma)` whose alpha passes a gradient.
+    /// Largest `opacity * exp(-sigma)` with a gradient.
     pub gradient_clamp: T,
-    /// A transmittance below this finishes a pixel.
+    /// A pixel is finished when its transmittance would fall below this value.
     pub stop: T,
     pub extent: Extent,
     pub antialias: Antialias,
@@ -74,7 +74,7 @@ impl<T: Lane> View<T> {
         }
     }
 
-    /// Columns and rows of tiles.
+    /// Number of columns and rows of tiles.
     pub fn grid(&self) -> [usize; 2] {
         [self.width.div_ceil(TILE), self.height.div_ceil(TILE)]
     }

@@ -5,16 +5,16 @@ use crate::test_support::{for_each_device, numbers};
 
 /// Step of the central differences.
 const STEP: f64 = 1e-6;
-/// Truncation and cancellation of differences with that step, relative to the largest gradient of the family.
+/// Truncation and cancellation error of differences with that step, relative to the largest gradient of the family.
 const TOLERANCE: f64 = 2e-6;
 
-/// A scene away from all thresholds but the one of visibility, whose jumps (alpha at 1/255) are tiny for the few
-/// pixels that may cross it; so small that differences of every number are affordable.
+/// A scene away from all thresholds except visibility, whose jumps (alpha at 1/255) are tiny for the few pixels that
+/// may cross it. It is so small that differences of every value are affordable.
 fn small_scene(seed: u64) -> Scene {
     Scene::random(seed, 6)
 }
 
-/// Smooth weights of the pixels, different for each copy and channel, so that no symmetry hides an error.
+/// Smooth weights of the pixels. They differ for each copy and channel, so that no symmetry hides an error.
 fn weights(device: &Device, dtype: DType, shape: [usize; 4]) -> Tensor<4> {
     let count: usize = shape.iter().product();
     let values: Vec<f64> = (0..count).map(|i| (0.37 * i as f64).sin() + 0.2 * (0.011 * i as f64).cos()).collect();
@@ -26,7 +26,7 @@ fn loss(picture: &SplatPicture) -> Tensor<1> {
     (picture.packed.clone() * weights).sum()
 }
 
-/// The picture and all gradients of a weighted sum of it, as numbers.
+/// The image and all gradients of a weighted sum of it, as values.
 pub(super) fn all_numbers(scene: &Scene, device: &Device, dtype: DType) -> Vec<Vec<f64>> {
     let inputs = tracked(scene.inputs(device, dtype));
     let probe = Tensor::<2>::zeros([1, 2], (device, dtype)).require_grad();
@@ -60,7 +60,7 @@ fn tracked(inputs: SplatInputs) -> SplatInputs {
     }
 }
 
-/// One family of parameters: its name, and where its numbers are.
+/// One family of parameters: its name and its values.
 type Family = (&'static str, fn(&mut Scene) -> &mut Vec<f64>);
 
 const FAMILIES: [Family; 7] = [
@@ -97,7 +97,7 @@ fn assert_close(name: &str, found: &[f64], expected: &[f64]) {
 fn gradients_are_the_differences_of_the_picture() {
     for_each_device(|device| {
         for (seed, rules) in rule_sets().into_iter().enumerate() {
-            // No visible jumps: below this opacity alpha stays under the clamp, and 1/255 is crossed by nothing.
+            // No visible jumps: below this opacity, alpha stays under the clamp and nothing crosses 1/255.
             let scene = small_scene(20 + seed as u64);
             let (tracking, settings) = (device.clone().autodiff(), settings(rules));
             let inputs = tracked(scene.inputs(&tracking, DType::F64));
@@ -120,7 +120,7 @@ fn gradients_are_the_differences_of_the_picture() {
     });
 }
 
-/// Gradient of the probe for a loss on the picture.
+/// Gradient of the probe for a loss on the image.
 fn statistic(
     scene: &Scene,
     device: &Device,
@@ -208,7 +208,7 @@ fn a_held_alpha_passes_its_gradient_only_in_the_inria_rules() {
         scene.count = 1;
         scene.means = vec![0.0, 0.0, 3.0];
         scene.quaternions.truncate(4);
-        // Hundreds of pixels wide, so that the clamp holds everywhere.
+        // Hundreds of pixels wide, so that alpha is clamped everywhere.
         scene.log_scales = vec![4.0; 3];
         scene.opacity_logits = vec![9.0];
         scene.sh.truncate(3 * SH_ROWS);

@@ -48,7 +48,7 @@ fn gaussians_behind_the_camera_leave_no_trace() {
     });
 }
 
-/// What is broken, and how to break it.
+/// Name of the broken value, and a function that breaks it.
 type Break = (&'static str, fn(&mut Scene));
 
 /// Ways to break the first Gaussian.
@@ -122,7 +122,7 @@ fn wrong_arguments_are_named() {
         let nothing = Camera { width: 0, ..camera() };
         let refused = splat(good.clone(), None, &nothing, &settings(SplatRules::inria())).expect_err("no pixels");
         assert_eq!(refused, SplatError::Size { width: 0, height: 29 });
-        // One row, or one for each Gaussian.
+        // Either one row, or one row per Gaussian.
         let probe = Tensor::<2>::zeros([3, 2], &device);
         let refused = splat(good, Some(probe), &camera(), &settings(SplatRules::inria())).expect_err("wrong probe");
         assert!(refused.to_string().contains("`probe`"));

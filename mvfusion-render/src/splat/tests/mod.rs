@@ -1,4 +1,4 @@
-//! Tests of the op through Burn, on every CPU device that was compiled in.
+//! Tests of the op through Burn, on every CPU device of this build.
 
 mod gradients;
 mod hostile;
@@ -11,7 +11,7 @@ use mvfusion_data::Camera;
 use super::*;
 use crate::test_support::random;
 
-/// Numbers of a scene, from which tensors of any precision are made.
+/// The values of a scene, for tensors of any precision.
 #[derive(Clone)]
 pub(super) struct Scene {
     pub count: usize,
@@ -19,7 +19,7 @@ pub(super) struct Scene {
     pub quaternions: Vec<f64>,
     pub log_scales: Vec<f64>,
     pub opacity_logits: Vec<f64>,
-    /// Degree 2 and a surplus row, as METHOD's storage has.
+    /// Degree 2 and a surplus row, as in METHOD's storage.
     pub sh: Vec<f64>,
     pub features: Vec<f64>,
     pub background: Vec<f64>,
@@ -31,7 +31,7 @@ pub(super) const SH_ROWS: usize = 10;
 pub(super) const FEATURES: usize = 2;
 
 impl Scene {
-    /// Gaussians in front of [`camera`], well inside the near plane and the picture's wider surroundings.
+    /// Gaussians in front of [`camera`], well beyond the near plane and in or around the image.
     pub fn random(seed: u64, count: usize) -> Self {
         let scaled = |salt: u64, len: usize, low: f64, high: f64| -> Vec<f64> {
             random(seed * 100 + salt, len).into_iter().map(|u| low + (high - low) * u).collect()
@@ -69,7 +69,7 @@ pub(super) fn tensor<const D: usize>(values: &[f64], shape: [usize; D], device: 
     Tensor::from_data(TensorData::new(values.to_vec(), shape).convert_dtype(dtype), (device, dtype))
 }
 
-/// Looks along +z from somewhat beside the origin; no side is a multiple of the tile's.
+/// A camera near the origin that looks along +z. Neither side is a multiple of the tile's.
 pub(super) fn camera() -> Camera {
     let turn = DMat3::from_axis_angle(DVec3::new(0.3, 1.0, 0.2).normalize(), 0.1);
     Camera { cx: 20.3, cy: 13.1, ..Camera::centred(37, 29, 34.0, turn, DVec3::new(-0.2, 0.1, 0.05)) }

@@ -1,14 +1,14 @@
-//! What pictures look like.
+//! The content of rendered images.
 
 use super::*;
 use crate::test_support::{for_each_device, numbers};
 
-/// Rounding of sums of some dozen terms in double precision.
+/// Rounding of sums of a few dozen terms in double precision.
 const EXACT: f64 = 1e-11;
 /// Single against double precision, for colours of about 1 and depths below 5.
 const SINGLE: f64 = 2e-5;
 
-/// The picture by the definition, pixel by pixel over all Gaussians in order of depth: colour, features, alpha, depth.
+/// The image by definition, pixel by pixel over all Gaussians in order of depth: colour, features, alpha, depth.
 fn by_definition(scene: &Scene, seen: &SplatDiagnosis, camera: &Camera, rules: &SplatRules) -> Vec<f64> {
     let mut order: Vec<usize> = (0..scene.count).filter(|&i| seen.radii[i][0] > 0).collect();
     order.sort_by(|&a, &b| seen.depths[a].total_cmp(&seen.depths[b]).then(a.cmp(&b)));
@@ -41,8 +41,8 @@ fn by_definition(scene: &Scene, seen: &SplatDiagnosis, camera: &Camera, rules: &
     picture
 }
 
-/// Whether the tile of a pixel lies in the Gaussian's rectangle, by the words of METHOD §8; gsplat's rectangle holds
-/// all that is visible.
+/// Whether the tile of a pixel is in the Gaussian's rectangle, by METHOD §8. gsplat's rectangle contains everything
+/// visible.
 fn in_rectangle(seen: &SplatDiagnosis, i: usize, pixel: [usize; 2], rules: &SplatRules) -> bool {
     if rules.extent == SplatRules::gsplat().extent {
         return true;
@@ -54,7 +54,7 @@ fn in_rectangle(seen: &SplatDiagnosis, i: usize, pixel: [usize; 2], rules: &Spla
     })
 }
 
-/// Picture sizes: some that are multiples of a tile's, some that are not, and some smaller than a tile.
+/// Image sizes: multiples of a tile's, other sizes, and sizes smaller than a tile.
 const SIZES: [[usize; 2]; 5] = [[37, 29], [48, 16], [1, 1], [47, 2], [17, 33]];
 
 #[test]

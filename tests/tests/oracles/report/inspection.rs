@@ -109,7 +109,7 @@ fn pictures_are_loaded(connection: &mut Connection) -> Result<()> {
 /// Every chart has a curve of some length within its drawing.
 fn charts_are_drawn(connection: &mut Connection) -> Result<()> {
     let lengths = connection.evaluate(
-        "[...document.querySelectorAll('metric.chart svg')].map(chart => Math.max(0,
+        "[...document.querySelectorAll('figure.chart svg')].map(chart => Math.max(0,
             ...[...chart.querySelectorAll('path')].map(path => path.getTotalLength())))",
     )?;
     let lengths = lengths.as_array().context("a list")?;
@@ -121,7 +121,7 @@ fn charts_are_drawn(connection: &mut Connection) -> Result<()> {
 /// Each slider follows the pointer and the arrow keys, and what is seen changes with it.
 fn sliders_move(connection: &mut Connection) -> Result<()> {
     let count =
-        connection.evaluate("document.querySelectorAll('metric.slider').length")?.as_u64().context("a count")?;
+        connection.evaluate("document.querySelectorAll('figure.slider').length")?.as_u64().context("a count")?;
     ensure!(count > 0, "the page has no slider");
     for index in 0..count {
         slider_moves(connection, index).with_context(|| format!("slider {index}"))?;
@@ -148,7 +148,7 @@ struct Slider {
 
 impl Slider {
     fn show(connection: &mut Connection, index: u64) -> Result<Self> {
-        let find = format!("document.querySelectorAll('metric.slider')[{index}]");
+        let find = format!("document.querySelectorAll('figure.slider')[{index}]");
         connection.evaluate(&format!("{find}.scrollIntoView({{ behavior: 'instant', block: 'center' }})"))?;
         let place = connection.evaluate(&format!("{find}.querySelector('.stack').getBoundingClientRect().toJSON()"))?;
         Ok(Self { find, place })
@@ -204,9 +204,9 @@ impl Slider {
 fn layers_can_be_chosen(connection: &mut Connection) -> Result<()> {
     let differs = connection.evaluate(
         "(() => {
-            const metric = document.querySelector('metric.slider');
-            const choice = metric.querySelector('select[data-side=right]');
-            const picture = metric.querySelector('img.right');
+            const figure = document.querySelector('figure.slider');
+            const choice = figure.querySelector('select[data-side=right]');
+            const picture = figure.querySelector('img.right');
             const before = picture.src;
             choice.value = choice.options[0].value;
             choice.dispatchEvent(new Event('change'));
@@ -249,9 +249,9 @@ fn tables_can_be_sorted(connection: &mut Connection) -> Result<()> {
 fn pictures_can_be_enlarged(connection: &mut Connection) -> Result<()> {
     let widths = connection.evaluate(
         "(() => {
-            const metric = document.querySelector('.row metric');
-            const width = () => metric.getBoundingClientRect().width;
-            return [width(), (metric.click(), width()), (metric.click(), width())];
+            const figure = document.querySelector('.row figure');
+            const width = () => figure.getBoundingClientRect().width;
+            return [width(), (figure.click(), width()), (figure.click(), width())];
         })()",
     )?;
     let widths: Vec<f64> = serde_json::from_value(widths)?;

@@ -1,7 +1,7 @@
 //! Segments of `f32` as AVX2 registers.
 //!
-//! The `transmute`s between registers and arrays are the one place where safe casts would not do: with debug
-//! assertions they go through memory, which halves the speed of the hot loops.
+//! Registers and arrays are converted with `transmute`. With debug assertions, safe casts go through memory, which
+//! halves the speed of the hot loops.
 
 #[cfg(target_arch = "x86")]
 use std::arch::x86::{__m256, __m256i, _CMP_LE_OQ, _CMP_LT_OQ};
@@ -34,7 +34,7 @@ impl Vectors<f32> for V3 {
 
     #[inline(always)]
     fn load(self, lanes: &Lanes<f32>) -> __m256 {
-        // SAFETY: both are eight floats, and any bits are a valid float.
+        // SAFETY: both are eight floats, and all bit patterns are valid floats.
         unsafe { transmute::<Lanes<f32>, __m256>(*lanes) }
     }
     #[inline(always)]
@@ -107,7 +107,7 @@ impl Vectors<f32> for V3 {
     }
     #[inline(always)]
     fn load_index(self, lanes: &Lanes<i32>) -> __m256i {
-        // SAFETY: both are 256 bits, and any bits are valid integers.
+        // SAFETY: both have 256 bits, and all bit patterns are valid integers.
         unsafe { transmute::<Lanes<i32>, __m256i>(*lanes) }
     }
     #[inline(always)]
