@@ -148,10 +148,16 @@ pub struct TrainArgs {
     pub out: Option<PathBuf>,
     /// Replace the run in the folder
     ///
-    /// The old run is kept in the subfolder .replaced until the first checkpoint. If training fails before it, the old
-    /// run is restored.
+    /// The old run is kept in the subfolder .replaced until the new one is complete. If the new one fails before its
+    /// first step, the old run is restored.
     #[arg(long)]
     pub force: bool,
+    /// Continue the run in this folder from its newest checkpoint
+    ///
+    /// The result is that of an uninterrupted run. The configuration is that of the run; --set may change keys of
+    /// `eval` and those of checkpoints and logs.
+    #[arg(long, value_name = "RUN", conflicts_with_all = ["out", "force", "preset", "config", "format", "seed"])]
+    pub resume: Option<PathBuf>,
 }
 
 /// `mvfusion config`.

@@ -6,6 +6,9 @@ use std::process::ExitCode;
 
 use mvfusion_model::ModelError;
 
+use crate::interrupt::Interrupted;
+use crate::progress::print_line;
+
 /// Exit code of a failure.
 pub const FAILED: u8 = 1;
 
@@ -33,6 +36,9 @@ impl std::error::Error for UsageError {}
 
 /// The exit code that belongs to an error.
 pub fn exit_code(error: &anyhow::Error) -> u8 {
+    if let Some(interrupted) = error.downcast_ref::<Interrupted>() {
+        return interrupted.code;
+    }
     let is_usage = |cause: &(dyn std::error::Error + 'static)| {
         let of_model = matches!(cause.downcast_ref(), Some(ModelError::Config { .. } | ModelError::Layer { .. }));
         of_model || cause.is::<UsageError>()
@@ -49,7 +55,10 @@ pub fn report(error: &anyhow::Error) -> ExitCode {
     if error.chain().any(closed) {
         return ExitCode::SUCCESS;
     }
-    eprintln!("error: {}", paragraph(error));
+    match error.downcast_ref::<Interrupted>() {
+        Some(interrupted) => print_line(&interrupted.to_string()),
+        None => print_line(&format!("error: {}", paragraph(error))),
+    }
     ExitCode::from(exit_code(error))
 }
 

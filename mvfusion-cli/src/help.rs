@@ -21,8 +21,9 @@ Gaussians) and motion-aware refinement. The progress line shows the stage, the s
 remaining time, the loss, the PSNR and the numbers of static and dynamic Gaussians. A table of metrics follows at the \
 end.
 
-The program checks everything before it creates the run folder. A run that fails before its first checkpoint removes \
-its folder again.";
+The program checks everything before it creates the run folder. A run that fails before its first step removes its \
+folder. A checkpoint is written every ten minutes (train.checkpoint_minutes). Ctrl-C and SIGTERM save one and print the \
+command that continues the run (--resume RUN); a second signal ends the program at once.";
 
 /// `mvfusion train --help`, below the options. Lines of at most 80 characters are not wrapped by any terminal.
 pub const TRAIN_MORE: &str = "\
@@ -39,6 +40,8 @@ Examples:
           a baseline without deformation
   mvfusion train --config runs/quickstart-0/config.toml --seed 1
           an earlier run with another seed
+  mvfusion train --resume runs/quickstart-0
+          an interrupted run, from its newest checkpoint
 
 Configuration:
   preset  <-  --config FILE  <-  --set KEY=VALUE  <-  --seed, --data
@@ -62,6 +65,8 @@ The run folder:
                                  --config DIR/config.toml repeats the run
   checkpoints/final.safetensors  the complete training state, from which
                                  `mvfusion eval DIR` computes the same metrics
+  checkpoints/step_N.safetensors the newest states before that, from which
+                                 `mvfusion train --resume DIR` continues
   point_cloud/iteration_N/       static.ply and dynamic.ply, for other viewers
   renders/test/LAYER/NNNNN.png   every layer of every held-out view
   films/VIEWS/                   the output of `mvfusion render DIR`

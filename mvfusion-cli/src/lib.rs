@@ -42,6 +42,7 @@ mod drawing;
 pub mod export;
 pub mod failure;
 mod help;
+pub mod interrupt;
 mod logs;
 pub mod progress;
 pub mod render;

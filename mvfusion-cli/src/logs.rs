@@ -21,6 +21,8 @@ pub fn start(output: OutputArgs) {
         .with_ansi(io::stderr().is_terminal())
         .without_time()
         .with_target(false)
+        // These would be reported on stderr, and a closed stderr must not end a command.
+        .log_internal_errors(false)
         .try_init();
     if let Err(error) = started {
         tracing::debug!("logging was started before: {error}");

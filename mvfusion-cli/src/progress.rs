@@ -1,6 +1,6 @@
 //! Progress output: one line that changes on a terminal, or a new line every few seconds elsewhere.
 
-use std::io::{self, IsTerminal};
+use std::io::{self, IsTerminal, Write};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -23,9 +23,14 @@ impl Verbosity {
     /// Prints a line to stderr.
     pub fn note(self, line: &str) {
         if self == Self::Normal {
-            eprintln!("{line}");
+            print_line(line);
         }
     }
+}
+
+/// Prints a line to stderr. If stderr is closed or full, the line is lost: it must never end a command.
+pub(crate) fn print_line(line: &str) {
+    let _ = writeln!(io::stderr(), "{line}");
 }
 
 /// Progress through a known number of steps.
@@ -61,6 +66,17 @@ impl Progress {
         Self { style, name, total, done: 0, message: String::new() }
     }
 
+    /// The same after steps that were done before.
+    pub fn after(mut self, done: usize) -> Self {
+        self.done = done;
+        match &mut self.style {
+            Style::Bar(bar) => bar.set_position(done as u64),
+            Style::Lines { said, .. } => *said = done,
+            Style::Silent => {}
+        }
+        self
+    }
+
     /// Counts one more step.
     pub fn advance(&mut self) {
         self.done += 1;
@@ -69,7 +85,7 @@ impl Progress {
             Style::Bar(bar) => bar.inc(1),
             Style::Lines { last, said } if last.elapsed() >= PAUSE => {
                 (*last, *said) = (Instant::now(), self.done);
-                eprintln!("{line}");
+                print_line(&line);
             }
             Style::Lines { .. } | Style::Silent => {}
         }
@@ -89,9 +105,9 @@ impl Progress {
             Style::Bar(bar) => {
                 // The bar itself would leave the cursor at its end, and the next output would follow on the same line.
                 bar.finish_and_clear();
-                eprintln!("{}", self.line());
+                print_line(&self.line());
             }
-            Style::Lines { said, .. } if *said < self.done => eprintln!("{}", self.line()),
+            Style::Lines { said, .. } if *said < self.done => print_line(&self.line()),
             Style::Lines { .. } | Style::Silent => {}
         }
     }

@@ -7,6 +7,9 @@ use std::process::{Command, Output};
 #[path = "program/render.rs"]
 mod render;
 #[cfg(unix)]
+#[path = "program/resume.rs"]
+mod resume;
+#[cfg(unix)]
 #[path = "program/sweep.rs"]
 mod sweep;
 

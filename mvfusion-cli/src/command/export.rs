@@ -27,7 +27,7 @@ pub fn export(args: &ExportArgs, verbosity: Verbosity, out: &mut dyn Write) -> a
     let exporter = exporter(args, &run, verbosity);
     let mut folder = plan.create()?;
     Session { args, run: &run, exporter, folder: &folder }.write(verbosity, out)?;
-    folder.keep();
+    folder.finish();
     Ok(())
 }
 

@@ -16,7 +16,7 @@ use crate::args::ConfigSourceArgs;
 use crate::failure::UsageError;
 use keys::KnownKeys;
 pub(crate) use keys::nearest;
-pub(crate) use partial::{Origin, PartialConfig, line_of};
+pub(crate) use partial::{Origin, PartialConfig, leaves, line_of};
 pub use preset::{PRESETS, Preset};
 
 /// The preset for the built-in scene.
@@ -33,6 +33,17 @@ const FOR_OBJECTS: &str = "dnerf";
 
 /// The preset for a folder of photos.
 const FOR_PHOTOS: &str = "onthego-indoor";
+
+/// Keys, or beginnings of keys, that a resumed run may change: they have no effect on what it learns.
+const RESUMABLE: [&str; 7] = [
+    "eval.",
+    "scene.data",
+    "scene.frame_store",
+    "train.log_interval",
+    "train.checkpoint_interval",
+    "train.checkpoint_minutes",
+    "train.keep_checkpoints",
+];
 
 /// A configuration and where it started from.
 #[derive(Clone, Debug)]
@@ -80,6 +91,35 @@ pub(crate) fn resolve_over(preset: &'static Preset, partials: Vec<PartialConfig>
 /// [`UsageError`] if the file cannot be read or is not a configuration of this version.
 pub fn read(path: &Path) -> anyhow::Result<Config> {
     merge(&[read_partial(path)?])
+}
+
+/// The configuration of a run that is resumed, with the changes of the command line.
+///
+/// # Errors
+/// [`UsageError`] for a change that would make it another run, with both values.
+pub(crate) fn resume(path: &Path, args: &ConfigSourceArgs, data: Option<&Path>) -> anyhow::Result<Config> {
+    let stored = read_partial(path)?;
+    let before = merge(std::slice::from_ref(&stored))?;
+    let mut config = merge(&[vec![stored], given_partials(args, data)?].concat())?;
+    config.check()?;
+    make_absolute(&mut config)?;
+    let table = |config: &Config| -> anyhow::Result<Table> { Ok(to_toml(config)?.parse()?) };
+    let (before, after) = (table(&before)?, table(&config)?);
+    let (before, after) = (leaves(&before), leaves(&after));
+    let shown = |values: &[(String, &Value)], key: &str| {
+        values.iter().find(|(own, _)| own == key).map_or("nothing".to_owned(), |(_, value)| value.to_string())
+    };
+    let is_free = |key: &str| RESUMABLE.iter().any(|free| key.starts_with(free));
+    for (key, _) in before.iter().chain(&after).filter(|(key, _)| !is_free(key)) {
+        let (old, new) = (shown(&before, key), shown(&after, key));
+        if old != new {
+            return Err(UsageError::new(format!(
+                "cannot resume with `{key}` = {new}: the run has {old}. Start a new run for another value."
+            ))
+            .into());
+        }
+    }
+    Ok(config)
 }
 
 /// A configuration as TOML: every key with its value.

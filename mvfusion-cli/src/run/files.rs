@@ -1,5 +1,11 @@
 //! The names of the files and folders in a run folder.
 
+use std::fs;
+use std::path::Path;
+
+use anyhow::Context;
+use serde::de::DeserializeOwned;
+
 /// The resolved configuration.
 pub const CONFIG: &str = "config.toml";
 /// The record of the run: versions, device, times.
@@ -30,6 +36,15 @@ pub const REPORT: &str = "report.html";
 /// Everything that a run writes at the top level of its folder.
 pub const ENTRIES: [&str; 12] =
     [CONFIG, RECORD, METRICS, RESULTS, PER_VIEW, PROTOCOLS, CHECKPOINTS, POINT_CLOUD, RENDERS, FILMS, STRIPS, REPORT];
+
+/// Reads a JSON file of a run.
+///
+/// # Errors
+/// If it cannot be read or is not what this version writes.
+pub fn read_json<T: DeserializeOwned>(path: &Path) -> anyhow::Result<T> {
+    let read = || -> anyhow::Result<T> { Ok(serde_json::from_str(&fs::read_to_string(path)?)?) };
+    read().with_context(|| format!("cannot read {}", path.display()))
+}
 
 /// File name of the images of a view with this index.
 pub(super) fn picture_file(index: usize) -> String {

@@ -51,9 +51,9 @@ pub struct RunFolder {
     kept: bool,
 }
 
-/// The subfolder that keeps the files of a replaced run until the first checkpoint of the new run. It is inside the run
-/// folder, because that folder may be a link or a mount point that cannot be renamed.
-const ASIDE: &str = ".replaced";
+/// The subfolder that keeps the files of a replaced run until the new run is complete. It is inside the run folder,
+/// because that folder may be a link or a mount point that cannot be renamed.
+pub(super) const ASIDE: &str = ".replaced";
 
 impl RunPlan {
     /// Checks that a run can be written to `path`. Leaves no trace.
@@ -117,8 +117,23 @@ impl RunFolder {
         place(&self.path, parts)
     }
 
-    /// Keeps the folder from now on, even after a failure. Removes a replaced run.
+    /// A run folder that is continued. It is kept whatever happens.
+    ///
+    /// # Errors
+    /// If the file system refuses.
+    pub fn continued(path: &Path) -> anyhow::Result<Self> {
+        trial_file(path, RUN.what)?;
+        remove_unfinished(path).with_context(|| format!("cannot write to {}", path.display()))?;
+        Ok(Self { path: path.to_owned(), contents: RUN, existed: true, parents: Vec::new(), kept: true })
+    }
+
+    /// Keeps the folder from now on, even after a failure. A replaced run stays aside.
     pub fn keep(&mut self) {
+        self.kept = true;
+    }
+
+    /// Keeps the folder, which is complete now. Removes a replaced run.
+    pub fn finish(&mut self) {
         self.kept = true;
         let aside = self.path.join(ASIDE);
         if aside.exists()
@@ -290,6 +305,13 @@ mod tests {
         write(&folder).expect("written");
         folder.keep();
         drop(folder);
+        assert_eq!(fs::read(path.join(ASIDE).join("results.json")).expect("read"), b"old");
+        assert_eq!(fs::read(path.join("results.json")).expect("read"), b"new");
+
+        let mut folder = create();
+        write(&folder).expect("written");
+        folder.finish();
+        drop(folder);
         assert_eq!(names(&path), ["results.json"]);
         assert_eq!(fs::read(path.join("results.json")).expect("read"), b"new");
     }
@@ -314,7 +336,7 @@ mod tests {
             fs::write(path.join(".x7Gh1s.part"), "half a file").expect("written");
             let mut folder = RunPlan::new(&path, existing).expect("planned").create().expect("made");
             assert!(names(&path).is_empty());
-            folder.keep();
+            folder.finish();
         }
     }
 

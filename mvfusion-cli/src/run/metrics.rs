@@ -1,16 +1,17 @@
 //! `metrics.jsonl`: one line per log step.
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::Write;
+use std::fs::{self, File};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::Context;
 use mvfusion_model::profile::{self, Part};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::results::GaussianCounts;
+use crate::atomic;
 
 /// A log step.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -60,6 +61,39 @@ impl MetricsLog {
         Ok(Self { file, path: path.to_owned() })
     }
 
+    /// The file of an interrupted run, without the lines after `step`: these steps will be done again. Returns the
+    /// seconds of training up to the last line that stays, too.
+    ///
+    /// # Errors
+    /// If it cannot be read or written.
+    pub fn resume(path: &Path, step: usize) -> anyhow::Result<(Self, f64)> {
+        /// What a line says of its place in the run.
+        #[derive(Deserialize)]
+        struct Place {
+            step: usize,
+            elapsed: f64,
+        }
+        let text = match fs::read_to_string(path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => String::new(),
+            text => text.with_context(|| format!("cannot read {}", path.display()))?,
+        };
+        let (mut kept, mut elapsed) = (String::new(), 0.0);
+        for line in text.lines() {
+            // A line that was cut off was the last one.
+            let Ok(place) = serde_json::from_str::<Place>(line) else { break };
+            if place.step > step {
+                break;
+            }
+            kept += line;
+            kept.push('\n');
+            elapsed = place.elapsed;
+        }
+        atomic::write(path, kept.as_bytes())?;
+        let file = File::options().append(true).open(path);
+        let file = file.with_context(|| format!("cannot write {}", path.display()))?;
+        Ok((Self { file, path: path.to_owned() }, elapsed))
+    }
+
     /// Appends a whole line, so that readers never see half of one.
     ///
     /// # Errors
@@ -72,5 +106,22 @@ impl MetricsLog {
             Ok(self.file.flush()?)
         };
         attempt().with_context(|| format!("cannot write {}", self.path.display()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_after_the_checkpoint_and_half_lines_go() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("metrics.jsonl");
+        let line = |step: usize| format!("{{\"step\":{step},\"elapsed\":{}.5}}\n", step * 2);
+        fs::write(&path, [line(10), line(20), line(30), "{\"step\":40,".to_owned()].concat()).expect("written");
+        let (_, elapsed) = MetricsLog::resume(&path, 25).expect("resumed");
+        assert_eq!((fs::read_to_string(&path).expect("read"), elapsed), ([line(10), line(20)].concat(), 40.5));
+        let (_, elapsed) = MetricsLog::resume(&folder.path().join("none.jsonl"), 25).expect("a new file");
+        assert_eq!(elapsed, 0.0);
     }
 }

@@ -1,5 +1,6 @@
 //! The run folder: its files and their contents.
 
+mod checkpoints;
 mod field;
 mod files;
 mod folder;
@@ -12,10 +13,11 @@ mod ply;
 mod record;
 mod results;
 
+pub use checkpoints::{Checkpoint, checkpoints, step_file, thin_out};
 pub use field::{FieldPerView, FieldScores};
 pub use files::{
     CHECKPOINTS, CONFIG, ENTRIES, FILMS, FINAL, METRICS, PER_VIEW, POINT_CLOUD, PROTOCOLS, RECORD, RENDERS, REPORT,
-    RESULTS, STRIPS,
+    RESULTS, STRIPS, read_json,
 };
 pub use folder::{Contents, Existing, RunFolder, RunPlan};
 pub(crate) use folder::{place, trial_file};
@@ -25,7 +27,7 @@ pub use picture_kind::PictureKind;
 pub use pictures::{PicturesWriter, legend};
 pub use pictures_hash::PicturesHash;
 pub use ply::write_ply;
-pub use record::{RunRecord, SceneRecord};
+pub use record::{Resumption, RunRecord, SceneRecord};
 #[cfg(test)]
 pub(crate) use results::specimen;
 pub use results::{EvalTime, GaussianCounts, LpipsWeights, PerView, RenderSpeed, Results, TrainTime};

@@ -1,6 +1,6 @@
 //! Opening a trained run.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, bail};
 use mvfusion_data::Scene;
@@ -8,7 +8,9 @@ use mvfusion_model::Config;
 use mvfusion_model::model::{Model, RenderContext};
 use mvfusion_model::train::{TrainedModel, final_level};
 
-use super::files::{CHECKPOINTS, CONFIG, FINAL};
+use super::checkpoints::{Checkpoint, checkpoints};
+use super::files::CONFIG;
+use super::folder::ASIDE;
 use crate::device::{self, OpenDevice};
 use crate::progress::Verbosity;
 use crate::{config, scene};
@@ -46,7 +48,7 @@ pub struct OpenRun {
     pub device: OpenDevice,
     /// The scene.
     pub scene: Scene,
-    /// The model after the last step.
+    /// The model of the newest checkpoint: after the last step of a finished run.
     pub trained: TrainedModel,
 }
 
@@ -54,7 +56,7 @@ impl OpenRun {
     /// Opens a run. Prints notes about device and scene.
     ///
     /// # Errors
-    /// If the run is not complete, its data are missing, or the device does not exist.
+    /// If the run has no checkpoint, its data are missing, or the device does not exist.
     pub fn open(request: &RunRequest<'_>, verbosity: Verbosity) -> anyhow::Result<Self> {
         let checkpoint = find_checkpoint(request.run)?;
         let config = configuration(request)?;
@@ -69,7 +71,12 @@ impl OpenRun {
         verbosity.note(&format!("device: {}", device.reason));
         verbosity.note(&format!("scene:  {}", scene::describe(&scene)));
         let config = config.scaled();
-        let trained = TrainedModel::load(&checkpoint, &config, &device.device)?;
+        let trained = TrainedModel::load(&checkpoint.path, &config, &device.device)?;
+        if checkpoint.step.is_some() {
+            let (done, total) = (trained.steps, config.train.stages.total());
+            verbosity
+                .note(&format!("note:   the run is unfinished; its newest checkpoint is of step {done} of {total}"));
+        }
         Ok(Self { config, device, scene, trained })
     }
 
@@ -91,15 +98,20 @@ impl OpenRun {
     }
 }
 
-fn find_checkpoint(run: &Path) -> anyhow::Result<PathBuf> {
-    let checkpoint = run.join(CHECKPOINTS).join(FINAL);
+/// The newest checkpoint of a run.
+fn find_checkpoint(run: &Path) -> anyhow::Result<Checkpoint> {
+    let shown = run.display();
     if !run.is_dir() {
-        bail!("the folder {} does not exist. Give a run folder, such as runs/quickstart-0.", run.display());
+        bail!("there is no folder {shown}. Give a run folder, such as runs/quickstart-0.");
     }
-    if !checkpoint.is_file() {
-        bail!("{} has no {CHECKPOINTS}/{FINAL}: it is not a run, or its training did not finish.", run.display());
+    match checkpoints(run)?.into_iter().next() {
+        Some(newest) => Ok(newest),
+        None if run.join(ASIDE).is_dir() => bail!(
+            "{shown} contains no checkpoint: its training was interrupted. The run that it was to replace is in \
+             {shown}/{ASIDE}."
+        ),
+        None => bail!("{shown} contains no checkpoint: it is not a run, or its training was interrupted before one."),
     }
-    Ok(checkpoint)
 }
 
 /// The run's configuration, with the paths that have changed since.

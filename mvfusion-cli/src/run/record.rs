@@ -35,9 +35,21 @@ pub struct RunRecord {
     pub threads: usize,
     /// Start of the training.
     pub started: String,
+    /// When the run was resumed, and after which steps.
+    #[serde(skip_serializing_if = "Vec::is_empty", default)]
+    pub resumed: Vec<Resumption>,
     /// End of the run; absent until everything has been written.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub finished: Option<String>,
+}
+
+/// A run was continued from a checkpoint.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Resumption {
+    /// When.
+    pub at: String,
+    /// Steps that were done before.
+    pub step: usize,
 }
 
 /// A scene in numbers.
@@ -81,8 +93,15 @@ impl RunRecord {
             device: device.to_owned(),
             threads: rayon::current_num_threads(),
             started: clock::now(),
+            resumed: Vec::new(),
             finished: None,
         }
+    }
+
+    /// The same for a run that continues now after `step` steps.
+    pub fn continued(mut self, step: usize) -> Self {
+        self.resumed.push(Resumption { at: clock::now(), step });
+        self
     }
 
     /// The same at the end of the run.

@@ -1,9 +1,11 @@
 //! One cell as a process: what a job of this machine and a task of SLURM both run.
 
 use std::io::Write;
+use std::path::Path;
 
 use anyhow::{bail, ensure};
 use bytesize::ByteSize;
+use mvfusion_model::ModelError;
 use mvfusion_model::evaluation::Protocol;
 use mvfusion_model::train::IMAGE_CACHE;
 use tracing::warn;
@@ -11,7 +13,9 @@ use tracing::warn;
 use super::folder::{Order, State, SweepFolder};
 use crate::args::{ComputeArgs, ConfigSourceArgs, EvalArgs, RunCellArgs, TrainArgs};
 use crate::command;
+use crate::interrupt::Interrupted;
 use crate::progress::Verbosity;
+use crate::run;
 
 /// Trains a cell, evaluates it, and measures what else is wanted; does nothing if it is finished.
 ///
@@ -31,6 +35,8 @@ pub fn run_cell(args: &RunCellArgs, verbosity: Verbosity, out: &mut dyn Write) -
     folder.forget_failure(id)?;
     let result = work(&folder, id, &order, &args.compute, verbosity, out);
     if let Err(error) = &result
+        // An interrupted cell has not failed: it goes on from its checkpoint.
+        && !error.is::<Interrupted>()
         && let Err(note) = folder.note_failure(id, &format!("{error:#}"))
     {
         warn!("{note:#}");
@@ -59,10 +65,11 @@ fn work(
             image_cache: ByteSize(IMAGE_CACHE),
             lpips_weights: None,
             out: Some(folder.run(id)),
-            // What lies there is the remains of an interrupted run.
+            // What is there is the rest of an interrupted run.
             force: true,
+            resume: None,
         };
-        command::train(&run, verbosity, out)?;
+        train(&folder.run(id), run, verbosity, out)?;
     }
     if !folder.is_finished(id, &order.wanted) {
         let eval = EvalArgs {
@@ -84,4 +91,22 @@ fn work(
         );
     }
     Ok(())
+}
+
+/// Trains a cell: continues the run of its folder if that has a checkpoint that can be read, else begins anew.
+fn train(path: &Path, anew: TrainArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
+    if !run::checkpoints(path)?.is_empty() {
+        let resumed = TrainArgs {
+            sources: ConfigSourceArgs::default(),
+            out: None,
+            force: false,
+            resume: Some(path.to_owned()),
+            ..anew.clone()
+        };
+        match command::train(&resumed, verbosity, out) {
+            Err(error) if matches!(error.downcast_ref(), Some(ModelError::Checkpoint { .. })) => warn!("{error:#}"),
+            result => return result,
+        }
+    }
+    command::train(&anew, verbosity, out)
 }

@@ -5,10 +5,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use mvfusion_model::Config;
 use toml::{Table, Value};
 
-use super::grid::{ALL_METRICS, Axis, ColumnGroup, Difference, Grid, PaperRow, is_same, leaves};
+use super::grid::{ALL_METRICS, Axis, ColumnGroup, Difference, Grid, PaperRow, is_same};
 use super::index::{Cell, Index};
 use super::metric;
-use crate::config::{self, PartialConfig, nearest};
+use crate::config::{self, PartialConfig, leaves, nearest};
 use crate::failure::UsageError;
 
 /// Keys that a grid sets in other places, and these places.

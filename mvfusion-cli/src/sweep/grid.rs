@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 use super::shipped;
-use crate::config::{Origin, PartialConfig, line_of};
+use crate::config::{Origin, PartialConfig, leaves, line_of};
 use crate::failure::UsageError;
 
 /// The metrics of a column group that the grid does not name.
@@ -236,20 +236,6 @@ impl Source {
         })?;
         Ok(Self { name: name.to_owned(), text, origin, grid })
     }
-}
-
-/// Every dotted key of a table whose value is no table; nested tables and dotted keys are the same.
-pub(super) fn leaves(table: &Table) -> Vec<(String, &Value)> {
-    let mut found = Vec::new();
-    for (name, value) in table {
-        match value {
-            Value::Table(inner) => {
-                found.extend(leaves(inner).into_iter().map(|(key, value)| (format!("{name}.{key}"), value)));
-            }
-            _ => found.push((name.clone(), value)),
-        }
-    }
-    found
 }
 
 /// Equality of values that does not ask how a number was written: 1 is 1.0.

@@ -4,14 +4,14 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use mvfusion_model::Config;
-use mvfusion_model::config::{Interval, TrainConfig};
+use mvfusion_model::config::TrainConfig;
 use mvfusion_model::files::sha256;
 use toml::{Table, Value};
 
 use super::check;
-use super::grid::{Axis, Grid, SceneEntry, Source, VariantEntry, is_same, leaves};
+use super::grid::{Axis, Grid, SceneEntry, Source, VariantEntry, is_same};
 use super::index::{Cell, Index, Wanted};
-use crate::config::{self, Origin, PRESETS, PartialConfig, Preset};
+use crate::config::{self, Origin, PRESETS, PartialConfig, Preset, leaves};
 use crate::failure::UsageError;
 
 /// Digits of a cell's id. Among a million cells, the probability of a collision is below 1/500.
@@ -21,7 +21,8 @@ const ID_LENGTH: usize = 12;
 const SHORT: &str = "quickstart";
 
 /// Keys of `train` that change only the output, not the training.
-const UNSCHEDULED: [&str; 2] = ["train.log_interval", "train.checkpoint_interval"];
+const UNSCHEDULED: [&str; 4] =
+    ["train.log_interval", "train.checkpoint_interval", "train.checkpoint_minutes", "train.keep_checkpoints"];
 
 /// What the command line adds to a grid.
 #[derive(Clone, Debug, Default)]
@@ -243,7 +244,14 @@ impl Ground<'_> {
         }
         let schedule = |preset, partials| {
             let train = config::resolve_over(preset, partials).ok()?.train;
-            Some(TrainConfig { log_interval: 1, checkpoint_interval: Interval(1), ..train })
+            let unscheduled = TrainConfig::default();
+            Some(TrainConfig {
+                log_interval: unscheduled.log_interval,
+                checkpoint_interval: unscheduled.checkpoint_interval,
+                checkpoint_minutes: unscheduled.checkpoint_minutes,
+                keep_checkpoints: unscheduled.keep_checkpoints,
+                ..train
+            })
         };
         let origin = Origin::Grid(self.origin.to_owned());
         let own = schedule(preset, vec![PartialConfig::of_table(variant.set.clone(), origin)]);

@@ -46,8 +46,12 @@ pub struct TrainConfig {
     pub static_sh_interval: Interval,
     /// Steps between lines of `metrics.jsonl`; not scaled.
     pub log_interval: usize,
-    /// Steps between checkpoints; 0 writes one at the end only.
+    /// Steps between checkpoints. 0 leaves them to `checkpoint_minutes`.
     pub checkpoint_interval: Interval,
+    /// Minutes between checkpoints where `checkpoint_interval` is 0. 0 writes one at the end only.
+    pub checkpoint_minutes: f64,
+    /// Number of checkpoints that are kept beside the final one; older ones are removed. At least 1.
+    pub keep_checkpoints: usize,
 }
 
 /// Lengths of the three stages in optimiser steps (paper, training strategy; METHOD §11.2).
@@ -89,6 +93,8 @@ impl Default for TrainConfig {
             static_sh_interval: Interval(200),
             log_interval: 10,
             checkpoint_interval: Interval(0),
+            checkpoint_minutes: 10.0,
+            keep_checkpoints: 2,
         }
     }
 }
@@ -109,6 +115,8 @@ keys!(TrainConfig {
     static_sh_interval: FROM_1,
     log_interval: FROM_1.saying("give the steps between log lines, at least 1"),
     checkpoint_interval: ANY,
+    checkpoint_minutes: FROM_0.saying("give the minutes between checkpoints; 0 writes one at the end only"),
+    keep_checkpoints: FROM_1.saying("give the number of checkpoints to keep, at least 1"),
 });
 
 keys!(StageConfig { geometry: ANY, deformation: ANY, refinement: ANY, refinement_restarts: ANY });

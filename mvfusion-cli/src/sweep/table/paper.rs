@@ -2,7 +2,8 @@
 
 use toml::{Table, Value};
 
-use crate::sweep::grid::{PaperRow, is_same, leaves};
+use crate::config::leaves;
+use crate::sweep::grid::{PaperRow, is_same};
 
 /// A number of the paper.
 #[derive(Clone, Copy, Debug, PartialEq)]

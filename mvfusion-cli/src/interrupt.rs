@@ -1,0 +1,107 @@
+//! Signals that interrupt a training: the first asks for a checkpoint after the current step, a second one ends the
+//! process at once.
+
+use std::fmt;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+#[cfg(unix)]
+use signal_hook::consts::SIGHUP;
+use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::flag;
+
+/// The signals that interrupt.
+#[cfg(unix)]
+const SIGNALS: [i32; 3] = [SIGINT, SIGTERM, SIGHUP];
+#[cfg(not(unix))]
+const SIGNALS: [i32; 2] = [SIGINT, SIGTERM];
+
+/// Exit code of a process that a signal ended: this plus the number of the signal.
+const BY_SIGNAL: i32 = 128;
+
+/// The first signal that arrived, if any.
+#[derive(Clone, Debug, Default)]
+pub struct Signals(Arc<AtomicUsize>);
+
+impl Signals {
+    /// Starts to watch for signals. A signal that the process was told to ignore, as by `nohup`, stays ignored.
+    ///
+    /// # Errors
+    /// If the system refuses.
+    pub fn watch() -> io::Result<Self> {
+        let signals = Self::default();
+        let is_second = Arc::new(AtomicBool::new(false));
+        for signal in SIGNALS.into_iter().filter(|&signal| !is_ignored(signal)) {
+            // The order matters: the first signal must find the flag down.
+            flag::register_conditional_shutdown(signal, BY_SIGNAL + signal, Arc::clone(&is_second))?;
+            flag::register(signal, Arc::clone(&is_second))?;
+            flag::register_usize(signal, Arc::clone(&signals.0), signal as usize)?;
+        }
+        Ok(signals)
+    }
+
+    /// The exit code for the signal that arrived; `None` if none did.
+    pub fn exit_code(&self) -> Option<u8> {
+        let signal = self.0.load(Ordering::Relaxed);
+        (signal != 0).then(|| u8::try_from(BY_SIGNAL as usize + signal).unwrap_or(u8::MAX))
+    }
+}
+
+/// Whether the process was started with a signal ignored. Only Linux can be asked.
+fn is_ignored(signal: i32) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| u64::from_str_radix(line.strip_prefix("SigIgn:")?.trim(), 16).ok());
+    mask.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
+}
+
+/// A training was interrupted by a signal and saved.
+#[derive(Clone, Debug)]
+pub struct Interrupted {
+    /// The exit code.
+    pub code: u8,
+    /// Steps done.
+    pub done: usize,
+    /// Steps of the whole run.
+    pub total: usize,
+    /// The run folder.
+    pub run: PathBuf,
+}
+
+impl fmt::Display for Interrupted {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { done, total, run, .. } = self;
+        write!(f, "interrupted after step {done} of {total}, and saved. Continue with: {}", resume_command(run))
+    }
+}
+
+impl std::error::Error for Interrupted {}
+
+/// The command that continues a run.
+pub fn resume_command(run: &Path) -> String {
+    let path = run.to_string_lossy();
+    let is_plain = |c: char| c.is_alphanumeric() || "/._-+:,@%".contains(c);
+    match path.chars().all(is_plain) {
+        true => format!("mvfusion train --resume {path}"),
+        false => format!("mvfusion train --resume '{}'", path.replace('\'', "'\\''")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_quotes_what_a_shell_would_read_otherwise() {
+        assert_eq!(resume_command(Path::new("runs/a-0")), "mvfusion train --resume runs/a-0");
+        assert_eq!(resume_command(Path::new("my runs/it's")), "mvfusion train --resume 'my runs/it'\\''s'");
+    }
+
+    #[test]
+    fn no_signal_is_no_interruption() {
+        assert_eq!(Signals::default().exit_code(), None);
+        let signals = Signals(Arc::new(AtomicUsize::new(SIGTERM as usize)));
+        assert_eq!(signals.exit_code(), Some(143));
+    }
+}

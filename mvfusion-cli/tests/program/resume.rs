@@ -1,0 +1,139 @@
+//! Interrupted and killed trainings, and what comes of them.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+use super::{TINY, USAGE, mvfusion, text};
+
+/// Enough steps that a signal arrives in the middle.
+const STEPS: &str = "train.stages={geometry=6, deformation=6, refinement=12}";
+
+/// The longest that a test waits for a step.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+fn arguments<'a>(more: &[&'a str]) -> Vec<&'a str> {
+    let settings = TINY.into_iter().chain([STEPS, "train.log_interval=1"]).flat_map(|setting| ["--set", setting]);
+    ["train", "--quiet"].into_iter().chain(settings).chain(more.iter().copied()).collect()
+}
+
+fn started(folder: &Path, more: &[&str]) -> Child {
+    Command::new(env!("CARGO_BIN_EXE_mvfusion"))
+        .args(arguments(more))
+        .current_dir(folder)
+        .stderr(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn()
+        .expect("the program starts")
+}
+
+/// Waits until a run has logged this many steps.
+fn wait_for_step(run: &Path, steps: usize) {
+    let started = Instant::now();
+    let logged = || fs::read_to_string(run.join("metrics.jsonl")).unwrap_or_default().lines().count();
+    while logged() < steps {
+        assert!(started.elapsed() < PATIENCE, "no step {steps} in {}", run.display());
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+fn signal(child: &Child, name: &str) {
+    let sent = Command::new("kill").args([name, &child.id().to_string()]).status().expect("`kill` starts");
+    assert!(sent.success());
+}
+
+/// What a run learned and what came of it.
+fn outcome(run: &Path) -> (Value, Value) {
+    let text = fs::read_to_string(run.join("results.json")).expect("the run is finished");
+    let results: Value = serde_json::from_str(&text).expect("JSON");
+    (results["params_sha256"].clone(), results["test"].clone())
+}
+
+/// The steps of `metrics.jsonl`.
+fn steps(run: &Path) -> Vec<u64> {
+    let text = fs::read_to_string(run.join("metrics.jsonl")).expect("a log");
+    let step = |line: &str| serde_json::from_str::<Value>(line).expect("JSON")["step"].as_u64().expect("a step");
+    text.lines().map(step).collect()
+}
+
+#[test]
+fn a_run_that_was_terminated_and_killed_ends_as_if_nothing_had_been() {
+    let folder = tempfile::tempdir().expect("folder");
+    let place = folder.path();
+    assert!(mvfusion(place, &arguments(&["--out", "whole"])).status.success());
+
+    // Terminated: it saves, and says how to go on.
+    let child = started(place, &["--out", "part"]);
+    wait_for_step(&place.join("part"), 2);
+    signal(&child, "-TERM");
+    let output = child.wait_with_output().expect("it ends");
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(143), "{said}");
+    assert!(said.contains("of 24, and saved. Continue with: mvfusion train --resume part"), "{said}");
+
+    // What is there can be looked at.
+    let eval = mvfusion(place, &["eval", "part", "--speed-frames", "0"]);
+    assert!(eval.status.success() && text(&eval.stderr).contains("unfinished"), "{}", text(&eval.stderr));
+
+    // Another method is refused, with both values.
+    let other = mvfusion(place, &["train", "--resume", "part", "--set", "loss.main=2.5"]);
+    let said = text(&other.stderr);
+    assert_eq!(other.status.code(), Some(USAGE), "{said}");
+    assert!(said.contains("`loss.main` = 2.5: the run has 1.0"), "{said}");
+
+    // Killed: the newest checkpoint is there.
+    let mut child = Command::new(env!("CARGO_BIN_EXE_mvfusion"))
+        .args(["train", "--quiet", "--resume", "part", "--set", "train.checkpoint_interval=3", "--threads", "1"])
+        .current_dir(place)
+        .spawn()
+        .expect("the program starts");
+    wait_for_step(&place.join("part"), 16);
+    child.kill().expect("it is running");
+    child.wait().expect("it ends");
+
+    let rest = mvfusion(place, &["train", "--resume", "part"]);
+    assert!(rest.status.success(), "{}", text(&rest.stderr));
+    assert_eq!(outcome(&place.join("part")), outcome(&place.join("whole")));
+    assert_eq!(steps(&place.join("part")), (1..=24).collect::<Vec<_>>());
+
+    let again = mvfusion(place, &["train", "--resume", "part"]);
+    assert_eq!(again.status.code(), Some(USAGE));
+    assert!(text(&again.stderr).contains("is finished: there is nothing to resume"));
+}
+
+#[test]
+fn a_closed_stderr_does_not_end_a_training() {
+    let folder = tempfile::tempdir().expect("folder");
+    let mut child = Command::new(env!("CARGO_BIN_EXE_mvfusion"))
+        .args(arguments(&["--out", "run"]).into_iter().filter(|argument| *argument != "--quiet"))
+        .current_dir(folder.path())
+        .stderr(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    // Nobody reads any more.
+    drop((child.stderr.take(), child.stdout.take()));
+    assert!(child.wait().expect("it ends").success());
+    outcome(&folder.path().join("run"));
+    assert!(folder.path().join("run/report.html").is_file());
+}
+
+#[test]
+fn a_replaced_run_stays_until_the_new_one_is_complete() {
+    let folder = tempfile::tempdir().expect("folder");
+    let place = folder.path();
+    assert!(mvfusion(place, &arguments(&["--out", "run", "--seed", "1"])).status.success());
+    let old = outcome(&place.join("run"));
+    let mut child = started(place, &["--out", "run", "--force", "--set", "train.checkpoint_interval=2"]);
+    wait_for_step(&place.join("run"), 8);
+    child.kill().expect("it is running");
+    child.wait().expect("it ends");
+    assert_eq!(outcome(&place.join("run/.replaced")), old);
+    let rest = mvfusion(place, &["train", "--resume", "run"]);
+    assert!(rest.status.success(), "{}", text(&rest.stderr));
+    assert!(!place.join("run/.replaced").exists());
+    assert_ne!(outcome(&place.join("run")), old);
+}
