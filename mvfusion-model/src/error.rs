@@ -1,4 +1,4 @@
-//! What can go wrong while a model is trained, evaluated, saved or loaded.
+//! Errors of training, evaluation and checkpoints.
 
 use std::path::PathBuf;
 
@@ -7,63 +7,63 @@ use mvfusion_render::grid::GridError;
 use mvfusion_render::splat::SplatError;
 use thiserror::Error;
 
-/// Why a run cannot go on. Each message says what, where and what to do.
+/// The reason why a run cannot continue. Each message states what failed, where, and what to do.
 #[derive(Debug, Error)]
 pub enum ModelError {
     /// The scene cannot be read.
     #[error(transparent)]
     Data(#[from] DataError),
-    /// A splat was asked for with tensors that do not fit together.
+    /// The splat op rejected its arguments.
     #[error(transparent)]
     Splat(#[from] SplatError),
-    /// A grid was asked for with tensors that do not fit together.
+    /// A grid op rejected its arguments.
     #[error(transparent)]
     Grid(#[from] GridError),
-    /// The device failed to hand numbers back.
+    /// The device failed to return values.
     #[error("the device failed: {0}. Try `--device cpu` to see whether the device or its driver is at fault.")]
     Device(String),
-    /// A configuration that cannot be trained.
+    /// The configuration is invalid.
     #[error("`{key}` is {value}: {reason}.")]
     Config {
-        /// The key, dotted.
+        /// The dotted key.
         key: String,
         /// Its value.
         value: String,
-        /// What is wrong with it and what would be right.
+        /// The problem and its remedy.
         reason: String,
     },
-    /// A layer that the model cannot be shown in.
+    /// The model cannot render a layer.
     #[error("there is no layer `{layer}` to render: {reason}. Ask for other layers.")]
     Layer {
-        /// Its name.
+        /// Name of the layer.
         layer: &'static str,
-        /// What the model lacks.
+        /// What the model does not have.
         reason: &'static str,
     },
-    /// A number that is not finite.
+    /// A value is not finite.
     #[error(
         "{what} is not finite at step {step} of stage {stage}. Lower the learning rates, or run again with the last \
          checkpoint and look at the pictures."
     )]
     NotFinite {
-        /// The first tensor that was bad.
+        /// The first tensor with such a value.
         what: String,
         /// Step within the stage.
         step: usize,
         /// Name of the stage.
         stage: &'static str,
     },
-    /// A file of a run that cannot be read or written.
+    /// A file of a run cannot be read or written.
     #[error("cannot {action} {path}: {reason}.")]
     File {
         /// `read` or `write`.
         action: &'static str,
         /// The file.
         path: PathBuf,
-        /// What the system or the decoder said.
+        /// Message of the system or the decoder.
         reason: String,
     },
-    /// A checkpoint that does not hold what it should.
+    /// A checkpoint does not match the configuration.
     #[error(
         "the checkpoint {path} does not fit: {reason}. It was written by another version, or for another configuration."
     )]
@@ -73,7 +73,7 @@ pub enum ModelError {
         /// What is missing or of the wrong shape.
         reason: String,
     },
-    /// Weights of LPIPS that are not those of the network.
+    /// LPIPS weights do not match the network.
     #[error(
         "the LPIPS weights {path} do not fit: `{tensor}` should have the shape {expected:?} and is {found}. Use the \
          files that docs/evaluation.md describes."
@@ -85,7 +85,7 @@ pub enum ModelError {
         tensor: String,
         /// Its shape in the network.
         expected: Vec<usize>,
-        /// What is wrong with it: that it is missing, its shape, or its numbers.
+        /// The problem: a missing tensor, its shape, or its values.
         found: String,
     },
 }

@@ -1,4 +1,4 @@
-//! Files that are either whole or not there, and what tells them apart.
+//! Files that are either complete or absent, and their SHA-256.
 
 use std::ffi::OsStr;
 use std::path::Path;
@@ -6,26 +6,27 @@ use std::path::Path;
 use sha2::{Digest, Sha256};
 use tempfile::NamedTempFile;
 
-/// How the names of files begin and end that are not yet in their place.
+/// Prefix and suffix of temporary files.
 const UNFINISHED: [&str; 2] = [".", ".part"];
 
-/// Whether a file of this name was being written when its process was killed; nobody needs it.
+/// Whether a file with this name was left over by a process that was killed. Such files can be deleted.
 pub fn is_unfinished(name: &OsStr) -> bool {
     let name = name.as_encoded_bytes();
     name.starts_with(UNFINISHED[0].as_bytes()) && name.ends_with(UNFINISHED[1].as_bytes())
 }
 
-/// A temporary file in the folder of `path`, to be renamed onto it, with the permissions of an ordinary new file.
+/// A temporary file in the folder of `path`, with the permissions of an ordinary new file. It is later renamed to
+/// `path`.
 ///
 /// # Errors
-/// If the folder cannot be written to.
+/// If the folder is not writable.
 pub fn beside(path: &Path) -> std::io::Result<NamedTempFile> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(UNFINISHED[0]).suffix(UNFINISHED[1]);
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
-        // Temporary files are the owner's alone unless told otherwise; the umask still applies.
+        // By default, only the owner can read temporary files. The umask still applies.
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));

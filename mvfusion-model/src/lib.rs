@@ -1,18 +1,19 @@
-//! The MVFusion-GS model and its trainer, on every device that Burn has.
+//! The MVFusion-GS model and its trainer, on every Burn device.
 //!
-//! A static and a dynamic branch of 3D Gaussians are blended by a learned mask. A HexPlane network deforms the dynamic
-//! Gaussians; MVG and MFTA make it aware of motion. The crate stands above `mvfusion-render`, whose ops it calls, and
-//! below `mvfusion-cli`, which adds presets, run folders and commands.
+//! A learned mask blends a static and a dynamic branch of 3D Gaussians. A HexPlane network deforms the dynamic
+//! Gaussians; MVG and MFTA make it aware of motion. The crate builds on the ops of `mvfusion-render`. `mvfusion-cli`
+//! adds presets, run folders and commands.
 //!
-//! # A first training
+//! # First training run
 //! ```
 //! use mvfusion_data::{BuiltinOptions, builtin::builtin};
 //! use mvfusion_model::config::{Config, TrainConfig};
 //! use mvfusion_model::{ModelError, device, train::Trainer};
 //!
 //! # fn main() -> Result<(), ModelError> {
-//! let scene = builtin(&BuiltinOptions { width: 32, height: 24, frames: 3, ..BuiltinOptions::default() });
-//! // The defaults are the paper's for Neu3D; this is a two-thousandth of their steps.
+//! let tiny = BuiltinOptions { width: 32, height: 24, frames: 3, ..BuiltinOptions::default() };
+//! let scene = builtin(&tiny);
+//! // The defaults are the paper's for Neu3D; this run has a two-thousandth of their steps.
 //! let train = TrainConfig { scale: 0.0005, ..TrainConfig::default() };
 //! let config = Config { train, ..Config::default() }.scaled();
 //!
@@ -31,16 +32,17 @@
 //! # Which module do I use?
 //! | you want to | look at |
 //! |---|---|
-//! | train | [`train::Trainer`]: [`step`](train::Trainer::step), or its public parts for an own loss or schedule |
-//! | know what a run can be told | [`Config`] and its tables in [`config`] |
-//! | use the modules alone | [`model`]: [`Gaussians`](model::gaussians::Gaussians), [`DeformationNetwork`](model::network::DeformationNetwork), [`MotionRefinement`](model::motion::MotionRefinement), [`BranchRenders::compose`](model::composition::BranchRenders::compose) |
-//! | place the first Gaussians | [`initial`] |
-//! | measure | [`evaluation::evaluate`] for views, [`evaluation::psnr`] and its neighbours for pictures |
+//! | train | [`train::Trainer`]: [`step`](train::Trainer::step), or its public parts for a loss or schedule of your own |
+//! | configure a run | [`Config`] and its tables in [`config`] |
+//! | use single modules | [`gaussians`](model::gaussians), [`network`](model::network), [`motion`](model::motion),
+//! [`composition`](model::composition) |
+//! | initialise Gaussians | [`initial`] |
+//! | compute metrics | [`evaluation::evaluate`] for views, [`evaluation::psnr`] and others for images |
 //! | load a trained model | [`train::TrainedModel::load`] |
 //!
 //! # Which crate do I use?
-//! `mvfusion-data` reads and writes scenes, without tensors. `mvfusion-render` splats Gaussians and looks up HexPlanes,
-//! without a notion of time. This crate trains. `mvfusion-cli` is the program.
+//! `mvfusion-data` reads and writes scenes, without tensors. `mvfusion-render` splats Gaussians and interpolates
+//! HexPlanes, independent of time. This crate trains. `mvfusion-cli` is the program.
 
 pub mod config;
 mod error;

@@ -1,7 +1,8 @@
-//! How much memory a training will need, told before it begins.
+//! The memory that a training run will need, predicted before it starts.
 //!
-//! A sum of what grows with the scene and the configuration: Gaussians, planes, pixels, decoded pictures. The shares are
-//! those of measured runs on the CPU (docs/performance.md, "Memory"), rounded up; a GPU holds the same tensors.
+//! The prediction is a sum of terms that grow with the scene and the configuration: Gaussians, planes, pixels, decoded
+//! images. The coefficients are from measured runs on the CPU (docs/performance.md, "Memory"), rounded up. A GPU needs
+//! the same tensors.
 
 use mvfusion_data::{Picture, Scene};
 use mvfusion_render::grid::GridLayout;
@@ -12,39 +13,39 @@ use crate::config::{Branches, Config};
 use crate::initial::InitialClouds;
 use crate::random::Streams;
 
-/// The program itself with its libraries and threads.
+/// Bytes of the program itself, with its libraries and threads.
 const PROGRAM: f64 = 80e6;
 
-/// A Gaussian that does not move: parameters, gradients, the optimiser's moments, projections and their adjoint.
+/// Bytes per static Gaussian: parameters, gradients, the optimiser's moments, projections and their adjoint.
 const STILL_GAUSSIAN: f64 = 2.5e3;
 
-/// What a Gaussian that moves needs beyond that, for each unit of the network's width.
+/// Additional bytes per dynamic Gaussian and unit of the network's width.
 const MOVING_GAUSSIAN: f64 = 94.0;
 
-/// A number of the planes: itself, its gradient, the optimiser's moments and what the penalties need.
+/// Bytes per value of the planes: value, gradient, the optimiser's moments and the penalties.
 const GRID_NUMBER: f64 = 26.0;
 
-/// A pixel of one of the views that are rendered for a step: all of them keep their layers for the backward pass.
+/// Bytes per pixel of a step's views, which all keep their layers for the backward pass.
 const PIXEL: f64 = 900.0;
 
-/// The memory of a training, in bytes.
+/// The memory of a training run, in bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct MemoryNeed {
-    /// The program itself; on the CPU whatever the device.
+    /// The program itself; in CPU memory on every device.
     pub program: f64,
-    /// Decoded pictures; on the CPU whatever the device.
+    /// Decoded images; in CPU memory on every device.
     pub pictures: f64,
-    /// Parameters and what a step computes, with the Gaussians that training starts from.
+    /// Parameters and the data of a step, with the initial number of Gaussians.
     pub start: f64,
-    /// The same with as many Gaussians as the configuration allows.
+    /// The same with the largest number of Gaussians that the configuration allows.
     pub most: f64,
 }
 
 impl MemoryNeed {
-    /// The need of a training on `scene` that keeps at most `image_cache` bytes of decoded pictures.
+    /// The memory of a training run on `scene` that keeps at most `image_cache` bytes of decoded images.
     ///
     /// # Errors
-    /// If a file of Gaussians to start from cannot be used.
+    /// If a file of initial Gaussians cannot be used.
     pub fn of(config: &Config, scene: &Scene, image_cache: u64) -> Result<Self, ModelError> {
         let [dynamic, static_] = initial_counts(config, scene)?;
         let densify = &config.densify;
@@ -74,7 +75,7 @@ fn initial_counts(config: &Config, scene: &Scene) -> Result<[usize; 2], ModelErr
     Ok([clouds.dynamic.len(), clouds.static_.map_or(0, |cloud| cloud.len())])
 }
 
-/// Numbers in the planes of a grid.
+/// Number of values in the planes of a grid.
 fn numbers(layout: &GridLayout) -> f64 {
     let [x, y, z, t] = layout.resolution.map(|cells| cells as f64);
     let of_scale = |&factor: &usize| {
@@ -84,7 +85,7 @@ fn numbers(layout: &GridLayout) -> f64 {
     layout.features as f64 * layout.multipliers.iter().map(of_scale).sum::<f64>()
 }
 
-/// Bytes of the training pictures once they are decoded.
+/// Bytes of the decoded training images.
 fn pictures(scene: &Scene) -> f64 {
     let bytes = |picture: &Picture| {
         let (width, height) = picture.size();

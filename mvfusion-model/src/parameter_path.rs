@@ -1,17 +1,17 @@
-//! Where in a module a walk over its parameters is: the names that files, messages and moments go by.
+//! The paths of a module's parameters, which are their names in files, messages and moments.
 
-/// Containers of this kind are entered under the name of a variant.
+/// Prefix of Burn's container type for enums, which are entered with the name of a variant.
 const ENUM: &str = "Enum:";
 
-/// The path of a parameter, part by part.
+/// The path of a parameter, in parts.
 ///
-/// A variant of an enum goes by its own name in the place of the field that holds it: the projection `query` of the
-/// variant `Attention` in the field `temporal` of `refinement` is `refinement.attention.query`. So a file says which
-/// variant it holds, and one that is read as another variant is refused by name.
+/// The name of an enum variant replaces the name of its field: the projection `query` of the variant `Attention` in the
+/// field `temporal` of `refinement` is `refinement.attention.query`. A file therefore identifies its variant. Reading
+/// it as another variant is an error that names the parameter.
 #[derive(Clone, Debug)]
 pub(crate) struct ParameterPath {
     parts: Vec<String>,
-    /// The fields whose places variants have taken.
+    /// The fields whose names variants have replaced.
     replaced: Vec<String>,
 }
 
@@ -21,7 +21,7 @@ impl ParameterPath {
         Self { parts: vec![module.to_owned()], replaced: Vec::new() }
     }
 
-    /// Goes into a part; `container` is what Burn says of it.
+    /// Enters a part; `container` is its container type in Burn.
     pub fn enter(&mut self, name: &str, container: &str) {
         if container.starts_with(ENUM) {
             self.replaced.extend(self.parts.pop());
@@ -31,7 +31,7 @@ impl ParameterPath {
         }
     }
 
-    /// Leaves the part that was last entered.
+    /// Leaves the part that was entered last.
     pub fn exit(&mut self, container: &str) {
         self.parts.pop();
         if container.starts_with(ENUM) {
@@ -39,13 +39,13 @@ impl ParameterPath {
         }
     }
 
-    /// The parts, with dots between.
+    /// The parts, joined by dots.
     pub fn name(&self) -> String {
         self.parts.join(".")
     }
 }
 
-/// The name of a variant as that of a field: `SelfAttention` to `self_attention`.
+/// The name of a variant in the style of a field: `SelfAttention` to `self_attention`.
 fn snake_case(name: &str) -> String {
     let mut snake = String::new();
     for (place, letter) in name.chars().enumerate() {

@@ -1,7 +1,7 @@
-//! Named random streams: one seed, and a ChaCha stream of its own for each purpose.
+//! Named random streams: one seed, and a separate ChaCha stream for each purpose.
 //!
-//! Streams of their own keep runs comparable: a change that draws more numbers in densification, say, leaves the order of
-//! the training views as it was.
+//! Separate streams keep runs comparable. For example, more draws in densification do not change the order of the
+//! training views.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -16,7 +16,7 @@ pub struct Streams {
     pub weights: Stream,
     /// Order of the training views.
     pub sampling: Stream,
-    /// Positions of split Gaussians, choice of reset ones.
+    /// Positions of split Gaussians, selection of Gaussians for opacity resets.
     pub densify: Stream,
 }
 

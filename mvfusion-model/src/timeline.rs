@@ -1,12 +1,12 @@
-//! The times of the training views: which are sampled, which are stored, which are neighbours.
+//! The times of the training views: samples, knots and neighbours.
 
-/// The sorted, distinct times of the training views, and the look-ups that the motion modules need (METHOD A6, A19).
+/// The sorted, distinct times of the training views, with the queries of the motion modules (METHOD A6, A19).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Timeline {
     times: Vec<f64>,
 }
 
-/// Where a time lies between two knots of a dictionary.
+/// The position of a time between two knots of a dictionary.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Between {
     /// Index of the knot at or before the time.
@@ -18,7 +18,7 @@ pub struct Between {
 }
 
 impl Timeline {
-    /// The timeline of the given times, in any order and with repetitions. An empty list stands for a single moment 0.
+    /// The timeline of the given times, in any order and with repetitions. An empty list means a single moment 0.
     pub fn new(mut times: Vec<f64>) -> Self {
         times.sort_by(f64::total_cmp);
         times.dedup();
@@ -33,7 +33,7 @@ impl Timeline {
         &self.times
     }
 
-    /// Mean time from one to the next; 1 for a single one.
+    /// Mean distance between consecutive times; 1 for a single time.
     pub fn spacing(&self) -> f64 {
         match self.times.as_slice() {
             [first, .., last] => (last - first) / (self.times.len() - 1) as f64,
@@ -41,7 +41,8 @@ impl Timeline {
         }
     }
 
-    /// Indices of at most `samples` times, evenly spread from the first to the last (A6): `k (T-1) / (K-1)` rounded half up.
+    /// Indices of at most `samples` times, evenly spaced from the first to the last (A6): `k (T-1) / (K-1)` rounded
+    /// half up.
     pub fn sample_indices(&self, samples: usize) -> Vec<usize> {
         spread(self.times.len(), samples)
     }
@@ -56,14 +57,14 @@ impl Timeline {
         }
     }
 
-    /// The time `offset` frames away from frame `index`, held at the ends.
+    /// The time `offset` frames away from frame `index`, clamped at the ends.
     pub fn neighbour(&self, index: usize, offset: isize) -> f64 {
         let last = self.times.len() as isize - 1;
         self.times[(index as isize + offset).clamp(0, last) as usize]
     }
 }
 
-/// At most `samples` of the numbers `0..count`, evenly spread from the first to the last.
+/// At most `samples` of the numbers `0..count`, evenly spaced from the first to the last.
 pub fn spread(count: usize, samples: usize) -> Vec<usize> {
     let chosen = samples.min(count);
     match chosen {
@@ -84,7 +85,7 @@ pub fn strided(count: usize, stride: usize) -> Vec<usize> {
     chosen
 }
 
-/// Where `time` lies among ascending `knots`; held at the ends.
+/// The position of `time` among ascending `knots`, clamped at the ends.
 pub fn between(knots: &[f64], time: f64) -> Between {
     let upper = knots.partition_point(|&t| t <= time);
     if upper == 0 {

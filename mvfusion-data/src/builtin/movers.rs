@@ -21,15 +21,15 @@ impl Movers {
     /// The movers among the objects at each moment of a sequence. An object is a mover if it leaves its first place by
     /// more than 0.1 m. So is an object that is not always present, since it comes or goes.
     pub(super) fn of(moments: impl Iterator<Item = Vec<MovingObject>>) -> Self {
-        let mut seen: BTreeMap<String, Sighting> = BTreeMap::new();
+        let mut seen: BTreeMap<String, Track> = BTreeMap::new();
         let mut count = 0;
         for object in moments.inspect(|_| count += 1).flatten() {
-            let sighting = seen.entry(object.name.clone()).or_insert_with(|| Sighting::first(&object));
-            sighting.moments += 1;
-            sighting.travel = sighting.travel.max(object.pose.travel(&sighting.first, object.reach));
+            let track = seen.entry(object.name.clone()).or_insert_with(|| Track::first(&object));
+            track.moments += 1;
+            track.travel = track.travel.max(object.pose.travel(&track.first, object.reach));
         }
-        let is_mover = |sighting: &Sighting| sighting.moments < count || sighting.travel > LEAST_TRAVEL;
-        Self(seen.into_iter().filter(|(_, sighting)| is_mover(sighting)).map(|(name, _)| name).collect())
+        let is_mover = |track: &Track| track.moments < count || track.travel > LEAST_TRAVEL;
+        Self(seen.into_iter().filter(|(_, track)| is_mover(track)).map(|(name, _)| name).collect())
     }
 
     /// Marks the object's solids as those of a mover, if it is one.
@@ -41,7 +41,7 @@ impl Movers {
 }
 
 /// What a sequence shows of an object.
-struct Sighting {
+struct Track {
     first: Pose,
     /// Number of moments at which it is present.
     moments: usize,
@@ -49,7 +49,7 @@ struct Sighting {
     travel: f64,
 }
 
-impl Sighting {
+impl Track {
     fn first(object: &MovingObject) -> Self {
         Self { first: object.pose, moments: 0, travel: 0.0 }
     }

@@ -1,4 +1,4 @@
-//! Which configurations can be trained at all.
+//! Validation of a configuration.
 
 use super::contradiction::Contradiction;
 use super::keys::{Key, Range};
@@ -13,12 +13,12 @@ fn refuse(bad: bool, key: &str, value: String, reason: &str) -> Result<(), Model
 }
 
 impl Config {
-    /// Refuses what could only fail later, or silently do nothing.
+    /// Rejects values that would fail later or silently have no effect.
     ///
     /// # Errors
-    /// [`ModelError::Config`] naming the first bad key.
+    /// [`ModelError::Config`] with the first invalid key.
     pub fn check(&self) -> Result<(), ModelError> {
-        // The ranges stand beside the fields. What follows concerns several keys, or lists.
+        // The ranges are next to the fields. The following checks concern several keys, or lists.
         Key::check(self, "", Range::ANY)?;
         let (model, motion) = (&self.model, &self.motion);
         refuse(
@@ -60,7 +60,7 @@ impl Config {
         self.check_lifetimes()
     }
 
-    /// Points on what moves, and what else asks where that is.
+    /// Checks the keys that depend on detected motion.
     fn check_what_moves(&self) -> Result<(), ModelError> {
         let (init, most) = (&self.init, self.densify.dynamic.max_gaussians);
         refuse(
@@ -78,7 +78,7 @@ impl Config {
         )
     }
 
-    /// What needs lifetimes, and what they exclude.
+    /// Checks the keys that need or exclude lifetimes.
     fn check_lifetimes(&self) -> Result<(), ModelError> {
         let (has_lifetimes, photo_points) = (self.model.lifetime, self.init.photo_points);
         refuse(
@@ -108,7 +108,7 @@ mod tests {
     use super::*;
     use crate::config::{FusionWeights, Interval};
 
-    /// What a configuration with this interval and these weights is refused with.
+    /// The error for a configuration with this interval and these weights.
     fn refusal(interval: usize, [position, scale, rotation]: [f64; 3]) -> Option<String> {
         let mut config = Config::default();
         config.motion.interval = Interval(interval);
@@ -123,7 +123,7 @@ mod tests {
         assert_eq!(refusal(1, [0.7, 0.2, 0.1]), None);
     }
 
-    /// What a default configuration is refused with after a change.
+    /// The error for a default configuration after a change.
     fn refusal_of(change: impl Fn(&mut Config)) -> Option<String> {
         let mut config = Config::default();
         change(&mut config);
@@ -165,7 +165,7 @@ mod tests {
         let above_0: [(&str, Slot); 4] = [
             ("init.motion_duration", |config| &mut config.init.motion_duration),
             ("init.photo_duration", |config| &mut config.init.photo_duration),
-            // A rate that starts above 0 cannot fall to it log-linearly.
+            // A rate that starts above 0 cannot decay to 0 log-linearly.
             ("optim.velocity.end", |config| &mut config.optim.velocity.end),
             ("optim.exposure.end", |config| &mut config.optim.exposure.end),
         ];

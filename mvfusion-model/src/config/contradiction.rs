@@ -1,16 +1,16 @@
-//! Switches of the motion modules that do not go together.
+//! Contradictory switches of the motion modules.
 
 use serde::Serialize;
 
 use super::{Descriptor, MotionConfig, Temporal, TokenMode};
 
-/// A key whose value another key leaves without effect, or without sense.
+/// A key whose value has no effect or no meaning because of another key.
 pub(super) struct Contradiction {
-    /// The key, dotted.
+    /// The dotted key.
     pub key: &'static str,
     /// Its value.
     pub value: String,
-    /// The other key, and the way out.
+    /// The other key, and the remedy.
     pub reason: &'static str,
 }
 
@@ -52,7 +52,7 @@ impl MotionConfig {
     }
 }
 
-/// A value as a configuration file has it.
+/// A value as written in a configuration file.
 fn written(value: &impl Serialize) -> String {
     serde_json::to_string(value).unwrap_or_default()
 }
@@ -62,7 +62,7 @@ mod tests {
     use super::*;
     use crate::config::Config;
 
-    /// What a configuration with these switches is refused with.
+    /// The error for a configuration with these switches.
     fn refusal(switch: impl Fn(&mut MotionConfig)) -> Option<String> {
         let mut config = Config::default();
         switch(&mut config.motion);

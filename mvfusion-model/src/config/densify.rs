@@ -1,15 +1,15 @@
-//! When Gaussians are cloned, split, pruned and reset.
+//! Cloning, splitting, pruning and opacity resets.
 
 use serde::{Deserialize, Serialize};
 
 use super::keys::{keys, leaves};
 use super::{Interval, Steps};
 
-/// Gaussians are never added or removed more often than this, however short the run: the statistics need some views.
+/// Minimum number of steps between additions or removals in shortened runs, because the statistics need some views.
 const MIN_ROUND: usize = 20;
 
-/// Opacities are never reset more often than this, however short the run: at 3DGS' rate it takes a hundred steps before a
-/// Gaussian that is needed is opaque again.
+/// Minimum number of steps between opacity resets in shortened runs. At the rate of 3DGS, a Gaussian needs a hundred
+/// steps to become opaque again.
 const MIN_RESET: usize = 500;
 
 /// Densification of both branches (METHOD §4.7 to §4.12).
@@ -18,7 +18,7 @@ const MIN_RESET: usize = 500;
 pub struct DensifyConfig {
     /// First step after which Gaussians are added.
     pub from: Steps,
-    /// Step of a stage after which nothing is added, removed or reset.
+    /// Step of a stage from which nothing is added, removed or reset.
     pub until: Steps,
     /// Steps between rounds of cloning and splitting.
     pub interval: Interval<MIN_ROUND>,
@@ -28,27 +28,28 @@ pub struct DensifyConfig {
     pub prune_interval: Interval<MIN_ROUND>,
     /// Gaussians below this opacity are pruned.
     pub min_opacity: f64,
-    /// Gaussians whose radius on the screen was above this many pixels are pruned as well, after the first
-    /// `reset_interval` steps; 0 keeps them (DeGauss; 4DGS: 20).
+    /// After the first `reset_interval` steps, Gaussians whose radius on the screen exceeded this many pixels are also
+    /// pruned; 0 keeps them (DeGauss; 4DGS: 20).
     pub max_radius: f64,
-    /// The same for Gaussians longer than this share of the extent; 0 keeps them (DeGauss; 4DGS: 0.1).
+    /// Likewise for Gaussians longer than this fraction of the extent; 0 keeps them (DeGauss; 4DGS: 0.1).
     pub max_scale: f64,
-    /// Gaussians that pruning would remove are moved instead, at a fixed count, at most this share of the branch each time:
-    /// each to one that is drawn by opacity times screen gradient, whose opacity and size the two then share (3DGS-MCMC:
-    /// 0.05 of all). 0 prunes.
+    /// Instead of pruning Gaussians, move at most this fraction of the branch each time, at a fixed count. The target
+    /// of each is drawn by opacity times screen gradient, and the two then share its opacity and size (3DGS-MCMC: 0.05
+    /// of all). 0 prunes.
     pub relocate: f64,
-    /// Steps, in the deforming stages and before `until`, between births in a film: dynamic Gaussians where a view of each
-    /// moment differs from the model, with `model.lifetime` (docs/METHOD.md, section 13; CEM-4DGS: 920). 0 lets none be born.
+    /// Steps between births in a video, in the deforming stages and before `until`. Dynamic Gaussians are added where a
+    /// view of each moment differs from the model; needs `model.lifetime` (docs/METHOD.md, section 13; CEM-4DGS: 920).
+    /// 0 switches births off.
     pub births_interval: Interval<MIN_ROUND>,
-    /// At most so many are born at once.
+    /// Maximum number of Gaussians per round of births.
     pub births: usize,
     /// Steps between opacity resets.
     pub reset_interval: Interval<MIN_RESET>,
-    /// What a reset does to the Gaussians that it does not select (METHOD §4.11).
+    /// The effect of a reset on Gaussians that it does not select (METHOD §4.11).
     pub reset: OpacityReset,
-    /// Whether a reset on the very last step of the first stage is carried out (A40).
+    /// Whether a reset on the last step of the first stage is performed (A40).
     pub reset_at_stage_end: bool,
-    /// Gaussians larger than this share of the extent are split, the others cloned.
+    /// Gaussians larger than this fraction of the extent are split, the others cloned.
     pub clone_below: f64,
     /// The dynamic branch.
     pub dynamic: BranchDensifyConfig,
@@ -57,7 +58,8 @@ pub struct DensifyConfig {
     pub static_: BranchDensifyConfig,
     /// Whether the gradient of the mask channels counts for the dynamic branch (METHOD §4.7, `use_motion_grad`).
     pub mask_gradient: bool,
-    /// From half of the training on, prune dynamic Gaussians that were never part of the foreground (METHOD §4.10).
+    /// In the second half of training, prune dynamic Gaussians that were never part of the foreground (METHOD §4.10). A
+    /// `relocate` above 0 implies it.
     pub prune_unused: bool,
 }
 
@@ -65,24 +67,25 @@ pub struct DensifyConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BranchDensifyConfig {
-    /// Mean gradient that calls for more Gaussians in the first stage.
+    /// Gradient threshold for cloning and splitting in the first stage.
     pub geometry_threshold: f64,
-    /// The same in the later stages.
+    /// Gradient threshold in the later stages.
     pub threshold: f64,
-    /// Cloning and splitting never take the branch above this number: where a round wants more, the largest gradients
-    /// have the room (DeGauss: a branch below it carries out the whole round). The first cloud may be larger.
+    /// Maximum number of Gaussians after cloning and splitting. If a round selects more, those with the largest
+    /// gradients take precedence (DeGauss: a branch below the maximum performs the whole round). The initial cloud may
+    /// be larger.
     pub max_gaussians: usize,
-    /// No Gaussians are pruned below this number.
+    /// Pruning requires more Gaussians than this.
     pub prune_above: usize,
-    /// Share of the Gaussians that a reset selects.
+    /// Fraction of the Gaussians that a reset selects.
     pub reset_share: f64,
 }
 
-/// What a reset does to the Gaussians that it does not select.
+/// The effect of a reset on Gaussians that it does not select.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum OpacityReset {
-    /// DeGauss: their activated opacity is stored as if it were a logit, so that they end between 0.5 and 0.73.
+    /// DeGauss: their activated opacity is stored as a logit, so that it ends between 0.5 and 0.73.
     Quirk,
     /// They keep their opacity.
     Clean,

@@ -1,4 +1,4 @@
-//! What is rendered and scored after training.
+//! Rendering and metrics after training.
 
 use std::path::PathBuf;
 
@@ -10,18 +10,18 @@ use super::keys::keys;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct EvalConfig {
-    /// A folder of masks (white = dynamic), one a view and named as the views: `cam00/0000.png`.
+    /// A folder of masks (white = dynamic), one per view, with the names of the views: `cam00/0000.png`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dynamic_masks: Option<PathBuf>,
-    /// A folder with the weights of LPIPS; without it the metrics are absent.
+    /// A folder with the weights of LPIPS; without it, these metrics are absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lpips_weights: Option<PathBuf>,
-    /// Side-by-side pictures are written for this many test views, evenly spread; 0 for none.
+    /// Number of evenly spaced test views with side-by-side images; 0 for none.
     pub strips: usize,
-    /// Whether every layer of every test view is written as a PNG of its own.
+    /// Whether every layer of every test view is written as a separate PNG.
     pub pictures: bool,
-    /// Whether the views that were trained on are scored as well (DeGauss: for photos, whose test views show nothing that
-    /// moves). They say how well the moving things were understood, not how well the model generalises.
+    /// Whether the training views are evaluated as well (DeGauss: for photos, whose test views show nothing that
+    /// moves). Their metrics measure the reconstruction of moving objects, not generalisation.
     pub training_views: bool,
 }
 

@@ -1,7 +1,7 @@
-//! What is known of a key beside its value: whether it counts steps, and which values make sense.
+//! Properties of a config key: whether it counts steps, and its range.
 //!
-//! Each struct of the configuration lists its keys once more, in [`keys!`], each with its [`Range`]. A key that is
-//! missing there does not compile.
+//! Each struct of the configuration lists its keys in [`keys!`], with a [`Range`] for each. A missing key is a compile
+//! error.
 
 use std::path::PathBuf;
 
@@ -9,14 +9,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::ModelError;
 
-/// A number of optimiser steps, or the step at which something begins or ends. [`Config::scaled`](super::Config::scaled)
-/// multiplies it by `train.scale`.
+/// A number of optimiser steps, or the step at which something starts or ends.
+/// [`Config::scaled`](super::Config::scaled) multiplies it by `train.scale`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Steps(pub usize);
 
-/// Optimiser steps from one event to the next; 0 where there is no event. [`Config::scaled`](super::Config::scaled) multiplies
-/// it by `train.scale`, but never takes it below `LEAST`, or below its own length if that is shorter.
+/// Optimiser steps from one event to the next; 0 means no events. [`Config::scaled`](super::Config::scaled) multiplies
+/// it by `train.scale`, but never makes it shorter than `LEAST`, unless it is shorter already.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Interval<const LEAST: usize = 1>(pub usize);
@@ -28,17 +28,17 @@ impl<const LEAST: usize> Interval<LEAST> {
     }
 }
 
-/// The values that make sense for a number.
+/// The valid values of a number.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Range {
-    /// Whether a value is among them.
+    /// Whether a value is valid.
     pub fits: fn(f64) -> bool,
-    /// What to do about a value that is not.
+    /// The remedy for an invalid value.
     pub advice: &'static str,
 }
 
 impl Range {
-    /// Any value; of keys that are no numbers, and of numbers that other keys bound.
+    /// Any value, for keys that are not numbers and for numbers with bounds from other keys.
     pub const ANY: Self = Self { fits: |_| true, advice: "" };
     pub const FINITE: Self = Self { fits: f64::is_finite, advice: "give a number" };
     pub const FROM_0: Self =
@@ -52,30 +52,30 @@ impl Range {
         Self { fits: |value| value >= 0.0, advice: "give a number that is not below 0; inf is without a bound" };
     pub const BELOW_1: Self =
         Self { fits: |value| (0.0..1.0).contains(&value), advice: "give a number from 0 to below 1" };
-    /// Weights of losses.
+    /// Loss weights.
     pub const WEIGHT: Self = Self { advice: "give a number that is not below 0; 0 switches it off", ..Self::FROM_0 };
     /// Learning rates.
     pub const RATE: Self =
         Self { advice: "give a rate that is not below 0; 0 leaves the parameters as they start", ..Self::FROM_0 };
 
-    /// The same values with other advice.
+    /// The same values with different advice.
     pub const fn saying(self, advice: &'static str) -> Self {
         Self { advice, ..self }
     }
 }
 
-/// A value of the configuration, or a table of them.
+/// A value of the configuration, or a table of values.
 pub(super) trait Key {
-    /// Multiplies every count of steps in it by `factor`.
+    /// Multiplies every step count in it by `factor`.
     fn scale_steps(&mut self, _factor: f64) {}
 
-    /// Refuses the first number in it that is out of its range. `key` is its dotted name.
+    /// Rejects the first number that is out of range. `key` is the dotted name.
     fn check(&self, _key: &str, _range: Range) -> Result<(), ModelError> {
         Ok(())
     }
 }
 
-/// Refuses a number out of range; `written` is the number as it was given.
+/// Rejects a number out of range; `written` is the number as given.
 fn check(key: &str, value: f64, written: impl ToString, range: Range) -> Result<(), ModelError> {
     match (range.fits)(value) {
         true => Ok(()),
@@ -118,12 +118,12 @@ impl<const LEAST: usize> Key for Interval<LEAST> {
     }
 }
 
-/// Values that are no numbers of their own.
+/// Values without a range.
 macro_rules! leaves {
     ($($leaf:ty),* $(,)?) => { $(impl $crate::config::keys::Key for $leaf {})* };
 }
 
-/// The keys of a struct of the configuration, each with its range. A field that is not listed does not compile.
+/// The keys of a struct of the configuration, each with its range. An unlisted field is a compile error.
 macro_rules! keys {
     ($config:ty { $($field:ident: $range:ident $(. saying($advice:literal))?),* $(,)? }) => {
         impl $crate::config::keys::Key for $config {
@@ -146,7 +146,7 @@ pub(super) use {keys, leaves};
 
 /// The dotted name of a field of a table.
 pub(super) fn dotted(table: &str, field: &str) -> String {
-    // `static` is a word of the language.
+    // `static` is a keyword.
     let field = field.trim_end_matches('_');
     if table.is_empty() { field.to_owned() } else { format!("{table}.{field}") }
 }
@@ -159,7 +159,7 @@ impl<T> Key for Option<T> {}
 mod tests {
     use super::*;
 
-    /// A table as somebody might add it, with a key that counts steps.
+    /// A new table with a key that counts steps.
     struct Added {
         begin: Steps,
         every: Interval<20>,

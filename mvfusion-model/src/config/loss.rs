@@ -4,75 +4,77 @@ use serde::{Deserialize, Serialize};
 
 use super::keys::keys;
 
-/// The losses (METHOD §4.4; numbers of DeGauss' Neu3D config). The main loss drives densification, the light one does not.
+/// The losses (METHOD §4.4; values of DeGauss' Neu3D config). The main loss drives densification, the light loss does
+/// not.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LossConfig {
     /// Weight of the L1 terms of the main loss.
     pub main: f64,
-    /// Whether the first stage blends both branches half and half instead of by the mask.
+    /// Whether the first stage blends both branches equally instead of by the mask.
     pub geometry_mean: bool,
     /// Weight of the structural terms of each branch in the first stage.
     pub geometry_dssim: f64,
-    /// Weight of the structural term of the composed picture (light loss).
+    /// Weight of the structural term of the composed render (light loss).
     pub composed_dssim: f64,
     /// Weight of the structural term of each branch inside its own mask.
     pub branch_dssim: f64,
     /// Weight of the L1 term of each branch inside its own mask.
     pub branch_l1: f64,
-    /// Share of a pixel above which the static branch answers for it, in the two terms before this one. DeGauss: 0.51,
-    /// either branch or none. Below a half both branches learn where the mask is undecided.
+    /// Static share of a pixel above which the static branch learns it, in the two previous terms. DeGauss: 0.51, so
+    /// one branch or none. Below 0.5, both branches learn where the mask is undecided.
     pub static_above: f64,
-    /// The same for the dynamic branch; 0 makes it learn all of the picture, whatever the mask.
+    /// Likewise for the dynamic branch; with 0 it learns the whole image, whatever the mask.
     pub dynamic_above: f64,
-    /// Whether the dynamic branch learns where something was seen to move, and where its share is above a half, instead of
-    /// where `dynamic_above` says; where cameras stand still and film the same moments. Ours: a branch that is asked for the
-    /// whole picture spends its Gaussians on a blur of the room.
+    /// Whether the dynamic branch learns where motion was detected and where its share is above 0.5, instead of by
+    /// `dynamic_above`. Needs fixed, synchronised cameras. Ours: a branch that learns the whole image spends its
+    /// Gaussians on a blur of the room.
     pub dynamic_where_moving: bool,
-    /// Whether the static branch learns only where nothing was seen to move, from any loss and also in the first stage. Ours: what it learns of a player in the first stage stays as a ghost that the mask then hides, because
-    /// nothing is compared there.
+    /// Whether the static branch learns only where no motion was detected, from any loss and also in the first stage.
+    /// Ours: otherwise, the first stage leaves a ghost of a moving person, which the mask then hides from the losses.
     pub static_where_still: bool,
-    /// Weight that holds the mask open where something was seen to move: the mean of `(1 - mask) moving` (light loss). Ours:
-    /// a mask that closes over a blur does not come back.
+    /// Weight of the mean of `(1 - mask) moving`, which keeps the mask open where motion was detected (light loss).
+    /// Ours: a mask that closes over a blur does not reopen.
     pub mask_motion: f64,
-    /// Weight that closes the mask where nothing was seen to move: the mean of `mask (1 - moving)` (light loss). Ours: a mask
-    /// over what stands still costs nothing otherwise, once the dynamic branch shows it as well as the static one.
+    /// Weight of the mean of `mask still`, which closes the mask where no motion was detected nearby (light loss).
+    /// Ours: otherwise, an open mask costs nothing once the dynamic branch shows a static region as well as the static
+    /// branch.
     pub mask_still: f64,
-    /// Weight of the mean opacity of the static Gaussians, as in 3DGS-MCMC (there 0.01). Ours: those that stand for what
-    /// the mask gives to the dynamic branch in all views have no other gradient, so that they fade instead of staying as a
-    /// stain.
+    /// Weight of the mean opacity of the static Gaussians, as in 3DGS-MCMC (there 0.01). Ours: static Gaussians in
+    /// regions that the mask assigns to the dynamic branch in all views have no other gradient. They fade instead of
+    /// leaving a stain.
     pub static_opacity: f64,
-    /// The same for the dynamic Gaussians.
+    /// Weight of the mean opacity of the dynamic Gaussians.
     pub dynamic_opacity: f64,
-    /// Weight of the mean opacity of those dynamic Gaussians that stand still: each counts by its stillness
-    /// ([`MotionCache::stillness`](crate::model::motion::MotionCache::stillness)), from the first measurement of motion on. Ours: the
-    /// soft form of `motion.still = "prune"`.
+    /// Weight of the mean opacity of still dynamic Gaussians, weighted by their stillness
+    /// ([`MotionCache::stillness`](crate::model::motion::MotionCache::stillness)), from the first measurement of motion
+    /// on. Ours: the soft form of `motion.still = "prune"`.
     pub still_opacity: f64,
-    /// Weight of the spatial planes' second differences.
+    /// Weight of the second differences of the spatial planes.
     pub plane_smooth: f64,
-    /// Weight of the time planes' second differences.
+    /// Weight of the second differences of the time planes.
     pub time_smooth: f64,
-    /// Weight of the time planes' distance from one.
+    /// Weight of the distance of the time planes from 1.
     pub time_l1: f64,
     /// Weight that keeps the foreground in front of the background; 0 switches it off.
     pub depth_back: f64,
-    /// Whether that term leaves the background's depth alone (DeGauss: yes, but for recordings from glasses).
+    /// Whether that term has no gradient for the background's depth (DeGauss: yes, except for recordings from glasses).
     pub depth_back_detached: bool,
-    /// Weight that keeps what is not foreground behind the background; 0 switches it off.
+    /// Weight that keeps the dynamic branch behind the background where the mask is low; 0 switches it off.
     pub depth_forward: f64,
     /// Weight of the edge-aware smoothness of the background's depth.
     pub depth_smooth: f64,
     /// Weight against a foreground that looks like the background.
     pub penalize_dynamic: f64,
-    /// Weight that pulls the brightness to one, in all stages.
+    /// Weight that pulls the brightness to 1, in all stages.
     pub brightness: f64,
-    /// Weight of the same at the end of densification, growing linearly from 0.001 (`weight_penal_light_end`).
+    /// Weight of the same term at the end of densification, growing linearly from 0.001 (`weight_penal_light_end`).
     pub brightness_end: f64,
-    /// Weight of the brightened background against the photo, early on.
+    /// Weight of the difference between the brightened background and the photo, early in training.
     pub brightness_explicit: f64,
     /// Weight against Gaussians larger than a tenth of the extent.
     pub large: f64,
-    /// Weight against Gaussians five times longer than wide, every tenth step.
+    /// Weight against Gaussians more than five times longer than wide, every tenth step.
     pub spiky: f64,
     /// Weight of the mask's entropy in the second half of training.
     pub entropy: f64,

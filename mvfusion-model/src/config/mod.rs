@@ -1,7 +1,7 @@
-//! Everything a run can be told, as one tree of plain structs; TOML on disk, unknown keys refused.
+//! The configuration of a run, as one tree of plain structs. On disk it is TOML, and unknown keys are rejected.
 //!
 //! The defaults are those of the preset `neu3d` at full length (METHOD §11, columns Neu3D, with the MVFusion overrides
-//! of §11.2); a shipped preset names only what it changes. Each default cites its source.
+//! of §11.2). A shipped preset contains only its changes. Each default cites its source.
 
 mod check;
 mod contradiction;
@@ -39,7 +39,7 @@ pub use variants::{Descriptor, Refinement, Temporal, TokenMode};
 pub struct Config {
     /// Seed of every random stream of the run.
     pub seed: u64,
-    /// Which scene, and how to read it.
+    /// The scene, and how to read it.
     pub scene: SceneConfig,
     /// The two clouds of Gaussians before the first step.
     pub init: InitConfig,
@@ -55,7 +55,7 @@ pub struct Config {
     pub densify: DensifyConfig,
     /// Weights and switches of the losses.
     pub loss: LossConfig,
-    /// What is rendered and scored after training.
+    /// Rendering and metrics after training.
     pub eval: EvalConfig,
 }
 

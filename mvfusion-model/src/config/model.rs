@@ -1,4 +1,4 @@
-//! Size of the deformation network.
+//! The branches and the deformation network.
 
 use mvfusion_render::grid::GridLayout;
 use serde::{Deserialize, Serialize};
@@ -9,13 +9,13 @@ use super::keys::{keys, leaves};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ModelConfig {
-    /// Which branches there are.
+    /// The branches of the model.
     pub branches: Branches,
-    /// What is seen where no Gaussian is.
+    /// The background behind all Gaussians.
     pub background: Background,
-    /// Whom a pixel belongs to that no dynamic Gaussian covers.
+    /// The branch of pixels that no dynamic Gaussian covers.
     pub uncovered: Uncovered,
-    /// Whether the dynamic Gaussians move at all; switched off for comparison only.
+    /// Whether the dynamic Gaussians are deformed; off only for comparisons.
     pub deformation: bool,
     /// Whether opacities change over time (4DGS' `no_do`, inverted).
     pub deform_opacity: bool,
@@ -29,36 +29,36 @@ pub struct ModelConfig {
     pub grid: GridConfig,
     /// Highest degree of the spherical harmonics (3DGS: 3).
     pub sh_degree: usize,
-    /// Whether each dynamic Gaussian has a moment, a duration and a velocity of its own beside the deformation. Ours, as
-    /// Spacetime Gaussians and FreeTimeGS have it: what a deformation cannot carry, such as a ball that flies a tenth of
-    /// the room from frame to frame. Off in the paper's presets.
+    /// Whether each dynamic Gaussian also has a moment, a duration and a velocity, as in Spacetime Gaussians and
+    /// FreeTimeGS. Ours: for motion that a deformation cannot represent, such as a ball that flies a tenth of the room
+    /// per frame. Off in the paper's presets.
     pub lifetime: bool,
-    /// Whether every training camera has an affine map of colours of its own, as 3DGS' exposure compensation, learned beside
-    /// the scene. A held-out camera sees their mean. For rigs whose cameras differ in gain or white balance.
+    /// Whether every training camera has an affine colour map, learned together with the scene, as in the exposure
+    /// compensation of 3DGS. A held-out camera uses their mean. For rigs whose cameras differ in gain or white balance.
     pub exposure: bool,
-    /// Gaussians nearer to a camera than this share of the capture's near bound are not drawn; where there is no bound, or
-    /// 3DGS' 0.2 units are more, those hold. 0 leaves 3DGS' rule alone.
+    /// Gaussians nearer to a camera than this fraction of the capture's near bound are not drawn. The minimum is the
+    /// 0.2 units of 3DGS, which also apply without a near bound. 0 means only the rule of 3DGS.
     pub near_share: f64,
 }
 
-/// Which branches a model has.
+/// The branches of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Branches {
-    /// A static and a dynamic one, blended by a learned mask (DeGauss, MVFusion-GS).
+    /// A static and a dynamic branch, blended by a learned mask (DeGauss, MVFusion-GS).
     Both,
-    /// A dynamic one alone, which shows the whole scene (4DGS, METHOD §9).
+    /// Only a dynamic branch, which shows the whole scene (4DGS, METHOD §9).
     Dynamic,
 }
 
-/// Whom a pixel belongs to that no dynamic Gaussian covers.
+/// The branch of pixels that no dynamic Gaussian covers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Uncovered {
-    /// Half to each branch, and the static one at half its brightness (DeGauss: near black in every channel of the
-    /// mask; METHOD §1.2). So dynamic Gaussians have to cover the whole picture.
+    /// Half to each branch, with the static branch at half its brightness (DeGauss: near black in every channel of the
+    /// mask; METHOD §1.2). Dynamic Gaussians must therefore cover the whole image.
     Undecided,
-    /// The static branch, as it is. Ours: so dynamic Gaussians can be where something moves.
+    /// The unchanged static branch. Ours: dynamic Gaussians can then stay where something moves.
     Static,
 }
 
@@ -69,7 +69,7 @@ impl Uncovered {
         const NOTHING: f64 = 1e-7;
         match self {
             Self::Undecided => [NOTHING; 3],
-            // A brightness of a half leaves the static branch as it is (METHOD §1.3, step 3).
+            // A brightness control of 0.5 leaves the static branch unchanged (METHOD §1.3, step 3).
             Self::Static => [1.0, 0.5, NOTHING],
         }
     }
@@ -115,43 +115,42 @@ impl Default for ModelConfig {
     }
 }
 
-/// The HexPlane grid (METHOD §2.1; numbers of DeGauss' Neu3D config).
+/// The HexPlane grid (METHOD §2.1; values of DeGauss' Neu3D config).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct GridConfig {
-    /// Features a plane and scale.
+    /// Features per plane and scale.
     pub features: usize,
-    /// Cells along x, y, z and time at scale 1. The upper half of those in time is read (METHOD §2.1).
+    /// Cells along x, y, z and time at scale 1. Only the upper half in time is read (METHOD §2.1).
     pub resolution: [usize; 4],
-    /// What the cells in time go by (4DGS, DeGauss: `"fixed"`).
+    /// The rule for the number of cells in time (4DGS, DeGauss: `"fixed"`).
     pub time_rows: TimeRows,
-    /// What the grid spans.
+    /// The rule for the box of the grid.
     pub bounds: GridBoundsRule,
-    /// Factors of the spatial resolution, one a scale; time keeps its resolution.
+    /// Factor of the spatial resolution at each scale; the time resolution does not change.
     pub multipliers: Vec<usize>,
 }
 
-/// What the number of cells in time goes by.
+/// The rule for the number of cells in time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TimeRows {
     /// `resolution[3]`, whatever the scene.
     Fixed,
-    /// The distinct times of the training views. Photos: eight for each, of which four are read, or `resolution[3]` if
-    /// that is more, so that unrelated moments share no cells. Video: two for each frame, of which one is read, or
-    /// `resolution[3]` if that is less. Ours. A run writes the number that it found into its configuration, as
-    /// `"fixed"`.
+    /// By the number of distinct times of the training views. Photos: eight cells per time, of which four are read, but
+    /// at least `resolution[3]`, so that unrelated moments share no cells. Video: two cells per frame, of which one is
+    /// read, but at most `resolution[3]`. Ours. A run writes the result into its configuration, as `"fixed"`.
     ByTimes,
 }
 
-/// What the HexPlane grid spans. What lies outside is clamped and moves as the border does.
+/// The box of the HexPlane grid. Points outside are clamped and move like its border.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum GridBoundsRule {
     /// The dynamic branch before the first step, without a margin (DeGauss).
     Cloud,
-    /// What moves, with a margin, where `init.motion_points` finds it; else as `cloud`. Ours: cells are of use where
-    /// something moves, and a room is a hundred times as large.
+    /// The region of detected motion (`init.motion_points`), with a margin; without detected motion, like `cloud`.
+    /// Ours: only cells in moving regions are useful, and a room is a hundred times as large.
     Motion,
 }
 

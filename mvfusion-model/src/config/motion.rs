@@ -1,63 +1,63 @@
-//! Motion statistics and the two modules that read them.
+//! Motion statistics and the modules MVG and MFTA.
 
 use serde::{Deserialize, Serialize};
 
 use super::keys::{keys, leaves};
 use super::{Descriptor, Interval, Refinement, Temporal, TokenMode};
 
-/// Motion is never measured more often than this, however short the run: the descriptors of a motion that is still being
-/// learned change by more than their encoding's period, so that each measurement throws the refined deformation back.
+/// Minimum number of steps between measurements of motion in shortened runs. While motion is being learned, its
+/// descriptors change by more than the period of their encoding, so each measurement sets back the refined deformation.
 const MIN_MEASURING: usize = 500;
 
-/// MVG and MFTA (METHOD §10; the readings A5 to A30 are named at the keys). What the paper's tables compare is said at
-/// the keys as well, and gathered in docs/ablations.md.
+/// MVG and MFTA (METHOD §10). The keys name their readings A5 to A30 and the rows of the paper's tables, which
+/// docs/ablations.md lists.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MotionConfig {
-    /// Whether the motion-variance feature is added in the last stage. Without, tokens have no local variance either
+    /// Whether the motion-variance feature is added in the last stage. Without it, tokens have no local variance either
     /// (A26). Main paper, component ablation: "w/o MVG"; with `mfta` off as well, "w/o MVG & MFTA".
     pub mvg: bool,
-    /// What MVG is shown (A27, A29). Main paper, component ablation; supplement, temporal consistency.
+    /// The input of MVG (A27, A29). Main paper, component ablation; supplement, temporal consistency.
     pub descriptor: Descriptor,
     /// Whether the temporal feature is added in the last stage. Main paper, component ablation: "w/o MFTA".
     pub mfta: bool,
-    /// What MFTA makes of the tokens (A28, A30). Main paper, component ablation; supplement, temporal consistency.
+    /// How MFTA combines the tokens (A28, A30). Main paper, component ablation; supplement, temporal consistency.
     pub temporal: Temporal,
     /// Steps between refreshes of the statistics, `E` (paper: 2000). Supplement, update interval: 100, 500, 1000, 2000.
     pub interval: Interval<MIN_MEASURING>,
     /// Trajectory samples, `K` (paper: 64; A6).
     pub samples: usize,
-    /// Only every n-th of them is evaluated, and the last one (A6).
+    /// Evaluate only every n-th sample, and the last one (A6).
     pub sample_stride: usize,
-    /// Every n-th sample is a knot of the variance dictionary, with this n (paper: 16; A6).
+    /// Every n-th sample is a knot of the variance dictionary (paper: 16; A6).
     pub knot_stride: usize,
-    /// Number of evenly spread knots instead; 0 goes by `knot_stride` (A6).
+    /// Number of evenly spaced knots instead; 0 means `knot_stride` (A6).
     pub knots: usize,
-    /// What stands for the spread of a motion (A9).
+    /// The measure of the spread of a motion (A9).
     pub spread: Spread,
     /// Whether displacements are measured in scene extents instead of world units (A9b).
     pub in_extents: bool,
     /// Half window of the local variance in samples, and distance of the neighbour tokens in frames, `w` (A7, A8).
     /// Supplement, temporal window size: 3, 5, 7, 9.
     pub window: usize,
-    /// Whether `window` and `knots` go by the distinct times of the training views. Ours. The window is then the same
-    /// share of these times as `window` is of Neu3D's 300, rounded, at least 1 and at most `window`. Where there are
+    /// Whether `window` and `knots` follow the number of distinct times of the training views. Ours. The window is then
+    /// the same fraction of these times as `window` is of Neu3D's 300: rounded, at least 1, at most `window`. With
     /// fewer times than `samples`, there are as many knots as `knot_stride` gives with all samples. A run writes the
-    /// numbers that it found into its configuration, with this switched off.
+    /// results into its configuration, with this switch off.
     pub by_times: bool,
-    /// Weights of the motion intensity (A9c), which is the last column of the signature. Supplement, fusion weights:
-    /// five settings, among them `1, 0, 0`, which keeps the other columns and so is not
-    /// `descriptor = "position_variance"`.
+    /// Weights of the motion intensity (A9c), the last column of the signature. Supplement, fusion weights: five
+    /// settings. One of them is `1, 0, 0`, which keeps the other columns and therefore differs from `descriptor =
+    /// "position_variance"`.
     pub weights: FusionWeights,
     /// Decay of the moving mean and variance of the descriptors (A10).
     pub decay: f64,
-    /// Whether these start from zero instead of the first measurement (A10).
+    /// Whether mean and variance start from zero instead of the first measurement (A10).
     pub zero_start: bool,
     /// Whether local variances are normalised like the signatures (A10b).
     pub normalise_local: bool,
     /// Added to the standard deviation of the descriptors (A10).
     pub epsilon: f64,
-    /// Descriptors are squashed softly to plus or minus this (A10).
+    /// Bound of the soft clip of the descriptors (A10).
     pub soft_clip: f64,
     /// Octaves of the sinusoidal encoding (A11).
     pub octaves: usize,
@@ -67,23 +67,25 @@ pub struct MotionConfig {
     pub attention_width: usize,
     /// Attention heads (A15).
     pub heads: usize,
-    /// Which frames MFTA looks at beside the current one (A7).
+    /// The frames that MFTA uses besides the current one (A7).
     pub tokens: TokenMode,
     /// Whether the current frame is a key of the cross-attention as well (A14).
     pub include_self: bool,
     /// Whether gradients reach the network through the neighbours' tokens (A17); about three times the work.
     pub neighbour_gradient: bool,
-    /// How base and refined offsets become one (A3).
+    /// How base and refined offsets are combined (A3).
     pub refinement: Refinement,
-    /// Whether the mask heads see the refined feature as well (A23).
+    /// Whether the mask heads also read the refined feature (A23).
     pub refine_masks: bool,
-    /// Whether a new Gaussian has its parent's descriptors until the next measurement; else it has none (A25).
+    /// Whether a new Gaussian inherits its parent's descriptors until the next measurement; otherwise it has none
+    /// (A25).
     pub inherit: bool,
-    /// What becomes of dynamic Gaussians that do not move.
+    /// The treatment of dynamic Gaussians that do not move.
     pub still: StillRule,
-    /// A Gaussian does not move if its motion intensity is below this share of what only 2 % of the dynamic ones exceed.
+    /// A Gaussian does not move if its motion intensity is below this fraction of the 98 % quantile of the dynamic
+    /// Gaussians.
     pub still_below: f64,
-    /// Gaussians handled at once when statistics and neighbour tokens are computed (A34).
+    /// Gaussians per chunk of the motion statistics and neighbour tokens (A34).
     pub chunk: usize,
 }
 
@@ -144,13 +146,13 @@ impl Default for FusionWeights {
     }
 }
 
-/// What stands for the spread of a motion (A9).
+/// The measure of the spread of a motion (A9).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Spread {
     /// The population variance, as the paper defines it.
     Variance,
-    /// Its root, as the paper once calls it.
+    /// The standard deviation, as the paper calls it once.
     Deviation,
 }
 
@@ -164,8 +166,8 @@ impl Spread {
     }
 }
 
-/// What becomes, at every measurement of the last stage, of dynamic Gaussians that do not move. Ours: the paper names
-/// pruning by motion as future work.
+/// The treatment of dynamic Gaussians that do not move, at every measurement before `densify.until`. Ours: the paper
+/// names pruning by motion as future work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum StillRule {
@@ -173,7 +175,7 @@ pub enum StillRule {
     Keep,
     /// They are removed.
     Prune,
-    /// They move to the static branch, as they are at the middle of the video.
+    /// They move to the static branch, in their state at the middle of the video.
     Reassign,
 }
 
@@ -212,7 +214,7 @@ keys!(MotionConfig {
     chunk: FROM_1,
 });
 
-// Zeros alone are a choice as well: an intensity that says nothing.
+// All zeros are valid, too: the intensity is then 0.
 keys!(FusionWeights { position: FROM_0, scale: FROM_0, rotation: FROM_0 });
 
 leaves!(Spread, StillRule);

@@ -6,7 +6,7 @@ use super::Steps;
 use super::keys::{Key, Range, keys};
 use crate::ModelError;
 
-/// Learning rates of every parameter group. Those marked "times the extent" are multiplied by the scene's extent.
+/// Learning rates of all parameter groups. Those marked "times the extent" are multiplied by the scene's extent.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct OptimConfig {
@@ -26,7 +26,7 @@ pub struct OptimConfig {
     pub sh_dc: f64,
     /// Higher colour coefficients of the dynamic branch.
     pub dynamic_sh_rest: Decay,
-    /// Mask logits; DeGauss keeps them among the higher colour coefficients, at the same rate.
+    /// Mask logits; in DeGauss they are part of the higher colour coefficients, with the same rate.
     pub mask_logits: Decay,
     /// Higher colour coefficients of the static branch.
     pub static_sh_rest: f64,
@@ -36,24 +36,25 @@ pub struct OptimConfig {
     pub scale: f64,
     /// Quaternions.
     pub rotation: f64,
-    /// Moments of lifetimes, in frames, where `model.lifetime` is on. Ours, as the next two.
+    /// Moments of lifetimes, in frames; with `model.lifetime`. Ours, like the next two.
     pub time_centre: f64,
     /// Log-durations of lifetimes.
     pub duration: f64,
-    /// Velocities of lifetimes, a frame; times the extent.
+    /// Velocities of lifetimes, per frame; times the extent.
     pub velocity: Decay,
-    /// Exposures of the training cameras, where `model.exposure` is on. Ours; 3DGS has 0.01 to 0.001, for maps that are seen
-    /// once a round.
+    /// Exposures of the training cameras; with `model.exposure`. Ours; 3DGS: 0.01 to 0.001, for maps that are used once
+    /// per round.
     pub exposure: Decay,
-    /// Adam's first decay.
+    /// Decay of Adam's first moment.
     pub beta1: f64,
-    /// Adam's second decay.
+    /// Decay of Adam's second moment.
     pub beta2: f64,
     /// Adam's epsilon (3DGS: 1e-15).
     pub epsilon: f64,
 }
 
-/// A learning rate that falls log-linearly from `start` to `end` (METHOD §4.5). A `start` of 0 is off: the rate is 0 all along.
+/// A learning rate that decays log-linearly from `start` to `end` (METHOD §4.5). A `start` of 0 is off: the rate is
+/// always 0.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Decay {
@@ -79,16 +80,15 @@ impl Decay {
 }
 
 impl OptimConfig {
-    /// Raises the end of every falling learning rate to `share` of its start.
+    /// Raises the end of every decaying learning rate to at least `share` of its start.
     pub(super) fn end_above(&mut self, share: f64) {
         for decay in self.decays() {
             decay.end = decay.end.max((share * decay.start).min(decay.start));
         }
     }
 
-    /// Multiplies every learning rate but two: that of the opacities, which cross their range in a hundred steps as it is,
-    /// and that of the motion modules, which start without effect and must not upset what they refine. The mask logits
-    /// have a factor of their own.
+    /// Multiplies all learning rates except two. Opacities already cross their range in a hundred steps. The motion
+    /// modules start without effect and must not disturb the base deformation. The mask logits have a separate factor.
     pub(super) fn faster(&mut self, factor: f64, of_mask_logits: f64) {
         let (motion, mask_logits) = (self.motion, self.mask_logits.times(of_mask_logits));
         for decay in self.decays() {

@@ -1,4 +1,4 @@
-//! Shortening a run without changing its shape.
+//! Shortened runs with the same schedule.
 
 use super::keys::Key;
 use super::{Branches, Config};
@@ -6,12 +6,11 @@ use super::{Branches, Config};
 impl Config {
     /// The configuration with every iteration count multiplied by `train.scale`, which becomes 1.
     ///
-    /// Stage lengths, learning-rate horizons, spherical-harmonics steps, the refresh interval `E`, and the intervals and
-    /// ends of densification, pruning and resets all shrink alike: every key of type [`Steps`](super::Steps) or
-    /// [`Interval`](super::Interval). Gaussians are added at most every 20 steps, and motion is measured and opacities are
-    /// reset at most every 500. A run that is shortened also
-    /// learns faster and starts closer, as the keys `train.scale_*` say. `train.scale_times` is not among them: it needs
-    /// the scene, see [`Config::for_times_of`].
+    /// Every key of type [`Steps`](super::Steps) or [`Interval`](super::Interval) shrinks by the same factor: stage
+    /// lengths, learning-rate horizons, SH steps, the refresh interval `E`, and the intervals and ends of
+    /// densification, pruning and resets. Gaussians are added at most every 20 steps. Motion is measured and opacities
+    /// are reset at most every 500 steps. The keys `train.scale_*` also adapt learning rates and the initial cloud.
+    /// `train.scale_times` is the exception: it needs the scene, see [`Config::for_times_of`].
     pub fn scaled(&self) -> Self {
         let mut scaled = self.clone();
         let factor = self.train.scale;
@@ -23,7 +22,7 @@ impl Config {
         scaled
     }
 
-    /// What makes up for steps that a run shortened by `factor` has not.
+    /// Compensates for the missing steps of a run that `factor` shortens.
     fn adapt_to_few_steps(&mut self, factor: f64) {
         let (train, init) = (&self.train, &mut self.init);
         self.optim.faster(factor.powf(-train.scale_rates), factor.powf(-train.scale_mask));
@@ -81,7 +80,7 @@ mod tests {
         let scaled = config.scaled().optim;
         assert_eq!((scaled.scale, scaled.grid.start), (0.025, 0.004));
         assert_eq!(scaled.opacity, config.optim.opacity);
-        // Mask logits go as far as in the full run.
+        // Mask logits change by as much as in the full run.
         assert_eq!(scaled.mask_logits.start, config.optim.mask_logits.start * 25.0);
         config.train.scale_rates = 0.0;
         assert_eq!(config.scaled().optim.grid.start, config.optim.grid.start);
@@ -96,7 +95,7 @@ mod tests {
         (config.train.scale, config.train.scale_rates, config.train.scale_mask) = (0.04, 0.0, 0.0);
         let scaled = config.scaled().optim;
         assert_eq!((scaled.grid.end, scaled.dynamic_sh_rest), (8e-5, config.optim.dynamic_sh_rest));
-        // One that rises ends where it did.
+        // A rising rate keeps its end.
         config.optim.mask_logits = Decay { start: 1e-4, end: 1e-2 };
         assert_eq!(config.scaled().optim.mask_logits, config.optim.mask_logits);
         config.train.scale_tail = 0.0;

@@ -1,4 +1,4 @@
-//! Which scene is trained on, and the clouds of Gaussians that training starts from.
+//! The training scene, and the initial clouds of Gaussians.
 
 use std::path::PathBuf;
 
@@ -12,30 +12,30 @@ use super::keys::{keys, leaves};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SceneConfig {
-    /// Folder of the scene; without one, the built-in scene is made. The program's `--data` sets it.
+    /// Folder of the scene; without one, the built-in scene is used. The program's `--data` sets it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub data: Option<PathBuf>,
-    /// Format of the folder; tried in turn if absent.
+    /// Format of the folder; detected if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub format: Option<Format>,
-    /// Kind of the built-in scene, where there is no folder.
+    /// Kind of the built-in scene, without a folder.
     pub kind: SceneKind,
-    /// Seed of the built-in scene, apart from the run's, so that seeds of one sweep train on one scene.
+    /// Seed of the built-in scene. It differs from the run's seed, so that the seeds of a sweep share one scene.
     pub seed: u64,
-    /// Pictures are reduced by this factor when read; at least 1.
+    /// Images are downscaled by this factor when read; at least 1.
     pub downscale: f64,
-    /// At most this many frames a camera (DeGauss reads the first 300).
+    /// Maximum number of frames per camera (DeGauss reads the first 300).
     pub frames: usize,
-    /// How a frame's number becomes a time in `[0, 1]`.
+    /// The map from frame number to a time in `[0, 1]`.
     pub time: TimeRule,
-    /// Where nothing says what a photo is for, every so many is held out; 0 holds none out (LLFF: 8).
+    /// If a dataset has no split, every n-th photo is held out; 0 holds none out (LLFF: 8).
     pub test_every: usize,
-    /// Cameras of a video that are held out, such as `["cam00"]`, instead of those that the format holds out.
+    /// Held-out cameras of a video, such as `["cam00"]`, instead of the format's default.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub test_cameras: Option<Vec<String>>,
-    /// Whether black counts in the masks that lie beside the pictures; else white counts, as nerfstudio and COLMAP have it.
+    /// Whether black means valid in the masks next to the images; otherwise white does, as in nerfstudio and COLMAP.
     pub invert_masks: bool,
-    /// Folder in which the decoded frames of videos stay for the next run; else they lie in a temporary one.
+    /// Folder that keeps the decoded frames of videos for the next run; otherwise they are temporary.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frame_store: Option<PathBuf>,
 }
@@ -65,50 +65,50 @@ impl Default for SceneConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct InitConfig {
-    /// File of Gaussians that the static branch starts from, instead of points: a PLY file in the layout of 3DGS, of
-    /// any degree of colours, such as `mvfusion export` writes. The keys below do not count for this branch then.
+    /// Initial Gaussians of the static branch, instead of points: a PLY file in the layout of 3DGS, of any SH degree,
+    /// such as `mvfusion export` writes. The keys below then do not apply to this branch.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub static_ply: Option<PathBuf>,
-    /// The same for the dynamic branch, and for the only one of a model that has one. Its mask logits are those of
-    /// the file if it has them. The HexPlane grid spans its centres.
+    /// The same for the dynamic branch, also in a model with one branch. Mask logits come from the file if it has them.
+    /// The HexPlane grid spans the centres.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dynamic_ply: Option<PathBuf>,
-    /// Dynamic Gaussians strewn uniformly over the scene's box. DeGauss: 10 000 for video, 30 000 for photos.
+    /// Dynamic Gaussians placed uniformly in the scene's box. DeGauss: 10 000 for video, 30 000 for photos.
     pub dynamic_points: usize,
-    /// Dynamic Gaussians put on random points of the cloud. DeGauss: 100 for video, none for photos.
+    /// Dynamic Gaussians on random points of the cloud. DeGauss: 100 for video, none for photos.
     pub dynamic_from_cloud: usize,
-    /// At most this share of the cloud is used for them (DeGauss: 0.1).
+    /// Maximum fraction of the cloud for them (DeGauss: 0.1).
     pub dynamic_cloud_share: f64,
-    /// Whether they have the colours of their points (DeGauss: random ones, like those that are strewn).
+    /// Whether they have the colours of their points (DeGauss: random colours, like the uniform ones).
     pub dynamic_cloud_colours: bool,
-    /// Dynamic Gaussians put where synchronised still cameras see something move, instead of those that are strewn; 0
-    /// looks for none. Ours (docs/METHOD.md, section 13); about a quarter of `densify.dynamic.max_gaussians` leaves room
-    /// for splitting. Where nothing is found, they are strewn.
+    /// Dynamic Gaussians where fixed, synchronised cameras see motion, instead of uniform ones; 0 switches detection
+    /// off. Without detected motion, they are uniform. Ours (docs/METHOD.md, section 13); about a quarter of
+    /// `densify.dynamic.max_gaussians` leaves room for splitting.
     pub motion_points: usize,
-    /// How long they live, in frames, with `model.lifetime`.
+    /// Their duration in frames, with `model.lifetime`.
     pub motion_duration: f64,
-    /// Their logit of belonging to the foreground.
+    /// Their mask logit of the foreground.
     pub motion_logit: f64,
     /// Dynamic Gaussians born at the end of the first stage where a photo differs from the static branch, instead of as
-    /// many that are strewn; where each photo has a moment of its own, and with `model.lifetime`. 0 lets none be born.
-    /// Ours (docs/METHOD.md, section 13).
+    /// many uniform ones. Needs photos with distinct moments, and `model.lifetime`. 0 switches births off. Ours
+    /// (docs/METHOD.md, section 13).
     pub photo_points: usize,
-    /// How long they live, in distances to the next photo's moment: well below 1, so that no other photo shows them.
+    /// Their duration as a fraction of the time to the nearest photo: well below 1, so that no other photo shows them.
     pub photo_duration: f64,
-    /// Static Gaussians strewn uniformly over the scene's box, beside those on the points; ours, for clouds with gaps.
+    /// Additional static Gaussians placed uniformly in the scene's box. Ours, for clouds with gaps.
     pub static_points: usize,
     /// Static Gaussians on a far sphere. DeGauss: 100 000 for photos, none for video.
     pub sky_points: usize,
-    /// The box is the cloud's, larger by this share of the scene extent on every side (DeGauss: 0 for video, 0.1 for
-    /// photos).
+    /// Margin of the box around the cloud, as a fraction of the scene extent on every side (DeGauss: 0 for video, 0.1
+    /// for photos).
     pub box_margin: f64,
-    /// The box reaches beyond the cameras by at most this many scene extents (DeGauss: 5 for video, without limit for photos).
+    /// Maximum distance of the box beyond the cameras, in scene extents (DeGauss: 5 for video, unlimited for photos).
     pub box_reach: f64,
-    /// Opacity of every Gaussian (3DGS: 0.1).
+    /// Initial opacity (3DGS: 0.1).
     pub opacity: f64,
-    /// Logit of belonging to the foreground. DeGauss: 0, a draw between the branches. Ours may start above it in short
-    /// runs: where the mask favours the dynamic branch it is compared with the photo directly, so that it learns to move
-    /// before the static branch, which starts from known points, has won everywhere.
+    /// Mask logit of the foreground. DeGauss: 0, equal shares. Ours may be larger in short runs. Where the mask favours
+    /// the dynamic branch, the branch is compared with the photo directly. It then learns to move before the static
+    /// branch, which starts from known points, dominates everywhere.
     pub dynamic_logit: f64,
 }
 

@@ -1,31 +1,29 @@
-//! What follows from how many times a scene has, known only once there is a scene.
+//! Values that depend on the number of times of a scene.
 
 use mvfusion_data::{Capture, Scene};
 
 use super::{Branches, Config, MotionConfig, TimeRows};
 use crate::timeline::strided;
 
-/// Times of the videos for which the paper names its window (Neu3D).
+/// Number of times in the videos of the paper's window (Neu3D).
 const PAPER_TIMES: usize = 300;
 
-/// A plane has so many rows for each one that is read: times in `[0, 1]` read the upper half (METHOD §2.1).
+/// Rows of a time plane per row that is read: times in `[0, 1]` read only the upper half (METHOD §2.1).
 const ROWS_A_READ_ROW: usize = 2;
 
-/// Rows that are read, for each photo of a moment of its own: with fewer, photos that have nothing to do with each
-/// other share cells.
+/// Rows that are read per photo with its own moment. With fewer rows, unrelated photos would share cells.
 const ROWS_A_PHOTO: usize = 4;
 
 impl Config {
-    /// The configuration with the numbers that follow from the scene's times, where `model.grid.time_rows`,
-    /// `motion.by_times` or `train.scale_times` ask for that. These are switched off in it, so that it holds for the
-    /// run that it was made for, whatever happens to the scene. To be called before [`Config::scaled`], which forgets
-    /// that a run is short.
+    /// The configuration with the values that `model.grid.time_rows`, `motion.by_times` or `train.scale_times` derive
+    /// from the scene's times. These keys are switched off in the result, so that it stays valid for its run if the
+    /// scene changes. Call it before [`Config::scaled`], which resets `train.scale`.
     pub fn for_times_of(&self, scene: &Scene) -> Self {
         self.for_times(scene.training_times().len(), scene.capture)
     }
 
-    /// Whether Gaussians are born for what only one photo of the scene shows: in a collection of photos, each of a moment of
-    /// its own, at the end of a first stage in which a static branch learns what is still.
+    /// Whether Gaussians are born for objects in single photos. This needs a collection of photos with distinct
+    /// moments, and a first stage in which a static branch learns the static scene.
     pub fn has_births(&self, scene: &Scene) -> bool {
         let is_asked = self.init.photo_points > 0 && self.model.lifetime && self.init.dynamic_ply.is_none();
         let has_still = self.model.branches == Branches::Both && self.train.stages.geometry.0 > 0;
@@ -33,7 +31,7 @@ impl Config {
         is_asked && has_still && is_collection
     }
 
-    /// The same for so many distinct times.
+    /// The same for this many distinct times.
     fn for_times(&self, times: usize, capture: Capture) -> Self {
         let mut fitted = self.clone();
         let is_short = self.train.scale < 1.0 && self.train.scale_times;
@@ -52,8 +50,8 @@ impl Config {
     }
 }
 
-/// Rows of the time planes where `given` are configured. Frames of a video share cells with their neighbours, so one
-/// row each is enough, and no more are made than configured. Photos share nothing, so no fewer are made than they need.
+/// Rows of the time planes if `given` are configured. Frames of a video may share cells with their neighbours, so one
+/// row each is enough, and `given` is the maximum. Photos share nothing, so `given` is the minimum.
 fn time_rows(given: usize, times: usize, capture: Capture) -> usize {
     match capture {
         Capture::Video => given.min(ROWS_A_READ_ROW * times),
@@ -61,14 +59,14 @@ fn time_rows(given: usize, times: usize, capture: Capture) -> usize {
     }
 }
 
-/// The window that is as large a share of these times as `given` is of the paper's: at least 1, at most `given`.
+/// The window that is the same fraction of these times as `given` is of the paper's: at least 1, at most `given`.
 fn window(given: usize, times: usize) -> usize {
     let rounded = (2 * given * times + PAPER_TIMES) / (2 * PAPER_TIMES);
     rounded.clamp(1, given.max(1))
 }
 
-/// Number of knots where there are fewer times than samples: as many as with all samples, if there are times enough.
-/// Else it stays.
+/// Number of knots. With fewer times than samples, it is as large as with all samples, if there are enough times;
+/// otherwise it does not change.
 fn knots(motion: &MotionConfig, times: usize) -> usize {
     let evaluated = |samples: usize| strided(samples, motion.sample_stride).len();
     if motion.knots > 0 || times >= motion.samples {
@@ -83,7 +81,7 @@ mod tests {
 
     use super::*;
 
-    /// A configuration that goes by the times in all.
+    /// A configuration in which everything follows the times.
     fn by_times() -> Config {
         let mut config = Config::default();
         (config.model.grid.time_rows, config.motion.by_times) = (TimeRows::ByTimes, true);
@@ -117,7 +115,7 @@ mod tests {
         let with = |knots: usize, sample_stride: usize| MotionConfig { knots, sample_stride, ..Default::default() };
         // The paper's 64 samples have knots 0, 16, 32, 48 and 63.
         assert_eq!([1, 3, 24, 63, 64, 300].map(|times| knots(&with(0, 1), times)), [1, 3, 5, 5, 0, 0]);
-        // Of 33 samples that are evaluated 0, 16 and 32.
+        // Of 33 evaluated samples 0, 16 and 32.
         assert_eq!([3, 24].map(|times| knots(&with(0, 2), times)), [2, 3]);
         assert_eq!(knots(&with(7, 1), 24), 7, "a number that was asked for stays");
     }

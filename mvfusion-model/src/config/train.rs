@@ -5,42 +5,43 @@ use serde::{Deserialize, Serialize};
 use super::keys::keys;
 use super::{Interval, Steps};
 
-/// The course of training (METHOD §4.1, §10.3 A1, §11.2).
+/// The schedule of training (METHOD §4.1, §10.3 A1, §11.2).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrainConfig {
     /// Multiplies every iteration count of the run: stages, horizons, intervals; see [`Config::scaled`](super::Config::scaled).
     pub scale: f64,
-    /// A run that `scale` shortens learns faster: every learning rate but those of opacities and motion modules is
-    /// multiplied by `scale` to the power of minus this. 0 leaves the rates alone.
+    /// In a run that `scale` shortens, all learning rates except those of opacities and motion modules are multiplied
+    /// by `scale` to the power of minus this. 0 does not change the rates.
     pub scale_rates: f64,
-    /// The same exponent for the rates of the mask logits: 1 lets them go as far in a shortened run as in a full one.
+    /// The same exponent for the rates of the mask logits. With 1, they change by as much in a shortened run as in a
+    /// full one.
     pub scale_mask: f64,
-    /// In a run that `scale` shortens no learning rate ends below this share of its start: there is no time for a long tail.
-    /// 0 leaves the ends alone.
+    /// In a run that `scale` shortens, no learning rate ends below this fraction of its start, because there is no time
+    /// for a long tail. 0 does not change the ends.
     pub scale_tail: f64,
-    /// In a run that `scale` shortens the encoding of motion descriptors has at most so many octaves: measured on a motion that
-    /// is still being learned, the descriptors change by more than the period of the finer ones.
+    /// Maximum number of octaves of the encoding of motion descriptors in a run that `scale` shortens. While motion is
+    /// being learned, the descriptors change by more than the period of finer octaves.
     pub scale_octaves: usize,
-    /// A run that `scale` shortens strews only `scale` times as many dynamic Gaussians at random and puts the others on known
-    /// points, with their colours: there is no time to carry them to where something is.
+    /// A run that `scale` shortens places only `scale` times as many dynamic Gaussians uniformly. The others start on
+    /// known points with their colours, because there is no time to move them to surfaces.
     pub scale_cloud: bool,
-    /// A run that `scale` shortens goes by the times of its scene as if `model.grid.time_rows` were `"by_times"` and
-    /// `motion.by_times` on: cells of which each is seen at few moments learn little in few steps. A run writes the
-    /// numbers that it found into its configuration, with this switched off.
+    /// A run that `scale` shortens follows the times of its scene, as with `model.grid.time_rows = "by_times"` and
+    /// `motion.by_times`, because cells that few moments read learn little in few steps. A run writes the results into
+    /// its configuration, with this switch off.
     pub scale_times: bool,
     /// Lengths of the three stages.
     pub stages: StageConfig,
-    /// Views a step (DeGauss: 2 for video, 4 for photos).
+    /// Views per step (DeGauss: 2 for video, 4 for photos).
     pub batch_size: usize,
-    /// So many visits more has a view in each round (DeGauss: one visit each) for either side on which its moment has no
-    /// neighbour to learn from: the first and the last moment, and in proportion those at which something comes or goes. Where
-    /// cameras stand still. Ours: a Gaussian learns of a moment from the frames beside it as well.
+    /// Additional visits of a view per round for each side on which its moment has no neighbour (DeGauss: one visit
+    /// each). These are the first and last moment and, in proportion, moments at which objects appear or disappear. For
+    /// fixed cameras. Ours: a Gaussian also learns a moment from the adjacent frames.
     pub lonely_visits: f64,
-    /// Steps after the first stage from whose gradients the static branch learns at once; the loss is divided by as many
+    /// Gradient accumulation of the static branch after the first stage, in steps; the loss is divided by this number
     /// (DeGauss: 1 for video, 4 for photos; METHOD §4.3). The dynamic branch learns at every step.
     pub accumulation: usize,
-    /// Steps between one more degree of spherical harmonics, dynamic branch (METHOD §4.6).
+    /// Steps between increments of the SH degree, dynamic branch (METHOD §4.6).
     pub dynamic_sh_interval: Interval,
     /// The same for the static branch.
     pub static_sh_interval: Interval,
@@ -58,13 +59,13 @@ pub struct TrainConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct StageConfig {
-    /// Base geometry: both branches, no deformation.
+    /// Base geometry: both branches without deformation.
     pub geometry: Steps,
     /// Base deformation: HexPlane and heads.
     pub deformation: Steps,
-    /// Motion-aware refinement: MVG and MFTA join.
+    /// Motion-aware refinement: with MVG and MFTA.
     pub refinement: Steps,
-    /// Whether that stage has counter, moments and schedules of its own, instead of going on with those of the stage before
+    /// Whether that stage has its own counter, moments and schedules, instead of continuing those of the previous stage
     /// (A1).
     pub refinement_restarts: bool,
 }

@@ -1,4 +1,4 @@
-//! Renders views, has them judged, and averages.
+//! Renders views, computes their metrics, and averages them.
 
 use std::sync::Arc;
 
@@ -15,12 +15,12 @@ use crate::ModelError;
 use crate::model::{DeformationLevel, Model, RenderContext};
 use crate::train::mask_tensor;
 
-/// Which views of a scene are scored.
+/// The views of a scene to evaluate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Split {
-    /// Those held out.
+    /// Held-out views.
     Test,
-    /// Those trained on: how well what moves there was understood, not how well the model generalises.
+    /// Training views. Their metrics measure the reconstruction of moving objects, not generalisation.
     Training,
 }
 
@@ -33,8 +33,8 @@ impl Split {
         }
     }
 
-    /// What composed pictures of held-out photos show under a protocol; `None` for other views, whose moments were
-    /// trained on. A model of one branch has nothing but that branch to show.
+    /// The content of composed renders of held-out photos under a protocol; `None` for other views, whose moments were
+    /// trained. A model with one branch can only show that branch.
     fn composed_shows(self, capture: Capture, model: &Model, protocol: Protocol) -> Option<HeldOutPhoto> {
         match (self, capture, &model.static_) {
             (Self::Training, ..) | (_, Capture::Video, _) => None,
@@ -43,7 +43,7 @@ impl Split {
         }
     }
 
-    /// What the static branch should show: the known background, or the photo itself where test views are clean.
+    /// The ground truth of the static branch: the known background, or the photo itself if test views are clean.
     fn clean_background(self, view: &View, capture: Capture) -> Result<Option<Arc<RgbImage>>, ModelError> {
         Ok(match (&view.truth.background, self, capture) {
             (Some(background), ..) => Some(background.rgb()?),
@@ -53,11 +53,11 @@ impl Split {
     }
 }
 
-/// Renders and scores views of a scene with a model without autodiff. The frames of a camera come one after another, in
-/// order of time; `sink` gets every view's pictures, to show or to keep, with the view's index.
+/// Renders and evaluates views of a scene with a model without autodiff. The frames of a fixed camera are processed in
+/// order of time. `sink` receives the renders of every view, with the view's index.
 ///
 /// # Errors
-/// If a picture cannot be read, the device fails, or the sink does.
+/// If an image cannot be read, the device fails, or the sink fails.
 pub fn evaluate<E: From<ModelError>>(
     model: &Model,
     scene: &Scene,
@@ -100,7 +100,8 @@ pub fn evaluate<E: From<ModelError>>(
     Ok(Evaluation { mean, views })
 }
 
-/// Masks, if any view has one, which are true if all of them are; else what varies.
+/// The source of the dynamic regions: masks if any view has one (exact if all of them are), otherwise temporal
+/// deviation.
 fn region_source(views: &[View]) -> RegionSource {
     let masked: Vec<&View> = views.iter().filter(|view| view.truth.dynamic_mask.is_some()).collect();
     match masked.iter().all(|view| view.truth.is_mask_exact) {
@@ -110,7 +111,7 @@ fn region_source(views: &[View]) -> RegionSource {
     }
 }
 
-/// What the scores of all views have in common.
+/// The shared state of the evaluation of all views.
 struct Scoring<'a> {
     split: Split,
     capture: Capture,
@@ -122,14 +123,14 @@ struct Scoring<'a> {
 }
 
 impl Scoring<'_> {
-    /// The dynamic region of a camera's frames, where it is taken from these.
+    /// The dynamic region of a camera's frames, if it is estimated from them.
     fn varying_pixels<'v>(&self, frames: impl Iterator<Item = &'v View>) -> Result<Option<GrayImage>, ModelError> {
         if self.source != RegionSource::TemporalDeviation {
             return Ok(None);
         }
         let frames: Vec<&View> = frames.collect();
         let mut deviation = TemporalDeviation::default();
-        // The photo of a camera that moves is alone and says nothing; it need not be decoded.
+        // A single photo of a moving camera has no deviation and need not be decoded.
         if frames.len() > 1 {
             for view in frames {
                 let photo = view.image.rgb()?;
@@ -139,7 +140,7 @@ impl Scoring<'_> {
         Ok(deviation.region())
     }
 
-    /// The metrics of a view, and the pair that its successor is compared with.
+    /// The metrics of a view, and the pair for the comparison with the next frame.
     fn score(
         &mut self,
         view: &View,
@@ -171,7 +172,7 @@ impl Scoring<'_> {
                 let predicted = valid.visible(&layers.mask);
                 let (mut overlap, mut small) = (MaskOverlap::default(), SmallMovers::default());
                 overlap.add(&predicted, &regions.dynamic);
-                // What sways in its place is no mover, where that is known.
+                // Objects that sway in place are not movers, if movers are known.
                 small.add(&predicted, regions.movers.as_ref().unwrap_or(&regions.dynamic));
                 (scores.mask_iou, scores.small_movers) = (overlap.ratio(), small.recall());
                 self.overlap.merge(overlap);
@@ -186,7 +187,7 @@ impl Scoring<'_> {
     }
 }
 
-/// Which pixels of a view count; both pictures are black elsewhere, as nerfbaselines has it.
+/// The valid pixels of a view; both images are black elsewhere, as in nerfbaselines.
 struct ValidMask(Option<GrayImage>);
 
 impl ValidMask {
@@ -194,7 +195,7 @@ impl ValidMask {
         Ok(Self(view.mask.as_ref().map(|mask| mask.read()).transpose()?))
     }
 
-    /// A picture, given in 8 bits and in full precision, and its reference, both black where they do not count.
+    /// An image, given in 8 bits and in full precision, and its reference, both black at invalid pixels.
     fn pair(&self, picture: &RgbImage, exact: &Tensor<4>, reference: &RgbImage) -> Pair {
         let Some(mask) = &self.0 else {
             return Pair::new(picture.clone(), exact.clone(), reference.clone());
@@ -206,7 +207,7 @@ impl ValidMask {
         pair
     }
 
-    /// A picture that is black where pixels do not count.
+    /// An image that is black at invalid pixels.
     fn visible(&self, picture: &RgbImage) -> RgbImage {
         match &self.0 {
             Some(mask) => blackened(picture, mask),
@@ -214,7 +215,7 @@ impl ValidMask {
         }
     }
 
-    /// The parts of the picture that a mask (white = dynamic) divides it into, and the movers if they are known.
+    /// The regions into which a mask (white = dynamic) divides the image, and the movers if they are known.
     fn regions(&self, mask: &GrayImage, movers: Option<&GrayImage>) -> Regions {
         let divide = |mask: &GrayImage, is_white: fn(u8) -> bool| {
             let mut part = mask.clone();

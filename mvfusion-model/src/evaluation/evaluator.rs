@@ -1,13 +1,14 @@
-//! Who compares pictures: the metrics of a protocol, with the networks that they need.
+//! The metrics of a protocol for pairs of images, with the networks that they need.
 //!
-//! Metrics of a part of the picture (inside or outside the dynamic region) are means over its pixels of the same maps
-//! whose means over all pixels are the metrics of the whole picture: squared errors for PSNR, the SSIM map, and for
-//! LPIPS the maps of all layers enlarged to the picture and added (`spatial=True` of the package lpips), whose mean is
-//! nearly the metric: enlarging by a fraction weighs pixels unequally. Of the SSIM without the picture's border, those
-//! of the part's pixels count that lie inside that border. Windows and receptive fields so look across the border of
-//! the region. The other way, blackening both pictures outside the region, is not taken, because what is black in both
-//! counts as perfect: the metric would depend on the region's size first, and its outline would be an edge that neither
-//! picture has.
+//! A metric has one map per image. Its mean over all pixels is the metric of the whole image; its mean over a region is
+//! the metric inside or outside the dynamic region. The maps are the squared errors for PSNR, and the SSIM map. For
+//! LPIPS, it is the sum of all layers' maps, resized to the image (`spatial=True` of the package lpips). Its mean
+//! differs slightly from LPIPS, because resizing by a fraction weights pixels unequally. The SSIM without border uses
+//! the region's pixels inside the border of the image.
+//!
+//! Windows and receptive fields therefore extend across the region's border. The alternative would be to black out both
+//! images outside the region. But black pixels count as perfect, so the metric would mainly depend on the size of the
+//! region. The outline would also be an edge that neither image has.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -28,28 +29,28 @@ use crate::files::sha256;
 use crate::tensors;
 use crate::train::picture_tensor;
 
-/// Compares pictures as a protocol wants it. Where weights of LPIPS are missing, its metrics are absent, and the evaluator
-/// says why.
+/// Computes the metrics of a protocol. If weights of LPIPS are missing, its metrics are absent, and
+/// [`Evaluator::missing`] has the reason.
 #[derive(Debug)]
 pub struct Evaluator {
     protocol: Protocol,
-    /// The networks that the protocol needs, or why one is not there.
+    /// The networks that the protocol needs, or the reason why one is missing.
     networks: BTreeMap<Backbone, Result<Loaded, String>>,
 }
 
-/// A network and the file that it came from.
+/// A network and the hash of its file.
 #[derive(Debug)]
 struct Loaded {
     network: Lpips,
     sha256: String,
 }
 
-/// A picture and what it should look like, both in 8 bits and as tensors `[1, 3, H, W]` in `[0, 1]`.
+/// A render and its ground truth, both in 8 bits and as tensors `[1, 3, H, W]` in `[0, 1]`.
 #[derive(Clone, Debug)]
 pub struct Pair {
-    /// The picture, rounded.
+    /// The rounded render.
     pub picture: RgbImage,
-    /// The picture as rendered.
+    /// The render in full precision.
     pub exact: Tensor<4>,
     /// The photo.
     pub reference: RgbImage,
@@ -57,29 +58,29 @@ pub struct Pair {
     pub reference_exact: Tensor<4>,
 }
 
-/// White where a picture's pixels belong to a part of it.
+/// Masks of the regions of an image.
 #[derive(Clone, Debug)]
 pub struct Regions {
-    /// Where something moves.
+    /// White where something moves.
     pub dynamic: GrayImage,
-    /// Where nothing moves. Pixels that do not count are in neither.
+    /// White where nothing moves. Invalid pixels are in neither region.
     pub still: GrayImage,
-    /// Where something goes somewhere; absent where nobody knows.
+    /// White on movers, which change their place; absent if unknown.
     pub movers: Option<GrayImage>,
 }
 
-/// What an evaluator says of a picture.
+/// The metrics of a view.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ViewMetrics {
-    /// Of the whole picture.
+    /// Of the whole image.
     pub whole: LayerScores,
-    /// Of the dynamic region; absent where there is none, or it is empty.
+    /// Of the dynamic region; absent without one, or if it is empty.
     pub dynamic: Option<LayerScores>,
     /// Of the rest.
     pub still: Option<LayerScores>,
-    /// Of the movers; absent where they are not known, or there are none.
+    /// Of the movers; absent if they are unknown, or there are none.
     pub movers: Option<LayerScores>,
-    /// Of the picture and the one before it.
+    /// Of the image and the previous frame.
     pub temporal: Option<TemporalScores>,
 }
 
@@ -96,13 +97,13 @@ impl Loaded {
 }
 
 impl Pair {
-    /// A pair from a picture in both precisions and a photo.
+    /// A pair of a render in both precisions and a photo.
     pub fn new(picture: RgbImage, exact: Tensor<4>, reference: RgbImage) -> Self {
         let reference_exact = picture_tensor(&reference, &exact.device());
         Self { picture, exact, reference, reference_exact }
     }
 
-    /// What SSIM and LPIPS look at.
+    /// The input of SSIM and LPIPS.
     fn seen(&self, precision: Precision) -> [Tensor<4>; 2] {
         let picture = match precision {
             Precision::Full => self.exact.clone(),
@@ -112,10 +113,10 @@ impl Pair {
     }
 }
 
-/// What networks say of a picture, by kind of metric.
+/// The LPIPS distances of an image, by variant.
 type Distances = Vec<(LpipsVariant, Distance)>;
 
-/// The maps of a picture, whose means are its metrics.
+/// The maps of an image, whose means are its metrics.
 struct Maps<'a> {
     pair: &'a Pair,
     squared_errors: PixelMap,
@@ -124,18 +125,18 @@ struct Maps<'a> {
 }
 
 impl Evaluator {
-    /// An evaluator without networks, who gives no LPIPS.
+    /// An evaluator without networks and LPIPS.
     pub fn without_lpips(protocol: Protocol) -> Self {
         let reason = "no folder of weights was given";
         let networks = wanted(protocol).map(|backbone| (backbone, Err(reason.to_owned()))).collect();
         Self { protocol, networks }
     }
 
-    /// An evaluator with those of the protocol's networks whose weights are in a folder (see [`Backbone::file_in`] for their
-    /// names), on `device`.
+    /// An evaluator on `device`, with the protocol's networks whose weights are in a folder. [`Backbone::file_in`]
+    /// lists their file names.
     ///
     /// # Errors
-    /// If there is no such folder, or a file in it cannot be read or does not fit.
+    /// If the folder does not exist, or a file in it cannot be read or is invalid.
     pub fn with_lpips(protocol: Protocol, weights: &Path, device: &Device) -> Result<Self, ModelError> {
         std::fs::read_dir(weights).map_err(|error| ModelError::File {
             action: "read",
@@ -152,25 +153,25 @@ impl Evaluator {
         Ok(Self { protocol, networks: networks.collect::<Result<_, ModelError>>()? })
     }
 
-    /// Whose metrics it gives.
+    /// The protocol of the metrics.
     pub fn protocol(&self) -> Protocol {
         self.protocol
     }
 
-    /// The networks that compare, each with the SHA-256 of its file of weights.
+    /// The loaded networks, each with the SHA-256 of its weights file.
     pub fn weights(&self) -> impl Iterator<Item = (Backbone, &str)> {
         self.networks.iter().filter_map(|(&backbone, network)| Some((backbone, network.as_ref().ok()?.sha256.as_str())))
     }
 
-    /// The networks that the protocol wants and that are not there, each with the reason.
+    /// The missing networks of the protocol, each with the reason.
     pub fn missing(&self) -> impl Iterator<Item = (Backbone, &str)> {
         self.networks.iter().filter_map(|(&backbone, network)| Some((backbone, network.as_ref().err()?.as_str())))
     }
 
-    /// Compares a picture with its photo, as a whole, by region, and with the pair of the frame `before` it.
+    /// The metrics of a pair: for the whole image, by region, and relative to the frame `before`.
     ///
     /// # Errors
-    /// If the device cannot hand its numbers back.
+    /// If the device fails to return values.
     pub fn metrics(
         &self,
         pair: &Pair,
@@ -203,7 +204,7 @@ impl Evaluator {
         let mut temporal = TemporalScores::default();
         for variant in self.protocol.lpips() {
             let Some(Ok(Loaded { network, .. })) = self.networks.get(&variant.backbone) else { continue };
-            // Flicker is told by networks that are fed what they were made for.
+            // Flicker is measured only with the networks' intended input range.
             let before = before.filter(|_| variant.range == InputRange::Signed);
             let mut pictures = pair.seen(precision).to_vec();
             let mut pairs = vec![(0, 1)];
@@ -222,7 +223,7 @@ impl Evaluator {
     }
 }
 
-/// The networks that a protocol needs, each once.
+/// The networks that a protocol needs, without duplicates.
 fn wanted(protocol: Protocol) -> impl Iterator<Item = Backbone> {
     Backbone::ALL.into_iter().filter(move |&backbone| protocol.lpips().any(|variant| variant.backbone == backbone))
 }
@@ -232,7 +233,7 @@ fn number(distance: &Distance) -> Result<f64, ModelError> {
     Ok(tensors::read::<1, f64>(distance.value())?.into_iter().sum())
 }
 
-/// Enters the distances of two consecutive pictures and of their photos.
+/// Records the distances of two consecutive renders and of their photos.
 fn note(temporal: &mut TemporalScores, backbone: Backbone, pictures: f64, photos: f64) {
     let (flicker, consecutive) = match backbone {
         Backbone::Alex => (&mut temporal.t_lpips_alex, &mut temporal.consecutive_lpips_alex),
@@ -257,9 +258,8 @@ impl Maps<'_> {
         Ok(scores)
     }
 
-    /// The metrics where a mask is white; `None` where it is nowhere. A part has no border of its own: for the SSIM
-    /// without border the picture's is left out, which may leave nothing. MS-SSIM multiplies the means of whole scales,
-    /// so that no part has one.
+    /// The metrics where a mask is white; `None` if it is black everywhere. The SSIM without border excludes the
+    /// image's border, which may leave no pixels. MS-SSIM multiplies the means of whole scales, so a region has none.
     fn part(&self, mask: &GrayImage) -> Result<Option<LayerScores>, ModelError> {
         let Some(squared_error) = self.squared_errors.mean_over(mask) else { return Ok(None) };
         let eight_bit: Psnr = masked_psnr(&self.pair.picture, &self.pair.reference, mask);
@@ -382,7 +382,7 @@ mod tests {
             for protocol in [Protocol::DeGauss, Protocol::NerfBaselines] {
                 let metrics = Evaluator::without_lpips(protocol).metrics(&pair, None, Some(&regions)).expect("numbers");
                 let (dynamic, still) = (metrics.dynamic.expect("white"), metrics.still.expect("white"));
-                // Four pixels of the row lie inside the border.
+                // Four pixels of the row are inside the border.
                 let [picture, reference] = pair.seen(protocol.precision());
                 let map = ssim_map(picture, reference).expect("numbers");
                 let wanted = map.mean_over(&part(|x, y| (5..9).contains(&x) && y == 7)).expect("white");
@@ -404,7 +404,7 @@ mod tests {
             let still = temporal(&now).expect("AlexNet is there");
             assert_eq!((still.t_lpips_alex, still.consecutive_lpips_alex), (Some(0.0), Some(0.0)));
             assert_eq!(still.t_lpips_vgg, None);
-            // The pictures change, the photos do not.
+            // The renders change, the photos do not.
             let before =
                 Pair { reference: now.reference.clone(), reference_exact: now.reference_exact.clone(), ..other };
             let moved = temporal(&before).expect("AlexNet is there");

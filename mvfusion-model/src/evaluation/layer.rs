@@ -1,33 +1,33 @@
-//! The layers that a model can be shown in.
+//! The layers of a model that can be rendered.
 
 use std::fmt;
 
 use crate::model::{DeformationLevel, Model};
 
-/// What is shown of a model.
+/// A layer of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Layer {
-    /// What the whole model shows: the branches blended, or the only one.
+    /// The whole model: both branches blended, or the only one.
     Composed,
-    /// The static branch alone, without brightness control.
+    /// Only the static branch, without brightness control.
     Static,
-    /// The dynamic branch alone.
+    /// Only the dynamic branch.
     Dynamic,
     /// The share of the dynamic branch.
     Mask,
-    /// What the static branch adds to the composed picture: under the brightness control, times its share.
+    /// The contribution of the static branch to the composed render: with brightness control, times its share.
     MaskedStatic,
-    /// What the dynamic branch adds to the composed picture. The two together are the composed picture.
+    /// The contribution of the dynamic branch to the composed render. Both contributions add up to the composed render.
     MaskedDynamic,
-    /// Depth of the composed picture along the camera's axis, world units: sum of weighted depths divided by the sum of
-    /// weights, both blended by the mask as the colours are; 0 where there is nothing.
+    /// Depth of the composed render along the camera's axis, in world units: the sum of weighted depths divided by the
+    /// sum of weights, both blended by the mask like the colours; 0 where nothing is rendered.
     Depth,
-    /// How much of the background is hidden in the composed picture.
+    /// Alpha of the composed render.
     Alpha,
-    /// Motion intensity: the spreads of position, scale and rotation, weighted and added, as the dynamic branch shows
-    /// it.
+    /// Motion intensity, rendered with the dynamic branch: the weighted sum of the spreads of position, scale and
+    /// rotation.
     Motion,
-    /// Spread of the positions over the trajectories, as the dynamic branch shows it.
+    /// Spread of the positions over the trajectories, rendered with the dynamic branch.
     PositionVariance,
     /// Spread of the rotations.
     RotationVariance,
@@ -84,7 +84,7 @@ impl Layer {
         Self::ALL.into_iter().find(|layer| layer.name() == name)
     }
 
-    /// Names of its channels, as OpenEXR has them.
+    /// Names of its channels in OpenEXR.
     pub fn channels(self) -> &'static [&'static str] {
         match self {
             Self::Composed | Self::Static | Self::Dynamic | Self::MaskedStatic | Self::MaskedDynamic => {
@@ -96,12 +96,12 @@ impl Layer {
         }
     }
 
-    /// Whether it shows how things move.
+    /// Whether it is a motion layer.
     pub fn is_motion(self) -> bool {
         matches!(self, Self::Motion | Self::PositionVariance | Self::RotationVariance | Self::ScaleVariance)
     }
 
-    /// Why a model cannot be shown in this layer; `None` if it can.
+    /// The reason why a model cannot render this layer; `None` if it can.
     pub fn lacking(self, model: &Model, level: DeformationLevel) -> Option<&'static str> {
         let of_two = matches!(self, Self::Static | Self::Mask | Self::MaskedStatic | Self::MaskedDynamic);
         if of_two && model.static_.is_none() {
@@ -110,7 +110,7 @@ impl Layer {
         (self.is_motion() && level == DeformationLevel::Still).then_some("nothing moves in the model")
     }
 
-    /// The layers that a model is shown in unless somebody asks for others.
+    /// The default layers of a model.
     pub fn usual(model: &Model, level: DeformationLevel) -> Vec<Self> {
         let two = [Self::Composed, Self::Static, Self::Dynamic, Self::Mask, Self::Depth, Self::Motion];
         let one = [Self::Composed, Self::Depth, Self::Motion];

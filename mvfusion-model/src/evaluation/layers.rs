@@ -1,4 +1,4 @@
-//! Renders a model in layers, without autodiff.
+//! Renders the layers of a model, without autodiff.
 
 use burn::tensor::{Tensor, TensorData};
 use image::RgbImage;
@@ -16,14 +16,14 @@ use crate::model::motion::{AttributeSpread, Trajectories};
 use crate::model::{DeformationLevel, Model, RenderContext};
 use crate::{ModelError, tensors};
 
-/// Quantile, over the dynamic Gaussians, of what is shown as white in a layer of motion.
+/// Quantile over the dynamic Gaussians that is white in a motion layer.
 const BRIGHTEST_QUANTILE: f64 = 0.98;
-/// Features that a layer of motion takes: as it is shown, and as it is.
+/// Features of a motion layer: the displayed value and the actual value.
 const HEAT_CHANNELS: usize = 2;
-/// Alpha below which there is nothing to tell the depth of: no more than 8 bits resolve.
+/// Alpha below which there is no depth: less than 8 bits resolve.
 const LEAST_ALPHA: f64 = 0.5 / 255.0;
 
-/// Renders a model (see [`Model::plain`]) in some layers.
+/// Renders some layers of a model (see [`Model::plain`]).
 #[derive(Clone, Debug)]
 pub struct LayerRenderer<'a> {
     model: &'a Model,
@@ -34,33 +34,33 @@ pub struct LayerRenderer<'a> {
     depths: Option<DepthRange>,
 }
 
-/// A number of each dynamic Gaussian that a layer shows.
+/// A value per dynamic Gaussian that a layer shows.
 #[derive(Clone, Debug)]
 struct Heat {
     layer: Layer,
-    /// Root of the number as a share of the brightest, in `[0, 1]`; the number as that share: `[N, 2]`.
+    /// The value relative to the brightest: its root in `[0, 1]`, and itself: `[N, 2]`.
     features: Tensor<2>,
     brightest: f64,
 }
 
-/// A layer of a moment, on the device.
+/// A rendered layer, on the device.
 #[derive(Clone, Debug)]
 pub struct RenderedLayer {
-    /// Which one.
+    /// The layer.
     pub layer: Layer,
-    /// Its channels in full precision, `[C, H, W]`. Colours of the static branch may exceed 1; layers of motion are in
-    /// the units of the motion statistics.
+    /// Its channels in full precision, `[C, H, W]`. Colours of the static branch may exceed 1. Motion layers have the
+    /// units of the motion statistics.
     pub values: Tensor<3>,
-    /// What a heat map is made of, `[1, H, W]`; in layers of motion.
+    /// The values of the heat map, `[1, H, W]`; only in motion layers.
     heat: Option<Tensor<3>>,
 }
 
 impl<'a> LayerRenderer<'a> {
-    /// A renderer of `layers`. If one of them shows motion, the trajectories are measured first; `weights` are those of
-    /// the motion intensity.
+    /// A renderer of `layers`. If one of them is a motion layer, the trajectories are measured first. `weights` are the
+    /// weights of the motion intensity.
     ///
     /// # Errors
-    /// If the model cannot be shown in one of the layers, or the device fails.
+    /// If the model does not have one of the layers, or the device fails.
     pub fn new(
         model: &'a Model,
         level: DeformationLevel,
@@ -80,8 +80,8 @@ impl<'a> LayerRenderer<'a> {
         Ok(Self { model, level, context, layers: layers.to_vec(), heats, depths: None })
     }
 
-    /// A renderer of those among `layers` that the model has, with the motion intensity as it was last measured in
-    /// training, if it was.
+    /// A renderer of those `layers` that the model has. The motion intensity is from the last measurement in training,
+    /// if any.
     pub(super) fn as_trained(
         model: &'a Model,
         level: DeformationLevel,
@@ -102,11 +102,10 @@ impl<'a> LayerRenderer<'a> {
         Ok(Self { model, level, context, layers, heats, depths: None })
     }
 
-    /// Takes the scale of depth pictures from these cameras and moments, so that all pictures have the same; without,
-    /// each has its own.
+    /// Derives one scale of depth images from these cameras and moments. Otherwise, each image has its own scale.
     ///
     /// # Errors
-    /// As [`LayerRenderer::render`].
+    /// Same as [`LayerRenderer::render`].
     pub fn with_depths_of(
         mut self,
         frames: impl IntoIterator<Item = (Camera, Option<f64>)>,
@@ -124,16 +123,16 @@ impl<'a> LayerRenderer<'a> {
         Ok(self)
     }
 
-    /// The layers, in the order in which they were asked for.
+    /// The layers, in the requested order.
     pub fn layers(&self) -> &[Layer] {
         &self.layers
     }
 
-    /// Renders a moment in `[0, 1]`, or without one what does not move: the static branch has the whole picture then, at
-    /// the brightness 1, and what shows the dynamic branch, its share or its motion is black.
+    /// Renders a moment in `[0, 1]`. Without a moment, the static branch fills the whole image at brightness 1, and
+    /// layers of the dynamic branch, its share and its motion are black.
     ///
     /// # Errors
-    /// If the splat op refuses its input, or there is no moment and no static branch either.
+    /// If the splat op rejects its input, or there is neither a moment nor a static branch.
     pub fn render(&self, camera: &Camera, time: impl Into<Option<f64>>) -> Result<Vec<RenderedLayer>, ModelError> {
         let seen = match time.into() {
             Some(time) => self.at(camera, time)?,
@@ -168,7 +167,7 @@ impl<'a> LayerRenderer<'a> {
         Ok(Seen::new(dynamic.main(), static_.map(|picture| picture.main()), first_heat))
     }
 
-    /// The static branch alone.
+    /// Only the static branch.
     fn without_moment(&self, camera: &Camera) -> Result<Seen, ModelError> {
         let static_ = self.model.static_picture(camera, None, self.context)?.ok_or(ModelError::Layer {
             layer: Layer::Static.name(),
@@ -177,9 +176,9 @@ impl<'a> LayerRenderer<'a> {
         Ok(Seen::of_static(static_.main(), self.heats.len()))
     }
 
-    /// A layer in 8 bits: colours, mask and alpha as they are, depths as grey by their inverse (near is white), motion
-    /// as a heat map from black by red and yellow to white, which is the root of what 2 % of the dynamic Gaussians
-    /// exceed.
+    /// A layer in 8 bits. Colours, mask and alpha are unchanged. Depths become grey by their inverse (near is white).
+    /// Motion becomes a heat map of the root, from black through red and yellow to white, which is the 98 % quantile of
+    /// the dynamic Gaussians.
     ///
     /// # Errors
     /// If the device cannot hand its numbers back.
@@ -199,7 +198,7 @@ impl<'a> LayerRenderer<'a> {
 }
 
 impl RenderedLayer {
-    /// The numbers, channel by channel, row by row.
+    /// The values, channel by channel, row by row.
     ///
     /// # Errors
     /// If the device cannot hand its numbers back.
@@ -214,7 +213,7 @@ impl RenderedLayer {
     }
 }
 
-/// The layers of motion, from trajectories that are measured now.
+/// The motion layers, from newly measured trajectories.
 fn measured(
     model: &Model,
     context: &RenderContext,
@@ -243,15 +242,15 @@ fn measured(
 }
 
 impl Heat {
-    /// A number for each Gaussian; `like` gives device and dtype.
+    /// The features of one value per Gaussian; `like` determines device and dtype.
     fn new(layer: Layer, numbers: Vec<f64>, like: &Tensor<2>) -> Self {
         let mut sorted = numbers.clone();
         sorted.sort_by(f64::total_cmp);
         let place = (sorted.len().saturating_sub(1) as f64 * BRIGHTEST_QUANTILE) as usize;
-        // Where hardly anything moves the quantile is zero, and the brightest of all has to do.
+        // If hardly anything moves, the quantile is zero, and the maximum replaces it.
         let is_scale = |number: &&f64| **number >= f64::from(f32::MIN_POSITIVE);
         let brightest = sorted.get(place).filter(is_scale).or(sorted.last().filter(is_scale)).copied().unwrap_or(1.0);
-        // Variances are spread over decades; the root shows the faint ones as well.
+        // Variances span decades; the root also makes small ones visible.
         let shares = numbers.iter().map(|number| number / brightest);
         let features: Vec<f64> = shares.flat_map(|share| [share.clamp(0.0, 1.0).sqrt(), share]).collect();
         let data = TensorData::new(features, [numbers.len(), HEAT_CHANNELS]);
@@ -259,7 +258,7 @@ impl Heat {
     }
 }
 
-/// What both branches show, blended where there are two.
+/// The renders of the branches, blended if there are two.
 struct Seen {
     dynamic: SplatPlanes,
     static_: Option<SplatPlanes>,
@@ -283,7 +282,7 @@ impl Seen {
         Self { dynamic, static_, blend, first_heat }
     }
 
-    /// What there is where the dynamic branch shows nothing; its features are black, `heats` layers of motion among them.
+    /// The renders without a dynamic branch. Its features are black, including those of `heats` motion layers.
     fn of_static(static_: SplatPlanes, heats: usize) -> Self {
         let nothing = static_.alpha.zeros_like();
         let dynamic = SplatPlanes {
@@ -296,13 +295,13 @@ impl Seen {
         Self { dynamic, static_: Some(static_), blend, first_heat: MaskChannel::ALL.len() }
     }
 
-    /// A layer that is no motion.
+    /// A layer that is not a motion layer.
     fn layer(&self, layer: Layer) -> Tensor<3> {
         let single = || self.dynamic.colour.clone().clamp(0.0, 1.0);
         match (layer, &self.blend) {
             (Layer::Depth, _) => self.depth(),
             (Layer::Alpha, _) => self.blended(|branch| branch.alpha.clone()),
-            // A model of one branch shows this alone; the other layers it does not have.
+            // A model with one branch has only this layer.
             (_, None) => single(),
             (Layer::Static, Some(blend)) => blend.static_.clone().squeeze_dim(0),
             (Layer::Dynamic, Some(blend)) => blend.dynamic.clone().squeeze_dim(0),
@@ -313,7 +312,7 @@ impl Seen {
         }
     }
 
-    /// A plane of both branches, `[1, H, W]`, blended as their colours are.
+    /// A plane of both branches, `[1, H, W]`, blended like the colours.
     fn blended(&self, plane: impl Fn(&SplatPlanes) -> Tensor<3>) -> Tensor<3> {
         match (&self.static_, &self.blend) {
             (Some(static_), Some(blend)) => {
@@ -331,9 +330,9 @@ impl Seen {
         (sum / alpha.clamp_min(LEAST_ALPHA)).mask_fill(nothing, 0.0)
     }
 
-    /// The two planes of a layer of motion, `[1, H, W]`: as it is shown, and as it is.
+    /// The two planes of a motion layer, `[1, H, W]`: the displayed and the actual value.
     fn heat(&self, place: usize) -> [Tensor<3>; HEAT_CHANNELS] {
-        // Proof: a layer of motion has splatted its features.
+        // Proof: the features of a motion layer were splatted.
         let features = self.dynamic.features.as_ref().expect("features were splatted");
         let first = self.first_heat + HEAT_CHANNELS * place;
         [first, first + 1].map(|channel| features.clone().narrow(0, channel, 1))
@@ -347,7 +346,7 @@ mod tests {
     use super::*;
     use crate::test_support::{for_each_device, values};
 
-    /// Room for rounding in single precision.
+    /// Tolerance for rounding in single precision.
     const ROUNDING: f64 = 1e-5;
 
     /// A row of pixels.
@@ -355,7 +354,7 @@ mod tests {
         Tensor::from_data(TensorData::new(numbers.to_vec(), [1, 1, W]), device)
     }
 
-    /// A branch that shows these alphas and depths; `features` are the probabilities of the mask channels.
+    /// A branch with these alphas and depths; `features` are the probabilities of the mask channels.
     fn branch(alpha: [f32; 3], depth: [f32; 3], features: Option<[f32; 3]>, device: &Device) -> SplatPlanes {
         let sum: [f32; 3] = std::array::from_fn(|i| alpha[i] * depth[i]);
         let features = features.map(|levels| Tensor::cat(levels.map(|level| row([level; 3], device)).to_vec(), 0));
@@ -380,7 +379,7 @@ mod tests {
     #[test]
     fn depths_of_both_branches_are_blended_by_share_and_weight() {
         for_each_device(|device| {
-            // A quarter of the picture is the dynamic branch's.
+            // The dynamic branch has a quarter of each pixel.
             let dynamic = branch([1.0, 0.5, 0.0], [2.0; 3], Some([0.75, 0.5, 0.25]), &device);
             let static_ = branch([1.0; 3], [4.0; 3], None, &device);
             let seen = Seen::new(dynamic, Some(static_), MaskChannel::ALL.len());

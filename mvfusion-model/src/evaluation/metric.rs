@@ -1,11 +1,11 @@
-//! The metrics by which a picture is judged: their names, and how they are read.
+//! The image metrics: their names, units and directions.
 
 use serde::Serialize;
 
 use super::layer_scores::LayerScores;
 use super::metrics::lpips::{Backbone, InputRange, LpipsVariant};
 
-/// Which metric of a layer.
+/// A metric of a layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Metric {
     /// [`LayerScores::psnr`].
@@ -24,13 +24,13 @@ pub enum Metric {
     Lpips(LpipsVariant),
 }
 
-/// Which of two values of a metric is the better one.
+/// The better direction of a metric.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Better {
-    /// The higher.
+    /// Higher is better.
     Higher,
-    /// The lower.
+    /// Lower is better.
     Lower,
 }
 
@@ -49,7 +49,7 @@ impl Metric {
         Self::Lpips(LpipsVariant::VGG_RAW),
     ];
 
-    /// Its name in files: that of its field in [`LayerScores`].
+    /// Name in files, which is the name of its field in [`LayerScores`].
     pub fn name(self) -> &'static str {
         match self {
             Self::Psnr => "psnr",
@@ -67,7 +67,7 @@ impl Metric {
         }
     }
 
-    /// Its name for people, by which no table means anything else, whatever the protocol.
+    /// Name for people. Every table uses it, whatever the protocol.
     pub const fn label(self) -> &'static str {
         match self {
             Self::Psnr => "PSNR",
@@ -93,7 +93,7 @@ impl Metric {
         }
     }
 
-    /// Digits behind the point, beyond which runs of the same kind differ anyhow.
+    /// Decimal places. Runs of the same kind differ beyond them.
     pub const fn decimals(self) -> usize {
         match self {
             Self::Psnr | Self::PsnrExact => 2,
@@ -101,7 +101,7 @@ impl Metric {
         }
     }
 
-    /// Which way it is better.
+    /// The better direction.
     pub const fn better(self) -> Better {
         match self {
             Self::Psnr | Self::PsnrExact | Self::Ssim | Self::SsimValid | Self::MsSsim => Better::Higher,
@@ -111,11 +111,11 @@ impl Metric {
 
     /// Its value in a layer's metrics.
     pub fn of(self, scores: &LayerScores) -> Option<f64> {
-        // A copy, so that one list of fields does for reading and writing.
+        // A copy, so that one list of fields serves reading and writing.
         *self.place(&mut { *scores })
     }
 
-    /// Where it stands among a layer's metrics.
+    /// Its field in a layer's metrics.
     pub(super) fn place(self, scores: &mut LayerScores) -> &mut Option<f64> {
         match self {
             Self::Psnr => &mut scores.psnr,
@@ -135,7 +135,7 @@ impl Metric {
 }
 
 impl Better {
-    /// As an arrow to the better side.
+    /// An arrow in the better direction.
     pub const fn arrow(self) -> &'static str {
         match self {
             Self::Higher => "\u{2191}",

@@ -1,4 +1,4 @@
-//! The protocols of evaluation: which variant of each metric the people report with whom one compares.
+//! The evaluation protocols: the variant of each metric in a body of results.
 
 use std::str::FromStr;
 
@@ -6,39 +6,39 @@ use super::metric::Metric;
 use super::metrics::lpips::LpipsVariant;
 use super::scores::HeldOutPhoto;
 
-/// A way of scoring pictures that some body of results shares. All of them average metrics of single views (never
-/// errors of all views together), and score the last iteration.
+/// An evaluation protocol. All protocols average metrics over views (they never pool errors), and evaluate the last
+/// iteration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Protocol {
-    /// This program's own: every metric.
+    /// The protocol of this program: all metrics.
     ///
-    /// PSNR of 8-bit pictures; SSIM with zero padding, MS-SSIM and LPIPS on unrounded pictures; LPIPS by AlexNet on
-    /// `[-1, 1]` in front, by VGG-16 and on `[0, 1]` beside it; T-LPIPS of consecutive frames.
+    /// PSNR of 8-bit images; SSIM with zero padding, MS-SSIM and LPIPS on unrounded images. The first LPIPS is AlexNet
+    /// on `[-1, 1]`, followed by VGG-16 and the variants on `[0, 1]`. T-LPIPS of consecutive frames.
     #[default]
     Mvfusion,
-    /// DeGauss' test scripts.
+    /// The test scripts of DeGauss.
     ///
-    /// Everything on 8-bit pictures, which they read back from files (and had truncated, where this program rounds);
-    /// SSIM of torchmetrics, whose releases differ in whether the border counts: here it does not; three LPIPS, of
-    /// which its paper does not say which one the table has: AlexNet on `[-1, 1]` (`LPIPS-alex normalized` there),
-    /// AlexNet and VGG-16 on `[0, 1]` (`LPIPS-alex` and `LPIPS-vgg` there).
+    /// All metrics use 8-bit images, which the scripts read back from files (truncated; this program rounds). SSIM is
+    /// from torchmetrics, whose releases differ in whether they include the border; here they do not. There are three
+    /// LPIPS: AlexNet on `[-1, 1]` (`LPIPS-alex normalized` there), AlexNet and VGG-16 on `[0, 1]` (`LPIPS-alex` and
+    /// `LPIPS-vgg` there). The paper does not state which one its table contains.
     DeGauss,
     /// The `metrics.py` of 3DGS.
     ///
-    /// Everything on 8-bit pictures, which it reads back from files; SSIM with zero padding; LPIPS by VGG-16 on
-    /// `[0, 1]`, for which that network was not made.
+    /// All metrics use 8-bit images, which the script reads back from files. SSIM has zero padding. LPIPS is VGG-16 on
+    /// `[0, 1]`, which is not its intended input range.
     ThreeDgs,
     /// nerfbaselines.
     ///
-    /// Everything on 8-bit pictures; SSIM without padding; LPIPS by AlexNet on `[-1, 1]`, and by VGG-16 for the scenes
-    /// of NeRF. Pixels that a mask ignores are black in both pictures, here as in all protocols of this program.
+    /// All metrics use 8-bit images. SSIM has no padding. LPIPS is AlexNet on `[-1, 1]`, and VGG-16 for the scenes of
+    /// NeRF. Pixels that a mask ignores are black in both images, as in all protocols of this program.
     NerfBaselines,
 }
 
-/// What pictures SSIM and LPIPS are taken of. PSNR has a [`Metric`] for each.
+/// The precision of the images for SSIM and LPIPS. PSNR has a [`Metric`] for each precision.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Precision {
-    /// As rendered.
+    /// Full precision.
     Full,
     /// Rounded to 8 bits.
     EightBit,
@@ -86,7 +86,7 @@ impl Protocol {
         }
     }
 
-    /// What its metrics mean, in a sentence to be written beside them.
+    /// A description of its metrics, for tables and reports.
     pub fn statement(self) -> &'static str {
         match self {
             Self::Mvfusion => {
@@ -114,8 +114,8 @@ impl Protocol {
         }
     }
 
-    /// What composed pictures of held-out photos show, of a model of two branches. Ours are clean views; the others
-    /// score what the method renders for the photo's time.
+    /// The content of composed renders of held-out photos, for a model with two branches. Ours are clean views; the
+    /// other protocols evaluate the render at the photo's time.
     pub fn held_out_photos(self) -> HeldOutPhoto {
         match self {
             Self::Mvfusion => HeldOutPhoto::StaticBranch,
@@ -123,7 +123,7 @@ impl Protocol {
         }
     }
 
-    /// What it reports, in the order of its tables.
+    /// The metrics that it reports, in the order of its tables.
     pub fn metrics(self) -> &'static [Metric] {
         match self {
             Self::Mvfusion => MVFUSION,
@@ -133,7 +133,7 @@ impl Protocol {
         }
     }
 
-    /// The pictures that SSIM and LPIPS are taken of.
+    /// The precision of the images for SSIM and LPIPS.
     pub fn precision(self) -> Precision {
         match self {
             Self::Mvfusion => Precision::Full,
@@ -141,7 +141,7 @@ impl Protocol {
         }
     }
 
-    /// The kinds of LPIPS that it reports.
+    /// The LPIPS variants that it reports.
     pub fn lpips(self) -> impl Iterator<Item = LpipsVariant> {
         self.metrics().iter().filter_map(|&metric| match metric {
             Metric::Lpips(variant) => Some(variant),

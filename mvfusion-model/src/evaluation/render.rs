@@ -1,4 +1,4 @@
-//! One view in the layers that an evaluation scores and shows.
+//! The layers of one view for an evaluation.
 
 use burn::tensor::Tensor;
 use image::RgbImage;
@@ -9,48 +9,48 @@ use super::layers::LayerRenderer;
 use crate::ModelError;
 use crate::model::{DeformationLevel, Model, RenderContext};
 
-/// The layers of a view as 8-bit pictures.
+/// The layers of a view as 8-bit images.
 #[derive(Clone, Debug)]
 pub struct ViewPictures {
-    /// What the whole model shows: the branches blended, or the only one.
+    /// The whole model: both branches blended, or the only one.
     pub composed: RgbImage,
-    /// What it is blended from, in a model of two branches.
+    /// The images of the branches, in a model with two branches.
     pub branches: Option<BranchImages>,
-    /// Motion intensity of the dynamic branch, on a scale of its own; absent until motion was measured.
+    /// Motion intensity of the dynamic branch, on its own scale; absent until motion was measured.
     pub motion: Option<RgbImage>,
-    /// The composed picture in full precision: `[1, 3, H, W]`.
+    /// The composed render in full precision: `[1, 3, H, W]`.
     pub composed_tensor: Tensor<4>,
 }
 
-/// What a view is blended from.
+/// The images of the branches of a view.
 #[derive(Clone, Debug)]
 pub struct BranchImages {
-    /// The static branch alone, without brightness control.
+    /// Only the static branch, without brightness control.
     pub static_: RgbImage,
-    /// The dynamic branch alone.
+    /// Only the dynamic branch.
     pub dynamic: RgbImage,
     /// The share of the dynamic branch.
     pub mask: RgbImage,
-    /// What the static branch adds to the composed picture, under the brightness control and times its share, and what
-    /// the dynamic one adds: `[1, 3, H, W]` each.
+    /// The contributions of the static branch (with brightness control, times its share) and of the dynamic branch to
+    /// the composed render: `[1, 3, H, W]` each.
     masked: [Tensor<4>; 2],
     /// The static branch in full precision: `[1, 3, H, W]`.
     pub static_tensor: Tensor<4>,
 }
 
 impl BranchImages {
-    /// What the static branch adds to the composed picture, and what the dynamic one adds. Read from the device when it
-    /// is asked for: no score needs it.
+    /// The contributions of the static and of the dynamic branch to the composed render. They are read from the device
+    /// on request, because no metric needs them.
     ///
     /// # Errors
-    /// If the device cannot hand its numbers back.
+    /// If the device fails to return values.
     pub fn masked(&self) -> Result<[RgbImage; 2], ModelError> {
         let [static_, dynamic] = self.masked.clone();
         Ok([super::metrics::quantise(static_)?, super::metrics::quantise(dynamic)?])
     }
 }
 
-/// What renders the views of a model without autodiff (see [`Model::plain`]) for [`render_view`].
+/// The renderer of a model without autodiff (see [`Model::plain`]) for [`render_view`].
 ///
 /// # Errors
 /// If the device fails.
@@ -69,16 +69,16 @@ pub(super) fn view_renderer<'a>(
         Layer::Motion,
     ];
     if model.static_.is_none() {
-        // It would be the composed picture again.
+        // It would equal the composed render.
         wanted.retain(|&layer| layer != Layer::Dynamic);
     }
     LayerRenderer::as_trained(model, level, context, &wanted)
 }
 
-/// Renders a view by what [`view_renderer`] made, at a moment or without one (see [`LayerRenderer::render`]).
+/// Renders a view with the result of [`view_renderer`], with or without a moment (see [`LayerRenderer::render`]).
 ///
 /// # Errors
-/// If the device fails or an op refuses its input.
+/// If the device fails or an op rejects its input.
 pub(super) fn render_view(
     renderer: &LayerRenderer<'_>,
     view: &View,
@@ -98,7 +98,7 @@ pub(super) fn render_view(
         }
         _ => None,
     };
-    // Proof: every model can be shown composed, and `view_renderer` asks for it.
+    // Proof: every model has a composed layer, and `view_renderer` requests it.
     let composed_tensor = tensor(Layer::Composed).expect("composed");
     let composed = super::metrics::quantise(composed_tensor.clone())?;
     Ok(ViewPictures { composed, branches, motion: picture(Layer::Motion)?, composed_tensor })

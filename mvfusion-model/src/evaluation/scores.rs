@@ -1,4 +1,4 @@
-//! What an evaluation found, and its means over views.
+//! The results of an evaluation, and their means over views.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,51 +6,52 @@ use super::layer_scores::LayerScores;
 use super::metric::Metric;
 use super::metrics::{RegionSource, SmallMoversRecall, TemporalScores};
 
-/// What the composed picture of a held-out photo shows. Its moment was not trained on: a photo has a moment of its own.
+/// The content of the composed render of a held-out photo. Its moment was not trained, because each photo has its own
+/// moment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum HeldOutPhoto {
-    /// The static branch alone, at the brightness 1: a clean view.
+    /// Only the static branch, at brightness 1: a clean view.
     StaticBranch,
-    /// All branches at the photo's time, in which what moves is that of the photos before and after it, if anything.
+    /// All branches at the photo's time. Moving objects, if any, are those of the previous and next photo.
     AllBranches,
 }
 
 /// Metrics of a set of views.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Scores {
-    /// The blended picture against the photo.
+    /// The composed render against the photo.
     pub composed: LayerScores,
-    /// What the composed pictures show, where the views are held-out photos. Else they show the view's moment.
+    /// The content of the composed renders, if the views are held-out photos. Otherwise they show the view's moment.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub composed_shows: Option<HeldOutPhoto>,
     /// The static branch against the clean background.
     #[serde(rename = "static", skip_serializing_if = "Option::is_none", default)]
     pub static_: Option<LayerScores>,
-    /// The blended picture against the photo, inside the dynamic region.
+    /// The composed render against the photo, inside the dynamic region.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub dynamic_region: Option<LayerScores>,
-    /// The blended picture against the photo, outside the dynamic region.
+    /// The composed render against the photo, outside the dynamic region.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub still_region: Option<LayerScores>,
-    /// What the dynamic region was taken from.
+    /// The source of the dynamic region.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub region_source: Option<RegionSource>,
-    /// `dynamic_region.psnr - still_region.psnr` in dB: how much worse what moves is than what does not. What changes the
-    /// whole picture from run to run is in both, so it varies less than they do.
+    /// `dynamic_region.psnr - still_region.psnr` in dB: the deficit of moving regions. Variations of the whole image
+    /// between runs are in both terms, so the difference varies less.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub dynamic_minus_still_psnr: Option<f64>,
-    /// The blended picture against the photo, where a mover is in front: something that goes somewhere. Of scenes whose
-    /// movers are known.
+    /// The composed render against the photo on visible movers, which change their place; only for scenes with known
+    /// movers.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub movers: Option<LayerScores>,
-    /// How much of the small movers the mask covers; absent where there are none.
+    /// The part of the small movers that the mask covers; absent without small movers.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub small_movers: Option<SmallMoversRecall>,
-    /// Overlap of predicted and given mask.
+    /// IoU of predicted and given mask.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub mask_iou: Option<f64>,
-    /// Flicker: each frame with the one before it.
+    /// Flicker: each frame compared with the previous one.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub temporal: Option<TemporalScores>,
 }
@@ -75,7 +76,7 @@ pub struct Evaluation {
 }
 
 impl Scores {
-    /// The layers and parts that were scored, by their names in files.
+    /// The evaluated layers and regions, by their names in files.
     pub fn layers(&self) -> impl Iterator<Item = (&'static str, &LayerScores)> {
         let optional = [
             ("static", &self.static_),
@@ -87,25 +88,26 @@ impl Scores {
         std::iter::once(("composed", &self.composed)).chain(known)
     }
 
-    /// A layer of [`Scores::layers`] in words. A region names the masks that it was taken from: `dynamic region (given
+    /// A label for a layer of [`Scores::layers`]. A region names the source of its masks: `dynamic region (given
     /// masks)`.
     pub fn label(&self, layer: &str) -> String {
         let (name, source) = self.label_and_source(layer);
         name + &source.map_or(String::new(), |source| format!(" ({})", source.words()))
     }
 
-    /// A layer of [`Scores::layers`] in words, and the masks of a region apart, to stand behind a metric's name.
+    /// A label for a layer of [`Scores::layers`], and separately the source of a region's masks, for use after a
+    /// metric's name.
     pub fn label_and_source(&self, layer: &str) -> (String, Option<RegionSource>) {
         let source = match layer {
             "dynamic_region" | "still_region" => self.region_source,
-            // Nobody but the truth knows them.
+            // Only exact ground truth contains movers.
             "movers" => Some(RegionSource::TrueMasks),
             _ => None,
         };
         (layer.replace('_', " "), source)
     }
 
-    /// With the difference of the regions, where both have a PSNR.
+    /// Adds the difference of the regions, if both have a PSNR.
     pub(super) fn with_difference(mut self) -> Self {
         let psnr = |region: Option<LayerScores>| region.and_then(|scores| scores.psnr);
         let regions = psnr(self.dynamic_region).zip(psnr(self.still_region));
@@ -113,8 +115,8 @@ impl Scores {
         self
     }
 
-    /// Means over the views that have the metric, and the difference of these means; absent if no view has it. The
-    /// overlap of masks and the recall of small movers are not averaged but pooled, elsewhere.
+    /// Means over the views that have the metric, and the difference of these means; absent if no view has it. Mask IoU
+    /// and recall of small movers are pooled elsewhere, not averaged.
     pub(super) fn mean(views: &[ViewScores]) -> Self {
         let layer = |of: fn(&Scores) -> Option<LayerScores>| {
             let layers: Vec<LayerScores> = views.iter().filter_map(|view| of(&view.scores)).collect();
@@ -148,7 +150,7 @@ impl Scores {
     }
 }
 
-/// The mean of the numbers that are known.
+/// The mean of the known values.
 fn mean(metrics: impl Iterator<Item = Option<f64>>) -> Option<f64> {
     let known: Vec<f64> = metrics.flatten().collect();
     (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
@@ -200,7 +202,7 @@ mod tests {
         assert_eq!(scores.label("dynamic_region"), "dynamic region (given masks)");
         assert_eq!(scores.label("movers"), "movers (true masks)");
         assert_eq!(scores.label("static"), "static");
-        // As in files of versions that did not say.
+        // As in files of versions without a source.
         assert_eq!(Scores::default().label("still_region"), "still region");
     }
 }

@@ -1,5 +1,5 @@
-//! Frames a second (METHOD A35): deformation, refinement and rasterisation of whole pictures, with nothing read or
-//! written and no picture handed back to the host.
+//! FPS (METHOD A35): deformation, refinement and rasterisation of whole images. No files are read or written, and no
+//! image is copied to the host.
 
 use std::time::Instant;
 
@@ -11,30 +11,30 @@ use super::layers::LayerRenderer;
 use crate::ModelError;
 use crate::model::{DeformationLevel, Model, RenderContext};
 
-/// Frames before the clock starts.
+/// Frames before the measurement.
 pub const WARM_UP: usize = 20;
 
-/// How fast a model without autodiff renders.
+/// The rendering speed of a model without autodiff.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Speed {
-    /// Frames between the two looks at the clock.
+    /// Number of measured frames.
     pub frames: usize,
-    /// Seconds they took.
+    /// Duration of these frames in seconds.
     pub seconds: f64,
 }
 
 impl Speed {
-    /// Frames a second.
+    /// Frames per second.
     pub fn per_second(&self) -> f64 {
         self.frames as f64 / self.seconds
     }
 }
 
-/// Renders `views` in turn, over and over: [`WARM_UP`] frames, then `frames` under the clock. `each` is called after
-/// every frame. `None` if there is nothing to render.
+/// Renders `views` cyclically: [`WARM_UP`] frames, then `frames` measured frames. `each` is called after every frame.
+/// Returns `None` if there is nothing to render.
 ///
 /// # Errors
-/// If the device fails or an op refuses its input.
+/// If the device fails or an op rejects its input.
 pub fn measure_speed(
     model: &Model,
     views: &[View],

@@ -1,22 +1,22 @@
-//! Layers that are no pictures, as 8-bit pictures.
+//! Depth and motion layers as 8-bit images.
 
 use image::{Rgb, RgbImage};
 
-/// Share of the pixels that a range of depths leaves out at either end: strays would take up the scale.
+/// Fraction of the pixels that a depth range excludes at either end, because outliers would dominate the scale.
 const OUTSIDE: f64 = 0.02;
 
-/// The depths that are shown as white and as black.
+/// The depths that become white and black.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthRange {
-    /// White.
+    /// Depth of white.
     pub near: f64,
-    /// Black.
+    /// Depth of black.
     pub far: f64,
 }
 
 impl DepthRange {
-    /// The range of these depths, in world units, but for strays; what is not above 0 does not count. `None` if nothing
-    /// is left.
+    /// The range of these depths without outliers, in world units; only positive depths count. `None` if nothing
+    /// remains.
     pub fn of(depths: &[f32]) -> Option<Self> {
         let mut sorted: Vec<f32> = depths.iter().copied().filter(|&depth| depth > 0.0).collect();
         sorted.sort_by(f32::total_cmp);
@@ -25,12 +25,12 @@ impl DepthRange {
         Some(Self { near: at(OUTSIDE), far: at(1.0 - OUTSIDE) })
     }
 
-    /// The range that holds both.
+    /// The union of both ranges.
     pub fn and(self, other: Self) -> Self {
         Self { near: self.near.min(other.near), far: self.far.max(other.far) }
     }
 
-    /// How bright a depth is: evenly by its inverse, as disparities are; black where there is nothing.
+    /// The brightness of a depth: linear in its inverse, like a disparity; black where nothing is rendered.
     fn brightness(self, depth: f32) -> f32 {
         if depth <= 0.0 {
             return 0.0;
@@ -40,7 +40,7 @@ impl DepthRange {
     }
 }
 
-/// Depths, row by row, as a grey picture.
+/// Depths, row by row, as a grey image.
 pub(super) fn depth_picture(depths: &[f32], width: usize, range: DepthRange) -> RgbImage {
     picture(depths, width, |depth| Rgb([(range.brightness(depth) * 255.0).round() as u8; 3]))
 }

@@ -1,4 +1,4 @@
-//! Clouds of Gaussians before the first step, as numbers and as parameters.
+//! Initial clouds of Gaussians, as values and as parameters.
 
 use burn::tensor::{DType, Device, Tensor};
 use glam::Vec3;
@@ -7,23 +7,23 @@ use mvfusion_data::{GaussianCloud, Lifetime, PointCloud, rest_width};
 use super::neighbours::mean_squared_distances;
 use crate::model::gaussians::{Attribute, Gaussians, SH_C0, attribute_tensor};
 
-/// Mean squared distances below this are taken as this, so that a scale has a logarithm (3DGS).
+/// Lower bound of mean squared distances, so that log-scales are finite (3DGS).
 const MIN_SQUARED_DISTANCE: f64 = 1e-7;
 
-/// Whether Gaussians carry mask logits.
+/// Whether Gaussians have mask logits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Masking {
-    /// They do: those of a dynamic branch that is blended with a static one.
+    /// With mask logits, in a dynamic branch that is blended with a static one.
     Blended {
-        /// Logit of belonging to the foreground; the other two start at 0.
+        /// Mask logit of the foreground; the other two start at 0.
         dynamic_logit: f64,
     },
-    /// They do not.
+    /// Without mask logits.
     Absent,
 }
 
-/// Round Gaussians on the points of a cloud (METHOD §1.1, column "init"): of degree 0, without masks, as wide as the
-/// root of the given mean squared distances to neighbours.
+/// Isotropic Gaussians on the points of a cloud (METHOD §1.1, column "init"), with SH degree 0 and without masks. Their
+/// scales are the roots of the given mean squared distances to neighbours.
 pub fn cloud_on(points: &PointCloud, mean_squared_distances: &[f64], opacity: f64) -> GaussianCloud {
     let count = points.len();
     let logit = (opacity / (1.0 - opacity)).ln() as f32;
@@ -55,8 +55,8 @@ pub fn gaussians_on(
     gaussians_of(&cloud, masking, sh_degree, device, dtype)
 }
 
-/// The Gaussians of a cloud, with colours of the given degree and with lifetimes if the cloud has them. Masks are the
-/// cloud's; where it has none, or they are of no use, it is as on points.
+/// The Gaussians of a cloud, with the given SH degree, and with lifetimes if the cloud has them. With
+/// [`Masking::Blended`], mask logits are those of the cloud, or the initial ones if it has none.
 pub fn gaussians_of(
     cloud: &GaussianCloud,
     masking: Masking,
@@ -86,11 +86,11 @@ pub fn gaussians_of(
         Attribute::LogDurations => lifetimes(|life| vec![life.log_duration]).map(|values| tensor(values, 1)),
         Attribute::Velocities => lifetimes(|life| life.velocity.to_vec()).map(|values| tensor(values, 3)),
     })
-    // Proof: each arm above is `Some` but those of mask logits and lifetimes, which a cloud may lack.
+    // Proof: each arm above is `Some`, except mask logits and lifetimes, which are optional.
     .expect("every attribute but mask logits and lifetimes is given above")
 }
 
-/// The higher colour coefficients of `count` Gaussians. No numbers would not tell how many rows there are.
+/// The higher colour coefficients of `count` Gaussians. Empty values would not determine the number of rows.
 fn rest_tensor(values: Vec<f64>, count: usize, sh_degree: usize, device: &Device, dtype: DType) -> Tensor<2> {
     match rest_width(sh_degree) {
         0 => Tensor::zeros([count, 0], (device, dtype)),

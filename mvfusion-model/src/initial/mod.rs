@@ -1,5 +1,5 @@
-//! The two clouds of Gaussians before the first step: on points (METHOD §3), where motion was seen, or from files of
-//! other programs.
+//! The two initial clouds of Gaussians: on points (METHOD §3), where motion was detected, or from files of other
+//! programs.
 
 mod gaussians;
 mod motion;
@@ -24,13 +24,14 @@ use crate::random::Stream;
 use neighbours::mean_squared_distances_within;
 use points::{random_colour, region, sky, strew};
 
-/// Of a Gaussian that is always there, at the start: a thousand times as long as the video.
+/// Initial duration of a permanent Gaussian: a thousand times the length of the video.
 const ALWAYS: f32 = 1000.0;
 
-/// So many Gaussians are strewn although others will be born: the HexPlane spans them.
+/// Minimum number of uniform Gaussians, also with births, because they determine the box of the HexPlane.
 const LEAST_STREWN: usize = 64;
 
-/// What the branches of a scene start from. Gaussians on points have colours of degree 0, those from a file the file's.
+/// The initial Gaussians of the branches. Gaussians on points have SH degree 0, Gaussians from a file the degree of the
+/// file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InitialClouds {
     /// The static branch, if there is one.
@@ -40,12 +41,11 @@ pub struct InitialClouds {
 }
 
 impl InitialClouds {
-    /// Draws the clouds of a scene, or reads those of which the configuration names a file. Where the dynamic branch
-    /// is the only one, it starts from the points that would otherwise be the static one's as well. Points on what
-    /// moves take the place of those that would be strewn.
+    /// Draws the clouds of a scene, or reads them from the configured files. A single dynamic branch also starts from
+    /// the points that would otherwise be static. Points on detected motion replace the uniform points.
     ///
     /// # Errors
-    /// If a file of Gaussians cannot be read, holds none, or more than the configuration allows.
+    /// If a file of Gaussians cannot be read, or contains none or more than the configuration allows.
     pub fn draw(
         scene: &Scene,
         motion: Option<&MotionPoints>,
@@ -54,7 +54,7 @@ impl InitialClouds {
     ) -> Result<Self, ModelError> {
         let (init, densify, degree) = (&config.init, &config.densify, config.model.sh_degree);
         let motion = motion.filter(|motion| !motion.points.is_empty());
-        // Drawn in any case, so that a branch which is drawn does not depend on where the other one comes from.
+        // Always drawn, so that a drawn branch does not depend on the source of the other branch.
         let strewn = match motion {
             Some(_) => 0,
             None if config.has_births(scene) => init.dynamic_points.saturating_sub(init.photo_points).max(LEAST_STREWN),
@@ -75,24 +75,24 @@ impl InitialClouds {
             (Some(_), Some(path)) => Some(STATIC_FILE.read(path, densify.static_.max_gaussians, degree)?),
             (points, _) => points.as_ref().map(|points| on_points(points, init.opacity)),
         };
-        // What does not move has no moment, whatever its file says.
+        // Static Gaussians have no lifetimes, also if their file contains some.
         let static_ = static_.map(|cloud| GaussianCloud { lifetimes: None, ..cloud });
         Ok(Self { static_, dynamic })
     }
 }
 
-/// Round Gaussians as wide as the points of a cloud are apart.
+/// Isotropic Gaussians with scales from the distances between the points of a cloud.
 fn on_points(points: &PointCloud, opacity: f64) -> GaussianCloud {
     cloud_on(points, &mean_squared_distances(&points.positions), opacity)
 }
 
-/// The lifetime of what is always there, as it starts; training may shorten it.
+/// The initial lifetime of a permanent Gaussian; training may shorten it.
 fn always() -> Lifetime {
     Lifetime { centre: 0.5, log_duration: ALWAYS.ln(), velocity: [0.0; 3] }
 }
 
-/// The dynamic branch: Gaussians that are always there, then those on what moves. With lifetimes, a Gaussian on what
-/// moves lives around its moment and is as wide as those of that moment are apart.
+/// The dynamic branch: permanent Gaussians, then those on detected motion. With lifetimes, the latter live around their
+/// moment, and their scale is from the distances between the points of that moment.
 fn dynamic_cloud(points: &PointCloud, motion: Option<&MotionPoints>, config: &Config) -> GaussianCloud {
     let init = &config.init;
     let mut cloud = on_points(points, init.opacity);
@@ -116,10 +116,10 @@ fn dynamic_cloud(points: &PointCloud, motion: Option<&MotionPoints>, config: &Co
     cloud
 }
 
-/// A key that names a file of Gaussians.
+/// A key for a file of Gaussians.
 struct FileKey {
     key: &'static str,
-    /// What to do about a file of too many.
+    /// The remedy for too many Gaussians.
     too_many: &'static str,
 }
 
@@ -134,7 +134,7 @@ const DYNAMIC_FILE: FileKey = FileKey {
 };
 
 impl FileKey {
-    /// The Gaussians of a file.
+    /// Reads the Gaussians of a file.
     fn read(&self, path: &Path, most: usize, sh_degree: usize) -> Result<GaussianCloud, ModelError> {
         let cloud = mvfusion_data::read_gaussians(path)?;
         let count = cloud.len();
@@ -157,15 +157,15 @@ impl FileKey {
     }
 }
 
-/// Points of the two branches.
+/// The points of the two branches.
 struct DrawnPoints {
-    /// Those of the static branch, if there is one.
+    /// Points of the static branch, if there is one.
     static_: Option<PointCloud>,
-    /// Those of the dynamic branch.
+    /// Points of the dynamic branch.
     dynamic: PointCloud,
 }
 
-/// The points that the static branch starts from, if there is one, and those of the dynamic branch.
+/// Draws the initial points of the static branch, if there is one, and of the dynamic branch.
 fn draw_points(scene: &Scene, branches: Branches, config: &InitConfig, stream: &mut Stream) -> DrawnPoints {
     let region = region(scene, config);
     let mut known = scene.points.clone();
@@ -182,11 +182,11 @@ fn draw_points(scene: &Scene, branches: Branches, config: &InitConfig, stream: &
         let colour = if config.dynamic_cloud_colours { scene.points.colours[index] } else { random_colour(stream) };
         dynamic.push(scene.points.positions[index], colour);
     }
-    // What was to be put on points is strewn as well where there are none.
+    // Without points, Gaussians for points are placed uniformly, too.
     let strewn = config.dynamic_points + if scene.points.is_empty() { config.dynamic_from_cloud } else { 0 };
     strew(&mut dynamic, strewn, &region, stream);
     if known.is_empty() && config.static_ply.is_none() {
-        // Without points from structure from motion, the static branch starts from random ones as well.
+        // Without points from structure from motion, the static branch also starts from random points.
         tracing::warn!("the scene has no points; the static branch starts from {} random ones", dynamic.len());
         known = dynamic.clone();
     }

@@ -1,4 +1,4 @@
-//! Points on what moves, where synchronised still cameras see it.
+//! Points on moving objects, detected by fixed, synchronised cameras.
 
 use std::time::Instant;
 
@@ -14,43 +14,44 @@ use crate::ModelError;
 use crate::config::{Branches, Config};
 use crate::timeline::Timeline;
 
-/// So large a share of the points may lie outside the box of what moves, on either side of each axis: strays are few but far.
+/// Fraction of the points that may be outside the motion box, on either side of each axis. Outliers are few but far
+/// away.
 const OUTSIDE: f64 = 0.01;
 
-/// The box of what moves is larger than its points by this share of its sides: a hull has points on surfaces that cameras
-/// see, and things turn.
+/// Margin of the motion box, as a fraction of its sides. The hull has points only on visible surfaces, and objects
+/// rotate.
 const MARGIN: f64 = 0.1;
 
-/// Points on what moves, each seen at one moment.
+/// Points on moving objects, each with its moment.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MotionPoints {
-    /// Where, and in what colour.
+    /// Positions and colours.
     pub points: PointCloud,
-    /// When, in the time of the views; one for each point.
+    /// Moment of each point, in the time of the views.
     pub times: Vec<f64>,
     /// Time between two frames.
     pub frame: f64,
 }
 
-/// What is known of motion before training.
+/// The motion that is detected before training.
 #[derive(Debug, Default)]
 pub struct SceneMotion {
-    /// Points on what moves, where `init.motion_points` asks for them and finds some.
+    /// Points on moving objects, if `init.motion_points` is set and some were found.
     pub points: Option<MotionPoints>,
-    /// Which pixels move, where the losses ask for that.
+    /// The moving pixels, if the losses need them.
     pub moving: Option<MovingPixels>,
-    /// What finds places for Gaussians that are born during training, where the configuration asks for some and cameras stand
-    /// still. Keeps the pictures that it looks at.
+    /// Finds positions for Gaussians that are born during training, if configured and with fixed cameras. Keeps its
+    /// images.
     pub finder: Option<MotionFinder>,
-    /// What came of the search for points; `None` where the configuration asks for none.
+    /// The result of the search for points; `None` if it is not configured.
     pub seeding: Option<Seeding>,
 }
 
 impl SceneMotion {
-    /// What the configuration asks for. Points are the same for a seed, whatever the number of threads.
+    /// Detects the motion that the configuration needs. The points depend on the seed, not on the number of threads.
     ///
     /// # Errors
-    /// If a picture cannot be read.
+    /// If an image cannot be read.
     pub fn find(scene: &Scene, config: &Config) -> Result<Self, ModelError> {
         let wanted = config.init.motion_points;
         if wanted == 0 || config.model.branches == Branches::Dynamic || config.init.dynamic_ply.is_some() {
@@ -70,11 +71,10 @@ impl SceneMotion {
         Ok(Self { points, seeding, ..Self::kept(scene, film, config) })
     }
 
-    /// What training asks for after the first step alone: which pixels move, and places for births, where cameras stand
-    /// still.
+    /// Detects only what training needs after the first step: moving pixels, and positions for births.
     ///
     /// # Errors
-    /// If a picture cannot be read.
+    /// If an image cannot be read.
     pub fn of_training(scene: &Scene, config: &Config) -> Result<Self, ModelError> {
         let options = MovingPixelsOptions::default();
         if needs_finder(config) {
@@ -85,7 +85,7 @@ impl SceneMotion {
         Ok(Self { moving, ..Self::default() })
     }
 
-    /// What training needs of a film.
+    /// The parts of a film that training needs.
     fn kept(scene: &Scene, film: MotionFilm, config: &Config) -> Self {
         if needs_finder(config) {
             let moving = Some(film.moving().clone());
@@ -108,7 +108,7 @@ fn needs_moving_pixels(config: &Config) -> bool {
 }
 
 impl MotionPoints {
-    /// The box of what moves, with its margin; `None` for no points.
+    /// The motion box with its margin; `None` without points.
     pub(crate) fn bounds(&self) -> Option<GridBounds> {
         let positions = &self.points.positions;
         let last = positions.len().checked_sub(1)?;

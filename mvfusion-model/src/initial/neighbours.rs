@@ -1,4 +1,4 @@
-//! How far the nearest other points are.
+//! Distances to the nearest other points.
 
 use std::collections::BTreeMap;
 
@@ -6,24 +6,24 @@ use glam::Vec3;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
-/// Mean of the squared distances to the three nearest other points, in double precision. Fewer than four points count the
-/// points there are; a single point has distance 0.
+/// Mean of the squared distances to the three nearest other points, in double precision. With fewer than four points,
+/// all others count; a single point has distance 0.
 pub fn mean_squared_distances(positions: &[Vec3]) -> Vec<f64> {
-    /// Neighbours that set the scale of a Gaussian (3DGS).
+    /// Number of neighbours that determine the scale of a Gaussian (3DGS).
     const NEIGHBOURS: usize = 3;
     let points: Vec<[f64; 3]> = positions.iter().map(|p| p.to_array().map(f64::from)).collect();
     if points.len() < 2 {
         return vec![0.0; points.len()];
     }
-    // Proof: a leaf of this tree takes however many points coincide, and 2^32 Gaussians with the two moments of each of
-    // their 59 numbers would need 3 TB.
+    // Proof: a leaf of this tree may contain any number of coinciding points. 2^32 Gaussians with two moments for each
+    // of their 59 values would need 3 TB.
     let tree: ImmutableKdTree<f64, 3> =
         ImmutableKdTree::new_from_slice(&points).expect("only more than 2^32 points cannot be indexed");
     let wanted = std::num::NonZeroUsize::MIN.saturating_add(NEIGHBOURS);
     points
         .par_iter()
         .map(|point| {
-            // The point itself is among its nearest, at distance 0: dropping one zero drops it or an equal twin.
+            // The point itself is among its nearest, at distance 0. Dropping one zero drops it or a coinciding point.
             let mut squared: Vec<f64> = tree
                 .query(point)
                 .nearest_n::<SquaredEuclidean<f64>>(wanted)
@@ -38,11 +38,10 @@ pub fn mean_squared_distances(positions: &[Vec3]) -> Vec<f64> {
         .collect()
 }
 
-/// Fewer points than this say little of how far points are apart.
+/// Minimum size of a group; fewer points say little about their distances.
 const LEAST_GROUP: usize = 8;
 
-/// The same among the points of equal group alone, such as those of one moment. Groups of fewer than eight points are
-/// taken together.
+/// The same within groups of points, such as the points of one moment. Groups with fewer than eight points are merged.
 pub(super) fn mean_squared_distances_within<G: Ord + Copy>(positions: &[Vec3], groups: &[G]) -> Vec<f64> {
     let mut members: BTreeMap<G, Vec<usize>> = BTreeMap::new();
     for (index, &group) in groups.iter().enumerate().take(positions.len()) {
@@ -85,7 +84,7 @@ mod tests {
         let groups: Vec<usize> = (0..32).map(|i| i % 2).collect();
         let squared = mean_squared_distances_within(&line, &groups);
         assert_eq!(squared[16], (4.0 + 4.0 + 16.0) / 3.0);
-        // Moments of one point each are taken together.
+        // Moments with one point each are merged.
         let alone: Vec<usize> = (0..32).collect();
         assert_eq!(mean_squared_distances_within(&line, &alone), mean_squared_distances(&line));
     }

@@ -1,4 +1,4 @@
-//! Whether the dynamic Gaussians stand where something moves, found out before a run is spent on them.
+//! A check before training of whether the dynamic Gaussians start where something moves.
 
 use std::fmt::{self, Display};
 
@@ -10,36 +10,36 @@ use crate::ModelError;
 use crate::model::gaussians::Gaussians;
 use crate::timeline::spread;
 
-/// So many cameras are looked at, at so many moments; each spread over those that there are. A long recording is not read
-/// for this, and a median needs a dozen moments.
+/// Number of evenly spaced cameras and moments that are checked. A long recording need not be read completely, but a
+/// median needs a dozen moments.
 const CAMERAS: usize = 4;
 const MOMENTS: usize = 12;
 
-/// Where the dynamic Gaussians stand in pictures of cameras that stand still.
+/// The placement of the dynamic Gaussians in images of fixed cameras.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
-    /// Gaussians whose centre falls on a pixel that counts, summed over the pictures; with lifetimes, of those that are
-    /// there at the picture's moment.
+    /// Gaussians whose centre projects to a valid pixel, summed over the images. With lifetimes, only those present at
+    /// the image's moment.
     pub seen: usize,
-    /// Those of them that fall on a pixel that moves.
+    /// Those of them on a moving pixel.
     pub on_motion: usize,
-    /// Pictures that were looked at.
+    /// Number of images.
     pub pictures: usize,
-    /// Mean share of a picture's pixels that move; above 0.
+    /// Mean fraction of moving pixels in an image; above 0.
     pub moving_share: f64,
 }
 
 impl Placement {
-    /// Below this share the program warns. Measured before the first step on the built-in video, whose pixels move by
-    /// 4.4 %: 4000 Gaussians strewn over the room, which end as a smear (15 dB), have 7.0 %; seeds of the motion hull
-    /// have 38 %, with lifetimes 60 %. On 15 cameras of the CMU Panoptic studio known points alone have 28 %.
+    /// The program warns below this fraction. In the built-in video, 4.4 % of the pixels move. 4000 uniform Gaussians
+    /// have 7.0 % before the first step and end as a smear (15 dB). Seeds of the motion hull have 38 %, and 60 % with
+    /// lifetimes. On 15 cameras of the CMU Panoptic studio, known points alone have 28 %.
     pub const LEAST: f64 = 0.15;
 
-    /// Where `dynamic` stands in the training views of `scene`; the network is not asked. `None` where no three still
-    /// cameras film the same moments, and where nothing moves in their pictures. At most 48 pictures are read.
+    /// The placement of `dynamic` in the training views of `scene`, without deformation. `None` without three fixed
+    /// cameras that film the same moments, or if nothing moves in their images. Reads at most 48 images.
     ///
     /// # Errors
-    /// If a picture cannot be read, or the device cannot hand its numbers back.
+    /// If an image cannot be read, or the device fails to return values.
     pub fn of(dynamic: &Gaussians, scene: &Scene) -> Result<Option<Self>, ModelError> {
         let sample = sample(scene);
         let Some(moving) = MovingPixels::of(&sample, &MovingPixelsOptions::default())? else { return Ok(None) };
@@ -65,12 +65,12 @@ impl Placement {
         Ok(Some(found))
     }
 
-    /// Share of the Gaussians in the pictures that fall on a pixel that moves; 0 where there are none.
+    /// Fraction of the visible Gaussians that are on a moving pixel; 0 if none are visible.
     pub fn share(&self) -> f64 {
         self.on_motion as f64 / self.seen.max(1) as f64
     }
 
-    /// What to do about a share below [`Placement::LEAST`]; `None` if there is nothing to be done.
+    /// The remedy for a fraction below [`Placement::LEAST`]; `None` if it is not.
     pub fn advice(&self) -> Option<String> {
         (self.share() < Self::LEAST).then(|| {
             format!(
@@ -91,7 +91,7 @@ impl Display for Placement {
     }
 }
 
-/// A scene of a few views: some of the cameras that film the first moment, at some moments.
+/// A scene with a few views: some of the cameras of the first moment, at some moments.
 fn sample(scene: &Scene) -> Scene {
     let times = scene.training_times();
     let moments: Vec<f64> = spread(times.len(), MOMENTS).into_iter().map(|index| times[index]).collect();
@@ -120,7 +120,7 @@ mod tests {
     use crate::random::Streams;
     use crate::test_support::for_each_device;
 
-    /// Where the Gaussians stand that a configuration starts from.
+    /// The placement of the initial Gaussians of a configuration.
     fn placement(scene: &Scene, config: &Config, device: &Device) -> Option<Placement> {
         let motion = SceneMotion::find(scene, config).expect("in memory");
         let stream = &mut Streams::new(config.seed).clouds;

@@ -1,4 +1,4 @@
-//! Points at random: in a box, on a far sphere.
+//! Random points: in a box, on a far sphere.
 
 use glam::{DVec3, Vec3};
 use mvfusion_data::{Bounds, PointCloud, Scene};
@@ -7,9 +7,8 @@ use crate::config::InitConfig;
 use crate::model::gaussians::SH_C0;
 use crate::random::Stream;
 
-/// The box that random points are strewn in: the cloud's with its margin, but not farther from the cameras than
-/// `box_reach` extents.
-/// Without a cloud it is the cameras' own neighbourhood.
+/// The box of random points: the box of the cloud with its margin, at most `box_reach` extents away from the cameras.
+/// Without a cloud it is the neighbourhood of the cameras.
 pub(super) fn region(scene: &Scene, config: &InitConfig) -> Bounds {
     let cameras = scene.camera_bounds();
     let reach = DVec3::splat(config.box_reach * scene.extent());
@@ -48,7 +47,7 @@ pub(super) fn sky(cloud: &mut PointCloud, count: usize, scene: &Scene, stream: &
     }
 }
 
-/// DeGauss' random colour: a constant coefficient drawn from `[0, 1)`, so a colour of 0.5 to 0.78.
+/// The random colour of DeGauss: a constant coefficient from `[0, 1)`, so a colour of 0.5 to 0.78.
 pub(super) fn random_colour(stream: &mut Stream) -> Vec3 {
     Vec3::from_array(std::array::from_fn(|_| (0.5 + SH_C0 * stream.unit()) as f32))
 }

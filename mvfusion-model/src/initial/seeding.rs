@@ -1,4 +1,4 @@
-//! What came of the search for points on what moves, in a line.
+//! The result of the search for points on moving objects, as one line.
 
 use std::fmt::{self, Display};
 
@@ -6,24 +6,24 @@ use mvfusion_data::motion::MotionSummary;
 
 const MIB: f64 = (1 << 20) as f64;
 
-/// What came of the search for points on what moves (`init.motion_points`).
+/// The result of the search for points on moving objects (`init.motion_points`).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Seeding {
-    /// No three still cameras film the same moments, so that there is no hull; the dynamic Gaussians are strewn.
+    /// No three fixed cameras film the same moments, so there is no hull and the dynamic Gaussians are uniform.
     NoStillCameras,
-    /// A hull was searched.
+    /// A hull was computed.
     Searched {
-        /// What there is to say about it. Without a seed the dynamic Gaussians are strewn.
+        /// Its summary. Without seeds, the dynamic Gaussians are uniform.
         summary: MotionSummary,
-        /// How long that took.
+        /// Duration in seconds.
         seconds: f64,
-        /// Most bytes that were kept of the pictures.
+        /// Peak bytes of stored images.
         bytes: u64,
     },
 }
 
 impl Seeding {
-    /// Number of points that were found; without any the dynamic Gaussians are strewn in the scene's box.
+    /// Number of points found; without any, the dynamic Gaussians are uniform in the scene's box.
     pub fn seeds(&self) -> usize {
         match self {
             Self::NoStillCameras => 0,

@@ -1,4 +1,4 @@
-//! Which dynamic Gaussians are there at a moment, by their lifetimes. The others are neither moved nor splatted.
+//! The dynamic Gaussians that are alive at a moment, by their lifetimes. The others are neither deformed nor splatted.
 
 use burn::module::Module;
 use burn::tensor::{IndexingUpdateOp, Int, Tensor};
@@ -7,11 +7,11 @@ use glam::Vec3;
 use crate::model::gaussians::{Attribute, Gaussians, LEAST_LOG_DURATION, MOST_LOG_DURATION};
 use crate::{ModelError, tensors};
 
-/// A Gaussian whose opacity logit is below this by its lifetime is not there: its opacity is 1e-4, a thirtieth of the least
-/// that the splat op draws. An offset of the deformation, which could raise it, is not asked for.
+/// A Gaussian is not alive if its lifetime takes its opacity logit below this value. Its opacity is then 1e-4, a
+/// thirtieth of the splat op's minimum. Offsets of the deformation, which could raise it, are ignored.
 const LEAST_LOGIT: f32 = -9.0;
 
-/// The rows of the Gaussians that are there at a moment.
+/// The rows of the Gaussians that are alive at a moment.
 #[derive(Clone, Debug)]
 pub struct AliveRows {
     rows: Tensor<1, Int>,
@@ -20,18 +20,18 @@ pub struct AliveRows {
 }
 
 impl AliveRows {
-    /// Those of `gaussians` at a time in `[0, 1]`; `None` where all are. Waits for the device where
-    /// there are lifetimes.
+    /// The rows of `gaussians` that are alive at a time in `[0, 1]`; `None` if all are. With lifetimes, it waits for
+    /// the device.
     ///
     /// # Errors
-    /// If the device cannot hand its numbers back.
+    /// If the device fails to return values.
     pub fn of(gaussians: &Gaussians, time: f64) -> Result<Option<Self>, ModelError> {
         if gaussians.time_centres.is_none() {
             return Ok(None);
         }
         let logits: Vec<f32> = tensors::read(gaussians.alive_logits(time))?;
         let mut rows: Vec<usize> = (0..logits.len()).filter(|&row| logits[row] > LEAST_LOGIT).collect();
-        // An empty tensor is of no use to an op.
+        // Ops do not accept an empty tensor.
         if rows.is_empty() {
             rows.push(0);
         }
@@ -48,14 +48,14 @@ impl AliveRows {
         &self.rows
     }
 
-    /// Numbers of the rows, `[n, C]`, among those of all Gaussians, `[N, C]`: 0 for the others. Without autodiff.
+    /// Scatters the values of the rows, `[n, C]`, to all Gaussians, `[N, C]`, with 0 for the others. Without autodiff.
     pub fn among_all(&self, values: Tensor<2>) -> Tensor<2> {
         let columns = values.dims()[1];
         let all = Tensor::zeros([self.count, columns], (&values.device(), values.dtype()));
         all.select_assign(0, self.rows.clone(), values, IndexingUpdateOp::Add)
     }
 
-    /// The same for whole numbers, `[n]` to `[N]`.
+    /// The same for integers, `[n]` to `[N]`.
     pub fn among_all_int(&self, values: Tensor<1, Int>) -> Tensor<1, Int> {
         let all = Tensor::zeros([self.count], (&values.device(), values.dtype()));
         all.select_assign(0, self.rows.clone(), values, IndexingUpdateOp::Add)
@@ -63,11 +63,11 @@ impl AliveRows {
 }
 
 impl Gaussians {
-    /// Centres of those that are there at a time in `[0, 1]`, where their velocities take them; all where there are no
-    /// lifetimes.
+    /// Centres of the Gaussians that are alive at a time in `[0, 1]`, moved by their velocities; without lifetimes, all
+    /// centres.
     ///
     /// # Errors
-    /// If the device cannot hand its numbers back.
+    /// If the device fails to return values.
     pub fn centres_at(&self, time: f64) -> Result<Vec<Vec3>, ModelError> {
         let then = self.valid().at(time);
         let means: Vec<f32> = tensors::read(then.means)?;
@@ -79,7 +79,7 @@ impl Gaussians {
         Ok(centres.zip(logits).filter(|&(_, logit)| logit > LEAST_LOGIT).map(|(centre, _)| centre).collect())
     }
 
-    /// Opacity logits as the lifetimes have them at a time, without autodiff: `[N, 1]`.
+    /// Opacity logits at a time, including lifetimes, without autodiff: `[N, 1]`.
     fn alive_logits(&self, time: f64) -> Tensor<2> {
         let plain = |attribute| self.plain(attribute);
         let logits = self.opacity_logits.val().inner();
@@ -103,8 +103,8 @@ mod tests {
     use crate::initial::{Masking, cloud_on, gaussians_of};
     use crate::test_support::{for_each_device, values};
 
-    /// Four Gaussians of opacity 0.1 at the origin: two that live for a tenth around 0.2 and 0.7 and travel along x, and
-    /// two that are always there.
+    /// Four Gaussians of opacity 0.1 at the origin: two that live for a tenth around 0.2 and 0.7 and travel along x,
+    /// and two permanent ones.
     fn gaussians(device: &burn::tensor::Device) -> Gaussians {
         let points = PointCloud { positions: vec![Vec3::ZERO; 4], colours: vec![Vec3::ONE; 4] };
         let life = |centre, duration: f32| Lifetime { centre, log_duration: duration.ln(), velocity: [2.0, 0.0, 0.0] };

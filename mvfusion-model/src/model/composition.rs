@@ -1,48 +1,48 @@
-//! How the pictures of the two branches become one (METHOD §1.2, §1.3).
+//! Blending of the renders of the two branches (METHOD §1.2, §1.3).
 
 use burn::tensor::{Tensor, activation::relu};
 
 use crate::model::mask::MaskChannel;
 
-/// Brightness rises steeply above this (METHOD §1.3, step 3).
+/// Brightness control above which the brightness rises steeply (METHOD §1.3, step 3).
 const BRIGHTNESS_KNEE: f64 = 0.75;
 
 /// Slope above the knee: from 0.75 to 10 over the last quarter.
 const BRIGHTNESS_SLOPE: f64 = (10.0 - BRIGHTNESS_KNEE) / (1.0 - BRIGHTNESS_KNEE);
 
-/// Brightness where the control is zero.
+/// Brightness at control 0.
 const BRIGHTNESS_OFFSET: f64 = 0.5;
 
-/// In the first stage the mask leans towards the background by this much (METHOD §1.3, step 1).
+/// Bias of the mask towards the background in the first stage (METHOD §1.3, step 1).
 const GEOMETRY_LEAN: f64 = 0.25;
 
-/// Smallest normaliser of the mask in the first stage, where the lean can cancel (METHOD §12, item 6).
+/// Lower bound of the mask's normaliser in the first stage, where the bias can cancel (METHOD §12, item 6).
 const MIN_GEOMETRY_NORMALISER: f64 = 1e-3;
 
-/// What the two branches look like from one view, as rendered: `[B, C, H, W]`.
+/// The renders of the two branches: `[B, C, H, W]`.
 #[derive(Clone, Debug)]
 pub struct BranchRenders {
     /// Colour of the dynamic branch, 3 channels.
     pub dynamic: Tensor<4>,
     /// Colour of the static branch, 3 channels.
     pub static_: Tensor<4>,
-    /// A channel for each [`MaskChannel`].
+    /// One channel per [`MaskChannel`].
     pub mask: Tensor<4>,
 }
 
 impl BranchRenders {
-    /// The same layers, through which no gradient reaches the colours of the static branch where `learns`
-    /// (`[B, 1, H, W]`, without autodiff) is 0.
+    /// The same renders without gradients for the colours of the static branch where `learns` (`[B, 1, H, W]`, without
+    /// autodiff) is 0.
     pub fn with_static_learning(self, learns: Tensor<4>) -> Self {
         let given = self.static_.clone().detach();
         Self { static_: given.clone() + (self.static_ - given) * Tensor::from_inner(learns), ..self }
     }
 }
 
-/// How the mask is normalised.
+/// The normalisation of the mask.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Blending {
-    /// First stage: leaning towards the background.
+    /// First stage: biased towards the background.
     Geometry,
     /// First stage as in the original code, unclamped (METHOD §12, item 6).
     GeometryUnclamped,
@@ -52,16 +52,16 @@ pub enum Blending {
     Evaluation,
 }
 
-/// The composed picture and what it is made of.
+/// The composed render and its components.
 #[derive(Clone, Debug)]
 pub struct Composition {
-    /// The composed picture: `[B, 3, H, W]`.
+    /// The composed render: `[B, 3, H, W]`.
     pub composed: Tensor<4>,
     /// The dynamic branch, clamped to `[0, 1]`: `[B, 3, H, W]`.
     pub dynamic: Tensor<4>,
     /// The static branch as rendered: `[B, 3, H, W]`.
     pub static_: Tensor<4>,
-    /// The static branch under the brightness control, clamped: `[B, 3, H, W]`.
+    /// The static branch with brightness control, clamped: `[B, 3, H, W]`.
     pub lit: Tensor<4>,
     /// Brightness control: `[B, 1, H, W]`.
     pub brightness: Tensor<4>,
@@ -97,7 +97,7 @@ impl BranchRenders {
 }
 
 impl Composition {
-    /// The composition of a static branch `[B, 3, H, W]` that has the whole picture, at the brightness 1.
+    /// The composition of only a static branch `[B, 3, H, W]`, at brightness 1.
     pub fn of_static(static_: Tensor<4>) -> Self {
         let lit = static_.clone().clamp(0.0, 1.0);
         let nothing = static_.clone().narrow(1, 0, 1).zeros_like();
@@ -139,7 +139,7 @@ fn shares(static_: Tensor<4>, dynamic: Tensor<4>, blending: Blending) -> (Tensor
 
 /// Brightness factor of a control in `[0, 1]`: `0.5 + g(x)`, with slope 1 up to 0.75 and 37 above.
 pub fn brightness<const D: usize>(control: Tensor<D>) -> Tensor<D> {
-    // Not `clamp_min`, whose gradient at the bound is 1: the slope at the knee itself is the lower one.
+    // The slope at the knee itself is the lower one. `clamp_min` would have gradient 1 there.
     let above = relu(control.clone() - BRIGHTNESS_KNEE);
     control + above * (BRIGHTNESS_SLOPE - 1.0) + BRIGHTNESS_OFFSET
 }
@@ -169,7 +169,7 @@ mod tests {
             let gradient = values(static_.grad(&gradients).expect("it took part"));
             let lit = values(partly.lit.inner());
             for (index, (&gradient, &lit)) in gradient.iter().zip(&lit).enumerate() {
-                // A pixel that is as bright as can be has none either.
+                // A saturated pixel has no gradient either.
                 assert!(lit >= 1.0 || (gradient == 0.0) == (learns[index % 6] == 0.0), "{index}: {gradient}");
             }
         });

@@ -1,29 +1,30 @@
-//! Colours of the training cameras: each has an affine map of its own.
+//! Affine colour maps of the training cameras.
 //!
-//! Cameras of a real rig agree on no white balance and no gain. Without a map for each, spherical harmonics learn the
-//! differences as a dependence on the view, and a held-out camera sees a mixture of them. 3DGS calls the map exposure
-//! compensation and has one a photo.
+//! The cameras of a real rig differ in white balance and gain. Without these maps, the spherical harmonics learn the
+//! differences as view dependence, and a held-out camera renders a mixture of them. 3DGS calls this exposure
+//! compensation and has one map per photo.
 
 use burn::module::{Module, Param};
 use burn::tensor::{DType, Device, Tensor, TensorData};
 
 use crate::tensors::{from_data_like, rows_like};
 
-/// Affine maps of colours, one for each training camera, whose mean over the cameras is the identity: a camera that did
-/// not train sees the scene's own colours.
+/// One affine colour map per training camera. The mean over the cameras is the identity, so held-out cameras render the
+/// scene's own colours.
 #[derive(Module, Debug)]
 pub struct Exposures {
-    /// Departures from the identity, up to their mean: `[cameras, 3, 4]`, a row for each channel, the offset last.
+    /// Departures from the identity, before their mean is subtracted: `[cameras, 3, 4]`, one row per channel, the
+    /// offset last.
     pub departures: Param<Tensor<3>>,
 }
 
 impl Exposures {
-    /// The identity for so many cameras.
+    /// The identity for this many cameras.
     pub fn new(cameras: usize, device: &Device, dtype: DType) -> Self {
         Self::from_departures(Tensor::zeros([cameras, 3, 4], (device, dtype)))
     }
 
-    /// Maps that depart from the identity by these, `[cameras, 3, 4]`, less their mean.
+    /// Maps that depart from the identity by these values, `[cameras, 3, 4]`, minus their mean.
     pub fn from_departures(departures: Tensor<3>) -> Self {
         Self { departures: Param::from_tensor(departures) }
     }
@@ -44,7 +45,7 @@ impl Exposures {
 pub struct Exposure(Tensor<3>);
 
 impl Exposure {
-    /// The scene's colours `[B, 3, H, W]` as the cameras of the views see them.
+    /// The scene's colours `[B, 3, H, W]`, mapped for the cameras of the views.
     pub fn of_colours(&self, colours: Tensor<4>) -> Tensor<4> {
         let shape = colours.dims();
         let flat = colours.reshape([shape[0], 3, shape[2] * shape[3]]);

@@ -1,4 +1,4 @@
-//! A set of Gaussians: the raw attributes that are optimised (METHOD §1.1).
+//! A set of Gaussians: the raw attributes to optimise (METHOD §1.1).
 
 use std::fmt;
 
@@ -14,16 +14,16 @@ use crate::model::network::Offsets;
 use crate::model::rows::{PerGaussian, RowMap};
 use crate::{ModelError, tensors};
 
-/// Colour of a Gaussian is `0.5 + SH_C0 * dc` where no direction counts.
+/// The colour of a Gaussian at SH degree 0 is `0.5 + SH_C0 * dc`.
 pub const SH_C0: f64 = 0.282_094_791_773_878_14;
 
-/// Background of the features that are no mask: "near black" (METHOD §1.2).
+/// Background of features other than masks: "near black" (METHOD §1.2).
 const FEATURE_BACKGROUND: f64 = 1e-7;
 
-/// Opacities nearer to 0 or 1 than this are written as this, so that their logits are finite; no 8-bit picture tells.
+/// Distance of opacities in files from 0 and 1, so that their logits are finite. It is invisible in 8-bit images.
 const OPACITY_MARGIN: f64 = 1e-6;
 
-/// Gaussians as raw numbers, before any activation; one row each.
+/// Gaussians as raw values before activation, one row each.
 #[derive(Module, Debug)]
 pub struct Gaussians {
     /// Centres in world units: `[N, 3]`.
@@ -38,16 +38,16 @@ pub struct Gaussians {
     pub log_scales: Param<Tensor<2>>,
     /// Quaternions w, x, y, z, not normalised: `[N, 4]`.
     pub quaternions: Param<Tensor<2>>,
-    /// Mask logits, a column for each [`MaskChannel`]: `[N, 3]`; of the dynamic branch alone.
+    /// Mask logits, one column per [`MaskChannel`]: `[N, 3]`; only in the dynamic branch.
     pub mask_logits: Option<Param<Tensor<2>>>,
-    /// Moment at which a Gaussian is most opaque and where its centre is given, in the time of the views: `[N, 1]`; of a
-    /// dynamic branch with lifetimes (`model.lifetime`).
+    /// Moment of a Gaussian's maximum opacity, at which its centre is given, in the time of the views: `[N, 1]`; only
+    /// in a dynamic branch with lifetimes (`model.lifetime`).
     pub time_centres: Option<Param<Tensor<2>>>,
-    /// Logarithm of how long it is there, in the same time: `[N, 1]`; with `time_centres`.
+    /// Logarithm of its duration, in the same time: `[N, 1]`; with `time_centres`.
     pub log_durations: Option<Param<Tensor<2>>>,
-    /// World units it travels in a unit of time: `[N, 3]`; with `time_centres`.
+    /// Velocity, in world units per unit of time: `[N, 3]`; with `time_centres`.
     pub velocities: Option<Param<Tensor<2>>>,
-    /// Degree of the spherical harmonics in use; the coefficients above it are 0.
+    /// Current SH degree; the coefficients above it are 0.
     #[module(skip)]
     pub sh_degree: usize,
 }
@@ -116,21 +116,20 @@ impl fmt::Display for Attribute {
     }
 }
 
-/// Durations beyond `exp` of these are taken as these, so that an age is a number: a hundred-thousandth of the video, and a
-/// thousand videos.
+/// Bounds of log-durations, so that relative ages are finite: a hundred-thousandth of the video, and a thousand videos.
 pub(crate) const LEAST_LOG_DURATION: f64 = -12.0;
 pub(crate) const MOST_LOG_DURATION: f64 = 7.0;
 
-/// What is seen where no Gaussian is.
+/// The background behind all Gaussians.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Behind {
     /// Level of the colour channels.
     pub grey: f64,
-    /// Mask probabilities, one for each [`MaskChannel`].
+    /// Mask probabilities, one per [`MaskChannel`].
     pub masks: [f64; 3],
 }
 
-/// Raw attributes as tensors, ready to be rendered: canonical or deformed.
+/// Raw attributes as tensors for rendering, canonical or deformed.
 #[derive(Clone, Debug)]
 pub struct RawGaussians {
     /// Centres: `[N, 3]`.
@@ -143,12 +142,12 @@ pub struct RawGaussians {
     pub log_scales: Tensor<2>,
     /// Quaternions: `[N, 4]`.
     pub quaternions: Tensor<2>,
-    /// Mask logits, a column for each [`MaskChannel`]: `[N, 3]`.
+    /// Mask logits, one column per [`MaskChannel`]: `[N, 3]`.
     pub mask_logits: Option<Tensor<2>>,
 }
 
 impl Gaussians {
-    /// Gaussians of the given attributes; every tensor becomes a parameter. Of the spherical harmonics the constant is in use.
+    /// Gaussians with the given attributes; every tensor becomes a parameter. The SH degree starts at 0.
     pub fn from_tensors(raw: impl Fn(Attribute) -> Option<Tensor<2>>) -> Option<Self> {
         let parameter = |attribute| raw(attribute).map(Param::from_tensor);
         Some(Self {
@@ -187,20 +186,20 @@ impl Gaussians {
         }
     }
 
-    /// The numbers of an attribute without autodiff.
+    /// The values of an attribute without autodiff.
     pub fn plain(&self, attribute: Attribute) -> Option<Tensor<2>> {
         self.attribute(attribute).map(|parameter| parameter.val().inner())
     }
 
-    /// Takes the numbers of an attribute out, without autodiff, so that they can be changed in place; to be put back by
-    /// [`Gaussians::replace`]. Until then the attribute is empty.
+    /// Takes the values of an attribute, without autodiff, so that they can be changed in place. The attribute is empty
+    /// until [`Gaussians::replace`] puts them back.
     pub fn take(&mut self, attribute: Attribute) -> Option<Tensor<2>> {
         let slot = self.slot(attribute)?;
         let empty = Param::initialized(ParamId::new(), Tensor::empty([0, 0], &slot.val().device().inner()));
         Some(std::mem::replace(slot, empty).into_value().inner())
     }
 
-    /// Puts new numbers (without autodiff) in place of an attribute, as a fresh parameter.
+    /// Replaces the values of an attribute by new ones (without autodiff), as a new parameter.
     pub fn replace(&mut self, attribute: Attribute, values: Tensor<2>) {
         if let Some(slot) = self.slot(attribute) {
             *slot = Param::from_tensor(values.autodiff());
@@ -236,10 +235,10 @@ impl Gaussians {
         }
     }
 
-    /// The numbers of the canonical Gaussians, with their lifetimes, for a file.
+    /// The values of the canonical Gaussians with their lifetimes, for a file.
     ///
     /// # Errors
-    /// If the device cannot hand them back.
+    /// If the device fails to return them.
     pub fn to_cloud(&self) -> Result<GaussianCloud, ModelError> {
         let plain = |attribute| self.plain(attribute).map(tensors::read::<2, f32>).transpose();
         let (centres, durations) = (plain(Attribute::TimeCentres)?, plain(Attribute::LogDurations)?);
@@ -251,11 +250,11 @@ impl Gaussians {
         Ok(GaussianCloud { lifetimes, ..self.valid().canonical().to_cloud()? })
     }
 
-    /// The canonical Gaussians as their lifetimes have them at a time; the canonical ones where there are none.
+    /// The canonical Gaussians at a time, with their lifetimes applied if they have any.
     ///
-    /// With moment `c`, duration `w` and velocity `v` a Gaussian stands at `mean + (t - c) v`, and its opacity is
-    /// `sigmoid(logit - ((t - c) / w)^2)`: the bell `opacity exp(-((t - c) / w)^2)` of Spacetime Gaussians and
-    /// FreeTimeGS where it is faint, and flat-topped where it is opaque. Ours; docs/METHOD.md, section 13.
+    /// With moment `c`, duration `w` and velocity `v`, the centre is `mean + (t - c) v`, and the opacity is
+    /// `sigmoid(logit - ((t - c) / w)^2)`. For small opacities, this is the bell `opacity exp(-((t - c) / w)^2)` of
+    /// Spacetime Gaussians and FreeTimeGS; for large ones, it is flat-topped. Ours; docs/METHOD.md, section 13.
     pub fn at(&self, time: f64) -> RawGaussians {
         let canonical = self.canonical();
         let (Some(centres), Some(durations), Some(velocities)) =
@@ -274,7 +273,7 @@ impl Gaussians {
 }
 
 impl PerGaussian for Gaussians {
-    /// New Gaussians are equal to their parents; those without a parent are zeros until somebody gives them numbers.
+    /// New Gaussians equal their parents. Those without a parent are zero until the caller sets their values.
     fn follow(&mut self, map: &RowMap) {
         for attribute in Attribute::ALL {
             if let Some(values) = self.plain(attribute) {
@@ -285,7 +284,7 @@ impl PerGaussian for Gaussians {
 }
 
 impl RawGaussians {
-    /// The Gaussians moved and changed by `offsets`, all in raw units (METHOD §2.3).
+    /// The Gaussians plus `offsets`, all in raw units (METHOD §2.3).
     pub fn deformed(self, offsets: Offsets) -> Self {
         let [count, coefficients, _] = self.sh.dims();
         let sh_offsets =
@@ -300,12 +299,12 @@ impl RawGaussians {
         }
     }
 
-    /// Splat features: mask probabilities, a column for each [`MaskChannel`]: `[N, 3]` (METHOD §1.2).
+    /// Splat features: mask probabilities, one column per [`MaskChannel`]: `[N, 3]` (METHOD §1.2).
     pub fn mask_features(&self) -> Option<Tensor<2>> {
         Some(sigmoid(self.mask_logits.clone()?))
     }
 
-    /// How surely each Gaussian is part of the foreground: `clamp(u_d / (u_d + u_s)) * opacity`, `[N, 1]` (METHOD §1.4).
+    /// Foreground probability of each Gaussian: `clamp(u_d / (u_d + u_s)) * opacity`, `[N, 1]` (METHOD §1.4).
     pub fn foreground_probability(&self) -> Option<Tensor<2>> {
         let probabilities = sigmoid(self.mask_logits.clone()?.inner());
         let [static_, dynamic] = [MaskChannel::Static, MaskChannel::Dynamic].map(|channel| channel.of(&probabilities));
@@ -313,10 +312,10 @@ impl RawGaussians {
         Some(share.clamp(1e-9, 1.0 - 1e-9) * sigmoid(self.opacity_logits.clone().inner()))
     }
 
-    /// The same Gaussians for a viewer that knows no masks: the share of the foreground in a Gaussian's own mask
-    /// weighs its opacity ([`RawGaussians::foreground_probability`]), so that what the mask gives to the static
-    /// branch fades. That is how the branches are blended where opaque Gaussians of one mask cover a pixel; the
-    /// brightness control of the static branch is lost.
+    /// The same Gaussians for viewers without masks. The foreground share of a Gaussian's mask weights its opacity
+    /// ([`RawGaussians::foreground_probability`]), so regions that the mask assigns to the static branch fade. This
+    /// equals the blending of the branches where opaque Gaussians with equal masks cover a pixel. The brightness
+    /// control of the static branch is lost.
     pub fn without_masks(self) -> Self {
         let Some(probability) = self.foreground_probability() else { return self };
         let opacity = probability.clamp(OPACITY_MARGIN, 1.0 - OPACITY_MARGIN);
@@ -324,10 +323,10 @@ impl RawGaussians {
         Self { opacity_logits: logits, mask_logits: None, ..self }
     }
 
-    /// The numbers of these Gaussians, for a file.
+    /// The values of these Gaussians, for a file.
     ///
     /// # Errors
-    /// If the device cannot hand them back.
+    /// If the device fails to return them.
     pub fn to_cloud(&self) -> Result<GaussianCloud, ModelError> {
         let [_, coefficients, _] = self.sh.dims();
         let width = 3 * coefficients;
@@ -347,10 +346,10 @@ impl RawGaussians {
         })
     }
 
-    /// The picture of these Gaussians and `features` (`[N, F]`, activated), over what `behind` says.
+    /// Renders these Gaussians and `features` (`[N, F]`, activated) over the background `behind`.
     ///
     /// # Errors
-    /// If the splat op refuses its input.
+    /// If the splat op rejects its input.
     pub fn splat(
         self,
         features: Option<Tensor<2>>,
@@ -377,7 +376,7 @@ impl RawGaussians {
         measure(Part::SplatForward, || splat::splat(inputs, probe, camera, settings))
     }
 
-    /// The numbers of an attribute as [`Gaussians`] keeps it.
+    /// The values of an attribute in the layout of [`Gaussians`].
     pub fn attribute(&self, attribute: Attribute) -> Option<Tensor<2>> {
         let sh = |first: usize, end: usize| {
             let count = self.sh.dims()[0];
@@ -408,7 +407,7 @@ impl RawGaussians {
     }
 }
 
-/// Values with offsets, where there are any.
+/// Values plus offsets, if there are any.
 fn plus<const D: usize>(values: Tensor<D>, offsets: Option<Tensor<D>>) -> Tensor<D> {
     match offsets {
         Some(offsets) => values + offsets,
@@ -416,12 +415,12 @@ fn plus<const D: usize>(values: Tensor<D>, offsets: Option<Tensor<D>>) -> Tensor
     }
 }
 
-/// The first `N` numbers of every `stride` of them.
+/// The first `N` of every `stride` values.
 fn rows<const N: usize>(values: &[f32], stride: usize) -> impl Iterator<Item = [f32; N]> {
     values.chunks_exact(stride.max(1)).filter_map(|row| row.first_chunk().copied())
 }
 
-/// A `[rows, columns]` parameter tensor of `f64` numbers, in the given precision, on the device with autodiff.
+/// A `[rows, columns]` parameter tensor of `f64` values, in the given precision, on the device with autodiff.
 pub(crate) fn attribute_tensor(values: Vec<f64>, columns: usize, device: &Device, dtype: DType) -> Tensor<2> {
     let rows = values.len() / columns.max(1);
     let data = TensorData::new(values, [rows, columns]).convert_dtype(dtype);

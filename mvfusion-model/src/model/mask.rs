@@ -2,15 +2,15 @@
 
 use burn::tensor::Tensor;
 
-/// A channel of the learned mask (METHOD §1.2). Whatever has the three has them in this order: the logits of the
-/// Gaussians, what the heads add to them, splat features, pictures, and files.
+/// A channel of the learned mask (METHOD §1.2). The order is the same everywhere: logits of the Gaussians, offsets of
+/// the heads, splat features, images, and files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MaskChannel {
-    /// Belonging to the static background.
+    /// Static background.
     Static,
     /// Brightness control of the static branch.
     Brightness,
-    /// Belonging to the dynamic foreground.
+    /// Dynamic foreground.
     Dynamic,
 }
 
@@ -18,7 +18,7 @@ impl MaskChannel {
     /// All channels, in order.
     pub const ALL: [Self; 3] = [Self::Static, Self::Brightness, Self::Dynamic];
 
-    /// This one of three channels in dimension 1: `[N, 3]` to `[N, 1]`, `[B, 3, H, W]` to `[B, 1, H, W]`.
+    /// Selects this channel in dimension 1: `[N, 3]` to `[N, 1]`, `[B, 3, H, W]` to `[B, 1, H, W]`.
     pub fn of<const D: usize>(self, channels: &Tensor<D>) -> Tensor<D> {
         channels.clone().narrow(1, self as usize, 1)
     }

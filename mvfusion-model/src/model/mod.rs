@@ -1,4 +1,4 @@
-//! The whole model: two branches, the deformation network, the motion-aware refinement.
+//! The whole model: branches, deformation network, and motion-aware refinement.
 
 pub mod alive;
 pub mod composition;
@@ -23,77 +23,78 @@ use crate::model::motion::{MotionCache, MotionRefinement, RefinementConfig};
 use crate::model::network::DeformationNetwork;
 use crate::timeline::Timeline;
 
-/// What is learned, and nothing else.
+/// Everything that is learned, and the measured motion descriptors.
 #[derive(Module, Debug)]
 pub struct Model {
-    /// Gaussians that move.
+    /// Dynamic Gaussians.
     pub dynamic: Gaussians,
-    /// Gaussians that do not; none in a model of one branch.
+    /// Static Gaussians; `None` in a model with one branch.
     pub static_: Option<Gaussians>,
-    /// How the dynamic Gaussians move.
+    /// The deformation of the dynamic Gaussians.
     pub network: DeformationNetwork,
-    /// How motion statistics and neighbouring frames correct that.
+    /// The refinement of the deformation by motion statistics and neighbouring frames.
     pub refinement: MotionRefinement,
-    /// What the training cameras make of colours, where `model.exposure` asks for it. Pictures of the model are in the
-    /// colours that all cameras agree on, so only training makes use of it.
+    /// The colour maps of the training cameras, with `model.exposure`. Renders use the scene's own colours, so only
+    /// training applies the maps.
     pub exposures: Option<Exposures>,
-    /// Motion descriptors of the dynamic Gaussians, once they were measured: not learned, but what the refinement reads.
+    /// Motion descriptors of the dynamic Gaussians, once they were measured. They are not learned; the refinement reads
+    /// them.
     #[module(skip)]
     pub motion: Option<MotionCache>,
 }
 
-/// What a model needs to know of the scene and the run to render a time.
+/// The data of the scene and the run that a model needs to render a time.
 #[derive(Clone, Debug)]
 pub struct RenderContext {
     /// The times of the training views.
     pub timeline: Timeline,
     /// The scene's extent.
     pub extent: f64,
-    /// How motion is measured.
+    /// Settings of the motion statistics.
     pub motion: MotionConfig,
-    /// Whether the gradient of the mask channels counts for densification.
+    /// Whether the gradient of the mask channels enters densification.
     pub mask_gradient: bool,
-    /// Depth before which nothing is drawn, world units.
+    /// Near plane in world units.
     pub near: f64,
-    /// What is seen where no Gaussian is.
+    /// The background behind all Gaussians.
     pub behind: Behind,
 }
 
-/// How far the dynamic Gaussians are moved.
+/// The level of deformation of the dynamic Gaussians.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DeformationLevel {
-    /// Not at all: canonical Gaussians.
+    /// No deformation: canonical Gaussians.
     Still,
-    /// By the deformation network.
+    /// The deformation network.
     Base,
-    /// By the deformation network under motion-aware refinement.
+    /// The deformation network with motion-aware refinement.
     Refined,
 }
 
-/// The branches as seen from one camera at one time.
+/// The renders of the branches from one camera at one time.
 #[derive(Clone, Debug)]
 pub struct BranchPictures {
-    /// Dynamic branch: colour, alpha, depth, and mask features where there is a static branch to be blended with.
+    /// Dynamic branch: colour, alpha, depth, and mask features if there is a static branch.
     pub dynamic: SplatPicture,
     /// Static branch: colour, alpha, depth.
     pub static_: Option<SplatPicture>,
-    /// Foreground probability of the dynamic Gaussians at this time, without autodiff: `[N, 1]`; where there is a mask.
+    /// Foreground probability of the dynamic Gaussians at this time, without autodiff: `[N, 1]`; only with a mask.
     pub foreground: Option<Tensor<2>>,
 }
 
-/// The leaves through which the screen-space gradients leave the backward pass, one a branch.
+/// The leaves that receive the screen-space gradients, one per branch.
 #[derive(Clone, Debug)]
 pub struct Probes {
-    /// Of the dynamic branch.
+    /// Probe of the dynamic branch.
     pub dynamic: Tensor<2>,
-    /// Of the static branch.
+    /// Probe of the static branch.
     pub static_: Tensor<2>,
 }
 
 impl Probes {
-    /// Fresh probes on the device and in the dtype of the dynamic Gaussians.
+    /// New probes with the device and dtype of the dynamic Gaussians.
     ///
-    /// The dynamic one has a row for each Gaussian where views see different ones of them, by their lifetimes.
+    /// With lifetimes, each view has different dynamic Gaussians, so their probe has one row per Gaussian.
     pub fn new(dynamic: &Gaussians) -> Self {
         let like = dynamic.means.val();
         let leaf = |rows| Tensor::zeros([rows, 2], (&like.device().inner(), like.dtype())).autodiff().require_grad();
@@ -108,7 +109,7 @@ impl Model {
         self.valid()
     }
 
-    /// The same model but for MFTA: the paper's cheaper inference. `None` where MFTA has no effect at that level anyway.
+    /// The same model without MFTA: the paper's cheaper inference. `None` if MFTA has no effect at that level.
     pub fn without_mfta(&self, level: DeformationLevel) -> Option<Self> {
         let has_effect =
             level == DeformationLevel::Refined && self.refinement.temporal.is_some() && self.motion.is_some();
@@ -124,13 +125,13 @@ impl Model {
         std::iter::once(("dynamic", &self.dynamic)).chain(self.static_.iter().map(|branch| ("static", branch)))
     }
 
-    /// The dynamic Gaussians at a time: alive by their lifetimes, moved by the network. Refinement falls back to the base
-    /// deformation until motion was measured.
+    /// All dynamic Gaussians at a time, with lifetimes and deformation. Refinement falls back to the base deformation
+    /// until motion was measured.
     pub fn dynamic_at(&self, time: f64, level: DeformationLevel, context: &RenderContext) -> RawGaussians {
         self.rows_at(None, time, level, context)
     }
 
-    /// The same for some of them.
+    /// The same for the rows that are alive.
     pub(crate) fn rows_at(
         &self,
         alive: Option<&AliveRows>,
@@ -168,7 +169,7 @@ impl Model {
     /// Renders the branches.
     ///
     /// # Errors
-    /// If the splat op refuses its input.
+    /// If the splat op rejects its input.
     pub fn render(
         &self,
         camera: &Camera,
@@ -211,7 +212,7 @@ impl Model {
 }
 
 impl RenderContext {
-    /// Settings of a branch's splat.
+    /// Splat settings of a branch.
     pub(crate) fn splat_settings(&self, sh_degree: usize, mask_gradient: bool) -> SplatSettings {
         let statistic = if mask_gradient { Statistic::AllChannels } else { Statistic::ColourAndDepth };
         let rules = SplatRules { near: self.near, ..SplatRules::inria() };

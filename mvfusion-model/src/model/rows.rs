@@ -1,10 +1,10 @@
-//! How the rows of a branch change, and what follows them.
+//! Changes of a branch's rows, and the trait of everything that follows them.
 
 use burn::tensor::{Int, Tensor};
 
 use crate::tensors;
 
-/// Where the Gaussians of a branch come from after rows changed.
+/// The origin of a branch's Gaussians after a change of rows.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RowMap {
     sources: Vec<usize>,
@@ -13,8 +13,8 @@ pub struct RowMap {
 }
 
 impl RowMap {
-    /// Rows `0..kept` are the Gaussians of the old rows `sources[..kept]`; those after them are made from the old rows
-    /// `sources[kept..]`, their parents.
+    /// Rows `0..kept` are the Gaussians of the old rows `sources[..kept]`. The following rows are created from the old
+    /// rows `sources[kept..]`, their parents.
     ///
     /// # Panics
     /// If there are fewer sources than kept rows.
@@ -23,44 +23,44 @@ impl RowMap {
         Self { sources, kept, added: 0 }
     }
 
-    /// The given old rows stay, in that order; the others go.
+    /// The given old rows stay, in that order; the others are removed.
     pub fn keeping(rows: Vec<usize>) -> Self {
         Self { kept: rows.len(), sources: rows, added: 0 }
     }
 
-    /// All of `count` rows stay, and `added` Gaussians without a parent come after them.
+    /// All `count` rows stay, followed by `added` Gaussians without a parent.
     pub fn appending(count: usize, added: usize) -> Self {
         Self { sources: (0..count).collect(), kept: count, added }
     }
 
-    /// The old row of every new row that has one: first the Gaussians that stay, then the parents of new ones.
+    /// The old row of each new row that has one: first the Gaussians that stay, then the parents of new ones.
     pub fn sources(&self) -> &[usize] {
         &self.sources
     }
 
-    /// Number of Gaussians that stay what they are, at the beginning.
+    /// Number of unchanged Gaussians, which are the first rows.
     pub fn kept(&self) -> usize {
         self.kept
     }
 
-    /// Number of Gaussians that are new, with a parent or without.
+    /// Number of new Gaussians, with or without a parent.
     pub fn new_rows(&self) -> usize {
         self.sources.len() - self.kept + self.added
     }
 
-    /// Values `[N, C]` of the old rows for the new ones: children have those of their parents, Gaussians without a parent
-    /// zeros.
+    /// Maps values `[N, C]` of the old rows to the new rows. Children inherit from their parents; Gaussians without a
+    /// parent get zeros.
     pub fn inherit(&self, values: &Tensor<2>) -> Tensor<2> {
         with_zeros(values.clone().select(0, index(&self.sources, values)), self.added)
     }
 
-    /// Values `[N, C]` of the old rows for the new ones: all that are new have zeros.
+    /// Maps values `[N, C]` of the old rows to the new rows. All new Gaussians get zeros.
     pub fn keep(&self, values: &Tensor<2>) -> Tensor<2> {
         with_zeros(values.clone().select(0, index(&self.sources[..self.kept], values)), self.new_rows())
     }
 }
 
-/// What has a row for each Gaussian of a branch.
+/// Data with one row per Gaussian of a branch.
 pub trait PerGaussian {
     /// Follows a change of rows.
     fn follow(&mut self, map: &RowMap);
@@ -99,7 +99,7 @@ mod tests {
     use super::*;
     use crate::test_support::{for_each_device, values};
 
-    /// Ten times the row in the first column, one more in the second.
+    /// Ten times the row index in the first column, one more in the second.
     fn table(rows: usize, device: &Device) -> Tensor<2> {
         let numbers: Vec<f32> = (0..rows).flat_map(|row| [10.0 * row as f32, 10.0 * row as f32 + 1.0]).collect();
         Tensor::<1>::from_floats(numbers.as_slice(), device).reshape([rows, 2])

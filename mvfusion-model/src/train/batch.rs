@@ -1,4 +1,4 @@
-//! The training views and the order in which they are shown.
+//! The training views and their batches.
 
 use burn::tensor::{Device, Tensor, TensorData};
 use image::{GrayImage, RgbImage};
@@ -11,7 +11,7 @@ use crate::evaluation::dilate;
 use crate::timeline::Timeline;
 use crate::train::loss::{MotionMasks, MotionWitness};
 
-/// Pixels by which what was seen to move is grown before the losses see it: edges are blends of both branches.
+/// Dilation of moving pixels in the losses, because edges are blends of both branches.
 const MOTION_REACH: usize = 2;
 
 /// The training views.
@@ -19,36 +19,36 @@ const MOTION_REACH: usize = 2;
 pub struct TrainingViews {
     views: Vec<TrainingView>,
     pictures: PictureCache,
-    /// Which of their pixels move, where the losses ask for that.
+    /// Their moving pixels, if the losses need them.
     moving: Option<MovingPixels>,
 }
 
-/// What a batch is compared with. Without autodiff.
+/// The ground truth of a batch. Without autodiff.
 #[derive(Clone, Debug)]
 pub struct Batch {
-    /// The photos, black where they do not count: `[B, 3, H, W]` in `[0, 1]`.
+    /// The photos, black at invalid pixels: `[B, 3, H, W]` in `[0, 1]`.
     pub photos: Tensor<4>,
-    /// 1 where they count, else 0: `[B, 1, H, W]`; absent if they count everywhere.
+    /// 1 at valid pixels, otherwise 0: `[B, 1, H, W]`; absent if all are valid.
     pub valid: Option<Tensor<4>>,
-    /// Where something was seen to move; absent if nothing is known.
+    /// Detected motion; absent if unknown.
     pub motion: Option<MotionMasks>,
 }
 
 impl TrainingViews {
-    /// The training views of a scene, of which at most `budget` bytes are kept decoded. Nothing is decoded yet. That all
-    /// pictures have one size, as batches need, the readers see to.
+    /// The training views of a scene, with at most `budget` bytes of decoded images. Nothing is decoded yet. The
+    /// readers ensure that all images have the same size, which batches need.
     pub fn new(scene: &Scene, budget: u64) -> Self {
         let views = scene.train.iter().zip(scene.training_cameras());
         let views = views.map(|(view, number)| TrainingView { camera: view.camera, time: view.time, number }).collect();
         Self { views, pictures: PictureCache::new(&scene.train, budget, rayon::current_num_threads()), moving: None }
     }
 
-    /// The same with what is known of their motion.
+    /// Adds the known motion.
     pub fn with_motion(self, moving: Option<MovingPixels>) -> Self {
         Self { moving, ..self }
     }
 
-    /// How often a round shows each of them, with so many visits more for lonely moments.
+    /// How often a round shows each view, with `lonely` additional visits for lonely moments.
     pub fn visits(&self, timeline: &Timeline, lonely: f64) -> Visits {
         match &self.moving {
             Some(moving) if lonely > 0.0 => Visits::by_loneliness(&self.views, moving, timeline, lonely),
@@ -56,17 +56,17 @@ impl TrainingViews {
         }
     }
 
-    /// What is known of their motion.
+    /// The known motion.
     pub fn into_motion(self) -> Option<MovingPixels> {
         self.moving
     }
 
-    /// Where a view was seen to move: 255 there; `None` where nothing is known.
+    /// The detected motion of a view: 255 at moving pixels; `None` if unknown.
     pub fn moving_mask(&self, index: usize) -> Option<GrayImage> {
         self.moving.as_ref()?.mask(index)
     }
 
-    /// The pictures.
+    /// The images.
     pub fn pictures(&self) -> &PictureCache {
         &self.pictures
     }
@@ -89,7 +89,7 @@ impl TrainingViews {
     /// The given views as one batch.
     ///
     /// # Errors
-    /// If a picture cannot be read.
+    /// If an image cannot be read.
     pub fn stack(&self, indices: &[usize], device: &Device) -> Result<Batch, ModelError> {
         let decoded = indices.iter().map(|&index| self.pictures.get(index)).collect::<Result<Vec<_>, _>>()?;
         let photos = Tensor::cat(decoded.iter().map(|photo| picture_tensor(&photo.rgb, device)).collect(), 0);
@@ -116,7 +116,7 @@ impl TrainingViews {
     }
 }
 
-/// A picture as `[1, 3, H, W]` in `[0, 1]`.
+/// An image as `[1, 3, H, W]` in `[0, 1]`.
 pub fn picture_tensor(picture: &RgbImage, device: &Device) -> Tensor<4> {
     let (width, height) = (picture.width() as usize, picture.height() as usize);
     let bytes = picture.as_raw();

@@ -29,22 +29,22 @@ use crate::random::{Stream, Streams};
 use crate::train::densify::{BranchState, DensifyCounts, DensifyStatistics};
 use crate::train::optim::{GaussianOptimiser, ModuleOptimiser};
 
-/// Header key under which everything but the tensors is stored.
+/// Header key of everything except the tensors.
 const HEADER: &str = "mvfusion";
 
-/// Name of the exposures of the training cameras, which alone tell how many those are.
+/// Name of the exposures, whose shape determines the number of training cameras.
 const EXPOSURES: &str = "exposures.departures";
 
-/// Names of what the static branch has yet to learn from, beside its gradients.
+/// Names of the accumulated data of the static branch, besides its gradients.
 const PENDING_SCREEN: &str = "pending.screen";
 const PENDING_RADII: &str = "pending.radii";
 const PENDING_VISIBLE: &str = "pending.visible";
 
-/// What a checkpoint holds beside tensors.
+/// The contents of a checkpoint except the tensors.
 #[derive(Debug, Serialize, Deserialize)]
 struct Header {
     completed: usize,
-    /// Of the dynamic branch, then of the static one, if there is one.
+    /// SH degree of the dynamic branch, then of the static branch, if there is one.
     sh_degrees: Vec<usize>,
     grid_max: [f64; 3],
     grid_min: [f64; 3],
@@ -53,7 +53,7 @@ struct Header {
     normalisers: Normalisers,
     streams: Streams,
     sampler: Sampler,
-    /// Of the dynamic branch, then of the static one.
+    /// Counts of the dynamic branch, then of the static branch.
     #[serde(rename = "census")]
     counts: [DensifyCounts; 2],
     refreshes: usize,
@@ -63,16 +63,16 @@ struct Header {
 type Tensors = BTreeMap<String, TensorData>;
 
 impl TrainState {
-    /// Writes the state to a file: first beside it, then renamed, so that a crash leaves the old file whole.
+    /// Writes the state to a temporary file and renames it, so that a crash does not damage the old file.
     ///
     /// # Errors
-    /// If the device cannot hand its numbers back or the file cannot be written.
+    /// If the device fails to return values or the file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), ModelError> {
         let mut tensors = parameters(&self.model)?;
         let mut adam_steps = BTreeMap::new();
         let states = std::iter::once(&self.dynamic).chain(&self.static_);
         for ((name, _), state) in self.model.branches().zip(states) {
-            // A field that is added to the state does not compile until it is said here whether a file needs it.
+            // A new field of the state is a compile error here until it is decided whether files need it.
             let BranchState { optimiser, statistics, pending, counts: _ } = state;
             for (attribute, moments) in &optimiser.moments {
                 store_moments(&mut tensors, &mut adam_steps, &format!("{name}.{attribute}"), moments)?;
@@ -110,10 +110,10 @@ impl TrainState {
         write(path, &tensors, &header)
     }
 
-    /// Reads a state that was written under the same `config`, onto `device` (with autodiff).
+    /// Reads a state that was written with the same `config`, to `device` (with autodiff).
     ///
     /// # Errors
-    /// If the file cannot be read, is no checkpoint, or does not fit the configuration.
+    /// If the file cannot be read, is not a checkpoint, or does not match the configuration.
     pub fn load(path: &Path, config: &Config, device: &Device) -> Result<Self, ModelError> {
         let (mut reader, header) = Reader::open(path, device)?;
         let mut optimiser = ModuleOptimiser::default();
@@ -138,20 +138,20 @@ impl TrainState {
     }
 }
 
-/// A model as it comes out of a training, without autodiff, ready to be evaluated.
+/// A trained model without autodiff, for evaluation.
 #[derive(Clone, Debug)]
 pub struct TrainedModel {
     /// The model.
     pub model: Model,
-    /// Training steps behind it.
+    /// Number of training steps.
     pub steps: usize,
 }
 
 impl TrainedModel {
-    /// Reads the model of a checkpoint, and nothing else of the file.
+    /// Reads only the model of a checkpoint.
     ///
     /// # Errors
-    /// As [`TrainState::load`].
+    /// Same as [`TrainState::load`].
     pub fn load(path: &Path, config: &Config, device: &Device) -> Result<Self, ModelError> {
         let device = device.clone().autodiff();
         let (mut reader, header) = Reader::open(path, &device)?;
@@ -165,10 +165,10 @@ impl From<&TrainState> for TrainedModel {
     }
 }
 
-/// SHA-256 over all learned parameters: names in order, each followed by its numbers, little endian.
+/// SHA-256 of all learned parameters: names in order, each followed by its values, little endian.
 ///
 /// # Errors
-/// If the device cannot hand its numbers back.
+/// If the device fails to return values.
 pub fn parameter_hash(model: &Model) -> Result<String, ModelError> {
     let mut hash = Sha256::new();
     for (name, data) in parameters(model)? {
@@ -218,7 +218,7 @@ fn store_moments<const D: usize>(
     store(tensors, format!("adam.{name}.second"), moments.second.clone())
 }
 
-/// Collects parameters on the host; after a failure it goes on, and the first one is told.
+/// Collects parameters on the host. It continues after a failure and keeps the first one.
 struct Collector {
     tensors: Tensors,
     failure: Option<ModelError>,
@@ -255,12 +255,11 @@ fn unreadable(path: &Path, error: &io::Error) -> ModelError {
     ModelError::File { action: "read", path: path.to_owned(), reason: error.to_string() }
 }
 
-/// A checkpoint being read: tensors are read from the file when they are asked for, so that those nobody asks for cost
-/// nothing.
+/// A checkpoint that is being read. Tensors are read on request, so unused tensors cost nothing.
 struct Reader<'a> {
     path: &'a Path,
     file: File,
-    /// Where the tensors begin in the file.
+    /// Start of the tensors in the file.
     start: u64,
     tensors: HashMap<String, TensorInfo>,
     device: &'a Device,
@@ -324,7 +323,7 @@ impl<'a> Reader<'a> {
 
     fn model(&mut self, config: &Config, header: &Header) -> Result<Model, ModelError> {
         let bounds = GridBounds { max: header.grid_max, min: header.grid_min };
-        // The weights are overwritten below, so any will do.
+        // The weights are overwritten below, so any stream works.
         let mut stream = Stream::new(0, 0);
         let mut init = ModuleInit { device: self.device, dtype: DType::F32, stream: &mut stream };
         let deformation = DeformationConfig::of(&config.model, bounds);
@@ -368,7 +367,7 @@ impl<'a> Reader<'a> {
         Ok(Gaussians { sh_degree, ..gaussians })
     }
 
-    /// What training keeps about a branch.
+    /// The training state of a branch.
     fn state(&mut self, name: &str, header: &Header) -> Result<BranchState, ModelError> {
         let mut optimiser = GaussianOptimiser::default();
         for attribute in Attribute::ALL {
@@ -384,7 +383,7 @@ impl<'a> Reader<'a> {
             foreground: statistic("foreground")?,
             radii: statistic("radii")?,
         };
-        // Only the static branch has gradients that wait.
+        // Only the static branch accumulates gradients.
         let [dynamic, static_] = header.counts;
         Ok(match name {
             "static" => BranchState { optimiser, statistics, pending: self.pending()?, counts: static_ },
@@ -392,12 +391,12 @@ impl<'a> Reader<'a> {
         })
     }
 
-    /// A tensor, if it is there.
+    /// A tensor, if it exists.
     fn optional<const D: usize>(&mut self, name: &str) -> Result<Option<Tensor<D>>, ModelError> {
         self.tensors.contains_key(name).then(|| self.tensor(name)).transpose()
     }
 
-    /// What the static branch had yet to learn from.
+    /// The accumulated gradients of the static branch.
     fn pending(&mut self) -> Result<Option<BranchGradients>, ModelError> {
         let Some(visible) = self.optional(PENDING_VISIBLE)? else { return Ok(None) };
         let mut gradients = Vec::new();
@@ -413,7 +412,7 @@ impl<'a> Reader<'a> {
         }))
     }
 
-    /// Puts the stored numbers into a module.
+    /// Fills a module with the stored values.
     fn fill<M: Module>(&mut self, name: &str, module: M) -> Result<M, ModelError> {
         let mut filler = Filler { reader: self, path: ParameterPath::new(name), failure: None };
         let module = module.map(&mut filler);

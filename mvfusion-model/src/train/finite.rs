@@ -1,4 +1,4 @@
-//! Finds the first number of a run that is not finite.
+//! Finds the first tensor of a run with a non-finite value.
 
 use burn::tensor::Tensor;
 
@@ -6,7 +6,7 @@ use super::parameters::{Sink, walk};
 use crate::model::Model;
 use crate::{ModelError, tensors};
 
-/// Tensors by name, each boiled down to one number on the device: 0 if all is well, NaN if any number is not finite.
+/// Tensors by name, each reduced to one value on the device: 0 if all values are finite, otherwise NaN.
 #[derive(Default)]
 pub(super) struct Findings {
     names: Vec<String>,
@@ -14,7 +14,7 @@ pub(super) struct Findings {
 }
 
 impl Findings {
-    /// Of every learned parameter of a model.
+    /// The findings for all learned parameters of a model.
     pub fn of_parameters(model: &Model) -> Self {
         let mut findings = Self::default();
         walk(model, &mut findings);
@@ -22,7 +22,7 @@ impl Findings {
         findings
     }
 
-    /// The first tensor that holds a number that is not finite. Waits for the device, once.
+    /// The first tensor with a non-finite value. Waits for the device once.
     pub fn first_bad(self) -> Result<Option<String>, ModelError> {
         let signs: Vec<f32> = tensors::read(Tensor::cat(self.signs, 0))?;
         Ok(self.names.into_iter().zip(signs).find(|(_, sign)| sign.is_nan()).map(|(name, _)| name))

@@ -1,11 +1,11 @@
-//! The losses of a step, still on the device: nothing waits for them unless somebody reads them.
+//! The losses of a step, on the device. Only reading them waits for the device.
 
 use burn::tensor::Tensor;
 
 /// The loss of a step.
 #[derive(Clone, Debug)]
 pub struct Losses {
-    /// Main and light loss together, with the graph of the backward pass: `[1]`.
+    /// The total loss, with the graph of the backward pass: `[1]`.
     pub total: Tensor<1>,
     /// Mean squared error of the composed renders over the valid pixels, without autodiff: `[1]`.
     pub squared_error: Tensor<1>,

@@ -1,4 +1,4 @@
-//! Training: stages, batches, one step after the other.
+//! Training: stages, batches, steps, losses, densification, checkpoints.
 
 mod batch;
 pub mod births;

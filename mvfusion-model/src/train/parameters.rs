@@ -1,4 +1,4 @@
-//! A walk over every learned parameter of a model, under the names that files and messages use.
+//! Iteration over all learned parameters of a model, with the names that files and messages use.
 
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::Tensor;
@@ -7,14 +7,14 @@ use crate::model::Model;
 use crate::model::gaussians::Attribute;
 use crate::parameter_path::ParameterPath;
 
-/// What takes the parameters.
+/// A receiver of parameters.
 pub(super) trait Sink {
     /// Takes a parameter, without autodiff.
     fn take<const D: usize>(&mut self, name: String, values: Tensor<D>);
 }
 
-/// Hands every learned parameter over: `dynamic.means`, …, `static.means`, …, `network.grid.planes`, …, `refinement.…`, and
-/// `exposures.departures` where there are any. In the order of files.
+/// Passes every learned parameter to `sink`, in the order of files: `dynamic.means`, …, `static.means`, …,
+/// `network.grid.planes`, …, `refinement.…`, and `exposures.departures` if there are any.
 pub(super) fn walk(model: &Model, sink: &mut impl Sink) {
     for (name, branch) in model.branches() {
         for attribute in Attribute::ALL {
@@ -28,7 +28,7 @@ pub(super) fn walk(model: &Model, sink: &mut impl Sink) {
     model.exposures.visit(&mut Walk { sink, path: ParameterPath::new("exposures") });
 }
 
-/// Where in a module the walk is.
+/// The iteration over the parameters of a module.
 struct Walk<'a, S> {
     sink: &'a mut S,
     path: ParameterPath,

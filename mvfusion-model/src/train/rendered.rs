@@ -1,4 +1,4 @@
-//! The training views of a step, rendered.
+//! The renders of a step's training views.
 
 use burn::tensor::Tensor;
 use mvfusion_render::splat::{SplatPicture, SplatPlanes};
@@ -12,18 +12,18 @@ use crate::model::composition::{Blending, BranchRenders, Composition};
 use crate::model::exposure::Exposure;
 use crate::model::{BranchPictures, Probes};
 
-/// The training views of a step as the model renders them, with the graph of the backward pass, and their photos.
+/// The renders of a step's training views, with the graph of the backward pass, and their photos.
 #[derive(Debug)]
 pub struct RenderedBatch {
-    /// What the views are compared with.
+    /// The ground truth of the views.
     pub batch: Batch,
     pub(super) views: RenderedViews,
-    /// Where the screen-space gradients arrive.
+    /// The leaves that receive the screen-space gradients.
     pub(super) probes: Probes,
 }
 
 impl RenderedBatch {
-    /// The composed renders, clamped to `[0, 1]`; in a model of one branch its renders as they are: `[B, 3, H, W]`.
+    /// The composed renders, clamped to `[0, 1]`; in a model with one branch its unclamped renders: `[B, 3, H, W]`.
     pub fn composed(&self) -> Tensor<4> {
         match self.views.has_static() {
             true => self.views.composed(),
@@ -31,22 +31,22 @@ impl RenderedBatch {
         }
     }
 
-    /// Renders of the dynamic branch, as the cameras see its colours: `[B, 3, H, W]`.
+    /// Renders of the dynamic branch, with the cameras' exposures: `[B, 3, H, W]`.
     pub fn dynamic(&self) -> Tensor<4> {
         self.views.dynamic()
     }
 
-    /// Renders of the static branch, as the cameras see its colours: `[B, 3, H, W]`; `None` in a model of one branch.
+    /// Renders of the static branch, with the cameras' exposures: `[B, 3, H, W]`; `None` in a model with one branch.
     pub fn static_(&self) -> Option<Tensor<4>> {
         self.views.static_()
     }
 
-    /// Share of the dynamic branch in each pixel: `[B, 1, H, W]`; `None` in a model of one branch.
+    /// Share of the dynamic branch in each pixel: `[B, 1, H, W]`; `None` in a model with one branch.
     pub fn mask(&self) -> Option<Tensor<4>> {
         self.views.has_static().then(|| self.views.composition().mask)
     }
 
-    /// What can be found in the pictures.
+    /// The findings for all renders.
     pub(super) fn findings(&self) -> Findings {
         let mut findings = Findings::default();
         for (branch, picture) in packed(&self.views.rendered) {
@@ -56,7 +56,7 @@ impl RenderedBatch {
     }
 }
 
-/// Which of the two equal copies of a picture is meant.
+/// Selects one of the two equal copies of a render.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum PictureCopy {
     Main,
@@ -68,7 +68,7 @@ fn stack<V>(views: &[V], layer: impl Fn(&V) -> Tensor<3>) -> Tensor<4> {
     Tensor::cat(views.iter().map(|view| layer(view).unsqueeze_dim(0)).collect(), 0)
 }
 
-/// The rendered pictures with all their layers, without autodiff.
+/// The renders with all their layers, without autodiff.
 fn packed(rendered: &[BranchPictures]) -> Vec<(&'static str, Tensor<4>)> {
     let of = |branch, picture: &SplatPicture| (branch, picture.packed.clone().inner());
     let static_ = |view: &BranchPictures| view.static_.as_ref().map(|picture| of("static", picture));
@@ -80,7 +80,7 @@ fn foreground(rendered: &[BranchPictures]) -> Option<Tensor<2>> {
     rendered.iter().filter_map(|view| view.foreground.clone()).reduce(Tensor::max_pair)
 }
 
-/// Rendered views, and what their cameras make of colours.
+/// Rendered views, and the exposures of their cameras.
 #[derive(Debug)]
 pub(super) struct RenderedViews {
     pub rendered: Vec<BranchPictures>,
@@ -92,7 +92,7 @@ impl RenderedViews {
         self.rendered.iter().all(|view| view.static_.is_some())
     }
 
-    /// Colours of the views as their cameras see them: `[B, 3, H, W]`.
+    /// Colours of the views with the exposures of their cameras: `[B, 3, H, W]`.
     fn exposed(&self, colours: Tensor<4>) -> Tensor<4> {
         match &self.exposure {
             Some(exposure) => exposure.of_colours(colours),
@@ -105,15 +105,15 @@ impl RenderedViews {
         self.exposed(stack(&self.rendered, |view| view.dynamic.main().colour))
     }
 
-    /// The colours of the static branch; `None` in a model without one.
+    /// The colours of the static branch; `None` in a model with one branch.
     pub fn static_(&self) -> Option<Tensor<4>> {
         let pictures: Option<Vec<_>> = self.rendered.iter().map(|view| view.static_.as_ref()).collect();
         Some(self.exposed(stack(&pictures?, |picture| picture.main().colour)))
     }
 
-    /// One copy of every view of two branches, stacked and blended. Where `still` (`[B, 1, H, W]`) is 0, no loss reaches the
-    /// colours of the static branch: neither what little the mask lets through, nor the window of a still pixel beside what
-    /// moves. Either would keep a stain alive.
+    /// One copy of every view of two branches, stacked and blended. Where `still` (`[B, 1, H, W]`) is 0, the colours of
+    /// the static branch have no gradient. Otherwise, gradients through a nearly closed mask, or from the window of an
+    /// adjacent still pixel, would preserve a stain.
     pub fn pictures(&self, copy: PictureCopy, blending: Blending, still: Option<&Tensor<4>>) -> Pictures {
         let layers = |picture: &SplatPicture| match copy {
             PictureCopy::Main => picture.main(),
@@ -122,7 +122,7 @@ impl RenderedViews {
         let dynamic: Vec<SplatPlanes> = self.rendered.iter().map(|view| layers(&view.dynamic)).collect();
         let static_: Vec<SplatPlanes> =
             self.rendered.iter().filter_map(|view| view.static_.as_ref().map(layers)).collect();
-        // Proof: a model with a static branch has mask logits in its dynamic one, and `Model::render` splats them.
+        // Proof: a model with a static branch has mask logits in its dynamic branch, and `Model::render` splats them.
         let mask =
             |view: &SplatPlanes| view.features.clone().expect("the dynamic branch is always splatted with its mask");
         let blend = BranchRenders {
@@ -146,29 +146,29 @@ impl RenderedViews {
         self.pictures(PictureCopy::Main, Blending::Deformation, None).composition
     }
 
-    /// The blended pictures of views of two branches: `[B, 3, H, W]`.
+    /// The composed renders of views of two branches: `[B, 3, H, W]`.
     pub fn composed(&self) -> Tensor<4> {
         self.composition().composed
     }
 
-    /// Which dynamic Gaussians were seen.
+    /// The visible dynamic Gaussians.
     pub fn dynamic_visibility(&self) -> Visibility {
         Visibility::of(self.rendered.iter().map(|view| &view.dynamic), foreground(&self.rendered))
     }
 
-    /// Which static Gaussians were seen; `None` in a model of one branch.
+    /// The visible static Gaussians; `None` in a model with one branch.
     pub fn static_visibility(&self) -> Option<Visibility> {
         let pictures = || self.rendered.iter().filter_map(|view| view.static_.as_ref());
         self.has_static().then(|| Visibility::of(pictures(), None))
     }
 }
 
-/// Depth and alpha of the dynamic branch and of the static one, `[1, H, W]` each.
+/// Depth and alpha of the dynamic and the static branch, `[1, H, W]` each.
 pub(super) fn shown_depths(view: &BranchPictures) -> [[Tensor<3>; 2]; 2] {
     let layers = |picture: &SplatPicture| {
         let layers = picture.main();
         [layers.depth, layers.alpha]
     };
-    // Proof: only models of two branches are asked.
+    // Proof: this is only called for models with two branches.
     [layers(&view.dynamic), layers(view.static_.as_ref().expect("the model has a static branch"))]
 }

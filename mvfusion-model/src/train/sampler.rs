@@ -1,4 +1,4 @@
-//! Which views a step learns from.
+//! The selection of each step's views.
 
 use mvfusion_data::motion::{MovingPixels, loneliness};
 use serde::{Deserialize, Serialize};
@@ -7,7 +7,7 @@ use super::TrainingView;
 use crate::random::Stream;
 use crate::timeline::Timeline;
 
-/// Draws views without replacement; a new round begins when all were shown (METHOD §4.2).
+/// Draws views without replacement; a new round starts when all were shown (METHOD §4.2).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Sampler {
     remaining: Vec<usize>,
@@ -15,7 +15,7 @@ pub struct Sampler {
     pub round_ended: bool,
 }
 
-/// How often a round shows each view in the mean, at least once.
+/// Mean number of visits of each view per round, at least one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Visits(Vec<f64>);
 
@@ -33,7 +33,7 @@ impl Sampler {
         (0..size).map(next).collect()
     }
 
-    /// The next `size` views that will be drawn, without drawing them.
+    /// The next `size` views, without drawing them.
     pub fn upcoming(&self, size: usize, visits: &Visits, stream: &Stream) -> Vec<usize> {
         self.clone().draw(size, visits, &mut stream.clone())
     }
@@ -45,7 +45,7 @@ impl Visits {
         Self(vec![1.0; views])
     }
 
-    /// Every view once, and `lonely` times the [`loneliness`] of its moment more.
+    /// Every view once, plus `lonely` times the [`loneliness`] of its moment.
     pub fn by_loneliness(photos: &[TrainingView], moving: &MovingPixels, timeline: &Timeline, lonely: f64) -> Self {
         let times = timeline.times();
         let moment = |photo: &TrainingView| times.partition_point(|&time| time < photo.time).min(times.len() - 1);
@@ -57,12 +57,12 @@ impl Visits {
         Self(photos.iter().map(|photo| 1.0 + lonely * loneliness[moment(photo)]).collect())
     }
 
-    /// The views of a round, in order; a part of a visit is a chance.
+    /// The views of a round, in order. The fraction of a visit is a probability.
     fn round(&self, stream: &mut Stream) -> Vec<usize> {
         let mut round = Vec::with_capacity(self.0.len());
         for (view, &visits) in self.0.iter().enumerate() {
             let chance = visits.fract();
-            // Whole numbers draw nothing, so that the order of even rounds does not hang on this.
+            // Integers draw no random number, so that the order of even rounds does not depend on this.
             let more = chance > 0.0 && stream.unit() < chance;
             round.extend(std::iter::repeat_n(view, visits as usize + usize::from(more)));
         }
@@ -120,7 +120,7 @@ mod tests {
         let times = [0.0, 0.25, 0.5, 0.75, 1.0];
         let photos = times.map(|time| TrainingView { camera, time, number: 0 });
         let map = |levels| MotionMap::new((2, 1), 1, vec![PixelMotion::moving(levels), PixelMotion::still(9)]);
-        // At the third of five moments twice as much moves as at the others.
+        // At the third of five moments, twice as much moves as at the others.
         let moving = MovingPixels::from_maps([9, 9, 19, 9, 9].map(map).to_vec());
         let visits = Visits::by_loneliness(&photos, &moving, &Timeline::new(times.to_vec()), 3.0);
         for (found, expected) in visits.0.iter().zip([4.0, 2.0, 4.0, 2.0, 4.0]) {

@@ -1,4 +1,4 @@
-//! Where a run stands in its three stages.
+//! The position of a run in its three stages.
 
 use serde::{Deserialize, Serialize};
 
@@ -28,7 +28,7 @@ impl Stage {
         }
     }
 
-    /// How far this stage moves the dynamic Gaussians.
+    /// The deformation level of this stage.
     pub fn level(self, deformation: bool) -> DeformationLevel {
         match self {
             _ if !deformation => DeformationLevel::Still,
@@ -39,7 +39,7 @@ impl Stage {
     }
 }
 
-/// A step of a run.
+/// The position of a step in a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Position {
     /// Step within the run, from 1.
@@ -50,13 +50,13 @@ pub struct Position {
     pub stage_step: usize,
     /// Steps of the stage.
     pub stage_length: usize,
-    /// Step of the counter that schedules go by, from 1: the first stage has its own, the other two share one, unless
+    /// Step of the schedules' counter, from 1. The first stage has its own counter; the other two share one, unless
     /// configured otherwise (A1).
     pub step: usize,
 }
 
 impl Position {
-    /// The step after `completed` steps, or `None` when the run is over.
+    /// The step after `completed` steps, or `None` at the end of the run.
     pub fn after(completed: usize, stages: &StageConfig) -> Option<Self> {
         let lengths = [
             (Stage::Geometry, stages.geometry.0),
@@ -78,12 +78,12 @@ impl Position {
         None
     }
 
-    /// Whether moments, statistics and schedules start again at this step.
+    /// Whether moments, statistics and schedules restart at this step.
     pub fn restarts(&self) -> bool {
         self.step == 1
     }
 
-    /// The error of a run in which something is not finite at this step.
+    /// The error for a non-finite value at this step.
     pub(super) fn not_finite(&self, what: String) -> ModelError {
         ModelError::NotFinite { what, step: self.stage_step, stage: self.stage.name() }
     }
@@ -95,7 +95,7 @@ impl Position {
 }
 
 impl StageConfig {
-    /// Stages of so many steps: geometry, deformation, refinement.
+    /// Stages with these numbers of steps: geometry, deformation, refinement.
     pub fn of([geometry, deformation, refinement]: [usize; 3]) -> Self {
         let [geometry, deformation, refinement] = [geometry, deformation, refinement].map(Steps);
         Self { geometry, deformation, refinement, ..Self::default() }

@@ -1,4 +1,4 @@
-//! All that a run has to remember between two steps.
+//! The state of a run between two steps.
 
 use burn::tensor::{DType, Device};
 use glam::DVec3;
@@ -19,18 +19,18 @@ use crate::train::optim::ModuleOptimiser;
 
 use super::Sampler;
 
-/// The state of a run. What is not in here can be computed anew from configuration and scene.
+/// The state of a run. Everything else can be recomputed from configuration and scene.
 #[derive(Clone, Debug)]
 pub struct TrainState {
-    /// Steps done.
+    /// Number of completed steps.
     pub completed: usize,
-    /// What is learned.
+    /// The model.
     pub model: Model,
-    /// What training keeps about the dynamic Gaussians.
+    /// Training state of the dynamic branch.
     pub dynamic: BranchState,
-    /// The same of the static ones, if there is a static branch.
+    /// Training state of the static branch, if there is one.
     pub static_: Option<BranchState>,
-    /// Moments of network and refinement.
+    /// Adam moments of network, refinement and exposures.
     pub optimiser: ModuleOptimiser,
     /// Normalisers of the motion descriptors.
     pub normalisers: Normalisers,
@@ -38,15 +38,16 @@ pub struct TrainState {
     pub streams: Streams,
     /// Views not yet shown in this round.
     pub sampler: Sampler,
-    /// Refreshes of the motion statistics.
+    /// Number of refreshes of the motion statistics.
     pub refreshes: usize,
 }
 
 impl TrainState {
-    /// The state before the first step, where `motion` was seen. Parameters are made on `device`, which must record gradients.
+    /// The state before the first step, with the detected `motion`. Parameters are created on `device`, which must
+    /// record gradients.
     ///
     /// # Errors
-    /// If the configuration leaves a branch without Gaussians, or names a file of Gaussians that cannot be used.
+    /// If a branch would have no Gaussians, or a configured file of Gaussians cannot be used.
     pub fn new(
         config: &Config,
         scene: &Scene,
@@ -91,7 +92,7 @@ impl TrainState {
         })
     }
 
-    /// Forgets moments and statistics, as at the start of a stage.
+    /// Resets moments and statistics, as at the start of a stage.
     pub(super) fn restart(&mut self) {
         self.dynamic.restart(&self.model.dynamic);
         if let (Some(state), Some(gaussians)) = (&mut self.static_, &self.model.static_) {
@@ -100,7 +101,7 @@ impl TrainState {
         self.optimiser = ModuleOptimiser::default();
     }
 
-    /// The dynamic branch, whose rows may change between two steps.
+    /// The dynamic branch, for changes of its rows between two steps.
     pub fn dynamic_branch(&mut self) -> Branch<'_> {
         let Model { dynamic, motion, .. } = &mut self.model;
         Branch { gaussians: dynamic, state: &mut self.dynamic, motion: motion.as_mut(), gradients: None }
@@ -112,14 +113,13 @@ impl TrainState {
         Some(Branch { gaussians, state, motion: None, gradients: None })
     }
 
-    /// How often the rows of the branches changed, those of the dynamic branch first.
+    /// The counts of row changes, first of the dynamic branch.
     pub fn counts(&self) -> [DensifyCounts; 2] {
         [self.dynamic.counts, self.static_.as_ref().map_or_else(DensifyCounts::default, |state| state.counts)]
     }
 }
 
-/// A branch before the first step. Gaussians from a file keep the degree of their colours, as far as there is room
-/// for it.
+/// A branch before the first step. Gaussians from a file keep their SH degree, up to the model's degree.
 fn first_branch(cloud: &GaussianCloud, masking: Masking, config: &Config, device: &Device, dtype: DType) -> Gaussians {
     let highest = config.model.sh_degree;
     Gaussians { sh_degree: cloud.sh_degree.min(highest), ..gaussians_of(cloud, masking, highest, device, dtype) }
@@ -127,7 +127,7 @@ fn first_branch(cloud: &GaussianCloud, masking: Masking, config: &Config, device
 
 /// The box of the dynamic cloud, without margin (METHOD §2.1); `None` for an empty one.
 fn grid_bounds(cloud: &GaussianCloud) -> Option<GridBounds> {
-    /// A flat cloud would make the grid's coordinates infinite.
+    /// Minimum side of the box. The grid coordinates of a flat cloud would be infinite.
     const MIN_SIDE: f64 = 1e-6;
     let (min, max) = cloud.bounds()?;
     let min = min.as_dvec3();

@@ -1,4 +1,4 @@
-//! The forward half of a step: render a batch, blend, compare.
+//! The forward half of a step: render, blend, losses.
 
 use burn::tensor::Tensor;
 use burn::tensor::activation::sigmoid;
@@ -15,10 +15,10 @@ use crate::model::gaussians::Gaussians;
 use crate::model::{DeformationLevel, Probes};
 
 impl Trainer {
-    /// Renders training views, given by their numbers, at their times.
+    /// Renders training views, given by their indices, at their times.
     ///
     /// # Errors
-    /// If a photo cannot be read, or the splat op refuses its input.
+    /// If a photo cannot be read, or the splat op rejects its input.
     pub fn render_batch(&self, views: &[usize], position: &Position) -> Result<RenderedBatch, ModelError> {
         let model = &self.state.model;
         let level = position.stage.level(self.config.model.deformation);
@@ -35,7 +35,7 @@ impl Trainer {
     /// The loss of a step (METHOD §4.4): main loss, light loss, and the penalties of the HexPlane grid.
     ///
     /// # Errors
-    /// If the grid's op refuses its input.
+    /// If the grid op rejects its input.
     pub fn losses(&self, rendered: &RenderedBatch, position: &Position) -> Result<Losses, ModelError> {
         let level = position.stage.level(self.config.model.deformation);
         measure(Part::Loss, || self.losses_of(&rendered.views, &rendered.batch, level, position))
@@ -78,7 +78,7 @@ impl Trainer {
         }
         let squared_error = (composed.inner() - batch.photos.clone()).powf_scalar(2.0).mean();
         let squared_error = match &batch.valid {
-            // A batch that counts nowhere has no error.
+            // A batch without valid pixels has no error.
             Some(valid) => squared_error / valid.clone().mean().clamp_min(f32::EPSILON),
             None => squared_error,
         };
@@ -108,7 +108,7 @@ impl Trainer {
         }
     }
 
-    /// What the static branch says of motion, once Gaussians were born where photos differ from it.
+    /// The motion implied by the static branch, once Gaussians were born where photos differ from it.
     fn seen_by_static_branch(&self, seen: &RenderedViews, batch: &Batch, position: &Position) -> Option<MotionMasks> {
         if position.stage == Stage::Geometry || !self.has_births {
             return None;
@@ -116,13 +116,13 @@ impl Trainer {
         Some(MotionMasks::by_difference(&batch.photos, seen.static_()?.inner()))
     }
 
-    /// What the cameras of the given views make of colours, where `model.exposure` asks for it.
+    /// The exposures of the given views' cameras, with `model.exposure`.
     pub(super) fn exposure(&self, views: &[usize]) -> Option<Exposure> {
         let cameras: Vec<usize> = views.iter().map(|&view| self.photos.get(view).number).collect();
         Some(self.state.model.exposures.as_ref()?.of(&cameras))
     }
 
-    /// What opacity costs (docs/METHOD.md, section 13).
+    /// The opacity penalties (docs/METHOD.md, section 13).
     fn opacity_cost(&self, static_: &Gaussians) -> Option<Tensor<1>> {
         let (config, model) = (&self.config.loss, &self.state.model);
         let opacities = |branch: &Gaussians| sigmoid(branch.opacity_logits.val());
@@ -139,7 +139,7 @@ impl Trainer {
         costs.into_iter().flatten().reduce(|sum, cost| sum + cost)
     }
 
-    /// Smoothness of the HexPlane's planes (METHOD §4.4, R_grid).
+    /// The penalties of the HexPlane's planes (METHOD §4.4, R_grid).
     fn grid_penalty(&self) -> Result<Tensor<1>, ModelError> {
         let grid = &self.state.model.network.grid;
         let penalties = grid::regulariser::penalties(grid.planes.val(), grid.layout())?;

@@ -1,4 +1,4 @@
-//! What becomes of dynamic Gaussians that turn out not to move. Ours; the paper names it as future work.
+//! The treatment of dynamic Gaussians that do not move. Ours; the paper names it as future work.
 
 use burn::tensor::Tensor;
 
@@ -8,11 +8,11 @@ use crate::model::DeformationLevel;
 use crate::model::gaussians::Gaussians;
 use crate::{ModelError, tensors};
 
-/// Quantile of the motion intensity that others are compared with: the largest values may be strays.
+/// Quantile of the motion intensity that serves as reference, because the largest values may be outliers.
 const BRIGHTEST: f64 = 0.98;
 
 impl Trainer {
-    /// Applies `motion.still` to the intensities that were just measured.
+    /// Applies `motion.still` to the newly measured intensities.
     pub(super) fn sort_out_still_ones(&mut self) -> Result<(), ModelError> {
         let config = &self.config.motion;
         let (rule, share) = (config.still, config.still_below);
@@ -29,7 +29,7 @@ impl Trainer {
         Ok(())
     }
 
-    /// Puts dynamic Gaussians, as they are at the middle of the video, into the static branch, if there is one.
+    /// Copies dynamic Gaussians, in their state at the middle of the video, to the static branch, if there is one.
     fn reassign(&mut self, rows: &[usize]) {
         let plain = self.state.model.plain();
         let times = self.context.timeline.times();
@@ -40,14 +40,14 @@ impl Trainer {
             let moved = raw.select(&rows);
             let still =
                 |attribute| static_.gaussians.plain(attribute).and(moved.attribute(attribute)).map(Tensor::autodiff);
-            // Proof: the static branch has every attribute that `RawGaussians` has but masks, which may be absent.
+            // Proof: the static branch has all attributes of `RawGaussians` except masks, which are optional.
             let still = Gaussians::from_tensors(still).expect("only masks and lifetimes may be absent");
             static_.append(&still);
         }
     }
 }
 
-/// Rows that move and rows that do not: those below `share` of what only the most moving 2 % exceed.
+/// Rows that move and rows that do not, which are below `share` of the 98 % quantile.
 fn parted(intensities: &[f64], share: f64) -> (Vec<usize>, Vec<usize>) {
     let mut sorted = intensities.to_vec();
     sorted.sort_by(f64::total_cmp);

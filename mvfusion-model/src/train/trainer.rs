@@ -1,4 +1,4 @@
-//! The trainer, the same for every device.
+//! The trainer, for every device.
 
 use burn::tensor::Device;
 use mvfusion_data::Scene;
@@ -15,10 +15,10 @@ use crate::timeline::Timeline;
 use crate::train::loss::Windows;
 use crate::{ModelError, tensors};
 
-/// Bytes of decoded pictures that are kept unless somebody asks for another number: 4 GiB.
+/// Default budget of decoded images, in bytes: 4 GiB.
 pub const IMAGE_CACHE: u64 = 4 << 30;
 
-/// How many pictures beyond a step's are decoded ahead.
+/// Number of images to decode ahead, beyond those of the current step.
 const LOOK_AHEAD: usize = 32;
 
 /// Trains a model on a scene, step by step.
@@ -27,25 +27,25 @@ pub struct Trainer {
     pub(super) config: Config,
     pub(super) context: RenderContext,
     pub(super) photos: TrainingViews,
-    /// How often each of them is shown.
+    /// Visits of each view per round.
     visits: Visits,
     pub(super) windows: Windows,
     pub(super) device: Device,
     pub(super) state: TrainState,
-    /// Whether Gaussians are born for what only one photo shows.
+    /// Whether Gaussians are born for objects in single photos.
     pub(super) has_births: bool,
-    /// Where Gaussians are born in a film of still cameras.
+    /// Finds positions for births in videos with fixed cameras.
     pub(super) finder: Option<MotionFinder>,
-    /// What came of the search for points on what moves, where this trainer searched.
+    /// The result of the search for points on moving objects, if this trainer searched.
     seeding: Option<Seeding>,
 }
 
 impl Trainer {
-    /// A trainer before its first step. `config` counts real steps: `train.scale` was applied already. What goes by the
-    /// scene's times is found here if [`Config::for_times_of`] was not called; [`Trainer::config`] has it.
+    /// A trainer before its first step. `train.scale` must already be applied to `config`. [`Config::for_times_of`] is
+    /// applied here if necessary; [`Trainer::config`] returns the result.
     ///
     /// # Errors
-    /// If the configuration cannot be trained.
+    /// If the configuration is invalid, or the scene or a file cannot be read.
     pub fn new(config: Config, scene: &Scene, device: &Device) -> Result<Self, ModelError> {
         config.check()?;
         let config = config.for_times_of(scene);
@@ -55,10 +55,10 @@ impl Trainer {
         Ok(Self::assembled(config, scene, motion, &device, state))
     }
 
-    /// A trainer that goes on from a state.
+    /// A trainer that continues from a state.
     ///
     /// # Errors
-    /// If a picture cannot be read.
+    /// If an image cannot be read.
     pub fn with_state(config: Config, scene: &Scene, device: &Device, state: TrainState) -> Result<Self, ModelError> {
         let motion = SceneMotion::of_training(scene, &config)?;
         Ok(Self::assembled(config, scene, motion, device, state))
@@ -73,25 +73,26 @@ impl Trainer {
         Self { config, context, photos, visits, windows, device: device.clone(), state, has_births, finder, seeding }
     }
 
-    /// Keeps at most `budget` bytes of decoded pictures instead of [`IMAGE_CACHE`]. If they all fit, they are decoded now.
+    /// Keeps at most `budget` bytes of decoded images instead of [`IMAGE_CACHE`]. If all images fit, they are decoded
+    /// now.
     ///
     /// # Errors
-    /// If one of them cannot be read then.
+    /// If one of them cannot be read.
     pub fn with_image_cache(self, scene: &Scene, budget: u64) -> Result<Self, ModelError> {
         let photos = TrainingViews::new(scene, budget).with_motion(self.photos.into_motion());
         photos.pictures().fill()?;
         Ok(Self { photos, ..self })
     }
 
-    /// The next step, or `None` when training is over.
+    /// The next step, or `None` at the end of training.
     pub fn position(&self) -> Option<Position> {
         Position::after(self.state.completed, &self.config.train.stages)
     }
 
-    /// Does the next step and returns its losses without autodiff, or `None` when training is over.
+    /// Performs the next step. Returns its losses without autodiff, or `None` at the end of training.
     ///
     /// # Errors
-    /// If the device fails or an op refuses its input.
+    /// If the device fails or an op rejects its input.
     pub fn step(&mut self) -> Result<Option<Losses>, ModelError> {
         let Some(position) = self.begin_step()? else { return Ok(None) };
         let views = self.draw_views();
@@ -106,8 +107,7 @@ impl Trainer {
         Ok(Some(found))
     }
 
-    /// What is done after a step has learned: Gaussians are born and motion is measured where that is due, and the step is
-    /// counted.
+    /// Completes a step: checks parameters, performs births and measures motion when due, and counts the step.
     ///
     /// # Errors
     /// If a parameter is not finite, a photo cannot be read, or the device fails.
@@ -131,7 +131,7 @@ impl Trainer {
         Ok(())
     }
 
-    /// Draws the training views of the next step. The views after them are decoded while this step is computed.
+    /// Draws the training views of the next step. Meanwhile, the views after them are decoded.
     pub fn draw_views(&mut self) -> Vec<usize> {
         let (size, visits) = (self.config.train.batch_size, &self.visits);
         let TrainState { sampler, streams, .. } = &mut self.state;
@@ -139,7 +139,7 @@ impl Trainer {
         sampler.draw(size, visits, &mut streams.sampling)
     }
 
-    /// Begins the next step: a stage may begin, spherical harmonics may gain a degree. `None` when training is over.
+    /// Starts the next step. A stage may start, and SH degrees may increase. Returns `None` at the end of training.
     ///
     /// # Errors
     /// If the device fails.
@@ -164,16 +164,16 @@ impl Trainer {
         Ok(Some(position))
     }
 
-    /// Whether the step is one of those that are logged.
+    /// Whether the step is logged.
     pub fn log_due(&self, position: &Position) -> bool {
         position.run_step.is_multiple_of(self.config.train.log_interval)
             || position.run_step == self.config.train.stages.total()
     }
 
-    /// Stops the run at a loss that is not finite, before it spoils the parameters.
+    /// Rejects a non-finite loss before it damages the parameters.
     ///
     /// # Errors
-    /// [`ModelError::NotFinite`] that names the parameter or the picture at fault.
+    /// [`ModelError::NotFinite`] with the parameter or render at fault.
     pub fn check_loss(&self, rendered: &RenderedBatch, losses: &Losses, position: &Position) -> Result<(), ModelError> {
         let total: Vec<f32> = tensors::read(losses.total.clone().inner())?;
         if total.iter().all(|loss| loss.is_finite()) {
@@ -186,7 +186,7 @@ impl Trainer {
         Err(position.not_finite(bad))
     }
 
-    /// Stops the run at a parameter that is not finite. A Gaussian without a place is culled, so the loss need not tell.
+    /// Rejects a non-finite parameter. A Gaussian with a non-finite centre is culled, so the loss may still be finite.
     fn check_parameters(&self, position: &Position) -> Result<(), ModelError> {
         match Findings::of_parameters(&self.state.model).first_bad()? {
             Some(parameter) => Err(position.not_finite(parameter)),
@@ -205,27 +205,27 @@ impl Trainer {
             }
     }
 
-    /// How the finished model is to be rendered.
+    /// The deformation level of the finished model.
     pub fn final_level(&self) -> DeformationLevel {
         final_level(&self.config)
     }
 
-    /// The configuration that the state was made by, and under which a checkpoint of it is loaded.
+    /// The configuration of the state, which loading a checkpoint requires.
     pub fn config(&self) -> &Config {
         &self.config
     }
 
-    /// What came of the search for points on what moves; `None` where `init.motion_points` asks for none, and of a
-    /// trainer that goes on.
+    /// The result of the search for points on moving objects. `None` without `init.motion_points`, and for a trainer
+    /// that continues a run.
     pub fn seeding(&self) -> Option<&Seeding> {
         self.seeding.as_ref()
     }
 
-    /// Where the dynamic Gaussians stand in the pictures, before the network moves them; `None` where nothing is known
-    /// of what moves there, and for a model of one branch, whose Gaussians show the whole scene. Reads some pictures.
+    /// The placement of the dynamic Gaussians in the images, before deformation. `None` if no motion is known, and for
+    /// a model with one branch, whose Gaussians show the whole scene. Reads some images.
     ///
     /// # Errors
-    /// If a picture cannot be read, or the device fails.
+    /// If an image cannot be read, or the device fails.
     pub fn placement(&self, scene: &Scene) -> Result<Option<Placement>, ModelError> {
         match self.state.model.static_ {
             Some(_) => Placement::of(&self.state.model.dynamic, scene),
@@ -238,13 +238,13 @@ impl Trainer {
         &self.state
     }
 
-    /// What the model needs to know of scene and run.
+    /// The data of scene and run that the model needs for rendering.
     pub fn render_context(&self) -> &RenderContext {
         &self.context
     }
 }
 
-/// How a model trained by `config` is to be rendered: as in the last stage that it went through.
+/// The deformation level of a model trained with `config`: that of its last stage.
 pub fn final_level(config: &Config) -> DeformationLevel {
     let stages = &config.train.stages;
     let last = match (stages.refinement.0, stages.deformation.0) {
@@ -256,7 +256,7 @@ pub fn final_level(config: &Config) -> DeformationLevel {
 }
 
 impl RenderContext {
-    /// What a model trained by `config` needs to know of its scene.
+    /// The render context of a model trained with `config` on `scene`.
     pub fn new(config: &Config, scene: &Scene) -> Self {
         Self {
             timeline: Timeline::new(scene.training_times()),

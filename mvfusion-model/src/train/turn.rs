@@ -1,4 +1,4 @@
-//! A branch's part of the backward half of a step: what was seen, changes of rows, the optimiser's step (METHOD §4.7 to
+//! A branch's part of the backward half of a step: statistics, row changes, the optimiser's step (METHOD §4.7 to
 //! §4.11).
 
 use burn::tensor::Tensor;
@@ -13,20 +13,21 @@ use crate::random::Stream;
 use crate::train::densify::{Branch, BranchState, PruneRule, ResetPlan};
 use crate::train::optim::{GaussianGradients, GaussianRates};
 
-/// Foreground probability below which a dynamic Gaussian counts as unused, as a share of the least opacity (METHOD §4.10).
+/// Foreground probability below which a dynamic Gaussian counts as unused, as a fraction of `densify.min_opacity`
+/// (METHOD §4.10).
 const UNUSED_SHARE: f64 = 0.1;
 
-/// A branch at its turn in a step.
+/// The update of a branch in a step.
 pub(super) struct BranchTurn<'a> {
     pub gaussians: &'a mut Gaussians,
     pub state: &'a mut BranchState,
-    /// Motion descriptors, of the dynamic branch alone.
+    /// Motion descriptors; only for the dynamic branch.
     pub motion: Option<&'a mut MotionCache>,
-    /// Knows when every view was shown; of the dynamic branch alone.
+    /// Tracks when every view was shown; only for the dynamic branch.
     pub sampler: Option<&'a mut Sampler>,
     pub limits: &'a BranchDensifyConfig,
     pub rates: &'a GaussianRates,
-    /// Whether no Gaussian is to be added yet.
+    /// Whether additions must wait.
     pub waits: bool,
     pub config: &'a Config,
     pub position: &'a Position,
@@ -35,7 +36,7 @@ pub(super) struct BranchTurn<'a> {
 }
 
 impl BranchTurn<'_> {
-    /// Learns from the gradients since the last turn.
+    /// Learns from the gradients since the last update.
     pub fn learn(mut self, gradients: BranchGradients) -> Result<(), ModelError> {
         let BranchGradients { visibility, screen, mut attributes } = gradients;
         if self.position.step < self.config.densify.until.0 {
@@ -60,7 +61,7 @@ impl BranchTurn<'_> {
         }
     }
 
-    /// The branch, whose rows may change.
+    /// The branch, for changes of its rows.
     fn branch<'b>(&'b mut self, gradients: &'b mut GaussianGradients) -> (Branch<'b>, &'b mut Stream) {
         let branch = Branch {
             gaussians: self.gaussians,
@@ -77,7 +78,7 @@ impl BranchTurn<'_> {
         let step = self.position.step;
         let tidies = step > config.prune_from.0 && config.prune_interval.is_due(step);
         if tidies && config.relocate > 0.0 && !self.waits {
-            // Before densification, which takes the statistics.
+            // Before densification, which resets the statistics.
             let most = (config.relocate * self.gaussians.count() as f64) as usize;
             let (rule, round_ended) = self.prune_rule();
             let (mut branch, stream) = self.branch(gradients);
@@ -104,10 +105,10 @@ impl BranchTurn<'_> {
         Ok(())
     }
 
-    /// Which Gaussians have no place, and whether every view was shown since this was last asked.
+    /// The pruning rule, and whether every view was shown since the last call.
     fn prune_rule(&mut self) -> (PruneRule, bool) {
         let config = &self.config.densify;
-        // Only after every view was shown does an unused Gaussian deserve the name.
+        // A Gaussian is unused only if every view was shown.
         let round_ended = self.sampler.as_mut().is_some_and(|sampler| std::mem::take(&mut sampler.round_ended));
         let late = self.position.step > self.config.train.stages.deforming() / 2;
         let masked = self.gaussians.mask_logits.is_some();
@@ -122,7 +123,7 @@ impl BranchTurn<'_> {
         (rule, round_ended)
     }
 
-    /// What was part of the foreground is counted anew once every view was shown.
+    /// Resets the foreground statistics after every view was shown.
     fn begin_round(&mut self, round_ended: bool) {
         if round_ended {
             let statistics = &mut self.state.statistics;
@@ -130,7 +131,7 @@ impl BranchTurn<'_> {
         }
     }
 
-    /// Mean gradient that calls for more Gaussians (METHOD §4.8).
+    /// Gradient threshold for cloning and splitting (METHOD §4.8).
     fn threshold(&self) -> f64 {
         match self.position.stage {
             Stage::Geometry => self.limits.geometry_threshold,

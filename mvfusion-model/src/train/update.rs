@@ -1,4 +1,4 @@
-//! The backward half of a step: gradients, changes of rows, optimiser steps (METHOD §4.1, order inside an iteration).
+//! The backward half of a step: gradients, row changes, optimiser steps (METHOD §4.1, order inside an iteration).
 
 use burn::tensor::{Gradients, Tensor};
 use mvfusion_render::profile::{Part, measure};
@@ -11,16 +11,16 @@ use crate::train::optim::Rates;
 
 /// The gradients of a step.
 pub struct StepGradients {
-    /// Of the dynamic branch.
+    /// Gradients of the dynamic branch.
     pub dynamic: BranchGradients,
-    /// Of the static branch, if there is one.
+    /// Gradients of the static branch, if there is one.
     pub static_: Option<BranchGradients>,
-    /// Of network, refinement and exposures.
+    /// Gradients of network, refinement and exposures.
     pub modules: Gradients,
 }
 
 impl Trainer {
-    /// The gradients of a loss with respect to all that is learned. Under gradient accumulation the loss is divided by its
+    /// The gradients of a loss with respect to all parameters. With gradient accumulation, the loss is divided by the
     /// number of steps.
     pub fn backward(&self, rendered: RenderedBatch, loss: Tensor<1>, position: &Position) -> StepGradients {
         let RenderedBatch { views, probes, batch: _ } = rendered;
@@ -39,16 +39,17 @@ impl Trainer {
         rates.with_frame(self.context.timeline.spacing())
     }
 
-    /// Learns from the gradients of a step: statistics, changes of rows where they are due, Adam's steps.
+    /// Learns from the gradients of a step: statistics, row changes when due, and Adam steps.
     ///
     /// # Errors
-    /// If the device cannot hand its numbers back.
+    /// If the device fails to return values.
     pub fn update(&mut self, gradients: StepGradients, rates: &Rates, position: &Position) -> Result<(), ModelError> {
         let accumulation = self.accumulation(position);
         let StepGradients { dynamic, static_, mut modules } = gradients;
         self.update_dynamic(dynamic, rates, position)?;
         if let (Some(gradients), Some(state)) = (static_, &mut self.state.static_) {
-            // The background learns from several steps at once, the foreground from each (METHOD §4.3).
+            // The static branch accumulates the gradients of several steps, the dynamic branch learns at each step
+            // (METHOD §4.3).
             let sum = match state.pending.take() {
                 Some(earlier) => earlier.and(gradients),
                 None => gradients,
@@ -62,7 +63,7 @@ impl Trainer {
         Ok(())
     }
 
-    /// Steps from whose gradients the static branch learns at once.
+    /// Number of accumulated steps of the static branch.
     fn accumulation(&self, position: &Position) -> usize {
         match position.stage {
             Stage::Geometry => 1,
@@ -76,7 +77,7 @@ impl Trainer {
         rates: &Rates,
         position: &Position,
     ) -> Result<(), ModelError> {
-        // What is there before has nothing to show, and would take the room of those that are to be born.
+        // Dynamic Gaussians before the births show nothing, and new ones would take the room of the births.
         let waits_for_births = position.stage == Stage::Geometry && self.has_births;
         let state = &mut self.state;
         let turn = BranchTurn {

@@ -9,6 +9,6 @@ pub struct TrainingView {
     pub camera: Camera,
     /// The moment.
     pub time: f64,
-    /// Number of the camera among those that train ([`training_cameras`](mvfusion_data::Scene::training_cameras)).
+    /// Index of the camera among the training cameras ([`training_cameras`](mvfusion_data::Scene::training_cameras)).
     pub number: usize,
 }

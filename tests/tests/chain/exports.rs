@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use mvfusion_cli::args::{ComputeArgs, ExportArgs, ExportFormat};
 use mvfusion_cli::progress::Verbosity;
-use mvfusion_cli::{command, config as layers, scene as scenes};
+use mvfusion_cli::{command, config as configs, scene as scenes};
 use mvfusion_data::{Layout, Scene, write};
 use mvfusion_model::config::{Branches, Config, Interval};
 use mvfusion_model::model::gaussians::RawGaussians;
@@ -43,7 +43,7 @@ impl Run {
         let run = Self { place, config, scene, trainer };
         fs::create_dir_all(run.folder().join("checkpoints")).expect("made");
         run.trainer.state().save(&run.checkpoint()).expect("saved");
-        fs::write(run.folder().join("config.toml"), layers::to_toml(&run.config).expect("TOML")).expect("written");
+        fs::write(run.folder().join("config.toml"), configs::to_toml(&run.config).expect("TOML")).expect("written");
         run
     }
 

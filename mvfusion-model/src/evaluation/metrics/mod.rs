@@ -1,4 +1,4 @@
-//! Picture metrics, one file each. Which of them a protocol reports: [`super::Protocol`].
+//! Image metrics, one file per metric. [`super::Protocol`] lists the metrics of each protocol.
 
 pub mod lpips;
 mod ms_ssim;

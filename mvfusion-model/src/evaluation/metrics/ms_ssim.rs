@@ -1,4 +1,4 @@
-//! Structural similarity over five scales, as the package pytorch-msssim 1.0.0 defines it.
+//! MS-SSIM over five scales, as in the package pytorch-msssim 1.0.0.
 
 use burn::tensor::Tensor;
 use burn::tensor::module::avg_pool2d;
@@ -14,19 +14,19 @@ const WEIGHTS: [f64; 5] = [0.0448, 0.2856, 0.3001, 0.2363, 0.1333];
 /// Both sides must exceed this, so that the window fits into the coarsest scale.
 pub const LEAST_SIDE: usize = 160;
 
-/// Constants of SSIM for numbers in `[0, 1]`.
+/// Constants of SSIM for values in `[0, 1]`.
 const LUMINANCE: f64 = 0.01 * 0.01;
 const CONTRAST: f64 = 0.03 * 0.03;
 
-/// MS-SSIM of two pictures `[1, 3, H, W]` in `[0, 1]`; `None` unless both sides exceed 160 pixels.
+/// MS-SSIM of two images `[1, 3, H, W]` in `[0, 1]`; `None` unless both sides exceed 160 pixels.
 ///
-/// Each scale has an 11-pixel Gaussian window of sigma 1.5 where that lies wholly inside; between scales, blocks of 2
-/// by 2 pixels are averaged, with a zero row or column on both sides of an odd length that count as pixels. A channel's
-/// value is the product of the contrast terms of the first four scales and the SSIM of the fifth, none below 0, to the
-/// power of their weights; the result is the mean over channels.
+/// Each scale uses an 11-pixel Gaussian window with sigma 1.5 at all positions fully inside. Between scales, blocks of
+/// 2 by 2 pixels are averaged; an odd length gets a zero row or column on both sides that counts as pixels. A channel's
+/// value is the product of the contrast terms of the first four scales and the SSIM of the fifth. Each factor is
+/// clamped at 0 and raised to its weight. The result is the mean over channels.
 ///
 /// # Errors
-/// If the device cannot hand its numbers back.
+/// If the device fails to return values.
 pub fn ms_ssim(picture: Tensor<4>, reference: Tensor<4>) -> Result<Option<f64>, ModelError> {
     let [_, channels, height, width] = picture.dims();
     if height.min(width) <= LEAST_SIDE {
@@ -47,21 +47,21 @@ pub fn ms_ssim(picture: Tensor<4>, reference: Tensor<4>) -> Result<Option<f64>, 
     Ok(Some(products.iter().sum::<f64>() / products.len() as f64))
 }
 
-/// D-SSIM as dynamic-scene papers print it: `(1 - MS-SSIM) / 2`.
+/// D-SSIM as in papers on dynamic scenes: `(1 - MS-SSIM) / 2`.
 pub fn dissimilarity(ms_ssim: f64) -> f64 {
     (1.0 - ms_ssim) / 2.0
 }
 
-/// What is taken of a scale.
+/// The term of a scale.
 #[derive(Clone, Copy, PartialEq)]
 enum Term {
     /// Contrast and structure.
     Contrast,
-    /// These and luminance: SSIM.
+    /// Contrast, structure and luminance: SSIM.
     Whole,
 }
 
-/// A term at each pixel whose window lies inside: `[1, C, H - 10, W - 10]`.
+/// A term at each pixel whose window is inside: `[1, C, H - 10, W - 10]`.
 fn similarity(a: &Tensor<4>, b: &Tensor<4>, term: Term) -> Tensor<4> {
     let window = Window::gaussian(11, 1.5);
     let mean = |image: Tensor<4>| inside(blur(image, &window));
@@ -77,7 +77,7 @@ fn similarity(a: &Tensor<4>, b: &Tensor<4>, term: Term) -> Tensor<4> {
     }
 }
 
-/// A blurred picture without the pixels whose window reached beyond it.
+/// A blurred image without the pixels whose window extends beyond it.
 fn inside(image: Tensor<4>) -> Tensor<4> {
     let [_, _, height, width] = image.dims();
     image.narrow(2, SSIM_BORDER, height - 2 * SSIM_BORDER).narrow(3, SSIM_BORDER, width - 2 * SSIM_BORDER)

@@ -1,4 +1,4 @@
-//! How well a predicted mask covers the true one.
+//! IoU of predicted and true masks.
 
 use image::{GrayImage, RgbImage};
 
@@ -10,7 +10,7 @@ pub struct MaskOverlap {
 }
 
 impl MaskOverlap {
-    /// Takes in a view: a predicted mask in `0..=255`, white from 128 on as in the true one, and of its size.
+    /// Adds a view: a predicted mask in `0..=255` with the size of the true mask. Both are white from 128 on.
     pub fn add(&mut self, predicted: &RgbImage, truth: &GrayImage) {
         for (p, t) in predicted.pixels().zip(truth.pixels()) {
             let (p, t) = (p.0[0] >= 128, t.0[0] >= 128);
@@ -19,7 +19,7 @@ impl MaskOverlap {
         }
     }
 
-    /// Takes in the views of another.
+    /// Adds the views of another overlap.
     pub fn merge(&mut self, other: Self) {
         self.both += other.both;
         self.either += other.either;

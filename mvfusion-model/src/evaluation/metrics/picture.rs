@@ -1,4 +1,4 @@
-//! Pictures in 8 bits.
+//! Images in 8 bits.
 
 use burn::tensor::Tensor;
 use image::RgbImage;
@@ -6,10 +6,10 @@ use image::RgbImage;
 use crate::ModelError;
 use crate::tensors;
 
-/// A picture `[1, 3, H, W]` (or one channel, repeated) as 8-bit RGB: clamped, rounded.
+/// An image `[1, 3, H, W]` (or one channel, repeated) as 8-bit RGB, clamped and rounded.
 ///
 /// # Errors
-/// If the device cannot hand its numbers back.
+/// If the device fails to return values.
 pub fn quantise(picture: Tensor<4>) -> Result<RgbImage, ModelError> {
     let [_, channels, height, width] = picture.dims();
     let values: Vec<f32> = tensors::read(picture)?;

@@ -1,4 +1,4 @@
-//! A metric at each pixel, and its means over parts of the picture.
+//! A metric at each pixel, and its means over regions.
 
 use burn::tensor::Tensor;
 use image::GrayImage;
@@ -6,7 +6,7 @@ use image::GrayImage;
 use crate::ModelError;
 use crate::tensors;
 
-/// Numbers at each channel and pixel of a picture, on the host. Sums run in double precision and in row-major order.
+/// Values at each channel and pixel of an image, on the host. Sums are in double precision and in row-major order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PixelMap {
     width: usize,
@@ -15,10 +15,10 @@ pub struct PixelMap {
 }
 
 impl PixelMap {
-    /// The numbers of a map `[1, C, H, W]`.
+    /// The values of a map `[1, C, H, W]`.
     ///
     /// # Errors
-    /// If the device cannot hand its numbers back.
+    /// If the device fails to return values.
     pub fn read(map: Tensor<4>) -> Result<Self, ModelError> {
         let [_, _, height, width] = map.dims();
         Ok(Self { width, height, values: tensors::read(map)? })
@@ -35,12 +35,12 @@ impl PixelMap {
         self.values.chunks(plane).map(|channel| channel.iter().sum::<f64>() / plane as f64).collect()
     }
 
-    /// Mean without the `border` outermost pixels on each side; `None` if nothing is left.
+    /// Mean without the `border` outermost pixels on each side; `None` if nothing remains.
     pub fn inner_mean(&self, border: usize) -> Option<f64> {
         self.mean_where(|x, y| self.is_inner(border, x, y))
     }
 
-    /// Mean where a mask is white (128 or more); `None` where it is black everywhere.
+    /// Mean where a mask is white (128 or more); `None` if it is black everywhere.
     ///
     /// # Panics
     /// If the mask is smaller than the map.
@@ -49,7 +49,7 @@ impl PixelMap {
     }
 
     /// Mean where a mask is white (128 or more), without the `border` outermost pixels of the map on each side; `None`
-    /// if nothing is left.
+    /// if nothing remains.
     ///
     /// # Panics
     /// If the mask is smaller than the map.
@@ -57,7 +57,7 @@ impl PixelMap {
         self.mean_where(|x, y| self.is_inner(border, x, y) && is_white(mask, x, y))
     }
 
-    /// Whether a pixel lies at least `border` pixels from every side.
+    /// Whether a pixel is at least `border` pixels from every side.
     fn is_inner(&self, border: usize, x: usize, y: usize) -> bool {
         let inside = |position: usize, length: usize| position >= border && position + border < length;
         inside(x, self.width) && inside(y, self.height)

@@ -6,21 +6,21 @@ use image::{GrayImage, RgbImage};
 use super::PixelMap;
 use crate::ModelError;
 
-/// A peak signal-to-noise ratio in dB; `None` for equal pictures, whose ratio is infinite, and for empty regions.
+/// A peak signal-to-noise ratio in dB; `None` for equal images, whose ratio is infinite, and for empty regions.
 pub type Psnr = Option<f64>;
 
-/// Ratio for values in `[0, 1]` from the mean squared error.
+/// PSNR for values in `[0, 1]` from the mean squared error.
 pub fn decibels(squared_error: f64) -> Psnr {
     (squared_error > 0.0).then(|| -10.0 * squared_error.log10())
 }
 
-/// PSNR of two 8-bit pictures of the same size, over all pixels and channels.
+/// PSNR of two 8-bit images of the same size, over all pixels and channels.
 pub fn psnr(picture: &RgbImage, reference: &RgbImage) -> Psnr {
     let errors = picture.as_raw().iter().zip(reference.as_raw()).map(|(&a, &b)| squared(a, b));
     decibels(errors.sum::<f64>() / picture.as_raw().len().max(1) as f64)
 }
 
-/// PSNR over the pixels where the mask, of the pictures' size, is white (128 or more).
+/// PSNR over the pixels where the mask is white (128 or more). The mask has the size of the images.
 pub fn masked_psnr(picture: &RgbImage, reference: &RgbImage, mask: &GrayImage) -> Psnr {
     let mut sum = 0.0;
     let mut count = 0usize;
@@ -33,11 +33,11 @@ pub fn masked_psnr(picture: &RgbImage, reference: &RgbImage, mask: &GrayImage) -
     if count == 0 { None } else { decibels(sum / count as f64) }
 }
 
-/// Squared differences of two pictures `[1, 3, H, W]` in `[0, 1]`; [`decibels`] of a mean of them is the PSNR without
-/// the 8-bit round trip.
+/// Squared differences of two images `[1, 3, H, W]` in `[0, 1]`; [`decibels`] of their mean is the PSNR without the
+/// 8-bit round trip.
 ///
 /// # Errors
-/// If the device cannot hand its numbers back.
+/// If the device fails to return values.
 pub fn squared_errors(picture: Tensor<4>, reference: Tensor<4>) -> Result<PixelMap, ModelError> {
     PixelMap::read((picture - reference).square())
 }

@@ -1,30 +1,29 @@
-//! Where something moves: given masks, or what varies in the photos of a camera that stands still.
+//! Dynamic regions: given masks, or pixels that vary in the photos of a fixed camera.
 
 use image::{GrayImage, Luma, RgbImage};
 use serde::{Deserialize, Serialize};
 
-/// Standard deviation over time, of values in `[0, 1]`, above which a pixel is dynamic.
+/// Temporal standard deviation, for values in `[0, 1]`, above which a pixel is dynamic.
 pub const LEAST_DEVIATION: f64 = 0.02;
 
-/// Pixels by which dynamic pixels grow.
+/// Dilation of dynamic pixels, in pixels.
 pub const DILATION: usize = 3;
 
-/// What a dynamic region was taken from.
+/// The source of a dynamic region.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RegionSource {
     /// The masks of a built-in scene, which are exact.
     TrueMasks,
-    /// Masks that came with the scene or in a folder of their own.
+    /// Masks of the scene or from a separate folder.
     GivenMasks,
-    /// The photos: pixels whose standard deviation over the camera's sequence exceeds 0.02 in any channel, grown by
-    /// 3 pixels.
+    /// The photos: pixels whose standard deviation over the camera's sequence exceeds 0.02 in any channel, dilated by 3
+    /// pixels.
     TemporalDeviation,
 }
 
 impl RegionSource {
-    /// In the words that stand in brackets behind every metric of a region: what it was taken from decides more about a
-    /// metric than most methods do.
+    /// The words in brackets after every metric of a region. The source affects a metric more than most methods do.
     pub const fn words(self) -> &'static str {
         match self {
             Self::TrueMasks => "true masks",
@@ -34,18 +33,18 @@ impl RegionSource {
     }
 }
 
-/// Sums over the photos of a camera that stands still, from which the deviation of each pixel follows exactly.
+/// Sums over the photos of a fixed camera, which determine the deviation of each pixel exactly.
 #[derive(Clone, Debug, Default)]
 pub struct TemporalDeviation {
     frames: u64,
     width: u32,
     height: u32,
-    /// Of each channel of each pixel: sum, and sum of squares, of 8-bit values.
+    /// For each channel of each pixel, the sum and the sum of squares of 8-bit values.
     sums: Vec<[u64; 2]>,
 }
 
 impl TemporalDeviation {
-    /// Takes in a frame. All frames have one size; another one than the first's is left out.
+    /// Adds a frame. Frames with a different size from the first are skipped.
     pub fn add(&mut self, frame: &RgbImage) {
         if self.frames == 0 {
             (self.width, self.height) = frame.dimensions();
@@ -61,24 +60,24 @@ impl TemporalDeviation {
         }
     }
 
-    /// White where the population standard deviation exceeds 0.02 in any channel, grown by 3 pixels;
-    /// `None` for fewer than two frames, which say nothing of time.
+    /// White where the population standard deviation exceeds 0.02 in any channel, dilated by 3 pixels; `None` for fewer
+    /// than two frames.
     pub fn region(&self) -> Option<GrayImage> {
         if self.frames < 2 {
             return None;
         }
-        // N sum(v^2) - sum(v)^2 = N^2 var, in whole numbers.
+        // N sum(v^2) - sum(v)^2 = N^2 var, in integers.
         let least = (LEAST_DEVIATION * 255.0 * self.frames as f64).powi(2);
         let varies = |[sum, squares]: &[u64; 2]| (self.frames * squares - sum * sum) as f64 > least;
         let white = |pixel: &[[u64; 2]]| if pixel.iter().any(varies) { u8::MAX } else { 0 };
         let mask = self.sums.chunks(3).map(white).collect();
-        // Proof: `sums` has three entries for each pixel of the first frame, whose size this is.
+        // Proof: `sums` has three entries for each pixel of the first frame, and this is its size.
         let mask = GrayImage::from_raw(self.width, self.height, mask).expect("a mask of the frames' size");
         Some(dilate(&mask, DILATION))
     }
 }
 
-/// A mask grown by `reach` pixels: white where the square of side `2 reach + 1` around a pixel meets white (128 or
+/// A mask dilated by `reach` pixels: white where the square of side `2 reach + 1` around a pixel contains white (128 or
 /// more).
 pub fn dilate(mask: &GrayImage, reach: usize) -> GrayImage {
     let (width, height) = (mask.width() as usize, mask.height() as usize);

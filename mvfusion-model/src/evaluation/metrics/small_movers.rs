@@ -1,21 +1,21 @@
-//! How much of what is small a predicted mask finds: a hand or a ball is lost in any mean over pixels.
+//! Recall of small movers by a predicted mask. A hand or a ball hardly affects a mean over pixels.
 
 use image::{GrayImage, RgbImage};
 use serde::{Deserialize, Serialize};
 
-/// Share of the picture below which a connected part of the true mask is small.
+/// Fraction of the image below which a connected component of the true mask is small.
 pub const SMALL: f64 = 0.01;
 
 /// Recall of small movers.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SmallMoversRecall {
-    /// Share of the pixels of all small components, of all views, that the predicted mask (at least a half) covers.
+    /// Fraction of the pixels of all small components in all views that the predicted mask (at least 0.5) covers.
     pub recall: f64,
-    /// How many components that is. Each view counts its own.
+    /// Number of components, counted separately in each view.
     pub components: usize,
 }
 
-/// Small components of true masks and what predicted masks cover of them, pooled over views.
+/// Small components of true masks and their coverage by predicted masks, pooled over views.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SmallMovers {
     components: usize,
@@ -24,7 +24,7 @@ pub struct SmallMovers {
 }
 
 impl SmallMovers {
-    /// Takes in a view: a predicted mask in `0..=255`, white from 128 on as in the true one, and of its size.
+    /// Adds a view: a predicted mask in `0..=255` with the size of the true mask. Both are white from 128 on.
     pub fn add(&mut self, predicted: &RgbImage, truth: &GrayImage) {
         let limit = SMALL * truth.as_raw().len() as f64;
         for component in components(truth).into_iter().filter(|component| (component.len() as f64) < limit) {
@@ -35,14 +35,14 @@ impl SmallMovers {
         }
     }
 
-    /// Takes in the views of another.
+    /// Adds the views of another instance.
     pub fn merge(&mut self, other: Self) {
         self.components += other.components;
         self.pixels += other.pixels;
         self.covered += other.covered;
     }
 
-    /// The recall; `None` if there was no small component.
+    /// The recall; `None` without small components.
     pub fn recall(&self) -> Option<SmallMoversRecall> {
         let recall =
             || SmallMoversRecall { recall: self.covered as f64 / self.pixels as f64, components: self.components };
@@ -50,8 +50,8 @@ impl SmallMovers {
     }
 }
 
-/// The connected parts of a mask's white pixels (128 or more), of which each touches the next by a side or a corner:
-/// the pixels (x, y) of each, in the order of their first pixels, row by row.
+/// The 8-connected components of a mask's white pixels (128 or more): the pixels (x, y) of each, in the order of their
+/// first pixels, row by row.
 pub fn components(mask: &GrayImage) -> Vec<Vec<(u32, u32)>> {
     let (width, height) = mask.dimensions();
     let mut left: Vec<bool> = mask.as_raw().iter().map(|&level| level >= 128).collect();
@@ -84,7 +84,7 @@ mod tests {
 
     use super::*;
 
-    /// A mask of 20 by 20 pixels, of which four are a hundredth.
+    /// A mask of 20 by 20 pixels; four pixels are 1 % of it.
     fn mask(white: &[(u32, u32)]) -> GrayImage {
         GrayImage::from_fn(20, 20, |x, y| Luma([if white.contains(&(x, y)) { 255 } else { 0 }]))
     }
@@ -95,7 +95,7 @@ mod tests {
 
     #[test]
     fn pixels_that_touch_by_a_corner_are_one_component_and_a_gap_parts() {
-        // A diagonal that goes back to the left, the last column, and a pixel at the start of the row below it, which
+        // A diagonal that turns back to the left, the last column, and a pixel at the start of the next row, which
         // follows in memory.
         let found = components(&mask(&[(3, 0), (2, 1), (3, 2), (19, 4), (19, 5), (0, 6), (5, 2)]));
         assert_eq!(found, [vec![(3, 0), (2, 1), (3, 2)], vec![(5, 2)], vec![(19, 4), (19, 5)], vec![(0, 6)]]);

@@ -1,28 +1,29 @@
-//! Metrics of consecutive frames: flicker.
+//! Flicker: metrics of consecutive frames.
 
 use mvfusion_data::View;
 use serde::{Deserialize, Serialize};
 
-/// Metrics of a frame and the one before it, seen by one camera, or their means over all such pairs. LPIPS here takes
-/// numbers in `[-1, 1]`.
+/// Metrics of a frame and the previous frame of the same camera, or their means over all such pairs. LPIPS is on `[-1,
+/// 1]` here.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TemporalScores {
-    /// T-LPIPS: `|LPIPS(picture, picture before) - LPIPS(photo, photo before)|`, by AlexNet.
+    /// T-LPIPS with AlexNet: `|LPIPS(render, previous render) - LPIPS(photo, previous photo)|`.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub t_lpips_alex: Option<f64>,
-    /// The same by VGG-16.
+    /// The same with VGG-16.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub t_lpips_vgg: Option<f64>,
-    /// `LPIPS(picture, picture before)` alone, by AlexNet: what some papers call T-LPIPS. It counts motion as flicker.
+    /// Only `LPIPS(render, previous render)`, with AlexNet, which some papers call T-LPIPS. It counts motion as
+    /// flicker.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub consecutive_lpips_alex: Option<f64>,
-    /// The same by VGG-16.
+    /// The same with VGG-16.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub consecutive_lpips_vgg: Option<f64>,
 }
 
-/// The views of each camera that stands still, by their index, in order of time. Every view is in one sequence; a
-/// camera that moves makes a sequence of each view. Sequences come in the order of their first views.
+/// Sequences of views by index: one per fixed camera, in order of time. Each view of a moving camera is a separate
+/// sequence. Sequences are in the order of their first views.
 pub fn sequences(views: &[View]) -> Vec<Vec<usize>> {
     let mut sequences: Vec<Vec<usize>> = Vec::new();
     for (index, view) in views.iter().enumerate() {

@@ -11,8 +11,9 @@ use super::token::token_width;
 use crate::config::MotionConfig;
 use crate::model::network::{Mlp, ModuleInit, Rectified, side_by_side, zero_last_layer};
 
-/// The current token attends to tokens of neighbouring frames; an MLP that starts at zero turns the result into a residual
-/// of the deformation feature. Multi-head, scaled by `1 / sqrt(d)`, without layer norm, dropout or output projection.
+/// The current token attends to tokens of neighbouring frames. An MLP that starts at zero maps the result to a residual
+/// of the deformation feature. The attention is multi-head, scaled by `1 / sqrt(d)`, without layer norm, dropout or
+/// output projection.
 #[derive(Module, Debug)]
 pub struct TemporalAttention {
     /// Token to query.
@@ -30,7 +31,7 @@ pub struct TemporalAttention {
 }
 
 impl TemporalAttention {
-    /// Attention over tokens of features of `feature_width`.
+    /// Attention over tokens for features of `feature_width`.
     pub fn new(feature_width: usize, config: &MotionConfig, init: &mut ModuleInit<'_>) -> Self {
         let (token, width) = (token_width(feature_width), config.attention_width);
         let [query, key, value] = [(); 3].map(|()| init.linear(token, width));
@@ -38,19 +39,19 @@ impl TemporalAttention {
         Self::from_layers(query, key, value, mlp, config)
     }
 
-    /// Attention of given layers.
+    /// Attention with given layers.
     pub fn from_layers(query: Linear, key: Linear, value: Linear, mlp: Mlp, config: &MotionConfig) -> Self {
         Self { query, key, value, mlp, heads: config.heads, include_self: config.include_self }
     }
 
-    /// Centre tokens `[N, T]` and the `K` tokens around each, `[N, K, T]`, to the attention's output before the MLP:
-    /// `[N, attention width]`. With `motion.include_self` the centre attends to itself too.
+    /// Maps centre tokens `[N, T]` and the `K` tokens around each, `[N, K, T]`, to the output of the attention before
+    /// the MLP: `[N, attention width]`. With `motion.include_self`, the centre also attends to itself.
     ///
     /// # Panics
-    /// If the shapes do not fit the layers, or the heads do not divide the attention's width.
+    /// If the shapes do not match the layers, or the heads do not divide the attention width.
     pub fn attend(&self, centre: Tensor<2>, neighbours: Tensor<3>) -> Tensor<2> {
         let neighbours = match self.include_self {
-            // Attention knows no order.
+            // Attention is independent of the order.
             true => Tensor::cat(vec![neighbours, centre.clone().unsqueeze_dim(1)], 1),
             false => neighbours,
         };
@@ -62,10 +63,10 @@ impl TemporalAttention {
         self.look(queries.unsqueeze_dim(1), memory).squeeze_dim(1)
     }
 
-    /// What `[N, Q, width]` queries find in the `[N, K, 2 width]` keys and values of their row: `[N, Q, width]`.
+    /// Attention of queries `[N, Q, width]` to the keys and values `[N, K, 2 width]` of their row: `[N, Q, width]`.
     pub(super) fn look(&self, queries: Tensor<3>, memory: Tensor<3>) -> Tensor<3> {
-        // Proof: `Config::check` sees to it that the heads divide the width, which query, key and value share, and both
-        // are of the same Gaussians, with at least one token each.
+        // Proof: `Config::check` ensures that the heads divide the width of query, key and value. Both tensors have the
+        // same Gaussians and at least one token each.
         attention::forward(queries, memory, self.heads).unwrap_or_else(|error| panic!("MFTA: {error}"))
     }
 }

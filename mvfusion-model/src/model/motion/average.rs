@@ -6,8 +6,8 @@ use burn::tensor::Tensor;
 use super::token::token_width;
 use crate::model::network::{Mlp, ModuleInit, zero_last_layer};
 
-/// The mean of the tokens instead of attention. Its MLP reads tokens, which are wider than what attention puts out, so
-/// it has one of its own.
+/// The mean of the tokens instead of attention. It has a separate MLP, because tokens are wider than the output of
+/// attention.
 #[derive(Module, Debug)]
 pub struct TemporalAverage {
     /// Two layers; the last one starts at zero.
@@ -15,12 +15,12 @@ pub struct TemporalAverage {
 }
 
 impl TemporalAverage {
-    /// Averaging over tokens of features of `feature_width`.
+    /// Averaging over tokens for features of `feature_width`.
     pub fn new(feature_width: usize, hidden: usize, init: &mut ModuleInit<'_>) -> Self {
         Self { mlp: zero_last_layer(init.mlp(&[token_width(feature_width), hidden, feature_width])) }
     }
 
-    /// The mean before the MLP: `[N, S, T]` to `[N, T]`.
+    /// The mean of the tokens, before the MLP: `[N, S, T]` to `[N, T]`.
     pub fn average(&self, tokens: Tensor<3>) -> Tensor<2> {
         tokens.mean_dim(1).squeeze_dim(1)
     }

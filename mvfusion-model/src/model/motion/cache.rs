@@ -10,10 +10,10 @@ use crate::model::rows::{PerGaussian, RowMap};
 use crate::tensors;
 use crate::timeline::between;
 
-/// Variance of times that are spread evenly over `[0, 1]`.
+/// Variance of times that are uniform in `[0, 1]`.
 const VARIANCE_OF_TIME: f64 = 1.0 / 12.0;
 
-/// Normalised descriptors, one row a Gaussian, without gradient (METHOD A10, A25). Rows follow the Gaussians;
+/// Normalised descriptors, one row per Gaussian, without gradient (METHOD A10, A25). Rows follow the Gaussians.
 /// Gaussians without a parent have none until the next measurement.
 #[derive(Clone, Debug)]
 pub struct MotionCache {
@@ -21,11 +21,11 @@ pub struct MotionCache {
     pub signatures: Tensor<2>,
     /// Normalised local variances at the knots: `[N, knots]`.
     pub local: Tensor<2>,
-    /// Raw motion intensity, for pictures and pruning: `[N, 1]`.
+    /// Raw motion intensity, for renders and pruning: `[N, 1]`.
     pub intensity: Tensor<2>,
     /// Times of the knots.
     pub knot_times: Vec<f64>,
-    /// Whether new Gaussians have their parent's descriptors (`motion.inherit`).
+    /// Whether new Gaussians inherit their parent's descriptors (`motion.inherit`).
     pub inherits: bool,
 }
 
@@ -39,7 +39,7 @@ pub struct Normalisers {
 }
 
 impl MotionCache {
-    /// The cache of fresh statistics, or of the part of them that MVG is to be shown; `like` gives device and dtype.
+    /// The cache of new statistics, or of the part of them that MVG reads; `like` determines device and dtype.
     pub fn new(
         statistics: TrajectoryStatistics,
         normalisers: &mut Normalisers,
@@ -47,9 +47,9 @@ impl MotionCache {
         like: &Tensor<2>,
     ) -> Self {
         let statistics = match config.descriptor {
-            // Before the normaliser, which makes zeros of columns of zeros.
+            // Applied before the normaliser, which keeps columns of zeros.
             Descriptor::PositionVariance => statistics.position_only(),
-            // Raw offsets are taken when they are needed. What is measured serves the tokens and the intensity.
+            // Raw offsets are computed when they are needed. Tokens and intensity use the measurement.
             Descriptor::Variances | Descriptor::Offsets => statistics,
         };
         let signatures = normalisers.signatures.update_and_normalise(&statistics.signatures, SIGNATURE_WIDTH, config);
@@ -68,7 +68,7 @@ impl MotionCache {
         }
     }
 
-    /// Local motion intensity `e(t)`, `[N, 1]`: linear between knots, held outside.
+    /// Local motion intensity `e(t)`, `[N, 1]`: linear between knots, constant outside.
     pub fn local_at(&self, time: f64) -> Tensor<2> {
         let place = between(&self.knot_times, time);
         let knot = |index| self.local.clone().narrow(1, index, 1);
@@ -78,9 +78,9 @@ impl MotionCache {
         knot(place.lower) * (1.0 - place.weight) + knot(place.upper) * place.weight
     }
 
-    /// How surely each Gaussian stands still, in `[0, 1]`: `exp(-variance / mean variance)`, times the share of the video in
-    /// which it is there, as what is there for a moment only shows something that moves. The variance is the motion
-    /// intensity, and that of the travel at its velocity through the whole video. `[N, 1]`, without autodiff.
+    /// Stillness of each Gaussian in `[0, 1]`: `exp(-variance / mean variance)` times its duration as a fraction of the
+    /// video, because short-lived Gaussians show moving objects. The variance is the motion intensity plus the variance
+    /// of the travel with its velocity through the whole video. `[N, 1]`, without autodiff.
     pub fn stillness(&self, gaussians: &Gaussians, extent: f64) -> Tensor<2> {
         let mut variance = self.intensity.clone();
         if let Some(velocities) = gaussians.plain(Attribute::Velocities) {
@@ -89,7 +89,7 @@ impl MotionCache {
         let mean = variance.clone().mean().reshape([1, 1]).clamp_min(f32::MIN_POSITIVE);
         let unmoved = (-variance / mean).exp();
         match gaussians.plain(Attribute::LogDurations) {
-            // Lifetimes of a video and more count as always.
+            // Lifetimes of at least the video's length count as permanent.
             Some(durations) => unmoved * durations.clamp(LEAST_LOG_DURATION, 0.0).exp(),
             None => unmoved,
         }
@@ -144,7 +144,7 @@ mod tests {
                 knot_times: vec![0.5],
                 inherits: true,
             };
-            // Six units of two a unit of time: a variance of 9 / 12, so that the mean is 3.75 / 4.
+            // Velocity 6, extent 2: a variance of 9 / 12, so the mean is 3.75 / 4.
             let stillness = values(cache.stillness(&gaussians, 2.0));
             let expected = [1.0, (-3.0f64 * 4.0 / 3.75).exp(), (-0.75f64 * 4.0 / 3.75).exp(), 0.25];
             for (found, expected) in stillness.iter().zip(expected) {

@@ -12,18 +12,18 @@ use crate::model::network::{Mlp, ModuleInit, Rectified, side_by_side, zero_last_
 /// Taps of the convolution: previous, current and next frame.
 const TAPS: usize = 3;
 
-/// A convolution over the three tokens instead of attention, then MFTA's MLP. With three taps, three tokens and no
-/// padding there is one output, so the convolution is a linear layer of the tokens side by side.
+/// A convolution over the three tokens instead of attention, then the MLP of MFTA. Three taps on three tokens without
+/// padding have one output, so the convolution is a linear layer of the concatenated tokens.
 #[derive(Module, Debug)]
 pub struct TemporalConvolution {
-    /// Previous, current and next token, one after another, to the width of the attention that it stands for.
+    /// Maps previous, current and next token, concatenated, to the width of the attention.
     pub taps: Linear,
     /// Two layers; the last one starts at zero.
     pub mlp: Mlp,
 }
 
 impl TemporalConvolution {
-    /// A convolution over tokens of features of `feature_width`.
+    /// A convolution over tokens for features of `feature_width`.
     pub fn new(feature_width: usize, attention_width: usize, hidden: usize, init: &mut ModuleInit<'_>) -> Self {
         Self {
             taps: init.linear(TAPS * token_width(feature_width), attention_width),
@@ -34,7 +34,7 @@ impl TemporalConvolution {
     /// The convolution before the MLP: `[N, 3, T]` in time order to `[N, attention width]`.
     ///
     /// # Panics
-    /// If these are not three tokens of the width that the layer was made for.
+    /// If these are not three tokens of the layer's width.
     pub fn convolve(&self, tokens: Tensor<3>) -> Tensor<2> {
         let [count, length, token] = tokens.dims();
         side_by_side(&[from_ref(&self.taps)], tokens.reshape([count, length * token]), Rectified::No)

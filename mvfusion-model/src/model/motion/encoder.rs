@@ -23,21 +23,22 @@ impl MotionEncoder {
         Self { mlp: zero_last_layer(init.mlp(&[inputs, hidden, width])), octaves }
     }
 
-    /// An encoder of given layers.
+    /// An encoder with given layers.
     pub fn from_layers(mlp: Mlp, octaves: usize) -> Self {
         Self { mlp, octaves }
     }
 
-    /// `[N, 13]` signatures and `[N, 1]` local intensities to `[N, width]`.
+    /// Maps `[N, 13]` signatures and `[N, 1]` local intensities to `[N, width]`.
     pub fn forward(&self, signatures: Tensor<2>, local: Tensor<2>) -> Tensor<2> {
         self.mlp.forward(sinusoidal(Tensor::cat(vec![signatures, local], 1), self.octaves))
     }
 }
 
-/// Sinusoidal encoding `[u, sin u, cos u, sin 2u, cos 2u, sin 4u, ..]` of `[N, k]`: `[N, k (1 + 2 octaves)]`, no pi (A11).
+/// Sinusoidal encoding `[u, sin u, cos u, sin 2u, cos 2u, sin 4u, ..]` of `[N, k]`: `[N, k (1 + 2 octaves)]`, without
+/// pi (A11).
 ///
-/// Each octave follows from the one before by the formulas of the double angle, because sines are dear on a CPU. The error
-/// doubles with each; the usual four leave it near 1e-6 in f32.
+/// Each octave follows from the previous one by the double-angle formulas, because sines are expensive on a CPU. The
+/// error doubles with each octave; with the usual four it is about 1e-6 in f32.
 pub fn sinusoidal(values: Tensor<2>, octaves: usize) -> Tensor<2> {
     let (mut sine, mut cosine) = (values.clone().sin(), values.clone().cos());
     let mut blocks = vec![values];

@@ -1,4 +1,4 @@
-//! MVG in the variants that the paper's tables compare.
+//! The variants of MVG in the paper's tables.
 
 use burn::module::Module;
 use burn::tensor::Tensor;
@@ -6,17 +6,17 @@ use burn::tensor::Tensor;
 use super::{DirectEncoder, MotionCache, MotionEncoder};
 use crate::model::network::{DeformationNetwork, Mlp};
 
-/// What makes `h_MVG`. Variants go by their names in checkpoints: `refinement.encoder`, `refinement.direct`.
+/// A variant of MVG, which computes `h_MVG`. Names in checkpoints: `refinement.encoder`, `refinement.direct`.
 #[derive(Module, Debug)]
 pub enum Guidance {
-    /// Of trajectory statistics, whole or of the position alone (A27): which of them it is lies in the cache.
+    /// From trajectory statistics, complete or only of the position (A27), as stored in the cache.
     Encoder(MotionEncoder),
-    /// Of the raw offsets (A29).
+    /// From the raw offsets (A29).
     Direct(DirectEncoder),
 }
 
 impl Guidance {
-    /// `h_MVG` at a time, where the feature is `[N, H]`. What the modules are shown carries no gradient (A17).
+    /// `h_MVG` at a time, for the feature `[N, H]`. The inputs of the modules have no gradient (A17).
     pub fn forward(
         &self,
         network: &DeformationNetwork,

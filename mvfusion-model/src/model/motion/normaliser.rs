@@ -1,14 +1,13 @@
-//! A moving normaliser for descriptors whose scale is not known beforehand (METHOD A10).
+//! A moving normaliser for descriptors of unknown scale (METHOD A10).
 
 use serde::{Deserialize, Serialize};
 
 use crate::config::MotionConfig;
 
-/// Moving mean and variance of each column over all Gaussians, refreshed with the statistics.
+/// Moving mean and variance of each column over all Gaussians, updated with the statistics.
 ///
-/// The first batch is taken over as it is, unless the state is to start from zero; later ones enter with weight
-/// `1 - decay`. A value `v` becomes
-/// `c tanh((v - mean) / (sqrt(variance) + epsilon) / c)` with the soft clip `c`.
+/// The first batch initialises the state, unless it starts from zero. Later batches have weight `1 - decay`. A value
+/// `v` becomes `c tanh((v - mean) / (sqrt(variance) + epsilon) / c)` with the soft clip `c`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MovingNormaliser {
     /// Moving mean of each column; empty before the first update.
@@ -18,7 +17,7 @@ pub struct MovingNormaliser {
 }
 
 impl MovingNormaliser {
-    /// Takes in row-major `values` of `columns` columns, then normalises them with the updated state.
+    /// Updates the state with row-major `values` of `columns` columns, then normalises them.
     pub fn update_and_normalise(&mut self, values: &[f64], columns: usize, config: &MotionConfig) -> Vec<f64> {
         if values.is_empty() {
             return Vec::new();
@@ -50,7 +49,7 @@ fn blend(state: &mut [f64], batch: &[f64], decay: f64) {
 /// Mean and population variance of each column.
 fn column_moments(values: &[f64], columns: usize) -> (Vec<f64>, Vec<f64>) {
     let rows = (values.len() / columns) as f64;
-    // Summed first, divided once: a constant column has exactly its constant as mean, and no variance.
+    // Summed first, then divided once: the mean of a constant column is exact, and its variance is 0.
     let mean_over_rows = |value: &dyn Fn(usize, f64) -> f64| -> Vec<f64> {
         let mut sums = vec![0.0; columns];
         for row in values.chunks_exact(columns) {

@@ -4,12 +4,12 @@ use std::ops::Range;
 
 use super::statistics::{AttributeSpread, SIGNATURE_WIDTH, TrajectoryStatistics};
 
-/// Columns of a signature that tell of rotation and scale.
+/// Columns of a signature for rotation and scale.
 const ROTATION_AND_SCALE: Range<usize> = 6..12;
 
 impl TrajectoryStatistics {
-    /// Without what rotation and scale do: their columns are zero, and the intensity is the position's spread, averaged
-    /// over the axes. The local variances stay, which are the position's own.
+    /// The statistics of the position only. The columns of rotation and scale are zero, and the intensity is the
+    /// position's spread, averaged over the axes. The local variances, which describe the position, do not change.
     pub fn position_only(mut self) -> Self {
         for signature in self.signatures.chunks_exact_mut(SIGNATURE_WIDTH) {
             let position = AttributeSpread::of(signature).position;

@@ -11,34 +11,34 @@ use crate::config::{Descriptor, MotionConfig, Refinement, Temporal, TokenMode};
 use crate::model::network::{DeformationConfig, DeformationNetwork, ModuleInit, Offsets};
 use crate::timeline::Timeline;
 
-/// The two motion-aware branches, as far as a run has them.
+/// The motion-aware modules that the configuration selects.
 #[derive(Module, Debug)]
 pub struct MotionRefinement {
     /// MVG.
     pub guidance: Option<Guidance>,
     /// MFTA.
     pub temporal: Option<TemporalModule>,
-    /// How they are put to use.
+    /// How the modules are applied.
     #[module(skip)]
     pub rules: RefinementRules,
 }
 
-/// How the two branches change the deformation: what the configuration asks for, resolved once.
+/// How the two modules change the deformation: the switches of the configuration, resolved once.
 #[derive(Clone, Debug)]
 pub struct RefinementRules {
     /// Whether the refined offsets replace the base offsets or are added to them.
     pub refinement: Refinement,
-    /// Whether the mask logits are refined too.
+    /// Whether the mask logits are also refined.
     pub refine_masks: bool,
-    /// Whether gradients reach the network through the tokens of neighbouring frames too.
+    /// Whether gradients also reach the network through the tokens of neighbouring frames.
     pub neighbour_gradient: bool,
-    /// The frames that MFTA looks at, relative to the current one, in time order (A7).
+    /// The frames that MFTA uses, relative to the current one, in time order (A7).
     pub frames: Vec<isize>,
-    /// Gaussians whose tokens are made at once.
+    /// Gaussians per chunk of tokens.
     pub chunk: usize,
 }
 
-/// What a refined deformation needs beside the two branches.
+/// The inputs of a refined deformation, besides the two modules.
 #[derive(Clone, Debug)]
 pub struct RefinementConfig<'a> {
     /// The times of the training views.
@@ -68,11 +68,10 @@ impl RefinementRules {
 }
 
 impl MotionRefinement {
-    /// Fresh branches for the features of a network, those that the configuration asks for; both start without effect.
+    /// New modules for the features of a network, as configured; both start without effect.
     ///
-    /// The stream goes on behind the paper's own two branches, whether they are kept or not, and another variant is
-    /// drawn from where the paper's own begins: so runs that differ in one branch start with the same weights in the
-    /// other.
+    /// The stream always advances past the paper's own two modules. A variant is drawn from the position where the
+    /// paper's module starts. Runs that differ in one module therefore start with the same weights in the other.
     pub fn new(network: &DeformationConfig, config: &MotionConfig, init: &mut ModuleInit<'_>) -> Self {
         let (width, hidden) = (network.width, config.hidden);
         let mut start = init.stream.clone();
@@ -97,8 +96,8 @@ impl MotionRefinement {
 
     /// The refined offsets of canonical centres `[N, 3]` at a time.
     ///
-    /// Gradients reach the network through the feature alone: neighbour tokens, the geometry inside the centre token and
-    /// all descriptors are constants (A17).
+    /// Gradients reach the network only through the feature. Neighbour tokens (unless `neighbour_gradient` is on), the
+    /// geometry inside the centre token and all descriptors are constants (A17).
     pub fn offsets(
         &self,
         network: &DeformationNetwork,
@@ -127,7 +126,7 @@ impl MotionRefinement {
         }
     }
 
-    /// The tokens of canonical centres `[N, 3]` at a time, where their feature is `[N, H]`, and of the frames around it.
+    /// The tokens of canonical centres `[N, 3]` with the feature `[N, H]`, at a time and at the frames around it.
     fn tokens(
         &self,
         network: &DeformationNetwork,
@@ -142,7 +141,7 @@ impl MotionRefinement {
             true => (TokenMaker { network, ..maker.clone() }, means),
             false => (maker.clone(), means.inner()),
         };
-        // Without MVG there are no motion statistics, so the tokens carry none either (A26).
+        // Without MVG there are no motion statistics, so the tokens contain none (A26).
         let local = |time: f64| match self.guidance {
             Some(_) => config.cache.local_at(time),
             None => config.cache.local_at(time).zeros_like(),

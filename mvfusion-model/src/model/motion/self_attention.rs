@@ -8,11 +8,11 @@ use super::TemporalAttention;
 use crate::model::network::{Rectified, side_by_side};
 
 impl TemporalAttention {
-    /// Every token of a Gaussian attends to all of them, itself included; the mean of the outputs, before the MLP.
-    /// `[N, S, T]` to `[N, attention width]`.
+    /// Every token of a Gaussian attends to all tokens, including itself. Returns the mean of the outputs, before the
+    /// MLP: `[N, S, T]` to `[N, attention width]`.
     ///
     /// # Panics
-    /// As [`TemporalAttention::attend`].
+    /// Same as [`TemporalAttention::attend`].
     pub fn attend_to_all(&self, tokens: Tensor<3>) -> Tensor<2> {
         let [count, length, token] = tokens.dims();
         let tokens = tokens.reshape([count * length, token]);

@@ -8,17 +8,17 @@ use crate::model::network::DeformationNetwork;
 use crate::timeline::{Timeline, spread, strided};
 use crate::{ModelError, tensors};
 
-/// Numbers in a trajectory signature `V`: mean and variance of position (3 + 3), rotation, isotropic and anisotropic scale
-/// (2 each), and the motion intensity.
+/// Length of a trajectory signature `V`: mean and variance of position (3 + 3), rotation, isotropic and anisotropic
+/// scale (2 each), and the motion intensity.
 pub const SIGNATURE_WIDTH: usize = 13;
 
-/// Recorded of each Gaussian at each sample: position (3), rotation magnitude, isotropic and anisotropic log-scale.
+/// Values recorded per Gaussian and sample: position (3), rotation magnitude, isotropic and anisotropic log-scale.
 const RECORD: usize = 6;
 
-/// How trajectories are sampled and summarised.
+/// Sampling and statistics of trajectories.
 #[derive(Clone, Debug)]
 pub struct Trajectories<'a> {
-    /// The network whose base deformation is followed (A21). Without autodiff.
+    /// The network whose base deformation is sampled (A21). Without autodiff.
     pub network: &'a DeformationNetwork,
     /// The times of the training views.
     pub timeline: &'a Timeline,
@@ -28,7 +28,7 @@ pub struct Trajectories<'a> {
     pub extent: f64,
 }
 
-/// What the trajectories of `N` Gaussians come to.
+/// The statistics of the trajectories of `N` Gaussians.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrajectoryStatistics {
     /// Signatures `V`, row by row: `N * 13`.
@@ -40,11 +40,11 @@ pub struct TrajectoryStatistics {
 }
 
 impl Trajectories<'_> {
-    /// Follows the canonical centres `[N, 3]` (without autodiff) through time, a chunk of Gaussians at a time, so that the
-    /// memory needed does not grow with `N`.
+    /// Samples the trajectories of canonical centres `[N, 3]` (without autodiff), one chunk of Gaussians at a time, so
+    /// that the memory does not grow with `N`.
     ///
     /// # Errors
-    /// If the device cannot hand its numbers back.
+    /// If the device fails to return values.
     pub fn measure(&self, means: &Tensor<2>) -> Result<TrajectoryStatistics, ModelError> {
         let times = self.sample_times();
         let knots = match self.config.knots {
@@ -93,24 +93,24 @@ impl Trajectories<'_> {
     }
 }
 
-/// Euclidean length of each row: `[N, k]` to `[N, 1]`.
+/// Euclidean norm of each row: `[N, k]` to `[N, 1]`.
 fn length(rows: Tensor<2>) -> Tensor<2> {
     rows.powf_scalar(2.0).sum_dim(1).sqrt()
 }
 
-/// How far the attributes of a Gaussian spread over its trajectory.
+/// The spread of a Gaussian's attributes over its trajectory.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AttributeSpread {
-    /// Of the position, averaged over the axes; square extents, unless configured otherwise (A9, A9b).
+    /// Spread of the position, averaged over the axes; in square extents, unless configured otherwise (A9, A9b).
     pub position: f64,
-    /// Of the magnitude of the rotation offset.
+    /// Spread of the magnitude of the rotation offset.
     pub rotation: f64,
-    /// Of the scale: the mean of isotropic and anisotropic part.
+    /// Spread of the scale: the mean of the isotropic and anisotropic part.
     pub scale: f64,
 }
 
 impl AttributeSpread {
-    /// What a signature says of it.
+    /// The spread from a signature.
     pub(super) fn of(signature: &[f64]) -> Self {
         Self {
             position: signature[3..6].iter().sum::<f64>() / 3.0,
@@ -125,14 +125,14 @@ impl AttributeSpread {
     }
 }
 
-/// How one trajectory is summed up. In double precision: variances of small motions drown in `f32`.
+/// The statistics of one trajectory, in double precision, because `f32` loses the variances of small motions.
 struct Summary<'a> {
     config: &'a MotionConfig,
     knots: &'a [usize],
 }
 
 impl Summary<'_> {
-    /// Signature and knot variances of Gaussian `index` of a chunk of `chunk`.
+    /// Signature and knot variances of Gaussian `index` in a chunk of `chunk` Gaussians.
     fn of(&self, records: &[f32], index: usize, chunk: usize) -> ([f64; SIGNATURE_WIDTH], Vec<f64>) {
         let samples = records.len() / (chunk * RECORD);
         let column = |channel: usize| -> Vec<f64> {
@@ -156,7 +156,7 @@ impl Summary<'_> {
         (signature, local)
     }
 
-    /// Variance of the displacement, averaged over the axes, among the samples around `knot` (A8).
+    /// Variance of the displacement over the samples around `knot`, averaged over the axes (A8).
     fn local_variance(&self, columns: &[Vec<f64>; RECORD], knot: usize) -> f64 {
         let first = knot.saturating_sub(self.config.window);
         let end = (knot + self.config.window + 1).min(columns[0].len());
@@ -189,7 +189,7 @@ impl TrajectoryStatistics {
         self.signatures.chunks_exact(SIGNATURE_WIDTH).map(|signature| signature[SIGNATURE_WIDTH - 1]).collect()
     }
 
-    /// How far every Gaussian's attributes spread.
+    /// The spread of every Gaussian's attributes.
     pub fn spreads(&self) -> Vec<AttributeSpread> {
         self.signatures.chunks_exact(SIGNATURE_WIDTH).map(AttributeSpread::of).collect()
     }
@@ -204,7 +204,7 @@ impl TrajectoryStatistics {
         self.signatures.is_empty()
     }
 
-    /// The given row-major numbers as tensor data of `columns` columns.
+    /// The given row-major values as tensor data with `columns` columns.
     pub(super) fn table(values: Vec<f64>, columns: usize) -> TensorData {
         let rows = values.len() / columns.max(1);
         TensorData::new(values, [rows, columns])
@@ -219,7 +219,7 @@ mod tests {
         MotionConfig { window, ..MotionConfig::default() }
     }
 
-    /// Records of one Gaussian that moves along x by `step` a sample, for `samples` samples.
+    /// Records of one Gaussian that moves along x by `step` per sample, for `samples` samples.
     fn moving(samples: usize, step: f32) -> Vec<f32> {
         (0..samples).flat_map(|k| [k as f32 * step, 0.0, 0.0, 0.25, 0.0, 0.0]).collect()
     }

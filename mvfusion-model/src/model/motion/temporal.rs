@@ -1,4 +1,4 @@
-//! MFTA in the variants that the paper's tables compare.
+//! The variants of MFTA in the paper's tables.
 
 use burn::module::Module;
 use burn::tensor::Tensor;
@@ -7,13 +7,13 @@ use super::{TemporalAttention, TemporalAverage, TemporalConvolution};
 use crate::config::{MotionConfig, Temporal};
 use crate::model::network::{Mlp, ModuleInit};
 
-/// What makes `h_MFTA` of tokens. Variants go by their names in checkpoints: `refinement.attention`,
+/// A variant of MFTA, which computes `h_MFTA` from tokens. Names in checkpoints: `refinement.attention`,
 /// `refinement.self_attention`, `refinement.average`, `refinement.convolution`.
 #[derive(Module, Debug)]
 pub enum TemporalModule {
     /// The current token attends to its neighbours.
     Attention(TemporalAttention),
-    /// Every token attends to all; the projections are those of cross-attention (A28).
+    /// Every token attends to all tokens, with the projections of cross-attention (A28).
     SelfAttention(TemporalAttention),
     /// The mean of the tokens (A30).
     Average(TemporalAverage),
@@ -24,14 +24,14 @@ pub enum TemporalModule {
 /// The tokens of `N` Gaussians at one time.
 #[derive(Clone, Debug)]
 pub struct Tokens {
-    /// Of the current frame: `[N, T]`.
+    /// Token of the current frame: `[N, T]`.
     pub centre: Tensor<2>,
-    /// Of the frames around it, in time order, as many before as after it: `[N, K, T]`.
+    /// Tokens of the frames around it, in time order, as many before as after it: `[N, K, T]`.
     pub around: Tensor<3>,
 }
 
 impl TemporalModule {
-    /// A fresh module of the kind that the configuration asks for, without effect at the start.
+    /// A new module of the configured kind, without effect at the start.
     pub fn new(feature_width: usize, config: &MotionConfig, init: &mut ModuleInit<'_>) -> Self {
         let (width, hidden) = (config.attention_width, config.hidden);
         let attention = |init| TemporalAttention::new(feature_width, config, init);
@@ -46,15 +46,15 @@ impl TemporalModule {
     /// `h_MFTA`: `[N, H]`.
     ///
     /// # Panics
-    /// If tokens and layers do not fit.
+    /// If tokens and layers do not match.
     pub fn forward(&self, tokens: Tokens) -> Tensor<2> {
         self.mlp().forward(self.mix(tokens))
     }
 
-    /// What the tokens come to before the MLP: `[N, attention width]`, of averaging `[N, T]`.
+    /// The mixed tokens before the MLP: `[N, attention width]`, for averaging `[N, T]`.
     ///
     /// # Panics
-    /// If tokens and layers do not fit.
+    /// If tokens and layers do not match.
     pub fn mix(&self, tokens: Tokens) -> Tensor<2> {
         match self {
             Self::Attention(attention) => attention.attend(tokens.centre, tokens.around),
@@ -64,7 +64,7 @@ impl TemporalModule {
         }
     }
 
-    /// The layers behind the mixing.
+    /// The layers after the mixing.
     pub fn mlp(&self) -> &Mlp {
         match self {
             Self::Attention(attention) | Self::SelfAttention(attention) => &attention.mlp,

@@ -1,4 +1,4 @@
-//! The deformation network: where a dynamic Gaussian is, and how it looks, at a time.
+//! The deformation network: the offsets of a dynamic Gaussian's attributes at a time.
 
 use burn::module::Module;
 use burn::tensor::Tensor;
@@ -14,13 +14,13 @@ use crate::config::{Branches, ModelConfig};
 pub struct DeformationConfig {
     /// Layout of the HexPlane field.
     pub layout: GridLayout,
-    /// The box that the field spans.
+    /// The box of the field.
     pub bounds: GridBounds,
     /// Width `H` of trunk and heads.
     pub width: usize,
     /// Linear layers of the trunk; 0 and 1 both mean one.
     pub depth: usize,
-    /// Which heads there are.
+    /// The optional heads.
     pub heads: HeadChoice,
 }
 
@@ -29,7 +29,7 @@ pub struct DeformationConfig {
 pub struct DeformationNetwork {
     /// The field.
     pub grid: HexPlane,
-    /// From field features to the hidden feature `h`, without an activation at its end.
+    /// Maps field features to the hidden feature `h`, without a final activation.
     pub trunk: Mlp,
     /// Heads of the attributes.
     pub heads: AttributeHeads,
@@ -38,14 +38,14 @@ pub struct DeformationNetwork {
 }
 
 impl DeformationConfig {
-    /// The network of a run's model, in a field over `bounds`.
+    /// The network of a run's model, with a field over `bounds`.
     pub fn of(model: &ModelConfig, bounds: GridBounds) -> Self {
         let heads =
             HeadChoice { opacity: model.deform_opacity, sh: model.deform_sh, masks: model.branches == Branches::Both };
         Self { layout: model.grid.layout(), bounds, width: model.width, depth: model.depth, heads }
     }
 
-    /// A network with fresh weights.
+    /// A network with new weights.
     pub fn init(&self, init: &mut ModuleInit<'_>) -> DeformationNetwork {
         let grid = HexPlane::new(self.layout.clone(), self.bounds, init);
         let mut widths = vec![self.layout.feature_count()];
@@ -66,7 +66,7 @@ impl DeformationNetwork {
         measure(Part::Network, || self.trunk.forward(features))
     }
 
-    /// What a hidden feature `[N, width]` says about every attribute.
+    /// The offsets of all attributes for a hidden feature `[N, width]`.
     pub fn decode(&self, feature: Tensor<2>) -> Offsets {
         measure(Part::Network, || decode(feature, &self.heads, self.masks.as_ref()))
     }

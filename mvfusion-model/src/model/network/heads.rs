@@ -1,4 +1,4 @@
-//! The heads: what a feature says about each attribute of a Gaussian (METHOD §2.3, §2.4).
+//! The heads: offsets of each attribute from a feature (METHOD §2.3, §2.4).
 
 use burn::module::Module;
 use burn::nn::Linear;
@@ -7,23 +7,23 @@ use burn::tensor::Tensor;
 use super::{Mlp, ModuleInit, Rectified, side_by_side};
 use crate::model::mask::MaskChannel;
 
-/// Numbers of centre, log-scale and quaternion together.
+/// Number of values of centre, log-scale and quaternion.
 const GEOMETRY_OUTPUTS: usize = 10;
 
-/// Number of colour coefficients that are deformed: degree 3, three channels.
+/// Number of deformed colour coefficients: degree 3, three channels.
 const SH_OUTPUTS: usize = 48;
 
 /// Number of mask logits.
 const MASK_OUTPUTS: usize = MaskChannel::ALL.len();
 
-/// Which heads a network has beside those of centres, log-scales and quaternions.
+/// The heads of a network besides those of centres, log-scales and quaternions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HeadChoice {
-    /// That of the opacity logits.
+    /// Head of the opacity logits.
     pub opacity: bool,
-    /// That of the colour coefficients.
+    /// Head of the colour coefficients.
     pub sh: bool,
-    /// The three mask heads, where two branches are blended (DeGauss).
+    /// The three mask heads, for two blended branches (DeGauss).
     pub masks: bool,
 }
 
@@ -33,27 +33,27 @@ impl HeadChoice {
 }
 
 impl HeadChoice {
-    /// Numbers that the heads put out for a Gaussian; 62 with every head.
+    /// Number of outputs of the heads per Gaussian; 62 with all heads.
     pub fn outputs(self) -> usize {
         let of = |there: bool, outputs: usize| if there { outputs } else { 0 };
         GEOMETRY_OUTPUTS + of(self.opacity, 1) + of(self.sh, SH_OUTPUTS) + of(self.masks, MASK_OUTPUTS)
     }
 }
 
-/// What is added to the raw attributes of the dynamic Gaussians.
+/// Offsets of the raw attributes of the dynamic Gaussians.
 #[derive(Clone, Debug)]
 pub struct Offsets {
-    /// Centres, world units: `[N, 3]`.
+    /// Centres, in world units: `[N, 3]`.
     pub means: Tensor<2>,
     /// Log-scales: `[N, 3]`.
     pub log_scales: Tensor<2>,
     /// Quaternions, component-wise: `[N, 4]`.
     pub quaternions: Tensor<2>,
-    /// Opacity logits: `[N, 1]`; absent where they do not change.
+    /// Opacity logits: `[N, 1]`; absent if they do not change.
     pub opacity_logits: Option<Tensor<2>>,
-    /// Colour coefficients, coefficient by coefficient, colour fastest: `[N, 48]`; absent where they do not change.
+    /// Colour coefficients, coefficient by coefficient, colour fastest: `[N, 48]`; absent if they do not change.
     pub sh: Option<Tensor<2>>,
-    /// Mask logits, a column for each [`MaskChannel`]: `[N, 3]`; absent without mask heads.
+    /// Mask logits, one column per [`MaskChannel`]: `[N, 3]`; absent without mask heads.
     pub mask_logits: Option<Tensor<2>>,
 }
 
@@ -75,11 +75,11 @@ pub struct AttributeHeads {
 /// The three mask heads, each one layer deeper than an attribute head.
 #[derive(Module, Debug)]
 pub struct MaskHeads {
-    /// Logit of belonging to the static background (`light_deform_dy`).
+    /// Logit of the static background (`light_deform_dy`).
     pub static_: Mlp,
     /// Logit of the brightness control (`light_deform`).
     pub brightness: Mlp,
-    /// Logit of belonging to the dynamic foreground (`mask_deform`).
+    /// Logit of the dynamic foreground (`mask_deform`).
     pub dynamic: Mlp,
 }
 
@@ -95,8 +95,8 @@ impl AttributeHeads {
         }
     }
 
-    /// The offsets of centres, log-scales and quaternions alone, side by side, of a feature `[N, width]` taken before its
-    /// ReLU: `[N, 10]`.
+    /// Only the offsets of centres, log-scales and quaternions, concatenated: `[N, 10]`. The feature `[N, width]` is
+    /// taken before its ReLU.
     pub fn geometry(&self, feature: Tensor<2>) -> Tensor<2> {
         let chains = self.geometry_chains().map(|chain| &*chain.layers);
         side_by_side(&chains, feature, Rectified::Yes)
@@ -106,7 +106,7 @@ impl AttributeHeads {
         [&self.means, &self.log_scales, &self.quaternions]
     }
 
-    /// In the order of [`Offsets`].
+    /// The MLPs in the order of [`Offsets`].
     fn chains(&self) -> impl Iterator<Item = &Mlp> {
         self.geometry_chains().into_iter().chain(&self.opacity_logits).chain(&self.sh)
     }
@@ -153,8 +153,8 @@ pub(super) fn decode(feature: Tensor<2>, heads: &AttributeHeads, masks: Option<&
 }
 
 impl Offsets {
-    /// All offsets side by side, `[N, outputs]`: centres, log-scales, quaternions, opacity, colour, then the mask logits.
-    /// Heads that are absent leave no gap.
+    /// All offsets concatenated, `[N, outputs]`: centres, log-scales, quaternions, opacity, colour, mask logits. Absent
+    /// heads leave no gap.
     pub fn joined(self) -> Tensor<2> {
         let geometry = [self.means, self.log_scales, self.quaternions];
         Tensor::cat(geometry.into_iter().chain(self.opacity_logits).chain(self.sh).chain(self.mask_logits).collect(), 1)

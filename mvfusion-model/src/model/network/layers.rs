@@ -1,4 +1,4 @@
-//! Linear layers as PyTorch would start them, drawn from our own random stream.
+//! Linear layers and MLPs, initialised from our own random streams.
 
 use burn::module::{Module, Param};
 use burn::nn::Linear;
@@ -7,14 +7,14 @@ use mvfusion_render::mlp::{self, MlpLayout};
 
 use crate::random::Stream;
 
-/// What a layer needs to come into being: a device, a dtype and a source of weights.
+/// The inputs of a layer's initialisation: a device, a dtype and a source of weights.
 #[derive(Debug)]
 pub struct ModuleInit<'a> {
-    /// Where the parameters live.
+    /// Device of the parameters.
     pub device: &'a Device,
-    /// Their precision.
+    /// Dtype of the parameters.
     pub dtype: DType,
-    /// Where the initial weights come from.
+    /// Source of the initial weights.
     pub stream: &'a mut Stream,
 }
 
@@ -24,13 +24,14 @@ impl ModuleInit<'_> {
         ModuleInit { device: self.device, dtype: self.dtype, stream }
     }
 
-    /// A parameter of the given numbers.
+    /// A parameter with the given values.
     pub fn parameter<const D: usize>(&self, values: Vec<f64>, shape: [usize; D]) -> Param<Tensor<D>> {
         let data = TensorData::new(values, shape).convert_dtype(self.dtype);
         Param::from_tensor(Tensor::from_data(data, (self.device, self.dtype)))
     }
 
-    /// A linear layer: weights Xavier-uniform with gain 1, biases `U(-1/sqrt(inputs), 1/sqrt(inputs))` (METHOD §2.5).
+    /// A linear layer with Xavier-uniform weights of gain 1 and biases `U(-1/sqrt(inputs), 1/sqrt(inputs))` (METHOD
+    /// §2.5).
     pub fn linear(&mut self, inputs: usize, outputs: usize) -> Linear {
         let weight_bound = (6.0 / (inputs + outputs) as f64).sqrt();
         let bias_bound = 1.0 / (inputs as f64).sqrt();
@@ -39,13 +40,13 @@ impl ModuleInit<'_> {
         Linear { weight: self.parameter(weight, [inputs, outputs]), bias: Some(self.parameter(bias, [outputs])) }
     }
 
-    /// A chain of linear layers through the given widths.
+    /// An MLP with the given widths.
     pub fn mlp(&mut self, widths: &[usize]) -> Mlp {
         Mlp { layers: widths.windows(2).map(|pair| self.linear(pair[0], pair[1])).collect() }
     }
 }
 
-/// Linear layers with a ReLU between each two.
+/// Linear layers with ReLUs between them.
 #[derive(Module, Debug)]
 pub struct Mlp {
     /// The layers, first to last.
@@ -59,15 +60,15 @@ impl Mlp {
     }
 }
 
-/// Whether rows pass a ReLU before the first layer.
+/// Whether a ReLU precedes the first layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Rectified {
     Yes,
     No,
 }
 
-/// What chains of layers, with a ReLU between each two, make of the same rows `[N, inputs]`: `[N, sum of outputs]`. A chain
-/// without a layer hands on nothing, and without any chain that has one the rows come back as they are.
+/// Applies chains of layers, with ReLUs between them, to the same rows `[N, inputs]`: `[N, sum of outputs]`. Empty
+/// chains have no output. If all chains are empty, the rows are returned unchanged.
 pub(crate) fn side_by_side(chains: &[&[Linear]], input: Tensor<2>, rectified: Rectified) -> Tensor<2> {
     let chains: Vec<&[Linear]> = chains.iter().copied().filter(|chain| !chain.is_empty()).collect();
     if chains.is_empty() {
@@ -79,16 +80,16 @@ pub(crate) fn side_by_side(chains: &[&[Linear]], input: Tensor<2>, rectified: Re
         chains: chains.iter().map(|chain| chain.iter().map(|layer| layer.weight.dims()[1]).collect()).collect(),
     };
     let parameters = chains.iter().copied().flatten().flat_map(|layer| {
-        // Proof: `ModuleInit::linear` makes every layer with a bias, and checkpoints fill those layers.
+        // Proof: `ModuleInit::linear` creates every layer with a bias, and checkpoints fill those layers.
         let bias = layer.bias.as_ref().expect("every layer of ours has a bias");
         [layer.weight.val().flatten(0, 1), bias.val()]
     });
-    // Proof: the layout is read off the weights that are handed over, and `input` has their dtype. What is left is a
-    // buffer that the device does not have: that ends the run here, with the op's advice, as in `Gpu::room`.
+    // Proof: the layout is derived from the weights, and `input` has their dtype. The remaining error is a buffer that
+    // is too large for the device. It ends the run with the op's advice, as in `Gpu::room`.
     mlp::forward(input, Tensor::cat(parameters.collect(), 0), &layout).unwrap_or_else(|error| panic!("MLP: {error}"))
 }
 
-/// Sets weight and bias of the last layer to zero, so that the branch starts without effect.
+/// Sets weight and bias of the last layer to zero, so that the module starts without effect.
 pub fn zero_last_layer(mut mlp: Mlp) -> Mlp {
     if let Some(last) = mlp.layers.pop() {
         mlp.layers.push(Linear {

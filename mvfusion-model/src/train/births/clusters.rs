@@ -1,31 +1,31 @@
-//! Pixels of error, clustered by place and colour.
+//! Clusters of error pixels by position and colour.
 
 use glam::{DVec2, Vec3};
 use rayon::prelude::*;
 
 use crate::random::Stream;
 
-/// Rounds of the clustering; it hardly changes after them.
+/// Number of clustering iterations; later ones change little.
 const ROUNDS: usize = 6;
 
-/// A difference of colour of this much weighs as much as a distance of a cluster's own size (SLIC superpixels: a
-/// compactness of 10 to 40 of 255 levels).
+/// Colour difference with the weight of a distance of one cluster size (SLIC superpixels: a compactness of 10 to 40 of
+/// 255 levels).
 const COLOUR_WEIGHT: f64 = 0.1;
 
-/// A pixel that is wrong.
+/// A pixel with a large error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ErrorPixel {
     /// Its centre.
     pub position: DVec2,
     /// The photo's colour.
     pub colour: Vec3,
-    /// By how much it is wrong, in `[0, 1]`.
+    /// The error in `[0, 1]`.
     pub error: f32,
-    /// Its number, row by row.
+    /// Its index, row by row.
     pub index: usize,
 }
 
-/// The pixels in at most `count` clusters by k-means over place and colour, none of them empty.
+/// The pixels in at most `count` non-empty clusters, by k-means over position and colour.
 pub(super) fn clusters(pixels: &[ErrorPixel], count: usize, stream: &mut Stream) -> Vec<Vec<ErrorPixel>> {
     if pixels.is_empty() || count == 0 {
         return Vec::new();
@@ -52,7 +52,7 @@ pub(super) fn clusters(pixels: &[ErrorPixel], count: usize, stream: &mut Stream)
     members
 }
 
-/// Number of the centre that is nearest by place and colour; the first of equal ones.
+/// Index of the nearest centre by position and colour; the first one on a tie.
 fn nearest(pixel: &ErrorPixel, centres: &[(DVec2, Vec3)], side: f64) -> usize {
     let distance = |&(position, colour): &(DVec2, Vec3)| {
         let colour = f64::from(pixel.colour.distance_squared(colour)) / (COLOUR_WEIGHT * COLOUR_WEIGHT);

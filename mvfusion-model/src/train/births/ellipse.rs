@@ -5,26 +5,26 @@ use mvfusion_data::Camera;
 
 use super::clusters::ErrorPixel;
 
-/// Variance of a place within a pixel, square pixels: what a single pixel has.
+/// Variance of the position within a pixel, in square pixels. A single pixel has this variance.
 const OF_A_PIXEL: f64 = 1.0 / 12.0;
 
-/// Place, shape and colour of a cluster.
+/// Position, shape and colour of a cluster.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ellipse {
-    /// Its centre, pixels.
+    /// Its centre in pixels.
     pub centre: DVec2,
-    /// Standard deviations along the longer and the shorter axis, pixels.
+    /// Standard deviations along the longer and the shorter axis, in pixels.
     pub deviations: [f64; 2],
-    /// Angle of the longer axis to the picture's x, radians.
+    /// Angle from the image's x axis to the longer axis, in radians.
     pub angle: f64,
     /// Mean colour.
     pub colour: Vec3,
-    /// Numbers of the pixels.
+    /// Indices of the pixels.
     pub pixels: Vec<usize>,
 }
 
 impl Ellipse {
-    /// That of the given pixels; `None` for no pixels.
+    /// The ellipse of the given pixels; `None` without pixels.
     pub(super) fn of(pixels: &[ErrorPixel]) -> Option<Self> {
         let share = 1.0 / pixels.len() as f64;
         if !share.is_finite() {
@@ -45,8 +45,8 @@ impl Ellipse {
         Some(Self { centre, deviations, angle, colour, pixels })
     }
 
-    /// Quaternion w, x, y, z that turns a Gaussian's first axis along the longer one in the world, its third away from the
-    /// camera.
+    /// Quaternion w, x, y, z in world coordinates that aligns a Gaussian's first axis with the longer axis, and its
+    /// third axis with the viewing direction.
     pub(super) fn rotation(&self, camera: &Camera) -> [f32; 4] {
         let in_camera = DMat3::from_rotation_z(self.angle);
         let turn = DQuat::from_mat3(&(camera.rotation.transpose() * in_camera)).as_quat();

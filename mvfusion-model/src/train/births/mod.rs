@@ -1,9 +1,10 @@
-//! Gaussians that are born where a picture is wrong: clusters of error become ellipses, and ellipses Gaussians.
+//! Births of Gaussians where renders have large errors: clusters of error pixels become ellipses, and ellipses become
+//! Gaussians.
 //!
-//! The idea is that of CEM-4DGS (arXiv 2511.16112), which lets one Gaussian be born for each cluster of pixels of large
-//! error instead of one for each pixel. Photos, each of a moment that no other camera saw, are compared with the static
-//! branch ([`BirthRule::PHOTO`]); films with the whole model, again and again ([`BirthRule::FILM`]). Where nothing tells how
-//! far away a thing is, it is put in front of what is still.
+//! The idea is from CEM-4DGS (arXiv 2511.16112): one Gaussian per cluster of pixels with large errors, not one per
+//! pixel. Photos with distinct moments are compared once with the static branch ([`BirthRule::PHOTO`]). Videos are
+//! compared repeatedly with the whole model ([`BirthRule::FILM`]). If the depth of an object is unknown, it is placed
+//! in front of the static scene.
 
 mod clusters;
 mod ellipse;
@@ -18,62 +19,61 @@ use crate::random::Stream;
 use clusters::{ErrorPixel, clusters};
 pub use ellipse::Ellipse;
 
-/// Largest difference of a channel, in `[0, 1]`, from which a pixel of a photo is wrong. Ours: thrice what the static branch
-/// of a short run misses still pixels by.
+/// Error threshold of pixels of photos: the largest difference of a channel, in `[0, 1]`. Ours: three times the error
+/// of still pixels in the static branch of a short run.
 pub const LEAST_ERROR: f32 = 0.1;
 
-/// Side of the square around a pixel, pixels, of which [`LEAST_SHARE`] must be wrong as well (RobustNeRF filters its
-/// outliers so). It leaves out lines of a pixel; a square of 5 leaves out too much of the passers-by.
+/// Side in pixels of the square around a pixel in which [`LEAST_SHARE`] must also exceed the threshold (as RobustNeRF
+/// filters outliers). It excludes lines of one pixel; a square of 5 would exclude too much of the passers-by.
 pub const PATCH: usize = 3;
 
-/// Share of the square that must be wrong.
+/// Fraction of the square that must exceed the threshold.
 pub const LEAST_SHARE: f32 = 0.5;
 
-/// What is in front of the still scene is taken to be at this share of its depth.
+/// Assumed depth of objects in front of the static scene, as a fraction of its depth.
 pub const IN_FRONT: f32 = 0.75;
 
-/// Depth of an ellipse along its ray, as a share of its smaller axis.
+/// Thickness of an ellipse along its ray, as a fraction of its smaller axis.
 const THICKNESS: f64 = 0.5;
 
-/// Which pixels are wrong, and how opaque is what is born of them.
+/// The error threshold of pixels, and the opacity of the Gaussians born from them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BirthRule {
-    /// Largest difference of a channel, in `[0, 1]`, from which a pixel is wrong.
+    /// Error threshold: the largest difference of a channel, in `[0, 1]`.
     pub least_error: f32,
-    /// At most this share of a picture's pixels is: those with the largest errors.
+    /// Maximum fraction of an image's pixels: those with the largest errors.
     pub worst_share: f64,
     /// Opacity at birth.
     pub opacity: f32,
 }
 
 impl BirthRule {
-    /// For photos beside the static branch: an ellipse hides most of what is behind it.
+    /// For photos against the static branch: an ellipse hides most of what is behind it.
     pub const PHOTO: Self = Self { least_error: LEAST_ERROR, worst_share: 1.0, opacity: 0.8 };
 
-    /// For films beside the whole model (CEM-4DGS): it corrects what is nearly right.
+    /// For videos against the whole model (CEM-4DGS): an ellipse makes small corrections.
     pub const FILM: Self = Self { least_error: 0.038, worst_share: 0.03, opacity: 0.1 };
 }
 
-/// A training view beside what the model shows there.
+/// A training view and the model's render of it.
 #[derive(Clone, Debug)]
 pub struct ComparedView<'a> {
     /// The camera.
     pub camera: &'a Camera,
     /// The photo.
     pub photo: &'a RgbImage,
-    /// Where the photo is compared, row by row; everywhere, if absent.
+    /// Pixels to compare, row by row; all, if absent.
     pub valid: Option<&'a [bool]>,
     /// The model's colours, channel by channel, row by row, in `[0, 1]`.
     pub colours: &'a [f32],
-    /// Depth along the camera's axis at which something is put that nothing else is known of, row by row, world units; 0
-    /// where that is unknown too.
+    /// Fallback depth along the camera's axis for new Gaussians, row by row, in world units; 0 where it is unknown.
     pub depths: &'a [f32],
-    /// What is wrong.
+    /// The rule for errors.
     pub rule: BirthRule,
 }
 
 impl ComparedView<'_> {
-    /// The pixels that are wrong.
+    /// The pixels with large errors.
     fn errors(&self) -> Vec<ErrorPixel> {
         let (width, area) = (self.camera.width, self.depths.len());
         let pixel = |(index, pixel): (usize, &image::Rgb<u8>)| {
@@ -87,7 +87,7 @@ impl ComparedView<'_> {
         let counts = |index: usize| self.valid.is_none_or(|valid| valid[index]);
         let least = self.least_error(pixels.iter().map(|pixel| pixel.error));
         let is_wrong: Vec<bool> = pixels.iter().map(|pixel| counts(pixel.index) && pixel.error >= least).collect();
-        // A thing is wrong all over, an edge that the model has yet to sharpen in a line.
+        // A missing object has errors all over. An edge that is not sharp yet has errors along a line.
         let among_wrong = |pixel: &ErrorPixel| {
             let reach = PATCH / 2;
             let (x, y) = (pixel.index % width, pixel.index / width);
@@ -99,7 +99,7 @@ impl ComparedView<'_> {
         pixels.iter().filter(|pixel| is_wrong[pixel.index] && among_wrong(pixel)).copied().collect()
     }
 
-    /// The error from which a pixel is wrong.
+    /// The error threshold.
     fn least_error(&self, errors: impl Iterator<Item = f32>) -> f32 {
         let BirthRule { least_error, worst_share, .. } = self.rule;
         if worst_share >= 1.0 {
@@ -111,18 +111,17 @@ impl ComparedView<'_> {
         least_error.max(worst.unwrap_or(0.0))
     }
 
-    /// How wrong the picture is: the sum of the errors of its wrong pixels.
+    /// The sum of the errors of all pixels above the threshold.
     pub fn wrongness(&self) -> f64 {
         self.errors().iter().map(|pixel| f64::from(pixel.error)).sum()
     }
 
-    /// At most `count` ellipses that cover what is wrong.
+    /// At most `count` ellipses that cover the large errors.
     pub fn ellipses(&self, count: usize, stream: &mut Stream) -> Vec<Ellipse> {
         clusters(&self.errors(), count, stream).iter().filter_map(|cluster| Ellipse::of(cluster)).collect()
     }
 
-    /// Where an ellipse is put that nothing else is known of: at the median depth of its pixels. `None` if that is unknown
-    /// too.
+    /// The fallback position of an ellipse, at the median depth of its pixels. `None` if that is unknown.
     pub fn place(&self, ellipse: &Ellipse) -> Option<DVec3> {
         let mut depths: Vec<f32> = ellipse.pixels.iter().map(|&index| self.depths[index]).collect();
         depths.retain(|&depth| depth > 0.0);
@@ -133,7 +132,7 @@ impl ComparedView<'_> {
         Some(camera.centre() + camera.rotation.transpose() * (depth * across.extend(1.0)))
     }
 
-    /// Adds the Gaussian that shows an ellipse at a place of its ray to a cloud of degree 0 with lifetimes and without
+    /// Adds the Gaussian of an ellipse at a point on its ray to a cloud of SH degree 0 with lifetimes and without
     /// masks.
     pub fn add_to(&self, cloud: &mut GaussianCloud, ellipse: &Ellipse, place: DVec3, lifetime: Lifetime) {
         let opacity = self.rule.opacity;
@@ -168,7 +167,7 @@ mod tests {
         Camera::centred(SIZE.0, SIZE.1, 40.0, DMat3::IDENTITY, DVec3::ZERO)
     }
 
-    /// A grey room four units away with a red bar in the photo alone.
+    /// A grey room four units away, with a red bar only in the photo.
     fn photo() -> RgbImage {
         RgbImage::from_fn(40, 30, |x, y| match (10..26).contains(&x) && (12..16).contains(&y) {
             true => Rgb([255, 0, 0]),
@@ -202,8 +201,8 @@ mod tests {
         assert!(mean.distance(Vec3::new(-2.0 / 40.0 * 3.0, -1.0 / 40.0 * 3.0, 3.0)) < 1e-5, "{mean}");
         let red = cloud.sh_dc[0].map(|dc| 0.5 + SH_C0 as f32 * dc);
         assert!((red[0] - 1.0).abs() < 1e-5 && red[1].abs() < 1e-5, "{red:?}");
-        // A bar of 16 by 4 pixels without its corners, of whose neighbourhoods less than a half is wrong: the sums of
-        // squares are 64 times 21.25 and 1.25 less four times 7.5^2 and 1.5^2.
+        // A bar of 16 by 4 pixels without its corners, whose neighbourhoods have errors in less than half: the sums of
+        // squares are 64 times 21.25 and 1.25 minus four times 7.5^2 and 1.5^2.
         let scale = cloud.log_scales[0].map(|log| f64::from(log.exp()));
         let deviations = [1135.0, 71.0].map(|squares: f64| (squares / 60.0 + 1.0 / 12.0).sqrt());
         for (scale, deviation) in scale.iter().zip(deviations) {
@@ -225,7 +224,7 @@ mod tests {
     #[test]
     fn of_a_film_the_worst_pixels_are_wrong() {
         let (camera, mut photo) = (camera(), photo());
-        // A block of a smaller error, far below the worst 3 % (36 pixels of 1200).
+        // A block with a smaller error, far below the worst 3 % (36 pixels of 1200).
         (20..30).flat_map(|y| (0..10).map(move |x| (x, y))).for_each(|(x, y)| photo.put_pixel(x, y, Rgb([150; 3])));
         let (colours, depths) = (vec![128.0 / 255.0; 3 * 1200], vec![3.0; 1200]);
         let view = |rule| ComparedView { rule, ..view(&camera, &photo, &colours, &depths) };

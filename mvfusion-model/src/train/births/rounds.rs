@@ -1,4 +1,4 @@
-//! Gaussians that are born where training views are wrong: once for photos, again and again for films.
+//! Rounds of births in training views: once for photos, repeatedly for videos.
 
 use burn::tensor::{Tensor, TensorData};
 use glam::{DVec2, DVec3};
@@ -13,28 +13,28 @@ use crate::train::rendered::{RenderedViews, shown_depths};
 use crate::train::{Position, Stage, Trainer, TrainingView};
 use crate::{ModelError, tensors};
 
-/// Alpha of a branch below which its depth says nothing.
+/// Alpha of a branch below which its depth is unknown.
 const LEAST_ALPHA: f32 = 0.5;
 
-/// The first stream of the views' own random numbers in photos, behind those of [`Streams`](crate::random::Streams), and
-/// in films.
+/// First random stream of the views, in photos and in videos. They follow the streams of
+/// [`Streams`](crate::random::Streams).
 const PHOTO_STREAM: u64 = 1 << 20;
 const FILM_STREAM: u64 = 1 << 48;
 
-/// At most so many moments of a film are looked at in a round of births, so that its cost has a bound.
+/// Maximum number of moments of a video in a round of births, which bounds its cost.
 const MOST_MOMENTS: usize = 32;
 
-/// Rounds in which a canonical centre is found; offsets change little over the size of an offset.
+/// Iterations to find a canonical centre. Offsets vary little over the length of an offset.
 const UNDEFORMING_ROUNDS: usize = 2;
 
 /// A round of births.
 struct Round<'a> {
-    /// The views that are looked at.
+    /// The views to compare.
     views: &'a [usize],
-    /// At most so many are born.
+    /// Maximum number of births.
     most: usize,
     rule: BirthRule,
-    /// How long they live, in time between frames.
+    /// Duration of the new Gaussians, in times between frames.
     duration: f64,
     /// Stream of the first training view.
     stream: u64,
@@ -46,7 +46,7 @@ impl Trainer {
         position.stage == Stage::Geometry && position.ends_stage() && self.has_births
     }
 
-    /// Whether Gaussians are born in a film after this step.
+    /// Whether Gaussians are born in a video after this step.
     pub(in crate::train) fn film_births_due(&self, position: &Position) -> bool {
         let (densify, model) = (&self.config.densify, &self.state.model);
         let is_due = densify.births_interval.is_due(position.step)
@@ -55,7 +55,7 @@ impl Trainer {
         is_due && !self.has_births && model.static_.is_some() && model.dynamic.time_centres.is_some()
     }
 
-    /// Lets Gaussians be born where the photos differ from the static branch.
+    /// Births where the photos differ from the static branch.
     pub(in crate::train) fn give_birth_in_photos(&mut self) -> Result<(), ModelError> {
         let views: Vec<usize> = (0..self.photos.len()).collect();
         let (most, duration) = (self.config.init.photo_points, self.config.init.photo_duration);
@@ -63,7 +63,7 @@ impl Trainer {
         self.give_birth(&round, Self::beside_static_branch)
     }
 
-    /// Lets Gaussians be born where a view of each moment, or of some, differs from the whole model.
+    /// Births where a view of each moment, or of some moments, differs from the whole model.
     pub(in crate::train) fn give_birth_in_film(&mut self, position: &Position) -> Result<(), ModelError> {
         let views = self.one_view_a_moment();
         let (most, duration) = (self.config.densify.births, self.config.init.motion_duration);
@@ -72,7 +72,7 @@ impl Trainer {
         self.give_birth(&round, Self::beside_whole_model)
     }
 
-    /// A view, drawn at random, of each of at most [`MOST_MOMENTS`] moments.
+    /// One random view of each of at most [`MOST_MOMENTS`] moments.
     fn one_view_a_moment(&mut self) -> Vec<usize> {
         let times = self.context.timeline.times();
         let stream = &mut self.state.streams.densify;
@@ -86,8 +86,8 @@ impl Trainer {
         moments.into_iter().map(view_of).collect()
     }
 
-    /// Lets Gaussians be born in the views of a round: as many in each as its error's share of all. One view is held at a
-    /// time, so each is looked at twice.
+    /// Births in the views of a round, in proportion to each view's error. Only one view is kept at a time, so each is
+    /// rendered twice.
     fn give_birth(
         &mut self,
         round: &Round<'_>,
@@ -104,7 +104,7 @@ impl Trainer {
         let mut born = GaussianCloud { lifetimes: Some(Vec::new()), ..GaussianCloud::default() };
         let (mut sum, mut given) = (0.0, 0);
         for (&index, wrongness) in round.views.iter().zip(wrongness) {
-            // Of the sums so far, so that rounding loses none.
+            // Differences of rounded prefix sums, so that rounding loses none.
             sum += wanted as f64 * wrongness / all;
             let count = sum.round() as usize - given;
             given += count;
@@ -129,7 +129,7 @@ impl Trainer {
         self.add(&born)
     }
 
-    /// Where ellipses in a view are put: where the cameras of the moment agree, if they stand still; else at their depths.
+    /// The positions of ellipses in a view: where fixed cameras of the moment agree, otherwise at the fallback depths.
     fn places(&self, index: usize, view: &ComparedView<'_>, ellipses: &[Ellipse], seed: u64) -> Vec<Option<DVec3>> {
         match &self.finder {
             Some(finder) => {
@@ -140,7 +140,7 @@ impl Trainer {
         }
     }
 
-    /// Puts Gaussians into the dynamic branch whose means are where they shall be at their moments.
+    /// Adds Gaussians to the dynamic branch. Their means are positions at their moments.
     fn add(&mut self, born: &GaussianCloud) -> Result<(), ModelError> {
         let masking = Masking::Blended { dynamic_logit: self.config.init.motion_logit };
         let born = self.undeformed(born)?;
@@ -150,8 +150,7 @@ impl Trainer {
         Ok(())
     }
 
-    /// The cloud with its means where the network, as far as it has learned, moves them from to where they are at their
-    /// moments.
+    /// The cloud with canonical means, which the current network deforms to the given means at their moments.
     fn undeformed(&self, born: &GaussianCloud) -> Result<GaussianCloud, ModelError> {
         let (position, Some(lifetimes)) = (self.position(), &born.lifetimes) else { return Ok(born.clone()) };
         let stage = position.map_or(Stage::Geometry, |position| position.stage);
@@ -176,18 +175,19 @@ impl Trainer {
         Ok(GaussianCloud { means, ..born.clone() })
     }
 
-    /// A Gaussian of this moment that lives for `duration` times the time to the next one.
+    /// The lifetime of a Gaussian at this moment, with a duration of `duration` times the distance to the nearest other
+    /// moment.
     fn lifetime(&self, time: f64, duration: f64) -> Lifetime {
         let times = self.context.timeline.times();
         let nearest = times.iter().map(|&other| (other - time).abs()).filter(|&away| away > 0.0).fold(1.0, f64::min);
         Lifetime { centre: time as f32, log_duration: (duration * nearest).ln() as f32, velocity: [0.0; 3] }
     }
 
-    /// A training view and what the static branch shows there.
+    /// A training view and the render of the static branch.
     fn beside_static_branch(&self, index: usize) -> Result<Compared, ModelError> {
         let camera = &self.photos.get(index).camera;
         let picture = self.state.model.plain().static_picture(camera, None, &self.context)?;
-        // Proof: `Config::has_births` asks for a static branch.
+        // Proof: `Config::has_births` requires a static branch.
         let layers = picture.expect("the model has a static branch").main();
         let depths = in_front(&known_depths(layers.depth, layers.alpha)?);
         let exposure = self.exposure(&[index]).map(Exposure::inner);
@@ -196,7 +196,8 @@ impl Trainer {
         self.compared(index, tensors::read(colours)?, depths)
     }
 
-    /// A training view and what both branches show there, with the depth of the one in front.
+    /// A training view and the render of both branches, with the depth of the dynamic branch, or in front of the static
+    /// branch.
     fn beside_whole_model(&self, index: usize) -> Result<Compared, ModelError> {
         let photo = self.photos.get(index);
         let stage = self.position().map_or(Stage::Geometry, |position| position.stage);
@@ -231,7 +232,7 @@ impl Trainer {
     }
 }
 
-/// Depths per pixel, 0 where a branch shows nothing.
+/// Depth per pixel, 0 where a branch is transparent.
 fn known_depths(depth: Tensor<3>, alpha: Tensor<3>) -> Result<Vec<f32>, ModelError> {
     let alphas: Vec<f32> = tensors::read(alpha)?;
     let depths: Vec<f32> = tensors::read(depth)?;
@@ -239,12 +240,12 @@ fn known_depths(depth: Tensor<3>, alpha: Tensor<3>) -> Result<Vec<f32>, ModelErr
     Ok(depths.iter().zip(&alphas).map(known).collect())
 }
 
-/// Depths in front of what is still.
+/// Depths in front of the static scene.
 fn in_front(depths: &[f32]) -> Vec<f32> {
     depths.iter().map(|depth| IN_FRONT * depth).collect()
 }
 
-/// A training view and what the model shows there, on the host.
+/// A training view and the model's render of it, on the host.
 struct Compared {
     photo: TrainingView,
     rgb: image::RgbImage,

@@ -1,4 +1,4 @@
-//! A branch in training: its Gaussians, and everything that has a row for each of them.
+//! A branch in training: its Gaussians, and everything with one row per Gaussian.
 
 use burn::tensor::{Int, Tensor, TensorData, activation::sigmoid};
 use glam::{DQuat, DVec3};
@@ -15,10 +15,10 @@ use crate::train::BranchGradients;
 use crate::train::optim::{GaussianGradients, GaussianOptimiser};
 use crate::{ModelError, tensors};
 
-/// What training keeps about the Gaussians of a branch.
+/// The training state of a branch.
 ///
-/// What has a row for each Gaussian follows every change of rows in [`PerGaussian::follow`], which takes this struct apart
-/// field by field: a field that is added here does not compile until it is said there what becomes of it.
+/// Everything with one row per Gaussian follows row changes in [`PerGaussian::follow`]. That function destructures this
+/// struct, so a new field is a compile error until it is handled there.
 ///
 /// ```compile_fail,E0027
 /// # use mvfusion_model::train::densify::BranchState;
@@ -31,61 +31,61 @@ use crate::{ModelError, tensors};
 pub struct BranchState {
     /// Adam's moments.
     pub optimiser: GaussianOptimiser,
-    /// What was seen of the Gaussians since rows were last added.
+    /// Statistics of the Gaussians since rows were last added.
     pub statistics: DensifyStatistics,
-    /// Gradients that wait for the branch's next step, under gradient accumulation.
+    /// Accumulated gradients for the branch's next step.
     pub pending: Option<BranchGradients>,
-    /// How often rows changed.
+    /// Counts of row changes.
     pub counts: DensifyCounts,
 }
 
-/// A branch whose rows may change: its Gaussians and all that is bound to their rows.
+/// A branch whose rows may change: its Gaussians and everything that follows their rows.
 #[derive(Debug)]
 pub struct Branch<'a> {
     /// The Gaussians.
     pub gaussians: &'a mut Gaussians,
-    /// What training keeps about them.
+    /// Their training state.
     pub state: &'a mut BranchState,
-    /// Motion descriptors; of the dynamic branch, once they were measured.
+    /// Motion descriptors; only for the dynamic branch, once they were measured.
     pub motion: Option<&'a mut MotionCache>,
-    /// Gradients of the step that is being done, if there is one.
+    /// Gradients of the current step, if there is one.
     pub gradients: Option<&'a mut GaussianGradients>,
 }
 
-/// How often the rows of a branch changed.
+/// Counts of a branch's row changes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DensifyCounts {
-    /// Gaussians cloned, made by splitting, or born.
+    /// Gaussians that were cloned, split or born.
     pub added: usize,
     /// Gaussians removed by pruning.
     pub pruned: usize,
-    /// Gaussians moved instead of removed.
+    /// Gaussians relocated instead of removed.
     #[serde(default)]
     pub relocated: usize,
     /// Opacity resets.
     pub resets: usize,
 }
 
-/// Which Gaussians a branch has no place for.
+/// The rule that selects Gaussians to remove.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PruneRule {
-    /// Fainter ones.
+    /// Gaussians with a lower opacity.
     pub min_opacity: f64,
-    /// Dynamic ones that were never part of the foreground to this probability (METHOD §4.10).
+    /// Dynamic Gaussians whose foreground probability never reached this value (METHOD §4.10).
     pub min_foreground: Option<f64>,
-    /// Those that covered more pixels than this around their centre (4DGS, METHOD §9).
+    /// Gaussians whose screen radius exceeded this value, in pixels (4DGS, METHOD §9).
     pub max_radius: Option<f64>,
-    /// Those longer than this, world units (4DGS).
+    /// Gaussians longer than this, in world units (4DGS).
     pub max_scale: Option<f64>,
 }
 
-/// For every row of `[N, 1]` whether it is at least `least`.
+/// For every row of `[N, 1]`, whether it is at least `least`.
 fn at_least(least: f64, values: Tensor<2>) -> Result<Vec<bool>, ModelError> {
     Ok(tensors::read::<2, f64>(values)?.into_iter().map(|value| value >= least).collect())
 }
 
 impl BranchState {
-    /// Before the first step of these Gaussians.
+    /// The state before the first step of these Gaussians.
     pub fn new(gaussians: &Gaussians) -> Self {
         Self {
             optimiser: GaussianOptimiser::default(),
@@ -95,7 +95,7 @@ impl BranchState {
         }
     }
 
-    /// Forgets moments, statistics and pending gradients, as at the start of a stage.
+    /// Resets moments, statistics and pending gradients, as at the start of a stage.
     pub fn restart(&mut self, gaussians: &Gaussians) {
         *self = Self { counts: self.counts, ..Self::new(gaussians) };
     }
@@ -121,11 +121,11 @@ impl PerGaussian for Branch<'_> {
 }
 
 impl Branch<'_> {
-    /// Clones and splits the Gaussians with large gradients, up to `most` in all. Returns where the rows come from, or
+    /// Clones and splits Gaussians with large gradients, up to `most` Gaussians in total. Returns the row map, or
     /// `None` if nothing changed.
     ///
     /// # Errors
-    /// If the device cannot hand its numbers back.
+    /// If the device fails to return values.
     pub fn densify(
         &mut self,
         threshold: f64,
@@ -143,10 +143,10 @@ impl Branch<'_> {
         self.grow(&plan, &normals)
     }
 
-    /// Carries out a plan; `normals` are one draw for each half of a split Gaussian, first halves first.
+    /// Executes a plan. `normals` has one draw per half of a split Gaussian, first halves first.
     ///
     /// # Errors
-    /// If the device cannot hand its numbers back.
+    /// If the device fails to return values.
     pub fn grow(&mut self, plan: &DensifyPlan, normals: &[DVec3]) -> Result<Option<RowMap>, ModelError> {
         self.state.statistics.restart_gradients();
         if plan.is_empty() {
@@ -165,8 +165,7 @@ impl Branch<'_> {
         Ok(Some(map))
     }
 
-    /// Puts further Gaussians after the others. They have all attributes that these have, and start without moments and
-    /// statistics.
+    /// Appends Gaussians. They must have the same attributes as the branch, and start without moments and statistics.
     pub fn append(&mut self, further: &Gaussians) {
         let added = further.count();
         self.follow(&RowMap::appending(self.gaussians.count(), added));
@@ -178,7 +177,7 @@ impl Branch<'_> {
         }
     }
 
-    /// Centres of both halves of every split Gaussian: `[2 S, 3]`; `None` where none is split.
+    /// Centres of both halves of every split Gaussian: `[2 S, 3]`; `None` if none are split.
     fn children(&self, plan: &DensifyPlan, normals: &[DVec3]) -> Result<Option<Tensor<2>>, ModelError> {
         if plan.split.is_empty() {
             return Ok(None);
@@ -207,21 +206,21 @@ impl Branch<'_> {
         Ok(Some(tensors::from_data_like(positions, &self.plain(Attribute::Means))))
     }
 
-    /// Removes what a rule has no place for. Returns where the rows come from, or `None` if all stay.
+    /// Removes the Gaussians that a rule selects. Returns the row map, or `None` if all stay.
     ///
     /// # Errors
-    /// If the device cannot hand its numbers back.
+    /// If the device fails to return values.
     pub fn prune(&mut self, rule: &PruneRule) -> Result<Option<RowMap>, ModelError> {
         let fits = self.fitting(rule)?;
         let kept: Vec<usize> = (0..fits.len()).filter(|&row| fits[row]).collect();
-        // A branch never loses its last Gaussian: an empty tensor is of no use to anyone.
+        // A branch never loses its last Gaussian, because ops do not accept empty tensors.
         if kept.len() == fits.len() || kept.is_empty() {
             return Ok(None);
         }
         Ok(Some(self.keep(kept)))
     }
 
-    /// Keeps the given rows alone, and counts the others as pruned.
+    /// Keeps only the given rows, and counts the others as pruned.
     pub fn keep(&mut self, rows: Vec<usize>) -> RowMap {
         self.state.counts.pruned += self.gaussians.count() - rows.len();
         let map = RowMap::keeping(rows);
@@ -229,11 +228,11 @@ impl Branch<'_> {
         map
     }
 
-    /// Moves at most `most` of those that a rule has no place for to where opacity and gradient are, instead of removing
-    /// them. Returns where the rows come from, or `None` if nothing changed.
+    /// Relocates at most `most` of the Gaussians that a rule selects to Gaussians with high opacity and gradient,
+    /// instead of removing them. Returns the row map, or `None` if nothing changed.
     ///
     /// # Errors
-    /// If the device cannot hand its numbers back.
+    /// If the device fails to return values.
     pub fn relocate(
         &mut self,
         rule: &PruneRule,
@@ -262,7 +261,7 @@ impl Branch<'_> {
         Ok(Some(map))
     }
 
-    /// For every row whether a rule has a place for it.
+    /// For every row, whether a rule keeps it.
     fn fitting(&self, rule: &PruneRule) -> Result<Vec<bool>, ModelError> {
         let statistics = &self.state.statistics;
         let mut fits = at_least(rule.min_opacity, sigmoid(self.plain(Attribute::OpacityLogits)))?;
@@ -279,11 +278,10 @@ impl Branch<'_> {
         Ok(fits)
     }
 
-    /// Makes a random share of the Gaussians nearly transparent. Their opacities take no part in the step that is being
-    /// done.
+    /// Makes a random fraction of the Gaussians nearly transparent. The current step does not update opacities.
     ///
     /// # Errors
-    /// If the device cannot hand its numbers back.
+    /// If the device fails to return values.
     pub fn reset_opacity(&mut self, plan: &ResetPlan, others: OpacityReset) -> Result<(), ModelError> {
         let logits = self.plain(Attribute::OpacityLogits);
         let reset = plan.apply(&tensors::read::<2, f64>(logits.clone())?, others);
@@ -298,7 +296,7 @@ impl Branch<'_> {
         Ok(())
     }
 
-    /// Puts other numbers in place of the last `rows` of an attribute, if the branch has it.
+    /// Changes the last `rows` of an attribute, if the branch has it.
     fn change_last(&mut self, rows: usize, attribute: Attribute, change: impl FnOnce(Tensor<2>) -> Tensor<2>) {
         if let Some(values) = self.gaussians.plain(attribute) {
             let before = values.dims()[0] - rows;
@@ -307,9 +305,9 @@ impl Branch<'_> {
         }
     }
 
-    /// The numbers of an attribute that every branch has.
+    /// The values of an attribute that every branch has.
     fn plain(&self, attribute: Attribute) -> Tensor<2> {
-        // Proof: `Gaussians` holds what is asked for here without an `Option`.
+        // Proof: the requested attributes are not optional in `Gaussians`.
         self.gaussians.plain(attribute).expect("only mask logits and lifetimes may be absent")
     }
 

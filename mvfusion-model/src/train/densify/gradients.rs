@@ -1,4 +1,4 @@
-//! What the backward pass says about a branch.
+//! The gradients and visibility of a branch.
 
 use burn::tensor::{Gradients, Tensor};
 
@@ -7,10 +7,10 @@ use crate::model::gaussians::Gaussians;
 use crate::model::rows::{PerGaussian, RowMap};
 use crate::train::optim::GaussianGradients;
 
-/// Gradients of a branch from one step, or summed over several, and what of it was visible. Without autodiff.
+/// Gradients of a branch from one step, or summed over several, and its visibility. Without autodiff.
 #[derive(Clone, Debug)]
 pub struct BranchGradients {
-    /// Which Gaussians were visible.
+    /// The visible Gaussians.
     pub visibility: Visibility,
     /// Gradient of the main loss with respect to the projected centres, NDC, summed over all views: `[N, 2]`.
     pub screen: Option<Tensor<2>>,
@@ -19,7 +19,7 @@ pub struct BranchGradients {
 }
 
 impl BranchGradients {
-    /// Takes a branch's part out of the gradients of a step.
+    /// Extracts a branch's part from the gradients of a step.
     pub fn take(gaussians: &Gaussians, visibility: Visibility, probe: Tensor<2>, gradients: &mut Gradients) -> Self {
         Self {
             visibility,
@@ -28,8 +28,8 @@ impl BranchGradients {
         }
     }
 
-    /// This and what a later step adds: gradients are summed, a Gaussian counts as seen if either saw it, radii are those
-    /// of the later step (METHOD §4.3).
+    /// Accumulates a later step. Gradients are summed, a Gaussian is visible if it was in either step, and radii are
+    /// those of the later step (METHOD §4.3).
     pub fn and(self, later: Self) -> Self {
         let both =
             |a: Option<Tensor<2>>, b: Option<Tensor<2>>, join: fn(Tensor<2>, Tensor<2>) -> Tensor<2>| match (a, b) {
@@ -49,7 +49,7 @@ impl BranchGradients {
 }
 
 impl PerGaussian for BranchGradients {
-    /// What was summed for Gaussians that stay is kept; new ones were never seen.
+    /// Sums of Gaussians that stay are kept; new Gaussians count as never visible.
     fn follow(&mut self, map: &RowMap) {
         let Self { visibility: Visibility { visible, radii, foreground }, screen, attributes } = self;
         for values in [visible, radii].into_iter().chain(foreground).chain(screen) {

@@ -1,4 +1,4 @@
-//! Where Gaussians are added, removed and made transparent (METHOD §4.7 to §4.11).
+//! Densification, pruning, relocation and opacity resets (METHOD §4.7 to §4.11).
 
 mod branch;
 mod gradients;

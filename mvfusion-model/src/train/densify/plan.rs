@@ -1,20 +1,20 @@
-//! Which rows change, decided on plain numbers.
+//! The selection of rows to change, on plain values.
 
 use glam::{DQuat, DVec3};
 
 use crate::config::OpacityReset;
 use crate::random::Stream;
 
-/// Splitting divides the scales by this (3DGS: 0.8 times two samples).
+/// Divisor of the scales in a split (3DGS: 0.8 times two samples).
 const SPLIT_SHRINK: f64 = 1.6;
 
-/// A reset leaves no selected Gaussian more opaque than this (3DGS).
+/// Maximum opacity of a selected Gaussian after a reset (3DGS).
 const RESET_OPACITY: f64 = 0.01;
 
-/// Which Gaussians are cloned and which are split (METHOD §4.9).
+/// The Gaussians to clone and to split (METHOD §4.9).
 #[derive(Clone, Debug, PartialEq)]
 pub struct DensifyPlan {
-    /// Rows that stay as they are, ascending.
+    /// Rows that do not change, ascending.
     pub kept: Vec<usize>,
     /// Rows that are copied.
     pub cloned: Vec<usize>,
@@ -40,11 +40,10 @@ impl DensifyPlan {
         plan
     }
 
-    /// The plan with at most `room` further rows: of more candidates those with the largest `mean_gradients`, of equal
-    /// ones the lower row. A clone and a split each need one. The others stay as they are.
+    /// The plan with at most `room` additional rows. Candidates with the largest `mean_gradients` take precedence; on a
+    /// tie, the lower row does. A clone and a split each need one row. The others do not change.
     ///
-    /// Departure: 3DGS and DeGauss carry out the whole plan of a branch that is below its cap, so that it may end far
-    /// above.
+    /// Departure: 3DGS and DeGauss execute the whole plan of a branch that is below its cap, so it may end far above.
     pub fn limited(mut self, mean_gradients: &[f64], room: usize) -> Self {
         let mut candidates: Vec<usize> = self.cloned.iter().chain(&self.split).copied().collect();
         if candidates.len() <= room {
@@ -65,18 +64,18 @@ impl DensifyPlan {
         self.cloned.is_empty() && self.split.is_empty()
     }
 
-    /// The parent of every row afterwards: rows that stay, clones, first halves of the split rows, second halves.
+    /// The parent of every new row: rows that stay, clones, first halves of the split rows, second halves.
     pub fn sources(&self) -> Vec<usize> {
         [&self.kept, &self.cloned, &self.split, &self.split].into_iter().flatten().copied().collect()
     }
 
-    /// Number of rows afterwards that have no moments to inherit.
+    /// Number of new rows without moments to inherit.
     pub fn added(&self) -> usize {
         self.cloned.len() + 2 * self.split.len()
     }
 }
 
-/// A split Gaussian: where its halves may lie.
+/// A Gaussian to split, which determines the distribution of its halves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SplitParent {
     /// Centre.
@@ -88,22 +87,22 @@ pub struct SplitParent {
 }
 
 impl SplitParent {
-    /// Centre of a half: a draw from the parent's own distribution, `mean + R (s * normal)`.
+    /// Centre of a half: a draw from the parent's distribution, `mean + R (s * normal)`.
     pub fn child(&self, normal: DVec3) -> DVec3 {
         let rotation = if self.rotation.length_squared() > 0.0 { self.rotation.normalize() } else { DQuat::IDENTITY };
         self.mean + rotation * (self.log_scale.exp() * normal)
     }
 }
 
-/// What splitting adds to the log-scales.
+/// The change of the log-scales in a split.
 pub fn split_log_scale() -> f64 {
     -SPLIT_SHRINK.ln()
 }
 
-/// Which Gaussians an opacity reset selects (METHOD §4.11).
+/// The Gaussians that an opacity reset selects (METHOD §4.11).
 #[derive(Clone, Debug, PartialEq)]
 pub struct ResetPlan {
-    /// One flag a row.
+    /// One flag per row.
     pub selected: Vec<bool>,
 }
 
@@ -164,7 +163,7 @@ mod tests {
             assert_eq!(plan.sources().len(), gradients.len() + room, "each needs one row");
             (plan.kept, plan.cloned, plan.split)
         };
-        // Row 0 goes first, then row 4, which is kept whole instead of split; of equals the higher rows.
+        // Row 0 is dropped first, then row 4, which is kept instead of split; on ties, the higher rows.
         assert_eq!(rows(4), (vec![0, 2, 3], vec![3], vec![1, 4, 5]));
         assert_eq!(rows(3), (vec![0, 2, 3, 4], vec![3], vec![1, 5]));
         assert_eq!(rows(2), (vec![0, 2, 3, 4, 5], vec![3], vec![1]));

@@ -1,30 +1,30 @@
-//! Gaussians that show nothing, moved to where others are needed, at a fixed count (3DGS-MCMC, Kheradmand et al. 2024).
+//! Relocation of unneeded Gaussians to where more are needed, at a fixed count (3DGS-MCMC, Kheradmand et al. 2024).
 
 use crate::random::Stream;
 
-/// Opacities above this count as this, so that those of the shares have logits: a logit of 17 is an opacity of 1 in `f32`.
+/// Upper bound of opacities, so that the shares have finite logits: a logit of 17 is an opacity of 1 in `f32`.
 const MOST_OPACITY: f64 = 1.0 - 1e-6;
 
-/// Which Gaussians give up their places, and who shares its own with them.
+/// The Gaussians to relocate, and their targets.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RelocationPlan {
-    /// Rows that stay as they are, ascending.
+    /// Rows that do not change, ascending.
     pub kept: Vec<usize>,
-    /// Rows that are replaced by two equal ones, ascending. As many are dropped.
+    /// Rows that are replaced by two equal ones, ascending. The same number of rows is dropped.
     pub shared: Vec<usize>,
 }
 
 /// An opacity and a factor of the scales.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Share {
-    /// Opacity of either of two Gaussians in the place of one.
+    /// Opacity of each of two Gaussians that replace one.
     pub opacity: f64,
-    /// What the scales of that one are multiplied by.
+    /// Factor of the scales.
     pub scale: f64,
 }
 
 impl Share {
-    /// What two Gaussians in one place need to look like one of the given opacity (3DGS-MCMC, eq. 9 for N = 2).
+    /// The values with which two coinciding Gaussians look like one of the given opacity (3DGS-MCMC, eq. 9 for N = 2).
     pub fn of(opacity: f64) -> Self {
         let opacity = opacity.min(MOST_OPACITY);
         let each = 1.0 - (1.0 - opacity).sqrt();
@@ -33,12 +33,11 @@ impl Share {
 }
 
 impl RelocationPlan {
-    /// Moves at most `most` of the `dead` rows, the faintest first, of equal ones the lower row. Each goes to a living row
-    /// that is drawn in proportion to `opacities` times `mean_gradients`, no row twice; where too few are drawn, some of
-    /// the dead stay.
+    /// Relocates at most `most` of the `dead` rows: the faintest first; on a tie, the lower row. Each target is a
+    /// living row drawn in proportion to `opacities` times `mean_gradients`, without repetition. If there are too few
+    /// targets, some dead rows stay.
     pub fn draw(dead: &[bool], opacities: &[f64], mean_gradients: &[f64], most: usize, stream: &mut Stream) -> Self {
-        // Waiting times that are exponential with the weights as rates: the first to come are drawn (Efraimidis and
-        // Spirakis 2006).
+        // Exponential waiting times with the weights as rates; the shortest are drawn (Efraimidis and Spirakis 2006).
         let mut waiting: Vec<(f64, usize)> = Vec::new();
         for row in (0..dead.len()).filter(|&row| !dead[row]) {
             let weight = opacities[row] * mean_gradients[row];
@@ -58,12 +57,12 @@ impl RelocationPlan {
         Self { kept: (0..dead.len()).filter(|&row| stays[row]).collect(), shared }
     }
 
-    /// Whether nothing moves.
+    /// Whether nothing changes.
     pub fn is_empty(&self) -> bool {
         self.shared.is_empty()
     }
 
-    /// The parent of every row afterwards: rows that stay, then both copies of the shared ones.
+    /// The parent of every new row: rows that stay, then both copies of the shared rows.
     pub fn sources(&self) -> Vec<usize> {
         [&self.kept, &self.shared, &self.shared].into_iter().flatten().copied().collect()
     }
@@ -78,8 +77,8 @@ mod tests {
         for opacity in [1e-3, 0.3, 0.9, 0.999] {
             let share = Share::of(opacity);
             assert!((1.0 - (1.0 - share.opacity).powi(2) - opacity).abs() < 1e-12);
-            // Along a line through both the sum of what each lets through weighs as much as the one did: the integral of
-            // 1 - (1 - o g)^2 with g a bell, in units of its width.
+            // Along a line through both, their combined alpha has the same integral as the original's: the integral of
+            // 1 - (1 - o g)^2 with a bell g, in units of its width.
             let two = 2.0 * share.opacity - share.opacity.powi(2) / std::f64::consts::SQRT_2;
             assert!((two * share.scale - opacity).abs() < 1e-12);
         }
@@ -96,7 +95,7 @@ mod tests {
         let dead = [true, false, false, true, false, true];
         let (opacities, gradients) = ([0.003, 0.9, 0.9, 0.001, 0.0, 0.002], [1.0, 0.0, 2.0, 1.0, 5.0, 1.0]);
         let plan = |most| RelocationPlan::draw(&dead, &opacities, &gradients, most, &mut Stream::new(1, 0));
-        // Only row 2 has both, and the faintest goes there.
+        // Only row 2 has both, so the faintest moves there.
         assert_eq!(plan(9), RelocationPlan { kept: vec![0, 1, 4, 5], shared: vec![2] });
         assert_eq!(plan(9).sources(), [0, 1, 4, 5, 2, 2]);
         assert!(plan(0).is_empty() && plan(0).sources() == (0..6).collect::<Vec<_>>());

@@ -1,54 +1,54 @@
-//! What training has seen of each Gaussian since the last change of rows.
+//! Statistics of each Gaussian since rows were last added.
 
 use burn::tensor::Tensor;
 
 use crate::model::rows::{PerGaussian, RowMap};
 
-/// Sums over the views of many steps, `[N, 1]` each, without autodiff; nothing is read back.
+/// Sums over the views of many steps, `[N, 1]` each, on the device and without autodiff.
 #[derive(Clone, Debug)]
 pub struct DensifyStatistics {
     /// Sum of the norms of the screen-space gradients.
     pub gradients: Tensor<2>,
     /// Number of steps in which the Gaussian was visible.
     pub seen: Tensor<2>,
-    /// Highest foreground probability of a visible moment (dynamic branch; METHOD §4.7).
+    /// Highest foreground probability while visible (dynamic branch; METHOD §4.7).
     pub foreground: Tensor<2>,
-    /// Largest radius on the screen since rows were last added, pixels.
+    /// Largest radius on the screen since rows were last added, in pixels.
     pub radii: Tensor<2>,
 }
 
 impl DensifyStatistics {
-    /// Nothing seen yet of the Gaussians with these centres `[N, 3]`.
+    /// Empty statistics of the Gaussians with these centres `[N, 3]`.
     pub fn new(means: &Tensor<2>) -> Self {
         let zeros = Tensor::zeros([means.dims()[0], 1], (&means.device().inner(), means.dtype()));
         Self { gradients: zeros.clone(), seen: zeros.clone(), foreground: zeros.clone(), radii: zeros }
     }
 
-    /// Takes in one step: the gradient of the main loss with respect to the projected centres, summed over the batch
-    /// (`[N, 2]`, NDC), and 1 for the Gaussians visible in any view, 0 for the others (`[N, 1]`).
+    /// Adds one step: the gradient of the main loss with respect to the projected centres, summed over the batch (`[N,
+    /// 2]`, NDC), and 1 for Gaussians visible in any view, 0 for the others (`[N, 1]`).
     pub fn record(&mut self, gradient: Tensor<2>, visible: Tensor<2>) {
         let norm = gradient.powf_scalar(2.0).sum_dim(1).sqrt();
         self.gradients = self.gradients.clone() + norm * visible.clone();
         self.seen = self.seen.clone() + visible;
     }
 
-    /// Takes in the foreground probabilities `[N, 1]` of the visible Gaussians.
+    /// Adds the foreground probabilities `[N, 1]` of the visible Gaussians.
     pub fn record_foreground(&mut self, probability: Tensor<2>, visible: Tensor<2>) {
         self.foreground = self.foreground.clone().max_pair(probability * visible);
     }
 
-    /// Takes in the largest radii `[N, 1]` of a batch.
+    /// Adds the largest radii `[N, 1]` of a batch.
     pub fn record_radii(&mut self, radii: Tensor<2>) {
         self.radii = self.radii.clone().max_pair(radii);
     }
 
-    /// Mean norm of the gradient per step seen; 0 where never seen.
+    /// Mean norm of the gradient per visible step; 0 if never visible.
     pub fn mean_gradients(&self) -> Tensor<2> {
-        // Never seen means a sum of 0, so any divisor will do there.
+        // The sum is 0 if never visible, so any divisor works.
         self.gradients.clone() / self.seen.clone().clamp_min(1.0)
     }
 
-    /// Forgets gradients and radii, as rows were just added; foreground probabilities stay.
+    /// Resets gradients and radii after rows were added; foreground probabilities stay.
     pub fn restart_gradients(&mut self) {
         let zeros = self.foreground.zeros_like();
         (self.gradients, self.seen, self.radii) = (zeros.clone(), zeros.clone(), zeros);
@@ -56,7 +56,7 @@ impl DensifyStatistics {
 }
 
 impl PerGaussian for DensifyStatistics {
-    /// Of a new Gaussian nothing was seen yet but its parent's part in the foreground.
+    /// A new Gaussian inherits only its parent's foreground probability.
     fn follow(&mut self, map: &RowMap) {
         let Self { gradients, seen, foreground, radii } = self;
         for values in [gradients, seen, radii] {

@@ -1,20 +1,20 @@
-//! What the losses need to know beside the pictures.
+//! The inputs of the losses besides the renders.
 
 use burn::tensor::Tensor;
 use mvfusion_render::window::Window;
 
 use super::{LossSchedule, MotionMasks, MotionWitness};
 
-/// What the losses compare with, and where training stands.
+/// The ground truth, the configuration and the position in training.
 #[derive(Clone, Debug)]
 pub struct LossContext<'a> {
-    /// The photos, black where they do not count: `[B, 3, H, W]` in `[0, 1]`.
+    /// The photos, black at invalid pixels: `[B, 3, H, W]` in `[0, 1]`.
     pub photos: &'a Tensor<4>,
-    /// Where something was seen to move; absent if nothing is known.
+    /// Detected motion; absent if unknown.
     pub motion: Option<&'a MotionMasks>,
     /// Weights.
     pub config: &'a crate::config::LossConfig,
-    /// Where training stands.
+    /// The position in training.
     pub schedule: LossSchedule,
     /// The scene's extent.
     pub extent: f64,
@@ -23,18 +23,18 @@ pub struct LossContext<'a> {
 }
 
 impl LossContext<'_> {
-    /// 1 where the dynamic branch learns whatever its mask says, if the configuration leaves that to motion and it is known.
+    /// 1 where the dynamic branch learns whatever its mask, if the configuration uses motion for this and it is known.
     pub(super) fn dynamic_region(&self) -> Option<Tensor<4>> {
         self.motion.filter(|_| self.config.dynamic_where_moving).map(|motion| motion.around.clone())
     }
 
-    /// 1 where the static branch may learn, likewise.
+    /// 1 where the static branch may learn, if the configuration uses motion for this and cameras detected it.
     pub(crate) fn static_region(&self) -> Option<Tensor<4>> {
         let motion = self.sure_motion().filter(|_| self.config.static_where_still)?;
         Some(motion.still.clone())
     }
 
-    /// Motion that was seen by other means than the branches themselves.
+    /// Motion that fixed cameras detected, independent of the branches.
     pub(super) fn sure_motion(&self) -> Option<&MotionMasks> {
         self.motion.filter(|motion| motion.seen_by == MotionWitness::StillCamera)
     }

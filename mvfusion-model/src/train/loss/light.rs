@@ -1,4 +1,4 @@
-//! The light loss: it trains, but has no say in where Gaussians are added.
+//! The light loss, which does not drive densification.
 
 use burn::tensor::Tensor;
 

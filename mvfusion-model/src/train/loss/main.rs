@@ -1,20 +1,20 @@
-//! The main loss: it trains everything and decides where Gaussians are added.
+//! The main loss, which also drives densification.
 
 use burn::tensor::Tensor;
 
 use super::terms::{above, behind, dssim, edge_variation, l1, likeness, masked_dssim};
 use super::{LossContext, Pictures};
 
-/// In the first stage the half-and-half picture is compared with a slightly darkened photo (METHOD §4.4).
+/// Factor of the photo in the comparison with the mean of both branches in the first stage (METHOD §4.4).
 const GEOMETRY_DARKENING: f64 = 0.9;
 
-/// Mask value above which the foreground must not look like the background.
+/// Mask value above which the foreground must not resemble the background.
 const DYNAMIC: f64 = 0.51;
 
-/// Mask value above which the foreground must lie in front.
+/// Mask value above which the foreground must be in front.
 const SURELY_DYNAMIC: f64 = 0.6;
 
-/// Mask value below which it must lie behind.
+/// Mask value below which it must be behind.
 const SURELY_STATIC: f64 = 0.4;
 
 /// The main loss without the grid's regularisers, a scalar `[1]`.
@@ -30,7 +30,7 @@ pub fn main_loss(pictures: &Pictures, context: &LossContext<'_>) -> Tensor<1> {
         .fold(picture_terms, |sum, term| sum + term)
 }
 
-/// First stage: each branch explains the photo on its own.
+/// First stage: each branch must match the photo on its own.
 fn geometry_terms(pictures: &Pictures, context: &LossContext<'_>) -> Tensor<1> {
     let (config, photos) = (context.config, context.photos);
     let blend = &pictures.composition;
@@ -83,7 +83,7 @@ fn depth_terms(pictures: &Pictures, context: &LossContext<'_>) -> Option<Tensor<
     terms.into_iter().reduce(|sum, term| sum + term)
 }
 
-/// Each branch against the photo where its mask answers for it (METHOD §4.4, terms 4 and 5).
+/// Each branch against the photo inside its mask (METHOD §4.4, terms 4 and 5).
 fn branch_terms(pictures: &Pictures, context: &LossContext<'_>) -> Option<Tensor<1>> {
     let (config, photos, blend) = (context.config, context.photos, &pictures.composition);
     let mut terms = Vec::new();

@@ -1,5 +1,5 @@
-//! The training objective: a main loss that also drives densification, and a light loss that does not (METHOD §4.4);
-//! or the single loss of a model of one branch (§9).
+//! The training objective: a main loss that also drives densification, and a light loss that does not (METHOD §4.4). A
+//! model with one branch has a single loss (§9).
 
 mod context;
 mod light;

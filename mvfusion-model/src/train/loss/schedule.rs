@@ -1,6 +1,6 @@
-//! When each term of the losses is on, and how much it weighs.
+//! The schedule of the loss terms and their weights.
 
-/// Where training stands, as far as the losses ask (METHOD §4.4).
+/// The position in training, for the losses (METHOD §4.4).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LossSchedule {
     /// Whether this is the first stage, without deformation.
@@ -18,10 +18,10 @@ pub struct LossSchedule {
 /// Brightness weight when the ramp starts.
 const BRIGHTNESS_START: f64 = 0.001;
 
-/// The spiky-Gaussians term is computed every so many steps.
+/// Steps between computations of the term against spiky Gaussians.
 const SPIKY_INTERVAL: usize = 10;
 
-/// While the brightness weight is below this, the difference weighs the explicit brightness term.
+/// Below this brightness weight, the difference is the weight of the explicit brightness term.
 const EXPLICIT_BELOW: f64 = 0.01;
 
 impl LossSchedule {
@@ -37,22 +37,22 @@ impl LossSchedule {
         BRIGHTNESS_START + (self.brightness_end - BRIGHTNESS_START) * (self.step as f64 - start) / length
     }
 
-    /// Weight that pulls the brightness to one, beyond the constant weight.
+    /// Weight that pulls the brightness to 1, in addition to the constant weight.
     pub fn brightness_weight(&self) -> f64 {
         if !self.geometry && self.step > self.ramp_start() { self.ramp() } else { 0.0 }
     }
 
-    /// Weight of the brightened background against the photo, `explicit` early on.
+    /// Weight of the brightened background against the photo: `explicit` at first.
     pub fn explicit_weight(&self, explicit: f64) -> f64 {
         if self.step <= self.ramp_start() { explicit } else { (EXPLICIT_BELOW - self.ramp()).max(0.0) }
     }
 
-    /// Whether the mask's entropy counts.
+    /// Whether the entropy term is active.
     pub fn entropy(&self) -> bool {
         self.step > self.total / 2
     }
 
-    /// Whether spiky Gaussians are looked at in this step.
+    /// Whether the term against spiky Gaussians is computed in this step.
     pub fn spiky(&self) -> bool {
         self.step.is_multiple_of(SPIKY_INTERVAL)
     }

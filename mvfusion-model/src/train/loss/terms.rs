@@ -1,6 +1,6 @@
 //! The terms of the losses, unweighted, each a scalar `[1]` (METHOD §4.4).
 //!
-//! Means go over all entries of a tensor, also where a mask is zero. Indicators carry no gradient.
+//! Means include all entries of a tensor, also where a mask is zero. Indicators have no gradient.
 
 use burn::tensor::Tensor;
 use mvfusion_render::window::{self, Window};
@@ -8,7 +8,7 @@ use mvfusion_render::window::{self, Window};
 /// Scale ratio above which a Gaussian counts as spiky.
 const SPIKY_RATIO: f64 = 5.0;
 
-/// Share of the extent above which a Gaussian counts as large.
+/// Fraction of the extent above which a Gaussian counts as large.
 const LARGE_SHARE: f64 = 0.1;
 
 /// Keeps the logarithm of the entropy finite.
@@ -19,7 +19,7 @@ pub fn l1(a: Tensor<4>, b: Tensor<4>) -> Tensor<1> {
     (a - b).abs().mean()
 }
 
-/// `1 - SSIM` of two batches of pictures.
+/// `1 - SSIM` of two batches of images.
 pub fn dssim(a: Tensor<4>, b: Tensor<4>, window: &Window) -> Tensor<1> {
     -window::ssim_map(a, b, window).mean() + 1.0
 }
@@ -36,7 +36,8 @@ pub fn above(values: &Tensor<4>, threshold: f64) -> Tensor<4> {
     plain.greater_elem(threshold).float().cast(dtype)
 }
 
-/// How far `front` lies behind `back` in extents, where `indicator` is 1: `mean(max((front - back) / extent, 0) m)`.
+/// Mean distance of `front` behind `back` in extents, where the indicator `m` is 1: `mean(max((front - back) / extent,
+/// 0) m)`.
 pub fn behind(front: Tensor<4>, back: Tensor<4>, indicator: Tensor<4>, extent: f64) -> Tensor<1> {
     ((front - back) / extent * indicator).clamp_min(0.0).mean()
 }
@@ -53,7 +54,7 @@ pub fn edge_variation(depth: Tensor<4>, photos: &Tensor<4>) -> Tensor<1> {
     along(3) + along(2)
 }
 
-/// Structural likeness of the two branches where the mask calls for the dynamic one.
+/// Structural similarity of the two branches where the mask selects the dynamic branch.
 pub fn likeness(dynamic: Tensor<4>, static_: Tensor<4>, indicator: Tensor<4>, window: &Window) -> Tensor<1> {
     (window::structure_map(dynamic, static_, window) * indicator).mean()
 }

@@ -10,14 +10,14 @@ use crate::config::OptimConfig;
 use crate::model::gaussians::{Attribute, Gaussians};
 use crate::model::rows::{PerGaussian, RowMap};
 
-/// Moments of every attribute of a branch; those of an attribute appear with its first step.
+/// Moments of a branch's attributes; they are created at an attribute's first step.
 #[derive(Clone, Debug, Default)]
 pub struct GaussianOptimiser {
-    /// First and second moments, without autodiff, rows as in the Gaussians.
+    /// First and second moments, without autodiff, with one row per Gaussian.
     pub moments: BTreeMap<Attribute, AdamMoments<2>>,
 }
 
-/// The gradients of a branch's attributes, without autodiff. An attribute that took no part in the loss is absent.
+/// The gradients of a branch's attributes, without autodiff. Attributes without influence on the loss are absent.
 #[derive(Clone, Debug, Default)]
 pub struct GaussianGradients(BTreeMap<Attribute, Tensor<2>>);
 
@@ -28,7 +28,7 @@ impl FromIterator<(Attribute, Tensor<2>)> for GaussianGradients {
 }
 
 impl GaussianGradients {
-    /// Takes a branch's gradients out of those of a backward pass.
+    /// Extracts a branch's gradients from those of a backward pass.
     pub fn take(gaussians: &Gaussians, gradients: &mut Gradients) -> Self {
         let of = |attribute: Attribute| {
             let gradient = gaussians.attribute(attribute)?.val().grad_remove(gradients)?;
@@ -59,14 +59,14 @@ impl GaussianGradients {
         self.0.values_mut().for_each(|gradient| *gradient = map.keep(gradient));
     }
 
-    /// Drops the gradient of an attribute whose numbers were replaced after the backward pass.
+    /// Drops the gradient of an attribute whose values were replaced after the backward pass.
     pub fn forget(&mut self, attribute: Attribute) {
         self.0.remove(&attribute);
     }
 }
 
 impl PerGaussian for GaussianGradients {
-    /// After a change of rows no attribute takes part in the step (METHOD §4.1).
+    /// After a row change, the current step updates no attribute (METHOD §4.1).
     fn follow(&mut self, _map: &RowMap) {
         self.0.clear();
     }
@@ -109,7 +109,7 @@ impl GaussianOptimiser {
     }
 }
 
-/// Moments of a tensor that was never stepped.
+/// Moments of a tensor before its first step.
 pub(super) fn fresh<const D: usize>(values: &Tensor<D>) -> AdamMoments<D> {
     AdamMoments { first: values.zeros_like(), second: values.zeros_like(), steps: 0 }
 }

@@ -1,4 +1,4 @@
-//! Adam for rows that come and go, Adam for modules, and the learning rates of a step (METHOD §4.5).
+//! Adam for changing rows, Adam for modules, and the learning rates of a step (METHOD §4.5).
 
 mod gaussian;
 mod module;

@@ -10,7 +10,7 @@ use super::gaussian::{fresh, rule};
 use crate::config::OptimConfig;
 use crate::parameter_path::ParameterPath;
 
-/// Moments of every parameter of a module, by the parameter's path; flat, since Adam does not care for shapes.
+/// Moments of a module's parameters by path. They are flat, because Adam is independent of shapes.
 #[derive(Clone, Debug, Default)]
 pub struct ModuleOptimiser {
     /// First and second moments, without autodiff.
@@ -18,8 +18,8 @@ pub struct ModuleOptimiser {
 }
 
 impl ModuleOptimiser {
-    /// One Adam step for every parameter of `module` that has a gradient. `name` is the module's name in the model and
-    /// keeps the paths of several modules apart.
+    /// One Adam step for every parameter of `module` with a gradient. `name` is the module's name in the model, which
+    /// distinguishes the paths of several modules.
     pub fn step<M: Module>(
         &mut self,
         name: &str,

@@ -25,7 +25,7 @@ pub struct Rates {
 /// Learning rates of a branch's attributes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GaussianRates {
-    /// Centres, world units.
+    /// Centres, in world units.
     pub means: f64,
     /// Constant colour coefficient.
     pub sh_dc: f64,
@@ -41,9 +41,9 @@ pub struct GaussianRates {
     pub mask_logits: f64,
     /// Centres of lifetimes, in times between frames.
     pub time_centre: f64,
-    /// Logarithms of their durations.
+    /// Log-durations of lifetimes.
     pub duration: f64,
-    /// Velocities, world units.
+    /// Velocities, in world units.
     pub velocity: f64,
 }
 
@@ -76,7 +76,7 @@ impl Rates {
 }
 
 impl Rates {
-    /// The same for lifetimes in a time whose frames are so far apart: their rates are given in frames.
+    /// Converts the rates of lifetimes, which are given in frames, to a time with this spacing of frames.
     pub fn with_frame(mut self, spacing: f64) -> Self {
         for rates in [&mut self.dynamic, &mut self.static_] {
             rates.time_centre *= spacing;

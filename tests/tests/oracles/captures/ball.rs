@@ -17,11 +17,11 @@ const LEAST_PIXELS: usize = 4;
 const REACH: f64 = 7.0;
 /// Share of the red that must be in it; else there is something else that is red.
 const LEAST_SHARE: f64 = 0.7;
-/// A sighting farther than this from the ball is one of something else, pixels.
+/// A detection farther than this from the ball is of something else, pixels.
 const OUTLIER: f64 = 3.0;
 
 /// What a camera saw of the ball.
-struct Sighting<'a> {
+struct Detection<'a> {
     view: &'a View,
     at: DVec2,
 }
@@ -29,16 +29,16 @@ struct Sighting<'a> {
 /// Distances in pixels between where the ball is seen and where it is by the other cameras, at all moments at which three or
 /// more agree on it. Sightings of other red things count as well, so the median tells, not the mean.
 pub fn distances(scene: &Scene) -> Result<Vec<f64>> {
-    let mut moments: BTreeMap<u64, Vec<Sighting<'_>>> = BTreeMap::new();
+    let mut moments: BTreeMap<u64, Vec<Detection<'_>>> = BTreeMap::new();
     for view in scene.train.iter().chain(&scene.test) {
         if let Some(at) = ball(view.image.rgb()?.as_ref()) {
-            moments.entry(view.time.to_bits()).or_default().push(Sighting { view, at });
+            moments.entry(view.time.to_bits()).or_default().push(Detection { view, at });
         }
     }
     let mut distances = Vec::new();
-    for sightings in moments.values() {
-        let Some(place) = agreed_place(sightings) else { continue };
-        distances.extend(sightings.iter().filter_map(|sighting| distance(sighting, place)));
+    for detections in moments.values() {
+        let Some(place) = agreed_place(detections) else { continue };
+        distances.extend(detections.iter().filter_map(|detection| distance(detection, place)));
     }
     Ok(distances)
 }
@@ -65,25 +65,25 @@ fn ball(image: &RgbImage) -> Option<DVec2> {
 }
 
 /// The place on which most cameras agree, if there are three.
-fn agreed_place(sightings: &[Sighting<'_>]) -> Option<DVec3> {
+fn agreed_place(detections: &[Detection<'_>]) -> Option<DVec3> {
     let supporters = |place: DVec3| {
-        let near = |s: &&Sighting<'_>| distance(s, place).is_some_and(|distance| distance < OUTLIER);
-        sightings.iter().filter(near).collect::<Vec<_>>()
+        let near = |s: &&Detection<'_>| distance(s, place).is_some_and(|distance| distance < OUTLIER);
+        detections.iter().filter(near).collect::<Vec<_>>()
     };
-    let pairs = (0..sightings.len()).flat_map(|a| (0..a).map(move |b| [a, b]));
-    let places = pairs.filter_map(|pair| triangulated(&pair.map(|index| &sightings[index])));
+    let pairs = (0..detections.len()).flat_map(|a| (0..a).map(move |b| [a, b]));
+    let places = pairs.filter_map(|pair| triangulated(&pair.map(|index| &detections[index])));
     let best = places.map(supporters).max_by_key(Vec::len)?;
     if best.len() < 3 { None } else { triangulated(&best) }
 }
 
-fn distance(sighting: &Sighting<'_>, place: DVec3) -> Option<f64> {
-    Some(sighting.view.camera.project(place)?.distance(sighting.at))
+fn distance(detection: &Detection<'_>, place: DVec3) -> Option<f64> {
+    Some(detection.view.camera.project(place)?.distance(detection.at))
 }
 
 /// The place nearest to all rays; `None` if they are parallel.
-fn triangulated(sightings: &[&Sighting<'_>]) -> Option<DVec3> {
+fn triangulated(detections: &[&Detection<'_>]) -> Option<DVec3> {
     let (mut matrix, mut vector) = (DMat3::ZERO, DVec3::ZERO);
-    for Sighting { view, at } in sightings {
+    for Detection { view, at } in detections {
         let camera = &view.camera;
         let ray = DVec3::new((at.x - camera.cx) / camera.fx, (at.y - camera.cy) / camera.fy, 1.0).normalize();
         let ray = camera.rotation.transpose() * ray;

@@ -1,10 +1,10 @@
-//! What a network says of a pair of pictures: a map for each of its stages.
+//! The LPIPS distance of a pair of images: a map for each stage of the network.
 
 use burn::tensor::Tensor;
 use burn::tensor::module::interpolate;
 use burn::tensor::ops::{InterpolateMode, InterpolateOptions};
 
-/// How unlike two pictures are, stage by stage: maps `[1, 1, h, w]`, each at the size of its stage's features.
+/// The distance of two images by stage: maps `[1, 1, h, w]`, each with the size of its stage's features.
 #[derive(Clone, Debug)]
 pub struct Distance {
     pub(super) maps: Vec<Tensor<4>>,
@@ -16,13 +16,13 @@ impl Distance {
         self.maps.iter().map(|map| map.clone().mean())
     }
 
-    /// LPIPS, `[1]`: the sum of the stages' means. Gradients reach both pictures.
+    /// LPIPS, `[1]`: the sum of the stages' means. Gradients reach both images.
     pub fn value(&self) -> Tensor<1> {
-        // Proof: only `Lpips::distances` makes these, with a map of each stage, and every network has stages.
+        // Proof: only `Lpips::distances` creates distances, with a map per stage, and every network has stages.
         self.stages().reduce(|sum, stage| sum + stage).expect("a network has stages")
     }
 
-    /// The sum of the stages' maps at the size of the pictures, `[1, 1, H, W]`: bilinear, pixel centres kept in place
+    /// The sum of the stages' maps at the size of the images, `[1, 1, H, W]`: bilinear, with aligned pixel centres
     /// (`spatial=True` of the package lpips).
     pub fn spatial(&self, size: [usize; 2]) -> Tensor<4> {
         let options = InterpolateOptions::new(InterpolateMode::Bilinear).with_align_corners(false);
@@ -30,7 +30,7 @@ impl Distance {
             true => map.clone(),
             false => interpolate(map.clone(), options.clone().with_output_size(size)),
         };
-        // Proof: only `Lpips::distances` makes these, with a map of each stage, and every network has stages.
+        // Proof: only `Lpips::distances` creates distances, with a map per stage, and every network has stages.
         self.maps.iter().map(large).reduce(|sum, map| sum + map).expect("a network has stages")
     }
 }

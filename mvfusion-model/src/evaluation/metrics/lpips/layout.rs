@@ -1,34 +1,34 @@
-//! The networks of LPIPS: which layers they have, and what they are fed.
+//! The networks of LPIPS: their layers and input ranges.
 
 /// A network whose features are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Backbone {
-    /// AlexNet, the one that the authors of LPIPS recommend for judging.
+    /// AlexNet, which the authors of LPIPS recommend for evaluation.
     Alex,
     /// VGG-16.
     Vgg,
 }
 
-/// The numbers that a network is fed.
+/// The input range of a network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum InputRange {
-    /// `[-1, 1]`, for which the networks were made.
+    /// `[-1, 1]`, the intended range of the networks.
     Signed,
-    /// `[0, 1]`: what the code of 3DGS and its descendants feeds. Such metrics are comparable among themselves alone.
+    /// `[0, 1]`, as in the code of 3DGS and its successors. These metrics are comparable only with each other.
     Raw,
 }
 
-/// A kind of LPIPS metric.
+/// A variant of LPIPS.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct LpipsVariant {
     /// The network.
     pub backbone: Backbone,
-    /// What it is fed.
+    /// The input range.
     pub range: InputRange,
 }
 
 impl LpipsVariant {
-    /// All kinds.
+    /// All variants.
     pub const ALL: [Self; 4] = [Self::ALEX, Self::VGG, Self::ALEX_RAW, Self::VGG_RAW];
     /// AlexNet on `[-1, 1]`.
     pub const ALEX: Self = Self { backbone: Backbone::Alex, range: InputRange::Signed };
@@ -40,27 +40,27 @@ impl LpipsVariant {
     pub const VGG_RAW: Self = Self { backbone: Backbone::Vgg, range: InputRange::Raw };
 }
 
-/// A convolution with bias, ReLU behind it.
+/// A convolution with bias, followed by a ReLU.
 #[derive(Clone, Copy, Debug)]
 pub struct ConvolutionLayout {
-    /// Number of the layer in torchvision's `features`, by which files name it.
+    /// Index of the layer in torchvision's `features`, which is its name in files.
     pub number: usize,
-    /// Channels in and out.
+    /// Input and output channels.
     pub channels: [usize; 2],
-    /// Side of the kernel.
+    /// Side length of the kernel.
     pub kernel: usize,
-    /// Pixels from one window to the next.
+    /// Distance between windows in pixels.
     pub stride: usize,
-    /// Zeros on each side.
+    /// Zero padding on each side.
     pub padding: usize,
 }
 
-/// Convolutions whose last output is compared, and the pooling before the next ones.
+/// Convolutions whose last output is compared, and the pooling before the next stage.
 #[derive(Clone, Debug)]
 pub struct StageLayout {
     /// First to last.
     pub convolutions: Vec<ConvolutionLayout>,
-    /// Maximum over windows of this side, stride 2; none behind the last stage.
+    /// Side length of the max pooling, with stride 2; `None` after the last stage.
     pub pool: Option<usize>,
 }
 
@@ -85,7 +85,7 @@ impl Backbone {
     }
 }
 
-/// AlexNet as torchvision has it. The last three convolutions are compared one by one, without pooling between.
+/// AlexNet as in torchvision. The last three convolutions are separate stages without pooling.
 fn alex() -> Vec<StageLayout> {
     let stage = |number, channels, [kernel, stride, padding]: [usize; 3], pool| StageLayout {
         convolutions: vec![ConvolutionLayout { number, channels, kernel, stride, padding }],

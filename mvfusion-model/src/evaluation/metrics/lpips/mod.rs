@@ -1,7 +1,6 @@
-//! LPIPS v0.1 (Zhang et al. 2018): how unlike two pictures look, by the features of a network that recognises things.
+//! LPIPS v0.1 (Zhang et al. 2018): the perceptual distance of two images, by the features of a classification network.
 //!
-//! Lower is more alike; 0 for equal pictures. Weights are files that this program does not bring along, see
-//! [`Lpips::load`].
+//! Lower is more similar; equal images have 0. The weights are not part of this program, see [`Lpips::load`].
 
 mod distance;
 mod layout;

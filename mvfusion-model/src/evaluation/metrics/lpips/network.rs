@@ -14,15 +14,15 @@ use super::distance::Distance;
 use super::layout::InputRange;
 use crate::tensors;
 
-/// Mean and deviation by channel of the numbers in `[-1, 1]` for which the networks were trained.
+/// Mean and deviation per channel of the networks' training data, in `[-1, 1]`.
 const MEAN: [f64; 3] = [-0.030, -0.088, -0.188];
 const DEVIATION: [f64; 3] = [0.458, 0.448, 0.450];
 
-/// Keeps the length of a pixel's features from being zero.
+/// Added to the norm of a pixel's features, so that it is not zero.
 const SHORTEST: f64 = 1e-10;
 
-/// Bytes of features that a stage makes at a time, for all its pictures; what convolutions need beside them is a few
-/// times as much. VGG's first stage has 350 MB of them for one picture of 1352 x 1014.
+/// Bytes of features that a stage computes at once, for all its images. The convolutions need a few times as much. The
+/// first stage of VGG has 350 MB of features for one image of 1352 x 1014.
 const BAND_BYTES: usize = 64 << 20;
 
 /// A network with the weights of its stages.
@@ -32,35 +32,34 @@ pub struct Lpips {
     pub(super) stages: Vec<Stage>,
 }
 
-/// Convolutions, each with a ReLU behind it; the comparison of their last output; the pooling before the next stage.
+/// Convolutions, each followed by a ReLU; the comparison of their last output; the pooling before the next stage.
 #[derive(Module, Debug)]
 pub(super) struct Stage {
     /// First to last.
     pub(super) convolutions: Vec<Conv2d>,
     /// Weight of each channel's squared difference, `[1, C, 1, 1]`.
     pub(super) weight: Param<Tensor<4>>,
-    /// None behind the last stage.
+    /// `None` after the last stage.
     pub(super) pool: Option<MaxPool2d>,
 }
 
-/// What a stage leaves of the rows it was asked for.
+/// The output of a stage for some rows.
 struct Output {
     /// A map `[1, 1, h, W]` for each pair.
     maps: Vec<Tensor<4>>,
-    /// What the next stage starts from.
+    /// The input of the next stage.
     pooled: Tensor<4>,
 }
 
 impl Lpips {
-    /// Compares pairs of the pictures `[K, 3, H, W]` in `[0, 1]`, given by their numbers; each picture passes through
-    /// the network once. A stage's features are gone before the next stage begins, and those of large pictures are made
-    /// a band of rows at a time, so that memory stays at a few hundred megabytes.
+    /// Compares pairs of the images `[K, 3, H, W]` in `[0, 1]`, given by their indices. Each image passes through the
+    /// network once. A stage's features are dropped before the next stage, and features of large images are computed in
+    /// bands of rows. Memory therefore stays at a few hundred megabytes.
     ///
-    /// `None` for pictures that the network shrinks to nothing: a side of less than 31 pixels for AlexNet, 16 for
-    /// VGG-16.
+    /// `None` for images that are too small for the network: a side of less than 31 pixels for AlexNet, 16 for VGG-16.
     ///
     /// # Panics
-    /// If a pair names a picture that is not there.
+    /// If an index is out of range.
     pub fn distances(&self, pictures: Tensor<4>, range: InputRange, pairs: &[(usize, usize)]) -> Option<Vec<Distance>> {
         let [_, _, height, width] = pictures.dims();
         if !self.fits(height) || !self.fits(width) {
@@ -78,7 +77,7 @@ impl Lpips {
         Some(distances)
     }
 
-    /// Whether something is left of pictures of this side at the last stage.
+    /// Whether images with this side length have features at the last stage.
     fn fits(&self, side: usize) -> bool {
         let mut left = Some(side);
         for stage in &self.stages {
@@ -97,21 +96,21 @@ impl Lpips {
     }
 }
 
-/// Numbers of windows along a side; `None` if not one fits.
+/// Number of windows along a side; `None` if no window fits.
 fn windows(side: usize, kernel: usize, stride: usize) -> Option<usize> {
     side.checked_sub(kernel).map(|room| room / stride + 1)
 }
 
-/// Kernel, stride and padding of a convolution, which are the same along both sides.
+/// Kernel, stride and padding of a convolution, which are equal along both sides.
 fn along_rows(convolution: &Conv2d) -> [usize; 3] {
-    // Proof: `Lpips::build` makes every convolution, with explicit padding.
+    // Proof: `Lpips::build` creates every convolution with explicit padding.
     let burn::nn::PaddingConfig2d::Explicit(padding, ..) = convolution.padding else {
         unreachable!("paddings are explicit")
     };
     [convolution.kernel_size[0], convolution.stride[0], padding]
 }
 
-/// Pictures in `[0, 1]` as the network wants them.
+/// Images in `[0, 1]`, normalised for the network.
 fn normalised(pictures: Tensor<4>, range: InputRange) -> Tensor<4> {
     let fed = match range {
         InputRange::Signed => pictures * 2.0 - 1.0,
@@ -124,7 +123,7 @@ fn normalised(pictures: Tensor<4>, range: InputRange) -> Tensor<4> {
 }
 
 impl Stage {
-    /// Passes features `[K, C, H, W]` on, in bands of rows whose outputs take at most `budget` bytes each, if possible.
+    /// The output for features `[K, C, H, W]`, computed in bands of rows of at most `budget` bytes each, if possible.
     fn forward(&self, features: Tensor<4>, pairs: &[(usize, usize)], budget: usize) -> Output {
         let [count, _, height, width] = features.dims();
         let row_bytes = 4 * count * width * self.weight.dims()[1];
@@ -143,8 +142,8 @@ impl Stage {
         Output { maps: maps.into_iter().map(|maps| Tensor::cat(maps, 2)).collect(), pooled: Tensor::cat(pooled, 2) }
     }
 
-    /// The outputs of `rows`, computed from these and `reach` rows around them. At the picture's edge convolutions see
-    /// zeros, as they should; at a band's edge, rows within `reach` that saw zeros are dropped.
+    /// The outputs of `rows`, computed from these and `reach` rows around them. At the edge of the image, the zero
+    /// padding is correct. At the edge of a band, rows within `reach`, which the padding affects, are dropped.
     fn band(&self, features: &Tensor<4>, rows: Range<usize>, reach: usize, pairs: &[(usize, usize)]) -> Output {
         let height = features.dims()[2];
         let seen = rows.start.saturating_sub(reach)..(rows.end + reach).min(height);
@@ -159,8 +158,8 @@ impl Stage {
         Output { maps: self.compare(&output, pairs), pooled: self.pool(output) }
     }
 
-    /// The convolutions of features `[K, C, H, W]`. On a CPU each picture has a thread: Burn's convolutions rearrange
-    /// their input on one alone.
+    /// The convolutions of features `[K, C, H, W]`. On a CPU, images run in parallel, because Burn's convolutions
+    /// rearrange their input on a single thread.
     fn convolve(&self, features: Tensor<4>) -> Tensor<4> {
         let through = |features: Tensor<4>| {
             self.convolutions.iter().fold(features, |features, convolution| relu(convolution.forward(features)))
@@ -188,8 +187,8 @@ impl Stage {
         }
     }
 
-    /// Rows above and below that a row of the output depends on, if the stage can be computed in bands that begin at
-    /// even rows: its convolutions keep the size, and no window of its pooling lies in two bands.
+    /// Number of rows above and below on which an output row depends. `None` if the stage cannot be computed in bands
+    /// that start at even rows: its convolutions must keep the size, and no pooling window may span two bands.
     fn reach(&self) -> Option<usize> {
         let keeps = |convolution: &Conv2d| {
             let [kernel, stride, padding] = along_rows(convolution);
@@ -201,8 +200,7 @@ impl Stage {
     }
 }
 
-/// Rows `0..height` in pieces of about `rows`: an even number, so that pooling finds its pairs, and at least two in the
-/// last.
+/// Rows `0..height` in bands of about `rows`: an even number, for the pooling, and at least two in the last band.
 fn bands(height: usize, rows: usize) -> Vec<Range<usize>> {
     let rows = (rows / 2 * 2).max(2);
     let mut starts: Vec<usize> = (0..height).step_by(rows).collect();

@@ -1,4 +1,4 @@
-//! Networks from wherever their numbers come.
+//! Construction of networks from a source of weights.
 
 use burn::module::Param;
 use burn::nn::PaddingConfig2d;
@@ -11,28 +11,28 @@ use super::network::{Lpips, Stage};
 use crate::ModelError;
 use crate::random::Stream;
 
-/// Where the numbers of a network come from.
+/// A source of the weights of a network.
 pub(super) trait Source {
-    /// The tensor of a name and shape, in single precision.
+    /// The tensor with a name and shape, in single precision.
     ///
     /// # Errors
-    /// If there is none.
+    /// If the tensor does not exist.
     fn numbers(&mut self, name: &str, shape: &[usize]) -> Result<TensorData, ModelError>;
 
-    /// Where the network will live.
+    /// The device of the network.
     fn device(&self) -> &Device;
 }
 
 impl Lpips {
-    /// A network of these stages.
+    /// Builds a network with these stages.
     pub(super) fn build(layout: &[StageLayout], source: &mut impl Source) -> Result<Self, ModelError> {
         let stages = layout.iter().enumerate().map(|(number, layout)| stage(number, layout, source));
         Ok(Self { stages: stages.collect::<Result<_, _>>()? })
     }
 
-    /// A network with random weights, which says nothing of pictures but takes as long as one with true ones.
+    /// A network with random weights. Its distances are meaningless, but its run time is realistic.
     pub fn random(backbone: Backbone, stream: &mut Stream, device: &Device) -> Self {
-        // Proof: `build` fails only where its source does, and `Noise` always has numbers.
+        // Proof: `build` fails only if its source fails, and `Noise` never does.
         Self::build(&backbone.layout(), &mut Noise { stream, device }).unwrap_or_else(|error| panic!("{error}"))
     }
 }
@@ -61,7 +61,7 @@ fn convolution(layout: &ConvolutionLayout, source: &mut impl Source) -> Result<C
     })
 }
 
-/// A parameter that is not learned.
+/// A constant parameter.
 fn parameter<const D: usize>(
     source: &mut impl Source,
     name: &str,
@@ -72,7 +72,7 @@ fn parameter<const D: usize>(
     Ok(Param::from_tensor(tensor).set_require_grad(false))
 }
 
-/// Weights that keep the size of what passes through them (He et al. 2015), and channels that all count.
+/// Weights that preserve the variance of activations (He et al. 2015), and positive channel weights.
 pub(super) struct Noise<'a> {
     pub stream: &'a mut Stream,
     pub device: &'a Device,

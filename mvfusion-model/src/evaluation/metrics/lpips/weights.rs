@@ -1,4 +1,4 @@
-//! The weights of LPIPS in a file.
+//! LPIPS weights in files.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -12,8 +12,8 @@ use super::source::Source;
 use crate::ModelError;
 
 impl Backbone {
-    /// The file of a folder that holds the network's weights: `lpips_<name>_f32.safetensors`,
-    /// `lpips_<name>_f16.safetensors` or `lpips_<name>.safetensors`, the first that is there.
+    /// The file with the network's weights in a folder: `lpips_<name>_f32.safetensors`, `lpips_<name>_f16.safetensors`
+    /// or `lpips_<name>.safetensors`, whichever exists first.
     pub fn file_in(self, folder: &Path) -> Option<PathBuf> {
         let name = self.name();
         ["_f32", "_f16", ""]
@@ -24,20 +24,20 @@ impl Backbone {
 }
 
 impl Lpips {
-    /// A network with the weights of a file, onto `device`, in single precision.
+    /// Loads a network with the weights of a file to `device`, in single precision.
     ///
-    /// The file holds `features.<number>.weight` `[out, in, k, k]` and `features.<number>.bias` `[out]` under
+    /// The file contains `features.<number>.weight` `[out, in, k, k]` and `features.<number>.bias` `[out]` with
     /// torchvision's layer numbers, and `lin<stage>.weight` `[1, C, 1, 1]`, as floats of 16, 32 or 64 bits. Other
-    /// tensors are passed over.
+    /// tensors are ignored.
     ///
     /// # Errors
-    /// If the file cannot be read, or a tensor is missing, of another shape, or not finite.
+    /// If the file cannot be read, or a tensor is missing, has another shape, or is not finite.
     pub fn load(backbone: Backbone, path: &Path, device: &Device) -> Result<Self, ModelError> {
         Self::build(&backbone.layout(), &mut WeightsFile::open(path, device)?)
     }
 }
 
-/// A file of weights, widened to single precision.
+/// A weights file, converted to single precision.
 struct WeightsFile<'a> {
     path: &'a Path,
     device: &'a Device,
@@ -51,7 +51,7 @@ impl<'a> WeightsFile<'a> {
         let file = SafeTensors::deserialize(&bytes).map_err(|error| unreadable(error.to_string()))?;
         let mut tensors = BTreeMap::new();
         for (name, view) in file.tensors() {
-            // Tensors of other types are none of ours.
+            // Tensors of other types are ignored.
             if let Some(data) = single(&view) {
                 tensors.insert(name, data);
             }
@@ -83,7 +83,7 @@ impl Source for WeightsFile<'_> {
     }
 }
 
-/// The numbers of a tensor in single precision; `None` if it holds no floats.
+/// The values of a tensor in single precision; `None` if they are not floats.
 fn single(view: &TensorView<'_>) -> Option<TensorData> {
     let dtype = match view.dtype() {
         Dtype::F32 => DType::F32,
@@ -101,7 +101,7 @@ mod tests {
     use super::*;
     use crate::test_support::for_each_device;
 
-    /// Writes a file of the AlexNet layout in which all numbers are `value`, after `change` has had its way.
+    /// Writes a file with the AlexNet layout, modified by `change`, in which all values are `value`.
     fn write(path: &Path, value: f32, change: impl FnOnce(&mut BTreeMap<String, Vec<usize>>)) {
         let mut shapes = BTreeMap::new();
         for (number, stage) in Backbone::Alex.layout().iter().enumerate() {
@@ -129,7 +129,7 @@ mod tests {
         std::fs::write(path, safetensors::serialize(views, None).expect("serialised")).expect("written");
     }
 
-    /// What loading a file says.
+    /// The error message of loading a file.
     fn complaint(path: &Path) -> String {
         let said = std::cell::RefCell::new(None);
         for_each_device(|device| {

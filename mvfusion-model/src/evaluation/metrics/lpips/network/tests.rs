@@ -1,4 +1,4 @@
-//! Small random networks against loops over every number.
+//! Small random networks against loops over all values.
 
 use burn::tensor::Device;
 
@@ -8,16 +8,16 @@ use crate::evaluation::metrics::lpips::source::Noise;
 use crate::random::Stream;
 use crate::test_support::{for_each_device, picture, values};
 
-/// Of means: single precision through a few layers, on numbers of size one.
+/// Tolerance of means: single precision through a few layers, on values of size one.
 const MEANS: f64 = 2e-5;
 
-/// Of single pixels: where the features of a pixel are all small, rounding turns their direction.
+/// Tolerance of single pixels: if all features of a pixel are small, rounding changes their direction.
 const PIXELS: f64 = 1e-3;
 
 /// A convolution of the small network: channels in and out, kernel, stride, padding.
 type Layer = [usize; 5];
 
-/// Two stages of VGG's kind, which can be cut into bands, and two of AlexNet's. The pooling behind each: side of its
+/// Two stages like VGG's, which can be computed in bands, and two like AlexNet's; each with the side of its pooling
 /// window.
 const STAGES: [(&[Layer], Option<usize>); 4] = [
     (&[[3, 4, 3, 1, 1], [4, 5, 3, 1, 1]], Some(2)),
