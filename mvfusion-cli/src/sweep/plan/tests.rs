@@ -334,12 +334,16 @@ fn every_shipped_grid_can_be_planned() {
         let source = Grid::read(Path::new(shipped.name)).expect("read");
         let plan =
             Plan::new(&source, &Additions::default()).unwrap_or_else(|error| panic!("{}: {error}", shipped.name));
+        // `methods` is a table of this project; all others are tables of the paper.
+        assert_eq!(source.grid.paper.is_empty(), shipped.name == "methods", "{}", shipped.name);
+        if source.grid.paper.is_empty() {
+            continue;
+        }
         let is_small = shipped.name.ends_with("-small");
         for (cell, config) in plan.index.cells.iter().zip(&plan.configs) {
             assert_eq!(config.scene.data.is_none(), is_small, "{}", shipped.name);
             assert_eq!(cell.not_comparable.is_some(), is_small, "{}: {:?}", shipped.name, cell.not_comparable);
         }
-        assert!(!source.grid.paper.is_empty(), "{}", shipped.name);
     }
 }
 

@@ -163,7 +163,7 @@ mod tests {
         index.columns = (0..=WIDE).map(|column| psnr(&format!("group {column}"))).collect();
         index.paper.clear();
         let text = Table::of(&index, &outcomes).markdown();
-        assert!(text.contains("\n**group 1**\n\n| motion.window |        PSNR (dB) \u{2191} |\n"), "{text}");
+        assert!(text.contains("\n**group 1**\n\n| motion.window |      PSNR (dB) \u{2191} |\n"), "{text}");
         assert_eq!(text.matches("| motion.window |").count(), WIDE + 1);
         index.columns.pop();
         assert_eq!(Table::of(&index, &outcomes).markdown().matches("| motion.window |").count(), 1);
