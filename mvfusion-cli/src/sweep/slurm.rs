@@ -82,6 +82,8 @@ impl Slurm<'_> {
             // A task that SLURM preempts, or whose node fails, starts again.
             "--requeue".to_owned(),
             "--open-mode=append".to_owned(),
+            // At its time limit, a task has a minute to save a checkpoint.
+            "--signal=B:TERM@60".to_owned(),
         ];
         match device::wants_gpu(self.device)? {
             true => directives.extend(with_gpu(self.options)),
