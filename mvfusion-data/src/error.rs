@@ -1,14 +1,14 @@
-//! Errors of a dataset, worded so that its owner can fix it.
+//! Errors of a dataset, with remedies.
 
 use std::fmt;
 use std::path::PathBuf;
 
 use thiserror::Error;
 
-/// Why a scene could not be read or written. Each message names the file and says what to do.
+/// The reason why a scene cannot be read or written. Each message names the file and the remedy.
 #[derive(Debug, Error)]
 pub enum DataError {
-    /// A picture cannot be opened or decoded.
+    /// An image cannot be opened or decoded.
     #[error("cannot read the picture {path}: {reason}. Replace the file, or remove it if the frame is not needed.")]
     Image {
         /// The file.
@@ -36,12 +36,12 @@ pub enum DataError {
         /// What to do.
         advice: String,
     },
-    /// The content of a file other than a picture cannot be used.
+    /// The content of a file other than an image cannot be used.
     #[error("cannot use {path}: {reason}. {advice}")]
     Content {
         /// The file.
         path: PathBuf,
-        /// What is wrong in it, with the place.
+        /// The problem and its position in the file.
         reason: String,
         /// What to do.
         advice: &'static str,
@@ -58,14 +58,14 @@ pub enum DataError {
         /// What to do.
         advice: String,
     },
-    /// The value of an option makes no sense for this scene.
+    /// The value of an option is invalid for this scene.
     #[error("the option {option} = {value} cannot be used: {reason}.")]
     Setting {
         /// Name of the option.
         option: &'static str,
         /// Its value, as given.
         value: String,
-        /// The reason, and which values can be used.
+        /// The reason, and the valid values.
         reason: String,
     },
     /// No reader recognises the folder.
@@ -93,7 +93,7 @@ impl fmt::Display for Refusal {
     }
 }
 
-/// The refusals, one a line.
+/// The refusals, one per line.
 fn listed(refusals: &[Refusal]) -> String {
     refusals.iter().map(|r| format!("\n  {r}")).collect()
 }

@@ -1,12 +1,12 @@
 //! Cameras, scenes, dataset readers and the built-in scenes of MVFusion-GS.
 //!
-//! Everything downstream sees one type, [`Scene`]: training and held-out views, each with a camera, a time and a
-//! picture, and initial points. The readers alone convert conventions of files into ours. Cameras look along +z with x
-//! right and y down (OpenCV), pixel centres lie at +0.5, and times lie in `[0, 1]`.
+//! Everything downstream uses one type, [`Scene`]: training and held-out views, each with a camera, a time and an
+//! image, and initial points. Only the readers convert conventions of files into ours. Cameras look along +z with x
+//! right and y down (OpenCV). Pixel centres are at +0.5, and times are in `[0, 1]`.
 //!
-//! The crate knows neither tensors nor devices, and depends on no other crate of the project.
+//! The crate contains no tensors and no devices, and depends on no other crate of the project.
 //!
-//! # A first scene
+//! # First scene
 //! ```
 //! use mvfusion_data::builtin::builtin;
 //! use mvfusion_data::{BuiltinOptions, DataError};
@@ -29,12 +29,12 @@
 //! | module | is |
 //! |---|---|
 //! | [`open`] | reads a folder in any supported format |
-//! | `scene` | the types that everything downstream sees: scene, view, camera, lens, picture, mask, point clouds |
+//! | `scene` | the types that everything downstream sees: scene, view, camera, lens, image, mask, point clouds |
 //! | [`readers`] | a reader for each format of a folder |
 //! | [`write`](mod@write) | a writer for each layout |
 //! | [`builtin`] | the built-in scenes |
 //! | [`inspect`] | what is wrong with a scene |
-//! | [`motion`] | what moves in the pictures of still cameras |
+//! | [`motion`] | what moves in the images of still cameras |
 //! | [`camera_path`] | cameras for rendering |
 //! | `video` | decoding and encoding of videos |
 //! | `files` | opening files whose content is not trusted |

@@ -33,7 +33,7 @@ pub enum ModelError {
         reason: String,
     },
     /// The model cannot render a layer.
-    #[error("there is no layer `{layer}` to render: {reason}. Ask for other layers.")]
+    #[error("the layer `{layer}` cannot be rendered: {reason}. Select other layers.")]
     Layer {
         /// Name of the layer.
         layer: &'static str,
@@ -43,7 +43,7 @@ pub enum ModelError {
     /// A value is not finite.
     #[error(
         "{what} is not finite at step {step} of stage {stage}. Lower the learning rates, or run again with the last \
-         checkpoint and look at the pictures."
+         checkpoint and inspect the renders."
     )]
     NotFinite {
         /// The first tensor with such a value.
@@ -65,7 +65,8 @@ pub enum ModelError {
     },
     /// A checkpoint does not match the configuration.
     #[error(
-        "the checkpoint {path} does not fit: {reason}. It was written by another version, or for another configuration."
+        "the checkpoint {path} does not match: {reason}. It was written by another version or for another \
+         configuration."
     )]
     Checkpoint {
         /// The file.
@@ -75,8 +76,8 @@ pub enum ModelError {
     },
     /// LPIPS weights do not match the network.
     #[error(
-        "the LPIPS weights {path} do not fit: `{tensor}` should have the shape {expected:?} and is {found}. Use the \
-         files that docs/evaluation.md describes."
+        "the LPIPS weights {path} are invalid: `{tensor}` should have the shape {expected:?} and is {found}. Use the \
+         files described in docs/evaluation.md."
     )]
     Weights {
         /// The file.

@@ -26,16 +26,15 @@
 //! # Ok(())
 //! # }
 //! ```
-//! Larger programs are in the folder `examples`: the plain loop with an evaluation, a loss term of your own, a schedule of
-//! your own, a PLY file of another program, a scene from arrays.
+//! Larger programs are in the folder `examples`: the plain loop with an evaluation, a loss term of your own, a schedule
+//! of your own, a PLY file of another program, a scene from arrays.
 //!
 //! # Which module do I use?
 //! | you want to | look at |
 //! |---|---|
-//! | train | [`train::Trainer`]: [`step`](train::Trainer::step), or its public parts for a loss or schedule of your own |
+//! | train | [`train::Trainer`]: [`step`](train::Trainer::step), or its public parts for your own loss or schedule |
 //! | configure a run | [`Config`] and its tables in [`config`] |
-//! | use single modules | [`gaussians`](model::gaussians), [`network`](model::network), [`motion`](model::motion),
-//! [`composition`](model::composition) |
+//! | use single modules | [`model::gaussians`], [`model::network`], [`model::motion`], [`model::composition`] |
 //! | initialise Gaussians | [`initial`] |
 //! | compute metrics | [`evaluation::evaluate`] for views, [`evaluation::psnr`] and others for images |
 //! | load a trained model | [`train::TrainedModel::load`] |

@@ -10,8 +10,8 @@ use super::solid::{Pose, Shape, Solid};
 use super::stage::ROOM_HALF;
 use super::texture::{Rgb, Texture};
 
-/// Fraction of a circle that the tumbling block flies during the video. From frame to frame it moves by a fifth of its
-/// own size. That is fast for 24 frames, yet a few hundred training steps can learn it.
+/// Fraction of a circle that the tumbling block flies during the video. Per frame, it moves by a fifth of its size.
+/// This is fast for 24 frames, but a few hundred training steps can learn it.
 const LAPS: f64 = 0.4;
 /// Turns of the block about its own axis during the video.
 const TURNS: f64 = 0.6;
@@ -19,9 +19,9 @@ const TURNS: f64 = 0.6;
 const HOPS: f64 = 1.0;
 /// Largest angle of the lamp from the vertical, radians. It moves the lamp by two centimetres, less than a pixel.
 const LAMP_SWAY: f64 = 0.018;
-/// When the visitor of the video enters and leaves.
+/// Times at which the visitor of the video enters and leaves.
 const VISIT: (f64, f64) = (0.30, 0.72);
-/// Streams of random numbers. Each part of a scene has its own, so its draws do not depend on the others.
+/// Random streams. Each part of a scene has its own, so its draws do not depend on the others.
 const STREAM_LINGERERS: u64 = 1;
 const STREAM_PHOTOS: u64 = 16;
 
@@ -150,7 +150,7 @@ fn lingerers(share: f64, seed: u64) -> Vec<MovingObject> {
     objects
 }
 
-/// A block and a ball, which lie somewhere else in every photo.
+/// A block and a ball, at a different place in every photo.
 fn toys(rng: &mut ChaCha8Rng) -> [MovingObject; 2] {
     let first = rng.random_range(0..SPOTS.len());
     let second = (first + rng.random_range(1..SPOTS.len())) % SPOTS.len();

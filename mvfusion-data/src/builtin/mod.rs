@@ -1,7 +1,7 @@
 //! Built-in scenes: a furnished room, rendered by ray casting, with full ground truth.
 //!
-//! They need no files, and equal options give equal scenes. The ground truth holds the background without moving
-//! objects, masks of what moves, masks of the movers, depths and trajectories. [`BuiltinKind::Video`] is a small
+//! They need no files, and equal options give equal scenes. The ground truth consists of the background without moving
+//! objects, masks of moving pixels, masks of the movers, depths and trajectories. [`BuiltinKind::Video`] is a small
 //! multi-camera video, [`BuiltinKind::Casual`] a set of photos with passers-by.
 
 mod choreography;
@@ -30,7 +30,7 @@ use movers::Movers;
 use shot::{Backdrop, Shot};
 use solid::Solid;
 
-/// Makes a built-in scene. Options below their least value are raised to it.
+/// Creates a built-in scene. Options below their minimum are raised to it.
 pub fn builtin(options: &BuiltinOptions) -> Scene {
     let options = options.at_least();
     let still = stage::still_solids(options.pattern_seed());

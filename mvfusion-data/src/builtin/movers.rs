@@ -1,16 +1,17 @@
-//! Which moving objects go somewhere and which only sway in their places.
+//! The distinction of movers, which change their place, from objects that only sway.
 //!
-//! An object that sways by less than a pixel is as easy to render as a still one. A score over everything that moves
-//! therefore says little about what one looks at. The ground truth has a second mask of movers alone.
+//! An object that sways by less than a pixel is as easy to render as a still one. A metric over all moving objects
+//! therefore says little about visible motion. For this reason, the ground truth has a second mask with only the
+//! movers.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::choreography::MovingObject;
 use super::solid::Pose;
 
-/// Distance, in metres, that every point of an object stays within of its first place unless the object is a mover. It
-/// is three pixels of the default pictures at the middle of the stage. The lamp sways by 2.6 centimetres, the block
-/// flies for metres.
+/// Maximum distance in metres of an object's points from their first position, unless the object is a mover. It is
+/// three pixels of the default images at the middle of the stage. The lamp sways by 2.6 centimetres, the block flies
+/// for metres.
 const LEAST_TRAVEL: f64 = 0.1;
 
 /// The names of the movers of a sequence.
@@ -18,8 +19,8 @@ const LEAST_TRAVEL: f64 = 0.1;
 pub(super) struct Movers(BTreeSet<String>);
 
 impl Movers {
-    /// The movers among the objects at each moment of a sequence. An object is a mover if it leaves its first place by
-    /// more than 0.1 m. So is an object that is not always present, since it comes or goes.
+    /// The movers among the objects at each moment of a sequence. An object is a mover if it moves more than 0.1 m away
+    /// from its first position. An object that is not always present is also a mover.
     pub(super) fn of(moments: impl Iterator<Item = Vec<MovingObject>>) -> Self {
         let mut seen: BTreeMap<String, Track> = BTreeMap::new();
         let mut count = 0;
@@ -40,12 +41,12 @@ impl Movers {
     }
 }
 
-/// What a sequence shows of an object.
+/// The motion of an object in a sequence.
 struct Track {
     first: Pose,
     /// Number of moments at which it is present.
     moments: usize,
-    /// Upper bound of the distance that any point of it is from its first place, metres.
+    /// Upper bound of the distance of its points from their first position, in metres.
     travel: f64,
 }
 

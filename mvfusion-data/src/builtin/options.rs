@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Which built-in scene.
+/// The kind of built-in scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum BuiltinKind {
@@ -10,8 +10,8 @@ pub enum BuiltinKind {
     /// lamp barely sways, and a visitor comes and goes.
     #[default]
     Video,
-    /// Single photos from a walk. Each has people and things that are gone or elsewhere in the next one. Ten empty
-    /// photos from poses in between are held out.
+    /// Single photos from a walk. People and objects in them are gone or elsewhere in the next photo. Ten empty photos
+    /// from poses in between are held out.
     Casual,
 }
 
@@ -23,9 +23,9 @@ pub struct BuiltinOptions {
     pub kind: BuiltinKind,
     /// Seed of everything random: patterns, noise of the points, camera shake, passers-by. Default 0.
     pub seed: u64,
-    /// Width of the pictures in pixels, at least 16. Default 160.
+    /// Width of the images in pixels, at least 16. Default 160.
     pub width: usize,
-    /// Height of the pictures in pixels, at least 16. Default 120.
+    /// Height of the images in pixels, at least 16. Default 120.
     pub height: usize,
     /// Frames of each camera of the video, at least 1. Default 24.
     pub frames: usize,
@@ -47,7 +47,7 @@ impl BuiltinOptions {
         Self { kind, ..Self::default() }
     }
 
-    /// Raises numbers that are too small to the least that makes a scene.
+    /// Raises numbers that are too small to the minimum for a scene.
     pub(super) fn at_least(self) -> Self {
         Self {
             width: self.width.max(16),

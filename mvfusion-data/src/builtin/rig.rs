@@ -9,7 +9,7 @@ use rand_chacha::ChaCha8Rng;
 use super::choreography::stream;
 use crate::scene::Camera;
 
-/// Focal length for a picture one pixel wide: 63 degrees from edge to edge.
+/// Focal length for an image one pixel wide: 63 degrees from edge to edge.
 const FOCAL: f64 = 0.82;
 /// Point that the cameras look at, metres.
 const TARGET: DVec3 = DVec3::new(0.0, 0.2, 1.05);

@@ -1,5 +1,4 @@
-//! Pictures of solids by ray casting. Each pixel has 4 x 4 rays for its colour and one through its centre for its
-//! depth.
+//! Images of solids by ray casting. Each pixel has 4 x 4 rays for its colour and one through its centre for its depth.
 
 use std::ops::Range;
 
@@ -35,13 +34,13 @@ pub(super) struct Seen {
     pub(super) is_mover: bool,
 }
 
-/// What a camera sees of the still solids. All rays are kept so that moving objects can be drawn in front.
+/// A camera's view of the still solids. All rays are kept so that moving objects can be drawn in front.
 pub(super) struct Backdrop {
     camera: Camera,
     seen: Vec<[Seen; RAYS]>,
 }
 
-/// A finished picture with its ground truth.
+/// A finished image with its ground truth.
 pub(super) struct Shot {
     pub(super) image: RgbImage,
     /// 255 where moving objects cover more than half of the pixel.
@@ -84,12 +83,12 @@ impl Backdrop {
         Self { camera, seen }
     }
 
-    /// The picture without moving objects.
+    /// The image without moving objects.
     pub(super) fn image(&self) -> RgbImage {
         RgbImage::from_fn(self.camera.width as u32, self.camera.height as u32, |x, y| self.rgb(x as usize, y as usize))
     }
 
-    /// The picture with `moving` in front of the still solids.
+    /// The image with `moving` in front of the still solids.
     pub(super) fn shot(&self, moving: &[Solid]) -> Shot {
         let (width, height) = (self.camera.width as u32, self.camera.height as u32);
         let mut image = self.image();
@@ -124,7 +123,7 @@ impl Backdrop {
     }
 }
 
-/// Where ray `index` passes through a pixel, relative to the pixel's corner.
+/// The position of ray `index` in a pixel, relative to the pixel's corner.
 fn offset(index: usize) -> DVec2 {
     if index == COLOUR_RAYS {
         return DVec2::splat(0.5);
@@ -132,7 +131,7 @@ fn offset(index: usize) -> DVec2 {
     (DVec2::new((index % GRID) as f64, (index / GRID) as f64) + 0.5) / GRID as f64
 }
 
-/// White if this many rays are more than half of a pixel's.
+/// White if this many rays are more than half of the pixel's rays.
 fn white_for_most(rays: usize) -> Luma<u8> {
     Luma([if 2 * rays > COLOUR_RAYS { 255 } else { 0 }])
 }

@@ -20,7 +20,7 @@ pub(super) enum Shape {
         radius: f64,
         half_height: f64,
     },
-    /// A cylinder with a half sphere at each end. The half spheres lie beyond `half_height`.
+    /// A cylinder with a half sphere at each end. The half spheres are beyond `half_height`.
     Capsule {
         radius: f64,
         half_height: f64,
@@ -82,7 +82,7 @@ impl Pose {
         self.rotation * local + self.position
     }
 
-    /// Upper bound of the distance between a point's places at this pose and at `other`. The point lies within `reach`
+    /// Upper bound of the distance between a point's positions at this pose and at `other`. The point is within `reach`
     /// of the object's origin.
     pub(super) fn travel(&self, other: &Pose, reach: f64) -> f64 {
         let half_angle = 0.5 * self.rotation.angle_between(other.rotation);
@@ -221,7 +221,7 @@ fn cap(origin: DVec3, direction: DVec3, radius: f64, z: f64) -> Option<Hit> {
 mod tests {
     use super::*;
 
-    /// Room for rounding in the roots of a quadratic of numbers near one.
+    /// Rounding tolerance for the roots of a quadratic of numbers near one.
     const ROUNDING: f64 = 1e-9;
 
     fn solids() -> Vec<Solid> {

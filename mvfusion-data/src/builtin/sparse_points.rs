@@ -52,7 +52,7 @@ fn sees(camera: &Camera, point: DVec3, solids: &[Solid]) -> bool {
     !solids.iter().any(|s| s.hit(&ray).is_some_and(|hit| hit.distance < 1.0 - HIDDEN))
 }
 
-/// Nearly normal noise. The sum of three uniform numbers in (-1, 1) has a bell's shape and variance one.
+/// Nearly normal noise. The sum of three uniform numbers in (-1, 1) is bell-shaped and has variance one.
 fn misplacement(rng: &mut ChaCha8Rng) -> DVec3 {
     let mut bell = || (0..3).map(|_| rng.random_range(-1.0..1.0)).sum::<f64>();
     let direction = DVec3::new(bell(), bell(), bell());

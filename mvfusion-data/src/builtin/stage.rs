@@ -1,4 +1,4 @@
-//! The still part of the built-in scenes: a furnished room with z up, five metres of it in view.
+//! The still part of the built-in scenes: a furnished room with z up, of which five metres are in view.
 
 use glam::{DVec2, DVec3};
 
@@ -9,7 +9,7 @@ use super::texture::Texture;
 pub(super) const ROOM_HALF: DVec3 = DVec3::new(4.0, 5.0, 1.7);
 /// Middle of the room: the floor is at z = 0, the back wall at y = 3.
 pub(super) const ROOM_MIDDLE: DVec3 = DVec3::new(0.0, -2.0, 1.7);
-/// Length that stands for the scene's size, metres: the distance from the cameras to the back wall.
+/// The scene's size in metres: the distance from the cameras to the back wall.
 pub(super) const SCENE_SIZE: f64 = 7.0;
 
 /// All solids that never move.

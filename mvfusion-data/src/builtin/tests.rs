@@ -6,13 +6,13 @@ use glam::{DVec2, DVec3};
 
 use super::*;
 
-/// A picture of one colour must score below this, in decibels, so that a score above means something.
+/// A one-colour image must have a lower PSNR than this, so that a higher PSNR is meaningful.
 const FLAT_PSNR: f64 = 16.0;
 /// Fraction of the pixels that moving objects cover.
 const COVERAGE: std::ops::RangeInclusive<f64> = 0.04..=0.15;
-/// Depths are stored in single precision and lie below ten metres.
+/// Depths are stored in single precision and are below ten metres.
 const DEPTH_ROUNDING: f64 = 1e-5;
-/// Pixels at the mask's edge that may be covered by less than half: one, and one more for corners.
+/// Width in pixels of the mask's edge where coverage may be less than half: one, and one more for corners.
 const EDGE: i64 = 2;
 
 const KINDS: [BuiltinKind; 2] = [BuiltinKind::Video, BuiltinKind::Casual];
@@ -43,7 +43,7 @@ fn movers_mask(view: &View) -> GrayImage {
     view.truth.movers_mask.as_ref().expect("known").mask().expect("in memory")
 }
 
-/// PSNR of a picture of the mean colour, in decibels.
+/// PSNR of an image of the mean colour, in decibels.
 fn flat_psnr(image: &RgbImage) -> f64 {
     let count = f64::from(image.width() * image.height());
     let variance = |channel: usize| {
@@ -119,7 +119,7 @@ fn outside_the_mask_the_picture_is_its_background() {
             let covered = |x: i64, y: i64| mask.get_pixel_checked(x as u32, y as u32).is_some_and(|p| p.0[0] == 255);
             let beside = |x: u32, y: u32| {
                 let (x, y) = (i64::from(x), i64::from(y));
-                // The lamp's cord is thinner than a pixel: where it covers less than half, no mask is near.
+                // The lamp's cord is thinner than a pixel. Where it covers less than half, no mask is nearby.
                 let cord = kind == BuiltinKind::Video && x > 70 && y < 40;
                 cord || (-EDGE..=EDGE).any(|dx| (-EDGE..=EDGE).any(|dy| covered(x + dx, y + dy)))
             };
@@ -249,7 +249,7 @@ fn points_lie_on_still_surfaces_near_where_two_cameras_see_them() {
         let scene = scene(kind);
         assert_eq!((scene.points.len(), scene.points.colours.len()), (sparse_points::WANTED, sparse_points::WANTED));
         assert!(scene.points.colours.iter().all(|c| c.cmpge(glam::Vec3::ZERO).all() && c.cmple(glam::Vec3::ONE).all()));
-        // Without noise a point would lie on a surface: its depth in some view is that of the background there.
+        // Without noise, a point would be on a surface: its depth in some view is that of the background.
         let still = stage::still_solids(BuiltinOptions::of_kind(kind).pattern_seed());
         for position in scene.points.positions.iter().step_by(40).map(|p| p.as_dvec3()) {
             let agrees = |view: &&View| {

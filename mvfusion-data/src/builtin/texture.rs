@@ -142,7 +142,7 @@ fn step(x: f64, edge: f64) -> f32 {
     smooth(((x - edge) / FINEST) as f32 + 0.5)
 }
 
-/// 1 at `middle`, falling to 0 at `width` from there.
+/// 1 at `middle`, decreasing to 0 at a distance of `width`.
 fn bump(x: f64, middle: f64, width: f64) -> f32 {
     smooth((1.5 - 1.5 * (x - middle).abs() / width.max(FINEST)) as f32)
 }
@@ -217,7 +217,7 @@ mod tests {
         let mut last = noise(DVec3::new(-2.0, 0.3, 0.7), 5);
         for i in 1..4000 {
             let value = noise(DVec3::new(-2.0 + 0.001 * f64::from(i), 0.3, 0.7), 5);
-            // The steepest slope of the interpolation is 1.5 a cell.
+            // The steepest slope of the interpolation is 1.5 per cell.
             assert!((0.0..=1.0).contains(&value) && (value - last).abs() < 0.002, "{value} after {last}");
             last = value;
         }

@@ -24,11 +24,11 @@ use crate::scene::Camera;
 
 const ADVICE: &str = "Camera paths are what nerfstudio's viewer exports, or lists like the cameras.json of 3DGS: \
                       export it again, or mend the entry by hand.";
-/// Largest number of cameras in a path: an hour at 30 frames a second.
+/// Largest number of cameras in a path: an hour at 30 FPS.
 pub const MOST_ENTRIES: usize = 108_000;
-/// Longest side of a picture, pixels.
+/// Longest side of an image, pixels.
 pub const LONGEST_SIDE: usize = 16_384;
-/// Allowed frame rates, in frames a second.
+/// Allowed frame rates in FPS.
 pub const FRAME_RATES: RangeInclusive<f64> = 0.1..=240.0;
 
 /// A camera path from a file.
@@ -36,7 +36,7 @@ pub const FRAME_RATES: RangeInclusive<f64> = 0.1..=240.0;
 pub struct CameraPath {
     /// The cameras, in order. Never empty.
     pub entries: Vec<PathEntry>,
-    /// Frames a second, if the file says so.
+    /// Frames per second, if the file contains them.
     pub fps: Option<f64>,
 }
 
@@ -45,7 +45,7 @@ pub struct CameraPath {
 pub struct PathEntry {
     /// The camera.
     pub camera: Camera,
-    /// Its moment in `[0, 1]`, if the file says so.
+    /// Its moment in `[0, 1]`, if the file contains it.
     pub time: Option<f64>,
 }
 
@@ -200,7 +200,7 @@ mod tests {
         assert_eq!((path.fps, path.entries.len()), (Some(24.0), 2));
         let camera = path.entries[0].camera;
         assert_eq!((camera.width, camera.height), (200, 100));
-        // Half the height is as far away as the picture, for 90 degrees.
+        // For 90 degrees, half the height equals the focal length.
         assert!((camera.fx - 50.0).abs() < 1e-12 && (camera.fy - 50.0).abs() < 1e-12);
         assert!(camera.centre().distance(DVec3::new(1.0, 2.0, 3.0)) < 1e-12);
         assert!(

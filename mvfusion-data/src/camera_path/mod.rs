@@ -22,7 +22,7 @@ pub fn running_times(scene: &Scene, count: usize) -> Vec<f64> {
 
 /// The view whose camera a user means. `wanted` is the name of a view (`cam00/0003`), the name of a camera (`cam00`,
 /// meaning its first view), or an index into the held-out views. If no view is held out, the index counts training
-/// views. Names of held-out views win over those of training views.
+/// views. Names of held-out views take precedence over those of training views.
 pub fn find_view<'a>(scene: &'a Scene, wanted: &str) -> Option<&'a View> {
     let all = || scene.test.iter().chain(&scene.train);
     let named = |view: &&View| view.name == wanted;

@@ -8,14 +8,14 @@ use super::placed::{axes, placed};
 use super::vantage::Vantage;
 use crate::scene::{Camera, Scene};
 
-/// Least angle to either side, radians. It applies to captures by one camera that stands still.
+/// Minimum angle to either side, in radians. It applies to captures by one fixed camera.
 const LEAST_SWING: f64 = 0.05;
 
 /// `count` cameras on a closed orbit around the point that the training cameras look at. The orbit has their median
 /// distance and height. The camera after the last would be the first.
 ///
 /// If the training cameras cover more than half of the circle, the orbit is the whole circle. Otherwise it swings
-/// between the outermost of them, because no photo shows the rest.
+/// between the outermost cameras, because no photo shows the rest.
 pub fn orbit(scene: &Scene, count: usize) -> Vec<Camera> {
     let circle = Circle::of(scene);
     let camera = |i: usize| {
@@ -28,7 +28,7 @@ pub fn orbit(scene: &Scene, count: usize) -> Vec<Camera> {
     (0..count).map(camera).collect()
 }
 
-/// The circle around which the cameras stand.
+/// The circle of the cameras.
 struct Circle {
     middle: Camera,
     target: DVec3,
@@ -82,7 +82,7 @@ enum Arc {
 }
 
 impl Arc {
-    /// The part that contains the given angles, which lie in `[-PI, PI]`.
+    /// The part that contains the given angles, which are in `[-PI, PI]`.
     fn of(mut angles: Vec<f64>) -> Self {
         angles.sort_by(f64::total_cmp);
         // The largest gap between neighbours. The first follows the last.
@@ -152,7 +152,7 @@ mod tests {
     #[test]
     fn the_arc_has_all_angles_on_it_and_most_of_a_circle_is_all_of_it() {
         assert_eq!(Arc::of((0..8).map(|i| f64::from(i) * TAU / 8.0 - PI).collect()), Arc::Whole);
-        // Across the place where angles jump from PI to -PI.
+        // Across the jump of angles from PI to -PI.
         let Arc::Swing { middle, half } = Arc::of(vec![3.0, -3.0, 2.8]) else { panic!("a swing") };
         assert!((middle - (2.8 + half)).abs() < 1e-12 && (2.0 * half - (TAU - 5.8)).abs() < 1e-12);
         assert_eq!(Arc::of(vec![0.3]), Arc::Swing { middle: 0.3, half: LEAST_SWING });

@@ -1,4 +1,4 @@
-//! A spiral around the cameras of a forward-facing capture, as LLFF introduced it.
+//! A spiral around the cameras of a forward-facing capture, as introduced by LLFF.
 
 use std::f64::consts::TAU;
 
@@ -12,15 +12,15 @@ use crate::scene::{Camera, Scene};
 const TURNS: f64 = 2.0;
 /// Fraction of the training cameras within the spiral, on each axis.
 const WITHIN: f64 = 0.9;
-/// Largest radius, as a fraction of the depth of the scene. A larger one shows what no photo has seen.
+/// Largest radius, as a fraction of the depth of the scene. A larger radius shows regions that no photo covers.
 const LARGEST: f64 = 0.25;
-/// Smallest radius across the viewing direction. It applies to captures by one camera that stands still.
+/// Smallest radius across the viewing direction. It applies to captures by one fixed camera.
 const SMALLEST: f64 = 0.02;
 
 /// `count` cameras on a closed spiral around the middle of the training cameras. All look at one point: straight ahead
-/// of the middle camera, at the depth of what it sees. The camera after the last would be the first.
+/// of the middle camera, at the depth of its view. The camera after the last would be the first.
 ///
-/// On each of its axes, the spiral is as wide as the training cameras are spread, within bounds.
+/// On each axis, the width of the spiral is the spread of the training cameras, within bounds.
 pub fn spiral(scene: &Scene, count: usize) -> Vec<Camera> {
     let vantage = Vantage::of(scene);
     let middle = vantage.middle;

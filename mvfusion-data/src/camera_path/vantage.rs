@@ -1,4 +1,4 @@
-//! The vantage point of a scene: where its training cameras stand and what they look at.
+//! The vantage point of a scene: the position of its training cameras and their target.
 
 use glam::DVec3;
 
@@ -11,21 +11,21 @@ const ALIKE: f64 = 0.8;
 /// Determinant of the normal equations above which the optical axes meet. It is 0 for parallel axes. This value is
 /// reached by axes that deviate by about 2 degrees.
 const MEETING: f64 = 1e-3;
-/// Points that a picture must contain for their median depth to be reliable.
+/// Points that an image must contain for their median depth to be reliable.
 const FEWEST_POINTS: usize = 10;
 /// The meeting point may be this many times nearer or farther than the visible points.
 const FARTHEST: f64 = 4.0;
 
-/// Where the training cameras stand and what they look at.
+/// The position of the training cameras and their target.
 #[derive(Clone, Debug)]
 pub(super) struct Vantage {
     /// A camera in the middle. If the cameras look the same way, it has their mean position and direction. Otherwise
-    /// the mean would lie inside of what they surround, so it is the camera of median height.
+    /// the mean would be inside the objects that they surround, so it is the camera of median height.
     pub(super) middle: Camera,
-    /// The point that the cameras look at: the point nearest to all optical axes. If the axes do not meet near the
-    /// visible points, it lies straight ahead of the middle camera instead.
+    /// The target of the cameras: the point nearest to all optical axes. If the axes do not meet near the visible
+    /// points, it is straight ahead of the middle camera instead.
     pub(super) target: DVec3,
-    /// Depth of what the middle camera sees.
+    /// Depth of the middle camera's view.
     pub(super) depth: f64,
     /// The upward direction of most cameras, a unit vector.
     pub(super) up: DVec3,
@@ -65,7 +65,7 @@ fn middle(cameras: &[&Camera], mean: DVec3, up: DVec3) -> Camera {
     }
 }
 
-/// The median depth of the points within a camera's picture, if there are enough of them.
+/// The median depth of the points within a camera's image, if there are enough of them.
 fn median_depth(camera: &Camera, points: &PointCloud) -> Option<f64> {
     let inside = |point: DVec3| {
         let pixel = camera.project(point)?;
@@ -103,7 +103,7 @@ mod tests {
         assert!(
             found.centre().distance(DVec3::new(0.0, 0.5, 0.0)) < 1e-12 && found.forward().distance(DVec3::X) < 1e-12
         );
-        // Round about at several heights, one of them almost straight above.
+        // All around at several heights, one of them almost straight above.
         let places = [[3.0, 0.0, 0.5], [0.0, 3.0, 1.0], [-3.0, 0.0, 1.5], [0.0, -3.0, 0.0], [0.1, 0.0, 3.0]];
         let ring = places.map(|place| looking(DVec3::from_array(place), DVec3::ZERO));
         assert_eq!(middle(&ring.each_ref(), DVec3::Z, DVec3::Z), ring[1]);

@@ -1,7 +1,7 @@
-//! Files, whatever the format of the scene that they belong to.
+//! File access for all scene formats.
 //!
-//! Their content is not trusted: no path leads out of the scene's folder, and no header decides how much memory is
-//! taken.
+//! The content of files is not trusted: no path leads out of the scene's folder, and no header determines how much
+//! memory is allocated.
 
 mod npy;
 mod open;

@@ -1,5 +1,5 @@
 //! Tables of numbers in NumPy files, `.npy` and `.npz`. Headers are not trusted: memory is allocated only for data that
-//! the file can hold.
+//! fits into the file.
 
 use std::io::{BufReader, Read};
 use std::ops::RangeInclusive;
@@ -14,15 +14,15 @@ use super::open::open_file;
 /// The magic bytes of every `.npy` file.
 const MAGIC: &[u8; 6] = b"\x93NUMPY";
 
-/// Longest accepted header. A table's header has 118 bytes. A long one could be nested deeper than the stack of the
-/// recursive parser allows.
+/// Longest accepted header. A table's header has 118 bytes. A longer one could be nested too deeply for the stack of
+/// the recursive parser.
 const LONGEST_HEADER: usize = 512;
 
-/// Most bytes of numbers in memory for each byte of a packed file, which could unpack to a thousand times its size.
-/// Arrays of points pack to a half or a third of their size.
+/// Maximum bytes in memory per byte of a packed file, which could unpack to a thousand times its size. Arrays of points
+/// pack to a half or a third of their size.
 const MOST_TIMES: u64 = 6;
 
-/// Packed files below this size may unpack as if they had it. A few hundred equal points pack well.
+/// Packed files below this size may unpack as if they had this size. A few hundred equal points pack well.
 const LEAST_PACKED: u64 = 1 << 16;
 
 /// Numbers in rows of equal length.
@@ -34,7 +34,7 @@ pub(crate) struct Table {
 }
 
 impl Table {
-    /// The rows. Their length is one of those that were asked for.
+    /// The rows. Their length is one of the requested ones.
     pub(crate) fn rows(&self) -> impl Iterator<Item = &[f64]> {
         self.values.chunks_exact(self.columns)
     }
@@ -43,7 +43,7 @@ impl Table {
 /// The table in an `.npy` file, of single or double precision.
 ///
 /// # Errors
-/// If the file cannot be read, or holds no table with a number of columns in `columns`.
+/// If the file cannot be read, or contains no table with a number of columns in `columns`.
 pub(crate) fn read_npy(path: &Path, columns: RangeInclusive<usize>) -> Result<Table, String> {
     let file = open_file(path)?;
     let room = file.metadata().map_err(|e| e.to_string())?.len();
@@ -54,7 +54,7 @@ pub(crate) fn read_npy(path: &Path, columns: RangeInclusive<usize>) -> Result<Ta
 /// The table `name` in an `.npz` file.
 ///
 /// # Errors
-/// As [`read_npy`], and if there is no array of this name.
+/// Same as [`read_npy`], and if there is no array with this name.
 pub(crate) fn read_npz(path: &Path, name: &str, columns: RangeInclusive<usize>) -> Result<Table, String> {
     let file = open_file(path)?;
     let packed = file.metadata().map_err(|e| e.to_string())?.len();
@@ -68,7 +68,7 @@ pub(crate) fn read_npz(path: &Path, name: &str, columns: RangeInclusive<usize>) 
     read_table(entry, columns, room).map_err(|reason| format!("its array `{name}` is of no use: {reason}"))
 }
 
-/// The table in `reader`, which may take `room` bytes of memory.
+/// The table in `reader`, which may use `room` bytes of memory.
 fn read_table(mut reader: impl Read, columns: RangeInclusive<usize>, room: u64) -> Result<Table, String> {
     let header = read_header(&mut reader)?;
     let (order, kind) = (header.order(), header.dtype());

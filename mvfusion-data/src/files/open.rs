@@ -11,11 +11,10 @@ use crate::error::DataError;
 /// Advice for an unusable file of a dataset.
 pub(crate) const COPY_OR_MEND: &str = "Copy the file again from the dataset, or mend the entry by hand";
 
-/// Opens a regular file for reading. A link may lead to a pipe or a device, which would never end, so these are
-/// refused.
+/// Opens a regular file for reading. Links to pipes or devices are rejected, because reading them might never end.
 ///
 /// # Errors
-/// The operating system's message, or that it is no file.
+/// The operating system's message, or that it is not a file.
 pub(crate) fn open_file(path: &Path) -> Result<File, String> {
     match fs::metadata(path) {
         Ok(metadata) if !metadata.is_file() => Err("it is no file".into()),
@@ -26,7 +25,7 @@ pub(crate) fn open_file(path: &Path) -> Result<File, String> {
 /// The text of a file, without a byte order mark.
 ///
 /// # Errors
-/// As [`open_file`], and if the text is not UTF-8.
+/// Same as [`open_file`], and if the text is not UTF-8.
 pub(crate) fn read_text(path: &Path) -> Result<String, String> {
     let text = read_to_string(open_file(path)?).map_err(|e| e.to_string())?;
     Ok(text.strip_prefix('\u{feff}').map(str::to_owned).unwrap_or(text))
@@ -35,7 +34,7 @@ pub(crate) fn read_text(path: &Path) -> Result<String, String> {
 /// The content of a JSON file.
 ///
 /// # Errors
-/// [`DataError::Content`] with the place in the file.
+/// [`DataError::Content`] with the position in the file.
 pub(crate) fn read_json<T: DeserializeOwned>(path: &Path, advice: &'static str) -> Result<T, DataError> {
     let content = read_text(path).and_then(|text| parse_json(&text));
     content.map_err(|reason| DataError::Content { path: path.to_owned(), reason, advice })
@@ -44,7 +43,7 @@ pub(crate) fn read_json<T: DeserializeOwned>(path: &Path, advice: &'static str) 
 /// The content of a JSON text.
 ///
 /// # Errors
-/// What is wrong, and the place in the text.
+/// The problem, and its position in the text.
 pub(crate) fn parse_json<T: DeserializeOwned>(text: &str) -> Result<T, String> {
     serde_json::from_str(text).map_err(|e| e.to_string())
 }

@@ -1,9 +1,9 @@
-//! Paths: of files that a scene's files name, and of the scene itself.
+//! Paths of the files that a scene refers to, and the name of the scene.
 
 use std::path::{Component, Path, PathBuf};
 
-/// The path of `name` below `folder`. The name was found in a file. Scenes are passed on, and none may reach beyond its
-/// folder.
+/// The path of `name` below `folder`. The name is from a file. Scenes are shared between users, so no name may lead out
+/// of the folder.
 ///
 /// # Errors
 /// If the name is empty, absolute, or leads upwards.
@@ -17,7 +17,7 @@ pub(crate) fn below(folder: &Path, name: &str) -> Result<PathBuf, String> {
     }
 }
 
-/// The scene's name for people: the folder's.
+/// The scene's name for people, which is the name of the folder.
 pub(crate) fn scene_name(folder: &Path) -> String {
     let folder = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
     folder.file_name().map_or_else(|| "scene".into(), |name| name.to_string_lossy().into_owned())

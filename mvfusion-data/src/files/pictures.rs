@@ -1,14 +1,14 @@
-//! Pictures in a folder, recognised by their extensions.
+//! Images in a folder, recognised by their extensions.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::error::DataError;
 
-/// Extensions of pictures, in lower case and in search order. Some cameras write capitals.
+/// Extensions of images, in lower case and in search order. Some cameras write capitals.
 const PICTURE_EXTENSIONS: [&str; 4] = ["png", "jpg", "jpeg", "exr"];
 
-/// The pictures in a folder, sorted by name.
+/// The images in a folder, sorted by name.
 ///
 /// # Errors
 /// [`DataError::Folder`] if it cannot be listed.
@@ -18,7 +18,7 @@ pub(crate) fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, DataError> {
     Ok(paths)
 }
 
-/// The picture with this name in a folder or below it, whatever its extension.
+/// The image with this name in a folder or below it, whatever its extension.
 pub(crate) fn picture_named(folder: &Path, stem: &str) -> Option<PathBuf> {
     let spellings = PICTURE_EXTENSIONS.iter().flat_map(|extension| [(*extension).to_owned(), extension.to_uppercase()]);
     spellings.map(|extension| folder.join(format!("{stem}.{extension}"))).find(|path| path.is_file())
@@ -26,7 +26,7 @@ pub(crate) fn picture_named(folder: &Path, stem: &str) -> Option<PathBuf> {
 
 fn is_picture(path: &Path) -> bool {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
-    // macOS leaves a file `._0000.png` beside each `0000.png` on foreign disks. It is no picture.
+    // macOS creates a file `._0000.png` next to each `0000.png` on foreign disks. It is not an image.
     let is_hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
     PICTURE_EXTENSIONS.contains(&extension.as_str()) && !is_hidden
 }

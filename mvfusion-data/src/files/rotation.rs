@@ -1,14 +1,14 @@
-//! Rotations in files, which have few digits.
+//! Rotations from files with few digits.
 
 use glam::{DMat3, DQuat};
 
 /// Largest deviation of a pose's axes from orthonormality. Files with few digits err by 1e-4.
 const TOLERANCE: f64 = 1e-2;
 
-/// The rotation closest to a matrix of rounded numbers; `None` if the matrix is no rotation.
+/// The rotation closest to a matrix of rounded numbers; `None` if the matrix is not a rotation.
 pub(crate) fn rotation_of(axes: DMat3) -> Option<DMat3> {
     let off = axes * axes.transpose() - DMat3::IDENTITY;
-    // Written so that NaN is no rotation.
+    // Written so that NaN is rejected.
     let orthonormal = off.to_cols_array().iter().all(|v| v.abs() <= TOLERANCE);
     (orthonormal && axes.determinant() > 0.0).then(|| DMat3::from_quat(DQuat::from_mat3(&axes).normalize()))
 }

@@ -6,17 +6,17 @@ use super::problem::{Problem, Severity, Subject, count, few, median};
 use super::rig::all_views;
 use crate::scene::{Camera, Scene, View, by_camera, nearest_to_axes};
 
-/// Bounds of plausible fields of view, degrees. A focal length for another picture size exceeds them.
+/// Bounds of plausible fields of view, degrees. A focal length for another image size exceeds them.
 const NARROW: f64 = 5.0;
 const WIDE: f64 = 150.0;
 /// Distance of the cameras from the origin, in extents, above which single precision is coarser than a thousandth of an
 /// extent.
 const REMOTE: f64 = 1e4;
-/// Extent below which cameras nearly stand in one spot, in distances of the points.
+/// Extent below which cameras are nearly in one spot, in distances of the points.
 const ONE_SPOT: f64 = 1e-3;
 /// Extent below which single precision cannot tell cameras apart, in distances of the points or the origin.
 const ROUNDING: f64 = 1e-7;
-/// Length of the mean viewing direction below which cameras surround a scene or stand in its middle.
+/// Length of the mean viewing direction below which cameras surround a scene or are in its middle.
 const PARALLEL: f64 = 0.9;
 /// Determinant of the mean normal equations above which the optical axes have a nearest point.
 const MEETING: f64 = 1e-9;
@@ -92,7 +92,7 @@ fn places(scene: &Scene) -> Option<Problem> {
     })
 }
 
-/// Without points, only the directions tell something: cameras around a scene should look towards it.
+/// Without points, only the directions can be checked: cameras around a scene should look towards it.
 fn directions(scene: &Scene) -> Option<Problem> {
     let cameras: Vec<&Camera> = scene.train.iter().map(|view| &view.camera).collect();
     let mean = cameras.iter().map(|camera| camera.forward()).sum::<DVec3>() / cameras.len() as f64;

@@ -4,12 +4,12 @@ use glam::{DMat3, DVec3};
 
 use super::sight::Warp;
 
-/// A mistake that may have been made with all poses.
+/// A possible mistake in all poses.
 pub(super) struct Mistake {
     pub(super) warp: Warp,
     /// How to undo it, such as `with the y and z axes of the cameras turned`.
     pub(super) undone: String,
-    /// What was confused with what.
+    /// The cause of the mistake.
     pub(super) cause: &'static str,
 }
 
@@ -27,7 +27,7 @@ const WORLD: &str = "the points were turned, and the cameras were not";
 const MIRRORED: &str = "the pictures are mirrored, or an axis of the cameras has the wrong sign";
 const UNIT: &str = "cameras and points are in different units";
 
-/// All mistakes that are tried, the most likely first.
+/// All mistakes to try, the most likely first.
 pub(super) fn all() -> Vec<Mistake> {
     let of = |warp, undone: &str, cause| Mistake { warp, undone: undone.into(), cause };
     let inverted = Warp { inverted: true, ..Warp::NONE };

@@ -1,4 +1,4 @@
-//! Checks a scene before training: what it holds, what is wrong with it, and what to do.
+//! Checks a scene before training: its contents, its problems, and their remedies.
 //!
 //! Each kind of problem has its own file. All problems are reported, and the scene is not changed.
 
@@ -43,7 +43,7 @@ use sight::{Cloud, Witness};
 pub struct Inspection {
     /// The format, if one was recognised.
     pub format: Option<Format>,
-    /// The scene's numbers; absent if it could not be read.
+    /// The scene's summary; absent if it could not be read.
     pub summary: Option<Summary>,
     /// The problems, the worst first.
     pub problems: Vec<Problem>,

@@ -1,4 +1,4 @@
-//! Checks whether each picture belongs to its pose or to another camera's.
+//! Checks whether each image belongs to its pose or to that of another camera.
 
 use super::problem::{Problem, Subject};
 use super::rig::stands_still;
@@ -9,19 +9,19 @@ use crate::scene::Scene;
 struct Much {
     /// The correlation.
     agreement: f64,
-    /// Its least gain over the present match.
+    /// Its minimum gain over the current match.
     gain: f64,
 }
 
-/// For the picture of another camera.
+/// For the image of another camera.
 const PICTURE: Much = Much { agreement: 0.35, gain: 0.25 };
-/// For the pose of another camera. Here the picture only has to fit, and need not be the best of all.
+/// For the pose of another camera. Here the image only has to fit, and need not be the best of all.
 const POSE: Much = Much { agreement: 0.25, gain: 0.15 };
-/// With one photo a camera, at least this many must be misplaced. A single one may be chance.
+/// With one photo per camera, at least this many must be misplaced. A single one may be chance.
 const FEWEST_PHOTOS: usize = 2;
 
-/// Finds cameras whose pose fits another picture much better than its own, while their own picture fits another pose
-/// better. If somebody stands in front of a camera, the first condition holds as well, but the second does not.
+/// Finds cameras whose pose fits another image much better than its own, while their own image fits another pose
+/// better. If a person is in front of a camera, the first condition holds, too, but the second does not.
 pub(super) fn problem(scene: &Scene, cloud: &Cloud, witnesses: &[Witness<'_>]) -> Option<Problem> {
     let fits = Fits::of(cloud, witnesses);
     let misplaced = |place: usize| {
@@ -46,7 +46,7 @@ pub(super) fn problem(scene: &Scene, cloud: &Cloud, witnesses: &[Witness<'_>]) -
     Some(Problem::warning(Subject::Poses, what, remedy))
 }
 
-/// The correlation of each picture with each pose.
+/// The correlation of each image with each pose.
 struct Fits {
     count: usize,
     agreements: Vec<Option<f64>>,
@@ -63,7 +63,7 @@ impl Fits {
         self.agreements[pose * self.count + picture]
     }
 
-    /// The other match that fits much better than the present one, if there is one.
+    /// The other match that fits much better than the current one, if there is one.
     fn better(&self, place: usize, much: &Much, fit: impl Fn(usize) -> Option<f64>) -> Option<usize> {
         let own = self.at(place, place)?;
         let others = (0..self.count).filter_map(|other| Some((other, fit(other)?)));

@@ -1,13 +1,13 @@
-//! The origin of a scene: what an inspection has to know besides the scene itself.
+//! The origin of a scene, which an inspection needs besides the scene itself.
 
 use crate::readers::Format;
 
-/// The origin of a scene, as far as it helps to judge it.
+/// The origin of a scene, for its inspection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Origin {
     /// Its format; absent if it was not read from a folder.
     pub format: Option<Format>,
-    /// The factor by which its pictures were downscaled. Default 1.
+    /// The factor by which its images were downscaled. Default 1.
     pub downscale: f64,
     /// The origin of its points.
     pub points: PointsOrigin,
@@ -19,7 +19,7 @@ pub enum PointsOrigin {
     /// Measured. Their colours are those of the photos. The default.
     #[default]
     Measured,
-    /// Random points from the reader. Their colours mean nothing.
+    /// Random points from the reader. Their colours are meaningless.
     Strewn,
 }
 

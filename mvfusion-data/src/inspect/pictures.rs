@@ -1,4 +1,4 @@
-//! Checks of pictures and masks: whether they decode, and whether they show something.
+//! Checks of images and masks: whether they can be decoded, and whether they have content.
 
 use std::collections::BTreeMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -13,50 +13,50 @@ use super::rig::all_views;
 use crate::error::DataError;
 use crate::scene::{Scene, View};
 
-/// Number of broken files that are listed. The rest is counted.
+/// Number of broken files to list. The rest is counted.
 const LISTED: usize = 20;
-/// Largest difference between pixels of a one-colour picture, in levels.
+/// Largest difference between pixels of a one-colour image, in levels.
 const NOISE: u8 = 2;
-/// Largest side of the thumbnails that points are compared with.
+/// Largest side of the thumbnails for comparisons with points.
 const THUMBNAIL: u32 = 480;
-/// Least fraction of pixels that a mask must keep.
+/// Minimum fraction of pixels that a mask must keep.
 const NOTHING: f64 = 0.01;
 /// Fraction of pixels, over all masks, below which the masks may be inverted.
 const LITTLE: f64 = 0.5;
 
-/// How closely the pictures are inspected.
+/// How closely the images are inspected.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Pictures {
     /// Only headers, which the reader needs anyway.
     Headers,
-    /// One picture of each camera, for at most 24 cameras. This takes seconds. Comparing the points' colours with these
-    /// pictures finds wrong poses that no other check finds.
+    /// One image of each camera, for at most 24 cameras. This takes seconds. Comparing the points' colours with these
+    /// images finds wrong poses that no other check finds.
     #[default]
     Sampled,
-    /// Every picture and mask is decoded. This takes as long as decoding for the first round of training. It finds
-    /// broken, empty and repeated pictures.
+    /// Every image and mask is decoded. This takes as long as decoding for the first round of training. It finds
+    /// broken, empty and repeated images.
     Decoded,
 }
 
-/// Results of decoding a view's picture.
+/// Results of decoding a view's image.
 pub(super) struct Look {
-    /// Equal for equal pictures.
+    /// Equal for equal images.
     digest: u64,
-    /// Whether it has one colour only.
+    /// Whether it has only one colour.
     blank: bool,
     /// Fraction of the pixels that its mask keeps, if it has one.
     kept: Option<f64>,
-    /// A small copy, for the pictures of witnesses only.
+    /// A small copy; only for the images of witnesses.
     pub(super) thumbnail: Option<RgbImage>,
 }
 
-/// A view and the outcome of decoding its picture.
+/// A view and the outcome of decoding its image.
 pub(super) struct Looked<'a> {
     view: &'a View,
     pub(super) look: Result<Look, Vec<DataError>>,
 }
 
-/// Decodes pictures and masks. The keys are indices of views. Thumbnails are kept for `witnesses` only.
+/// Decodes images and masks. The keys are indices of views. Thumbnails are kept only for `witnesses`.
 pub(super) fn look<'a>(scene: &'a Scene, pictures: Pictures, witnesses: &[usize]) -> BTreeMap<usize, Looked<'a>> {
     let views: Vec<(usize, &View)> = match pictures {
         Pictures::Headers => Vec::new(),
@@ -109,7 +109,7 @@ fn thumbnail(picture: &RgbImage) -> RgbImage {
     }
 }
 
-/// Problems with the decoded pictures.
+/// Problems with the decoded images.
 pub(super) fn problems(scene: &Scene, looks: &BTreeMap<usize, Looked<'_>>) -> Vec<Problem> {
     let seen: Vec<(&View, &Look)> =
         looks.values().filter_map(|looked| Some((looked.view, looked.look.as_ref().ok()?))).collect();
@@ -118,7 +118,7 @@ pub(super) fn problems(scene: &Scene, looks: &BTreeMap<usize, Looked<'_>>) -> Ve
 }
 
 fn broken(looks: &BTreeMap<usize, Looked<'_>>) -> Option<Problem> {
-    // A broken video breaks each of its frames. It is named once.
+    // A broken video breaks all its frames, but is named once.
     let mut reasons: BTreeMap<&Path, String> = BTreeMap::new();
     for error in looks.values().filter_map(|looked| looked.look.as_ref().err()).flatten() {
         if let DataError::Image { path, reason } | DataError::Content { path, reason, .. } = error {
@@ -146,7 +146,7 @@ fn blank(seen: &[(&View, &Look)]) -> Option<Problem> {
     })
 }
 
-/// Bit-identical pictures. No camera takes the same picture twice.
+/// Bit-identical images. No camera takes the same image twice.
 fn twins(scene: &Scene, looks: &BTreeMap<usize, Looked<'_>>) -> Option<Problem> {
     let mut first: BTreeMap<u64, (&str, bool)> = BTreeMap::new();
     let (mut pairs, mut held_out) = (Vec::new(), 0);

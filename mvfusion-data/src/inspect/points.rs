@@ -9,11 +9,11 @@ use crate::scene::{Capture, Scene};
 
 /// Fewer points than this are useless.
 const FEW: usize = 20;
-/// Fraction of the coordinates at either end that is outside of the bulk.
+/// Fraction of the coordinates outside the bulk, at either end.
 const TAIL: f64 = 0.01;
 /// Largest ratio of the box of all points to the box of the bulk.
 const STRAY: f64 = 10.0;
-/// Near plane of the rasteriser, world units (METHOD: that of 3DGS).
+/// Near plane of the rasteriser, in world units (METHOD: as in 3DGS).
 const NEAR_PLANE: f64 = 0.2;
 /// Fraction of the visible points that may lie nearer.
 const TOO_NEAR: f64 = 0.05;

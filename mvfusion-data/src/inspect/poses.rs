@@ -1,4 +1,4 @@
-//! Checks whether the poses follow their format's convention. The points tell, or else the directions of the cameras.
+//! Checks whether the poses follow their format's convention, by the points or by the directions of the cameras.
 
 use super::mistakes::Mistake;
 use super::problem::{Problem, Subject, percent};
@@ -7,7 +7,7 @@ use super::{mistakes, order, sight};
 use crate::readers::{Format, reader_of};
 use crate::scene::Scene;
 
-/// Fraction of the points that a camera normally sees. Sound scenes that we tried show 36 % to 96 %.
+/// Fraction of the points that a camera normally sees. Sound scenes in our tests have 36 % to 96 %.
 const SEEN: f64 = 0.10;
 /// Below this fraction something is wrong even if no common mistake explains it.
 const HARDLY_SEEN: f64 = 0.03;
@@ -15,15 +15,15 @@ const HARDLY_SEEN: f64 = 0.03;
 const WELL_SEEN: f64 = 0.3;
 /// Factor by which undoing it must increase that fraction.
 const MORE: f64 = 3.0;
-/// Correlation of colours below which poses and photos do not seem to belong together. Sound scenes that we tried reach
+/// Correlation of colours below which poses and photos do not seem to belong together. Sound scenes in our tests have
 /// 0.5 to 0.9.
 const DISAGREEMENT: f64 = 0.15;
-/// Correlation that undoing a mistake must reach, and its least gain.
+/// Correlation that undoing a mistake must reach, and its minimum gain.
 const AGREEMENT: f64 = 0.35;
 const GAIN: f64 = 0.2;
 /// If several mistakes explain nearly as much as the best, the most likely one is named.
 const NEARLY: f64 = 0.03;
-/// Fewest photos for a report of disagreement.
+/// Minimum number of photos to report disagreement.
 const ENOUGH_PHOTOS: usize = 2;
 
 pub(super) fn problems(

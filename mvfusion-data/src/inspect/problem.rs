@@ -2,16 +2,16 @@
 
 use serde::Serialize;
 
-/// Something about a scene that its owner should know.
+/// A problem with a scene.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Problem {
-    /// How severe it is.
+    /// Its severity.
     pub severity: Severity,
-    /// What it concerns.
+    /// Its subject.
     pub subject: Subject,
-    /// What was found, with names and numbers: a sentence without its full stop. A list may follow, one entry a line.
+    /// The finding, with names and numbers: a sentence without its full stop. A list may follow, one entry per line.
     pub what: String,
-    /// What to do about it: one or more sentences.
+    /// The remedy: one or more sentences.
     pub remedy: String,
 }
 
@@ -21,7 +21,7 @@ pub struct Problem {
 pub enum Severity {
     /// Training cannot start, or will stop.
     Error,
-    /// Training runs, but its result is likely to be wrong or poor.
+    /// Training runs, but the result is likely to be wrong or poor.
     Warning,
     /// Worth knowing, but may be intended.
     Note,
@@ -33,9 +33,9 @@ pub enum Severity {
 pub enum Subject {
     /// A folder or file that cannot be read.
     Reading,
-    /// The pictures.
+    /// The images.
     Pictures,
-    /// The size of the pictures.
+    /// The size of the images.
     Size,
     /// The masks.
     Masks,
@@ -43,7 +43,7 @@ pub enum Subject {
     Split,
     /// Lenses and positions of the cameras.
     Cameras,
-    /// Directions of the cameras, and the match of pictures to poses.
+    /// Directions of the cameras, and the match of images to poses.
     Poses,
     /// The initial points.
     Points,
@@ -86,7 +86,7 @@ pub(super) fn percent(share: f64) -> String {
     if percent > 0.0 && percent < 1.0 { format!("{percent:.1} %") } else { format!("{percent:.0} %") }
 }
 
-/// The median; `None` if there are no values. Of an even number it is the upper middle one.
+/// The median; `None` without values. For an even number, it is the upper middle value.
 pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied()

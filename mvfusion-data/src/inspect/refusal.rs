@@ -7,7 +7,7 @@ use crate::error::{DataError, Refusal};
 use crate::files::pictures_in;
 use crate::readers::{Format, recognise};
 
-/// Most subfolders that are searched for a scene.
+/// Maximum number of subfolders to search for a scene.
 const LOOKED_INTO: usize = 100;
 
 /// The problem for a reader's error.
@@ -41,13 +41,13 @@ fn stopped(advice: &str) -> String {
     if advice.ends_with('.') { advice.into() } else { format!("{advice}.") }
 }
 
-/// The reasons of all formats, one a line.
+/// The reasons of all formats, one per line.
 fn unrecognised(folder: &Path, refusals: &[Refusal]) -> String {
     let listed: String = refusals.iter().map(|refusal| format!("\n{refusal}")).collect();
     format!("{} is in no format that can be read{listed}", folder.display())
 }
 
-/// A hint for a folder that holds no scene.
+/// A hint for a folder without a scene.
 fn where_to_look(folder: &Path) -> String {
     if let Some((inner, format)) = scene_within(folder) {
         return format!("Give a folder that holds one scene, such as {inner} ({}).", format.name());
@@ -61,7 +61,7 @@ fn where_to_look(folder: &Path) -> String {
     "Add what is missing for one of the formats, or give the folder that lies right above the files they name.".into()
 }
 
-/// The first subfolder that holds a scene. If none does, the parent folder is tried, for users who give `images`
+/// The first subfolder that contains a scene. Otherwise, the parent folder is tried, for users who give `images`
 /// itself.
 fn scene_within(folder: &Path) -> Option<(String, Format)> {
     let below = std::fs::read_dir(folder).ok()?.filter_map(|entry| Some(entry.ok()?.path()));

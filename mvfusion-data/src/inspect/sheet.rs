@@ -9,7 +9,7 @@ use super::sight::pixel;
 use crate::error::DataError;
 use crate::scene::{Scene, View};
 
-/// Most points drawn on each photo.
+/// Maximum number of points on each photo.
 const POINTS: usize = 3000;
 /// Pixels between the photos.
 const GAP: u32 = 6;
@@ -30,16 +30,16 @@ pub struct ContactSheet {
     pub image: RgbImage,
     /// The names of the views, in reading order.
     pub names: Vec<String>,
-    /// Photos a row.
+    /// Photos per row.
     pub columns: usize,
 }
 
-/// Draws a scene's points over some of its photos, in a sheet of at most `largest_side` pixels a side. The photos are
-/// training views, evenly spread from first to last, and one held-out view at the end. There are at most `photos` of
+/// Draws a scene's points over some of its photos, in a sheet of at most `largest_side` pixels per side. The photos are
+/// evenly spaced training views from first to last, and one held-out view at the end. There are at most `photos` of
 /// them, but at least one.
 ///
 /// # Errors
-/// [`DataError::Image`] if a picture cannot be read.
+/// [`DataError::Image`] if an image cannot be read.
 pub fn points_over_photos(scene: &Scene, photos: usize, largest_side: u32) -> Result<ContactSheet, DataError> {
     let views = chosen(scene, photos.max(1));
     let Some(first) = views.first() else {
@@ -91,7 +91,7 @@ fn cell(scene: &Scene, view: &View, scale: f64) -> Result<RgbImage, DataError> {
     let mut dots: Vec<Dot> = spread(all.len(), POINTS).into_iter().map(|index| all[index]).collect();
     dots.sort_by(|a, b| b.depth.total_cmp(&a.depth));
     let radius = (size.max_element() / 300.0).clamp(1.0, 4.0);
-    // Colours follow the rank. Otherwise a few far points would leave one colour to all others.
+    // Colours follow the rank. Otherwise, a few far points would leave only one colour for all others.
     for (rank, dot) in dots.iter().enumerate() {
         disc(&mut cell, dot.at, radius, colour((dots.len() - 1 - rank) as f64 / (dots.len() - 1).max(1) as f64));
     }

@@ -8,17 +8,17 @@ use super::problem::median;
 use super::rig::spread;
 use crate::scene::{Camera, PointCloud};
 
-/// Most points that are projected. More change the fractions by less than a percent.
+/// Maximum number of points to project. More points change the fractions by less than a percent.
 const POINTS: usize = 2000;
-/// Points that must fall into a photo for a comparison of colours.
+/// Number of points that must be in a photo for a comparison of colours.
 const ENOUGH: usize = 30;
 /// Standard deviation of colours in `[0, 1]` below which they are too uniform to compare.
 const ALIKE: f64 = 0.02;
 
-/// The points, or an even sample of them.
+/// The points, or an evenly spaced sample of them.
 pub(super) struct Cloud {
     positions: Vec<DVec3>,
-    /// Empty if colours mean nothing.
+    /// Empty if colours are meaningless.
     colours: Vec<Vec3>,
 }
 
@@ -47,14 +47,14 @@ pub(super) struct Witness<'a> {
     pub(super) camera: &'a Camera,
     /// Name of the view.
     pub(super) name: &'a str,
-    /// Its photo, downscaled; absent if photos are not decoded or this one cannot be.
+    /// Its photo, downscaled; absent if photos are not decoded or this one cannot be decoded.
     pub(super) picture: Option<&'a RgbImage>,
 }
 
 /// A change of all cameras that undoes a possible mistake.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Warp {
-    /// Applied to camera coordinates. May mirror.
+    /// Applied to camera coordinates. It may be a reflection.
     pub(super) axes: DMat3,
     /// Whether the pose is inverted.
     pub(super) inverted: bool,
@@ -77,12 +77,12 @@ impl Warp {
     }
 }
 
-/// How well points and photos fit together.
+/// The agreement of points and photos.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Fit {
-    /// Fraction of the points within a camera's picture, as the median over the cameras.
+    /// Fraction of the points within a camera's image, as the median over the cameras.
     pub(super) seen: f64,
-    /// Correlation of the points' colours with the pixels that they fall on, as the median over the photos.
+    /// Correlation of the points' colours with the pixels at their projections, as the median over the photos.
     pub(super) agreement: Option<f64>,
 }
 
@@ -107,15 +107,15 @@ fn share_seen(cloud: &Cloud, camera: &Camera) -> f64 {
     seen as f64 / cloud.positions.len() as f64
 }
 
-/// The pixel position of a point; `None` if it is outside of the picture.
+/// The pixel position of a point; `None` if it is outside of the image.
 pub(super) fn pixel(camera: &Camera, point: DVec3) -> Option<DVec2> {
     let size = DVec2::new(camera.width as f64, camera.height as f64);
     camera.project(point).filter(|pixel| pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(size).all())
 }
 
-/// Correlation of the points' colours with those of the photo, over the points that fall inside. It joins the three
-/// channels, each about its own mean, so exposure and white balance do not matter. `None` if the colours mean nothing
-/// or too few points fall inside.
+/// Correlation of the points' colours with those of the photo, over the points inside it. It combines the three
+/// channels, each about its own mean, so exposure and white balance do not matter. `None` if the colours are
+/// meaningless or too few points are inside.
 pub(super) fn agreement(cloud: &Cloud, camera: &Camera, photo: &RgbImage) -> Option<f64> {
     let scale = DVec2::new(f64::from(photo.width()), f64::from(photo.height()))
         / DVec2::new(camera.width as f64, camera.height as f64);

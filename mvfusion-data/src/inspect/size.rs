@@ -1,11 +1,11 @@
-//! Checks the size of the pictures against what is commonly trained on.
+//! Checks the size of the images against the usual training size.
 
 use super::origin::Origin;
 use super::problem::{Problem, Subject};
 use crate::readers::{Format, UsualSize, reader_of};
 use crate::scene::Scene;
 
-/// Width above which 3DGS downscales pictures by default.
+/// Width above which 3DGS downscales images by default.
 const WIDE: f64 = 1600.0;
 
 pub(super) fn problems(scene: &Scene, origin: &Origin) -> Vec<Problem> {
@@ -21,7 +21,7 @@ pub(super) fn problems(scene: &Scene, origin: &Origin) -> Vec<Problem> {
     vec![Problem::note(Subject::Size, what, format!("Add `--set scene.downscale={factor}`."))]
 }
 
-/// The usual size for pictures of this width on disk: the format's custom, else that of 3DGS.
+/// The usual size for images of this width on disk: that of the format, otherwise that of 3DGS.
 fn usual_size(scene: &Scene, format: Option<Format>, width: f64) -> UsualSize {
     let known = format.and_then(reader_of).and_then(|reader| (reader.hints.usual_size)(scene, width));
     let source = "3DGS, too, trains on at most 1600 pixels across";

@@ -1,4 +1,4 @@
-//! Checks of the split: enough to learn from, and something to score on.
+//! Checks of the split: enough training views, and some held-out views.
 
 use std::collections::BTreeSet;
 
@@ -39,7 +39,7 @@ pub(super) fn problems(scene: &Scene) -> Vec<Problem> {
     problems
 }
 
-/// Held-out views that are also trained on.
+/// Held-out views that are also training views.
 fn shared(scene: &Scene) -> Option<Problem> {
     let trained: BTreeSet<&str> = scene.train.iter().map(|view| view.name.as_str()).collect();
     let names: Vec<&str> =

@@ -1,4 +1,4 @@
-//! The numbers of a scene.
+//! The summary of a scene.
 
 use serde::{Serialize, Serializer};
 
@@ -6,17 +6,17 @@ use super::rig::all_views;
 use super::sight::Fit;
 use crate::scene::{Capture, Picture, Scene, by_camera};
 
-/// What a scene holds.
+/// The contents of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
     /// The scene's name.
     pub name: String,
-    /// How it was captured.
+    /// The kind of capture.
     #[serde(serialize_with = "capture_key")]
     pub capture: Capture,
     /// Distinct cameras (pose and lens).
     pub cameras: usize,
-    /// Fewest and most views a camera.
+    /// Minimum and maximum number of views per camera.
     pub views_per_camera: [usize; 2],
     /// Training views.
     pub train: usize,
@@ -26,26 +26,26 @@ pub struct Summary {
     pub moments: usize,
     /// First and last time.
     pub times: [f64; 2],
-    /// Width of the pictures in pixels, as trained on.
+    /// Width of the training images in pixels.
     pub width: usize,
-    /// Height of the pictures in pixels.
+    /// Height of the training images in pixels.
     pub height: usize,
     /// Smallest and largest horizontal field of view, degrees.
     pub field_of_view: [f64; 2],
-    /// Bytes of all pictures when decoded.
+    /// Bytes of all images when decoded.
     pub decoded_bytes: u64,
-    /// Pictures that were decoded for the inspection.
+    /// Images that were decoded for the inspection.
     pub decoded: usize,
-    /// Views with a distorting lens. Their pictures are undistorted when read.
+    /// Views with a distorting lens. Their images are undistorted when read.
     pub straightened: usize,
-    /// Views with a mask of the pixels that count.
+    /// Views with a mask of valid pixels.
     pub masked: usize,
     /// Initial points.
     pub points: usize,
-    /// Fraction of the points within a camera's picture, as the median over the cameras; absent without points.
+    /// Fraction of the points within a camera's image, as the median over the cameras; absent without points.
     pub points_seen: Option<f64>,
-    /// Correlation of the points' colours with the pixels that they fall on, as the median over the photos. It lies in
-    /// -1 to 1 and is 0 by chance. Absent unless pictures were decoded and colours mean something.
+    /// Correlation of the points' colours with the pixels at their projections, as the median over the photos. It is in
+    /// -1 to 1, and 0 for unrelated colours. Absent unless images were decoded and colours are meaningful.
     pub colour_agreement: Option<f64>,
     /// 1.1 times the largest distance of a training camera from the mean of all, in world units ([`Scene::extent`]).
     pub extent: f64,

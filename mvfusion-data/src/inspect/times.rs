@@ -10,7 +10,7 @@ const LONG_GAP: f64 = 2.5;
 const REGULAR: f64 = 0.1;
 /// Fraction of usual gaps above which a video counts as regularly sampled.
 const MOSTLY: f64 = 0.8;
-/// Fewest gaps that define a usual one.
+/// Minimum number of gaps to define a usual gap.
 const ENOUGH_GAPS: usize = 6;
 /// Largest distance, in usual gaps, of a held-out view from the nearest training moment.
 const FAR: f64 = 2.5;
@@ -27,7 +27,7 @@ pub(super) fn problems(scene: &Scene) -> Vec<Problem> {
     }
     let gaps: Vec<f64> = moments.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let Some(usual) = median(gaps.clone()) else { return Vec::new() };
-    // The numbers of photos may have gaps of any length, and held-out photos are scored without moving objects.
+    // The numbers of photos may have gaps of any length, and held-out photos are evaluated without moving objects.
     match scene.capture {
         Capture::Video => missing(&moments, &gaps, usual).into_iter().chain(far(scene, &moments, usual)).collect(),
         Capture::Photos => Vec::new(),

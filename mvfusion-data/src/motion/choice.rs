@@ -1,4 +1,4 @@
-//! The number of seeds of each moment, and the choice of their places.
+//! The number of seeds of each moment, and the selection of their positions.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -7,10 +7,10 @@ use super::clusters::sizes_of_things;
 use super::options::MotionHullOptions;
 use super::places::Place;
 
-/// Fewest places of an object. Fewer may be chance.
+/// Minimum number of places of an object. Fewer may be chance.
 const LEAST_PLACES: usize = 3;
 
-/// Weight of loneliness in a moment's quota. With 1, the first frame of the built-in video stays 3 dB behind the mean.
+/// Weight of loneliness in a moment's quota. With 1, the first frame of the built-in video stays 3 dB below the mean.
 const LONELY: f64 = 2.0;
 
 /// Weights of the next neighbour and the one after it in a moment's loneliness, on either side.
@@ -53,8 +53,8 @@ pub(super) fn quotas(points: usize, amounts: &[u64], even: f64) -> Vec<usize> {
 }
 
 /// Chooses at most `wanted` of a moment's places as seeds, with probabilities that grow with their motion. For a
-/// fraction of the seeds, an object's probability grows only with the root of its number of places. So small objects
-/// get seeds beside people. Isolated places are left out.
+/// fraction of the seeds, an object's probability grows only with the root of its number of places, so that small
+/// objects get seeds next to people. Isolated places are excluded.
 pub(super) fn choose(places: &[Place], wanted: usize, options: &MotionHullOptions, rng: &mut ChaCha8Rng) -> Vec<usize> {
     let positions: Vec<_> = places.iter().map(|place| place.position).collect();
     let things = sizes_of_things(&positions);
@@ -104,7 +104,7 @@ mod tests {
             assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{found:?}");
         };
         near(&loneliness(&[5; 6]), &[1.0, 1.0 / 3.0, 0.0, 0.0, 1.0 / 3.0, 1.0]);
-        // Half of what moves at the fourth comes there and goes.
+        // Half of the motion at the fourth moment appears and disappears there.
         near(&loneliness(&[5, 5, 5, 10, 5, 5, 5])[2..5], &[0.0, 1.0, 0.0]);
         near(&loneliness(&[0, 7, 0, 0]), &[0.0, 2.0, 0.0, 0.0]);
         assert!(loneliness(&[]).is_empty());

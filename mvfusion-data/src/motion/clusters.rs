@@ -2,7 +2,7 @@
 
 use glam::{DVec3, I64Vec3};
 
-/// Places that are sampled to estimate the spacing.
+/// Number of places to sample for an estimate of the spacing.
 const WITNESSES: usize = 256;
 /// Side of a cube, in distances between neighbouring places. It is large enough to connect the places of one object.
 const SIDE: f64 = 3.0;
@@ -44,7 +44,7 @@ fn spacing(places: &[DVec3]) -> f64 {
     if median.is_finite() && median > 0.0 { median } else { 1.0 }
 }
 
-/// Half of the 26 cubes around a cube, so that each pair comes once.
+/// Half of the 26 cubes around a cube, so that each pair occurs once.
 fn neighbours(cube: [i64; 3]) -> impl Iterator<Item = [i64; 3]> {
     // The first 13 of the 27 cubes around and including this one. The last 13 have it among their first.
     (0..13).map(move |index| {

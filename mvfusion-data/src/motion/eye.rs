@@ -1,4 +1,4 @@
-//! A camera at one moment: its projection and its picture of motion.
+//! A camera at one moment: its projection and its motion map.
 
 use glam::{DMat3, DVec2, DVec3, Vec3};
 
@@ -28,7 +28,7 @@ impl<'a> Eye<'a> {
         moment.shots.iter().filter_map(|shot| Self::of_shot(film, shot, reaches)).collect()
     }
 
-    /// The eye of a shot; `None` if the film keeps no pictures.
+    /// The eye of a shot; `None` if the film keeps no images.
     pub fn of_shot(film: &'a MotionFilm, shot: &Shot, reaches: &[[f64; 2]]) -> Option<Self> {
         let (map, colours) = film.picture(shot.view)?;
         Some(Self::new(&film.rig.cameras[shot.camera].camera, map, colours, reaches[shot.camera]))
@@ -51,7 +51,7 @@ impl<'a> Eye<'a> {
         }
     }
 
-    /// The block that a place falls on. `None` if it is outside of the picture, or the block does not count.
+    /// The block at the projection of a place. `None` if it is outside the image, or the block is invalid.
     #[inline]
     pub fn block(&self, place: DVec3) -> Option<usize> {
         let p = self.pixels * place + self.offset;

@@ -1,4 +1,4 @@
-//! Film of still cameras, and its motion: the difference from each camera's median over time.
+//! The film of fixed cameras, and its motion: the difference from each camera's median over time.
 
 use rayon::prelude::*;
 use tracing::debug;
@@ -15,12 +15,12 @@ const COLOUR_BYTES: u64 = 3;
 const MOTION_BYTES: u64 = 1;
 /// Factor from the median absolute deviation to the standard deviation of normal noise.
 const DEVIATION_OF_MEDIAN: f64 = 1.4826;
-/// Stands for a missing median: the block counts in too few frames.
+/// Marks a missing median: the block is valid in too few frames.
 const NO_MEDIAN: u16 = u16::MAX;
-/// Blocks whose medians a thread computes at once. Their samples of all frames stay in its cache.
+/// Blocks per task in the computation of medians. Their samples of all frames stay in the cache.
 const CHUNK: usize = 512;
 
-/// The pictures of synchronised, still cameras, reduced to a memory budget, and the motion in them.
+/// The images of fixed, synchronised cameras, reduced to a memory budget, and the motion in them.
 #[derive(Clone, Debug)]
 pub struct MotionFilm {
     pub(super) rig: StillRig,
@@ -33,18 +33,18 @@ pub struct MotionFilm {
 /// The parts of a film that are kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Keep {
-    /// The moving pixels only.
+    /// Only the moving pixels.
     Motion,
-    /// The pictures as well.
+    /// The images as well.
     Pictures,
 }
 
 impl MotionFilm {
-    /// Reads the training views of synchronised, still cameras, each once, one camera after another. `None` if the
-    /// scene has no three such cameras with three moments in common. Held-out views are not opened.
+    /// Reads the training views of fixed, synchronised cameras, each once, one camera after another. `None` without
+    /// three such cameras that have three moments in common. Held-out views are not opened.
     ///
     /// # Errors
-    /// [`DataError::Image`] if a picture or mask cannot be read.
+    /// [`DataError::Image`] if an image or mask cannot be read.
     pub fn of(scene: &Scene, options: &MovingPixelsOptions) -> Result<Option<Self>, DataError> {
         Self::make(scene, options, Keep::Pictures)
     }
@@ -76,12 +76,12 @@ impl MotionFilm {
         &self.moving
     }
 
-    /// The moving pixels. The pictures are dropped.
+    /// The moving pixels. The images are dropped.
     pub fn into_moving(self) -> MovingPixels {
         self.moving
     }
 
-    /// The factor by which each side of the pictures was reduced.
+    /// The factor by which each side of the images was reduced.
     pub fn factor(&self) -> usize {
         self.factor
     }
@@ -100,18 +100,18 @@ impl MotionFilm {
 }
 
 impl MovingPixels {
-    /// The moving pixels in the views of synchronised, still cameras. `None` if the scene has no three such cameras
-    /// with three moments in common. Held-out views are not opened.
+    /// The moving pixels in the views of fixed, synchronised cameras. `None` without three such cameras that have three
+    /// moments in common. Held-out views are not opened.
     ///
     /// # Errors
-    /// [`DataError::Image`] if a picture or mask cannot be read.
+    /// [`DataError::Image`] if an image or mask cannot be read.
     pub fn of(scene: &Scene, options: &MovingPixelsOptions) -> Result<Option<Self>, DataError> {
         Ok(MotionFilm::make(scene, options, Keep::Motion)?.map(MotionFilm::into_moving))
     }
 }
 
-/// The smallest integer reduction at which the pictures fit the budget with their colours. It does not depend on
-/// whether colours are kept, so a resumed run finds the same motion again.
+/// The smallest integer reduction at which the images fit the budget with their colours. It does not depend on whether
+/// colours are kept, so a resumed run finds the same motion again.
 fn reduction(rig: &StillRig, memory: u64) -> usize {
     let bytes = |factor: usize| {
         let blocks = rig.cameras.iter().map(|still| {
@@ -147,7 +147,7 @@ fn in_half_levels(levels: f64) -> f64 {
     (2.0 * levels).min(f64::from(u8::MAX))
 }
 
-/// Twice the median over time of each channel of each block, over the frames in which the block counts.
+/// Twice the median over time of each channel of each block, over the frames in which the block is valid.
 fn medians(frames: &[Reduced]) -> Vec<u16> {
     let channels = frames.first().map_or(0, |frame| frame.colours.len());
     let mut medians = vec![NO_MEDIAN; channels];
@@ -180,7 +180,7 @@ impl Reduced {
 }
 
 /// Distance of each block of a frame from its median, in the channel where it is largest. It is in half levels, at most
-/// 255. `None` if the block does not count.
+/// 255. `None` if the block is invalid.
 fn distances(frame: &Reduced, medians: &[u16]) -> Vec<Option<u8>> {
     let away = |level: u8, twice: u16| (2 * u16::from(level)).abs_diff(twice);
     let blocks = frame.colours.chunks_exact(3).zip(medians.chunks_exact(3)).enumerate();
@@ -195,7 +195,7 @@ fn distances(frame: &Reduced, medians: &[u16]) -> Vec<Option<u8>> {
         .collect()
 }
 
-/// The median of all distances, in levels. Most of a picture is still, so this measures noise alone.
+/// The median of all distances, in levels. Most of an image is still, so this measures only noise.
 fn median_distance(distances: &[Vec<Option<u8>>]) -> f64 {
     let mut histogram = [0u64; 256];
     for distance in distances.iter().flatten().flatten() {
@@ -210,10 +210,10 @@ fn median_distance(distances: &[Vec<Option<u8>>]) -> f64 {
     median.unwrap_or(0) as f64 / 2.0
 }
 
-/// Blocks that are more than `slow` half levels from the median in over half of the frames in which they count.
+/// Blocks that are more than `slow` half levels from the median in over half of the frames in which they are valid.
 fn restless(distances: &[Vec<Option<u8>>], slow: f64) -> Vec<bool> {
     let blocks = distances.first().map_or(0, Vec::len);
-    // Number of frames in which a block counts, and in which it is away from the median.
+    // Number of frames in which a block is valid, and in which it is away from the median.
     let mut frames = vec![[0u32; 2]; blocks];
     for picture in distances {
         for (frames, distance) in frames.iter_mut().zip(picture) {

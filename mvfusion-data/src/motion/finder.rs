@@ -1,4 +1,4 @@
-//! Places behind chosen pixels, for Gaussians that are added during training.
+//! World positions of given pixels, for Gaussians that are added during training.
 
 use std::collections::BTreeMap;
 
@@ -13,12 +13,12 @@ use super::places::Search;
 use super::reach::reaches;
 use crate::scene::Scene;
 
-/// Finds the world position of something that a training view shows moving, by the rule of the motion hull.
+/// Finds the world position of motion in a training view, by the rule of the motion hull.
 #[derive(Clone, Debug)]
 pub struct MotionFinder {
     film: MotionFilm,
     options: MotionHullOptions,
-    /// Those of the rig's cameras.
+    /// Depth ranges of the rig's cameras.
     reaches: Vec<[f64; 2]>,
     /// Moment and shot of each training view.
     shots: BTreeMap<usize, (usize, usize)>,

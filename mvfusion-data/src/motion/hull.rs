@@ -33,19 +33,19 @@ pub struct MotionSeeds {
 /// Statistics of a motion hull.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MotionSummary {
-    /// Still cameras.
+    /// Number of fixed cameras.
     pub cameras: usize,
-    /// Moments that at least three cameras film.
+    /// Number of moments that at least three cameras film.
     pub moments: usize,
-    /// The factor by which each side of the pictures was reduced.
+    /// The factor by which each side of the images was reduced.
     pub reduction: usize,
-    /// Mean fraction of a picture's pixels that move.
+    /// Mean fraction of moving pixels in an image.
     pub moving_share: f64,
-    /// Places found.
+    /// Number of places found.
     pub candidates: usize,
-    /// Places chosen.
+    /// Number of places chosen.
     pub seeds: usize,
-    /// Moments with a seed.
+    /// Number of moments with a seed.
     pub seeded_moments: usize,
 }
 
@@ -61,8 +61,7 @@ impl Display for MotionSummary {
     }
 }
 
-/// Places where, at one moment, nearly all cameras that see them see motion in one colour. It is no error if there are
-/// none.
+/// Places where, at one moment, nearly all cameras that see them see motion in one colour. The result may be empty.
 ///
 /// For each moment, rays through moving pixels are drawn in proportion to the pixels' differences. Each ray is searched
 /// at jittered depths, evenly spaced in inverse depth. Its best place is the one where the cameras' colours agree best,

@@ -1,10 +1,10 @@
-//! Motion in the pictures of still cameras, and its position in the world.
+//! Motion in the images of fixed cameras, and its position in the world.
 //!
-//! [`MovingPixels`] marks the pixels of each training view that show motion: those that differ from what their camera
-//! shows otherwise. [`motion_hull`] finds the places where, at one moment, nearly all cameras that see them see motion
-//! in one colour. Gaussians that start there need not travel across the room first.
+//! [`MovingPixels`] marks the pixels of each training view that show motion: those that differ from the camera's median
+//! over time. [`motion_hull`] finds the places where, at one moment, nearly all cameras that see them see motion in one
+//! colour. Gaussians that start there need not travel across the room.
 //!
-//! [`MovingPixels::of`] computes the pixels alone. [`MotionFilm::of`] also keeps the pictures, whose colours the hull
+//! [`MovingPixels::of`] computes only the pixels. [`MotionFilm::of`] also keeps the images, whose colours the hull
 //! needs. [`MotionFilm::into_moving`] drops them again.
 //!
 //! Departure: the paper starts its dynamic branch from the static cloud. The hull is a visual hull over motion instead

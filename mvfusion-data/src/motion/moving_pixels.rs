@@ -5,17 +5,17 @@ use image::{GrayImage, Luma};
 
 /// The pixels of the training views that show motion.
 ///
-/// They are stored at a size reduced by an integer factor, and addressed in pixels of the full size.
+/// They are stored at a size reduced by an integer factor, and addressed in full-size pixels.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MovingPixels {
-    /// By training view; `None` if nothing is known.
+    /// By training view; `None` if unknown.
     maps: Vec<Option<MotionMap>>,
 }
 
-/// The motion in one picture: a byte for each block of `factor` by `factor` pixels.
+/// The motion in one image: a byte for each block of `factor` by `factor` pixels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MotionMap {
-    /// Size of the picture in pixels.
+    /// Size of the image in pixels.
     width: usize,
     height: usize,
     factor: usize,
@@ -23,7 +23,7 @@ pub struct MotionMap {
     blocks: Vec<PixelMotion>,
 }
 
-/// The motion of a block in one byte: whether it counts, whether it moves, and its difference from the still scene in
+/// The motion of a block in one byte: whether it is valid, whether it moves, and its difference from the still scene in
 /// levels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PixelMotion(u8);
@@ -63,7 +63,7 @@ impl PixelMotion {
 }
 
 impl MotionMap {
-    /// The map of a picture of `width` by `height` pixels. `blocks` are stored row by row, each of `factor` by `factor`
+    /// The map of an image of `width` by `height` pixels. `blocks` are stored row by row, each of `factor` by `factor`
     /// pixels. Blocks at the edge may be smaller. `None` if the number of blocks is wrong.
     pub fn new((width, height): (usize, usize), factor: usize, blocks: Vec<PixelMotion>) -> Option<Self> {
         let fits = factor > 0 && width.div_ceil(factor) * height.div_ceil(factor) == blocks.len();
@@ -71,7 +71,7 @@ impl MotionMap {
     }
 
     /// The block at a position in pixels of the full size, as [`Camera::project`](crate::Camera::project) returns it.
-    /// `None` outside of the picture.
+    /// `None` outside of the image.
     pub fn at(&self, position: DVec2) -> Option<PixelMotion> {
         self.index(position).map(|index| self.blocks[index])
     }
@@ -79,14 +79,14 @@ impl MotionMap {
     /// The index of the block at a position in pixels of the full size.
     #[inline]
     pub(super) fn index(&self, position: DVec2) -> Option<usize> {
-        // NaN is in no picture.
+        // NaN is outside every image.
         let inside =
             position.x >= 0.0 && position.y >= 0.0 && position.x < self.width as f64 && position.y < self.height as f64;
         let block = |coordinate: f64| coordinate as usize / self.factor;
         inside.then(|| block(position.y) * self.columns() + block(position.x))
     }
 
-    /// Blocks a row.
+    /// Blocks per row.
     pub(super) fn columns(&self) -> usize {
         self.width.div_ceil(self.factor)
     }
@@ -104,7 +104,7 @@ impl MotionMap {
         [first, (first + self.factor as f64).min(end)]
     }
 
-    /// Moving fraction of the blocks that count; 0 if none counts.
+    /// Moving fraction of the valid blocks; 0 if none is valid.
     pub fn share(&self) -> f64 {
         let counted = self.blocks.iter().filter(|block| block.counts()).count();
         let moving = self.blocks.iter().filter(|block| block.moves()).count();
@@ -128,29 +128,29 @@ impl MotionMap {
 }
 
 impl MovingPixels {
-    /// From a map for each training view; `None` for views of which nothing is known.
+    /// From a map for each training view; `None` for views with unknown motion.
     pub fn from_maps(maps: Vec<Option<MotionMap>>) -> Self {
         Self { maps }
     }
 
-    /// The motion in a training view; `None` if nothing is known.
+    /// The motion in a training view; `None` if unknown.
     pub fn map(&self, view: usize) -> Option<&MotionMap> {
         self.maps.get(view)?.as_ref()
     }
 
-    /// Whether a training view shows motion at a position in pixels of the full size, as
-    /// [`Camera::project`](crate::Camera::project) returns it. `false` outside of the picture and in views of which
-    /// nothing is known.
+    /// Whether a training view shows motion at a position in full-size pixels, as
+    /// [`Camera::project`](crate::Camera::project) returns it. `false` outside the image and in views with unknown
+    /// motion.
     pub fn is_moving(&self, view: usize, position: DVec2) -> bool {
         self.map(view).and_then(|map| map.at(position)).is_some_and(PixelMotion::moves)
     }
 
-    /// A training view's mask at full size, 255 where something moves; `None` if nothing is known.
+    /// A training view's mask at full size, 255 where something moves; `None` if unknown.
     pub fn mask(&self, view: usize) -> Option<GrayImage> {
         self.map(view).map(MotionMap::mask)
     }
 
-    /// Moving fraction of a training view's pixels, among those that count; `None` if nothing is known.
+    /// Moving fraction of a training view's valid pixels; `None` if unknown.
     pub fn share(&self, view: usize) -> Option<f64> {
         self.map(view).map(MotionMap::share)
     }

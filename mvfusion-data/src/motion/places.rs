@@ -29,7 +29,7 @@ struct Ray {
     /// Of depth 1.
     direction: DVec3,
     colour: Vec3,
-    /// Depths between which places are tried.
+    /// Range of depths to search.
     reach: [f64; 2],
 }
 
@@ -58,7 +58,7 @@ impl<'a> Search<'a> {
         Self { eyes, options, needed, cos_side: options.side_degrees.to_radians().cos() }
     }
 
-    /// The best place on each of about `rays` rays, equally many from each camera. Most rays through noise have none.
+    /// The best place on each of about `rays` rays, equally many per camera. Most rays through noise have none.
     pub fn places(&self, rays: usize, rng: &mut ChaCha8Rng) -> Vec<Place> {
         let each = rays.div_ceil(self.eyes.len().max(1));
         let mut places = Vec::new();
@@ -100,7 +100,7 @@ impl<'a> Search<'a> {
     }
 
     /// Whether enough cameras see a place, and nearly all of them see motion there. Fills `blocks` with these cameras
-    /// and the blocks that the place falls on.
+    /// and the blocks at the place's projections.
     fn sees_motion(&self, place: DVec3, blocks: &mut Vec<(usize, usize)>) -> bool {
         blocks.clear();
         let all = self.eyes.len();
@@ -147,7 +147,7 @@ impl<'a> Search<'a> {
 /// Tolerance, so that a tenth of ten cameras is one camera.
 const ROUNDING: f64 = 1e-9;
 
-/// The moving blocks of a picture, drawn in proportion to their difference plus one.
+/// The moving blocks of an image, drawn in proportion to their difference plus one.
 #[derive(Debug)]
 struct MovingBlocks {
     blocks: Vec<usize>,

@@ -10,8 +10,8 @@ use crate::scene::{Camera, Scene, nearest_to_axes};
 const LEAST_POINTS: usize = 10;
 /// Fraction of the known points within the far bound. Single points may be far outside.
 const FAR_SHARE: f64 = 0.99;
-/// Rays extend this many times beyond the known points, or beyond the point that all cameras look at. In inverse depth
-/// that costs few places.
+/// Rays extend to this many times the distance of the known points, or of the point that all cameras look at. In
+/// inverse depth, this costs few places.
 const BEYOND_POINTS: f64 = 1.5;
 const BEYOND_TARGET: f64 = 4.0;
 /// If nothing is known of the scene, rays extend to this many times the distance between the cameras.
@@ -21,12 +21,12 @@ const NEAREST: f64 = 0.01;
 /// Axes meet if the determinant of their mean normal equations is above this. Below it they differ by less than about 6
 /// degrees.
 const AXES_MEET: f64 = 1e-3;
-/// Rays along each side of the picture, and depths on each ray, for counting the cameras that see a place.
+/// Rays along each side of the image, and depths on each ray, for counting the cameras that see a place.
 const SIDE: usize = 5;
 const STEPS: usize = 128;
 
-/// For each camera of the rig, the depths between which its rays search, in world units. They lie within the known
-/// scene and where enough cameras see.
+/// The range of depths in world units that the rays of each camera search. It is within the known scene and where
+/// enough cameras see.
 pub(super) fn reaches(scene: &Scene, rig: &StillRig, options: &MotionHullOptions) -> Vec<[f64; 2]> {
     let cameras: Vec<&Camera> = rig.cameras.iter().map(|still| &still.camera).collect();
     let needed = least_seeing(cameras.len(), options);
@@ -43,7 +43,7 @@ pub(super) fn reaches(scene: &Scene, rig: &StillRig, options: &MotionHullOptions
     cameras.iter().map(reach).collect()
 }
 
-/// How many of `cameras` cameras must see a place.
+/// The number of `cameras` cameras that must see a place.
 pub(super) fn least_seeing(cameras: usize, options: &MotionHullOptions) -> usize {
     options.least_cameras.max((options.seeing_share * cameras as f64).ceil() as usize)
 }
@@ -65,7 +65,8 @@ fn in_picture(camera: &Camera, position: DVec2) -> bool {
     inside(position.x, camera.width) && inside(position.y, camera.height)
 }
 
-/// The part of a range of depths where enough cameras share a camera's view. The whole range if there is no such part.
+/// The part of a depth range where enough other cameras share a camera's view; the whole range if there is no such
+/// part.
 fn where_seen([near, far]: [f64; 2], camera: &Camera, cameras: &[&Camera], needed: usize) -> [f64; 2] {
     let inverse = |step: usize| 1.0 / near + (1.0 / far - 1.0 / near) * step as f64 / STEPS as f64;
     let directions = directions(camera);
@@ -83,7 +84,7 @@ fn where_seen([near, far]: [f64; 2], camera: &Camera, cameras: &[&Camera], neede
     [1.0 / inverse(first.saturating_sub(1)), 1.0 / inverse((last + 1).min(STEPS))]
 }
 
-/// Directions of depth 1, evenly spaced over a camera's picture.
+/// Directions of depth 1, evenly spaced over a camera's image.
 fn directions(camera: &Camera) -> Vec<DVec3> {
     let position = |index: usize, side: usize| (index as f64 + 0.5) / SIDE as f64 * side as f64;
     let positions = (0..SIDE * SIDE)

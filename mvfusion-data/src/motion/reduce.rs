@@ -1,20 +1,20 @@
-//! Pictures reduced by an integer factor. Each block is the mean of its pixels that count.
+//! Images reduced by an integer factor. Each block is the mean of its valid pixels.
 
 use image::{GrayImage, RgbImage};
 
 use crate::error::DataError;
 use crate::scene::View;
 
-/// A picture of blocks.
+/// An image of blocks.
 #[derive(Clone, Debug)]
 pub(super) struct Reduced {
     /// RGB in 8-bit levels, block by block.
     pub colours: Vec<u8>,
-    /// Which blocks count; all if there is none.
+    /// Whether each block is valid; `None` if all are.
     pub valid: Option<Vec<bool>>,
 }
 
-/// Decodes and reduces a view's picture and mask.
+/// Decodes and reduces a view's image and mask.
 ///
 /// # Errors
 /// [`DataError::Image`] if one of them cannot be read.
@@ -34,12 +34,12 @@ pub(super) fn reduced(view: &View, factor: usize) -> Result<Reduced, DataError> 
     })
 }
 
-/// Mean colours of blocks over the pixels that count, and whether at least half of a block's pixels do.
+/// Mean colours of blocks over their valid pixels, and whether at least half of a block's pixels are valid.
 fn averaged(picture: &RgbImage, mask: Option<&GrayImage>, factor: usize) -> (Vec<u8>, Vec<bool>) {
     let (width, height) = (picture.width() as usize, picture.height() as usize);
     let (columns, rows) = (width.div_ceil(factor), height.div_ceil(factor));
     let (mut colours, mut valid) = (Vec::with_capacity(3 * columns * rows), Vec::with_capacity(columns * rows));
-    // Of each block in a row: sums of the colours, number of pixels that count, number of all pixels.
+    // For each block in a row: sums of the colours, number of valid pixels, number of all pixels.
     let mut sums = vec![[0u32; 5]; columns];
     for top in (0..height).step_by(factor) {
         sums.fill([0; 5]);

@@ -1,15 +1,15 @@
-//! Still cameras that film the same moments.
+//! Fixed cameras that film the same moments.
 
 use std::collections::BTreeMap;
 
 use crate::scene::{Camera, Scene, by_camera};
 
-/// Cameras that must share a moment. Two cannot tell a place from chance.
+/// Minimum number of cameras that share a moment. Two cannot distinguish a place from chance.
 pub(super) const LEAST_CAMERAS: usize = 3;
-/// Frames that a camera must have, and moments that it must share. A median needs as many.
+/// Minimum number of frames of a camera, and of moments that it shares, as a median needs.
 pub(super) const LEAST_FRAMES: usize = 3;
 
-/// The still cameras and the moments that they share.
+/// The fixed cameras and the moments that they share.
 #[derive(Clone, Debug)]
 pub(super) struct StillRig {
     pub cameras: Vec<StillCamera>,
@@ -17,7 +17,7 @@ pub(super) struct StillRig {
     pub moments: Vec<Moment>,
 }
 
-/// A camera that stands still.
+/// A fixed camera.
 #[derive(Clone, Debug)]
 pub(super) struct StillCamera {
     pub camera: Camera,
@@ -43,7 +43,7 @@ pub(super) struct Shot {
 }
 
 impl StillRig {
-    /// The rig that filmed a scene; `None` if the scene was not filmed by such a rig.
+    /// The rig that filmed a scene; `None` if there is no such rig.
     pub fn of(scene: &Scene) -> Option<Self> {
         let groups = by_camera(scene.train.iter()).into_iter().filter(|views| views.len() >= LEAST_FRAMES);
         let cameras: Vec<StillCamera> =

@@ -18,7 +18,7 @@ fn is_white(mask: &GrayImage, position: DVec2) -> bool {
     mask.get_pixel(position.x as u32, position.y as u32).0[0] == 255
 }
 
-/// The pixel position of a seed in a view, if it is in the picture.
+/// The pixel position of a seed in a view, if it is in the image.
 fn position(view: &View, point: glam::Vec3) -> Option<DVec2> {
     let camera = &view.camera;
     let position = camera.project(point.as_dvec3())?;
@@ -27,7 +27,7 @@ fn position(view: &View, point: glam::Vec3) -> Option<DVec2> {
     inside.then_some(position)
 }
 
-/// Fraction of the seeds that lie in the ground-truth mask of every training camera that sees them, at their moment.
+/// Fraction of the seeds that are in the ground-truth mask of every training camera that sees them, at their moment.
 fn precision(scene: &Scene, seeds: &MotionSeeds) -> f64 {
     let masks: Vec<GrayImage> = scene.train.iter().map(truth).collect();
     let right = seeds.points.positions.iter().zip(&seeds.times).filter(|&(&point, &time)| {
@@ -142,7 +142,7 @@ fn reduced_pictures_are_asked_at_full_size() {
 fn what_masks_take_out_neither_moves_nor_votes() {
     let mut scene = builtin(&BuiltinOptions { frames: 8, ..BuiltinOptions::default() });
     let camera = scene.train[0].camera;
-    // The first camera's right half does not count, and flickers.
+    // The first camera's right half is invalid and flickers.
     for (index, view) in scene.train.iter_mut().enumerate().filter(|(_, view)| view.camera == camera) {
         let mut picture = view.image.rgb().expect("in memory").as_ref().clone();
         let flicker = Rgb([if index % 2 == 0 { 255 } else { 0 }; 3]);

@@ -1,15 +1,15 @@
-//! D-NeRF scenes and NeRF's Blender export: `transforms_train.json`, `transforms_test.json` and the pictures.
+//! D-NeRF scenes and NeRF's Blender export: `transforms_train.json`, `transforms_test.json` and the images.
 //!
 //! Assumptions:
-//! * Cameras are as the module `transforms` describes. All share one `camera_angle_x`.
-//! * `transforms_test.json` is held out. Only the moving `lego`, recognised by its folder's name, has test pictures of
-//!   another shape than its training pictures. Its `transforms_val.json` is held out instead, if present.
-//! * `time` stands in every frame or in none. In the latter case nothing moves, and every time is 0.
+//! * Cameras follow the module `transforms`. All share one `camera_angle_x`.
+//! * `transforms_test.json` is held out. Only the moving `lego`, recognised by its folder's name, has test images of
+//!   another shape than its training images. Its `transforms_val.json` is held out instead, if present.
+//! * Either all frames have `time` or none has. In the latter case nothing moves, and every time is 0.
 //! * Times are divided by the largest time of both files, as in 4DGS (METHOD §5.6).
-//! * Pictures are RGBA. Transparent pixels show the background colour, `model.background`.
+//! * Images are RGBA. Transparent pixels show the background colour, `model.background`.
 //! * Without a point cloud (`fused.ply`, `points3d.ply`) training starts from 2000 random points. They fill a cube of
 //!   side 2.6 around the synthetic objects and are nearly grey.
-//! * Departure: 4DGS resizes all pictures to 800 x 800; we keep their size.
+//! * Departure: 4DGS resizes all images to 800 x 800; we keep their size.
 
 use std::path::Path;
 
@@ -42,7 +42,7 @@ const TRAIN: &str = "transforms_train.json";
 const TEST: &str = "transforms_test.json";
 const VALIDATION: &str = "transforms_val.json";
 
-/// The scene whose test pictures do not fit.
+/// The scene whose test images do not fit.
 const LEGO: &str = "lego";
 
 /// Names of point clouds. The first that exists is read.
@@ -52,7 +52,7 @@ const POINTS: [&str; 2] = ["fused.ply", "points3d.ply"];
 const RANDOM_POINTS: usize = 2000;
 const HALF_SIDE: f32 = 1.3;
 
-/// Why `folder` is not in this format; `None` if it is.
+/// The reason why `folder` is not in this format; `None` if it is.
 pub fn recognise(folder: &Path) -> Option<String> {
     (!folder.join(TRAIN).is_file()).then(|| format!("it needs {TRAIN} and {TEST}; {TRAIN} is not there"))
 }
@@ -65,7 +65,7 @@ fn has_random_points(folder: &Path) -> bool {
 /// Reads a D-NeRF scene (METHOD §5.6).
 ///
 /// # Errors
-/// A [`DataError`] that says what is wrong with the folder, a file in it or an option.
+/// A [`DataError`] that names the problem with the folder, a file in it or an option.
 pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let train = Transforms::read(&folder.join(TRAIN))?;
     let held_out = held_out_file(folder, &train);
@@ -80,7 +80,7 @@ pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     Ok(Scene { name, capture: Capture::Video, train: train_views, test: test_views, points, near: None })
 }
 
-/// The file of the held-out pictures.
+/// The file of the held-out images.
 fn held_out_file(folder: &Path, train: &Transforms) -> &'static str {
     let is_moving = train.frames.iter().any(|frame| frame.time.is_some());
     let is_lego = scene_name(folder).eq_ignore_ascii_case(LEGO) && is_moving;

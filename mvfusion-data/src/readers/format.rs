@@ -15,12 +15,12 @@ impl Format {
         Self { key, name }
     }
 
-    /// Its name in configurations and on the command line.
+    /// Name in configurations and on the command line.
     pub const fn key(self) -> &'static str {
         self.key
     }
 
-    /// Its name for messages.
+    /// Name in messages.
     pub const fn name(self) -> &'static str {
         self.name
     }

@@ -1,4 +1,4 @@
-//! Masks of what moves: files beside a scene, attached to its views.
+//! Motion masks: files that are attached to the views of a scene.
 
 use std::path::Path;
 
@@ -8,13 +8,13 @@ use crate::error::DataError;
 use crate::files::picture_named;
 use crate::scene::{Picture, PictureFile, PictureSource, Scene, check_shape, file_size};
 
-/// Sets [`Truth::dynamic_mask`](crate::Truth) of every view that has a file of its name in `folder`, such as
-/// `cam00/0003.png` or `2clutter008.png`. White means moving. Returns the number of masks. A mask of another size than
-/// its view's picture is resized without interpolation, and undistorted like the picture.
+/// Sets [`Truth::dynamic_mask`](crate::Truth) of every view that has a file with its name in `folder`, such as
+/// `cam00/0003.png` or `2clutter008.png`. White means moving. Returns the number of masks. A mask with another size
+/// than its view's image is resized without interpolation, and undistorted like the image.
 ///
 /// # Errors
-/// [`DataError::Folder`] if the folder does not exist. [`DataError::Image`] if a mask has no readable header or another
-/// shape than its picture. [`DataError::Missing`] if no view has a mask.
+/// [`DataError::Folder`] if the folder does not exist. [`DataError::Image`] if a mask has no readable header or a
+/// different aspect ratio from its image. [`DataError::Missing`] if no view has a mask.
 pub fn attach_masks(scene: &mut Scene, folder: &Path) -> Result<usize, DataError> {
     if let Err(error) = std::fs::read_dir(folder) {
         let advice = "Give the folder that holds the masks, named as the frames (white = moving)";
@@ -59,7 +59,7 @@ mod tests {
 
     const SIZE: (u32, u32) = (24, 18);
 
-    /// A scene of one view whose lens bends.
+    /// A scene with one view whose lens distorts.
     fn bent(folder: &Path) -> Scene {
         let path = folder.join("photo.png");
         RgbImage::from_fn(SIZE.0, SIZE.1, |x, _| Rgb([if x < 4 { 255 } else { 0 }; 3])).save(&path).expect("written");

@@ -1,8 +1,8 @@
 //! Readers of datasets.
 //!
-//! Each format has a file or folder here, which lists its assumptions at its head. [`open`] reads a folder with the
-//! first reader that recognises it. The readers alone convert the conventions of files (axes, times, splits) into ours.
-//! What several of them need is in `shared`.
+//! Each format has a file or folder here, whose module comment lists its assumptions. [`open`] reads a folder with the
+//! first reader that recognises it. Only the readers convert the conventions of files (axes, times, splits) into ours.
+//! Code for several readers is in `shared`.
 //!
 //! A new format is a file with a constant of [`Format`] and a `READER`, and a line in `table`.
 

@@ -1,13 +1,13 @@
-//! Scenes of nerfstudio and its converters: `transforms.json` beside the pictures.
+//! Scenes of nerfstudio and its converters: `transforms.json` beside the images.
 //!
 //! Assumptions:
-//! * Cameras are as the module `transforms` describes. `ply_file_path` names the points, in the cameras' world.
-//! * `train_filenames` and `test_filenames` define the split. With one list, pictures outside of it belong to the other
-//!   part. With both, pictures in neither list are unused. `val_filenames` replaces a missing `test_filenames`. Without
-//!   any list, every 8th picture by name is held out.
-//! * Smaller copies of the pictures, `images_2`, are used as the module `reduced` describes.
+//! * Cameras follow the module `transforms`. `ply_file_path` names the points, in the cameras' world.
+//! * `train_filenames` and `test_filenames` define the split. With one list, images outside of it belong to the other
+//!   part. With both, images in neither list are unused. `val_filenames` replaces a missing `test_filenames`. Without
+//!   any list, every 8th image by name is held out.
+//! * Smaller copies of the images, `images_2`, are used as described in the module `reduced`.
 //! * Frames with `time`, or else with `timestamp` in nanoseconds, are a video. Times within `[0, 1]` are kept, others
-//!   are scaled to start at 0 and end at 1. Without either, the pictures are photos of one moment each, and their order
+//!   are scaled to start at 0 and end at 1. Without either, the images are photos of one moment each, and their order
 //!   is their time.
 
 use std::collections::BTreeSet;
@@ -36,13 +36,13 @@ pub(super) const READER: Reader = Reader { format: Format::NERFSTUDIO, recognise
 
 const CAMERAS: &str = "transforms.json";
 
-/// Why `folder` is not in this format; `None` if it is.
+/// The reason why `folder` is not in this format; `None` if it is.
 pub fn recognise(folder: &Path) -> Option<String> {
     (!folder.join(CAMERAS).is_file()).then(|| format!("it needs {CAMERAS}, which is not there"))
 }
 
-/// How the scene in `folder` was captured, judged by its frames alone: with times it is a video. An unreadable file
-/// counts as photos; [`read`] reports it.
+/// The kind of capture in `folder`, judged only by its frames: with times it is a video. An unreadable file counts as
+/// photos; [`read`] reports it.
 pub fn capture(folder: &Path) -> Capture {
     match Transforms::read(&folder.join(CAMERAS)) {
         Ok(transforms) if transforms.frames.iter().any(is_timed) => Capture::Video,
@@ -57,7 +57,7 @@ fn is_timed(frame: &Frame) -> bool {
 /// Reads a nerfstudio scene.
 ///
 /// # Errors
-/// A [`DataError`] that says what is wrong with the folder, a file in it or an option.
+/// A [`DataError`] that names the problem with the folder, a file in it or an option.
 pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let transforms = Transforms::read(&folder.join(CAMERAS))?;
     let mut frames: Vec<&Frame> = transforms.frames.iter().collect();
@@ -100,7 +100,7 @@ fn points(transforms: &Transforms, folder: &Path) -> Result<PointCloud, DataErro
     }
 }
 
-/// What a picture is for.
+/// The purpose of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Part {
     Train,
@@ -137,7 +137,7 @@ fn parts(transforms: &Transforms, frames: &[&Frame], test_every: usize) -> Resul
     Ok(frames.iter().map(part).collect())
 }
 
-/// How the scene was captured, and the time of each frame.
+/// The kind of capture, and the time of each frame.
 fn moments(transforms: &Transforms, frames: &[&Frame]) -> Result<(Capture, Vec<f64>), DataError> {
     // All frames need one unit: a `time` of 0.5 is not in nanoseconds.
     let all = |of: fn(&Frame) -> Option<f64>| frames.iter().map(|frame| of(frame)).collect::<Option<Vec<f64>>>();

@@ -1,13 +1,13 @@
 //! NeRF On-the-go as published: `images/`, `transforms.json` and `split.json`.
 //!
 //! Assumptions:
-//! * Cameras are as the module `transforms` describes.
-//! * `split.json` holds lists `clutter`, `extra` and `clean` of indices into the sorted file names in `images`. Clutter
-//!   trains, extra is held out, clean is unused.
+//! * Cameras follow the module `transforms`.
+//! * `split.json` contains lists `clutter`, `extra` and `clean` of indices into the sorted file names in `images`.
+//!   Clutter trains, extra is held out, clean is unused.
 //! * A photo's time is the last number in its name, divided by the largest such number of all photos. (METHOD §5.2
 //!   states this rule for the names of the other layout.)
-//! * Smaller copies of the photos, `images_8`, are used as the module `reduced` describes.
-//! * The published scenes have no points. A `points3D.ply` or `fused.ply` is read if somebody has added it.
+//! * Smaller copies of the photos, `images_8`, are used as described in the module `reduced`.
+//! * The published scenes have no points. A `points3D.ply` or `fused.ply` is read if it was added.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -57,7 +57,7 @@ struct Split {
     clean: Vec<usize>,
 }
 
-/// Why `folder` is not in this format; `None` if it is.
+/// The reason why `folder` is not in this format; `None` if it is.
 pub fn recognise(folder: &Path) -> Option<String> {
     let absent = [CAMERAS, SPLIT].into_iter().find(|name| !folder.join(name).is_file())?;
     Some(format!("it needs {IMAGES}, {CAMERAS} and {SPLIT}; {absent} is not there"))
@@ -75,7 +75,7 @@ pub(super) fn usual_size(scene: &Scene, _: f64) -> Option<UsualSize> {
 /// Reads a scene of NeRF On-the-go (METHOD §5.2).
 ///
 /// # Errors
-/// A [`DataError`] that says what is wrong with the folder, a file in it or an option.
+/// A [`DataError`] that names the problem with the folder, a file in it or an option.
 pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let cameras = Transforms::read(&folder.join(CAMERAS))?;
     let photos = pictures_in(&listing_folder(folder, options)?)?;
@@ -139,7 +139,7 @@ impl<'a> Cameras<'a> {
     }
 }
 
-/// Reads the split. Each index must exist and stand in one list only.
+/// Reads the split. Each index must exist and be in only one list.
 fn read_split(path: &Path, photos: &[PathBuf]) -> Result<Split, DataError> {
     let fail = |reason: String| DataError::Content { path: path.to_owned(), reason, advice: ADVICE };
     let split: Split = read_json(path, ADVICE)?;

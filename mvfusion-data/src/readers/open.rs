@@ -22,7 +22,7 @@ pub fn recognise(folder: &Path, forced: Option<Format>) -> Result<Format, DataEr
 /// The reader of the scene in `folder`.
 ///
 /// # Errors
-/// As [`recognise`].
+/// Same as [`recognise`].
 pub(crate) fn reader_for(folder: &Path, forced: Option<Format>) -> Result<&'static Reader, DataError> {
     if let Err(error) = std::fs::read_dir(folder) {
         let advice = "Give the folder of a scene";
@@ -42,7 +42,7 @@ pub(crate) fn reader_for(folder: &Path, forced: Option<Format>) -> Result<&'stat
 /// Reads the scene in `folder`, whichever format it has (see [`recognise`]).
 ///
 /// # Errors
-/// Those of [`recognise`], and those of the reader: a [`DataError`] that names what is wrong with the folder, a file in
+/// Those of [`recognise`], and those of the reader: a [`DataError`] that names the problem with the folder, a file in
 /// it or an option.
 pub fn open(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let reader = reader_for(folder, options.format)?;
@@ -53,10 +53,10 @@ pub fn open(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     }
 }
 
-/// Splits the views anew: those of the named cameras are held out, all others train. They are sorted by camera, then by
-/// time, whatever the frames are called.
+/// Replaces the split: views of the named cameras are held out, all others train. They are sorted by camera, then by
+/// time, whatever the names of the frames.
 fn hold_out(scene: Scene, folder: &Path, cameras: &[String]) -> Result<Scene, DataError> {
-    // Some formats have the same frame in both parts.
+    // Some formats contain the same frame in both parts.
     let mut known = BTreeSet::new();
     let views = scene.train.into_iter().chain(scene.test);
     let mut views: Vec<View> = views.filter(|view| known.insert(view.name.clone())).collect();

@@ -10,24 +10,24 @@ use crate::error::DataError;
 /// Options for reading a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReadOptions {
-    /// The format. By default it is recognised.
+    /// The format. By default it is detected.
     pub format: Option<Format>,
-    /// Factor by which pictures are downscaled, at least 1. Default 1.
+    /// Factor by which images are downscaled, at least 1. Default 1.
     pub downscale: f64,
     /// Number of frames of each camera of a video that are used, from the first on. `None` uses all. Default 300, as in
     /// DeGauss.
     pub frames: Option<usize>,
-    /// How a frame's index becomes a time.
+    /// The map from a frame's index to a time.
     pub time: TimeRule,
     /// If nothing else defines the split, every n-th of the sorted photos is held out, from the first on. 0 holds none
     /// out. Default 8, LLFF's rule.
     pub test_every: usize,
-    /// Names of the cameras to hold out instead of the format's own choice. For formats whose views are named
+    /// Names of the cameras to hold out instead of the format's default. For formats whose views are named
     /// `camera/frame`.
     pub test_cameras: Option<Vec<String>>,
     /// RGB colour behind transparent pixels. Default black.
     pub backdrop: [u8; 3],
-    /// Whether black pixels count in masks instead of white ones.
+    /// Whether black pixels of masks are valid instead of white ones.
     pub invert_masks: bool,
     /// Folder in which decoded frames of videos are kept. `None` uses a temporary one.
     pub frame_store: Option<PathBuf>,
@@ -52,7 +52,7 @@ impl Default for ReadOptions {
     }
 }
 
-/// How a frame's index becomes a time in `[0, 1]`.
+/// The map from a frame's index to a time in `[0, 1]`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TimeRule {

@@ -7,39 +7,39 @@ use super::options::ReadOptions;
 use crate::error::DataError;
 use crate::scene::Scene;
 
-/// A reader: how a format is recognised and read, and what is known about its scenes.
+/// A reader: functions that recognise and read a format, and hints about its scenes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Reader {
     pub(crate) format: Format,
-    /// What a folder lacks to be in this format; `None` if it seems to be in it.
+    /// The reason why a folder is not in this format; `None` if it seems to be.
     pub(crate) recognise: fn(&Path) -> Option<String>,
     /// Reads the scene in a folder of this format.
     pub(crate) read: fn(&Path, &ReadOptions) -> Result<Scene, DataError>,
     pub(crate) hints: Hints,
 }
 
-/// What is known about the scenes of a format. An inspection judges a scene by it.
+/// Hints about the scenes of a format, for inspections.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Hints {
     /// The convention of the poses: one or more sentences.
     pub(crate) poses: &'static str,
-    /// The usual size of a scene whose pictures have this width on disk; `None` if the format has no custom.
+    /// The usual size of a scene whose images have this width on disk; `None` if the format has none.
     pub(crate) usual_size: fn(&Scene, f64) -> Option<UsualSize>,
-    /// Whether the scene in a folder has no point cloud, so that the reader makes up random points.
+    /// Whether the scene in a folder has no point cloud, so that the reader generates random points.
     pub(crate) has_random_points: fn(&Path) -> bool,
 }
 
 /// The size at which a scene is usually trained.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct UsualSize {
-    /// Factor by which its pictures are downscaled.
+    /// Factor by which its images are downscaled.
     pub(crate) factor: f64,
-    /// Who trains at this size, as a clause.
+    /// The source of this size, as a clause.
     pub(crate) source: &'static str,
 }
 
 impl Hints {
-    /// The hints of a format of which no more is known than the convention of its poses.
+    /// The hints of a format with only a convention of its poses.
     pub(crate) const fn of_poses(poses: &'static str) -> Self {
         Self { poses, usual_size: |_, _| None, has_random_points: |_| false }
     }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Deserializer};
 use super::format::Format;
 use super::reader::Reader;
 
-/// All readers, in the order in which they are tried (METHOD §5.0, then the formats that DeGauss does not know).
+/// All readers, in the order in which they are tried (METHOD §5.0, then the formats that DeGauss does not support).
 pub(crate) const READERS: &[Reader] = &[
     super::colmap::READER,
     super::dnerf::READER,
@@ -53,7 +53,7 @@ impl Format {
 }
 
 impl<'de> Deserialize<'de> for Format {
-    /// From its key. An unknown key is refused with the keys that there are.
+    /// From its key. An unknown key is rejected with a list of the known keys.
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let key = String::deserialize(deserializer)?;
         Self::of_key(&key).ok_or_else(|| D::Error::unknown_variant(&key, &Self::KEYS))

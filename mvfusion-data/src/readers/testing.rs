@@ -63,7 +63,7 @@ impl SceneFolder {
         open(self.path(), &options)
     }
 
-    /// The message of the error, which must be there and name every part.
+    /// The message of the error, which must occur and name every part.
     pub(crate) fn complaint(&self, parts: &[&str]) {
         let message = self.open().expect_err("the scene is damaged").to_string();
         assert!(message.contains(self.path().to_str().expect("utf-8")), "the place is missing: {message}");

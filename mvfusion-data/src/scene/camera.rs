@@ -6,13 +6,13 @@ use serde::{Deserialize, Serialize};
 /// A pinhole camera with its pose, in OpenCV axes: x right, y down, z forward.
 ///
 /// A world point `x` has camera coordinates `rotation * x + translation`. A camera point `(x, y, z)` projects to the
-/// pixel position `(fx x / z + cx, fy y / z + cy)`. The centre of the first pixel lies at `(0.5, 0.5)`. All numbers are
-/// `f64`, because the finite-difference checks run the whole chain in `f64`.
+/// pixel position `(fx x / z + cx, fy y / z + cy)`. The centre of the first pixel is at `(0.5, 0.5)`. All numbers are
+/// `f64`, because the finite-difference checks run entirely in `f64`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Camera {
-    /// Width of the picture in pixels.
+    /// Width of the image in pixels.
     pub width: usize,
-    /// Height of the picture in pixels.
+    /// Height of the image in pixels.
     pub height: usize,
     /// Focal length along x, in pixels.
     pub fx: f64,
@@ -60,7 +60,7 @@ impl Camera {
         self.rotation * point + self.translation
     }
 
-    /// Pixel position of a world point, or `None` if it lies behind the camera.
+    /// Pixel position of a world point, or `None` if it is behind the camera.
     pub fn project(&self, point: DVec3) -> Option<DVec2> {
         let p = self.to_camera(point);
         (p.z > 0.0).then(|| DVec2::new(self.fx * p.x / p.z + self.cx, self.fy * p.y / p.z + self.cy))
@@ -72,13 +72,13 @@ impl Camera {
         DVec2::new(half(self.width, self.fx), half(self.height, self.fy))
     }
 
-    /// The same camera for the picture resized to `width` by `height`.
+    /// The same camera for the image resized to `width` by `height`.
     pub fn resized(&self, width: usize, height: usize) -> Self {
         let (sx, sy) = (width as f64 / self.width as f64, height as f64 / self.height as f64);
         Self { width, height, fx: self.fx * sx, fy: self.fy * sy, cx: self.cx * sx, cy: self.cy * sy, ..*self }
     }
 
-    /// The same camera for another aspect ratio. The vertical field of view stays, and the horizontal one changes.
+    /// The same camera for another aspect ratio. Only the horizontal field of view changes.
     pub fn reframed(&self, width: usize, height: usize) -> Self {
         let scale = height as f64 / self.height as f64;
         let cx = (self.cx - self.width as f64 / 2.0) * scale + width as f64 / 2.0;
@@ -139,7 +139,7 @@ mod tests {
         let wide = c.reframed(480, 240);
         let p = c.centre() + c.rotation.transpose() * DVec3::new(0.3, -0.2, 2.0);
         let (old, new) = (c.project(p).expect("in front"), wide.project(p).expect("in front"));
-        // Twice the size, and half of the 160 pixels that were gained on the left.
+        // Twice the size, and half of the 160 additional pixels on the left.
         assert!((new - (2.0 * old + DVec2::new(80.0, 0.0))).length() < 1e-9);
     }
 }

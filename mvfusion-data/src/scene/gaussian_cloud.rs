@@ -1,11 +1,11 @@
-//! Gaussians as plain numbers, for files.
+//! Gaussians as plain values, for files.
 
 use glam::Vec3;
 
 /// Colour channels.
 const CHANNELS: usize = 3;
 
-/// Gaussians before any activation, as 3DGS stores them. Every list has one entry a Gaussian.
+/// Gaussians before any activation, as stored by 3DGS. Every list has one entry per Gaussian.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct GaussianCloud {
     /// Degree of the spherical harmonics.
@@ -15,7 +15,7 @@ pub struct GaussianCloud {
     /// Constant colour coefficients.
     pub sh_dc: Vec<[f32; 3]>,
     /// Higher colour coefficients: Gaussian by Gaussian, then coefficient by coefficient, channels fastest. Each
-    /// Gaussian has [`rest_width`] numbers.
+    /// Gaussian has [`rest_width`] values.
     pub sh_rest: Vec<f32>,
     /// Opacities as logits.
     pub opacity_logits: Vec<f32>,
@@ -91,7 +91,7 @@ impl GaussianCloud {
         Some(self.means.iter().fold((first, first), wider))
     }
 
-    /// Changes the degree. New coefficients are zero, those above the new degree are dropped.
+    /// Changes the degree. New coefficients are zero; coefficients above the new degree are dropped.
     pub fn at_degree(mut self, sh_degree: usize) -> Self {
         let width = rest_width(sh_degree);
         let mut rest = Vec::with_capacity(width * self.len());
@@ -103,7 +103,7 @@ impl GaussianCloud {
         self
     }
 
-    /// Sets the coefficients above a degree to zero. Their number stays.
+    /// Sets the coefficients above a degree to zero. Their number does not change.
     pub fn zero_above(self, sh_degree: usize) -> Self {
         let room = self.sh_degree;
         self.at_degree(sh_degree.min(room)).at_degree(room)

@@ -6,7 +6,7 @@
 
 use glam::{DMat2, DVec2};
 
-/// Most steps of Newton's method. An invertible lens takes about six.
+/// Maximum number of steps of Newton's method. An invertible lens needs about six.
 const STEPS: usize = 32;
 
 /// Largest error of an inversion, on the plane at distance one. It is far below a pixel.
@@ -42,7 +42,7 @@ pub enum Bend {
     Fisheye {
         /// k1 … k6.
         radial: [f64; 6],
-        /// As for perspective lenses.
+        /// As in [`Bend::Perspective`].
         tangential: [f64; 2],
         /// Thin prism: x moves by `s1 r² + s2 r⁴`, y by `s3 r² + s4 r⁴`.
         prism: [f64; 4],
@@ -88,7 +88,7 @@ impl Bend {
                 let slope = if omega.abs() < 1e-9 { 1.0 } else { 2.0 * (0.5 * omega).tan() / omega };
                 if r * omega.abs() < 1e-9 { point * slope } else { point * (r * omega * slope).atan() / (r * omega) }
             }
-            // Points beyond the edge of what the lens shows are mapped to that edge.
+            // Points outside the lens's field of view are mapped to its edge.
             Self::Division { k } => point * 2.0 / (1.0 + (1.0 - 4.0 * k * point.length_squared()).max(0.0).sqrt()),
             Self::Unified { alpha, beta } => {
                 point / (alpha * (beta * point.length_squared() + 1.0).sqrt() + 1.0 - alpha)
@@ -106,7 +106,7 @@ impl Bend {
         stretched + shift(base, tangential) + DVec2::new(s1 * b2 + s2 * b2 * b2, s3 * b2 + s4 * b2 * b2)
     }
 
-    /// Whether it distorts nothing.
+    /// Whether there is no distortion.
     pub fn is_none(&self) -> bool {
         matches!(self, Self::Perspective { radial, tangential } if radial.iter().chain(tangential).all(|k| *k == 0.0))
     }
@@ -132,7 +132,7 @@ impl Bend {
                 })
             }
             Self::Division { k } => {
-                // From 1 on the picture folds back, and below -1 it shows what is behind the camera.
+                // From 1 on, the image folds back; below -1, it shows points behind the camera.
                 let bent = k * seen.length_squared();
                 (bent.abs() < 1.0).then(|| seen / (1.0 + bent))
             }
@@ -152,13 +152,13 @@ impl Lens {
         self.focal * self.bend.moved(point) + self.principal
     }
 
-    /// The direction that falls on a pixel position, as its point at distance one. `None` if the lens sees nothing in
-    /// front of the camera there.
+    /// The direction of a pixel position, as its point at distance one. `None` if the lens sees nothing in front of the
+    /// camera there.
     pub fn direction_of(&self, pixel: DVec2) -> Option<DVec2> {
         self.bend.straightened((pixel - self.principal) / self.focal)
     }
 
-    /// The same lens for a picture scaled by `factor` along x and y.
+    /// The same lens for an image scaled by `factor` along x and y.
     pub fn scaled(&self, factor: DVec2) -> Self {
         Self { focal: self.focal * factor, principal: self.principal * factor, ..*self }
     }
@@ -278,7 +278,7 @@ mod tests {
             assert!(lens.direction_of(DVec2::new(edge - 0.1, 0.0)).is_some());
             assert!(lens.direction_of(DVec2::new(edge + 0.1, 0.0)).is_none());
         }
-        // A barrel so strong that the picture folds back.
+        // A barrel so strong that the image folds back.
         let folded = Bend::Perspective { radial: [-0.5, 0.0, 0.0, 0.0, 0.0, 0.0], tangential: [0.0; 2] };
         assert!(Lens { bend: folded, ..lens }.direction_of(DVec2::new(90.0, 0.0)).is_none());
     }

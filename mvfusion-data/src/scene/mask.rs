@@ -1,24 +1,25 @@
-//! A mask: which pixels of a picture count.
+//! A mask of valid pixels.
 
 use image::{GrayImage, imageops};
 
 use super::picture::Picture;
 use crate::error::DataError;
 
-/// Which pixels of a picture count, for the training loss and for scores.
+/// The valid pixels of an image, for losses and metrics.
 #[derive(Clone, Debug)]
 pub struct Mask {
     /// Decoded by [`Picture::mask`].
     pub picture: Picture,
-    /// Whether black pixels count and white ones are ignored. Otherwise white ones count, as in nerfstudio and COLMAP.
+    /// Whether black pixels are valid and white ones are ignored. Otherwise white pixels are valid, as in nerfstudio
+    /// and COLMAP.
     pub inverted: bool,
 }
 
 impl Mask {
-    /// The decoded mask: 255 where the pixel counts, 0 where it is ignored.
+    /// The decoded mask: 255 at valid pixels, 0 at ignored pixels.
     ///
     /// # Errors
-    /// As [`Picture::mask`].
+    /// Same as [`Picture::mask`].
     pub fn read(&self) -> Result<GrayImage, DataError> {
         let mut mask = self.picture.mask()?;
         if self.inverted {
@@ -36,7 +37,7 @@ mod tests {
 
     const SIZE: (u32, u32) = (24, 18);
 
-    /// A mask of two colours, read from a file. The left one should be white.
+    /// A mask of two colours, read from a file. The left colour should be white.
     fn read<P>(left: P, right: P, inverted: bool) -> [u8; 2]
     where
         P: image::Pixel + image::PixelWithColorType,
@@ -71,7 +72,7 @@ mod tests {
         assert_eq!(read(Luma([0u16]), Luma([1]), true), [255, 0]);
         assert_eq!(read(Luma([1u8]), Luma([1]), false), [255, 255]);
         assert_eq!(read(Luma([0u8]), Luma([0]), false), [0, 0]);
-        // Two is no label: what is dark is black.
+        // Two is not a label, so dark values are black.
         assert_eq!(read(Luma([1u8]), Luma([2]), false), [0, 0]);
     }
 

@@ -1,7 +1,7 @@
-//! A scene: what every reader delivers and everything downstream sees.
+//! A scene: the output of every reader and the input of everything downstream.
 //!
-//! A [`Scene`] has training and held-out [`View`]s, each with a [`Camera`], a time and a [`Picture`], and a
-//! [`PointCloud`] to start from.
+//! A [`Scene`] has training and held-out [`View`]s, each with a [`Camera`], a time and a [`Picture`], and an initial
+//! [`PointCloud`].
 
 mod cache;
 mod camera;
@@ -29,12 +29,12 @@ pub(crate) use rig::by_camera;
 pub(crate) use undistort::pinhole_within;
 pub use view::{Truth, View};
 
-/// How a scene was captured. This decides how its Gaussians are initialised (METHOD §3).
+/// The kind of capture, which determines the initialisation of the Gaussians (METHOD §3).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Capture {
     /// Synchronised cameras that film the same moments, as in Neu3D.
     Video,
-    /// One photo a moment, with distractors, as in NeRF On-the-go and RobustNeRF.
+    /// One photo per moment, with distractors, as in NeRF On-the-go and RobustNeRF.
     Photos,
 }
 
@@ -43,7 +43,7 @@ pub enum Capture {
 pub struct Scene {
     /// Name for messages: the folder's, or `built-in video`.
     pub name: String,
-    /// How it was captured.
+    /// The kind of capture.
     pub capture: Capture,
     /// Training views. Never empty.
     pub train: Vec<View>,
@@ -85,7 +85,7 @@ impl Scene {
         self.train.iter().map(|v| v.camera.centre()).fold(start, |b, c| Bounds { min: b.min.min(c), max: b.max.max(c) })
     }
 
-    /// The number of every training view's camera. Views of one pose and one lens share a number; cameras are numbered
+    /// The camera index of every training view. Views with the same pose and lens share an index; cameras are numbered
     /// in order of first appearance.
     pub fn training_cameras(&self) -> Vec<usize> {
         let mut cameras = vec![0; self.train.len()];

@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 pub struct PointCloud {
     /// Positions in world units.
     pub positions: Vec<Vec3>,
-    /// RGB in `[0, 1]` as in the pictures (8-bit value / 255, METHOD §3), one for each position.
+    /// RGB in `[0, 1]` as in the images (8-bit value / 255, METHOD §3), one for each position.
     pub colours: Vec<Vec3>,
 }
 

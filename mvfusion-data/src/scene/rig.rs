@@ -19,7 +19,7 @@ pub(crate) fn by_camera<'a>(views: impl Iterator<Item = &'a View>) -> Vec<Vec<us
     cameras
 }
 
-/// The bits of a camera's numbers. Only equal cameras have equal bits.
+/// The bits of a camera's values. Only equal cameras have equal bits.
 fn identity(camera: &Camera) -> [u64; 18] {
     let size = [camera.width as f64, camera.height as f64];
     let lens = [camera.fx, camera.fy, camera.cx, camera.cy];

@@ -1,8 +1,9 @@
-//! Undistortion: from a picture of a lens to that of a pinhole.
+//! Undistortion of an image to that of a pinhole camera.
 //!
-//! The pinhole has the picture's size and sees no more than the lens did, so every pixel of the new picture is known.
-//! This is OpenCV's `getOptimalNewCameraMatrix` with alpha 0 (METHOD §5.2). Departure: OpenCV samples 9 x 9 points of
-//! the border and cuts off a row and a column. Here every pixel edge of the border counts, and the size stays.
+//! The pinhole has the image's size, and its field of view is within that of the lens, so every pixel of the new image
+//! is known. This is OpenCV's `getOptimalNewCameraMatrix` with alpha 0 (METHOD §5.2). Departure: OpenCV samples 9 x 9
+//! points of the border and crops a row and a column. Here, every pixel edge of the border is used, and the size does
+//! not change.
 
 use glam::DVec2;
 use image::{GrayImage, Luma, Rgb, RgbImage};
@@ -14,8 +15,8 @@ use super::lens::{Bend, Lens};
 /// one in the middle.
 const WIDEST: f64 = 5.67;
 
-/// The pinhole whose picture of `width` by `height` pixels lies within what `lens` shows on as many. `None` if the lens
-/// shows nothing in front of the camera.
+/// The pinhole whose image of `width` by `height` pixels is within the field of view of `lens` at the same size. `None`
+/// if the lens shows nothing in front of the camera.
 pub(crate) fn pinhole_within(lens: &Lens, width: u32, height: u32) -> Option<Lens> {
     if lens.bend.is_none() {
         return Some(*lens);
@@ -28,8 +29,8 @@ pub(crate) fn pinhole_within(lens: &Lens, width: u32, height: u32) -> Option<Len
     let right = rows().filter_map(|y| seen(w, y)).map(|p| p.x).reduce(f64::min);
     let top = columns().filter_map(|x| seen(x, 0.0)).map(|p| p.y).reduce(f64::max);
     let bottom = columns().filter_map(|x| seen(x, h)).map(|p| p.y).reduce(f64::min);
-    // What a fisheye cannot see through the edge of a picture lies beyond the widest field of view. A perspective lens
-    // sees something through every edge, unless its coefficients do not belong to the picture.
+    // If a fisheye sees nothing at an edge of the image, the edge is beyond the widest field of view. A perspective
+    // lens sees something at every edge, unless its coefficients do not belong to the image.
     if [left, right, top, bottom].contains(&None) && matches!(lens.bend, Bend::Perspective { .. }) {
         return None;
     }
@@ -42,7 +43,7 @@ pub(crate) fn pinhole_within(lens: &Lens, width: u32, height: u32) -> Option<Len
     Some(Lens { focal, principal: -focal * DVec2::new(left, top), bend: Bend::NONE })
 }
 
-/// Undistorts a picture of `lens` to that of `pinhole`. Both are for the picture's size.
+/// Undistorts an image from `lens` to `pinhole`. Both are for the image's size.
 pub(crate) fn straighten(image: &RgbImage, lens: &Lens, pinhole: &Lens) -> RgbImage {
     let (width, height) = image.dimensions();
     let mut straight = RgbImage::new(width, height);
@@ -70,7 +71,7 @@ pub(crate) fn straighten_mask(mask: &GrayImage, lens: &Lens, pinhole: &Lens) -> 
 /// The colour at a pixel position, by Catmull-Rom cubic interpolation. Beyond the border, the border's colour is
 /// repeated.
 fn cubic(image: &RgbImage, at: DVec2) -> Rgb<u8> {
-    // A few pixels outside, only the border counts. Further out, positions would overflow the integers.
+    // A few pixels outside, only the border matters. Further out, positions would overflow the integers.
     let size = DVec2::new(f64::from(image.width()), f64::from(image.height()));
     let at = at.clamp(DVec2::splat(-2.0), size + 2.0);
     let (x, y) = (at.x - 0.5, at.y - 0.5);
@@ -106,7 +107,7 @@ mod tests {
         Lens { focal: DVec2::new(70.0, 71.0), principal: DVec2::new(47.0, 33.0), bend }
     }
 
-    /// A smooth picture on the plane at distance one.
+    /// A smooth image on the plane at distance one.
     fn colour(point: DVec2) -> [f64; 3] {
         [
             128.0 + 90.0 * (7.0 * point.x).sin(),

@@ -1,4 +1,4 @@
-//! A view: a picture with its camera, its time and its ground truth.
+//! A view: an image with its camera, its time and its ground truth.
 
 use std::sync::Arc;
 
@@ -6,7 +6,7 @@ use super::camera::Camera;
 use super::mask::Mask;
 use super::picture::Picture;
 
-/// One picture: what a camera saw at a time.
+/// One image of a camera at a time.
 #[derive(Clone, Debug)]
 pub struct View {
     /// Name, unique among the training views and among the held-out views, such as `cam00/0003`.
@@ -17,7 +17,7 @@ pub struct View {
     pub time: f64,
     /// The photo.
     pub image: Picture,
-    /// Which of its pixels count. All do if there is none.
+    /// Mask of its valid pixels; all are valid without a mask.
     pub mask: Option<Mask>,
     /// Ground truth beyond the photo. For evaluation only, never for training.
     pub truth: Truth,
@@ -32,8 +32,8 @@ pub struct Truth {
     pub dynamic_mask: Option<Picture>,
     /// Whether [`Truth::dynamic_mask`] is exact, as in a built-in scene, and not an annotation.
     pub is_mask_exact: bool,
-    /// White where a mover is in front: an object that goes somewhere, not one that sways in its place. Only built-in
-    /// scenes have it, and only together with [`Truth::dynamic_mask`].
+    /// White on visible movers, which change their place; objects that sway in place are excluded. Only built-in scenes
+    /// have it, and only together with [`Truth::dynamic_mask`].
     pub movers_mask: Option<Picture>,
     /// Depth along the camera's z axis in world units at the pixel centres, row by row. Only built-in scenes have it.
     pub depth: Option<Arc<Vec<f32>>>,

@@ -2,7 +2,7 @@
 
 use mp4_atom::{Atom, Decode, Header};
 
-/// The boxes that lie in `content` side by side, with their contents. Ends at malformed bytes.
+/// The consecutive boxes in `content`, with their contents. Ends at malformed bytes.
 pub(super) fn children(mut content: &[u8]) -> impl Iterator<Item = ([u8; 4], &[u8])> {
     std::iter::from_fn(move || {
         let mut rest = content;

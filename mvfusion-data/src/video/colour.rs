@@ -20,8 +20,8 @@ pub(super) struct Colours {
 }
 
 impl Colours {
-    /// `matrix` is the number of the matrix coefficients in H.273. Unknown and unspecified ones are taken as BT.601, as
-    /// in ffmpeg.
+    /// `matrix` is the number of the matrix coefficients in H.273. Unknown and unspecified ones count as BT.601, as in
+    /// ffmpeg.
     pub(super) fn new(matrix: u16, full_range: bool) -> Self {
         let (red, blue) = match matrix {
             1 => (0.2126, 0.0722),      // BT.709
@@ -78,7 +78,7 @@ impl Colours {
     }
 }
 
-/// The chroma sample next to that of pixel `at`, on the pixel's side.
+/// The neighbouring chroma sample of pixel `at`, on the pixel's side.
 fn neighbour(at: usize, count: usize) -> usize {
     match at % 2 {
         0 => (at / 2).saturating_sub(1),
@@ -100,7 +100,7 @@ mod tests {
 
     #[test]
     fn black_white_and_the_primaries_come_out_right() {
-        // Values of section 8.3 of H.273, rounded to whole numbers.
+        // Values of section 8.3 of H.273, rounded to integers.
         let cases: [(u16, bool, [u8; 3], [u8; 3]); 7] = [
             (6, false, [16, 128, 128], [0; 3]),
             (6, false, [235, 128, 128], [255; 3]),

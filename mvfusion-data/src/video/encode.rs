@@ -11,12 +11,12 @@ use image::RgbImage;
 use super::ffmpeg::{is_installed, local};
 use crate::error::DataError;
 
-/// Converts to BT.709 colours, as players assume for large pictures, and tags the file with them. Crops the last column
-/// or row of odd sizes, because the chroma is subsampled.
+/// Converts to BT.709 colours, which players assume for large images, and tags the file with them. Crops the last
+/// column or row of odd sizes, because the chroma is subsampled.
 const FILTERS: &str = "crop=trunc(iw/2)*2:trunc(ih/2)*2,scale=out_color_matrix=bt709:out_range=tv,format=yuv420p";
 /// Constant quality of x264 without visible artefacts.
 const QUALITY: &str = "18";
-/// Most lines of ffmpeg's messages that are passed on.
+/// Maximum number of lines of ffmpeg's messages to pass on.
 const MOST_COMPLAINTS: usize = 3;
 
 const ADVICE: &str = "Check that the program ffmpeg was built with libx264, or write the frames as pictures.";
@@ -38,8 +38,8 @@ pub struct VideoWriter {
 }
 
 impl VideoWriter {
-    /// Starts a video of frames of `size` at `fps` frames a second, replacing any file at `path`. The last column or
-    /// row of an odd size is dropped.
+    /// Starts a video with frames of `size` at `fps` frames per second, and replaces any file at `path`. The last
+    /// column or row of an odd size is dropped.
     ///
     /// # Errors
     /// If ffmpeg cannot be started, or a side has less than two pixels.
@@ -94,7 +94,7 @@ impl VideoWriter {
         self.end().map_err(|reason| flaw(&self.path, reason))
     }
 
-    /// Ends the program. The error holds its messages if it failed.
+    /// Ends the program. The error contains its messages if it failed.
     fn end(&mut self) -> Result<(), String> {
         self.frames = None;
         let status = self.child.wait().map_err(|error| error.to_string())?;
@@ -141,7 +141,7 @@ mod tests {
     use super::*;
     use crate::video::{FrameStore, Video, VideoDecoder};
 
-    /// Levels that coding, halved chroma and the way to YCbCr and back may cost on average; frames are 20 apart.
+    /// Maximum mean error in levels due to coding, chroma subsampling and YCbCr conversion; frames are 20 levels apart.
     const LIKE: f64 = 4.0;
 
     fn frame(index: u8) -> RgbImage {

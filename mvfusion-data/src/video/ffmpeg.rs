@@ -1,4 +1,4 @@
-//! Decoding with the program ffmpeg, which knows every codec.
+//! Decoding with the program ffmpeg, which supports every codec.
 
 use std::ffi::OsString;
 use std::path::Path;
@@ -16,9 +16,9 @@ use super::flaw::{CHECK_FILE, EXTRACT, Flaw, READ_FEWER};
 
 /// Numbers the frames instead of timing them. Otherwise ffmpeg would drop and duplicate frames for a constant rate, and
 /// the option against that has different names in different versions. Interpolates the chroma instead of repeating it,
-/// which is 1 dB closer to the original pictures.
+/// which is 1 dB closer to the original images.
 const FILTERS: &str = "settb=1/25,setpts=N,scale=flags=bicubic+accurate_rnd+full_chroma_int";
-/// Most lines of ffmpeg's messages that are passed on.
+/// Maximum number of lines of ffmpeg's messages to pass on.
 const MOST_COMPLAINTS: usize = 3;
 
 /// Whether the program can be run.
@@ -41,13 +41,13 @@ pub(super) fn decode(
         .rawvideo();
     let mut child = command.spawn().map_err(|e| Flaw::new(path, format!("ffmpeg cannot be started ({e})"), EXTRACT))?;
     let passed = pass_on(&mut child, path, wanted, sink);
-    // If a frame was refused, the program is still running.
+    // If a frame was rejected, the program is still running.
     let _ = child.kill();
     let _ = child.wait();
     passed
 }
 
-/// Passes the frames on as they come.
+/// Passes the frames to the sink as they arrive.
 fn pass_on(
     child: &mut FfmpegChild,
     path: &Path,
@@ -112,7 +112,7 @@ fn stream(stream: &Value) -> Option<((u32, u32), usize)> {
     })
 }
 
-/// A file name that ffmpeg takes for neither an option nor an address.
+/// A file name that ffmpeg mistakes for neither an option nor an address.
 pub(super) fn local(path: &Path) -> OsString {
     let mut name = OsString::from("file:");
     name.push(path);

@@ -1,4 +1,4 @@
-//! What is wrong with a video, and what to do about it.
+//! Problems with videos, and their remedies.
 
 use std::path::{Path, PathBuf};
 
@@ -15,7 +15,7 @@ pub(super) const READ_FEWER: &str = "Check that the file is complete and plays, 
 pub(super) const EXTRACT: &str = "Install the program ffmpeg, or turn the video into pictures on another computer with \
                                   `ffmpeg -i NAME.mp4 NAME/images/%04d.png`.";
 
-/// What is wrong with a video. Unlike [`DataError`] it can be cloned and reported again.
+/// A problem with a video. Unlike [`DataError`], it can be cloned and reported again.
 #[derive(Clone, Debug)]
 pub(super) struct Flaw {
     path: PathBuf,

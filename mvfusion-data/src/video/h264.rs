@@ -15,11 +15,11 @@ use super::flaw::{CHECK_FILE, EXTRACT, Flaw};
 use super::mp4::{Codec, H264Setup, Track, Turn};
 use super::samples::Sample;
 
-/// Most bytes of a coded frame. Uncompressed frames of 8 megapixels have 12 MB.
+/// Maximum bytes of a coded frame. Uncompressed frames of 8 megapixels have 12 MB.
 const MOST_SAMPLE_BYTES: u32 = 1 << 26;
 const START_CODE: [u8; 4] = [0, 0, 0, 1];
-/// Types of units that make pictures: slices, slices of key frames, sequence and picture parameter sets. Others are
-/// metadata, or layers that the decoder would mistake for its own.
+/// Types of units that are needed for decoding: slices, slices of key frames, sequence and picture parameter sets.
+/// Others are metadata, or layers that the decoder would misinterpret.
 const KINDS: [u8; 4] = [1, 5, 7, 8];
 
 /// Colours of a track, or the reason why it cannot be decoded here.

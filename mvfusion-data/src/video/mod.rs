@@ -1,7 +1,7 @@
-//! Videos: their frames as pictures.
+//! Videos: their frames as images.
 //!
-//! Training asks for frames in random order and from several threads, but a video can only be decoded from its start.
-//! So each video is decoded once, frame by frame, into a folder of pictures. Later requests read those.
+//! Training requests frames in random order and from several threads, but a video can only be decoded from its start.
+//! Each video is therefore decoded once, frame by frame, into a folder of images. Later requests read these.
 
 mod boxes;
 #[cfg(feature = "h264")]
@@ -34,7 +34,7 @@ use crate::error::DataError;
 use flaw::{CHECK_FILE, EXTRACT, Flaw, READ_FEWER};
 use permit::Permit;
 
-/// Frames with more pixels are refused. A false header must not cost the memory for its claim.
+/// Frames with more pixels are rejected, because a false header must not cause large allocations.
 const MOST_PIXELS: u64 = 1 << 26;
 
 /// A video file. Its frames are decoded when the first one is requested.
@@ -49,8 +49,8 @@ pub struct Video {
     track: Option<mp4::Track>,
     decoder: VideoDecoder,
     store: FrameStore,
-    /// The frames in each requested size. Each set has its own lock, which is held while it is decoded. Other callers
-    /// wait for it.
+    /// The frames in each requested size. Each set has its own lock, which is held during decoding. Other callers wait
+    /// for it.
     sets: Mutex<BTreeMap<(u32, u32), SharedSet>>,
 }
 
@@ -96,7 +96,7 @@ impl Video {
     /// count their frames. `limit` is the number of frames to use, from the first on.
     ///
     /// # Errors
-    /// [`DataError::Content`] if the file is no video, or one that cannot be decoded here.
+    /// [`DataError::Content`] if the file is not a video, or cannot be decoded here.
     pub(crate) fn open(path: &Path, limit: usize, store: &FrameStore) -> Result<Arc<Self>, DataError> {
         Ok(Arc::new(Self::with_decoder(path, limit, store, VideoDecoder::Auto)?))
     }
@@ -105,7 +105,7 @@ impl Video {
         let metadata = std::fs::metadata(path).map_err(|e| Flaw::new(path, e, "Check the name of the file."))?;
         let (size, frames, track) = match mp4::read(path) {
             Ok(track) => (track.size(), track.shown, Some(track)),
-            // The demuxer knows common forms of one container only. A file that it refuses may still be fine.
+            // The demuxer supports only common forms of one container. A file that it rejects may still be valid.
             Err(refusal) if decoder.is_ffmpeg() => match ffmpeg::probe(path) {
                 Ok((size, frames)) => (size, frames, None),
                 Err(reason) => {
@@ -168,7 +168,7 @@ impl Video {
             let mut sets = self.sets.lock().unwrap_or_else(PoisonError::into_inner);
             Arc::clone(sets.entry(size).or_insert_with(|| Arc::new(Mutex::new(FrameSet::Wanted))))
         };
-        // After a panic the set is still wanted.
+        // After a panic, the set is still needed.
         let mut set = set.lock().unwrap_or_else(PoisonError::into_inner);
         match &*set {
             FrameSet::Ready(folder) => return Ok(folder.clone()),
@@ -183,7 +183,7 @@ impl Video {
         made
     }
 
-    /// Decodes the video into the store, unless its frames are there from an earlier run.
+    /// Decodes the video into the store, unless its frames exist from an earlier run.
     fn make(&self, size: (u32, u32)) -> Result<PathBuf, Flaw> {
         let name = store::set_name(&self.path, &self.metadata, size, self.len);
         let folder = self.store.folder()?.join(name);

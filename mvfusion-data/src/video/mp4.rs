@@ -1,6 +1,6 @@
 //! The headers of an mp4 file: its first video track, and the positions of the coded frames.
 //!
-//! Only the boxes of that track are parsed. A sound track in an unknown form does no harm.
+//! Only the boxes of that track are parsed, so a sound track in an unknown format is harmless.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -11,11 +11,11 @@ use mp4_atom::{Colr, Elst, FourCC, Hdlr, Header, Mdhd, Mvhd, ReadFrom, Stsd, Tkh
 use super::boxes::{child, children, leaf, optional_leaf};
 use super::samples::{Sample, Samples};
 
-/// Largest `moov` box that is read. An hour of frames takes about two megabytes.
+/// Largest accepted `moov` box. An hour of frames needs about two megabytes.
 const MOST_HEADER_BYTES: u64 = 1 << 28;
-/// Most boxes that are read before the `moov` box.
+/// Maximum number of boxes before the `moov` box.
 const MOST_BOXES: usize = 4096;
-/// Types of boxes that may begin an mp4 or QuickTime file.
+/// Types of boxes at the start of an mp4 or QuickTime file.
 const FIRST_KINDS: [&[u8; 4]; 7] = [b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide", b"pnot"];
 
 /// The first video track of a file.
@@ -97,7 +97,7 @@ fn is_video(handler: Hdlr) -> bool {
     handler.handler == FourCC::new(b"vide")
 }
 
-/// The content of the `moov` box, which may stand at either end of the file.
+/// The content of the `moov` box, which may be at either end of the file.
 fn moov(file: &mut File, file_bytes: u64) -> Result<Vec<u8>, String> {
     const CUT: &str = "it is cut short: there is no index (moov box)";
     let mut at = 0;
@@ -180,7 +180,7 @@ fn h264_setup(avcc: &mp4_atom::Avcc, colour: Option<&Colr>) -> H264Setup {
 
 /// The span of media times that is shown.
 fn edit(list: &Elst, media_timescale: u32, movie_timescale: u32) -> Result<(i64, i64), String> {
-    // An entry without a media time is a pause before the video begins.
+    // An entry without a media time is a pause before the video starts.
     let mut shown = list.entries.iter().filter_map(|entry| entry.media_time.map(|time| (time, entry)));
     let Some((start, entry)) = shown.next() else { return Ok((0, i64::MAX)) };
     if shown.next().is_some() {

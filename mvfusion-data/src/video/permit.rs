@@ -1,13 +1,13 @@
-//! A limit for the number of videos that are decoded at a time.
+//! A limit for the number of videos that are decoded concurrently.
 //!
-//! Every thread that decodes pictures may come to a video of its own. A video holds several full-size frames while they
-//! are resized and written. Without a limit, a rig of twenty cameras on a large machine would take tens of gigabytes.
+//! Every thread that decodes images may start a different video. A video keeps several full-size frames while they are
+//! resized and written. Without a limit, a rig of twenty cameras on a large machine would need tens of gigabytes.
 
 use std::sync::{Condvar, Mutex, PoisonError};
 
-/// Most videos that are decoded at a time. Decoding and writing one keeps a few threads busy.
+/// Maximum number of videos decoded concurrently. Each keeps a few threads busy.
 const MOST_VIDEOS: usize = 4;
-/// Most frames of all videos that are resized and written at a time.
+/// Maximum number of frames of all videos that are resized and written concurrently.
 const MOST_FRAMES: usize = 16;
 
 static TAKEN: Mutex<usize> = Mutex::new(0);

@@ -6,7 +6,7 @@ use mp4_atom::{Co64, Ctts, Stco, Stsc, StscEntry, Stsz, StszSamples, Stts};
 
 use super::boxes::{leaf, optional_leaf};
 
-/// Most frames of a video: a day at 48 frames a second. A header can claim billions in a few bytes.
+/// Maximum number of frames of a video: a day at 48 FPS. A header can claim billions in a few bytes.
 const MOST_SAMPLES: usize = 1 << 22;
 
 /// A coded frame in the file.
@@ -27,7 +27,7 @@ pub(super) struct Samples {
 }
 
 impl Samples {
-    /// Reads a sample table, the content of a `stbl` box. Every sample lies within the file.
+    /// Reads a sample table, the content of a `stbl` box. Every sample is within the file.
     pub(super) fn read(stbl: &[u8], file_bytes: u64) -> Result<Self, String> {
         let sizes = leaf::<Stsz>(stbl)?.samples;
         let count = match &sizes {

@@ -16,7 +16,7 @@ use super::flaw::Flaw;
 use super::permit::Permit;
 use super::temporary::TemporaryFolder;
 
-/// Part of the names of frame sets. Increase it when the same file gives other pixels.
+/// Part of the names of frame sets. Increase it when the same file results in different pixels.
 const VERSION: u32 = 1;
 /// A partial set without a new frame for this time belongs to an interrupted run.
 const ABANDONED: Duration = Duration::from_secs(3600);
@@ -26,7 +26,7 @@ const MAKE_WRITABLE: &str = "Name a folder in which this program may write with 
 const MAKE_ROOM: &str = "Free some space there, or name a folder on a disk with more room with the option frame_store; smaller \
                          or fewer frames need less.";
 
-/// Where decoded frames of videos are stored.
+/// The store of decoded video frames.
 #[derive(Clone, Debug)]
 pub(crate) struct FrameStore {
     folder: Option<PathBuf>,
@@ -35,13 +35,13 @@ pub(crate) struct FrameStore {
 }
 
 impl FrameStore {
-    /// A store in `folder`, where frames stay from run to run. Without a folder, the store is a temporary one that is
-    /// removed with the last video. Nothing is written until the first frame is requested.
+    /// A store in `folder`, which keeps frames between runs. Without a folder, the store is temporary and removed with
+    /// the last video. Nothing is written until the first frame is requested.
     pub(crate) fn new(folder: Option<&Path>) -> Self {
         Self { folder: folder.map(Path::to_owned), temporary: Arc::default() }
     }
 
-    /// The folder that holds the sets.
+    /// The folder of the sets.
     pub(super) fn folder(&self) -> Result<PathBuf, Flaw> {
         if let Some(folder) = &self.folder {
             fs::create_dir_all(folder).map_err(|e| unwritable(folder, &e))?;
@@ -75,7 +75,7 @@ pub(super) fn frame_file(folder: &Path, index: usize) -> PathBuf {
     folder.join(format!("{index:06}.png"))
 }
 
-/// Whether a folder holds all frames of a set.
+/// Whether a folder contains all frames of a set.
 pub(super) fn is_complete(folder: &Path, frames: usize) -> bool {
     folder.is_dir() && (0..frames).all(|index| frame_file(folder, index).is_file())
 }
@@ -94,7 +94,7 @@ pub(super) struct SetWriter {
 }
 
 impl SetWriter {
-    /// `folder` is that of the finished set, `wanted` its number of frames.
+    /// `folder` is the folder of the finished set, `wanted` its number of frames.
     pub(super) fn new(folder: &Path, size: (u32, u32), wanted: usize) -> Result<Self, Flaw> {
         let (parent, name) = (folder.parent().unwrap_or(folder), folder.file_name().unwrap_or_default());
         let prefix = format!("{}{PARTIAL}", name.to_string_lossy());
@@ -116,8 +116,8 @@ impl SetWriter {
         }
     }
 
-    /// Resizes and writes the waiting frames, on threads of its own. A thread of rayon's pool that waits here could be
-    /// given another frame of this very video, and would then deadlock.
+    /// Resizes and writes the waiting frames, on separate threads. A waiting thread of rayon's pool could get another
+    /// frame of the same video, and would then deadlock.
     fn write(&mut self) -> Result<(), Flaw> {
         let (folder, size) = (self.partial.path(), self.size);
         let frames = (self.written..).zip(&self.waiting);
@@ -140,7 +140,7 @@ impl SetWriter {
         }
         let place = || share(self.partial.path()).and_then(|()| fs::rename(self.partial.path(), &self.folder));
         let placed = match place() {
-            // Another process has made the same set in the meantime, and may be reading it.
+            // Another process has created the same set in the meantime, and may be reading it.
             Err(_) if is_complete(&self.folder, self.wanted) => return Ok(self.written),
             // An incomplete set is in the way.
             Err(_) => match fs::remove_dir_all(&self.folder) {
@@ -188,7 +188,7 @@ fn write_frame(folder: &Path, index: usize, frame: &RgbImage, (width, height): (
     fs::write(frame_file(folder, index), bytes).map_err(|e| unwritable(folder, &e))
 }
 
-/// Removes partial sets of interrupted runs. Failure does no harm.
+/// Removes partial sets of interrupted runs. Failure is harmless.
 fn remove_abandoned(parent: &Path, prefix: &str) {
     let Ok(entries) = fs::read_dir(parent) else { return };
     for entry in entries.flatten().filter(|entry| entry.file_name().to_string_lossy().starts_with(prefix)) {

@@ -8,7 +8,8 @@ use std::path::Path;
 use tempfile::TempDir;
 
 const PREFIX: &str = "mvfusion-frames-";
-/// A file in the folder that is locked while the folder is used. The system releases the lock however a program ends.
+/// A file in the folder that is locked while the folder is used. The system releases the lock when the program ends,
+/// however it ends.
 const IN_USE: &str = "in-use";
 
 /// The folder. It is removed with its content when dropped.
@@ -20,11 +21,11 @@ pub(super) struct TemporaryFolder {
 }
 
 impl TemporaryFolder {
-    /// A new folder in `parent`. Removes those of killed programs there.
+    /// A new folder in `parent`. Removes the folders of killed programs there.
     pub(super) fn new(parent: &Path) -> io::Result<Self> {
         remove_abandoned(parent);
         let folder = tempfile::Builder::new().prefix(PREFIX).tempdir_in(parent)?;
-        // The file gets its name once it is locked. A folder without such a file is left alone.
+        // The file gets its name once it is locked. Folders without such a file are not removed.
         let unlocked = folder.path().join("unlocked");
         let in_use = File::create(&unlocked)?;
         if in_use.try_lock().is_ok() {
@@ -38,12 +39,12 @@ impl TemporaryFolder {
     }
 }
 
-/// Removes the folders of killed programs. Failure does no harm: a folder may be another user's.
+/// Removes the folders of killed programs. Failure is harmless: a folder may belong to another user.
 fn remove_abandoned(parent: &Path) {
     let Ok(entries) = fs::read_dir(parent) else { return };
     for entry in entries.flatten().filter(|entry| entry.file_name().to_string_lossy().starts_with(PREFIX)) {
         let in_use = entry.path().join(IN_USE);
-        // Checked first, because opening a pipe could block for ever.
+        // Checked first, because opening a pipe could block forever.
         let is_ours = entry.file_type().is_ok_and(|kind| kind.is_dir())
             && fs::symlink_metadata(&in_use).is_ok_and(|metadata| metadata.is_file());
         if is_ours && File::options().write(true).open(&in_use).is_ok_and(|file| file.try_lock().is_ok()) {

@@ -11,7 +11,7 @@ use super::*;
 const FIXTURE: &[u8] = include_bytes!("../../tests-data/bframes.mp4");
 const SIZE: (u32, u32) = (60, 44);
 const FRAMES: usize = 12;
-/// Encoding and chroma subsampling leave 40 dB. A frame in the wrong place has 22 dB.
+/// PSNR threshold of matching frames. Encoding and chroma subsampling result in 40 dB, a wrong frame in 22 dB.
 const LIKE: f64 = 35.0;
 /// The decoders differ in rounding and in the filter for the chroma.
 const ALIKE: f64 = 45.0;
@@ -53,7 +53,7 @@ fn psnr(a: &RgbImage, b: &RgbImage) -> f64 {
     10.0 * (255.0f64.powi(2) / mean).log10()
 }
 
-/// The fixture with other bytes behind the name of a box.
+/// The fixture with other bytes after the name of a box.
 fn patched(kind: &[u8; 4], offset: usize, bytes: &[u8]) -> Vec<u8> {
     let mut file = FIXTURE.to_vec();
     let start = file.windows(4).position(|w| w == kind).expect("the box is there") + 4 + offset;
@@ -231,7 +231,7 @@ fn headers_that_lie_do_no_harm() {
         file[at] = value;
         let (_folder, path) = saved(&file);
         let opened = Video::with_decoder(&path, 2, &FrameStore::new(None), VideoDecoder::BuiltIn);
-        // The coded frames are whole, so that a video that opens is decoded, or refused later.
+        // The coded frames are intact, so that a video that opens is decoded, or rejected later.
         decoded += opened.is_ok_and(|video| video.frame(0, (16, 16)).is_ok()) as usize;
     }
     assert!(decoded > 100 || cfg!(not(feature = "h264")), "{decoded} files are harmless");
@@ -259,7 +259,7 @@ fn a_video_with_fewer_frames_than_its_header_tells_is_an_error_that_says_how_man
     let last = *mp4::read(&path).expect("headers").samples.last().expect("frames");
     let (start, bytes) = (last.start as usize, last.bytes as usize);
     let mut file = FIXTURE.to_vec();
-    // A unit of filler in the place of the last frame.
+    // A unit of filler instead of the last frame.
     file[start..start + 4].copy_from_slice(&(last.bytes - 4).to_be_bytes());
     file[start + 4..start + bytes].fill(0xff);
     file[start + 4] = 12;
@@ -295,7 +295,7 @@ fn a_store_that_cannot_be_written_is_named() {
     }
 }
 
-/// Compares real videos of the test data, which lie outside the project, with the pictures that they were made from.
+/// Compares real videos of the test data, which is outside the project, with their original images.
 #[test]
 fn real_videos_look_like_the_pictures_they_were_made_of() {
     let Some(folder) = std::env::var_os("MVFUSION_ORACLES") else {

@@ -1,4 +1,4 @@
-//! D-NeRF: `transforms_{train,val,test}.json`, with one field of view for all cameras, and the pictures beside them.
+//! D-NeRF: `transforms_{train,val,test}.json`, with one field of view for all cameras, and the images beside them.
 
 use serde::Serialize;
 
@@ -48,7 +48,7 @@ fn entry<'a>(part: &str, (index, view): (usize, &'a View)) -> PictureEntry<'a> {
 fn transforms(entries: &[PictureEntry<'_>]) -> Result<Vec<u8>, Misfit> {
     let frame = |entry: &PictureEntry<'_>| FrameRecord {
         time: Some(entry.view.time),
-        ..FrameRecord::of(entry, format!("./{}", entry.name)) // The extension is left out, as in the original.
+        ..FrameRecord::of(entry, format!("./{}", entry.name)) // Without the extension, as in the original.
     };
     let camera_angle_x = entries.first().map_or(0.0, |entry| entry.view.camera.field_of_view().x);
     encode::json(&Transforms { camera_angle_x, frames: entries.iter().map(frame).collect() })

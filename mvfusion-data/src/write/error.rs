@@ -1,4 +1,4 @@
-//! Why a scene cannot be written.
+//! Errors of writing a scene.
 
 use std::path::PathBuf;
 
@@ -6,20 +6,20 @@ use thiserror::Error;
 
 use crate::error::DataError;
 
-/// Why a scene does not fit a layout, as a clause behind a colon.
+/// The reason why a scene does not fit a layout, as a clause after a colon.
 pub(super) type Misfit = String;
 
-/// Why a scene cannot be written. Each message says what to do.
+/// An error of writing a scene. Each message contains the remedy.
 #[derive(Debug, Error)]
 pub enum WriteError {
     /// The layout cannot represent the scene.
     #[error("the scene cannot be written as {layout}: {reason}. {advice}.")]
     Layout {
-        /// The layout, as the command line names it.
+        /// The layout's name on the command line.
         layout: &'static str,
-        /// What does not fit.
+        /// The part that does not fit.
         reason: String,
-        /// The layouts that fit scenes of its kind.
+        /// The layouts for scenes of its kind.
         advice: String,
     },
     /// The target folder is not empty.
@@ -29,14 +29,14 @@ pub enum WriteError {
         folder: PathBuf,
     },
     /// A file or folder cannot be written.
-    #[error("cannot write {path}: {reason}. Check that there is room and that you may write there.")]
+    #[error("cannot write {path}: {reason}. Check free space and write permission.")]
     Unwritable {
         /// The file or folder.
         path: PathBuf,
         /// The operating system's message.
         reason: String,
     },
-    /// A picture of the scene cannot be read.
+    /// An image of the scene cannot be read.
     #[error(transparent)]
     Picture(#[from] DataError),
 }

@@ -1,6 +1,6 @@
-//! Nerfies and HyperNeRF: a file for each camera, and lists that define the split.
+//! Nerfies and HyperNeRF: one file per camera, and lists that define the split.
 //!
-//! `points.npy` cannot hold colours, so `fused.ply`, which DeGauss reads, repeats the points with colours.
+//! `points.npy` cannot contain colours, so `fused.ply`, which DeGauss reads, repeats the points with colours.
 
 use std::collections::BTreeMap;
 
@@ -47,7 +47,7 @@ struct CameraRecord {
     focal_length: f64,
     principal_point: [f64; 2],
     skew: f64,
-    /// Focal length along y / that along x.
+    /// Focal length along y / focal length along x.
     pixel_aspect_ratio: f64,
     radial_distortion: [f64; 3],
     tangential_distortion: [f64; 2],

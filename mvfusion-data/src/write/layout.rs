@@ -1,4 +1,4 @@
-//! The layouts, and the kind of scene that each one holds.
+//! The layouts, and the kind of scene of each.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,33 +9,32 @@ use crate::scene::{Capture, Scene};
 
 /// The layouts that a scene can be written in.
 ///
-/// All of them keep cameras, pictures and points. Each variant says what else changes. The first six are for videos,
-/// the rest for photos.
+/// All of them keep cameras, images and points. The documentation of each variant states other changes. The first six
+/// are for videos, the rest for photos.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Layout {
-    /// `camNN/images/0000.png`, `poses_bounds.npy`, `points3D.ply`. For still cameras with square pixels and a centred
+    /// `camNN/images/0000.png`, `poses_bounds.npy`, `points3D.ply`. For fixed cameras with square pixels and a centred
     /// principal point, exactly one of them held out. Times become index / number of frames.
     Neu3d,
     /// Dynamic 3D Gaussians: `train_meta.json`, `test_meta.json`, `ims/<camera>/000000.png`, `init_pt_cld.npz`. For
     /// synchronised cameras. Times become index / number of frames.
     Panoptic,
-    /// `transforms.json` and `images/<view>.png`. Times and split stay as they are.
+    /// `transforms.json` and `images/<view>.png`. Times and split do not change.
     Nerfstudio,
-    /// 4DGaussians' own: `camNN/frame_00001.png`, `sparse_/`, `points3D_multipleview.ply`. For still cameras. Times
-    /// become index / number of frames. The choice of held-out cameras is lost.
+    /// The layout of 4DGaussians: `camNN/frame_00001.png`, `sparse_/`, `points3D_multipleview.ply`. For fixed cameras.
+    /// Times become index / number of frames. The choice of held-out cameras is lost.
     MultipleView,
-    /// `transforms_{train,val,test}.json`, `train/r_000.png`, `test/r_000.png`, `fused.ply`. For cameras of one focal
-    /// length, with square pixels and a centred principal point. Its readers divide times by the largest.
+    /// `transforms_{train,val,test}.json`, `train/r_000.png`, `test/r_000.png`, `fused.ply`. For cameras with one focal
+    /// length, square pixels and a centred principal point. Its readers divide times by the largest.
     DNerf,
-    /// Nerfies' and HyperNeRF's: `dataset.json`, `metadata.json`, `scene.json`, `camera/`, `rgb/1x/`, `points.npy`.
-    /// Times become their index / the largest index.
+    /// Nerfies and HyperNeRF: `dataset.json`, `metadata.json`, `scene.json`, `camera/`, `rgb/1x/`, `points.npy`. Times
+    /// become their index / the largest index.
     HyperNerf,
-    /// `images/` and `sparse/0` with a PINHOLE camera, as other splatting programs read it. All layouts for photos name
+    /// `images/` and `sparse/0` with a PINHOLE camera, for other splatting programs. All layouts for photos name
     /// training photos `2clutter000.png` and held-out photos `1extra000.png`. The time is number / largest number.
     Colmap,
-    /// NeRF On-the-go as published: `images/`, `transforms.json`, `split.json`. We add `points3D.ply`, which the
-    /// original lacks.
+    /// NeRF On-the-go as published: `images/`, `transforms.json`, `split.json`, and additionally `points3D.ply`.
     OnTheGo,
     /// NeRF On-the-go as SpotLessSplats and DeGauss read it: `images/` and `sparse/0` with an OPENCV camera.
     #[serde(rename = "onthego-colmap")]
@@ -45,7 +44,7 @@ pub enum Layout {
 }
 
 impl Layout {
-    /// All layouts: those for videos, then those for photos.
+    /// All layouts, first those for videos.
     pub const ALL: [Self; 10] = [
         Self::Neu3d,
         Self::Panoptic,
@@ -59,7 +58,7 @@ impl Layout {
         Self::RobustNerf,
     ];
 
-    /// Its name in configurations and on the command line.
+    /// Name in configurations and on the command line.
     pub fn key(self) -> &'static str {
         match self {
             Self::Neu3d => "neu3d",
@@ -75,12 +74,12 @@ impl Layout {
         }
     }
 
-    /// The layout of that key.
+    /// The layout with this key.
     pub fn of_key(key: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|layout| layout.key() == key)
     }
 
-    /// The kind of scene that it holds.
+    /// The kind of scene that it can represent.
     pub fn capture(self) -> Capture {
         match self {
             Self::Neu3d | Self::Panoptic | Self::Nerfstudio | Self::MultipleView | Self::DNerf | Self::HyperNerf => {

@@ -1,11 +1,11 @@
 //! Writers for common layouts, for other programs and for our own readers.
 //!
-//! Every layout is built in memory first (`package`), so an unsuitable scene is refused before anything is written.
-//! Pictures are PNG files, whatever the layout's own tools write, so nothing is lost.
+//! Every layout is built in memory first (`package`), so an unsuitable scene is rejected before anything is written.
+//! Images are always lossless PNG files, whatever the layout's own tools write.
 //!
-//! Ground truth is stored in folders beside the photos, under the names that our readers give to the views:
-//! [`MASKS_TRUTH`], [`MOVERS_TRUTH`], [`BACKGROUND_TRUTH`] and [`DEPTH_TRUTH`]. These folders belong to no layout, so
-//! no tool trains on them by mistake.
+//! Ground truth is stored in folders next to the photos, with the view names of our readers: [`MASKS_TRUTH`],
+//! [`MOVERS_TRUTH`], [`BACKGROUND_TRUTH`] and [`DEPTH_TRUTH`]. These folders belong to no layout, so no tool trains on
+//! them by mistake.
 //!
 //! What a layout cannot express is lost: see [`Layout`].
 
@@ -45,9 +45,9 @@ use package::Package;
 /// Writes `scene` in `layout` to `folder`, which must be empty or not exist.
 ///
 /// # Errors
-/// [`WriteError::Layout`] if the layout cannot hold the scene, [`WriteError::Occupied`] if the folder is not empty.
-/// [`WriteError::Unwritable`] if a file cannot be written, [`WriteError::Picture`] if a picture of the scene cannot be
-/// read.
+/// [`WriteError::Layout`] if the layout cannot represent the scene, [`WriteError::Occupied`] if the folder is not
+/// empty. [`WriteError::Unwritable`] if a file cannot be written, [`WriteError::Picture`] if an image of the scene
+/// cannot be read.
 pub fn write(scene: &Scene, layout: Layout, folder: &Path) -> Result<(), WriteError> {
     let package = package(scene, layout).map_err(|reason| refusal(scene.capture, layout, reason))?;
     let unplaced = package.pictures.iter().filter(|p| p.view.mask.is_some() && p.mask.is_none()).count();

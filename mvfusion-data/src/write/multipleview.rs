@@ -1,7 +1,7 @@
-//! 4DGaussians' layout for custom captures: `camNN/frame_00001.png` and a COLMAP model `sparse_` with one image a
-//! camera.
+//! The layout of 4DGaussians for custom captures: `camNN/frame_00001.png` and a COLMAP model `sparse_` with one image
+//! per camera.
 //!
-//! Its reader derives a folder's name from the image's: the text between `image` and the extension.
+//! Its reader derives a folder's name from the image's name: the text between `image` and the extension.
 
 use tracing::warn;
 

@@ -1,4 +1,4 @@
-//! The content of a folder in some layout, and its way to the disk.
+//! The content of a folder in some layout, and functions that write it to disk.
 
 use std::fmt::Display;
 use std::path::Path;
@@ -13,7 +13,7 @@ use crate::scene::View;
 /// Folder of the motion masks (white = moving), as [`attach_masks`](crate::attach_masks) reads it.
 pub const MASKS_TRUTH: &str = "masks_truth";
 
-/// Folder of the masks of movers, which exclude objects that sway in their places.
+/// Folder of the masks of movers, which exclude objects that sway in place.
 pub const MOVERS_TRUTH: &str = "movers_truth";
 
 /// Folder of the photos without anything that moves.
@@ -22,30 +22,30 @@ pub const BACKGROUND_TRUTH: &str = "background_truth";
 /// Folder of the depths along the camera's axis: `.npy` files, float32, `[height, width]`.
 pub const DEPTH_TRUTH: &str = "depth_truth";
 
-/// Prefix of the folder in which everything lies until it is complete.
+/// Prefix of the folder that contains everything until it is complete.
 const DRAFT: &str = ".unfinished-";
 
 /// The content of the folder, with relative paths.
 #[derive(Default)]
 pub(super) struct Package<'a> {
     pub(super) pictures: Vec<PictureEntry<'a>>,
-    /// All files except pictures and ground truth.
+    /// All files except images and ground truth.
     pub(super) files: Vec<(String, Vec<u8>)>,
 }
 
-/// A view's picture and its destination.
+/// A view's image and its destination.
 #[derive(Clone)]
 pub(super) struct PictureEntry<'a> {
     pub(super) view: &'a View,
     pub(super) file: String,
-    /// The name that our reader gives to the view. Its ground truth is stored under it.
+    /// The view's name in our reader, under which its ground truth is stored.
     pub(super) name: String,
     /// Destination of its mask, if it has one and the layout supports masks.
     pub(super) mask: Option<String>,
 }
 
 impl Package<'_> {
-    /// Writes everything to `folder`. Nothing appears there before all of it is written. An interrupted program leaves
+    /// Writes everything to `folder`. Nothing appears there until all of it is written. An interrupted program leaves
     /// nothing that looks like a scene, and an error leaves nothing at all.
     pub(super) fn store(&self, folder: &Path) -> Result<(), WriteError> {
         make_room(folder)?;
@@ -55,10 +55,10 @@ impl Package<'_> {
         publish(draft.path(), folder).map_err(|e| unwritable(folder, &e))
     }
 
-    /// The pictures come first. Without the files that describe them they are no scene.
+    /// Writes the images first. Without the files that describe them, they are not a scene.
     fn store_draft(&self, folder: &Path) -> Result<(), WriteError> {
         let stored: Vec<Result<(), WriteError>> = self.pictures.par_iter().map(|entry| entry.store(folder)).collect();
-        // The first error in the order of the views, whichever thread met one first.
+        // The first error in the order of the views, whichever thread found one first.
         stored.into_iter().collect::<Result<(), _>>()?;
         self.files.iter().try_for_each(|(name, bytes)| {
             save(&folder.join(name), |path| fs::write(path, bytes).map_err(ImageError::IoError))
@@ -111,7 +111,7 @@ fn make_room(folder: &Path) -> Result<(), WriteError> {
     }
 }
 
-/// Moves the content of `draft` to `folder` by a few renames: folders first, then the files that describe them.
+/// Moves the content of `draft` to `folder` with a few renames: folders first, then the files that describe them.
 fn publish(draft: &Path, folder: &Path) -> io::Result<()> {
     let entry = |entry: io::Result<fs::DirEntry>| entry.map(|entry| (entry.path().is_file(), entry.file_name()));
     let mut entries = fs::read_dir(draft)?.map(entry).collect::<io::Result<Vec<_>>>()?;

@@ -9,7 +9,7 @@ use super::rig::{Rig, RigCamera};
 use super::{encode, poses};
 use crate::scene::{PointCloud, Scene};
 
-/// Numbers of a point: position, colour, and a foreground flag.
+/// Values per point: position, colour, and a foreground flag.
 const POINT: usize = 7;
 
 /// `train_meta.json` and `test_meta.json`: lists by moment, then by camera.

@@ -8,7 +8,7 @@ use crate::scene::{Scene, View};
 /// Digits of the numbers, unless there are more photos. Names must sort like numbers.
 const DIGITS: usize = 3;
 
-/// The photos, training photos first. Pictures go to `images` below `inner`, masks to `masks`.
+/// The photos, training photos first. Images go to `images` below `inner`, masks to `masks`.
 pub(super) fn entries<'a>(scene: &'a Scene, inner: &str) -> Vec<PictureEntry<'a>> {
     let most = scene.train.len().max(scene.test.len());
     let digits = most.saturating_sub(1).to_string().len().max(DIGITS);

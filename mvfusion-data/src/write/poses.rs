@@ -1,6 +1,6 @@
 //! Poses and intrinsics in the conventions of the layouts.
 //!
-//! Our poses map the world to the camera, in OpenCV axes. The readers hold the inverse of each function here.
+//! Our poses map the world to the camera, in OpenCV axes. The readers contain the inverse of each function here.
 
 use glam::{DMat3, DQuat, DVec3};
 
@@ -78,7 +78,7 @@ mod tests {
     use super::*;
     use crate::readers::shared::poses::camera_from_row;
 
-    /// Room for rounding in a handful of products of numbers near one.
+    /// Rounding tolerance for a few products of numbers near one.
     const ROUNDING: f64 = 1e-12;
 
     fn camera(angle: f64) -> Camera {

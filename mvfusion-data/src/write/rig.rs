@@ -58,7 +58,7 @@ impl<'a> Rig<'a> {
         Ok(Self { cameras })
     }
 
-    /// Frames a camera.
+    /// Frames per camera.
     pub(super) fn frames(&self) -> usize {
         self.cameras.first().map_or(0, |camera| camera.views.len())
     }
@@ -107,7 +107,7 @@ fn check_moments(cameras: &[RigCamera]) -> Result<(), Misfit> {
 
 /// Numbers the cameras and sorts them by number.
 ///
-/// Numbers in names like `cam07` stay if the held-out cameras come first, because readers hold out the first.
+/// Numbers in names like `cam07` are kept if the held-out cameras come first, because readers hold out the first.
 fn number(cameras: &mut [RigCamera]) {
     let own = |camera: &RigCamera| -> Option<usize> { camera.name.strip_prefix("cam")?.parse().ok() };
     let mut numbers: Vec<Option<(usize, bool)>> = cameras.iter().map(|c| Some((own(c)?, c.held_out))).collect();

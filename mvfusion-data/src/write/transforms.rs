@@ -19,16 +19,16 @@ pub(super) struct Transforms {
     pub(super) frames: Vec<FrameRecord>,
 }
 
-/// The split of the pictures.
+/// The split of the images.
 #[derive(Serialize)]
 pub(super) struct SplitRecord {
     pub(super) train_filenames: Vec<String>,
-    /// The same as for testing. nerfstudio requires all three if there is one.
+    /// The same names as for testing. nerfstudio requires all three lists if there is one.
     pub(super) val_filenames: Vec<String>,
     pub(super) test_filenames: Vec<String>,
 }
 
-/// A lens without distortion. It is called OPENCV with zero coefficients, because every reader knows that model.
+/// A lens without distortion. It is written as OPENCV with zero coefficients, because every reader supports that model.
 #[derive(Clone, Copy, PartialEq, Serialize)]
 pub(super) struct LensRecord {
     camera_model: &'static str,
@@ -73,7 +73,7 @@ impl FrameRecord {
 }
 
 impl Transforms {
-    /// Cameras and paths of the pictures.
+    /// Cameras and paths of the images.
     pub(super) fn of(entries: &[PictureEntry<'_>]) -> Self {
         let lenses: Vec<LensRecord> = entries.iter().map(|entry| LensRecord::of(&entry.view.camera)).collect();
         let lens = lenses.first().copied().filter(|first| lenses.iter().all(|other| other == first));

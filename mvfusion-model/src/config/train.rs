@@ -9,7 +9,8 @@ use super::{Interval, Steps};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrainConfig {
-    /// Multiplies every iteration count of the run: stages, horizons, intervals; see [`Config::scaled`](super::Config::scaled).
+    /// Multiplies every iteration count of the run: stages, horizons, intervals; see
+    /// [`Config::scaled`](super::Config::scaled).
     pub scale: f64,
     /// In a run that `scale` shortens, all learning rates except those of opacities and motion modules are multiplied
     /// by `scale` to the power of minus this. 0 does not change the rates.

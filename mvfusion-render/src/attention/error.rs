@@ -14,7 +14,11 @@ pub enum AttentionError {
         found: [usize; 3],
     },
     /// The shape of the memory does not match the queries.
-    #[error("`memory` has shape {found:?}; expected [{rows}, keys, {columns}] with at least one key", rows = expected[0], columns = expected[1])]
+    #[error(
+        "`memory` has shape {found:?}; expected [{rows}, keys, {columns}] with at least one key",
+        rows = expected[0],
+        columns = expected[1]
+    )]
     Memory {
         /// The tensor's shape.
         found: [usize; 3],

@@ -28,8 +28,8 @@ pub enum GridError {
     },
     /// The features do not fit into a buffer of the device.
     #[error(
-        "{points} points with {features} features need {bytes} bytes, but the largest buffer of this device has {limit}: \
-         use fewer Gaussians or `--device cpu`"
+        "{points} points with {features} features need {bytes} bytes, but the largest buffer of this device has \
+         {limit}: use fewer Gaussians or `--device cpu`"
     )]
     Buffer {
         /// Number of points.

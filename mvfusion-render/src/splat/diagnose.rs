@@ -21,7 +21,7 @@ pub struct SplatDiagnosis {
     pub means2d: Vec<[f64; 2]>,
     /// z in camera coordinates.
     pub depths: Vec<f64>,
-    /// Inverse covariances on the picture plane: xx, xy, yy.
+    /// Inverse covariances on the image plane: xx, xy, yy.
     pub conics: Vec<[f64; 3]>,
     /// Radii along x and y, in pixels; 0 where culled.
     pub radii: Vec<[i32; 2]>,

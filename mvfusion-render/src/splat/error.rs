@@ -34,14 +34,14 @@ pub enum SplatError {
     Near(f64),
     /// There are more features than the device can blend at once.
     #[error(
-        "{0} features are more than this device can blend: it has too little shared memory. Blend fewer at a time, or use \
-         `--device cpu`"
+        "{0} features are more than this device can blend: it has too little shared memory. Blend fewer at a time, or \
+         use `--device cpu`"
     )]
     Features(usize),
     /// There are more pairs of a Gaussian and a tile than an index can count.
     #[error(
-        "there are at least {0} pairs of a Gaussian and a tile, more than an index can count: use fewer Gaussians or smaller \
-         images"
+        "there are at least {0} pairs of a Gaussian and a tile, more than an index can count: use fewer Gaussians or \
+         smaller images"
     )]
     Pairs(u32),
     /// The camera has no pixels, or more than an index can count.

@@ -106,12 +106,13 @@ fn a_switch_of_one_module_leaves_the_start_of_the_other_alone() {
 }
 
 #[test]
-fn a_module_that_is_switched_off_is_as_one_that_is_absent() {
+fn a_module_that_is_removed_is_as_one_that_was_never_there() {
     let bench = bench();
     for temporal in TEMPORALS {
         let on = MotionConfig { temporal, ..defaults() };
-        let without_mfta = MotionConfig { mfta: false, ..on.clone() };
-        let kept = numbers(bench.refined(&bench.awake(&on), bench.measure(&on), &without_mfta).joined());
+        let mut refinement = bench.awake(&on);
+        refinement.temporal = None;
+        let kept = numbers(bench.refined(&refinement, bench.measure(&on), &on).joined());
         assert_eq!(kept, bench.outcome(&with(|motion| motion.mfta = false)), "{temporal:?}");
         assert_ne!(kept, bench.outcome(&on), "{temporal:?}");
     }

@@ -14,7 +14,7 @@ use super::*;
 use crate::builtin::{BuiltinKind, BuiltinOptions, builtin};
 use crate::scene::{Picture, View};
 
-/// A small sound scene, made once for all tests.
+/// A small sound scene, created once for all tests.
 fn sound(kind: BuiltinKind) -> Scene {
     static VIDEO: OnceLock<Scene> = OnceLock::new();
     static CASUAL: OnceLock<Scene> = OnceLock::new();
@@ -40,7 +40,7 @@ fn video() -> Scene {
     sound(BuiltinKind::Video)
 }
 
-/// The problems of a scene in the format `format`, with all pictures decoded.
+/// The problems of a scene in the format `format`, with all images decoded.
 fn problems_in(scene: &Scene, format: Format) -> Vec<Problem> {
     inspect_scene(scene, &Origin { format: Some(format), ..Default::default() }, Pictures::Decoded).problems
 }

@@ -1,4 +1,4 @@
-//! Problems with pictures and masks.
+//! Problems with images and masks.
 
 use std::fs;
 use std::path::Path;
@@ -10,7 +10,7 @@ use crate::scene::Mask;
 
 const SIZE: (u32, u32) = (96, 72);
 
-/// The sound video with its pictures in files.
+/// The sound video with its images in files.
 fn on_disk(folder: &Path, extension: &str) -> Scene {
     let mut scene = video();
     for view in all_mut(&mut scene) {

@@ -81,7 +81,7 @@ fn held_out_views_that_are_trained_on_are_told_once() {
 
 #[test]
 fn cameras_in_one_spot_are_told() {
-    // Nothing can be measured by the extent of the first; that of the second is merely small.
+    // The first extent is unusable; the second is only small.
     for (share, severity) in [(0.0, Severity::Error), (1e-4, Severity::Warning)] {
         let mut scene = sound(BuiltinKind::Casual);
         let spot = scene.training_centre();
@@ -112,7 +112,7 @@ fn times_that_are_all_one_are_told() {
     let mut scene = video();
     all_mut(&mut scene).for_each(|view| view.time = 0.25);
     assert!(only_problem(&scene).what.contains("all 56 training views have one time"));
-    // One frame a camera may well be meant so.
+    // One frame per camera may be intended.
     let still = |view: &View| view.name.ends_with("/0003");
     let mut scene = video();
     scene.train.retain(still);

@@ -74,7 +74,7 @@ fn mirrored_pictures_are_named() {
 
 #[test]
 fn two_cameras_that_were_exchanged_are_named() {
-    // The held-out camera is the first: a row too many would put it, too, in another's place.
+    // The held-out camera is the first: a surplus row would misplace it, too.
     for (one, other, names) in [(0, 8, ["cam01", "cam02"]), (16, 24, ["cam03", "cam04"])] {
         let mut scene = video();
         let cameras = [scene.train[one].camera, scene.train[other].camera];
@@ -102,7 +102,7 @@ fn photos_that_are_mostly_blocked_raise_no_doubt() {
     assert_eq!(problems_in(&scene, Format::COLMAP), []);
 }
 
-/// The scene at the beginning of a street with more houses of its size.
+/// The scene at the start of a street with more houses of its size.
 fn street(mut scene: Scene, houses: usize) -> Scene {
     let first = scene.points.clone();
     for house in 1..=houses {

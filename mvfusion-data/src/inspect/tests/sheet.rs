@@ -20,7 +20,7 @@ fn points_are_drawn_where_they_fall() {
     scene.points.colours.truncate(1);
     let view = &scene.train[0];
     let at = pixel(&view.camera, scene.points.positions[0].as_dvec3()).expect("inside");
-    // At its own size, behind a border.
+    // At its own size, inside a border.
     let border = 6.0;
     let sheet = points_over_photos(&scene, 1, 96 + 12).expect("drawn").image;
     let drawn = sheet.get_pixel((at.x + border) as u32, (at.y + border) as u32).0;

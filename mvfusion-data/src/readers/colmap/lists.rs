@@ -24,7 +24,7 @@ impl Lists {
     /// Reads the files if they exist.
     ///
     /// # Errors
-    /// [`DataError::Missing`] if only one of them exists, [`DataError::Content`] if one is no text.
+    /// [`DataError::Missing`] if only one of them exists, [`DataError::Content`] if one is not text.
     pub(super) fn read(scene: &Path) -> Result<Option<Self>, DataError> {
         let [train, test] = LISTS.map(|(name, _)| scene.join(name));
         match (train.is_file(), test.is_file()) {
@@ -88,7 +88,7 @@ fn places(photos: &[Photo]) -> Places<'_> {
     places
 }
 
-/// The photo that a line refers to, with or without its extension. The folder of all photos may stand before its name.
+/// The photo that a line refers to, with or without its extension. The folder of all photos may precede its name.
 fn place(line: &str, places: &Places) -> Option<Option<usize>> {
     let whole = Path::new(line.strip_prefix("./").unwrap_or(line));
     let mut parts = whole.components();

@@ -2,20 +2,20 @@
 //! `sparse/0/{cameras,images,points3D}.{bin,txt}`.
 //!
 //! Assumptions:
-//! * The scene lies in the folder or, for RobustNeRF, in its subfolder `0`. The model lies in `sparse/0`, or in
-//!   `sparse` itself, where `colmap image_undistorter` writes it. Its files are all binary or all text; binary wins. Of
-//!   several models `sparse/0`, `sparse/1`, … the one with the most photos is read.
-//! * Cameras may have any of COLMAP's models. Distorted pictures are undistorted when they are read.
-//! * Poses map the world to OpenCV axes, quaternions are w, x, y, z, and pixel centres lie at +0.5. This is our own
+//! * The scene is in the folder or, for RobustNeRF, in its subfolder `0`. The model is in `sparse/0`, or in `sparse`
+//!   itself, where `colmap image_undistorter` writes it. Its files are all binary or all text; binary files take
+//!   precedence. Of several models `sparse/0`, `sparse/1`, … the one with the most photos is read.
+//! * Cameras may have any of COLMAP's models. Distorted images are undistorted when they are read.
+//! * Poses map the world to OpenCV axes, quaternions are w, x, y, z, and pixel centres are at +0.5. This is our own
 //!   convention, so nothing is converted.
 //! * The photos are sorted by name, and the names define the split. `clutter` trains, `extra` is held out, and all
 //!   others are unused. The number after the word is the time. If no name contains these words, every 8th photo is held
 //!   out.
-//! * `train_list.txt` and `test_list.txt`, as the undistorted On-the-go scenes have them, override the names.
-//! * Smaller copies of the photos, `images_4`, are used as the module `reduced` describes.
+//! * `train_list.txt` and `test_list.txt`, as in the undistorted On-the-go scenes, override the names.
+//! * Smaller copies of the photos, `images_4`, are used as described in the module `reduced`.
 //! * All photos have one size. It may differ from the cameras' if both sides were scaled by one factor.
 //!
-//! Departure: DeGauss ignores the principal point and goes through the photos in the order of the model's numbers.
+//! Departure: DeGauss ignores the principal point and processes the photos in the order of the model's numbers.
 
 mod lists;
 pub(crate) mod model;
@@ -57,10 +57,10 @@ pub(super) const POSES: &str = "COLMAP's poses lead from the world to the camera
 /// Folder of the models.
 const SPARSE: &str = "sparse";
 
-/// Subfolder that holds the scene in RobustNeRF.
+/// Subfolder of the scene in RobustNeRF.
 const INNER: &str = "0";
 
-/// Why `folder` is not in this format; `None` if it is.
+/// The reason why `folder` is not in this format; `None` if it is.
 pub fn recognise(folder: &Path) -> Option<String> {
     let folder = inner(folder);
     let absent = match (has_pictures(&folder), folder.join(SPARSE).is_dir()) {
@@ -71,7 +71,7 @@ pub fn recognise(folder: &Path) -> Option<String> {
     Some(format!("it needs folders {IMAGES}, with photos, and {SPARSE}/0, with a model; {absent} is not there"))
 }
 
-/// The folder that holds photos and model.
+/// The folder of photos and model.
 fn inner(folder: &Path) -> PathBuf {
     let inner = folder.join(INNER);
     if inner.join(SPARSE).is_dir() && !folder.join(SPARSE).is_dir() { inner } else { folder.to_owned() }
@@ -83,7 +83,7 @@ fn usual_size(scene: &Scene, width: f64) -> Option<UsualSize> {
     is_clutter.then(|| onthego::usual_size(scene, width)).flatten()
 }
 
-/// The mask of a picture in `masks/` beside the pictures' folder. For `2clutter008.JPG` it is `2clutter008.png` or, as
+/// The mask of an image in `masks/` next to the images' folder. For `2clutter008.JPG` it is `2clutter008.png` or, as
 /// COLMAP names it, `2clutter008.JPG.png`.
 fn mask_beside(folder: &Path, picture: &str) -> Option<PathBuf> {
     let masks = folder.join("masks");
@@ -94,7 +94,7 @@ fn mask_beside(folder: &Path, picture: &str) -> Option<PathBuf> {
 /// Reads a photo collection (METHOD §5.2). Only the headers of photos that are used are read here.
 ///
 /// # Errors
-/// A [`DataError`] that says what is wrong with the folder, a file in it or an option.
+/// A [`DataError`] that names the problem with the folder, a file in it or an option.
 pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     if let Some(reason) = recognise(folder) {
         let what = format!("{} scene", Format::COLMAP.name());

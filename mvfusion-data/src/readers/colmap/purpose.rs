@@ -1,6 +1,6 @@
-//! What a photo is for, and when it was taken, as its name says.
+//! The purpose and the time of a photo, from its name.
 
-/// What a photo is for.
+/// The purpose of a photo.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Purpose {
     Test,

@@ -27,12 +27,12 @@ pub(super) struct Moment {
     pub(super) time: f64,
 }
 
-/// Splits photos that are sorted by name. The rule is the lists if there are any, else the words in the names, else
-/// LLFF's rule. `images` is their folder, for messages.
+/// Splits photos that are sorted by name: by the lists if there are any, otherwise by the words in the names, otherwise
+/// by LLFF's rule. `images` is their folder, for messages.
 ///
 /// # Errors
-/// [`DataError::Setting`] if `test_every` is 1. [`DataError::Content`] if a name has a word but no number, or a list
-/// does not fit. [`DataError::Missing`] if no photo trains.
+/// [`DataError::Setting`] if `test_every` is 1. [`DataError::Content`] if a name has a word but no number, or a list is
+/// invalid. [`DataError::Missing`] if no photo trains.
 pub(super) fn split(
     photos: Vec<Photo>,
     lists: Option<&Lists>,

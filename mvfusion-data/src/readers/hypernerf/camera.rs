@@ -35,7 +35,7 @@ struct Record {
     pixel_aspect_ratio: f64,
     #[serde(default)]
     radial_distortion: Vec<f64>,
-    /// The name in older files. It wins if both are present.
+    /// The name in older files. It takes precedence if both are present.
     tangential: Option<Vec<f64>>,
     #[serde(default)]
     tangential_distortion: Vec<f64>,
@@ -49,7 +49,7 @@ fn square() -> f64 {
 /// Reads a camera.
 ///
 /// # Errors
-/// [`DataError::Content`] that says which entry is wrong.
+/// [`DataError::Content`] that names the invalid entry.
 pub(super) fn read(path: &Path) -> Result<Camera, DataError> {
     let record: Record = read_json(path, COPY_OR_MEND)?;
     record.camera().map_err(|reason| DataError::Content { path: path.to_owned(), reason, advice: COPY_OR_MEND })

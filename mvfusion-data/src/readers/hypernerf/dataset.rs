@@ -1,4 +1,4 @@
-//! The lists of a capture: `dataset.json` names its pictures and splits them, `metadata.json` gives their times.
+//! The lists of a capture: `dataset.json` has its image names and their split, `metadata.json` has their times.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -23,7 +23,7 @@ struct Dataset {
     val_ids: Vec<Id>,
 }
 
-/// The name of a picture. Some tools write numbers.
+/// The name of an image. Some tools write numbers.
 #[derive(Debug, Deserialize)]
 #[serde(untagged, expecting = "a picture's id is neither a text nor a whole number")]
 enum Id {
@@ -37,14 +37,14 @@ struct Moment {
     warp_id: u32,
 }
 
-/// What a picture is for.
+/// The purpose of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Part {
     Train,
     Test,
 }
 
-/// The names of all pictures, and the part that each belongs to.
+/// The names of all images, and the part that each belongs to.
 pub(super) fn parts(path: &Path) -> Result<(Vec<String>, Vec<Option<Part>>), DataError> {
     let dataset: Dataset = read_json(path, COPY_OR_MEND)?;
     let fail = |reason: String| DataError::Content { path: path.to_owned(), reason, advice: COPY_OR_MEND };
@@ -88,7 +88,7 @@ pub(super) fn parts(path: &Path) -> Result<(Vec<String>, Vec<Option<Part>>), Dat
     Ok((ids, parts))
 }
 
-/// The split if no picture is held out by name.
+/// The split if no image is held out by name.
 pub(super) fn by_position(count: usize) -> Vec<Option<Part>> {
     let last = count.saturating_sub(1) / 4;
     let part = |index: usize| match index % 4 {
@@ -99,7 +99,7 @@ pub(super) fn by_position(count: usize) -> Vec<Option<Part>> {
     (0..count).map(part).collect()
 }
 
-/// The times of the pictures.
+/// The times of the images.
 pub(super) fn times(path: &Path, ids: &[String]) -> Result<Vec<f64>, DataError> {
     let moments: BTreeMap<String, Moment> = read_json(path, COPY_OR_MEND)?;
     let warp = |id: &String| {

@@ -1,19 +1,19 @@
 //! Captures of Nerfies and HyperNeRF, and DyCheck's in their format: moving scenes from one or two hand-held cameras.
 //!
 //! Assumptions:
-//! * `dataset.json` lists the pictures' names, `ids`, and splits them into `train_ids` and `val_ids`. If `val_ids` is
-//!   empty, every fourth picture trains. The second after each of these is held out, except the last (METHOD §5.5).
-//! * `camera/<id>.json` holds an OpenCV camera for pictures of `image_size`. `orientation` rotates from the world to
+//! * `dataset.json` lists the images' names, `ids`, and splits them into `train_ids` and `val_ids`. If `val_ids` is
+//!   empty, every fourth image trains. The second after each of these is held out, except the last (METHOD §5.5).
+//! * `camera/<id>.json` contains an OpenCV camera for images of `image_size`. `orientation` rotates from the world to
 //!   the camera, `position` is its centre. `pixel_aspect_ratio` is the focal length along y divided by that along x.
-//!   Pixel centres lie at +0.5, and there is no skew.
-//! * `rgb/<k>x/<id>.png` are the pictures, k times smaller. The option `downscale` chooses the folder of that number,
-//!   else the next finer one, else the finest. Only the remaining factor is resized. (4DGS and DeGauss always read
-//!   `2x`.)
-//! * A picture's time is its `warp_id` in `metadata.json`, divided by the largest.
-//! * Points (`fused.ply`, `points3D_downsample2.ply`, `points.npy`) and cameras share one world, as they are in the
-//!   files. Nerfies applies the similarity `center` and `scale` of `scene.json` to both; METHOD §5.5 leaves it out.
+//!   Pixel centres are at +0.5, and there is no skew.
+//! * `rgb/<k>x/<id>.png` are the images, k times smaller. The option `downscale` selects the folder with that number,
+//!   otherwise the next finer one, otherwise the finest. Images are resized only by the remaining factor. (4DGS and
+//!   DeGauss always read `2x`.)
+//! * An image's time is its `warp_id` in `metadata.json`, divided by the largest.
+//! * Points (`fused.ply`, `points3D_downsample2.ply`, `points.npy`) and cameras share one world and are not
+//!   transformed. Nerfies applies the similarity `center` and `scale` of `scene.json` to both; METHOD §5.5 omits it.
 //!   `near` is in scaled units.
-//! * `covisible/` of DyCheck marks the pixels that count for scores. It is no training mask and is not read here.
+//! * `covisible/` of DyCheck marks the valid pixels of its metrics. It is not a training mask and is not read here.
 
 mod camera;
 mod dataset;
@@ -50,7 +50,7 @@ const POSES: &str = "An orientation leads from the world to the camera (x right,
 
 const SCENE: &str = "scene.json";
 
-/// Folder of the folders of pictures.
+/// Folder of the folders of images.
 const PICTURES: &str = "rgb";
 
 /// Points without colours. They are read if no other point cloud exists.
@@ -66,16 +66,16 @@ struct SceneRecord {
     near: Option<f64>,
 }
 
-/// Why `folder` is not in this format; `None` if it is.
+/// The reason why `folder` is not in this format; `None` if it is.
 pub fn recognise(folder: &Path) -> Option<String> {
     (!folder.join(DATASET).is_file())
         .then(|| format!("it needs {DATASET}, {METADATA} and folders camera and {PICTURES}/2x; {DATASET} is not there"))
 }
 
-/// Reads a capture (METHOD §5.5). Only the headers of the pictures are read here.
+/// Reads a capture (METHOD §5.5). Only the headers of the images are read here.
 ///
 /// # Errors
-/// A [`DataError`] that says what is wrong with the folder, a file in it or an option.
+/// A [`DataError`] that names the problem with the folder, a file in it or an option.
 pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let (ids, parts) = parts(&folder.join(DATASET))?;
     let times = times(&folder.join(METADATA), &ids)?;
@@ -119,7 +119,7 @@ fn shot(folder: &Path, pictures: &Path, id: &str, time: f64) -> Result<Shot, Dat
     })
 }
 
-/// The folder of the pictures, and the factor of `downscale` that remains to be applied.
+/// The folder of the images, and the factor of `downscale` that remains to be applied.
 fn picture_folder(folder: &Path, downscale: f64) -> Result<(PathBuf, f64), DataError> {
     let pictures = folder.join(PICTURES);
     let fail = |e: std::io::Error| DataError::Folder {
@@ -141,7 +141,7 @@ fn picture_folder(folder: &Path, downscale: f64) -> Result<(PathBuf, f64), DataE
         return Err(DataError::Missing { what: "folder 2x or the like".into(), folder: pictures, advice });
     };
     let factor = factors.into_iter().rfind(|&factor| f64::from(factor) <= downscale).unwrap_or(finest);
-    // An invalid factor is refused where pictures are resized.
+    // An invalid factor is rejected where images are resized.
     let left = if downscale >= 1.0 { (downscale / f64::from(factor)).max(1.0) } else { downscale };
     if f64::from(factor) != downscale {
         let further = if left == 1.0 { "as they are".into() } else { format!("made smaller by {left}") };

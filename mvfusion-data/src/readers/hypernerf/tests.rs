@@ -1,4 +1,4 @@
-//! A tiny capture, whole and damaged in every way that users meet.
+//! A tiny capture, intact and with the usual kinds of damage.
 
 use glam::{DVec2, DVec3, Vec3};
 use serde_json::{Value, json};
@@ -10,7 +10,7 @@ use crate::readers::{Format, recognise};
 
 const IDS: [&str; 4] = ["left_0", "right_0", "left_1", "right_1"];
 
-/// A camera at (1, 2, 3) that looks along the world's +x with y down; for pictures of 96 by 64 pixels.
+/// A camera at (1, 2, 3) that looks along the world's +x with y down; for images of 96 by 64 pixels.
 fn camera() -> Value {
     json!({
         "orientation": [[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]],
@@ -25,7 +25,7 @@ fn camera() -> Value {
     })
 }
 
-/// A capture with pictures of half and of a quarter of the size.
+/// A capture with images at half and at a quarter of the size.
 fn capture() -> SceneFolder {
     let folder = SceneFolder::new();
     for (index, id) in IDS.iter().enumerate() {
@@ -55,7 +55,7 @@ fn a_whole_capture_is_read() {
     assert_eq!(recognise(folder.path(), None).expect("known"), Format::HYPERNERF);
     let scene = folder.open().expect("read");
     assert_eq!((scene.capture, scene.near), (Capture::Video, Some(0.4)));
-    // The times count every picture that `ids` lists, used or not.
+    // The times count every image that `ids` lists, used or not.
     assert_eq!(shown(&scene.train), [("left_0", 0.0), ("left_1", 0.25)]);
     assert_eq!(shown(&scene.test), [("right_1", 0.25)]);
     assert_eq!(scene.train[1].image.rgb().expect("picture").get_pixel(3, 3).0, [20; 3]);
@@ -63,7 +63,7 @@ fn a_whole_capture_is_read() {
     let camera = scene.train[0].camera;
     assert_eq!((camera.width, camera.height, camera.fx, camera.fy), (48, 32, 40.0, 42.0));
     assert!((camera.centre() - DVec3::new(1.0, 2.0, 3.0)).length() < 1e-12);
-    // Two in front, half a unit below, and one to the right, which is against the world's z.
+    // Two in front, half a unit below, and one to the right, which is opposite to the world's z.
     let pixel = camera.project(DVec3::new(3.0, 2.5, 2.0)).expect("in front");
     assert!((pixel - DVec2::new(43.0, 27.0)).length() < 1e-9, "{pixel}");
 }
@@ -84,7 +84,7 @@ fn the_folder_of_pictures_follows_the_downscale() {
     folder.write("rgb/03x/notes.txt", "none");
     assert_eq!(read(1.0), (96, 80.0, 200));
     assert_eq!(read(1.5), (64, 80.0 / 1.5, 200));
-    // A quarter is 24 x 16, the least that is of any use.
+    // A quarter is 24 x 16, the smallest useful size.
     assert_eq!(read(4.0), (24, 20.0, 100));
     for downscale in [0.5, f64::NAN] {
         let error = folder.open_with(ReadOptions { downscale, ..Default::default() }).expect_err("refused");

@@ -2,16 +2,16 @@
 //! `points3D_multipleview.ply`.
 //!
 //! Assumptions:
-//! * The model has one image a camera: `imageN.jpg` for `camNN`, matched by number. Cameras that COLMAP could not place
-//!   are skipped, and so are images without a camera folder. Both are logged.
+//! * The model has one image per camera: `imageN.jpg` for `camNN`, matched by number. Cameras that COLMAP could not
+//!   place are skipped, and so are images without a camera folder. Both are logged.
 //! * All cameras have equally many frames, sorted by the number at the end of the file name. A frame's time is its
 //!   index divided by the number of frames (`ReadOptions::time`).
-//! * Every frame trains. As in 4DGS (METHOD §5.7), the test views are also trained on: the first frame of each camera,
-//!   and those after a third and two thirds of the time. Scores on them measure how well the training pictures are
-//!   learned, not novel views. The option `test_cameras` holds whole cameras out instead.
+//! * Every frame trains. As in 4DGS (METHOD §5.7), the test views are also training views: the first frame of each
+//!   camera, and those after a third and two thirds of the time. Metrics on them measure the fit of the training
+//!   images, not novel views. The option `test_cameras` holds whole cameras out instead.
 //! * Lenses may have any of COLMAP's models. 4DGS takes the first camera's focal length for all; here each camera has
 //!   its own.
-//! * `poses_bounds_multipleview.npy` is read for its near bounds alone, in the model's world.
+//! * Only the near bounds of `poses_bounds_multipleview.npy` are read, in the model's world.
 
 #[cfg(test)]
 mod tests;
@@ -50,19 +50,19 @@ const SPARSE: &str = "sparse_";
 
 const BOUNDS: &str = "poses_bounds_multipleview.npy";
 
-/// Names of point clouds. The first that exists is read. The model has points as well.
+/// Names of point clouds. The first that exists is read. The model also has points.
 const POINTS: [&str; 2] = ["points3D_multipleview.ply", "fused.ply"];
 
-/// Why `folder` is not in this format; `None` if it is.
+/// The reason why `folder` is not in this format; `None` if it is.
 pub fn recognise(folder: &Path) -> Option<String> {
     let known = folder.join(POINTS[0]).is_file() || folder.join(SPARSE).is_dir();
     (!known).then(|| format!("it needs folders cam01, cam02, … with frames, {SPARSE} and {}", POINTS[0]))
 }
 
-/// Reads a scene (METHOD §5.7). Only the headers of the pictures are read here.
+/// Reads a scene (METHOD §5.7). Only the headers of the images are read here.
 ///
 /// # Errors
-/// A [`DataError`] that says what is wrong with the folder, a file in it or an option.
+/// A [`DataError`] that names the problem with the folder, a file in it or an option.
 pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let Model { photos, points } = model::read(&folder.join(SPARSE))?;
     let posed = posed_cameras(folder, photos)?;

@@ -1,4 +1,4 @@
-//! A tiny scene, whole and damaged in every way that users meet.
+//! A tiny scene, intact and with the usual kinds of damage.
 
 use std::fmt::Write;
 
@@ -12,7 +12,7 @@ use crate::readers::{Format, recognise};
 const CAMERAS: [&str; 3] = ["cam01", "cam02", "cam10"];
 const FRAMES: usize = 7;
 
-/// The images of a model. Image `i` stands at x = -i and looks along +z.
+/// The images of a model. Image `i` is at x = -i and looks along +z.
 fn images(names: &[&str]) -> String {
     let mut text = String::new();
     for (place, name) in names.iter().enumerate() {
@@ -45,7 +45,7 @@ fn a_whole_scene_is_read() {
     let looked_at = ["cam01/frame_00001", "cam01/frame_00003", "cam01/frame_00005", "cam02/frame_00001"];
     assert_eq!(shown(&scene.test).iter().map(|(name, _)| *name).take(4).collect::<Vec<_>>(), looked_at);
     assert_eq!((scene.test.len(), scene.test[1].time), (9, 2.0 / 7.0));
-    // JPEG keeps a uniform grey to a level.
+    // JPEG preserves a uniform grey to within a level.
     assert!(scene.train[8].image.rgb().expect("frame").get_pixel(3, 3).0[0].abs_diff(20) <= 1);
     let camera = scene.train[FRAMES].camera;
     assert_eq!((camera.width, camera.height, camera.fx, camera.fy), (48, 32, 40.0, 42.0));
@@ -62,7 +62,7 @@ fn cameras_can_be_held_out_and_frames_left_out() {
     let scene = folder.open_with(options).expect("read");
     assert_eq!(shown(&scene.test), [("cam10/frame_00001", 0.0), ("cam10/frame_00002", 0.5)]);
     assert_eq!(scene.train.len(), 4);
-    // Of two frames the first and the second are looked at, of one frame it alone.
+    // Of two frames, the first and the second are test views; of one frame, only that one.
     let count =
         |frames| folder.open_with(ReadOptions { frames: Some(frames), ..Default::default() }).expect("read").test;
     assert_eq!((count(2).len(), count(1).len()), (6, 3));
@@ -139,7 +139,7 @@ fn the_near_bound_and_the_points_come_from_where_they_are() {
     folder.remove(BOUNDS);
     folder.remove("points3D_multipleview.ply");
     assert_eq!(folder.open().expect("read").points.positions, [Vec3::new(7.0, 8.0, 9.0)]);
-    // With poses of its own it would be a scene of Neu3D.
+    // With its own poses, it would be a Neu3D scene.
     folder.write("poses_bounds.npy", "not looked at");
     assert_eq!(recognise(folder.path(), None).expect("known"), Format::NEU3D);
 }

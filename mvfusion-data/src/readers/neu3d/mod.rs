@@ -2,10 +2,9 @@
 //!
 //! Assumptions:
 //! * The rows of `poses_bounds.npy` follow the sorted names of the cameras. Their numbers may have gaps.
-//! * Pixels are square and the principal point is centred. A row's focal length refers to the picture width in that
-//!   row.
-//! * All cameras have equally many frames, sorted by the number at the end of the file name. Extracted frames win over
-//!   a video of the same camera.
+//! * Pixels are square and the principal point is centred. A row's focal length refers to the image width in that row.
+//! * All cameras have equally many frames, sorted by the number at the end of the file name. Extracted frames take
+//!   precedence over a video of the same camera.
 //! * The first camera is held out. A frame's time is its index divided by the number of frames (`ReadOptions::time`).
 
 #[cfg(test)]
@@ -43,7 +42,7 @@ pub(super) const READER: Reader =
 const CONVENTION: &str = "Rows of poses_bounds.npy lead from the camera to the world, and their columns are the camera's \
                           down, right and backward axes and its centre.";
 
-/// Width at which the scenes are trained and scored.
+/// Usual width for training and evaluation.
 const USUAL_WIDTH: f64 = 1352.0;
 
 const POSES: &str = "poses_bounds.npy";
@@ -51,13 +50,13 @@ const POSES: &str = "poses_bounds.npy";
 /// Folder of the extracted frames within a camera's folder.
 const FRAMES: &str = "images";
 
-/// Names of point clouds: DeGauss' name, 4DGaussians' name, a common one. The first that exists is read.
+/// Names of point clouds in DeGauss, in 4DGaussians, and in common use. The first that exists is read.
 const POINTS: [&str; 3] = ["fused.ply", "points3D_downsample2.ply", "points3D.ply"];
 
-/// Largest relative deviation of the pictures' shape from that in `poses_bounds.npy`. Beyond it the user is warned.
+/// Largest relative deviation of the images' aspect ratio from `poses_bounds.npy` without a warning.
 const SHAPE_TOLERANCE: f64 = 0.01;
 
-/// Why `folder` is not in this format; `None` if it is.
+/// The reason why `folder` is not in this format; `None` if it is.
 pub fn recognise(folder: &Path) -> Option<String> {
     // A MultipleView scene also has folders of cameras, but its poses are elsewhere.
     let has_cameras = camera_names(folder).is_ok_and(|names| !names.is_empty());
@@ -71,10 +70,10 @@ fn usual_size(_: &Scene, width: f64) -> Option<UsualSize> {
 }
 
 /// Reads a Neu3D scene (METHOD §5.1). The first camera is the test camera, all others train. Only the headers of the
-/// pictures are read here.
+/// images are read here.
 ///
 /// # Errors
-/// A [`DataError`] that says what is wrong with the folder, a file in it or an option.
+/// A [`DataError`] that names the problem with the folder, a file in it or an option.
 pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let names = camera_names(folder)?;
     if let Some(reason) = recognise(folder) {
@@ -100,7 +99,7 @@ pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
         points.len(),
         names[0]
     );
-    // With other cameras held out (see `open`) the first one trains.
+    // If other cameras are held out (see `open`), the first one trains.
     let training = if options.test_cameras.is_some() { &rows[..] } else { &rows[1..] };
     let bounds: Option<Vec<f64>> = training.iter().map(near_bound).collect();
     let near = bounds.map(|bounds| bounds.into_iter().fold(f64::INFINITY, f64::min));
@@ -134,7 +133,7 @@ fn rows_for(folder: &Path, names: &[String]) -> Result<Vec<[f64; ROW]>, DataErro
 
 /// The frames of a camera.
 fn shots(camera: &CameraFrames, row: &[f64; ROW], divisor: f64) -> Vec<Shot> {
-    // The pose does not depend on the size of the picture.
+    // The pose does not depend on the size of the image.
     let pose = camera_from_row(row, 1, 1);
     let shot = |(index, frame): (usize, &Frame)| Shot {
         name: format!("{}/{}", camera.name, frame.name),
@@ -148,7 +147,7 @@ fn shots(camera: &CameraFrames, row: &[f64; ROW], divisor: f64) -> Vec<Shot> {
     camera.frames.iter().enumerate().map(shot).collect()
 }
 
-/// Warns if the pictures have another shape than the cameras.
+/// Warns if the images have a different aspect ratio from the cameras.
 fn warn_of_shape(folder: &Path, rows: &[[f64; ROW]], camera: &Camera) {
     let (width, height) = (camera.width, camera.height);
     let shape = width as f64 / height as f64;

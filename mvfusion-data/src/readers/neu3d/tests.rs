@@ -1,4 +1,4 @@
-//! A tiny scene written to a temporary folder, whole and damaged in every way that users meet.
+//! A tiny scene in a temporary folder, intact and with the usual kinds of damage.
 
 use std::fs;
 use std::path::PathBuf;
@@ -17,7 +17,7 @@ const SIZE: (u32, u32) = (48, 32);
 const PLY: &str = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n\
     property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n1 2 3 255 0 0\n4 5 6 0 255 0\n";
 
-/// A folder with a whole scene.
+/// A folder with an intact scene.
 struct Fixture(TempDir);
 
 impl Fixture {
@@ -65,7 +65,7 @@ impl Fixture {
         read(self.0.path(), &options)
     }
 
-    /// The message of the error, which must be there.
+    /// The message of the error, which must occur.
     fn complaint(&self) -> String {
         let error = self.read().expect_err("the scene is damaged");
         let message = error.to_string();
@@ -216,7 +216,7 @@ fn the_near_bound_is_the_least_of_the_training_cameras_if_all_have_one() {
     }
     fixture.write_poses(&rows);
     assert_eq!(fixture.read().expect("read").near, Some(1.5));
-    // Where another camera is held out, the first one trains.
+    // If another camera is held out, the first one trains.
     let other = ReadOptions { test_cameras: Some(vec!["cam05".into()]), ..Default::default() };
     assert_eq!(open(fixture.0.path(), &other).expect("read").near, Some(0.5));
     rows[1][15] = 0.0;

@@ -5,7 +5,7 @@ use glam::{DMat3, DVec2, DVec3};
 use crate::files::rotation_of;
 use crate::scene::{Bend, Lens};
 
-/// Rows of numbers, as many as the file has.
+/// Rows of numbers, of any length.
 pub(super) type Matrix = Vec<Vec<f64>>;
 
 /// Largest deviation from an exact 0 or 1, in pixels or in units of the last row.
@@ -29,7 +29,7 @@ pub(super) fn lens(k: &Matrix) -> Result<Lens, String> {
 /// The rotation and translation of a 4x4 matrix.
 ///
 /// # Errors
-/// If the matrix is no rigid transformation.
+/// If the matrix is not a rigid transformation.
 pub(super) fn pose(matrix: &Matrix) -> Result<(DMat3, DVec3), String> {
     let [x, y, z, last]: [[f64; 4]; 4] = sized(matrix, "w2c")?;
     let axes = [x, y, z].map(|[a, b, c, _]| DVec3::new(a, b, c));

@@ -1,14 +1,14 @@
-//! Scenes of Dynamic 3D Gaussians from CMU's Panoptic Studio: `train_meta.json`, `test_meta.json`, the pictures in
-//! `ims`, and `init_pt_cld.npz`.
+//! Scenes of Dynamic 3D Gaussians from CMU's Panoptic Studio: `train_meta.json`, `test_meta.json`, the images in `ims`,
+//! and `init_pt_cld.npz`.
 //!
 //! Assumptions:
-//! * `fn[time][camera]` is a picture below `ims`. `k[time][camera]` is its 3x3 intrinsics for pictures of `w` by `h`
+//! * `fn[time][camera]` is an image below `ims`. `k[time][camera]` is its 3x3 intrinsics for images of `w` by `h`
 //!   pixels. `w2c[time][camera]` is the 4x4 pose from the world to OpenCV axes. There is no distortion.
 //!   `cam_id[time][camera]` identifies the camera; without it, the place in the list does.
-//! * Both files have the same times. A picture's time is its time's index divided by the number of times
+//! * Both files have the same times. An image's time is its time's index divided by the number of times
 //!   (`ReadOptions::time`). The cameras of `test_meta.json` are held out.
-//! * Views are named by the picture, `0/000012`: the camera's number and the frame's.
-//! * The array `data` of `init_pt_cld.npz` holds one point a row: x, y, z, then red, green, blue up to 1. A foreground
+//! * Views are named by the image, `0/000012`: the camera's number and the frame's.
+//! * The array `data` of `init_pt_cld.npz` has one point per row: x, y, z, then red, green, blue up to 1. A foreground
 //!   flag follows and is skipped. Without this file, `fused.ply` or `points3D.ply` is read.
 
 mod matrices;
@@ -46,7 +46,7 @@ const POSES: &str = "A w2c leads from the world to the camera: x right, y down, 
 const TRAIN: &str = "train_meta.json";
 const TEST: &str = "test_meta.json";
 
-/// Folder of the pictures.
+/// Folder of the images.
 const PICTURES: &str = "ims";
 
 /// The file of the points, and the array in it.
@@ -56,7 +56,7 @@ const ARRAY: &str = "data";
 /// Names of point clouds that replace it. The first that exists is read.
 const POINTS: [&str; 2] = ["fused.ply", "points3D.ply"];
 
-/// A file of cameras as stored. All lists go by time, then by camera.
+/// A file of cameras as stored. All lists are indexed by time, then by camera.
 #[derive(Debug, Deserialize)]
 struct Record {
     w: f64,
@@ -77,16 +77,16 @@ struct Meta {
     shots: Vec<(usize, Shot)>,
 }
 
-/// Why `folder` is not in this format; `None` if it is.
+/// The reason why `folder` is not in this format; `None` if it is.
 pub fn recognise(folder: &Path) -> Option<String> {
     (!folder.join(TRAIN).is_file())
         .then(|| format!("it needs {TRAIN}, {TEST}, {PICTURES} and {ARCHIVE}; {TRAIN} is not there"))
 }
 
-/// Reads a scene (METHOD §5.7). Only the headers of the pictures are read here.
+/// Reads a scene (METHOD §5.7). Only the headers of the images are read here.
 ///
 /// # Errors
-/// A [`DataError`] that says what is wrong with the folder, a file in it or an option.
+/// A [`DataError`] that names the problem with the folder, a file in it or an option.
 pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let limit = options.frame_limit()?;
     let metas = [read_meta(folder, TRAIN)?, read_meta(folder, TEST)?];
@@ -128,7 +128,7 @@ impl Meta {
     }
 }
 
-/// Reads a file. All lists must have one shape, and all entries must be cameras.
+/// Reads a file. All lists must have the same shape, and all entries must be valid cameras.
 fn read_meta(folder: &Path, file: &'static str) -> Result<Meta, DataError> {
     let path = folder.join(file);
     if !path.is_file() {
@@ -160,7 +160,7 @@ impl Record {
         Ok(Meta { times: self.names.len(), shots: shots.into_iter().map(|(_, shot)| shot).collect() })
     }
 
-    /// Checks that every list has an entry for each picture.
+    /// Checks that every list has an entry for each image.
     fn check_shapes(&self) -> Result<(), String> {
         let of = |lists: Vec<usize>, what: &str| {
             let wanted = self.names.iter().map(Vec::len);
@@ -177,7 +177,7 @@ impl Record {
         self.cam_id.as_ref().map_or(Ok(()), |ids| of(ids.iter().map(Vec::len).collect(), "cam_id"))
     }
 
-    /// The shot of a picture. Its time is set once the number of times is known.
+    /// The shot of an image. Its time is set once the number of times is known.
     fn shot(&self, time: usize, place: usize, size: DVec2, pictures: &Path) -> Result<Shot, String> {
         let name = &self.names[time][place];
         let path = below(pictures, name)?;

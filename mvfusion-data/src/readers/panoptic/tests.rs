@@ -1,4 +1,4 @@
-//! A tiny scene, whole and damaged in every way that users meet.
+//! A tiny scene, intact and with the usual kinds of damage.
 
 use std::io::{Cursor, Write};
 
@@ -13,7 +13,7 @@ use crate::readers::{Format, TimeRule, recognise};
 
 const TIMES: usize = 3;
 
-/// The cameras of a file, which stand at x = -number and look along +z.
+/// The cameras of a file, at x = -number and looking along +z.
 fn meta(cameras: &[i64]) -> Value {
     let all = |entry: &dyn Fn(usize, i64) -> Value| -> Value {
         (0..TIMES).map(|time| cameras.iter().map(|&camera| entry(time, camera)).collect::<Value>()).collect()

@@ -27,7 +27,7 @@ pub(crate) struct CameraFrames {
 pub(crate) struct Frame {
     /// `0003`.
     pub(crate) name: String,
-    /// The picture.
+    /// The image.
     pub(crate) source: PictureSource,
 }
 
@@ -49,8 +49,8 @@ pub(crate) fn camera_names(folder: &Path) -> Result<Vec<String>, DataError> {
     Ok(names)
 }
 
-/// The first `limit` frames of each camera. They are the pictures in the subfolder `inner` of the camera's folder, or
-/// else the frames of its video.
+/// The first `limit` frames of each camera. They are the images in the subfolder `inner` of the camera's folder,
+/// otherwise the frames of its video.
 ///
 /// # Errors
 /// [`DataError::Missing`] if a camera has no frames. [`DataError::Disagreement`] if two cameras have different numbers
@@ -92,7 +92,7 @@ pub(crate) fn list_frames(
     Ok(cameras)
 }
 
-/// The pictures of a folder as frames; none if the folder does not exist.
+/// The images of a folder as frames; none if the folder does not exist.
 fn extracted_frames(pictures: &Path) -> Result<Vec<Frame>, DataError> {
     let mut frames = BTreeMap::new();
     let files = if pictures.is_dir() { pictures_in(pictures)? } else { Vec::new() };
@@ -121,7 +121,7 @@ fn frames_of_video(path: &Path, limit: usize, store: &FrameStore) -> Result<Vec<
     Ok((0..video.len()).map(frame).collect())
 }
 
-/// Sort key: the name, with a number at its end compared by value. So `frame_9` comes before `frame_10`.
+/// Sort key: the name, with a number at its end compared by value, so that `frame_9` precedes `frame_10`.
 fn temporal_order(path: &Path) -> (String, usize, String) {
     let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
     let text = stem.trim_end_matches(|c: char| c.is_ascii_digit()).to_owned();

@@ -1,4 +1,4 @@
-//! What several readers share: kinds of files, and the way from a reader's record of a picture to a view.
+//! Code for several readers: file types, and the conversion of a reader's shot to a view.
 
 pub(crate) mod frames;
 pub(crate) mod ply;

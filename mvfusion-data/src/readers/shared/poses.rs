@@ -1,4 +1,4 @@
-//! `poses_bounds.npy`: the cameras of LLFF and Neu3D scenes, one a row.
+//! `poses_bounds.npy`: the cameras of LLFF and Neu3D scenes, one per row.
 
 use std::path::Path;
 
@@ -14,7 +14,7 @@ pub const ROW: usize = 17;
 /// Largest deviation of a pose's columns from orthonormality. Single-precision files err by 1e-6.
 const ROTATION_TOLERANCE: f64 = 1e-3;
 
-/// The camera of a row of `poses_bounds.npy`, for pictures of `width` by `height` pixels (METHOD §5.1).
+/// The camera of a row of `poses_bounds.npy`, for images of `width` by `height` pixels (METHOD §5.1).
 ///
 /// A row is a 3x5 matrix, row by row, followed by the near and far depth bounds. The first three columns of the matrix
 /// are the camera's down, right and backward axes in the world, the fourth is its centre. The last column is (height,
@@ -37,7 +37,7 @@ pub(crate) fn near_bound(row: &[f64; ROW]) -> Option<f64> {
 /// Reads `poses_bounds.npy`: `[cameras, 17]`, double or single precision.
 ///
 /// # Errors
-/// [`DataError::Content`] if it is no such array, or a row is no camera.
+/// [`DataError::Content`] if it is not such an array, or a row is not a camera.
 pub(crate) fn read_rows(path: &Path) -> Result<Vec<[f64; ROW]>, DataError> {
     let fail = |reason: String| DataError::Content {
         path: path.to_owned(),
@@ -57,7 +57,7 @@ fn read_array(path: &Path) -> Result<Vec<[f64; ROW]>, String> {
     if rows.is_empty() { Err("it has no rows".into()) } else { Ok(rows) }
 }
 
-/// Checks a row. The error says what is wrong with it.
+/// Checks a row. The error is the problem.
 fn check_row(row: &[f64; ROW]) -> Result<(), String> {
     if let Some(at) = row.iter().position(|v| !v.is_finite()) {
         return Err(format!("holds {} at column {at}, which is not a finite number", row[at]));
@@ -79,7 +79,7 @@ fn check_row(row: &[f64; ROW]) -> Result<(), String> {
 mod tests {
     use super::*;
 
-    /// Room for rounding in a handful of products of numbers near one.
+    /// Rounding tolerance for a few products of numbers near one.
     const ROUNDING: f64 = 1e-12;
 
     /// A camera at (1, 2, 3) that looks along the world's -z with x right, y up: right = x, down = -y, backward = z.

@@ -1,10 +1,9 @@
-//! Downscaled copies of pictures: `images_4` beside `images`, as LLFF, nerfstudio and the packers of On-the-go and
-//! RobustNeRF leave them.
+//! Downscaled copies of images: `images_4` next to `images`, as in LLFF, nerfstudio, On-the-go and RobustNeRF.
 //!
 //! Assumptions:
-//! * `images_N` holds the pictures of `images` under the same names, possibly with other extensions. Both sides of each
+//! * `images_N` contains the images of `images` with the same names, possibly with other extensions. Both sides of each
 //!   are N times shorter.
-//! * If `downscale` is N, they replace the pictures that would be downscaled here. If there is no `images`, the only
+//! * If `downscale` is N, they replace images that would otherwise be downscaled. If there is no `images`, the only
 //!   folder `images_N` replaces it.
 
 use std::path::{Path, PathBuf};
@@ -18,15 +17,15 @@ use crate::files::picture_named;
 use crate::readers::options::ReadOptions;
 use crate::scene::{PictureSource, View};
 
-/// Folder of the full-size pictures.
+/// Folder of the full-size images.
 pub(crate) const IMAGES: &str = "images";
 
-/// Whether a scene has a folder of pictures, full-size or smaller.
+/// Whether a scene has a folder of images, full-size or smaller.
 pub(crate) fn has_pictures(scene: &Path) -> bool {
     scene.join(IMAGES).is_dir() || !factors(scene).is_empty()
 }
 
-/// The folder that lists the pictures of a scene.
+/// The folder that lists the images of a scene.
 ///
 /// # Errors
 /// [`DataError::Missing`] if there is no `images`, but several smaller copies of it.
@@ -38,10 +37,10 @@ pub(crate) fn listing_folder(scene: &Path, options: &ReadOptions) -> Result<Path
     Ok(stand_in(scene, options)?.map_or(images, |factor| folder_of(scene, factor)))
 }
 
-/// The views of shots (see [`views`]). Their pictures may lie in a smaller copy of the folder `images`.
+/// The views of shots (see [`views`]). Their images may be in a smaller copy of the folder `images`.
 ///
 /// # Errors
-/// As [`views`], and those of [`listing_folder`].
+/// Same as [`views`], and those of [`listing_folder`].
 pub(crate) fn views_of_pictures(
     scene: &Path,
     mut shots: Vec<Shot>,
@@ -51,13 +50,13 @@ pub(crate) fn views_of_pictures(
     views(scene, shots, &ReadOptions { downscale, ..options.clone() })
 }
 
-/// Redirects shots to smaller copies of their pictures if appropriate. Returns the factor of `downscale` that remains.
+/// Redirects shots to smaller copies of their images if appropriate. Returns the factor of `downscale` that remains.
 fn redirect(scene: &Path, shots: &mut [Shot], options: &ReadOptions) -> Result<f64, DataError> {
     let downscale = options.downscale;
     let images = scene.join(IMAGES);
     let inside = |shot: &Shot| shot.source.path().strip_prefix(&images).map(Path::to_owned).ok();
     let Some(names) = shots.iter().map(inside).collect::<Option<Vec<_>>>() else { return Ok(downscale) };
-    // An invalid factor is refused where pictures are resized.
+    // An invalid factor is rejected where images are resized.
     let Some(factor) = chosen(scene, options)?.filter(|_| downscale >= 1.0) else { return Ok(downscale) };
     let folder = folder_of(scene, factor);
     let copies: Vec<PathBuf> = names.iter().map(|name| copy_of(&folder, name)).collect();
@@ -126,8 +125,7 @@ fn folder_of(scene: &Path, factor: u32) -> PathBuf {
     scene.join(format!("{IMAGES}_{factor}"))
 }
 
-/// The file of this name in `folder`, or one that differs only in its extension. Some tools write PNG whatever they
-/// read.
+/// The file with this name in `folder`, or one that differs only in its extension. Some tools always write PNG.
 fn copy_of(folder: &Path, name: &Path) -> PathBuf {
     let exact = folder.join(name);
     if exact.is_file() {

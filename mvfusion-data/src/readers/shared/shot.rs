@@ -1,4 +1,4 @@
-//! A shot: what a reader knows of a picture.
+//! A shot: a reader's data of an image.
 
 use std::path::PathBuf;
 
@@ -6,14 +6,14 @@ use glam::{DMat3, DVec2, DVec3};
 
 use crate::scene::{Bend, Lens, PictureSource};
 
-/// A picture with its camera and its time.
+/// An image with its camera and its time.
 #[derive(Clone, Debug)]
 pub(crate) struct Shot {
     /// Name of the view.
     pub(crate) name: String,
-    /// The picture.
+    /// The image.
     pub(crate) source: PictureSource,
-    /// A file that marks which of its pixels count.
+    /// A file that marks its valid pixels.
     pub(crate) mask: Option<PathBuf>,
     pub(crate) lens: FrameLens,
     /// From the world to the camera, OpenCV axes.
@@ -23,17 +23,17 @@ pub(crate) struct Shot {
     pub(crate) time: f64,
 }
 
-/// The description of a picture's lens.
+/// The description of an image's lens.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum FrameLens {
-    /// A lens for pictures of this width and height.
+    /// A lens for images of this width and height.
     Known { lens: Lens, size: DVec2 },
-    /// The focal length in widths of the picture, for any size. Pixels are square, and the principal point is centred.
+    /// The focal length in widths of the image, for any size. Pixels are square, and the principal point is centred.
     Angle { focal_in_widths: f64 },
 }
 
 impl FrameLens {
-    /// The lens for a picture of this size.
+    /// The lens for an image of this size.
     pub(super) fn at_size(&self, size: DVec2) -> Lens {
         match *self {
             Self::Known { lens, size: own } => lens.scaled(size / own),

@@ -1,4 +1,4 @@
-//! Sizes of pictures: the common one, the one that their cameras were made for, the downscaled one.
+//! Sizes of images: the common size, the size of their cameras, and the downscaled size.
 
 use std::path::Path;
 
@@ -8,19 +8,19 @@ use tracing::info;
 use super::shot::{FrameLens, Shot};
 use crate::error::DataError;
 
-/// Longest accepted side of a picture in pixels, as in JPEG. A false header must not cost the time for its claim.
+/// Longest accepted side of an image in pixels, as in JPEG. A false header must not cause excessive work.
 const LONGEST_SIDE: u32 = 65_535;
 
-/// Fewest useful pixels along each side.
+/// Minimum useful number of pixels along each side.
 const LEAST_SIDE: u32 = 16;
 
-/// The common size of all pictures. Batches are stacked, so sizes must agree.
+/// The common size of all images. Batches are stacked, so sizes must agree.
 pub(super) fn common_size(folder: &Path, shots: &[Shot]) -> Result<(u32, u32), DataError> {
     let sizes: Vec<(u32, u32)> = shots
         .par_iter()
         .map(|shot| shot.source.size())
         .collect::<Vec<_>>()
-        .into_iter() // The first error in the order of the shots, whichever thread met one first.
+        .into_iter() // The first error in the order of the shots, whichever thread found one first.
         .collect::<Result<_, _>>()?;
     if let Some(huge) = sizes.iter().position(|&(width, height)| width.max(height) > LONGEST_SIDE) {
         let (width, height) = sizes[huge];
@@ -42,7 +42,7 @@ pub(super) fn common_size(folder: &Path, shots: &[Shot]) -> Result<(u32, u32), D
     })
 }
 
-/// Checks that pictures of `size` pixels have the shape of their lenses' pictures, possibly scaled.
+/// Checks that images of `size` pixels have the aspect ratio of their lenses.
 ///
 /// # Errors
 /// [`DataError::Disagreement`] if no common factor scales one to the other.
@@ -75,13 +75,13 @@ pub(super) fn check_shapes(folder: &Path, (width, height): (u32, u32), shots: &[
     Ok(())
 }
 
-/// Whether one factor scales both sides of the larger picture to those of the smaller. Sides may be rounded to the
+/// Whether one factor scales both sides of the larger image to those of the smaller image. Sides may be rounded to the
 /// nearest pixel or rounded down.
 fn is_scaled(one: (f64, f64), other: (f64, f64)) -> bool {
-    /// How far a side before rounding may lie below and above the rounded one.
+    /// How far a side before rounding may be below and above the rounded one.
     const ROUNDING: [(f64, f64); 2] = [(0.5, 0.5), (0.0, 1.0)];
     let (full, scaled) = if one.0 < other.0 { (other, one) } else { (one, other) };
-    // A fraction of a pixel is within the rounding of any shape.
+    // A fraction of a pixel is within the rounding of any aspect ratio.
     scaled.0.min(scaled.1) >= 1.0
         && ROUNDING.iter().any(|(below, above)| {
             let factors = |full: f64, scaled: f64| ((scaled - below) / full, (scaled + above) / full);
@@ -90,10 +90,10 @@ fn is_scaled(one: (f64, f64), other: (f64, f64)) -> bool {
         })
 }
 
-/// The size of pictures of `width` by `height` pixels after downscaling by the option `downscale`.
+/// The size of images of `width` by `height` pixels after downscaling by the option `downscale`.
 ///
 /// # Errors
-/// [`DataError::Setting`] if the factor is below 1, or so large that nothing useful is left.
+/// [`DataError::Setting`] if the factor is below 1, or so large that nothing useful remains.
 pub(super) fn reduced_size((width, height): (u32, u32), downscale: f64) -> Result<(u32, u32), DataError> {
     let refuse = |reason| DataError::Setting { option: "downscale", value: downscale.to_string(), reason };
     if !downscale.is_finite() || downscale < 1.0 {

@@ -1,4 +1,4 @@
-//! From shots to the views of a scene: one path for all formats.
+//! Conversion of shots to the views of a scene, for all formats.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -13,14 +13,14 @@ use crate::error::DataError;
 use crate::readers::options::ReadOptions;
 use crate::scene::{Bend, Camera, Lens, Mask, Picture, PictureFile, PictureSource, Truth, View, pinhole_within};
 
-/// The views of shots. Their pictures must exist and share one size: that of their lenses or a scaled one. Only the
-/// headers of the pictures are read.
+/// The views of shots. Their images must exist and have the same size: that of their lenses or a scaled one. Only the
+/// headers of the images are read.
 ///
 /// # Errors
-/// [`DataError::Missing`] if a picture or mask does not exist, [`DataError::Image`] if a header cannot be read.
-/// [`DataError::Disagreement`] if sizes or shapes differ. [`DataError::Setting`] if `downscale` is invalid.
-/// [`DataError::Content`] if two views have one name, a lens shows nothing that a pinhole could show, or a camera's
-/// numbers cannot be computed with.
+/// [`DataError::Missing`] if an image or mask does not exist, [`DataError::Image`] if a header cannot be read.
+/// [`DataError::Disagreement`] if sizes or aspect ratios differ. [`DataError::Setting`] if `downscale` is invalid.
+/// [`DataError::Content`] if two views have the same name, a lens shows nothing that a pinhole could show, or a
+/// camera's values are out of range.
 pub(crate) fn views(folder: &Path, shots: Vec<Shot>, options: &ReadOptions) -> Result<Vec<View>, DataError> {
     if shots.is_empty() {
         return Ok(Vec::new());
@@ -40,7 +40,7 @@ pub(crate) fn views(folder: &Path, shots: Vec<Shot>, options: &ReadOptions) -> R
         info!("{masked} of {} pictures have masks: {counting} counts, the rest is ignored", shots.len());
     }
 
-    // Most pictures come from one camera, and finding its pinhole takes a walk along the border.
+    // Most images are from one camera, and computing its pinhole traverses the border.
     let mut pinholes = Pinholes::default();
     shots.into_iter().map(|shot| view(shot, size, options, &mut pinholes)).collect()
 }
@@ -97,8 +97,8 @@ impl Pinholes {
     }
 }
 
-/// Whether single precision, which training uses, can hold the camera. Files may contain numbers that it cannot hold,
-/// or numbers whose products it cannot hold.
+/// Whether single precision, which training uses, can represent the camera. Files may contain values that overflow, or
+/// values whose products overflow.
 fn is_computable(camera: &Camera) -> bool {
     let focal = DVec2::new(camera.fx, camera.fy).as_vec2();
     let principal = DVec2::new(camera.cx, camera.cy).as_vec2();
@@ -110,7 +110,7 @@ fn is_computable(camera: &Camera) -> bool {
         && places.iter().all(|place| place.is_finite())
 }
 
-/// Checks that all pictures and masks exist.
+/// Checks that all images and masks exist.
 fn check_presence(folder: &Path, shots: &[Shot]) -> Result<(), DataError> {
     let pictures: Vec<&Path> = shots.iter().map(|shot| shot.source.path()).collect();
     let masks: Vec<&Path> = shots.iter().filter_map(|shot| shot.mask.as_deref()).collect();

@@ -1,4 +1,4 @@
-//! A picture with its mask, before and after decoding.
+//! An image with its mask, before and after decoding.
 
 use std::sync::Arc;
 
@@ -8,16 +8,16 @@ use crate::error::DataError;
 use crate::scene::mask::Mask;
 use crate::scene::picture::Picture;
 
-/// A picture with its mask, decoded.
+/// An image with its mask, decoded.
 #[derive(Clone, Debug)]
 pub struct Decoded {
-    /// The picture.
+    /// The image.
     pub rgb: Arc<RgbImage>,
-    /// 255 where a pixel counts, 0 where it is ignored. Without a mask all pixels count.
+    /// 255 at valid pixels, 0 at ignored pixels. Without a mask, all pixels are valid.
     pub valid: Option<Arc<GrayImage>>,
 }
 
-/// A picture with its mask, before decoding.
+/// An image with its mask, before decoding.
 #[derive(Debug)]
 pub(super) struct Masked {
     pub(super) picture: Picture,
@@ -35,7 +35,7 @@ impl Masked {
         matches!(self.picture, Picture::Memory(_)) && self.mask.is_none()
     }
 
-    /// Bytes when decoded, beyond those in memory anyway.
+    /// Additional bytes when decoded.
     pub(super) fn bytes(&self) -> u64 {
         let (width, height) = self.picture.size();
         let planes = match self.picture {

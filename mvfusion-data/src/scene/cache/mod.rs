@@ -1,8 +1,8 @@
-//! A cache of decoded pictures with a byte budget. Background threads decode ahead of use.
+//! A cache of decoded images with a byte budget. Background threads decode ahead of use.
 //!
-//! Training shows every picture once a round, in an order that is known a little ahead. The picture shown last is the
-//! one needed latest, so it is evicted first. With this rule, a budget for k of n pictures saves k of n decodings a
-//! round. Keeping the most recent pictures instead would save none.
+//! Training shows every image once per round, in an order that is known slightly ahead. The most recently shown image
+//! is needed last, so it is evicted first. With this rule, a budget for k of n images saves k of n decodings per round.
+//! Keeping the most recent images instead would save none.
 
 mod masked;
 mod shared;
@@ -21,7 +21,7 @@ use crate::error::DataError;
 use masked::Masked;
 use shared::{Entry, Shared, State};
 
-/// Pictures and their masks by index, decoded or not.
+/// Images and their masks by index, decoded or not.
 #[derive(Debug)]
 pub struct PictureCache {
     shared: Arc<Shared>,
@@ -29,8 +29,8 @@ pub struct PictureCache {
 }
 
 impl PictureCache {
-    /// A cache of the pictures of `views`, with this many decoding threads. It holds at most `budget` bytes of decoded
-    /// pictures, but always the one asked for. Pictures in memory count as zero bytes.
+    /// A cache of the images of `views`, with this many decoding threads. It keeps at most `budget` bytes of decoded
+    /// images, but always the requested one. Images in memory count as zero bytes.
     pub fn new(views: &[View], budget: u64, threads: usize) -> Self {
         let masked = |view: &View| Masked { picture: view.image.clone(), mask: view.mask.clone() };
         let state = State {
@@ -57,7 +57,7 @@ impl PictureCache {
         Self { shared, workers }
     }
 
-    /// Decodes all pictures if they fit into the budget, so that unreadable files are found now.
+    /// Decodes all images if they fit into the budget, so that unreadable files are found now.
     ///
     /// # Errors
     /// [`DataError::Image`] if one cannot be read.
@@ -70,18 +70,18 @@ impl PictureCache {
         (0..self.len()).try_for_each(|index| self.get(index).map(drop))
     }
 
-    /// Number of pictures.
+    /// Number of images.
     pub fn len(&self) -> usize {
         self.shared.pictures.len()
     }
 
-    /// Whether there is no picture.
+    /// Whether there is no image.
     pub fn is_empty(&self) -> bool {
         self.shared.pictures.is_empty()
     }
 
-    /// Announces which pictures will be asked for, in this order. Pictures of an earlier announcement that are not
-    /// among them are no longer decoded.
+    /// Announces the next requests, in this order. Images of an earlier announcement that are not among them are no
+    /// longer decoded.
     pub fn announce(&self, upcoming: &[usize]) {
         let mut state = self.shared.lock();
         let mut seen = HashSet::new();
@@ -92,7 +92,7 @@ impl PictureCache {
         self.shared.work.notify_all();
     }
 
-    /// The picture at an index. Waits until it is decoded.
+    /// The image at an index. Waits until it is decoded.
     ///
     /// # Errors
     /// [`DataError::Image`] if it cannot be read.
@@ -103,7 +103,7 @@ impl PictureCache {
         let mut state = self.shared.lock();
         if let Some(image) = state.take(index) {
             drop(state);
-            // A used picture may be evicted to make room.
+            // A used image may be evicted to make room.
             self.shared.work.notify_all();
             return Ok(image);
         }
@@ -128,16 +128,16 @@ impl PictureCache {
         }
         drop(state);
         self.shared.work.notify_all();
-        // Decoded again to get the error, because an error cannot be kept for several callers.
+        // Decoded again to get the error, because an error cannot be stored for several callers.
         image.map_or_else(|| self.shared.pictures[index].decode(), Ok)
     }
 
-    /// Total time that callers have waited for pictures.
+    /// Total time that callers have waited for images.
     pub fn waited(&self) -> Duration {
         self.shared.lock().waited
     }
 
-    /// Bytes of decoded pictures that are held now.
+    /// Bytes of decoded images in the cache.
     pub fn held(&self) -> u64 {
         self.shared.lock().held
     }
@@ -148,7 +148,7 @@ impl Drop for PictureCache {
         self.shared.lock().ended = true;
         self.shared.work.notify_all();
         for worker in self.workers.drain(..) {
-            // A panicked worker has reported it already, and nothing is left to lose here.
+            // A panicked worker has already reported its panic.
             let _ = worker.join();
         }
     }

@@ -1,4 +1,4 @@
-//! What the users of a cache and its decoding threads share.
+//! The state that the users of a cache and its decoding threads share.
 
 use std::collections::VecDeque;
 use std::panic::AssertUnwindSafe;
@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use super::masked::{Decoded, Masked};
 
-/// The pictures, and the state that they are in.
+/// The images and their state.
 #[derive(Debug)]
 pub(super) struct Shared {
     pub(super) pictures: Vec<Masked>,
@@ -15,19 +15,19 @@ pub(super) struct Shared {
     pub(super) state: Mutex<State>,
     /// Notified when there is something to decode, room to decode into, or the end.
     pub(super) work: Condvar,
-    /// Notified when a picture was decoded or failed to.
+    /// Notified when an image was decoded or failed to.
     pub(super) done: Condvar,
 }
 
-/// Which pictures are decoded, and which are to be.
+/// The decoded images, and the queue of images to decode.
 #[derive(Debug)]
 pub(super) struct State {
     pub(super) entries: Vec<Entry>,
-    /// Pictures to decode, the next one first.
+    /// Images to decode, the next one first.
     pub(super) queue: VecDeque<usize>,
-    /// Pictures that callers wait for.
+    /// Images that callers wait for.
     pub(super) wanted: Vec<usize>,
-    /// Bytes of pictures that are decoded or being decoded.
+    /// Bytes of images that are decoded or being decoded.
     pub(super) held: u64,
     /// Counter of uses.
     pub(super) clock: u64,
@@ -35,7 +35,7 @@ pub(super) struct State {
     pub(super) ended: bool,
 }
 
-/// The state of a picture.
+/// The state of an image.
 #[derive(Clone, Debug)]
 pub(super) enum Entry {
     Absent,
@@ -49,7 +49,7 @@ pub(super) enum Entry {
 }
 
 impl State {
-    /// The picture if it is decoded. Counts as a use.
+    /// The image if it is decoded. Counts as a use.
     pub(super) fn take(&mut self, index: usize) -> Option<Decoded> {
         let Entry::Ready { image, used } = &mut self.entries[index] else { return None };
         *used = Some(self.clock);
@@ -57,8 +57,8 @@ impl State {
         Some(image.clone())
     }
 
-    /// The picture to evict: the one used last. If a caller waits for room, pictures that were not used yet may go as
-    /// well.
+    /// The image to evict: the most recently used one. If a caller waits for room, images that were not used yet may
+    /// also be evicted.
     fn victim(&self, urgent: bool) -> Option<usize> {
         let last_use = |(index, entry): (usize, &Entry)| match entry {
             Entry::Ready { .. } if self.wanted.contains(&index) => None,
@@ -71,7 +71,7 @@ impl State {
 }
 
 impl Shared {
-    /// Locks the state. A worker that panicked left no entry half written.
+    /// Locks the state. A panicked worker leaves no entry half written.
     pub(super) fn lock(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -92,7 +92,8 @@ impl Shared {
                 continue;
             };
             drop(state);
-            // A panic in a decoder would leave its callers waiting. Whoever wants the picture meets the panic itself.
+            // A panic in a decoder would leave its callers waiting. A caller that decodes the image itself gets the
+            // panic.
             let image = std::panic::catch_unwind(AssertUnwindSafe(|| self.pictures[index].decode()));
             state = self.lock();
             state.entries[index] = match image {
@@ -106,8 +107,8 @@ impl Shared {
         }
     }
 
-    /// Takes the next picture to decode out of the queue and makes room for it. `None` if the queue is empty, or if
-    /// there is no room before another picture is used.
+    /// Removes the next image from the queue and makes room for it. `None` if the queue is empty, or if there is no
+    /// room until another image is used.
     fn next(&self, state: &mut State) -> Option<usize> {
         let &index = state.queue.front()?;
         let (bytes, urgent) = (self.bytes(index), state.wanted.contains(&index));

@@ -1,4 +1,4 @@
-//! Tests of the cache. Each picture has one grey level: its index.
+//! Tests of the cache. Each image has one grey level: its index.
 
 use std::path::Path;
 
@@ -28,7 +28,7 @@ fn views(folder: &Path, count: u8) -> Vec<View> {
     (0..count).map(written).collect()
 }
 
-/// The grey level of a picture.
+/// The grey level of an image.
 fn level(cache: &PictureCache, index: usize) -> u8 {
     cache.get(index).expect("decoded").rgb.get_pixel(3, 3).0[0]
 }
@@ -69,7 +69,7 @@ fn a_share_of_the_pictures_stays_from_round_to_round() {
             cache.get(index).expect("decoded");
         }
     }
-    // Half of the pictures fit, and the one in hand takes a place: no round decodes more than seven.
+    // Half of the images fit, and the current one needs room: no round decodes more than seven.
     assert!(decoded <= 3 * 7, "{decoded} decoded again in three rounds");
 }
 

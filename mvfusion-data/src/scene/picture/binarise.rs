@@ -1,4 +1,4 @@
-//! Pictures as masks: what counts as white, and which shape fits.
+//! Images as masks: the threshold of white, and the check of the aspect ratio.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use image::{ColorType, DynamicImage, GrayImage, Rgba};
 
 use crate::error::DataError;
 
-/// 255 where a picture is white, 0 where it is black, by the rule of [`Picture::mask`].
+/// 255 where an image is white, 0 where it is black, by the rule of [`Picture::mask`].
 pub(crate) fn black_and_white(mask: DynamicImage) -> GrayImage {
     /// Half of the brightest level.
     const HALF: u32 = 1 << 15;
@@ -24,11 +24,11 @@ pub(crate) fn black_and_white(mask: DynamicImage) -> GrayImage {
     })
 }
 
-/// Checks that a mask of the first size has the shape of a picture of the second. Each side may be off by a pixel of
-/// rounding.
+/// Checks that a mask of the first size has the aspect ratio of an image of the second size. Each side may be off by a
+/// pixel of rounding.
 ///
 /// # Errors
-/// [`DataError::Image`] if the shapes differ. A stretched mask would cover other pixels than intended.
+/// [`DataError::Image`] if the aspect ratios differ. A stretched mask would cover the wrong pixels.
 pub(crate) fn check_shape(path: &Path, mask: (u32, u32), picture: (u32, u32)) -> Result<(), DataError> {
     let [w, h, width, height] = [mask.0, mask.1, picture.0, picture.1].map(u64::from);
     if (w * height).abs_diff(h * width) <= w + h + width + height {

@@ -1,9 +1,9 @@
-//! Conversion of decoded pictures to RGB with 8 bits a channel.
+//! Conversion of decoded images to RGB with 8 bits per channel.
 
 use image::{DynamicImage, RgbImage};
 
-/// Converts to 8 bits a channel. Deeper channels are rounded. Linear light (the floats of an EXR file) becomes sRGB.
-/// Transparent pixels show the backdrop. Colours of an EXR file are premultiplied by alpha, those of a PNG file are
+/// Converts to 8 bits per channel. Deeper channels are rounded. Linear light (the floats of an EXR file) becomes sRGB.
+/// Transparent pixels show the backdrop. Colours of an EXR file are premultiplied by alpha; colours of a PNG file are
 /// not.
 pub(super) fn to_rgb8(image: DynamicImage, backdrop: Option<[u8; 3]>) -> RgbImage {
     let image = match image {

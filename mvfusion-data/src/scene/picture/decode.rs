@@ -1,4 +1,4 @@
-//! Decoding of picture files.
+//! Decoding of image files.
 
 use std::io::{Cursor, Read};
 use std::path::Path;
@@ -9,7 +9,7 @@ use super::jpeg;
 use crate::error::DataError;
 use crate::files::open_file;
 
-/// Width and height of a picture file, from its header alone.
+/// Width and height of an image file, read only from its header.
 ///
 /// # Errors
 /// [`DataError::Image`] if the header cannot be read.

@@ -3,22 +3,22 @@
 const START_OF_IMAGE: u8 = 0xd8;
 const END_OF_IMAGE: u8 = 0xd9;
 
-/// Whether the bytes are a JPEG file that lacks the end of its picture. The decoder silently fills the missing part
-/// with grey. Data behind the end is fine, because phones put more pictures there. Malformed bytes are left to the
+/// Whether the bytes are a JPEG file without the end of its image. The decoder silently fills the missing part with
+/// grey. Data after the end is accepted, because phones store more images there. Malformed bytes are left to the
 /// decoder.
 pub(crate) fn is_broken_off(bytes: &[u8]) -> bool {
     bytes.starts_with(&[0xff, START_OF_IMAGE]) && !reaches_end(&bytes[2..])
 }
 
-/// Whether an end marker follows. `rest` are the bytes behind the start marker. Only markers between segments count,
-/// because a segment may hold a thumbnail with its own end.
+/// Whether an end marker follows. `rest` are the bytes after the start marker. Only markers between segments count,
+/// because a segment may contain a thumbnail with its own end.
 fn reaches_end(mut rest: &[u8]) -> bool {
     while let Some((marker, behind)) = next_marker(rest) {
         rest = match marker {
             END_OF_IMAGE => return true,
             // Restarts among the pixels, and other markers without a segment.
             0x01 | 0xd0..=START_OF_IMAGE => behind,
-            // A segment begins with its length, which includes these two bytes.
+            // A segment starts with its length, which includes these two bytes.
             _ => match behind {
                 [high, low, ..] => behind.get(usize::from(u16::from_be_bytes([*high, *low])).max(2)..).unwrap_or(&[]),
                 _ => return false,
@@ -28,7 +28,7 @@ fn reaches_end(mut rest: &[u8]) -> bool {
     false
 }
 
-/// The next marker and the bytes behind it. Skips pixel data, where 0 follows every 0xff.
+/// The next marker and the bytes after it. Skips pixel data, where 0 follows every 0xff.
 fn next_marker(bytes: &[u8]) -> Option<(u8, &[u8])> {
     let at = bytes.windows(2).position(|pair| pair[0] == 0xff && !matches!(pair[1], 0 | 0xff))?;
     Some((bytes[at + 1], &bytes[at + 2..]))
@@ -49,7 +49,7 @@ mod tests {
         bytes
     }
 
-    /// The photo with a small copy of itself in its head, as cameras put it there.
+    /// The photo with a small copy of itself in its header, as written by cameras.
     fn with_preview(photo: &[u8]) -> Vec<u8> {
         let length = u16::try_from(photo.len() + 2).expect("a small copy").to_be_bytes();
         [&photo[..2], &[0xff, 0xe1], &length, photo, &photo[2..]].concat()

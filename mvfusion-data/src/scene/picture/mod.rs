@@ -1,4 +1,4 @@
-//! A picture in memory or on disk, decoded on demand.
+//! An image in memory or on disk, decoded on demand.
 
 mod binarise;
 mod colours;
@@ -22,7 +22,7 @@ use decode::decode;
 pub(crate) use binarise::check_shape;
 pub(crate) use decode::file_size;
 
-/// A picture in memory, or a file that is decoded on demand.
+/// An image in memory, or a file that is decoded on demand.
 #[derive(Clone, Debug)]
 pub enum Picture {
     /// Decoded already.
@@ -31,7 +31,7 @@ pub enum Picture {
     File(PictureFile),
 }
 
-/// A picture on disk, and the steps after decoding it: composite over a backdrop, resize, undistort.
+/// An image on disk, and the steps after decoding it: composite over a backdrop, resize, undistort.
 #[derive(Clone, Debug)]
 pub struct PictureFile {
     /// Its location.
@@ -46,10 +46,10 @@ pub struct PictureFile {
     pub lenses: Option<Arc<[Lens; 2]>>,
 }
 
-/// The location of a picture.
+/// The location of an image.
 #[derive(Clone, Debug)]
 pub enum PictureSource {
-    /// A file of its own.
+    /// A separate file.
     Image(PathBuf),
     /// A frame of a video.
     Frame {
@@ -69,7 +69,7 @@ impl PictureSource {
         }
     }
 
-    /// Original width and height in pixels, from the header alone.
+    /// Original width and height in pixels, read only from the header.
     ///
     /// # Errors
     /// [`DataError::Image`] if the header cannot be read.
@@ -80,7 +80,7 @@ impl PictureSource {
         }
     }
 
-    /// Decodes the picture. A frame of a video comes in the requested size.
+    /// Decodes the image. A frame of a video has the requested size.
     fn decode(&self, size: (u32, u32)) -> Result<DynamicImage, DataError> {
         match self {
             Self::Image(path) => decode(path),
@@ -103,7 +103,7 @@ impl Picture {
         }
     }
 
-    /// The picture as RGB, 8 bits a channel.
+    /// The image as RGB, 8 bits per channel.
     ///
     /// # Errors
     /// [`DataError::Image`] if the file cannot be read or decoded.
@@ -114,12 +114,12 @@ impl Picture {
         }
     }
 
-    /// The picture as a mask: 255 where it is white, 0 where it is black or transparent. A pixel is white if its
-    /// brightest channel is at least half of the maximum. In a file of nothing but 0 and 1, as programs write labels, 1
-    /// is white. Masks are resized and undistorted without interpolation.
+    /// The image as a mask: 255 where it is white, 0 where it is black or transparent. A pixel is white if its
+    /// brightest channel is at least half of the maximum. In a file of labels with only 0 and 1, 1 is white. Masks are
+    /// resized and undistorted without interpolation.
     ///
     /// # Errors
-    /// As [`Picture::rgb`], and if the file has another shape than the picture that it belongs to.
+    /// Same as [`Picture::rgb`], and if the file has a different aspect ratio from its image.
     pub fn mask(&self) -> Result<GrayImage, DataError> {
         match self {
             Picture::Memory(image) => Ok(black_and_white(DynamicImage::ImageRgb8(RgbImage::clone(image)))),

@@ -1,4 +1,4 @@
-//! Scenes that a layout cannot hold, and folders that cannot be written to.
+//! Scenes that a layout cannot represent, and folders that are not writable.
 
 use super::*;
 

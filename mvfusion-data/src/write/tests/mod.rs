@@ -79,7 +79,7 @@ fn read_back(layout: Layout) -> ReadBack {
             name: |view, _, index| format!("{}/{:06}", number_of(view), index % FRAMES),
             time: same,
         },
-        // Its own split, in which every frame trains, is not the scene's: see `options_for`.
+        // Its default split, in which every frame trains, differs from the scene's: see `options_for`.
         Layout::MultipleView => ReadBack {
             format: Format::MULTIPLEVIEW,
             name: |view, _, index| format!("cam{:02}/frame_{:05}", number_of(view), index % FRAMES + 1),
@@ -196,7 +196,7 @@ fn masks_come_back_where_the_layout_has_a_place_for_them() {
         let mut scene = scene(layout.capture());
         let picture = RgbImage::from_fn(48, 32, |x, _| image::Rgb([if x < 7 { 255 } else { 0 }; 3]));
         let picture = Picture::Memory(Arc::new(picture));
-        // Black counts in this one; in files white does.
+        // Black is valid in this mask; in files white is.
         scene.train[1].mask = Some(Mask { picture, inverted: true });
         let folder = written(&scene, layout);
         let read = open(folder.path(), &options_for(layout)).expect("read");
@@ -266,7 +266,7 @@ fn lenses_and_poses_of_all_kinds_survive_where_the_layout_has_words_for_them() {
         let mut scene = scene(layout.capture());
         off_centre(&mut scene);
         moving(&mut scene);
-        scene.train[0].camera.fx *= 1.25; // Of two lenses, so that one for all is not enough.
+        scene.train[0].camera.fx *= 1.25; // Two lenses, so that one for all is not enough.
         let folder = written(&scene, layout);
         let read = open(folder.path(), &options_for(layout)).expect("read");
         for (before, after) in scene.train.iter().chain(&scene.test).zip(read.train.iter().chain(&read.test)) {

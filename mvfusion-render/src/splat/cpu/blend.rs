@@ -167,7 +167,7 @@ impl<T: Lane> Pixels<'_, T> {
     }
 }
 
-/// Transmittance before the first Gaussian: 1 inside the picture, 0 outside.
+/// Transmittance before the first Gaussian: 1 inside the image, 0 outside.
 fn inside_picture<T: Lane>(origin: [usize; 2], view: &View<T>) -> Plane<T> {
     std::array::from_fn(|segment| {
         let row = origin[1] + segment % TILE;

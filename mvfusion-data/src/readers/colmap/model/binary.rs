@@ -1,22 +1,22 @@
 //! Binary files of a COLMAP model: a count, then little-endian records.
 //!
-//! A count in a file is only believed after the bytes that it announces were found.
+//! A count in a file is only trusted if the file contains the bytes that it announces.
 
 use super::complaint::Complaint;
 use super::lens::{CameraRecord, LensModel};
 use super::records::{ImageRecord, push_point};
 use crate::scene::PointCloud;
 
-/// Fewest bytes of a camera: camera and model number, two sides, three parameters.
+/// Minimum bytes of a camera: camera and model number, two sides, three parameters.
 const LEAST_CAMERA: usize = 4 + 4 + 2 * 8 + 3 * 8;
 
-/// Fewest bytes of an image: its number, seven numbers of the pose, its camera, the end of its name, a count.
+/// Minimum bytes of an image: its number, seven numbers of the pose, its camera, the end of its name, a count.
 const LEAST_IMAGE: usize = 4 + 7 * 8 + 4 + 1 + 8;
 
 /// Bytes of an observation in an image: two coordinates and the point's number.
 const OBSERVATION: usize = 3 * 8;
 
-/// Fewest bytes of a point: its number, three coordinates, a colour, an error, a count.
+/// Minimum bytes of a point: its number, three coordinates, a colour, an error, a count.
 const LEAST_POINT: usize = 8 + 3 * 8 + 3 + 8 + 8;
 
 /// Bytes of an entry in a point's track: the numbers of an image and of an observation in it.
@@ -44,7 +44,7 @@ pub(crate) fn images(bytes: &[u8]) -> Result<Vec<ImageRecord>, Complaint> {
     let count = reader.count(LEAST_IMAGE, "images")?;
     let mut images = Vec::with_capacity(count);
     for _ in 0..count {
-        reader.u32()?; // Names tell images apart, numbers are not needed.
+        reader.u32()?; // Names identify images, so numbers are not needed.
         let quaternion = reader.floats()?;
         let translation = reader.floats()?;
         let camera = reader.u32()?;
@@ -133,7 +133,7 @@ impl<'a> Reader<'a> {
     /// Skips records of `size` bytes each, and their count.
     fn pass_over(&mut self, size: usize, what: &str) -> Result<(), String> {
         let count = self.count(size, what)?;
-        self.rest = &self.rest[count * size..]; // `count` made sure that they are there.
+        self.rest = &self.rest[count * size..]; // `count` checked that they exist.
         Ok(())
     }
 

@@ -1,9 +1,9 @@
-//! What is wrong with a file of a COLMAP model.
+//! Problems with files of a COLMAP model.
 
 /// Advice for a damaged file.
 const EXPORT_AGAIN: &str = "Copy the model again, or export it again with `colmap model_converter`";
 
-/// What is wrong with a file of the model, and what to do about it.
+/// A problem with a file of the model, and its remedy.
 #[derive(Debug)]
 pub(crate) struct Complaint {
     pub(crate) reason: String,

@@ -54,8 +54,8 @@ pub(super) struct ModelFiles {
 }
 
 impl ModelFiles {
-    /// Finds a model in the numbered folders of `sparse`, or in `sparse` itself. COLMAP makes one folder for each set
-    /// of photos that it could not join. Of several models the one with the most photos is used.
+    /// Finds a model in the numbered folders of `sparse`, or in `sparse` itself. COLMAP creates one folder for each set
+    /// of photos that it could not join. Of several models, the one with the most photos is used.
     ///
     /// # Errors
     /// [`DataError::Missing`] if there is none.
@@ -75,7 +75,7 @@ impl ModelFiles {
         })
     }
 
-    /// The model in a folder. Binary files win over text files.
+    /// The model in a folder. Binary files take precedence over text files.
     fn within(folder: &Path) -> Option<Self> {
         let files = [Encoding::Binary, Encoding::Text].map(|encoding| Self { folder: folder.to_owned(), encoding });
         files.into_iter().find(|files| files.path(Part::Cameras).is_file())
@@ -137,7 +137,7 @@ fn numbers_in(sparse: &Path) -> Vec<u32> {
     entries.filter_map(number).collect()
 }
 
-/// The index of the model with the most photos, the first of equals. Logs which ones are not used.
+/// The index of the model with the most photos; the first one on a tie. Logs the unused models.
 fn most_photos(models: &[ModelFiles]) -> usize {
     let counts: Vec<Option<usize>> =
         models.iter().map(|files| files.images().ok().map(|images| images.len())).collect();

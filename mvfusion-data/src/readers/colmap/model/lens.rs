@@ -51,7 +51,7 @@ const MODELS: [LensModel; 17] = [
         name: "RAD_TAN_THIN_PRISM_FISHEYE",
         focal_lengths: 2,
         coefficients: 12,
-        // Its tangential coefficients stand in the opposite order to OpenCV's.
+        // Its tangential coefficients are in the opposite order of OpenCV's.
         bend: |k| fisheye(&k[..6], &[k[7], k[6]], &k[8..], true),
     },
     LensModel { name: "SIMPLE_DIVISION", focal_lengths: 1, coefficients: 1, bend: |k| Bend::Division { k: k[0] } },
@@ -113,10 +113,10 @@ pub(crate) struct CameraRecord {
 }
 
 impl CameraRecord {
-    /// The lens, and the width and height of its pictures.
+    /// The lens, and the width and height of its images.
     ///
     /// # Errors
-    /// If the parameters describe no camera.
+    /// If the parameters do not describe a camera.
     pub(super) fn lens(&self) -> Result<(Lens, DVec2), Complaint> {
         let about = format!("camera {} ({})", self.id, self.model.name);
         let (given, needed) = (self.parameters.len(), self.model.parameters());

@@ -19,7 +19,7 @@ use files::{ModelFiles, Part};
 use lens::CameraRecord;
 use records::ImageRecord;
 
-/// Quaternions shorter than this have no direction. COLMAP writes unit quaternions.
+/// Minimum norm of a quaternion. COLMAP writes unit quaternions.
 const LEAST_QUATERNION: f64 = 1e-6;
 
 /// A model with resolved references.
@@ -35,7 +35,7 @@ pub(crate) struct Model {
 pub(crate) struct Photo {
     /// Path below the folder of the photos, such as `2clutter008.JPG`. It cannot lead out of that folder.
     pub(crate) name: String,
-    /// The lens, for pictures of the model's size.
+    /// The lens, for images of the model's size.
     pub(crate) lens: Lens,
     /// Width and height in the model.
     pub(crate) size: DVec2,
@@ -45,7 +45,7 @@ pub(crate) struct Photo {
 }
 
 impl Photo {
-    /// The name without the extension, as masks are named.
+    /// The name without the extension, which is also the name of its mask.
     pub(crate) fn view_name(&self) -> String {
         Path::new(&self.name).with_extension("").to_string_lossy().into_owned()
     }
@@ -54,7 +54,7 @@ impl Photo {
 /// Reads the model in the folder `sparse` or in a numbered subfolder (see [`ModelFiles::locate`]).
 ///
 /// # Errors
-/// [`DataError::Missing`] if a file is not there, [`DataError::Content`] if one cannot be used.
+/// [`DataError::Missing`] if a file does not exist, [`DataError::Content`] if one cannot be used.
 pub(crate) fn read(sparse: &Path) -> Result<Model, DataError> {
     let files = ModelFiles::locate(sparse)?;
     let cameras = by_number(&files.cameras()?).map_err(|complaint| files.blame(Part::Cameras, complaint))?;

@@ -16,7 +16,7 @@ pub(crate) struct ImageRecord {
     pub(super) translation: [f64; 3],
 }
 
-/// Adds a point with 8 bits a colour channel.
+/// Adds a point with 8 bits per colour channel.
 pub(super) fn push_point(points: &mut PointCloud, position: [f64; 3], colour: [u8; 3]) -> Result<(), String> {
     let narrow = Vec3::from_array(position.map(|v| v as f32));
     if !narrow.is_finite() {

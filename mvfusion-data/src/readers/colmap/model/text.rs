@@ -1,4 +1,4 @@
-//! Text files of a COLMAP model: a line for each record, two lines for an image. `#` begins a comment.
+//! Text files of a COLMAP model: one line per record, two lines per image. `#` starts a comment.
 
 use std::str::FromStr;
 
@@ -12,8 +12,8 @@ pub(crate) fn cameras(text: &str) -> Result<Vec<CameraRecord>, Complaint> {
     text.lines().enumerate().filter(|(_, line)| is_record(line)).map(|at| on_line(at, camera)).collect()
 }
 
-/// Reads `images.txt`: IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME. The next line holds observations (X, Y,
-/// POINT3D_ID), which are skipped.
+/// Reads `images.txt`: IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME. The next line contains observations (X,
+/// Y, POINT3D_ID), which are skipped.
 pub(crate) fn images(text: &str) -> Result<Vec<ImageRecord>, Complaint> {
     let mut images = Vec::new();
     let mut lines = text.lines().enumerate();
@@ -30,7 +30,7 @@ pub(crate) fn images(text: &str) -> Result<Vec<ImageRecord>, Complaint> {
     Ok(images)
 }
 
-/// Reads `points3D.txt`: POINT3D_ID, X, Y, Z, R, G, B. The error and the track behind them are skipped.
+/// Reads `points3D.txt`: POINT3D_ID, X, Y, Z, R, G, B. The error and the track after them are skipped.
 pub(crate) fn points(text: &str) -> Result<PointCloud, Complaint> {
     let mut points = PointCloud::default();
     for line in text.lines().enumerate().filter(|(_, line)| is_record(line)) {
@@ -51,15 +51,15 @@ fn camera(fields: &mut Fields) -> Result<CameraRecord, Complaint> {
 }
 
 fn image(fields: &mut Fields) -> Result<ImageRecord, Complaint> {
-    fields.number::<u32>("image's number")?; // Names tell images apart.
+    fields.number::<u32>("image's number")?; // Names identify images.
     let quaternion = fields.numbers("quaternion")?;
     let translation = fields.numbers("translation")?;
     let camera = fields.number("camera's number")?;
-    let name = fields.rest().to_owned(); // It may hold spaces.
+    let name = fields.rest().to_owned(); // It may contain spaces.
     Ok(ImageRecord { name, camera, quaternion, translation })
 }
 
-/// Checks that a line holds observations. If empty second lines were lost, every other image would be skipped.
+/// Checks that a line contains observations. If empty second lines were lost, every other image would be skipped.
 fn observations(fields: &mut Fields) -> Result<(), Complaint> {
     let line = fields.rest();
     let ends_with_a_point = || line.split_whitespace().next_back().is_some_and(|word| word.parse::<i64>().is_ok());

@@ -1,5 +1,5 @@
 //! Damaged files, and files that were never models. None may crash the program or make it allocate more memory than the
-//! file can fill.
+//! size of the file justifies.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

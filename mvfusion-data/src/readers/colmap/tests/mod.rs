@@ -1,4 +1,4 @@
-//! A tiny collection written to a temporary folder, whole and damaged in every way that users meet.
+//! A tiny collection in a temporary folder, intact and with the usual kinds of damage.
 
 use std::fs;
 use std::path::PathBuf;
@@ -68,7 +68,7 @@ impl Fixture {
         read(self.0.path(), &ReadOptions::default())
     }
 
-    /// The message of the error, which must be there and name the place.
+    /// The message of the error, which must occur and name the file.
     fn complaint(&self) -> String {
         let message = self.read().expect_err("the scene is damaged").to_string();
         assert!(message.contains(self.0.path().to_str().expect("utf-8")), "the place is missing: {message}");
@@ -118,12 +118,12 @@ fn a_whole_scene_is_read() {
 fn quaternions_are_w_x_y_z_and_lead_from_the_world_to_the_camera() {
     let fixture = Fixture::new(&NAMES);
     let mut sample = Sample::new(&NAMES);
-    // A quarter turn about y that takes the world's z to the camera's x; twice as long as a unit quaternion.
+    // A quarter turn about y that maps the world's z to the camera's x, with twice the norm of a unit quaternion.
     sample.images[0].quaternion = [2f64.sqrt(), 0.0, 2f64.sqrt(), 0.0];
     sample.images[0].translation = [0.0, 0.0, 5.0];
     fixture.write_binary(&sample);
     let camera = fixture.read().expect("read").train[1].camera;
-    /// Room for rounding in a handful of products of numbers near one.
+    /// Rounding tolerance for a few products of numbers near one.
     const ROUNDING: f64 = 1e-12;
     assert!((camera.to_camera(DVec3::new(0.0, 1.0, 2.0)) - DVec3::new(2.0, 1.0, 5.0)).length() < ROUNDING);
     assert!((camera.centre() - DVec3::new(5.0, 0.0, 0.0)).length() < ROUNDING);

@@ -32,8 +32,8 @@ pub(super) struct Sample {
 }
 
 impl Sample {
-    /// One OPENCV camera without distortion and with an off-centre principal point, and images of these names. Image
-    /// `i` stands at x = -i and looks along +z.
+    /// One OPENCV camera without distortion and with an off-centre principal point, and images with these names. Image
+    /// `i` is at x = -i and looks along +z.
     pub(super) fn new(names: &[&str]) -> Self {
         let parameters = vec![40.0, 42.0, 23.0, 17.5, 0.0, 0.0, 0.0, 0.0];
         let camera = SampleCamera { id: 3, number: 4, name: "OPENCV", size: (48, 32), parameters };

@@ -9,14 +9,14 @@ use serde_ply::{ElementDef, PlyFormat, PlyReader, PropertyType, ScalarType};
 #[derive(Deserialize)]
 struct Ignored {}
 
-/// Goes to the element `vertex`. Skips those before it.
+/// Moves to the element `vertex`. Skips the elements before it.
 pub(super) fn vertex_element(ply: &mut PlyReader<impl BufRead>) -> Result<ElementDef, String> {
     loop {
         let element = ply.current_element().ok_or("it has no element `vertex`")?.clone();
         if element.name == "vertex" {
             return Ok(element);
         }
-        // Rows of zero bytes would never meet the end of the file.
+        // Rows of zero bytes would never reach the end of the file.
         if element.properties.is_empty() {
             return Err(format!("its element `{}` has no properties", element.name));
         }
@@ -24,7 +24,7 @@ pub(super) fn vertex_element(ply: &mut PlyReader<impl BufRead>) -> Result<Elemen
     }
 }
 
-/// Checks that a file of `room` bytes can hold the vertices that it announces.
+/// Checks that a file of `room` bytes can contain the vertices that it announces.
 pub(super) fn check_room(vertex: &ElementDef, format: PlyFormat, room: u64) -> Result<(), String> {
     let bytes = |kind: ScalarType| match (format, kind) {
         (PlyFormat::Ascii, _) => 2, // A digit and a space.

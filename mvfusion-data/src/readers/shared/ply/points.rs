@@ -19,7 +19,7 @@ use crate::scene::PointCloud;
 pub(crate) const GREY: f32 = 0.5;
 
 /// Floating-point colours have a maximum of 1 or of 255. This brightness separates the two. Rounding and spherical
-/// harmonics exceed 1 a little, and a cloud whose brightest point has 16 of 255 would be black.
+/// harmonics exceed 1 slightly, and a cloud whose brightest point has 16 of 255 would be black.
 const BRIGHTEST_OF_ONE: f32 = 16.0;
 
 /// A vertex as the file stores it. The unit of its colour depends on the field's type.
@@ -72,8 +72,8 @@ impl<'de> Deserialize<'de> for Vertices {
 /// brightest is far above 1. Points without colours are grey.
 ///
 /// # Errors
-/// [`DataError::Content`] if the file cannot be read, has no vertices with positions, ends early or holds a number
-/// that is not finite.
+/// [`DataError::Content`] if the file cannot be read, has no vertices with positions, ends early or contains a
+/// non-finite number.
 pub fn read_points(path: &Path) -> Result<PointCloud, DataError> {
     let fail = |reason: String| DataError::Content {
         path: path.to_owned(),
@@ -88,7 +88,7 @@ pub fn read_points(path: &Path) -> Result<PointCloud, DataError> {
 /// The points of the first of the named files that exists in `folder`.
 ///
 /// # Errors
-/// As [`read_points`].
+/// Same as [`read_points`].
 pub(crate) fn read_first(folder: &Path, names: &[&str]) -> Result<Option<PointCloud>, DataError> {
     let found = names.iter().map(|name| folder.join(name)).find(|path| path.is_file());
     found.map(|path| read_points(&path)).transpose()
@@ -178,7 +178,7 @@ mod tests {
         for (row, expected) in [
             ("0 0 0 1 0.5 0", Vec3::new(1.0, 0.5, 0.0)),
             ("0 0 0 255 51 0", Vec3::new(1.0, 0.2, 0.0)),
-            // Brighter than white, as colours that were rounded or made of spherical harmonics may be.
+            // Brighter than white, as rounded colours or colours from spherical harmonics may be.
             ("0 0 0 1.5 0.5 0", Vec3::new(1.0, 0.5, 0.0)),
         ] {
             let text = format!("{HEAD}element vertex 1\n{XYZ}{colours}end_header\n{row}\n");

@@ -21,7 +21,7 @@ pub(super) fn read_lens(record: &LensRecord) -> Result<FrameLens, String> {
             .ok_or("it has neither fl_x nor a camera_angle_x below π".to_owned())
     };
     let Some((w, h)) = size else {
-        // An angle alone fits pictures of any size, all other intrinsics only those of one size.
+        // An angle alone is valid for images of any size, all other intrinsics only for one size.
         let alone = fl_x.or(fl_y).or(record.cx).or(record.cy).is_none() && bend.is_none();
         return match (fl_x, alone) {
             (None, true) => Ok(FrameLens::Angle { focal_in_widths: focal_in_widths()? }),
@@ -47,8 +47,8 @@ fn read_bend(record: &LensRecord) -> Result<Bend, String> {
     }
     let unnamed = if record.is_fisheye == Some(true) { "OPENCV_FISHEYE" } else { "OPENCV" };
     match record.camera_model.as_deref().unwrap_or(unnamed) {
-        // nerfstudio reads a third and fourth radial coefficient for OPENCV, which OpenCV puts into a fraction. It also
-        // undistorts by the coefficients if the model is called a pinhole.
+        // nerfstudio reads a third and fourth radial coefficient for OPENCV, although the fourth is part of a fraction
+        // in OpenCV. It also applies the coefficients if the model is called a pinhole.
         "OPENCV" | "RADIAL" | "SIMPLE_RADIAL" | "FULL_OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "perspective" => {
             Ok(Bend::Perspective { radial: [k1, k2, k3, k4, k5, k6], tangential })
         }

@@ -1,13 +1,13 @@
 //! `transforms.json` and related files: cameras of nerfstudio, instant-ngp, NeRF On-the-go and D-NeRF.
 //!
 //! Assumptions:
-//! * `transform_matrix` maps the camera to the world. The camera looks along -z with x right and y up (OpenGL). Here it
-//!   is converted to our convention: along +z, y down.
-//! * Intrinsics stand at the top or in a frame, and those in a frame win: `fl_x fl_y cx cy w h`. `camera_angle_x` may
-//!   replace `fl_x`. On its own it means square pixels and a centred principal point, for pictures of any size.
-//!   Distortion is `k1 … k6 p1 p2`, interpreted by `camera_model`. The default is OPENCV, or OPENCV_FISHEYE if
-//!   `is_fisheye` is set, as instant-ngp does. If all coefficients are zero or absent, a lens that is no fisheye is a
-//!   pinhole.
+//! * `transform_matrix` maps the camera to the world. The camera looks along -z with x right and y up (OpenGL). It is
+//!   converted to our convention here: along +z, y down.
+//! * Intrinsics are at the top or in a frame, and those in a frame take precedence: `fl_x fl_y cx cy w h`.
+//!   `camera_angle_x` may replace `fl_x`. On its own it means square pixels and a centred principal point, for images
+//!   of any size. Distortion is `k1 … k6 p1 p2`, interpreted by `camera_model`. The default is OPENCV, or
+//!   OPENCV_FISHEYE if `is_fisheye` is set, as instant-ngp does. If all coefficients are zero or absent, a lens that is
+//!   not a fisheye is a pinhole.
 //! * Paths are relative to the file's folder and cannot lead out of it. A missing extension means .png.
 
 mod lens;
@@ -39,21 +39,21 @@ const ADVICE: &str = "Export it again, or mend the entry by hand";
 pub(crate) struct Transforms {
     /// The file itself.
     pub(crate) path: PathBuf,
-    /// In file order. No two frames share a picture.
+    /// In file order. No two frames share an image.
     pub(crate) frames: Vec<Frame>,
     /// A point cloud, below the file's folder.
     pub(crate) points: Option<PathBuf>,
-    /// Names of the training and held-out pictures, if the file lists them.
+    /// Names of the training and held-out images, if the file lists them.
     pub(crate) train: Option<Vec<String>>,
     pub(crate) test: Option<Vec<String>>,
 }
 
-/// A picture and its camera.
+/// An image and its camera.
 #[derive(Clone, Debug)]
 pub(crate) struct Frame {
-    /// The picture's path as the file writes it: `images/0001.jpg`, or `./train/r_000`.
+    /// The image's path as the file writes it: `images/0001.jpg`, or `./train/r_000`.
     pub(crate) name: String,
-    /// The picture on disk.
+    /// The image on disk.
     pub(crate) file: PathBuf,
     /// From the world to the camera, OpenCV axes.
     pub(crate) rotation: DMat3,
@@ -63,7 +63,7 @@ pub(crate) struct Frame {
     pub(crate) time: Option<f64>,
     /// `timestamp`, nanoseconds.
     pub(crate) timestamp: Option<f64>,
-    /// A mask: white counts, black is ignored.
+    /// A mask: white is valid, black is ignored.
     pub(crate) mask: Option<PathBuf>,
 }
 
@@ -73,12 +73,12 @@ pub(crate) fn plain(name: &str) -> &str {
 }
 
 impl Frame {
-    /// The picture's path without its extension, as masks are named.
+    /// The image's path without its extension, which is also the name of its mask.
     fn view_name(&self) -> String {
         Path::new(plain(&self.name)).with_extension("").to_string_lossy().into_owned()
     }
 
-    /// The shot of the picture at a time in `[0, 1]`.
+    /// The shot of the image at a time in `[0, 1]`.
     pub(crate) fn shot(&self, time: f64) -> Shot {
         Shot {
             name: self.view_name(),
@@ -96,7 +96,7 @@ impl Transforms {
     /// Reads a file.
     ///
     /// # Errors
-    /// [`DataError::Content`] that says which frame is wrong, and in what.
+    /// [`DataError::Content`] that names the invalid frame and the problem.
     pub(crate) fn read(path: &Path) -> Result<Self, DataError> {
         let fail = |reason: String| DataError::Content { path: path.to_owned(), reason, advice: ADVICE };
         let text = read_text(path).map_err(fail)?;
@@ -117,7 +117,7 @@ impl Transforms {
             return Err(fail("it lists no frame".into()));
         }
         let points = record.ply_file_path.as_deref().map(|name| below(folder, name)).transpose().map_err(fail)?;
-        // If no test pictures are listed, the validation pictures are held out.
+        // If no test images are listed, the validation images are held out.
         let test = record.test_filenames.filter(|names| !names.is_empty()).or(record.val_filenames);
         let train = record.train_filenames;
         Ok(Self { path: path.to_owned(), frames, points, train, test })

@@ -12,7 +12,7 @@ pub(super) struct FileRecord {
     pub(super) test_filenames: Option<Vec<String>>,
 }
 
-/// The records with the entries of a lens. All but two of these entries are numbers. (`serde(flatten)` would be
+/// The records with the entries of a lens. All except two of these entries are numbers. (`serde(flatten)` would be
 /// shorter, but it keeps every unknown entry in memory, at many times its size in the file.)
 macro_rules! records {
     ($($number:ident)*) => {

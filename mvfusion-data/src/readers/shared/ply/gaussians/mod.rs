@@ -25,8 +25,8 @@ use table::{Columns, Table};
 /// are skipped.
 ///
 /// # Errors
-/// [`DataError::Content`] if the file cannot be read, lacks a field, or holds more or fewer rows than announced. Also
-/// if a number is not finite or a log scale is too large to compute with.
+/// [`DataError::Content`] if the file cannot be read, lacks a field, or contains more or fewer rows than announced.
+/// Also if a number is not finite or a log-scale is too large.
 pub fn read_gaussians(path: &Path) -> Result<GaussianCloud, DataError> {
     let fail = |reason: String| DataError::Content {
         path: path.to_owned(),
@@ -61,7 +61,7 @@ fn read_cloud(reader: impl BufRead, room: u64) -> Result<GaussianCloud, String> 
     Ok(table.cloud)
 }
 
-/// Whether anything but white space is left behind the last element.
+/// Whether anything except white space follows the last element.
 fn rows_left(reader: impl BufRead) -> Result<bool, String> {
     for byte in reader.bytes() {
         if !byte.map_err(|error| error.to_string())?.is_ascii_whitespace() {

@@ -1,4 +1,4 @@
-//! The rows of a PLY file, taken apart into the numbers of Gaussians.
+//! The rows of a PLY file, converted to Gaussians.
 
 use serde_ply::{ElementDef, ScalarType};
 
@@ -123,7 +123,7 @@ fn finite<const N: usize>(row: &[f32], places: [usize; N], name: &str) -> Result
     if values.iter().all(|value| value.is_finite()) { Ok(values) } else { Err(format!("`{name}` is not finite")) }
 }
 
-/// Rejects log scales whose squared scales overflow single precision. A covariance contains these squares.
+/// Rejects log-scales whose squared scales overflow single precision. A covariance contains these squares.
 fn check_sizes(log_scales: [f32; 3]) -> Result<(), String> {
     match log_scales.into_iter().find(|log_scale| !(2.0 * log_scale).exp().is_finite()) {
         Some(large) => Err(format!("`scale_*` is the logarithm of a size, and {large} is too large for one")),

@@ -1,4 +1,4 @@
-//! Small files, whole and damaged in every way that users meet, and the readers that start from them.
+//! Small files, intact and with the usual kinds of damage, and the readers that use them.
 
 use std::fs;
 
@@ -31,7 +31,7 @@ fn frame(name: &str, x: f64) -> Value {
     json!({ "file_path": name, "transform_matrix": pose(x) })
 }
 
-/// A file as nerfstudio writes it, for pictures twice as large as those on disk.
+/// A file as nerfstudio writes it, for images twice as large as those on disk.
 fn file(frames: Vec<Value>) -> Value {
     json!({ "fl_x": 80.0, "fl_y": 84.0, "cx": 46.0, "cy": 33.0, "w": 96, "h": 64, "frames": frames })
 }
@@ -91,7 +91,7 @@ fn names_in_the_file_part_the_pictures_and_times_are_kept() {
     let message = complaint(&folder, &with(parted, "test_filenames", json!(["images/9.png"])));
     assert!(message.contains("images/9.png, which is no frame"), "{message}");
 
-    // Nanoseconds are laid out between the first and the last.
+    // Nanoseconds are scaled to the range from the first to the last.
     let stamped = |i: usize| with(frame(&format!("images/{i}.png"), 0.0), "timestamp", json!(1e9 * (5 + i) as f64));
     folder.write_json("transforms.json", &file((0..3).map(stamped).collect()));
     let scene = folder.open().expect("read");
@@ -176,7 +176,7 @@ fn the_lists_of_on_the_go_part_the_sorted_photos() {
     folder.write_json("split.json", &json!({ "clutter": [0, 2, 4], "extra": [3], "clean": [1] }));
     let scene = folder.open().expect("read");
     assert_eq!(recognise(folder.path(), None).expect("known"), Format::ONTHEGO);
-    // The fifth has no camera, but its number counts.
+    // The fifth has no camera, but its number is the largest.
     assert_eq!(shown(&scene.train), [("images/IMG_0001", 0.125), ("images/IMG_0003", 0.375)]);
     assert_eq!(shown(&scene.test), [("images/IMG_0004", 0.5)]);
     for (split, part) in [

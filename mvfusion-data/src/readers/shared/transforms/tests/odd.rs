@@ -4,7 +4,7 @@ use super::*;
 use crate::error::DataError;
 use crate::scene::{Bend, Picture, Scene};
 
-/// Three pictures below `images`, and their frames.
+/// Three images below `images`, and their frames.
 fn three(folder: &SceneFolder) -> Vec<Value> {
     let name = |i: u8| format!("images/{i}.png");
     (0..3).for_each(|i| folder.write_picture(&name(i), SIZE, i));
@@ -29,7 +29,7 @@ fn one_list_is_enough_to_part_the_pictures_and_paths_may_be_written_in_two_ways(
     assert_eq!(names(&opened(&folder, &train)), [vec!["images/0", "images/2"], vec!["images/1"]]);
     let test = only("test_filenames", &["./images/2.png"]);
     assert_eq!(names(&opened(&folder, &test)), [vec!["images/0", "images/1"], vec!["images/2"]]);
-    // What is for validation is held out where nothing is for tests.
+    // Without test images, the validation images are held out.
     let validated = with(train, "val_filenames", json!(["images/1.png"]));
     let validated = with(validated, "test_filenames", json!([]));
     assert_eq!(names(&opened(&folder, &validated)), [vec!["images/0", "images/2"], vec!["images/1"]]);
@@ -169,7 +169,7 @@ fn lego_is_tested_on_the_pictures_that_show_its_shape() {
     folder.write_json("mutant/transforms_test.json", &of(moving("./test/r_0", -1.0)));
     let message = open(&folder.at("mutant"), &ReadOptions::default()).expect_err("refused").to_string();
     assert!(message.contains("transforms_test.json") && message.contains("-1"), "{message}");
-    // Blender's own lego stands still, and its test pictures are right.
+    // Blender's own lego does not move, and its test images are correct.
     for part in ["train", "val", "test"] {
         folder.write_json(&format!("Lego/transforms_{part}.json"), &of(frame(&format!("./{part}/r_0"), 0.0)));
     }
