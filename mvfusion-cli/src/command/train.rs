@@ -197,6 +197,9 @@ impl Session {
         let trained = self.train();
         let time = trained.inspect_err(|error| self.tell_what_is_kept(error))?;
         self.save(run::FINAL)?;
+        if let Some(code) = self.signals.exit_code() {
+            return Err(self.interrupted(code).into());
+        }
         self.write_gaussians(time.steps)?;
         let mut words = Vec::new();
         self.evaluate(time, sha256(written.as_bytes()), &mut words)?;
@@ -230,7 +233,7 @@ impl Session {
             if let Some(code) = self.signals.exit_code() {
                 self.save(&run::step_file(done))?;
                 watch.progress.finish();
-                return Err(Interrupted { code, done, total, run: self.folder.path().to_owned() }.into());
+                return Err(self.interrupted(code).into());
             }
             if checkpoints.is_due(done) {
                 self.save(&run::step_file(done))?;
@@ -240,6 +243,12 @@ impl Session {
         }
         watch.progress.finish();
         Ok(TrainTime { seconds: watch.elapsed(), steps: self.trainer.state().completed })
+    }
+
+    /// The error of a run that was interrupted and saved.
+    fn interrupted(&self, code: u8) -> Interrupted {
+        let total = self.trainer.config().train.stages.total();
+        Interrupted { code, done: self.trainer.state().completed, total, run: self.folder.path().to_owned() }
     }
 
     /// Writes the state. What fails is tried again: a disk may be full for a moment.
