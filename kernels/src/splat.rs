@@ -91,9 +91,10 @@ pub mod projected_row {
 
 /// A Gaussian on the image plane, with everything that blending needs except its features.
 ///
-/// The exponent at a pixel `d = pixel - centre` is a sum of two squares: `sigma = (curve_x (dx + slope dy)² + curve_y
-/// dy²) / 2`. Here `curve_x = a`, `slope = b / a` and `curve_y = c - b² / a = 1 / covariance_yy` for the conic `(a, b,
-/// c)`. In single precision this form can neither cancel nor become negative, unlike `a dx² / 2 + b dx dy + c dy² / 2`.
+/// The exponent at a pixel `d = pixel - centre` is a sum of two squares:
+/// `sigma = (curve_x (dx + slope dy)² + curve_y dy²) / 2`. Here `curve_x = a`, `slope = b / a` and
+/// `curve_y = c - b² / a = 1 / covariance_yy` for the conic `(a, b, c)`. In single precision this form can neither
+/// cancel nor become negative, unlike `a dx² / 2 + b dx dy + c dy² / 2`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Projected<T> {
     /// Centre in pixels; the centre of the first pixel is at 0.5.
@@ -104,7 +105,7 @@ pub struct Projected<T> {
     pub slope: T,
     /// Curvature that remains along y: the inverse of the covariance's yy entry.
     pub curve_y: T,
-    /// Opacity in `[0, 1]`, compensated if the rules ask for it.
+    /// Opacity in `[0, 1]`, compensated if the rules require it.
     pub opacity: T,
     /// Largest sigma at which alpha reaches [`MIN_ALPHA`], with a little slack; not positive if alpha never reaches it.
     pub reach: T,

@@ -46,7 +46,7 @@ pub enum DataError {
         /// What to do.
         advice: &'static str,
     },
-    /// Two numbers that must agree do not.
+    /// Two numbers that must agree differ.
     #[error("{folder}: {first}, but {second}. {advice}")]
     Disagreement {
         /// The scene's folder.

@@ -29,7 +29,7 @@
 //! | module | is |
 //! |---|---|
 //! | [`open`] | reads a folder in any supported format |
-//! | `scene` | the types that everything downstream sees: scene, view, camera, lens, image, mask, point clouds |
+//! | `scene` | the types that everything downstream uses: scene, view, camera, lens, image, mask, point clouds |
 //! | [`readers`] | a reader for each format of a folder |
 //! | [`write`](mod@write) | a writer for each layout |
 //! | [`builtin`] | the built-in scenes |

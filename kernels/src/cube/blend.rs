@@ -32,8 +32,9 @@ impl TileShare {
 /// Blends an image of `channels` channels: colour, features, depth.
 ///
 /// `records` come from `project`; `features` is `[N, F]` and `background` `[channels - 1]`. `sorted` lists the
-/// Gaussians of all tiles, and `starts` `[tiles + 1]` has the start of each tile's list. `picture` is `[2, channels +
-/// 1, height, width]` (alpha before depth, both copies equal). `transmittance` and `last` are `[tiles, TILE_PIXELS]`.
+/// Gaussians of all tiles, and `starts` `[tiles + 1]` has the start of each tile's list. `picture` is
+/// `[2, channels + 1, height, width]` (alpha before depth, both copies equal). `transmittance` and `last` are
+/// `[tiles, TILE_PIXELS]`.
 #[cube(launch_unchecked)]
 pub fn blend(
     records: &[f32],
@@ -117,7 +118,7 @@ struct Blended {
     transmittance: Array<f32>,
     /// One plus the position of the last blended Gaussian in the tile's list.
     last: Array<i32>,
-    /// The alpha to reach: out of reach if the pixel is finished or outside the image.
+    /// Minimum alpha of a contribution; unreachable if the pixel is finished or outside the image.
     least: Array<f32>,
 }
 

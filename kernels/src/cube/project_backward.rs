@@ -15,10 +15,10 @@ use crate::splat::{MIN_COMPENSATION, PROJECTED_LEN, feature_count, gradient_reco
 
 /// Sums the records of each Gaussian in the order of its tiles and backpropagates the sum through the projection.
 ///
-/// `means` and `log_scales` are `[N, 3]`, `quaternions` `[N, 4]`, `opacity_logits` `[N]`, `coefficients` `[N, stored,
-/// 3]`; `records` come from `project`. `spans` `[N, 2]` has the start and the number of a Gaussian's entries in
-/// `slots`. An entry of `slots` is a row of `gradients` (of [`record_vectors`]). Each adjoint has the shape of its
-/// parameter; `v_features` is `[N, F]` and `statistic` `[N, 2]`.
+/// `means` and `log_scales` are `[N, 3]`, `quaternions` `[N, 4]`, `opacity_logits` `[N]`, `coefficients`
+/// `[N, stored, 3]`; `records` come from `project`. `spans` `[N, 2]` has the start and the number of a Gaussian's
+/// entries in `slots`. An entry of `slots` is a row of `gradients` (of [`record_vectors`]). Each adjoint has the shape
+/// of its parameter; `v_features` is `[N, F]` and `statistic` `[N, 2]`.
 #[cube(launch_unchecked)]
 pub fn project_backward(
     means: &[f32],

@@ -97,7 +97,7 @@ fn tile_range(middle: f32, radius: i32, size: u32, #[comptime] square: bool) -> 
 }
 
 /// Whether the ellipse at the smallest visible alpha touches the tile whose first pixel has its corner at `(x, y)`.
-/// Errors never lose a pixel.
+/// Rounding errors never exclude a pixel.
 #[cube]
 pub fn touches_tile(splat: &Splat, x: f32, y: f32) -> bool {
     let span = comptime!(TILE as f32 - 1.0);

@@ -63,9 +63,9 @@ pub fn blur_rows(sums: &[f32], weights: &[f32], blurred: &mut [f32], size: Plane
     }
 }
 
-/// The moments of two images down the columns: mean a, mean b, variance of a + variance of b, covariance, `[4, planes,
-/// height, width]`. Sums are relative to the middle pixel. Variances of bright, flat images are therefore not small
-/// differences of large numbers. Pixels outside the images are black.
+/// The moments of two images down the columns: mean a, mean b, variance of a + variance of b, covariance,
+/// `[4, planes, height, width]`. Sums are relative to the middle pixel. Variances of bright, flat images are therefore
+/// not small differences of large numbers. Pixels outside the images are black.
 #[cube(launch_unchecked)]
 pub fn moment_columns(a: &[f32], b: &[f32], weights: &[f32], sums: &mut [f32], size: PlaneSize) {
     let pixel = ABSOLUTE_POS as u32;

@@ -1,4 +1,4 @@
-//! The distinction of movers, which change their place, from objects that only sway.
+//! The distinction of movers, which change their position, from objects that only sway.
 //!
 //! An object that sways by less than a pixel is as easy to render as a still one. A metric over all moving objects
 //! therefore says little about visible motion. For this reason, the ground truth has a second mask with only the
@@ -33,7 +33,7 @@ impl Movers {
         Self(seen.into_iter().filter(|(_, track)| is_mover(track)).map(|(name, _)| name).collect())
     }
 
-    /// Marks the object's solids as those of a mover, if it is one.
+    /// Marks the object's solids as parts of a mover, if it is one.
     pub(super) fn marked(&self, mut object: MovingObject) -> MovingObject {
         let is_mover = self.0.contains(&object.name);
         object.solids.iter_mut().for_each(|solid| solid.is_mover = is_mover);

@@ -28,7 +28,7 @@ pub(super) fn video_cameras(width: usize, height: usize) -> Vec<Camera> {
     VIDEO_RIG.iter().map(|&(right, up)| camera(width, height, place(right, up, DISTANCE), TARGET)).collect()
 }
 
-/// The cameras of `count` photos. They are taken by hand on a walk around the stage and back.
+/// The cameras of `count` photos. They are taken with a handheld camera on a walk around the stage and back.
 pub(super) fn photo_cameras(width: usize, height: usize, count: usize, seed: u64) -> Vec<Camera> {
     let mut rng = stream(seed, STREAM_HAND);
     let last = count.saturating_sub(1).max(1) as f64;

@@ -8,7 +8,8 @@
 //! In both, we also accept `time` of an entry: its moment in `[0, 1]`. This is our own addition.
 //!
 //! Poses are taken as they are, in the scene's coordinates. nerfstudio's viewer exports poses in the world that it
-//! shows. nerfstudio rotates, centres and scales that world unless told not to, and the file does not say how.
+//! shows. nerfstudio rotates, centres and scales that world unless configured otherwise, and the file does not contain
+//! this transform.
 
 use std::ops::RangeInclusive;
 use std::path::Path;

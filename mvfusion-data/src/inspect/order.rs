@@ -1,4 +1,4 @@
-//! Checks whether each image belongs to its pose or to that of another camera.
+//! Checks whether each image belongs to its own pose or to another camera's pose.
 
 use super::problem::{Problem, Subject};
 use super::rig::stands_still;

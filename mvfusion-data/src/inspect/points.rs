@@ -15,7 +15,7 @@ const TAIL: f64 = 0.01;
 const STRAY: f64 = 10.0;
 /// Near plane of the rasteriser, in world units (METHOD: as in 3DGS).
 const NEAR_PLANE: f64 = 0.2;
-/// Fraction of the visible points that may lie nearer.
+/// Fraction of the visible points that may be nearer.
 const TOO_NEAR: f64 = 0.05;
 
 pub(super) fn problems(scene: &Scene, origin: &Origin, cloud: &Cloud, witnesses: &[Witness<'_>]) -> Vec<Problem> {
@@ -74,7 +74,7 @@ fn bulk(positions: &[Vec3]) -> (Vec3, Vec3) {
     (low, high)
 }
 
-/// A scene whose unit is so large that the near plane cuts it away.
+/// A scene whose unit is so large that the near plane clips it.
 fn too_near(cloud: &Cloud, witnesses: &[Witness<'_>]) -> Option<Problem> {
     let depth =
         |witness: &Witness<'_>, point: DVec3| pixel(witness.camera, point).map(|_| witness.camera.to_camera(point).z);

@@ -1,4 +1,4 @@
-//! A contact sheet: the points drawn over a few photos, so that wrong poses are visible at once.
+//! A contact sheet: the points drawn over a few photos, so that wrong poses are immediately visible.
 
 use glam::{DVec2, DVec3};
 use image::imageops::{self, FilterType};

@@ -17,8 +17,9 @@ const LONELY: f64 = 2.0;
 const NEIGHBOURS: [f64; 2] = [2.0 / 3.0, 1.0 / 3.0];
 
 /// Loneliness of each moment, from 0 to 2: the number of sides without neighbours that show the same motion. `amounts`
-/// is the amount of motion at each moment. The first and the last moment have 1, those beside them a third. At other
-/// moments it is the fraction of motion that appears there plus the fraction that disappears. It is 0 if nothing moves.
+/// is the amount of motion at each moment. With steady motion, it is 1 at the first and last moment, 1/3 next to them,
+/// and 0 elsewhere. Otherwise, it is larger by the fractions of the motion that appear and disappear there. It is 0 if
+/// nothing moves.
 pub fn loneliness(amounts: &[u64]) -> Vec<f64> {
     let amount =
         |moment: Option<usize>| moment.and_then(|moment| amounts.get(moment)).map_or(0.0, |&amount| amount as f64);

@@ -63,7 +63,7 @@ fn moments(scene: &Scene, cameras: &[StillCamera]) -> Vec<Moment> {
     let mut by_time: BTreeMap<u64, Vec<Shot>> = BTreeMap::new();
     for (camera, still) in cameras.iter().enumerate() {
         for &view in &still.views {
-            // Times lie in [0, 1], where bits sort like numbers. Adding 0.0 turns -0.0 into 0.0.
+            // Times are in [0, 1], where bits sort like numbers. Adding 0.0 turns -0.0 into 0.0.
             let shots = by_time.entry((scene.train[view].time + 0.0).to_bits()).or_default();
             // Each camera has one vote.
             if shots.last().is_none_or(|last| last.camera != camera) {

@@ -1,4 +1,4 @@
-//! Scenes of nerfstudio and its converters: `transforms.json` beside the images.
+//! Scenes of nerfstudio and its converters: `transforms.json` next to the images.
 //!
 //! Assumptions:
 //! * Cameras follow the module `transforms`. `ply_file_path` names the points, in the cameras' world.

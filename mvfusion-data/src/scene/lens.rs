@@ -20,7 +20,7 @@ const DIFFERENCE: f64 = 1e-6;
 pub struct Lens {
     /// Focal lengths along x and y, in pixels.
     pub focal: DVec2,
-    /// Principal point, in pixels. The centre of the first pixel lies at 0.5.
+    /// Principal point, in pixels. The centre of the first pixel is at 0.5.
     pub principal: DVec2,
     /// Distortion.
     pub bend: Bend,
@@ -84,7 +84,7 @@ impl Bend {
             Self::Fisheye { .. } => self.moved_on_sphere(to_angle(point)),
             Self::Angular { omega } => {
                 let r = point.length();
-                // Both limits are those of a vanishing angle.
+                // Both are the limits for a vanishing angle.
                 let slope = if omega.abs() < 1e-9 { 1.0 } else { 2.0 * (0.5 * omega).tan() / omega };
                 if r * omega.abs() < 1e-9 { point * slope } else { point * (r * omega * slope).atan() / (r * omega) }
             }

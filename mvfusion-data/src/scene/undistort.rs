@@ -1,4 +1,4 @@
-//! Undistortion of an image to that of a pinhole camera.
+//! Undistortion of an image to the image of a pinhole camera.
 //!
 //! The pinhole has the image's size, and its field of view is within that of the lens, so every pixel of the new image
 //! is known. This is OpenCV's `getOptimalNewCameraMatrix` with alpha 0 (METHOD §5.2). Departure: OpenCV samples 9 x 9

@@ -32,8 +32,8 @@ pub struct Truth {
     pub dynamic_mask: Option<Picture>,
     /// Whether [`Truth::dynamic_mask`] is exact, as in a built-in scene, and not an annotation.
     pub is_mask_exact: bool,
-    /// White on visible movers, which change their place; objects that sway in place are excluded. Only built-in scenes
-    /// have it, and only together with [`Truth::dynamic_mask`].
+    /// White on visible movers, which change their position; objects that sway in place are excluded. Only built-in
+    /// scenes have it, and only together with [`Truth::dynamic_mask`].
     pub movers_mask: Option<Picture>,
     /// Depth along the camera's z axis in world units at the pixel centres, row by row. Only built-in scenes have it.
     pub depth: Option<Arc<Vec<f32>>>,

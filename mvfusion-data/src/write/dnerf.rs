@@ -1,4 +1,4 @@
-//! D-NeRF: `transforms_{train,val,test}.json`, with one field of view for all cameras, and the images beside them.
+//! D-NeRF: `transforms_{train,val,test}.json`, with one field of view for all cameras, and the images next to them.
 
 use serde::Serialize;
 

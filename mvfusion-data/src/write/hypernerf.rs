@@ -30,7 +30,7 @@ struct Metadata {
     camera_id: usize,
 }
 
-/// The similarity from the world to that of the cameras; here the identity.
+/// The similarity transform from the world to the world of the cameras; here the identity.
 #[derive(Serialize)]
 struct SceneRecord {
     scale: f64,

@@ -42,7 +42,7 @@ pub struct LossConfig {
     pub mask_still: f64,
     /// Weight of the mean opacity of the static Gaussians, as in 3DGS-MCMC (there 0.01). Ours: static Gaussians in
     /// regions that the mask assigns to the dynamic branch in all views have no other gradient. They fade instead of
-    /// leaving a stain.
+    /// leaving an artefact.
     pub static_opacity: f64,
     /// Weight of the mean opacity of the dynamic Gaussians.
     pub dynamic_opacity: f64,

@@ -46,8 +46,8 @@ pub struct MotionConfig {
     /// results into its configuration, with this switch off.
     pub by_times: bool,
     /// Weights of the motion intensity (A9c), the last column of the signature. Supplement, fusion weights: five
-    /// settings. One of them is `1, 0, 0`, which keeps the other columns and therefore differs from `descriptor =
-    /// "position_variance"`.
+    /// settings. One of them is `1, 0, 0`, which keeps the other columns and therefore differs from
+    /// `descriptor = "position_variance"`.
     pub weights: FusionWeights,
     /// Decay of the moving mean and variance of the descriptors (A10).
     pub decay: f64,

@@ -65,7 +65,7 @@ pub struct Regions {
     pub dynamic: GrayImage,
     /// White where nothing moves. Invalid pixels are in neither region.
     pub still: GrayImage,
-    /// White on movers, which change their place; absent if unknown.
+    /// White on movers, which change their position; absent if unknown.
     pub movers: Option<GrayImage>,
 }
 

@@ -19,8 +19,8 @@ pub enum Layer {
     MaskedStatic,
     /// The contribution of the dynamic branch to the composed render. Both contributions add up to the composed render.
     MaskedDynamic,
-    /// Depth of the composed render along the camera's axis, in world units: the sum of weighted depths divided by the
-    /// sum of weights, both blended by the mask like the colours; 0 where nothing is rendered.
+    /// Depth of the composed render along the camera's axis, in world units. It is the sum of weighted depths divided
+    /// by the sum of weights, both blended by the mask like the colours. 0 where nothing is rendered.
     Depth,
     /// Alpha of the composed render.
     Alpha,

@@ -181,7 +181,7 @@ impl<'a> LayerRenderer<'a> {
     /// the dynamic Gaussians.
     ///
     /// # Errors
-    /// If the device cannot hand its numbers back.
+    /// If the device fails to return the values.
     pub fn picture(&self, rendered: &RenderedLayer) -> Result<RgbImage, ModelError> {
         let [_, _, width] = rendered.values.dims();
         if let Some(heat) = &rendered.heat {
@@ -201,7 +201,7 @@ impl RenderedLayer {
     /// The values, channel by channel, row by row.
     ///
     /// # Errors
-    /// If the device cannot hand its numbers back.
+    /// If the device fails to return the values.
     pub fn pixels(&self) -> Result<Vec<f32>, ModelError> {
         tensors::read(self.values.clone())
     }

@@ -41,7 +41,7 @@ pub struct Scores {
     /// between runs are in both terms, so the difference varies less.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub dynamic_minus_still_psnr: Option<f64>,
-    /// The composed render against the photo on visible movers, which change their place; only for scenes with known
+    /// The composed render against the photo on visible movers, which change their position; only for scenes with known
     /// movers.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub movers: Option<LayerScores>,
@@ -88,8 +88,8 @@ impl Scores {
         std::iter::once(("composed", &self.composed)).chain(known)
     }
 
-    /// A label for a layer of [`Scores::layers`]. A region names the source of its masks: `dynamic region (given
-    /// masks)`.
+    /// A label for a layer of [`Scores::layers`]. A region names the source of its masks:
+    /// `dynamic region (given masks)`.
     pub fn label(&self, layer: &str) -> String {
         let (name, source) = self.label_and_source(layer);
         name + &source.map_or(String::new(), |source| format!(" ({})", source.words()))

@@ -244,7 +244,7 @@ impl Trainer {
     }
 }
 
-/// The deformation level of a model trained with `config`: that of its last stage.
+/// The deformation level of a model trained with `config`: the level of its last stage.
 pub fn final_level(config: &Config) -> DeformationLevel {
     let stages = &config.train.stages;
     let last = match (stages.refinement.0, stages.deformation.0) {

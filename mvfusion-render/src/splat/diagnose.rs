@@ -27,7 +27,7 @@ pub struct SplatDiagnosis {
     pub radii: Vec<[i32; 2]>,
     /// Colours, not negative.
     pub colours: Vec<[f64; 3]>,
-    /// Opacities, compensated if the rules ask for it.
+    /// Opacities, compensated if the rules require it.
     pub opacities: Vec<f64>,
     /// Pairs of a Gaussian and a tile.
     pub intersections: usize,

@@ -103,9 +103,9 @@ impl SplatPicture {
 /// Renders Gaussians (METHOD §8).
 ///
 /// `probe` is a leaf with `require_grad` of shape `[1, 2]`, or rows selected from one, `[N, 2]`. After the backward
-/// pass, its gradient `[N, 2]` is that of the `main` image with respect to the projected centres. The unit is
-/// normalised device coordinates: the gradient per pixel times half the image's width and height. Several calls with
-/// one probe add up. [`SplatSettings::statistic`] selects the channels.
+/// pass, it has the gradient `[N, 2]` of the `main` image with respect to the projected centres. The unit is normalised
+/// device coordinates: the gradient per pixel times half the image's width and height. Several calls with one probe add
+/// up. [`SplatSettings::statistic`] selects the channels.
 ///
 /// # Errors
 /// If shapes or dtypes do not match, the degree is above 3, the near plane is behind the camera, or the camera has no

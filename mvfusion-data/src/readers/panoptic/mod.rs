@@ -4,7 +4,7 @@
 //! Assumptions:
 //! * `fn[time][camera]` is an image below `ims`. `k[time][camera]` is its 3x3 intrinsics for images of `w` by `h`
 //!   pixels. `w2c[time][camera]` is the 4x4 pose from the world to OpenCV axes. There is no distortion.
-//!   `cam_id[time][camera]` identifies the camera; without it, the place in the list does.
+//!   `cam_id[time][camera]` identifies the camera; without it, the position in the list does.
 //! * Both files have the same times. An image's time is its time's index divided by the number of times
 //!   (`ReadOptions::time`). The cameras of `test_meta.json` are held out.
 //! * Views are named by the image, `0/000012`: the camera's number and the frame's.

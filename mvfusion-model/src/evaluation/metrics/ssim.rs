@@ -14,8 +14,8 @@ pub const SSIM_BORDER: usize = 5;
 ///
 /// The mean of the map is the SSIM of 3DGS and its successors. The mean without [`SSIM_BORDER`] is the SSIM of
 /// scikit-image (`gaussian_weights`, `sigma=1.5`, `use_sample_covariance=False`, `data_range=1`) and nerfbaselines. It
-/// is also that of torchmetrics, which reflects the image at its border and then crops the same width. Both means
-/// differ in the third decimal.
+/// also equals the SSIM of torchmetrics, which reflects the image at its border and then crops the same width. Both
+/// means differ in the third decimal.
 ///
 /// # Errors
 /// If the device fails to return values.

@@ -3,8 +3,8 @@
 use mvfusion_data::View;
 use serde::{Deserialize, Serialize};
 
-/// Metrics of a frame and the previous frame of the same camera, or their means over all such pairs. LPIPS is on `[-1,
-/// 1]` here.
+/// Metrics of a frame and the previous frame of the same camera, or their means over all such pairs. LPIPS is on
+/// `[-1, 1]` here.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TemporalScores {
     /// T-LPIPS with AlexNet: `|LPIPS(render, previous render) - LPIPS(photo, previous photo)|`.

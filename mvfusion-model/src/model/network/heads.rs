@@ -16,7 +16,7 @@ const SH_OUTPUTS: usize = 48;
 /// Number of mask logits.
 const MASK_OUTPUTS: usize = MaskChannel::ALL.len();
 
-/// The heads of a network besides those of centres, log-scales and quaternions.
+/// The heads of a network other than those for centres, log-scales and quaternions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HeadChoice {
     /// Head of the opacity logits.

@@ -24,8 +24,8 @@ impl DensifyStatistics {
         Self { gradients: zeros.clone(), seen: zeros.clone(), foreground: zeros.clone(), radii: zeros }
     }
 
-    /// Adds one step: the gradient of the main loss with respect to the projected centres, summed over the batch (`[N,
-    /// 2]`, NDC), and 1 for Gaussians visible in any view, 0 for the others (`[N, 1]`).
+    /// Adds one step: the gradient of the main loss with respect to the projected centres, summed over the batch
+    /// (`[N, 2]`, NDC), and 1 for Gaussians visible in any view, 0 for the others (`[N, 1]`).
     pub fn record(&mut self, gradient: Tensor<2>, visible: Tensor<2>) {
         let norm = gradient.powf_scalar(2.0).sum_dim(1).sqrt();
         self.gradients = self.gradients.clone() + norm * visible.clone();

@@ -36,8 +36,8 @@ pub fn above(values: &Tensor<4>, threshold: f64) -> Tensor<4> {
     plain.greater_elem(threshold).float().cast(dtype)
 }
 
-/// Mean distance of `front` behind `back` in extents, where the indicator `m` is 1: `mean(max((front - back) / extent,
-/// 0) m)`.
+/// Mean distance of `front` behind `back` in extents, where the indicator `m` is 1:
+/// `mean(max((front - back) / extent, 0) m)`.
 pub fn behind(front: Tensor<4>, back: Tensor<4>, indicator: Tensor<4>, extent: f64) -> Tensor<1> {
     ((front - back) / extent * indicator).clamp_min(0.0).mean()
 }

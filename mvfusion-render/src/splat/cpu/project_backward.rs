@@ -161,8 +161,8 @@ struct ShapeGradient<T> {
 }
 
 impl<T: Lane> Geometry<T> {
-    /// Adds the gradient of the covariance through the compensation of the opacity. With `k = sqrt(sharp / det)`, `dk =
-    /// k / 2 (d ln sharp - d ln det)`.
+    /// Adds the gradient of the covariance through the compensation of the opacity. With `k = sqrt(sharp / det)`,
+    /// `dk = k / 2 (d ln sharp - d ln det)`.
     fn add_compensation_gradient(&self, v_compensation: T, dilation: T, v_covariance: &mut [T; 3]) {
         let half = T::of(0.5);
         let scale = half * v_compensation * (self.sharp_determinant / self.determinant).sqrt();

@@ -1,4 +1,4 @@
-//! Inputs that are empty, huge, broken or out of sight.
+//! Inputs that are empty, huge, invalid or outside the view.
 
 use super::*;
 use crate::test_support::{for_each_device, numbers};
