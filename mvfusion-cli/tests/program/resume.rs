@@ -12,7 +12,7 @@ use super::{TINY, USAGE, mvfusion, text};
 /// Enough steps that a signal arrives in the middle.
 const STEPS: &str = "train.stages={geometry=6, deformation=6, refinement=12}";
 
-/// The longest that a test waits for a step.
+/// The longest that a test waits for something.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 fn arguments<'a>(more: &[&'a str]) -> Vec<&'a str> {
@@ -30,14 +30,18 @@ fn started(folder: &Path, more: &[&str]) -> Child {
         .expect("the program starts")
 }
 
-/// Waits until a run has logged this many steps.
-fn wait_for_step(run: &Path, steps: usize) {
+fn wait_until(what: &str, is_so: impl Fn() -> bool) {
     let started = Instant::now();
-    let logged = || fs::read_to_string(run.join("metrics.jsonl")).unwrap_or_default().lines().count();
-    while logged() < steps {
-        assert!(started.elapsed() < PATIENCE, "no step {steps} in {}", run.display());
+    while !is_so() {
+        assert!(started.elapsed() < PATIENCE, "waited for this in vain: {what}");
         std::thread::sleep(Duration::from_millis(5));
     }
+}
+
+/// Waits until a run has logged this many steps.
+fn wait_for_step(run: &Path, steps: usize) {
+    let logged = || fs::read_to_string(run.join("metrics.jsonl")).unwrap_or_default().lines().count();
+    wait_until(&format!("step {steps} of {}", run.display()), || logged() >= steps);
 }
 
 fn signal(child: &Child, name: &str) {
@@ -128,6 +132,8 @@ fn a_replaced_run_stays_until_the_new_one_is_complete() {
     assert!(mvfusion(place, &arguments(&["--out", "run", "--seed", "1"])).status.success());
     let old = outcome(&place.join("run"));
     let mut child = started(place, &["--out", "run", "--force", "--set", "train.checkpoint_interval=2"]);
+    // Until then, the log is that of the old run.
+    wait_until("the old run is moved aside", || place.join("run/.replaced/metrics.jsonl").is_file());
     wait_for_step(&place.join("run"), 8);
     child.kill().expect("it is running");
     child.wait().expect("it ends");
