@@ -23,7 +23,12 @@ const BY_SIGNAL: i32 = 128;
 
 /// The first signal that arrived, if any.
 #[derive(Clone, Debug, Default)]
-pub struct Signals(Arc<AtomicUsize>);
+pub struct Signals {
+    /// Its number; 0 for none.
+    first: Arc<AtomicUsize>,
+    /// Whether the next signal ends the process.
+    is_second: Arc<AtomicBool>,
+}
 
 impl Signals {
     /// Starts to watch for signals. A signal that the process was told to ignore, as by `nohup`, stays ignored.
@@ -32,20 +37,24 @@ impl Signals {
     /// If the system refuses.
     pub fn watch() -> io::Result<Self> {
         let signals = Self::default();
-        let is_second = Arc::new(AtomicBool::new(false));
         for signal in SIGNALS.into_iter().filter(|&signal| !is_ignored(signal)) {
             // The order matters: the first signal must find the flag down.
-            flag::register_conditional_shutdown(signal, BY_SIGNAL + signal, Arc::clone(&is_second))?;
-            flag::register(signal, Arc::clone(&is_second))?;
-            flag::register_usize(signal, Arc::clone(&signals.0), signal as usize)?;
+            flag::register_conditional_shutdown(signal, BY_SIGNAL + signal, Arc::clone(&signals.is_second))?;
+            flag::register(signal, Arc::clone(&signals.is_second))?;
+            flag::register_usize(signal, Arc::clone(&signals.first), signal as usize)?;
         }
         Ok(signals)
     }
 
     /// The exit code for the signal that arrived; `None` if none did.
     pub fn exit_code(&self) -> Option<u8> {
-        let signal = self.0.load(Ordering::Relaxed);
+        let signal = self.first.load(Ordering::Relaxed);
         (signal != 0).then(|| u8::try_from(BY_SIGNAL as usize + signal).unwrap_or(u8::MAX))
+    }
+
+    /// From now on, the first signal ends the process.
+    pub fn end_at_once(&self) {
+        self.is_second.store(true, Ordering::Relaxed);
     }
 }
 
@@ -101,7 +110,7 @@ mod tests {
     #[test]
     fn no_signal_is_no_interruption() {
         assert_eq!(Signals::default().exit_code(), None);
-        let signals = Signals(Arc::new(AtomicUsize::new(SIGTERM as usize)));
+        let signals = Signals { first: Arc::new(AtomicUsize::new(SIGTERM as usize)), ..Signals::default() };
         assert_eq!(signals.exit_code(), Some(143));
     }
 }

@@ -200,6 +200,8 @@ impl Session {
         if let Some(code) = self.signals.exit_code() {
             return Err(self.interrupted(code).into());
         }
+        // Nothing is lost by ending now: what follows can be done again from the final checkpoint.
+        self.signals.end_at_once();
         self.write_gaussians(time.steps)?;
         let mut words = Vec::new();
         self.evaluate(time, sha256(written.as_bytes()), &mut words)?;
@@ -331,7 +333,7 @@ struct CheckpointClock {
 
 impl CheckpointClock {
     fn new(config: &TrainConfig) -> Self {
-        let pause = (config.checkpoint_minutes > 0.0).then(|| 60.0 * config.checkpoint_minutes);
+        let pause = (config.checkpoint_minutes > 0.0).then_some(60.0 * config.checkpoint_minutes);
         // More than centuries of minutes is never.
         let pause = pause.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
         Self { every: config.checkpoint_interval.0, pause, last: Instant::now() }
