@@ -28,7 +28,7 @@ fn elongation(gaussians: &Gaussians) -> Tensor<1> {
 /// Trains with or without the term, and gives the elongation at the end.
 fn train(weight: f64) -> Result<f32, ModelError> {
     let scene = builtin(&BuiltinOptions { width: 64, height: 48, frames: 8, ..BuiltinOptions::default() });
-    let train = TrainConfig { scale: 0.005, ..TrainConfig::default() };
+    let train = TrainConfig { scale: 0.002, ..TrainConfig::default() };
     let config = Config { seed: 1, train, ..Config::default() }.scaled();
     let mut trainer = Trainer::new(config, &scene, &device::flex())?;
 

@@ -37,7 +37,7 @@ fn schedule(configured: Rates, position: &Position) -> Rates {
 
 fn main() -> Result<(), ModelError> {
     let scene = builtin(&BuiltinOptions { width: 64, height: 48, frames: 8, ..BuiltinOptions::default() });
-    let train = TrainConfig { scale: 0.005, ..TrainConfig::default() };
+    let train = TrainConfig { scale: 0.002, ..TrainConfig::default() };
     let config = Config { seed: 1, train, ..Config::default() }.scaled();
     let batch_size = config.train.batch_size;
     let mut trainer = Trainer::new(config, &scene, &device::flex())?;

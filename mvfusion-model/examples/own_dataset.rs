@@ -65,7 +65,7 @@ fn main() -> Result<(), ModelError> {
         points,
         near: None,
     };
-    let train = TrainConfig { scale: 0.005, ..TrainConfig::default() };
+    let train = TrainConfig { scale: 0.002, ..TrainConfig::default() };
     let config = Config { seed: 1, train, ..Config::default() }.scaled();
     let mut trainer = Trainer::new(config, &scene, &device::flex())?;
     while trainer.step()?.is_some() {}

@@ -15,7 +15,7 @@ fn main() -> Result<(), ModelError> {
     let scene = builtin(&BuiltinOptions { width: 64, height: 48, frames: 8, ..BuiltinOptions::default() });
 
     // The defaults are the paper's for Neu3D. This takes a two-hundredth of their steps, intervals and horizons.
-    let train = TrainConfig { scale: 0.005, ..TrainConfig::default() };
+    let train = TrainConfig { scale: 0.002, ..TrainConfig::default() };
     let config = Config { seed: 1, train, ..Config::default() }.scaled();
 
     let mut trainer = Trainer::new(config, &scene, &device::flex())?;
