@@ -37,7 +37,7 @@ const RUNS: &str = "runs";
 ///
 /// # Errors
 /// For an invalid command line, before anything is written. Later, if the device fails, the loss is not finite, or a
-/// file cannot be written.
+/// file cannot be written. [`Interrupted`] after a signal, once the run is saved.
 pub fn train(args: &TrainArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let signals = Signals::watch().context("cannot watch for signals")?;
     match &args.resume {
@@ -239,7 +239,10 @@ impl Session {
             }
             if checkpoints.is_due(done) {
                 self.save(&run::step_file(done))?;
-                run::thin_out(self.folder.path(), self.config.train.keep_checkpoints)?;
+                // An old checkpoint that stays is no reason to stop.
+                if let Err(error) = run::thin_out(self.folder.path(), self.config.train.keep_checkpoints) {
+                    warn!("{error:#}");
+                }
                 checkpoints.saved();
             }
         }

@@ -317,7 +317,7 @@ fn is_measured(results: &Results, wanted: &Wanted) -> bool {
 
 /// A JSON file that is either complete or missing. A broken file counts as missing.
 fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Option<T> {
-    serde_json::from_str(&fs::read_to_string(path).ok()?).ok()
+    run::read_json(path).ok()
 }
 
 /// All metrics of a run, by their names in grids.
