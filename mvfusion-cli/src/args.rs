@@ -74,6 +74,9 @@ pub enum Command {
     /// Rebuild a run's report.html from its files
     #[command(long_about = help::REPORT)]
     Report(ReportArgs),
+    /// Bring back the run that an unfinished run was to replace
+    #[command(long_about = help::RESTORE)]
+    Restore(RestoreArgs),
     /// Inspect a scene before training: its contents, its problems and their remedies
     #[command(long_about = help::CHECK)]
     Check(CheckArgs),
@@ -106,7 +109,9 @@ impl Command {
                 // The cells run in other processes.
                 _ => Some(NonZeroUsize::MIN),
             },
-            Self::Synth(_) | Self::Config(_) | Self::Presets | Self::Devices | Self::Report(_) => None,
+            Self::Synth(_) | Self::Config(_) | Self::Presets | Self::Devices | Self::Report(_) | Self::Restore(_) => {
+                None
+            }
         }
     }
 }
@@ -148,14 +153,20 @@ pub struct TrainArgs {
     pub out: Option<PathBuf>,
     /// Replace the run in the folder
     ///
-    /// The old run is kept in the subfolder .replaced until the new one is complete. If the new one fails before its
-    /// first step, the old run is restored.
+    /// The old run is kept in the subfolder .replaced until the new one is complete; until then, `mvfusion restore`
+    /// brings it back. If the new one fails before its first step, the old run is restored.
     #[arg(long)]
     pub force: bool,
+    /// Begin with the weights of the newest checkpoint of another run, at step 0
+    ///
+    /// Model and motion statistics are taken over; moments, schedules and random streams begin anew. The configuration
+    /// must describe the same model: --config RUN/config.toml uses that of the other run.
+    #[arg(long, value_name = "RUN", conflicts_with = "resume")]
+    pub init_from: Option<PathBuf>,
     /// Continue the run in this folder from its newest checkpoint
     ///
     /// The result is that of an uninterrupted run. The configuration is that of the run; --set may change keys of
-    /// `eval` and those of checkpoints and logs.
+    /// `eval` and those of checkpoints and logs, and lengthen the last stage, also of a finished run.
     #[arg(long, value_name = "RUN", conflicts_with_all = ["out", "force", "preset", "config", "format", "seed"])]
     pub resume: Option<PathBuf>,
 }
@@ -356,4 +367,15 @@ pub struct ReportArgs {
     /// Run folder
     #[arg(value_name = "RUN")]
     pub run: PathBuf,
+}
+
+/// `mvfusion restore`.
+#[derive(Clone, Debug, Args)]
+pub struct RestoreArgs {
+    /// Run folder
+    #[arg(value_name = "RUN")]
+    pub run: PathBuf,
+    /// Remove the unfinished run, even if it could be continued
+    #[arg(long)]
+    pub force: bool,
 }

@@ -22,8 +22,8 @@ remaining time, the loss, the PSNR and the numbers of static and dynamic Gaussia
 end.
 
 The program checks everything before it creates the run folder. A run that fails before its first step removes its \
-folder. A checkpoint is written every ten minutes (train.checkpoint_minutes). Ctrl-C and SIGTERM save one and print the \
-command that continues the run (--resume RUN); a second signal ends the program at once.";
+folder. A checkpoint is written after the first step and then every ten minutes (train.checkpoint_minutes). Ctrl-C and \
+SIGTERM save one and print the command that continues the run (--resume RUN); a second signal ends the program at once.";
 
 /// `mvfusion train --help`, below the options. Lines of at most 80 characters are not wrapped by any terminal.
 pub const TRAIN_MORE: &str = "\
@@ -42,6 +42,10 @@ Examples:
           an earlier run with another seed
   mvfusion train --resume runs/quickstart-0
           an interrupted run, from its newest checkpoint
+  mvfusion train --resume runs/quickstart-0 --set train.stages.refinement=9000
+          a finished run, for more steps
+  mvfusion train --init-from runs/quickstart-0 --out runs/tuned
+          a new run that begins with the weights of another one
 
 Configuration:
   preset  <-  --config FILE  <-  --set KEY=VALUE  <-  --seed, --data
@@ -183,6 +187,11 @@ Examples:
   mvfusion render runs/quickstart-0 --views orbit --time 0.5 --layers composed
   mvfusion render runs/quickstart-0 --views still --camera cam00 --format exr
   mvfusion render runs/quickstart-0 --layers motion --motion-weights 1,0,0";
+
+/// `mvfusion restore --help`.
+pub const RESTORE: &str = "\
+Bring back the run that `mvfusion train --force` moved aside. It waits in the subfolder .replaced until the run that \
+replaces it is finished. The unfinished run is removed; if it has a checkpoint, only with --force.";
 
 /// `mvfusion report --help`.
 pub const REPORT: &str = "\

@@ -43,6 +43,7 @@ pub mod export;
 pub mod failure;
 mod help;
 pub mod interrupt;
+pub mod lock;
 mod logs;
 pub mod progress;
 pub mod render;
@@ -77,7 +78,8 @@ pub fn run(cli: &Cli, threads: usize, out: &mut dyn Write) -> anyhow::Result<()>
         Command::Presets => command::presets(out),
         Command::Devices => command::devices(out),
         Command::Render(args) => command::render(args, verbosity, out),
-        Command::Report(args) => command::report(args, out),
+        Command::Report(args) => command::report(args, verbosity, out),
+        Command::Restore(args) => command::restore(args, out),
         Command::Sweep(args) => command::sweep(args, verbosity, out),
     }
 }

@@ -5,6 +5,7 @@ mod ci;
 mod docs;
 mod results;
 mod splice;
+mod torture;
 
 use clap::{Parser, Subcommand};
 
@@ -26,6 +27,8 @@ enum Chore {
     Bench(bench::BenchArguments),
     /// Puts the table of a sweep into docs/results.md.
     Results(results::ResultsArguments),
+    /// Kills, terminates, replaces and doubles trainings, and checks that none is lost.
+    Torture(torture::TortureArguments),
 }
 
 fn main() -> anyhow::Result<()> {
@@ -34,5 +37,6 @@ fn main() -> anyhow::Result<()> {
         Chore::Docs(arguments) => docs::run(&arguments),
         Chore::Bench(arguments) => bench::run(&arguments),
         Chore::Results(arguments) => results::run(&arguments),
+        Chore::Torture(arguments) => torture::run(&arguments),
     }
 }

@@ -22,6 +22,7 @@ pub fn eval(args: &EvalArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyho
     let masks = args.masks.as_deref().map_or(MasksRequest::AsConfigured, MasksRequest::Folder);
     let request = RunRequest { run: &args.run, data: args.data.as_deref(), masks, device: &args.compute.device };
     let folder = metrics_folder(&args.run, args.protocol);
+    let _lock = args.write.then(|| run::lock(&args.run)).transpose()?;
     let before = earlier_results(&folder)?;
     let OpenRun { config, device, scene, trained } = OpenRun::open(&request, verbosity)?;
     let weights = args.lpips_weights.as_deref().or(configured_weights(&config, verbosity));

@@ -10,7 +10,7 @@ use mvfusion_model::train::final_level;
 use crate::args::RenderArgs;
 use crate::progress::{Pace, Progress, Verbosity};
 use crate::render::{FileFormat, Film, LayerChoice, OutputsPlan, Reframing, Selection};
-use crate::run::{self, MasksRequest, OpenRun, RunRequest};
+use crate::run::{self, FolderLock, MasksRequest, OpenRun, RunRequest};
 
 /// Number of frames whose depths determine the common scale of all depth images.
 const DEPTH_FRAMES: usize = 8;
@@ -36,6 +36,7 @@ pub fn render(args: &RenderArgs, verbosity: Verbosity, out: &mut dyn Write) -> a
     let film = Film { fps: args.fps.unwrap_or(film.fps), is_clean, ..film };
     let layers = layers(&args.layers, &model, level);
     let folder = args.out.clone().unwrap_or_else(|| args.run.join(run::FILMS).join(args.views.name()));
+    let _lock = FolderLock::take(&folder)?;
     let plan = OutputsPlan::new(&folder, &layers, &FileFormat::choose(&args.format, film.frames.len(), verbosity)?);
     if !args.force {
         plan.check_free()?;

@@ -3,12 +3,16 @@
 use std::io::Write;
 
 use crate::args::ReportArgs;
-use crate::report;
+use crate::progress::Verbosity;
+use crate::{report, run};
 
 /// Rebuilds the report of a run and prints its path.
 ///
 /// # Errors
 /// If the folder is not a run, or the file cannot be written.
-pub fn report(args: &ReportArgs, out: &mut dyn Write) -> anyhow::Result<()> {
+pub fn report(args: &ReportArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
+    if let Some(note) = run::waiting_note(&args.run) {
+        verbosity.note(&format!("note:   {note}"));
+    }
     Ok(writeln!(out, "{}", report::write(&args.run)?.display())?)
 }

@@ -93,7 +93,7 @@ pub fn read(path: &Path) -> anyhow::Result<Config> {
     merge(&[read_partial(path)?])
 }
 
-/// The configuration of a run that is resumed, with the changes of the command line.
+/// The configuration of a run that is resumed, with the changes of the command line. The last stage may grow.
 ///
 /// # Errors
 /// [`UsageError`] for a change that would make it another run, with both values.
@@ -103,6 +103,8 @@ pub(crate) fn resume(path: &Path, args: &ConfigSourceArgs, data: Option<&Path>) 
     let mut config = merge(&[vec![stored], given_partials(args, data)?].concat())?;
     config.check()?;
     make_absolute(&mut config)?;
+    let (last_stage, length) = last_stage(&before);
+    let longer = |new: &str| new.parse().is_ok_and(|new: usize| new > length);
     let table = |config: &Config| -> anyhow::Result<Table> { Ok(to_toml(config)?.parse()?) };
     let (before, after) = (table(&before)?, table(&config)?);
     let (before, after) = (leaves(&before), leaves(&after));
@@ -112,14 +114,26 @@ pub(crate) fn resume(path: &Path, args: &ConfigSourceArgs, data: Option<&Path>) 
     let is_free = |key: &str| RESUMABLE.iter().any(|free| key.starts_with(free));
     for (key, _) in before.iter().chain(&after).filter(|(key, _)| !is_free(key)) {
         let (old, new) = (shown(&before, key), shown(&after, key));
-        if old != new {
-            return Err(UsageError::new(format!(
-                "cannot resume with `{key}` = {new}: the run has {old}. Start a new run for another value."
-            ))
-            .into());
+        if old == new || (key == last_stage && longer(&new)) {
+            continue;
         }
+        let remedy = match key == last_stage {
+            true => "A run can be trained longer, not shorter.",
+            false => "Start a new run for another value.",
+        };
+        return Err(UsageError::new(format!("cannot resume with `{key}` = {new}: the run has {old}. {remedy}")).into());
     }
     Ok(config)
+}
+
+/// The key and the length of the last stage that has steps.
+pub(crate) fn last_stage(config: &Config) -> (&'static str, usize) {
+    let stages = &config.train.stages;
+    match (stages.refinement.0, stages.deformation.0) {
+        (0, 0) => ("train.stages.geometry", stages.geometry.0),
+        (0, deformation) => ("train.stages.deformation", deformation),
+        (refinement, _) => ("train.stages.refinement", refinement),
+    }
 }
 
 /// A configuration as TOML: every key with its value.

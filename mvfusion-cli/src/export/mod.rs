@@ -29,6 +29,10 @@ pub const FRAMES: &str = "frames";
 pub const CONTENTS: Contents = Contents {
     what: "export",
     entries: &[STATIC, DYNAMIC, SPLAT, FRAMES, CAMERAS, inria::POINT_CLOUD, inria::SETTINGS, inria::POINTS],
+    foreign: &[],
+    // An export can be made again: what waits is dropped by the next one that is complete.
+    is_complete: |_| false,
+    is_of_use: |_| false,
 };
 
 /// The state of the dynamic Gaussians.

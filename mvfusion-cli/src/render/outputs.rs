@@ -12,7 +12,7 @@ use super::FileFormat;
 use super::exr::{self, LayerPixels};
 use super::gif::GifWriter;
 use super::mp4::Mp4Writer;
-use crate::atomic;
+use crate::{atomic, run};
 
 /// Folder of the float images.
 const EXR: &str = "exr";
@@ -55,7 +55,7 @@ impl OutputsPlan {
         }
     }
 
-    /// Creates the folders and starts the animations with frames of `size`. Files of an earlier rendering of the same
+    /// Creates the folders, removes the half-written files of a killed process, and starts the animations with frames of `size`. Files of an earlier rendering of the same
     /// layers stay until they are replaced or everything has been written.
     ///
     /// # Errors
@@ -64,7 +64,9 @@ impl OutputsPlan {
         let size = (u32::try_from(size.0)?, u32::try_from(size.1)?);
         let stale = self.numbered()?;
         for folder in [self.folder.clone()].into_iter().chain(self.folders()) {
-            fs::create_dir_all(&folder).with_context(|| format!("cannot create the folder {}", folder.display()))?;
+            fs::create_dir_all(&folder)
+                .and_then(|()| run::remove_unfinished(&folder))
+                .with_context(|| format!("cannot write to the folder {}", folder.display()))?;
         }
         let gifs = self.files(FileFormat::Gif).into_iter().map(|path| GifWriter::create(&path, size, fps));
         let gifs = gifs.collect::<anyhow::Result<_>>()?;

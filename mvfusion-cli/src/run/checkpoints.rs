@@ -4,9 +4,10 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 
 use super::files::{CHECKPOINTS, FINAL};
+use super::folder::{require_folder, waiting_note};
 
 /// A checkpoint in a run folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -50,14 +51,59 @@ pub fn checkpoints(run: &Path) -> anyhow::Result<Vec<Checkpoint>> {
     Ok(found)
 }
 
-/// Removes all checkpoints but the final one and the newest `keep` of the others.
+/// The newest checkpoint of a run.
+///
+/// # Errors
+/// If the folder is no run, or contains none.
+pub fn newest_checkpoint(run: &Path) -> anyhow::Result<Checkpoint> {
+    let shown = run.display();
+    require_folder(run)?;
+    match (checkpoints(run)?.into_iter().next(), waiting_note(run)) {
+        (Some(newest), _) => Ok(newest),
+        (None, Some(note)) => bail!("{shown} contains no checkpoint: its training was interrupted. {note}"),
+        (None, None) => {
+            bail!("{shown} contains no checkpoint: it is not a run, or its training was interrupted before one.")
+        }
+    }
+}
+
+/// Renames the final checkpoint of a run that is trained on: it is that of a step now.
+///
+/// # Errors
+/// If it cannot be renamed.
+pub fn make_intermediate(checkpoint: &Checkpoint, step: usize) -> anyhow::Result<()> {
+    if checkpoint.step.is_some() {
+        return Ok(());
+    }
+    let path = &checkpoint.path;
+    fs::rename(path, path.with_file_name(step_file(step))).with_context(|| format!("cannot rename {}", path.display()))
+}
+
+/// Renames a checkpoint that cannot be read, so that it is no longer the newest one. It is not removed.
+///
+/// # Errors
+/// If it cannot be renamed.
+pub fn put_away(checkpoint: &Checkpoint) -> anyhow::Result<()> {
+    let path = &checkpoint.path;
+    let away = path.with_extension("safetensors.unreadable");
+    fs::rename(path, away).with_context(|| format!("cannot rename {}", path.display()))
+}
+
+/// Removes all checkpoints but the newest, the final one and `keep` of the others, if they are of step `least` or later.
 ///
 /// # Errors
 /// If one cannot be removed.
-pub fn thin_out(run: &Path, keep: usize) -> anyhow::Result<()> {
-    let old = checkpoints(run)?.into_iter().filter(|checkpoint| checkpoint.step.is_some()).skip(keep);
-    old.map(|checkpoint| checkpoint.path)
-        .try_for_each(|path| fs::remove_file(&path).with_context(|| format!("cannot remove {}", path.display())))
+pub fn thin_out(run: &Path, keep: usize, least: usize) -> anyhow::Result<()> {
+    let mut kept = 0;
+    for (age, Checkpoint { path, step }) in checkpoints(run)?.into_iter().enumerate() {
+        let Some(step) = step else { continue };
+        if age == 0 || (kept < keep && step >= least) {
+            kept += 1;
+        } else {
+            fs::remove_file(&path).with_context(|| format!("cannot remove {}", path.display()))?;
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -74,7 +120,12 @@ mod tests {
         }
         let steps = || checkpoints(run.path()).expect("listed").into_iter().map(|c| c.step).collect::<Vec<_>>();
         assert_eq!(steps(), [None, Some(100), Some(20), Some(9)]);
-        thin_out(run.path(), 2).expect("removed");
+        thin_out(run.path(), 2, 0).expect("removed");
         assert_eq!(steps(), [None, Some(100), Some(20)]);
+        thin_out(run.path(), 2, 50).expect("removed");
+        assert_eq!(steps(), [None, Some(100)]);
+        fs::remove_file(run.path().join(CHECKPOINTS).join(FINAL)).expect("removed");
+        thin_out(run.path(), 2, 200).expect("nothing to remove");
+        assert_eq!(steps(), [Some(100)], "the newest one stays");
     }
 }

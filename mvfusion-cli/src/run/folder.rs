@@ -2,14 +2,17 @@
 
 use std::ffi::OsString;
 use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use mvfusion_model::files::is_unfinished;
 use tracing::warn;
 
-use super::files::ENTRIES;
+use super::aside;
+use super::checkpoints::checkpoints;
+use super::files::{ENTRIES, FILMS, RECORD, read_json};
+use super::lock::{FolderLock, LOCK};
+use super::record::RunRecord;
 
 /// What happens to a run that is already in the folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,39 +30,43 @@ pub struct Contents {
     pub what: &'static str,
     /// Names of files and folders.
     pub entries: &'static [&'static str],
+    /// Those of them whose files other processes may be writing.
+    pub foreign: &'static [&'static str],
+    /// Whether everything in the folder has been written.
+    pub is_complete: fn(&Path) -> bool,
+    /// Whether an incomplete folder can be continued.
+    pub is_of_use: fn(&Path) -> bool,
 }
 
 /// A run.
-const RUN: Contents = Contents { what: "run", entries: &ENTRIES };
+pub(super) const RUN: Contents =
+    Contents { what: "run", entries: &ENTRIES, foreign: &[FILMS], is_complete: is_finished, is_of_use: has_checkpoint };
 
-/// A folder that can be created. Nothing has been written yet.
-#[derive(Clone, Debug)]
+/// A folder that can be created. Nothing has been written yet, and no other process writes to it.
+#[derive(Debug)]
 pub struct RunPlan {
     path: PathBuf,
     contents: Contents,
+    lock: FolderLock,
 }
 
-/// A run folder. Unless [`RunFolder::keep`] was called, dropping it removes the folder and restores what it replaced.
+/// A run folder that only this process writes to. Unless [`RunFolder::keep`] was called, dropping it removes what was
+/// written and restores what it replaced.
 #[derive(Debug)]
 pub struct RunFolder {
     path: PathBuf,
     contents: Contents,
-    /// Whether the folder existed before.
-    existed: bool,
-    /// Parent folders that were created for this one, outermost first.
-    parents: Vec<PathBuf>,
     kept: bool,
+    /// Released last.
+    _lock: FolderLock,
 }
 
-/// The subfolder that keeps the files of a replaced run until the new run is complete. It is inside the run folder,
-/// because that folder may be a link or a mount point that cannot be renamed.
-pub(super) const ASIDE: &str = ".replaced";
-
 impl RunPlan {
-    /// Checks that a run can be written to `path`. Leaves no trace.
+    /// Checks that a run can be written to `path`, and locks it. Leaves no trace unless the run is created.
     ///
     /// # Errors
-    /// If the folder contains something that must not be replaced, or cannot be written to.
+    /// If the folder contains something that must not be replaced, cannot be written to, or another process writes to
+    /// it.
     pub fn new(path: &Path, existing: Existing) -> anyhow::Result<Self> {
         Self::for_contents(path, existing, RUN)
     }
@@ -69,37 +76,30 @@ impl RunPlan {
     /// # Errors
     /// As [`RunPlan::new`].
     pub fn for_contents(path: &Path, existing: Existing, contents: Contents) -> anyhow::Result<Self> {
-        if path.exists() {
-            check_existing(path, existing, contents)?;
+        if path.exists() && !path.is_dir() {
+            let what = contents.what;
+            bail!(
+                "cannot create the {what} folder {}: a file of that name exists. Choose another --out.",
+                path.display()
+            );
         }
         trial_file(path, contents.what)?;
-        Ok(Self { path: path.to_owned(), contents })
+        let lock = FolderLock::take(path)?;
+        check_existing(path, existing, contents)?;
+        Ok(Self { path: path.to_owned(), contents, lock })
     }
 
-    /// Creates the folder. An existing run is moved aside.
+    /// Makes room in the folder. An existing run is moved aside.
     ///
     /// # Errors
     /// If the file system refuses.
     pub fn create(self) -> anyhow::Result<RunFolder> {
-        let Self { path, contents } = self;
-        let existed = path.exists();
-        let missing = |folder: &&Path| !folder.as_os_str().is_empty() && !folder.exists();
-        let mut parents: Vec<PathBuf> = path.ancestors().skip(1).take_while(missing).map(Path::to_owned).collect();
-        parents.reverse();
-        let mut folder = RunFolder { path, contents, existed, parents, kept: false };
-        fs::create_dir_all(&folder.path)
-            .and_then(|()| remove_unfinished(&folder.path))
-            .with_context(|| format!("cannot create the folder {}", folder.path.display()))?;
-        if existed && let Err(error) = move_aside(&folder.path, contents.entries) {
-            // Files that have not been moved yet belong to the old run and must not be removed.
-            folder.kept = true;
-            let back = move_back(&folder.path, contents.entries);
-            let place = if back.is_ok() { String::new() } else { format!("; part of it is in {ASIDE}") };
+        let Self { path, contents, lock } = self;
+        aside::settle(&path, &contents).and_then(|()| aside::set_aside(&path, &contents)).with_context(|| {
             let what = contents.what;
-            return Err(error)
-                .with_context(|| format!("cannot move the old {what} in {} aside{place}", folder.path.display()));
-        }
-        Ok(folder)
+            format!("cannot move the old {what} in {} aside; the next try puts right what has moved", path.display())
+        })?;
+        Ok(RunFolder { path, contents, kept: false, _lock: lock })
     }
 }
 
@@ -120,11 +120,12 @@ impl RunFolder {
     /// A run folder that is continued. It is kept whatever happens.
     ///
     /// # Errors
-    /// If the file system refuses.
+    /// If it does not exist, cannot be written to, or another process writes to it.
     pub fn continued(path: &Path) -> anyhow::Result<Self> {
+        let lock = lock(path)?;
         trial_file(path, RUN.what)?;
-        remove_unfinished(path).with_context(|| format!("cannot write to {}", path.display()))?;
-        Ok(Self { path: path.to_owned(), contents: RUN, existed: true, parents: Vec::new(), kept: true })
+        aside::settle(path, &RUN).with_context(|| format!("cannot write to {}", path.display()))?;
+        Ok(Self { path: path.to_owned(), contents: RUN, kept: true, _lock: lock })
     }
 
     /// Keeps the folder from now on, even after a failure. A replaced run stays aside.
@@ -135,23 +136,67 @@ impl RunFolder {
     /// Keeps the folder, which is complete now. Removes a replaced run.
     pub fn finish(&mut self) {
         self.kept = true;
-        let aside = self.path.join(ASIDE);
-        if aside.exists()
-            && let Err(error) = fs::remove_dir_all(&aside)
-        {
-            warn!("cannot remove the replaced {} {}: {error}", self.contents.what, aside.display());
+        if let Err(error) = aside::discard_replaced(&self.path) {
+            warn!("cannot remove the replaced {} in {}: {error}", self.contents.what, self.path.display());
         }
     }
 
-    /// Restores the original state.
-    fn undo(&self) -> io::Result<()> {
-        if self.existed {
-            remove_entries(&self.path, self.contents.entries)?;
-            return move_back(&self.path, self.contents.entries);
+    /// Brings back what waits in place of what is in the folder, and says whether anything did.
+    ///
+    /// # Errors
+    /// If the file system refuses.
+    pub fn restore(&self) -> anyhow::Result<bool> {
+        let waited = aside::waits(&self.path);
+        if waited {
+            let path = self.path.display();
+            aside::bring_back(&self.path, &self.contents)
+                .with_context(|| format!("cannot bring back the replaced {} in {path}", self.contents.what))?;
         }
-        fs::remove_dir_all(&self.path)?;
-        self.parents.iter().rev().try_for_each(fs::remove_dir)
+        Ok(waited)
     }
+}
+
+/// The lock of a run that exists.
+///
+/// # Errors
+/// If it does not, or another process writes to it.
+pub fn lock(run: &Path) -> anyhow::Result<FolderLock> {
+    require_folder(run)?;
+    FolderLock::take(run)
+}
+
+/// Checks that there is a folder of a run.
+///
+/// # Errors
+/// If there is none.
+pub(super) fn require_folder(run: &Path) -> anyhow::Result<()> {
+    if !run.is_dir() {
+        bail!("there is no folder {}. Give a run folder, such as runs/quickstart-0.", run.display());
+    }
+    Ok(())
+}
+
+/// A note on the run that waits until its successor in `folder` is complete, and how to bring it back. `None` if none
+/// does.
+pub fn waiting_note(folder: &Path) -> Option<String> {
+    aside::waits(folder).then(|| {
+        let shown = folder.display();
+        format!(
+            "{shown} holds a replaced run, until the run that replaces it is finished. Bring it back with: mvfusion \
+             restore {shown}"
+        )
+    })
+}
+
+/// Whether a run is finished.
+pub fn is_finished(run: &Path) -> bool {
+    read_json::<RunRecord>(&run.join(RECORD)).is_ok_and(|record| record.finished.is_some())
+}
+
+/// Whether a run can be continued.
+fn has_checkpoint(run: &Path) -> bool {
+    // What cannot be listed may be of use.
+    checkpoints(run).map_or(true, |found| !found.is_empty())
 }
 
 /// An unnamed file at the place of an existing or future folder. It proves that files can be written there.
@@ -172,17 +217,6 @@ pub(crate) fn trial_file(path: &Path, what: &str) -> anyhow::Result<fs::File> {
     })
 }
 
-/// Removes unfinished files of a killed process at the top level of a folder.
-fn remove_unfinished(folder: &Path) -> io::Result<()> {
-    for entry in fs::read_dir(folder)? {
-        let entry = entry?;
-        if is_unfinished(&entry.file_name()) {
-            fs::remove_file(entry.path())?;
-        }
-    }
-    Ok(())
-}
-
 /// The path of a file or folder within a run folder. Missing folders on the way are created.
 ///
 /// # Errors
@@ -198,7 +232,7 @@ pub(crate) fn place(run: &Path, parts: &[&str]) -> anyhow::Result<PathBuf> {
 impl Drop for RunFolder {
     fn drop(&mut self) {
         if !self.kept
-            && let Err(error) = self.undo()
+            && let Err(error) = aside::bring_back(&self.path, &self.contents)
         {
             warn!("cannot remove the failed {} {}: {error}", self.contents.what, self.path.display());
         }
@@ -207,21 +241,28 @@ impl Drop for RunFolder {
 
 fn check_existing(path: &Path, existing: Existing, contents: Contents) -> anyhow::Result<()> {
     let (shown, what) = (path.display(), contents.what);
-    if !path.is_dir() {
-        bail!("cannot create the {what} folder {shown}: a file of that name exists. Choose another --out.");
-    }
     let mut entries: Vec<OsString> = fs::read_dir(path)
         .and_then(|entries| entries.map(|entry| entry.map(|entry| entry.file_name())).collect())
         .with_context(|| format!("cannot list the folder {shown}"))?;
-    entries.retain(|name| !is_unfinished(name));
+    entries.retain(|name| !is_unfinished(name) && name != LOCK);
     if entries.is_empty() {
         return Ok(());
     }
     if existing == Existing::Keep {
-        bail!("the folder {shown} is not empty. Use --force to replace the {what} in it, or choose another --out.");
+        match waiting_note(path) {
+            Some(note) => bail!("{note}. Or use --force to begin anew; the replaced run is kept until then."),
+            None if (contents.is_of_use)(path) && !(contents.is_complete)(path) => bail!(
+                "the folder {shown} contains an unfinished {what}. Continue it with --resume {shown}, replace it with \
+                 --force, or choose another --out."
+            ),
+            None => bail!(
+                "the folder {shown} is not empty. Use --force to replace the {what} in it, or choose another --out."
+            ),
+        }
     }
     // Other files were put there by a user, who may still need them.
-    match entries.iter().find(|name| *name != ASIDE && !contents.entries.iter().any(|&known| *name == known)) {
+    let is_known = |name: &OsString| aside::is_aside(name) || contents.entries.iter().any(|&known| *name == known);
+    match entries.iter().find(|name| !is_known(name)) {
         Some(other) => bail!(
             "the folder {shown} contains `{}`, which does not belong to such a {what}, so --force does not replace it. \
              Move it away, or choose another --out.",
@@ -229,43 +270,6 @@ fn check_existing(path: &Path, existing: Existing, contents: Contents) -> anyhow
         ),
         None => Ok(()),
     }
-}
-
-/// Moves the files of a run aside. If another run is already there, an earlier replacement was interrupted. That run is
-/// then kept, and the files in the folder are the remains of its successor.
-fn move_aside(run: &Path, known: &'static [&'static str]) -> io::Result<()> {
-    let aside = run.join(ASIDE);
-    if aside.exists() {
-        return remove_entries(run, known);
-    }
-    let entries: Vec<&str> = known.iter().copied().filter(|name| run.join(name).exists()).collect();
-    if !entries.is_empty() {
-        fs::create_dir(&aside)?;
-    }
-    entries.into_iter().try_for_each(|name| fs::rename(run.join(name), aside.join(name)))
-}
-
-fn move_back(run: &Path, known: &[&str]) -> io::Result<()> {
-    let aside = run.join(ASIDE);
-    if !aside.exists() {
-        return Ok(());
-    }
-    for name in known.iter().filter(|name| aside.join(name).exists()) {
-        fs::rename(aside.join(name), run.join(name))?;
-    }
-    fs::remove_dir(aside)
-}
-
-/// Removes the files of a run.
-fn remove_entries(run: &Path, known: &[&str]) -> io::Result<()> {
-    for path in known.iter().map(|name| run.join(name)) {
-        if path.is_dir() {
-            fs::remove_dir_all(path)?;
-        } else if path.exists() {
-            fs::remove_file(path)?;
-        }
-    }
-    Ok(())
 }
 
 #[cfg(test)]
@@ -279,8 +283,10 @@ mod tests {
     #[test]
     fn a_failed_run_leaves_nothing_not_even_the_parents_it_made() {
         let ground = tempfile::tempdir().expect("folder");
-        let plan = RunPlan::new(&ground.path().join("runs/deep/a"), Existing::Keep).expect("planned");
+        let plan = || RunPlan::new(&ground.path().join("runs/deep/a"), Existing::Keep).expect("planned");
+        drop(plan());
         assert!(names(ground.path()).is_empty());
+        let plan = plan();
         let folder = plan.create().expect("made");
         fs::write(folder.place(&["checkpoints", "x"]).expect("placed"), "x").expect("written");
         drop(folder);
@@ -305,7 +311,7 @@ mod tests {
         write(&folder).expect("written");
         folder.keep();
         drop(folder);
-        assert_eq!(fs::read(path.join(ASIDE).join("results.json")).expect("read"), b"old");
+        assert_eq!(fs::read(path.join(aside::REPLACED).join("results.json")).expect("read"), b"old");
         assert_eq!(fs::read(path.join("results.json")).expect("read"), b"new");
 
         let mut folder = create();
@@ -320,8 +326,8 @@ mod tests {
     fn a_replacement_that_was_cut_short_does_not_cost_the_old_run() {
         let ground = tempfile::tempdir().expect("folder");
         let path = ground.path().join("a");
-        fs::create_dir_all(path.join(ASIDE)).expect("made");
-        fs::write(path.join(ASIDE).join("results.json"), "old").expect("written");
+        fs::create_dir_all(path.join(aside::REPLACED)).expect("made");
+        fs::write(path.join(aside::REPLACED).join("results.json"), "old").expect("written");
         fs::write(path.join("metrics.jsonl"), "half a run").expect("written");
         drop(RunPlan::new(&path, Existing::Replace).expect("planned").create().expect("made"));
         assert_eq!(names(&path), ["results.json"]);
@@ -334,10 +340,83 @@ mod tests {
         fs::create_dir(&path).expect("made");
         for existing in [Existing::Keep, Existing::Replace] {
             fs::write(path.join(".x7Gh1s.part"), "half a file").expect("written");
-            let mut folder = RunPlan::new(&path, existing).expect("planned").create().expect("made");
+            RunPlan::new(&path, existing).expect("planned").create().expect("made").finish();
             assert!(names(&path).is_empty());
-            folder.finish();
         }
+    }
+
+    /// The folder of a run with this text as its only checkpoint.
+    fn interrupted(path: &Path, text: &str) {
+        fs::create_dir_all(path.join("checkpoints")).expect("made");
+        fs::write(path.join("checkpoints/step_7.safetensors"), text).expect("written");
+    }
+
+    fn checkpoint(path: &Path) -> String {
+        fs::read_to_string(path.join("checkpoints/step_7.safetensors")).expect("there")
+    }
+
+    #[test]
+    fn runs_that_replace_each_other_unfinished_come_back_one_by_one() {
+        let ground = tempfile::tempdir().expect("folder");
+        let path = ground.path().join("a");
+        for text in ["first", "second", "third"] {
+            let mut folder = RunPlan::new(&path, Existing::Replace).expect("planned").create().expect("made");
+            interrupted(&path, text);
+            folder.keep();
+        }
+        for text in ["third", "second", "first"] {
+            assert_eq!(checkpoint(&path), text);
+            RunFolder::continued(&path).expect("locked").restore().expect("back");
+        }
+        assert_eq!((checkpoint(&path).as_str(), names(&path).len()), ("first", 1));
+    }
+
+    #[test]
+    fn files_that_were_on_their_way_when_a_process_was_killed_go_back() {
+        let ground = tempfile::tempdir().expect("folder");
+        let path = ground.path().join("a");
+        // What is moved aside, and what is brought back: killed after each rename.
+        interrupted(&path.join(".moving"), "old");
+        fs::write(path.join("metrics.jsonl"), "old").expect("written");
+        assert!(waiting_note(&path).is_some());
+        RunFolder::continued(&path).expect("locked");
+        assert_eq!((checkpoint(&path).as_str(), names(&path).len()), ("old", 2));
+        // The rest of what was removed.
+        interrupted(&path.join(".discarded"), "rubbish");
+        RunFolder::continued(&path).expect("locked");
+        assert_eq!((checkpoint(&path).as_str(), names(&path).len()), ("old", 2));
+    }
+
+    #[test]
+    fn a_folder_has_one_writer() {
+        let ground = tempfile::tempdir().expect("folder");
+        let path = ground.path().join("a");
+        let plan = RunPlan::new(&path, Existing::Keep).expect("planned");
+        for existing in [Existing::Keep, Existing::Replace] {
+            let error = RunPlan::new(&path, existing).expect_err("refused").to_string();
+            assert!(error.contains(&format!("process {}", std::process::id())), "{error}");
+        }
+        let mut folder = plan.create().expect("made");
+        RunFolder::continued(&path).expect_err("refused");
+        interrupted(&path, "only");
+        folder.keep();
+        drop(folder);
+        RunFolder::continued(&path).expect("free");
+        let error = RunPlan::new(&path, Existing::Keep).expect_err("refused").to_string();
+        assert!(error.contains("--resume"), "{error}");
+    }
+
+    #[test]
+    fn half_written_files_are_removed_at_every_depth_but_not_where_others_write() {
+        let ground = tempfile::tempdir().expect("folder");
+        let path = ground.path();
+        for folder in ["checkpoints", "strips", "renders/test", "films/train"] {
+            fs::create_dir_all(path.join(folder)).expect("made");
+            fs::write(path.join(folder).join(".x7Gh1s.part"), "half").expect("written");
+        }
+        RunFolder::continued(path).expect("locked");
+        let left = |folder: &str| names(&path.join(folder)).len();
+        assert_eq!(["checkpoints", "strips", "renders/test", "films/train"].map(left), [0, 0, 0, 1]);
     }
 
     #[test]

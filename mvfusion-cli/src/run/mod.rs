@@ -1,9 +1,11 @@
 //! The run folder: its files and their contents.
 
+mod aside;
 mod checkpoints;
 mod field;
 mod files;
 mod folder;
+mod lock;
 mod metrics;
 mod open;
 mod picture_kind;
@@ -13,13 +15,16 @@ mod ply;
 mod record;
 mod results;
 
-pub use checkpoints::{Checkpoint, checkpoints, step_file, thin_out};
+pub use self::lock::FolderLock;
+pub(crate) use aside::remove_unfinished;
+pub use aside::waits;
+pub use checkpoints::{Checkpoint, checkpoints, make_intermediate, newest_checkpoint, put_away, step_file, thin_out};
 pub use field::{FieldPerView, FieldScores};
 pub use files::{
     CHECKPOINTS, CONFIG, ENTRIES, FILMS, FINAL, METRICS, PER_VIEW, POINT_CLOUD, PROTOCOLS, RECORD, RENDERS, REPORT,
     RESULTS, STRIPS, read_json,
 };
-pub use folder::{Contents, Existing, RunFolder, RunPlan};
+pub use folder::{Contents, Existing, RunFolder, RunPlan, is_finished, lock, waiting_note};
 pub(crate) use folder::{place, trial_file};
 pub use metrics::{MetricsLine, MetricsLog, milliseconds};
 pub use open::{MasksRequest, OpenRun, RunRequest};
@@ -27,7 +32,7 @@ pub use picture_kind::PictureKind;
 pub use pictures::{PicturesWriter, legend};
 pub use pictures_hash::PicturesHash;
 pub use ply::write_ply;
-pub use record::{Resumption, RunRecord, SceneRecord};
+pub use record::{InitialWeights, Resumption, RunRecord, SceneRecord};
 #[cfg(test)]
 pub(crate) use results::specimen;
 pub use results::{EvalTime, GaussianCounts, LpipsWeights, PerView, RenderSpeed, Results, TrainTime};

@@ -2,15 +2,15 @@
 
 use std::path::Path;
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use mvfusion_data::Scene;
 use mvfusion_model::Config;
 use mvfusion_model::model::{Model, RenderContext};
 use mvfusion_model::train::{TrainedModel, final_level};
 
-use super::checkpoints::{Checkpoint, checkpoints};
+use super::checkpoints::newest_checkpoint;
 use super::files::CONFIG;
-use super::folder::ASIDE;
+use super::folder::waiting_note;
 use crate::device::{self, OpenDevice};
 use crate::progress::Verbosity;
 use crate::{config, scene};
@@ -58,7 +58,7 @@ impl OpenRun {
     /// # Errors
     /// If the run has no checkpoint, its data are missing, or the device does not exist.
     pub fn open(request: &RunRequest<'_>, verbosity: Verbosity) -> anyhow::Result<Self> {
-        let checkpoint = find_checkpoint(request.run)?;
+        let checkpoint = newest_checkpoint(request.run)?;
         let config = configuration(request)?;
         let device = device::open(request.device)?;
         let scene = scene::open(&config).context(match request.masks {
@@ -72,8 +72,11 @@ impl OpenRun {
         verbosity.note(&format!("scene:  {}", scene::describe(&scene)));
         let config = config.scaled();
         let trained = TrainedModel::load(&checkpoint.path, &config, &device.device)?;
-        if checkpoint.step.is_some() {
-            let (done, total) = (trained.steps, config.train.stages.total());
+        if let Some(note) = waiting_note(request.run) {
+            verbosity.note(&format!("note:   {note}"));
+        }
+        let (done, total) = (trained.steps, config.train.stages.total());
+        if done < total {
             verbosity
                 .note(&format!("note:   the run is unfinished; its newest checkpoint is of step {done} of {total}"));
         }
@@ -95,22 +98,6 @@ impl OpenRun {
     /// The context for rendering the model.
     pub fn render_context(&self) -> RenderContext {
         RenderContext::new(&self.config, &self.scene)
-    }
-}
-
-/// The newest checkpoint of a run.
-fn find_checkpoint(run: &Path) -> anyhow::Result<Checkpoint> {
-    let shown = run.display();
-    if !run.is_dir() {
-        bail!("there is no folder {shown}. Give a run folder, such as runs/quickstart-0.");
-    }
-    match checkpoints(run)?.into_iter().next() {
-        Some(newest) => Ok(newest),
-        None if run.join(ASIDE).is_dir() => bail!(
-            "{shown} contains no checkpoint: its training was interrupted. The run that it was to replace is in \
-             {shown}/{ASIDE}."
-        ),
-        None => bail!("{shown} contains no checkpoint: it is not a run, or its training was interrupted before one."),
     }
 }
 

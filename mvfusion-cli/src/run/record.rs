@@ -1,6 +1,11 @@
 //! `run.json`: the record of a run.
 
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
 use mvfusion_data::Scene;
+use mvfusion_model::train::{TrainState, parameter_hash};
 use serde::{Deserialize, Serialize};
 
 use crate::{clock, device};
@@ -33,6 +38,9 @@ pub struct RunRecord {
     pub device: String,
     /// CPU threads.
     pub threads: usize,
+    /// The weights that the training began with, if they are another run's.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub init_from: Option<InitialWeights>,
     /// Start of the training.
     pub started: String,
     /// When the run was resumed, and after which steps.
@@ -50,6 +58,34 @@ pub struct Resumption {
     pub at: String,
     /// Steps that were done before.
     pub step: usize,
+}
+
+/// The weights of another run.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct InitialWeights {
+    /// Folder of that run.
+    pub run: PathBuf,
+    /// Steps that it was trained for.
+    pub steps: usize,
+    /// SHA-256 of its parameters.
+    pub params_sha256: String,
+}
+
+impl InitialWeights {
+    /// The weights in the state of a run.
+    ///
+    /// # Errors
+    /// If the path has no absolute form, or the device fails.
+    pub fn of(run: &Path, state: &TrainState) -> anyhow::Result<Self> {
+        let run = std::path::absolute(run).with_context(|| format!("cannot use the path {}", run.display()))?;
+        Ok(Self { run, steps: state.completed, params_sha256: parameter_hash(&state.model)? })
+    }
+}
+
+impl fmt::Display for InitialWeights {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "the weights of {} after {} steps", self.run.display(), self.steps)
+    }
 }
 
 /// A scene in numbers.
@@ -92,16 +128,22 @@ impl RunRecord {
             seed,
             device: device.to_owned(),
             threads: rayon::current_num_threads(),
+            init_from: None,
             started: clock::now(),
             resumed: Vec::new(),
             finished: None,
         }
     }
 
-    /// The same for a run that continues now after `step` steps.
+    /// The same for a run that begins with these weights.
+    pub fn initialised(self, weights: Option<InitialWeights>) -> Self {
+        Self { init_from: weights, ..self }
+    }
+
+    /// The same for a run that continues now after `step` steps. It is no longer finished.
     pub fn continued(mut self, step: usize) -> Self {
         self.resumed.push(Resumption { at: clock::now(), step });
-        self
+        Self { finished: None, ..self }
     }
 
     /// The same at the end of the run.

@@ -67,6 +67,7 @@ fn work(
             out: Some(folder.run(id)),
             // What is there is the rest of an interrupted run.
             force: true,
+            init_from: None,
             resume: None,
         };
         train(&folder.run(id), run, verbosity, out)?;

@@ -1,10 +1,9 @@
 //! The sweep folder: its files, and the state of each cell.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File, TryLockError};
+use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use mvfusion_model::evaluation::Scores;
@@ -14,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::index::{Cell, INDEX, Index, Wanted, of_another_version};
 use super::plan::Plan;
 use super::table::{CellMetrics, Outcome};
+use crate::lock::{FileLock, LockState, Refusal};
 use crate::run::{self, LpipsWeights, Results, RunRecord};
 use crate::{atomic, config};
 
@@ -21,8 +21,6 @@ use crate::{atomic, config};
 const GRID: &str = "grid.toml";
 /// Folder of the cells' runs and their additional files.
 const CELLS: &str = "cells";
-/// How long a cell waits for its lock. Another process may hold it briefly while checking its state.
-const PATIENCE: Duration = Duration::from_secs(2);
 
 /// A sweep folder.
 #[derive(Clone, Debug)]
@@ -69,12 +67,6 @@ pub struct Order {
     pub preset: String,
     /// Measurements in addition to the metrics of a training.
     pub wanted: Wanted,
-}
-
-/// A lock that a process holds while it runs a cell. The system releases it however the process ends.
-#[derive(Debug)]
-pub struct CellLock {
-    _file: File,
 }
 
 impl SweepFolder {
@@ -199,37 +191,13 @@ impl SweepFolder {
     /// Takes the lock of a cell; `None` if another process is running it.
     ///
     /// # Errors
-    /// If the file cannot be created, or the file system does not support locks.
-    pub fn lock(&self, id: &str) -> anyhow::Result<Option<CellLock>> {
+    /// If the file cannot be created or locked.
+    pub fn lock(&self, id: &str) -> anyhow::Result<Option<FileLock>> {
         let path = self.beside(id, "lock");
-        let file = File::options().create(true).truncate(false).write(true).open(&path);
-        let file = file.with_context(|| format!("cannot create {}", path.display()))?;
-        let since = Instant::now();
-        loop {
-            match file.try_lock() {
-                Ok(()) => return Ok(Some(CellLock { _file: file })),
-                Err(TryLockError::WouldBlock) if since.elapsed() > PATIENCE => return Ok(None),
-                Err(TryLockError::WouldBlock) => std::thread::sleep(PATIENCE / 20),
-                Err(TryLockError::Error(error)) => {
-                    return Err(error).with_context(|| format!("cannot lock {}", path.display()));
-                }
-            }
-        }
-    }
-
-    /// Whether a process holds the lock of a cell; `None` if no process ever did. This check takes a shared lock and
-    /// does not need write permission.
-    fn is_locked(&self, id: &str) -> anyhow::Result<Option<bool>> {
-        let path = self.beside(id, "lock");
-        let file = match File::open(&path) {
-            Ok(file) => file,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
-            Err(error) => return Err(error).with_context(|| format!("cannot read {}", path.display())),
-        };
-        match file.try_lock_shared() {
-            Ok(()) => Ok(Some(false)),
-            Err(TryLockError::WouldBlock) => Ok(Some(true)),
-            Err(TryLockError::Error(error)) => Err(error).with_context(|| format!("cannot lock {}", path.display())),
+        match FileLock::take(&path) {
+            Ok(lock) => Ok(Some(lock)),
+            Err(Refusal::Held(_)) => Ok(None),
+            Err(Refusal::Io(error)) => Err(error).with_context(|| format!("cannot lock {}", path.display())),
         }
     }
 
@@ -238,8 +206,9 @@ impl SweepFolder {
     /// # Errors
     /// If its files cannot be read.
     pub fn state(&self, id: &str, wanted: &Wanted) -> anyhow::Result<State> {
-        let lock = self.is_locked(id)?;
-        if lock == Some(true) {
+        let path = self.beside(id, "lock");
+        let lock = FileLock::state(&path).with_context(|| format!("cannot read {}", path.display()))?;
+        if lock == LockState::Held {
             return Ok(State::Running);
         }
         // The lock is checked before the metrics. Otherwise, a cell that ends between the two checks would seem
@@ -251,7 +220,7 @@ impl SweepFolder {
         match fs::read_to_string(&path) {
             Ok(words) => Ok(State::Failed(words.trim_end().to_owned())),
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
-                Ok(if lock.is_some() { State::Interrupted } else { State::ToDo })
+                Ok(if lock == LockState::Free { State::Interrupted } else { State::ToDo })
             }
             Err(error) => Err(error).with_context(|| format!("cannot read {}", path.display())),
         }

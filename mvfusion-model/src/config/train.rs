@@ -50,7 +50,8 @@ pub struct TrainConfig {
     pub log_interval: usize,
     /// Steps between checkpoints. 0 leaves them to `checkpoint_minutes`.
     pub checkpoint_interval: Interval,
-    /// Minutes between checkpoints where `checkpoint_interval` is 0. 0 writes one at the end only.
+    /// Minutes between checkpoints where `checkpoint_interval` is 0, after one for the first step. 0 writes one at the
+    /// end only.
     pub checkpoint_minutes: f64,
     /// Number of checkpoints that are kept beside the final one; older ones are removed. At least 1.
     pub keep_checkpoints: usize,

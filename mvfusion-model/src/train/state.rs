@@ -77,8 +77,7 @@ impl TrainState {
         let deformation = DeformationConfig::of(&config.model, bounds);
         let network = deformation.init(&mut init);
         let refinement = MotionRefinement::new(&deformation, &config.motion, &mut init);
-        let cameras = || scene.training_cameras().into_iter().max().map_or(0, |last| last + 1);
-        let exposures = config.model.exposure.then(|| Exposures::new(cameras(), device, dtype));
+        let exposures = config.model.exposure.then(|| Exposures::new(camera_count(scene), device, dtype));
         Ok(Self {
             completed: 0,
             dynamic: BranchState::new(&dynamic),
@@ -90,6 +89,31 @@ impl TrainState {
             sampler: Sampler::default(),
             refreshes: 0,
         })
+    }
+
+    /// The state before the first step of a run that begins with the weights of another one, read for the same
+    /// `config`. It keeps the model with its SH degrees, motion statistics and their normalisers. Moments, counts and
+    /// random streams begin anew, as do exposures if `scene` has another number of cameras.
+    pub fn with_weights(other: Self, config: &Config, scene: &Scene) -> Self {
+        let Self { mut model, normalisers, .. } = other;
+        if let Some(exposures) = &mut model.exposures {
+            let departures = exposures.departures.val();
+            let cameras = camera_count(scene);
+            if departures.dims()[0] != cameras {
+                *exposures = Exposures::new(cameras, &departures.device(), departures.dtype());
+            }
+        }
+        Self {
+            completed: 0,
+            dynamic: BranchState::new(&model.dynamic),
+            static_: model.static_.as_ref().map(BranchState::new),
+            model,
+            optimiser: ModuleOptimiser::default(),
+            normalisers,
+            streams: Streams::new(config.seed),
+            sampler: Sampler::default(),
+            refreshes: 0,
+        }
     }
 
     /// Resets moments and statistics, as at the start of a stage.
@@ -117,6 +141,11 @@ impl TrainState {
     pub fn counts(&self) -> [DensifyCounts; 2] {
         [self.dynamic.counts, self.static_.as_ref().map_or_else(DensifyCounts::default, |state| state.counts)]
     }
+}
+
+/// Number of training cameras.
+fn camera_count(scene: &Scene) -> usize {
+    scene.training_cameras().into_iter().max().map_or(0, |last| last + 1)
 }
 
 /// A branch before the first step. Gaussians from a file keep their SH degree, up to the model's degree.

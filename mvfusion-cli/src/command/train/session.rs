@@ -1,0 +1,186 @@
+//! A training in progress, from the first step to the report.
+
+use std::io::Write;
+use std::time::{Duration, Instant};
+
+use mvfusion_data::Scene;
+use mvfusion_model::Config;
+use mvfusion_model::evaluation::Evaluator;
+use mvfusion_model::files::sha256;
+use mvfusion_model::train::{TrainedModel, Trainer};
+use tracing::{info, warn};
+
+use super::super::score::Scoring;
+use super::watch::{CheckpointClock, Watch};
+use crate::device::OpenDevice;
+use crate::interrupt::{Interrupted, Signals, resume_command};
+use crate::progress::Verbosity;
+use crate::run::{self, MetricsLog, PicturesWriter, RunFolder, RunRecord, TrainTime, write_ply};
+use crate::{atomic, config, report, table};
+
+/// How often a checkpoint is tried to be written, and the pause in between.
+const SAVE_ATTEMPTS: usize = 3;
+const SAVE_PAUSE: Duration = Duration::from_secs(2);
+
+/// A training in progress.
+pub(super) struct Session {
+    /// The configuration as it is written: `train.scale` is not applied.
+    pub(super) config: Config,
+    pub(super) record: RunRecord,
+    pub(super) device: OpenDevice,
+    pub(super) scene: Scene,
+    pub(super) trainer: Trainer,
+    pub(super) evaluator: Evaluator,
+    pub(super) folder: RunFolder,
+    pub(super) log: MetricsLog,
+    /// Seconds of training before this process.
+    pub(super) elapsed: f64,
+    pub(super) signals: Signals,
+    pub(super) verbosity: Verbosity,
+}
+
+impl Session {
+    pub(super) fn run(mut self, out: &mut dyn Write) -> anyhow::Result<()> {
+        // The record first: a finished run that is lengthened must not seem finished with the new configuration.
+        atomic::write_json(&self.folder.place(&[run::RECORD])?, &self.record)?;
+        let written = config::to_toml(&self.config)?;
+        atomic::write(&self.folder.place(&[run::CONFIG])?, written.as_bytes())?;
+
+        let trained = self.train();
+        let time = trained.inspect_err(|error| self.tell_what_is_kept(error))?;
+        self.save(run::FINAL)?;
+        self.thin_out();
+        if let Some(code) = self.signals.exit_code() {
+            return Err(self.interrupted(code).into());
+        }
+        // Nothing is lost by ending now: what follows can be done again from the final checkpoint.
+        self.signals.end_at_once();
+        self.write_gaussians(time.steps)?;
+        let mut words = Vec::new();
+        self.evaluate(time, sha256(written.as_bytes()), &mut words)?;
+        let finished = self.record.clone().finished();
+        atomic::write_json(&self.folder.place(&[run::RECORD])?, &finished)?;
+        self.folder.finish();
+        // Last, because the report is built from all other files.
+        let report = report::write(self.folder.path())?;
+        // Files first: whoever reads stdout may have left.
+        out.write_all(&words)?;
+        Ok(writeln!(out, "{:16}{}", "report", report.display())?)
+    }
+
+    /// All remaining steps of all stages.
+    fn train(&mut self) -> anyhow::Result<TrainTime> {
+        let total = self.trainer.config().train.stages.total();
+        let mut checkpoints = CheckpointClock::new(&self.config.scaled().train, self.trainer.state().completed);
+        let mut watch = Watch::new(self, total);
+        while let Some(position) = self.trainer.position() {
+            let Some(loss) = self.trainer.step()? else { break };
+            // From the first step on there is something to lose.
+            self.folder.keep();
+            let done = self.trainer.state().completed;
+            if self.trainer.log_due(&position) {
+                watch.log_step(&self.trainer, &mut self.log, &position, &loss)?;
+            }
+            watch.progress.advance();
+            if done == total {
+                break;
+            }
+            if let Some(code) = self.signals.exit_code() {
+                self.save(&run::step_file(done))?;
+                watch.progress.finish();
+                return Err(self.interrupted(code).into());
+            }
+            if checkpoints.is_due(done) {
+                self.save(&run::step_file(done))?;
+                checkpoints.saved();
+                self.thin_out();
+            }
+        }
+        watch.progress.finish();
+        Ok(TrainTime { seconds: watch.elapsed(), steps: self.trainer.state().completed })
+    }
+
+    /// Removes old checkpoints. One that stays is no reason to stop.
+    fn thin_out(&self) {
+        let config = &self.config.train;
+        // By time, the checkpoint after the first step is of no use beside any other.
+        let least = if config.checkpoint_interval.0 == 0 { 2 } else { 0 };
+        if let Err(error) = run::thin_out(self.folder.path(), config.keep_checkpoints, least) {
+            warn!("{error:#}");
+        }
+    }
+
+    /// The error of a run that was interrupted and saved.
+    fn interrupted(&self, code: u8) -> Interrupted {
+        let total = self.trainer.config().train.stages.total();
+        Interrupted { code, done: self.trainer.state().completed, total, run: self.folder.path().to_owned() }
+    }
+
+    /// Writes the state. What fails is tried again: a disk may be full for a moment.
+    fn save(&self, name: &str) -> anyhow::Result<()> {
+        let path = self.folder.place(&[run::CHECKPOINTS, name])?;
+        let started = Instant::now();
+        let mut attempt = 1;
+        while let Err(error) = self.trainer.state().save(&path) {
+            if attempt == SAVE_ATTEMPTS {
+                return Err(error.into());
+            }
+            warn!("{error}; attempt {attempt} of {SAVE_ATTEMPTS}");
+            std::thread::sleep(SAVE_PAUSE);
+            attempt += 1;
+        }
+        info!("{} written in {:.2} s", path.display(), started.elapsed().as_secs_f64());
+        Ok(())
+    }
+
+    /// After a failure: the folder and how to go on from it.
+    fn tell_what_is_kept(&self, error: &anyhow::Error) {
+        let path = self.folder.path();
+        if error.is::<Interrupted>() || self.trainer.state().completed == 0 {
+            return;
+        }
+        match run::checkpoints(path) {
+            Ok(checkpoints) if !checkpoints.is_empty() => {
+                self.verbosity.note(&format!("note:   the run is kept. Continue with: {}", resume_command(path)));
+            }
+            _ => self.verbosity.note(&format!("note:   {} is kept; it contains no checkpoint yet", path.display())),
+        }
+    }
+
+    fn write_gaussians(&self, steps: usize) -> anyhow::Result<()> {
+        let iteration = format!("iteration_{steps}");
+        let model = self.trainer.state().model.plain();
+        for (name, branch) in model.branches() {
+            let file = format!("{name}.ply");
+            let cloud = branch.to_cloud()?;
+            write_ply(&cloud, &self.folder.place(&[run::POINT_CLOUD, &iteration, &file])?)?;
+        }
+        Ok(())
+    }
+
+    /// Scores the model, writes metrics and images, and prints the table.
+    fn evaluate(&self, time: TrainTime, config_sha256: String, out: &mut dyn Write) -> anyhow::Result<()> {
+        let config = self.trainer.config();
+        let pictures = PicturesWriter::new(self.folder.path(), &config.eval, self.scene.test.len());
+        let trained = TrainedModel::from(self.trainer.state());
+        let scoring = Scoring {
+            trained: &trained,
+            scene: &self.scene,
+            config,
+            config_sha256,
+            evaluator: &self.evaluator,
+            speed_frames: 0,
+            time: Some(time),
+            device: &self.device.name,
+        };
+        let scored = scoring.score(Some(&pictures), self.verbosity)?;
+        scored.write(self.folder.path())?;
+        table::write(&scored.results, self.evaluator.protocol(), out)?;
+        writeln!(out, "{:16}{}", "run", self.folder.path().display())?;
+        if let Some(strip) = pictures.strip_to_see() {
+            writeln!(out, "{:16}{}", "start with", strip.display())?;
+            writeln!(out, "{:16}({})", "", run::legend(&self.trainer.state().model))?;
+        }
+        Ok(())
+    }
+}
