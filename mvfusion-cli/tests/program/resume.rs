@@ -106,6 +106,30 @@ fn a_run_that_was_terminated_and_killed_ends_as_if_nothing_had_been() {
     let again = mvfusion(place, &["train", "--resume", "part"]);
     assert_eq!(again.status.code(), Some(USAGE));
     assert!(text(&again.stderr).contains("is finished: there is nothing to resume"));
+
+    // A finished run can be trained longer, not shorter.
+    let lengthened = |steps: &str| {
+        mvfusion(place, &["train", "--quiet", "--resume", "part", "--set", &format!("train.stages.refinement={steps}")])
+    };
+    let shorter = lengthened("11");
+    assert_eq!(shorter.status.code(), Some(USAGE));
+    assert!(text(&shorter.stderr).contains("`train.stages.refinement` = 11: the run has 12"));
+    let longer = lengthened("14");
+    assert!(longer.status.success(), "{}", text(&longer.stderr));
+    assert_eq!(steps(&place.join("part")), (1..=26).collect::<Vec<_>>());
+    assert_ne!(outcome(&place.join("part")), outcome(&place.join("whole")));
+
+    // Its weights begin another run.
+    let config = ["--config", "whole/config.toml", "--set", "train.stages={geometry=1, deformation=1, refinement=1}"];
+    let tuned = mvfusion(place, &[&["train", "--init-from", "whole", "--out", "tuned"][..], &config].concat());
+    assert!(tuned.status.success(), "{}", text(&tuned.stderr));
+    let record: Value =
+        serde_json::from_slice(&fs::read(place.join("tuned/run.json")).expect("a record")).expect("JSON");
+    assert_eq!(record["init_from"]["params_sha256"], outcome(&place.join("whole")).0);
+    let other = mvfusion(place, &["train", "--init-from", "whole", "--out", "other"]);
+    let said = text(&other.stderr);
+    assert!(!other.status.success() && said.contains("--config whole/config.toml uses its own"), "{said}");
+    assert!(!place.join("other").exists());
 }
 
 #[test]
@@ -126,18 +150,28 @@ fn a_closed_stderr_does_not_end_a_training() {
 }
 
 #[test]
-fn a_replaced_run_stays_until_the_new_one_is_complete() {
+fn a_replaced_run_waits_for_the_end_of_the_new_one_or_comes_back() {
     let folder = tempfile::tempdir().expect("folder");
     let place = folder.path();
     assert!(mvfusion(place, &arguments(&["--out", "run", "--seed", "1"])).status.success());
     let old = outcome(&place.join("run"));
-    let mut child = started(place, &["--out", "run", "--force", "--set", "train.checkpoint_interval=2"]);
-    // Until then, the log is that of the old run.
-    wait_until("the old run is moved aside", || place.join("run/.replaced/metrics.jsonl").is_file());
-    wait_for_step(&place.join("run"), 8);
-    child.kill().expect("it is running");
-    child.wait().expect("it ends");
-    assert_eq!(outcome(&place.join("run/.replaced")), old);
+    let replace = || {
+        let mut child = started(place, &["--out", "run", "--force", "--set", "train.checkpoint_interval=2"]);
+        // Until then, the log is that of the old run.
+        wait_until("the old run is moved aside", || place.join("run/.replaced/metrics.jsonl").is_file());
+        wait_for_step(&place.join("run"), 8);
+        child.kill().expect("it is running");
+        child.wait().expect("it ends");
+    };
+    replace();
+    let eval = mvfusion(place, &["eval", "run", "--speed-frames", "0"]);
+    assert!(text(&eval.stderr).contains("mvfusion restore run"), "{}", text(&eval.stderr));
+    let refused = mvfusion(place, &["restore", "run"]);
+    assert!(!refused.status.success() && text(&refused.stderr).contains("mvfusion train --resume run"));
+    assert!(mvfusion(place, &["restore", "run", "--force"]).status.success());
+    assert_eq!(outcome(&place.join("run")), old);
+
+    replace();
     let rest = mvfusion(place, &["train", "--resume", "run"]);
     assert!(rest.status.success(), "{}", text(&rest.stderr));
     assert!(!place.join("run/.replaced").exists());

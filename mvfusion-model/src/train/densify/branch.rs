@@ -300,8 +300,15 @@ impl Branch<'_> {
     fn change_last(&mut self, rows: usize, attribute: Attribute, change: impl FnOnce(Tensor<2>) -> Tensor<2>) {
         if let Some(values) = self.gaussians.plain(attribute) {
             let before = values.dims()[0] - rows;
-            let last = change(values.clone().narrow(0, before, rows));
-            self.gaussians.replace(attribute, Tensor::cat(vec![values.narrow(0, 0, before), last], 0));
+            // Ops do not accept empty tensors, and every Gaussian may have been split.
+            let changed = match before {
+                0 => change(values),
+                _ => {
+                    let last = change(values.clone().narrow(0, before, rows));
+                    Tensor::cat(vec![values.narrow(0, 0, before), last], 0)
+                }
+            };
+            self.gaussians.replace(attribute, changed);
         }
     }
 
@@ -313,5 +320,34 @@ impl Branch<'_> {
 
     fn rows(&self, rows: &[usize]) -> Tensor<1, Int> {
         tensors::rows_like(rows, &self.gaussians.means.val())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::DType;
+    use glam::Vec3;
+    use mvfusion_data::PointCloud;
+
+    use super::*;
+    use crate::initial::{Masking, cloud_on, gaussians_of};
+    use crate::test_support::{for_each_device, values};
+
+    #[test]
+    fn every_gaussian_may_be_split_at_once() {
+        for_each_device(|device| {
+            let positions = vec![Vec3::ZERO, Vec3::X];
+            let points = PointCloud { colours: vec![Vec3::ONE; positions.len()], positions };
+            let cloud = cloud_on(&points, &[1.0; 2], 0.1);
+            let mut gaussians = gaussians_of(&cloud, Masking::Absent, 0, &device.clone().autodiff(), DType::F32);
+            let mut state = BranchState::new(&gaussians);
+            let mut branch = Branch { gaussians: &mut gaussians, state: &mut state, motion: None, gradients: None };
+            let plan = DensifyPlan { kept: vec![], cloned: vec![], split: vec![0, 1] };
+            branch.grow(&plan, &[DVec3::X, DVec3::ZERO, -DVec3::X, DVec3::ZERO]).expect("grown").expect("changed");
+            let (log_scales, means) = (gaussians.log_scales.val(), values(gaussians.means.val().inner()));
+            assert_eq!(log_scales.dims(), [4, 3]);
+            assert!(means.iter().zip([1.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0]).all(|(own, other)| (own - other).abs() < 1e-6));
+            assert!(values(log_scales.inner()).iter().all(|value| (value - split_log_scale()).abs() < 1e-6));
+        });
     }
 }
