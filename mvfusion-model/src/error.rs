@@ -63,15 +63,20 @@ pub enum ModelError {
         /// Message of the system or the decoder.
         reason: String,
     },
-    /// A checkpoint does not match the configuration.
-    #[error(
-        "the checkpoint {path} does not match: {reason}. It was written by another version or for another \
-         configuration."
-    )]
+    /// A checkpoint is damaged, of another version, or not one of the configured model.
+    #[error("the checkpoint {path} cannot be used: {reason}.")]
     Checkpoint {
         /// The file.
         path: PathBuf,
-        /// What is missing or of the wrong shape.
+        /// The field or tensor with the expected and found values, or the checksums.
+        reason: String,
+    },
+    /// A state of training does not belong to the scene.
+    #[error(
+        "the training cannot continue on this scene: {reason}. Give the scene that it began on, for example with --data."
+    )]
+    OtherScene {
+        /// What the state refers to, and what the scene has.
         reason: String,
     },
     /// LPIPS weights do not match the network.

@@ -21,7 +21,7 @@ mod update;
 mod view;
 
 pub use batch::{Batch, TrainingViews, mask_tensor, picture_tensor};
-pub use checkpoint::{TrainedModel, parameter_hash};
+pub use checkpoint::{Checkpoint, TrainedModel, parameter_hash};
 pub use densify::{BranchGradients, Visibility};
 pub use losses::Losses;
 pub use rendered::RenderedBatch;

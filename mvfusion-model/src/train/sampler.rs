@@ -33,6 +33,11 @@ impl Sampler {
         (0..size).map(next).collect()
     }
 
+    /// The highest number of a view that this round will still show.
+    pub(super) fn last(&self) -> Option<usize> {
+        self.remaining.iter().max().copied()
+    }
+
     /// The next `size` views, without drawing them.
     pub fn upcoming(&self, size: usize, visits: &Visits, stream: &Stream) -> Vec<usize> {
         self.clone().draw(size, visits, &mut stream.clone())

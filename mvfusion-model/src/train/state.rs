@@ -116,6 +116,23 @@ impl TrainState {
         }
     }
 
+    /// Rejects a state that refers to views or cameras that the scene does not have.
+    pub(super) fn check_scene(&self, scene: &Scene) -> Result<(), ModelError> {
+        let views = scene.train.len();
+        if let Some(view) = self.sampler.last().filter(|&view| view >= views) {
+            let reason = format!("it has {views} training views, the state view {view}");
+            return Err(ModelError::OtherScene { reason });
+        }
+        let Some(exposures) = &self.model.exposures else { return Ok(()) };
+        match (exposures.departures.dims()[0], camera_count(scene)) {
+            (of_state, of_scene) if of_state == of_scene => Ok(()),
+            (of_state, of_scene) => {
+                let reason = format!("it has {of_scene} training cameras, the state the exposures of {of_state}");
+                Err(ModelError::OtherScene { reason })
+            }
+        }
+    }
+
     /// Resets moments and statistics, as at the start of a stage.
     pub(super) fn restart(&mut self) {
         self.dynamic.restart(&self.model.dynamic);

@@ -58,8 +58,9 @@ impl Trainer {
     /// A trainer that continues from a state.
     ///
     /// # Errors
-    /// If an image cannot be read.
+    /// If the state belongs to a scene with other views or cameras, or an image cannot be read.
     pub fn with_state(config: Config, scene: &Scene, device: &Device, state: TrainState) -> Result<Self, ModelError> {
+        state.check_scene(scene)?;
         let motion = SceneMotion::of_training(scene, &config)?;
         Ok(Self::assembled(config, scene, motion, device, state))
     }

@@ -51,8 +51,9 @@ impl HexPlane {
     /// # Panics
     /// If planes or arguments do not have these shapes, or the features do not fit into a buffer of the device.
     pub fn forward(&self, points: Tensor<2>, times: Tensor<2>) -> Tensor<2> {
-        // Proof: the planes follow `layout`, and the points come from our own branches. The remaining error is a buffer
-        // that is too large for the device. It ends the run with the op's advice, as in `Gpu::room`.
+        // Proof: the planes follow `layout`, the box is finite, and the points are centres `[N, 3]` of our own branches.
+        // `Checkpoint` checks all three for a file. The remaining error is a buffer that is too large for the device. It
+        // ends the run with the op's advice, as in `Gpu::room`.
         grid::look_up(self.planes.val(), points, times, &self.bounds, &self.layout)
             .unwrap_or_else(|error| panic!("HexPlane: {error}"))
     }

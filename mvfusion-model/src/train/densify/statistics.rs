@@ -18,6 +18,21 @@ pub struct DensifyStatistics {
 }
 
 impl DensifyStatistics {
+    /// Names of the fields in files.
+    pub(in crate::train) const NAMES: [&'static str; 4] = ["gradients", "seen", "foreground", "radii"];
+
+    /// The fields with their names.
+    pub(in crate::train) fn named(&self) -> impl Iterator<Item = (&'static str, &Tensor<2>)> {
+        let Self { gradients, seen, foreground, radii } = self;
+        Self::NAMES.into_iter().zip([gradients, seen, foreground, radii])
+    }
+
+    /// The statistics whose fields are read by their names.
+    pub(in crate::train) fn from_named<E>(read: impl Fn(&str) -> Result<Tensor<2>, E>) -> Result<Self, E> {
+        let [gradients, seen, foreground, radii] = Self::NAMES;
+        Ok(Self { gradients: read(gradients)?, seen: read(seen)?, foreground: read(foreground)?, radii: read(radii)? })
+    }
+
     /// Empty statistics of the Gaussians with these centres `[N, 3]`.
     pub fn new(means: &Tensor<2>) -> Self {
         let zeros = Tensor::zeros([means.dims()[0], 1], (&means.device().inner(), means.dtype()));
