@@ -89,6 +89,9 @@ training, together with the frame rate. It reports all metrics that differ from 
 nothing unless --write is given. With --write, it writes metrics, images and report.html. Metrics of another protocol \
 than ours go to protocols/NAME, without images.
 
+If the parameters in the checkpoint are not those that results.json describes, the exit code is 1, and --write writes \
+nothing. --write also refuses if config.toml has changed since.
+
 Different projects compute metrics of the same name in different ways. A protocol fixes the definitions that one group \
 of results uses. The protocol mvfusion has every metric; degauss, 3dgs and nerfbaselines have the metrics that these \
 projects report. docs/evaluation.md explains the differences. LPIPS needs network weights that do not ship with this \

@@ -4,6 +4,8 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
+#[path = "program/evidence.rs"]
+mod evidence;
 #[path = "program/render.rs"]
 mod render;
 #[cfg(unix)]

@@ -3,21 +3,23 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use mvfusion_model::Config;
 use mvfusion_model::evaluation::Protocol;
-use mvfusion_model::files::sha256;
+use mvfusion_model::train::parameter_hash;
+use tracing::warn;
 
 use super::score::{self, Scoring};
 use crate::args::EvalArgs;
 use crate::progress::Verbosity;
-use crate::run::{self, MasksRequest, OpenRun, PicturesWriter, Results, RunRequest, TrainTime};
+use crate::run::{self, Change, Evidence, MasksRequest, OpenRun, Part, PicturesWriter, Results, RunRequest, TrainTime};
 use crate::{report, table};
 
 /// Evaluates a run again from its checkpoint and compares the metrics with its earlier ones.
 ///
 /// # Errors
-/// If the run is not complete, its data are gone, the device fails, or a file cannot be written.
+/// If the run is not complete, its data are gone, the device fails, or a file cannot be written. If the parameters are
+/// not those of the run's results: with `--write` before anything is written, otherwise after the table.
 pub fn eval(args: &EvalArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let masks = args.masks.as_deref().map_or(MasksRequest::AsConfigured, MasksRequest::Folder);
     let request = RunRequest { run: &args.run, data: args.data.as_deref(), masks, device: &args.compute.device };
@@ -25,12 +27,17 @@ pub fn eval(args: &EvalArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyho
     let _lock = args.write.then(|| run::lock(&args.run)).transpose()?;
     let before = earlier_results(&folder)?;
     let OpenRun { config, device, scene, trained } = OpenRun::open(&request, verbosity)?;
+    let now = Evidence { params_sha256: parameter_hash(&trained.model)?, config_sha256: run::config_hash(&args.run)? };
+    let changes = now.changes(with_results(&args.run, &folder))?;
+    if let Some(change) = changes.first().filter(|_| args.write) {
+        bail!("{change}. Nothing was written. To evaluate the run as it is now, move that file away first");
+    }
     let weights = args.lpips_weights.as_deref().or(configured_weights(&config, verbosity));
     let scoring = Scoring {
         trained: &trained,
         scene: &scene,
         config: &config,
-        config_sha256: config_hash(&args.run)?,
+        config_sha256: now.config_sha256,
         evaluator: &score::evaluator(args.protocol, weights, &device.device)?,
         speed_frames: args.speed_frames,
         time: training_time(&args.run, before.as_ref())?,
@@ -52,7 +59,25 @@ pub fn eval(args: &EvalArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyho
     if let Some(strip) = pictures.and_then(|pictures| pictures.strip_to_see()) {
         writeln!(out, "{:16}{} ({})", "start with", strip.display(), run::legend(&trained.model))?;
     }
-    compare(&scored.results, before.as_ref(), &folder, out)
+    compare(&scored.results, before.as_ref(), &folder, out)?;
+    refuse_others(&changes)
+}
+
+/// The folders whose results must describe the same model: the run's own, and that of the protocol.
+fn with_results<'a>(run: &'a Path, folder: &'a Path) -> impl Iterator<Item = &'a Path> {
+    std::iter::once(run).chain((folder != run).then_some(folder))
+}
+
+/// The error for other parameters than those of the results. A changed configuration was warned of.
+fn refuse_others(changes: &[Change]) -> anyhow::Result<()> {
+    let mut others = changes.iter().filter(|change| change.part == Part::Parameters);
+    match others.next() {
+        None => Ok(()),
+        Some(change) => {
+            others.for_each(|other| warn!("{other}"));
+            bail!("{change}")
+        }
+    }
 }
 
 /// The folder of a run's metrics under a protocol.
@@ -74,12 +99,6 @@ fn configured_weights(config: &Config, verbosity: Verbosity) -> Option<&Path> {
         return None;
     }
     Some(folder)
-}
-
-fn config_hash(run: &Path) -> anyhow::Result<String> {
-    let path = run.join(run::CONFIG);
-    let bytes = std::fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
-    Ok(sha256(&bytes))
 }
 
 /// The training time of the run: from the metrics of the protocol if they exist, otherwise from the run's own.
@@ -124,9 +143,6 @@ fn compare(now: &Results, before: Option<&Results>, folder: &Path, out: &mut dyn
     }
     if now.protocol != before.protocol {
         writeln!(out, "The earlier ones follow another protocol: {}", before.protocol)?;
-    }
-    if now.params_sha256 != before.params_sha256 {
-        writeln!(out, "The parameters of the checkpoint differ from those that were evaluated earlier.")?;
     }
     Ok(())
 }

@@ -88,9 +88,12 @@ pub(crate) fn resolve_over(preset: &'static Preset, partials: Vec<PartialConfig>
 /// Reads the configuration file of a run.
 ///
 /// # Errors
-/// [`UsageError`] if the file cannot be read or is not a configuration of this version.
+/// [`UsageError`] if the file cannot be read or is not a configuration of this version. A value that training does not
+/// accept is refused as well.
 pub fn read(path: &Path) -> anyhow::Result<Config> {
-    merge(&[read_partial(path)?])
+    let config = merge(&[read_partial(path)?])?;
+    config.check().with_context(|| format!("cannot use the configuration {}", path.display()))?;
+    Ok(config)
 }
 
 /// The configuration of a run that is resumed, with the changes of the command line. The last stage may grow.
@@ -314,6 +317,17 @@ mod tests {
         let config = resolve(&args, Some(Path::new("x"))).expect("resolved").config;
         std::fs::write(&file, to_toml(&config).expect("written as TOML")).expect("written");
         assert_eq!(read(&file).expect("read"), config);
+    }
+
+    #[test]
+    fn a_value_that_training_refuses_is_refused_in_the_file_of_a_run_as_well() {
+        let folder = tempfile::tempdir().expect("folder");
+        let file = folder.path().join("config.toml");
+        std::fs::write(&file, "[motion]\nsamples = 0\n").expect("written");
+        let error = read(&file).expect_err("refused");
+        assert_eq!(crate::failure::exit_code(&error), crate::failure::USAGE);
+        let said = format!("{error:#}");
+        assert!(said.contains("config.toml: `motion.samples` is 0: "), "{said}");
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 mod aside;
 mod checkpoints;
+mod evidence;
 mod field;
 mod files;
 mod folder;
@@ -19,6 +20,7 @@ pub use self::lock::FolderLock;
 pub(crate) use aside::remove_unfinished;
 pub use aside::waits;
 pub use checkpoints::{Checkpoint, checkpoints, make_intermediate, newest_checkpoint, put_away, step_file, thin_out};
+pub use evidence::{Change, Evidence, Part, config_hash};
 pub use field::{FieldPerView, FieldScores};
 pub use files::{
     CHECKPOINTS, CONFIG, ENTRIES, FILMS, FINAL, METRICS, PER_VIEW, POINT_CLOUD, PROTOCOLS, RECORD, RENDERS, REPORT,

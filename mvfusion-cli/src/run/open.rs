@@ -7,8 +7,10 @@ use mvfusion_data::Scene;
 use mvfusion_model::Config;
 use mvfusion_model::model::{Model, RenderContext};
 use mvfusion_model::train::{TrainedModel, final_level};
+use tracing::warn;
 
 use super::checkpoints::newest_checkpoint;
+use super::evidence::changed_configuration;
 use super::files::CONFIG;
 use super::folder::waiting_note;
 use crate::device::{self, OpenDevice};
@@ -60,6 +62,9 @@ impl OpenRun {
     pub fn open(request: &RunRequest<'_>, verbosity: Verbosity) -> anyhow::Result<Self> {
         let checkpoint = newest_checkpoint(request.run)?;
         let config = configuration(request)?;
+        if let Some(change) = changed_configuration(request.run) {
+            warn!("{change}");
+        }
         let device = device::open(request.device)?;
         let scene = scene::open(&config).context(match request.masks {
             MasksRequest::Unused => "cannot open the scene of the run; if it has moved, give its folder with --data",

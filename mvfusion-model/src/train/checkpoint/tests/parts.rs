@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use crate::files::sha256;
 
 /// Where the checksum stands in a file.
-const DIGITS: std::ops::Range<usize> = 8 + 28..8 + 28 + 64;
+const DIGITS: std::ops::Range<usize> = 8 + 27..8 + 27 + 64;
 
 /// A tensor in a file.
 #[derive(Clone)]
