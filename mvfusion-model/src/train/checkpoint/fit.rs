@@ -194,7 +194,7 @@ impl Checkpoint {
         }
     }
 
-    /// The shapes of Adam's moments.
+    /// The shapes of Adam's moments. The message for another one names the parameter as well.
     fn moment_shapes(&self, parameters: &Shapes) -> Result<BTreeMap<String, Vec<usize>>, ModelError> {
         let mut expected = BTreeMap::new();
         for path in self.header.adam_steps.keys() {
@@ -204,7 +204,14 @@ impl Checkpoint {
                 return Err(self.misfit(format!("`adam_steps.{path}` belongs to no parameter of the configured model")));
             };
             let shape = if is_of_branch(path) { shape.clone() } else { vec![shape.iter().product()] };
-            expected.extend(moment_names(path).map(|name| (name, shape.clone())));
+            for moment in moment_names(path) {
+                if let Some(found) = self.shape(&moment).filter(|found| *found != shape) {
+                    return Err(
+                        self.misfit(format!("`{moment}` has the shape {found:?} instead of {shape:?}, by `{name}`"))
+                    );
+                }
+                expected.insert(moment, shape.clone());
+            }
         }
         Ok(expected)
     }
