@@ -38,7 +38,7 @@
 //! | initialise Gaussians | [`initial`] |
 //! | compute metrics | [`evaluation::evaluate`] for views, [`evaluation::psnr`] and others for images |
 //! | load a trained model | [`train::TrainedModel::load`] |
-//! | start from the weights of another run | [`train::Checkpoint::model`], [`train::TrainState::starting_from`] |
+//! | start from the weights of another run | [`train::TrainState::load_weights`], [`train::TrainState::with_weights`] |
 //!
 //! # Which crate do I use?
 //! `mvfusion-data` reads and writes scenes, without tensors. `mvfusion-render` splats Gaussians and interpolates

@@ -95,7 +95,7 @@ fn initialised_trainer(
 ) -> anyhow::Result<(Trainer, InitialWeights)> {
     let autodiff = device.device.clone().autodiff();
     let source = run::newest_checkpoint(run)?;
-    let trained = TrainState::load(&source.path, config, &autodiff).with_context(|| {
+    let trained = TrainState::load_weights(&source.path, config, &autodiff).with_context(|| {
         format!(
             "the weights of {run} do not fit this configuration; --config {run}/{} uses its own",
             run::CONFIG,

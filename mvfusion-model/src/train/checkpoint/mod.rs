@@ -56,6 +56,14 @@ impl TrainState {
     pub fn load(path: &Path, config: &Config, device: &Device) -> Result<Self, ModelError> {
         Checkpoint::open(path)?.state(config, device)
     }
+
+    /// Reads only what was learned and measured, to `device` (with autodiff), for [`TrainState::with_weights`].
+    ///
+    /// # Errors
+    /// As [`Checkpoint::open`] and [`Checkpoint::weights`].
+    pub fn load_weights(path: &Path, config: &Config, device: &Device) -> Result<Self, ModelError> {
+        Checkpoint::open(path)?.weights(config, device)
+    }
 }
 
 /// A trained model without autodiff, for evaluation.

@@ -18,13 +18,12 @@ use crate::ModelError;
 /// request, each after a comparison of its shape with the expected one.
 ///
 /// ```no_run
-/// use mvfusion_model::train::{Checkpoint, TrainState};
+/// use mvfusion_model::train::Checkpoint;
 /// # use mvfusion_model::{Config, ModelError, device};
-/// # fn start(config: &Config) -> Result<(), ModelError> {
+/// # fn look(config: &Config) -> Result<(), ModelError> {
 /// let checkpoint = Checkpoint::open("runs/a/checkpoints/final.safetensors".as_ref())?;
-/// // Only what was learned, as the start of another training.
 /// let model = checkpoint.model(config, &device::flex())?;
-/// let state = TrainState::starting_from(model, config.seed);
+/// println!("{} dynamic Gaussians after {} steps", model.dynamic.count(), checkpoint.steps());
 /// # Ok(())
 /// # }
 /// ```

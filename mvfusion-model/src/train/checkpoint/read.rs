@@ -19,7 +19,7 @@ use crate::parameter_path::ParameterPath;
 use crate::random::Stream;
 use crate::train::densify::{BranchState, DensifyStatistics};
 use crate::train::optim::{GaussianOptimiser, ModuleOptimiser};
-use crate::train::{BranchGradients, TrainState, Visibility};
+use crate::train::{BranchGradients, Sampler, TrainState, Visibility};
 
 impl Checkpoint {
     /// The model alone, with autodiff: what was learned, and the motion descriptors. The configuration need not be that
@@ -49,6 +49,27 @@ impl Checkpoint {
             network: self.fill("network", network, device)?,
             refinement: self.fill("refinement", refinement, device)?,
             exposures: config.model.exposure.then(|| self.exposures(device)).transpose()?,
+        })
+    }
+
+    /// The model with its steps and normalisers, in a state without moments, statistics and gradients, for
+    /// [`TrainState::with_weights`]. What the training state in the file would be is not looked at.
+    ///
+    /// # Errors
+    /// As [`Checkpoint::model`].
+    pub fn weights(self, config: &Config, device: &Device) -> Result<TrainState, ModelError> {
+        let model = self.model(config, device)?;
+        let header = self.header;
+        Ok(TrainState {
+            completed: header.completed,
+            dynamic: BranchState::new(&model.dynamic),
+            static_: model.static_.as_ref().map(BranchState::new),
+            model,
+            optimiser: ModuleOptimiser::default(),
+            normalisers: header.normalisers,
+            streams: header.streams,
+            sampler: Sampler::default(),
+            refreshes: header.refreshes,
         })
     }
 

@@ -65,7 +65,10 @@ fn a_tensor_of_another_type_or_shape_or_without_numbers_is_refused_by_name() {
             let Some(changed) = change(entry) else { continue };
             let mut parts = whole.clone();
             *parts.tensor(name) = changed;
-            let said = specimen.refusal(&parts.bytes());
+            let said = match tried % 10 {
+                0 => specimen.refusal(&parts.bytes()),
+                _ => specimen.refusal_of_training(&parts.bytes()),
+            };
             let said = said.unwrap_or_else(|| panic!("`{name}` with {what} is accepted"));
             assert!(said.contains(&format!("`{name}`")) && is_short(&said), "`{name}` with {what}: {said}");
             tried += 1;

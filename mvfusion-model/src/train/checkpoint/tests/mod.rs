@@ -105,6 +105,12 @@ impl Specimen {
         &self.path
     }
 
+    /// What is said of a file with these bytes, by training alone.
+    fn refusal_of_training(&self, bytes: &[u8]) -> Option<String> {
+        let load = || said(&TrainState::load(self.write(bytes), &config(), &flex().autodiff()).map(drop));
+        catch_unwind(AssertUnwindSafe(load)).unwrap_or_else(|_| panic!("reading panics"))
+    }
+
     /// What is said of a file with these bytes, by training and by evaluation: `None` if both accept it.
     fn refusal(&self, bytes: &[u8]) -> Option<String> {
         refusal_of(self.write(bytes), &config())

@@ -102,12 +102,13 @@ fn a_state_does_not_continue_on_a_scene_with_other_views_or_cameras() {
 fn a_training_starts_from_the_weights_of_another() {
     let (specimen, mut other) = (Specimen::new(), config());
     (other.seed, other.train.stages) = (9, crate::config::StageConfig::of([1, 1, 1]));
+    // Shorter than the training of the checkpoint, which resuming would refuse.
     let checkpoint = Checkpoint::open(specimen.write(&BYTES)).expect("it is whole");
     assert_eq!(checkpoint.steps(), DONE);
-    let model = checkpoint.model(&other, &flex()).expect("it fits");
-    let hash = parameter_hash(&model).expect("the device hands its numbers back");
-    let state = TrainState::starting_from(model, other.seed);
-    assert!(state.completed == 0 && state.model.motion.is_none() && state.optimiser.moments.is_empty());
+    let weights = checkpoint.weights(&other, &flex().autodiff()).expect("it fits");
+    let hash = parameter_hash(&weights.model).expect("the device hands its numbers back");
+    let state = TrainState::with_weights(weights, &other, &scene());
+    assert!(state.completed == 0 && state.optimiser.moments.is_empty());
     assert_eq!(parameter_hash(&state.model).expect("the device hands its numbers back"), hash);
     let mut trainer = Trainer::with_state(other, &scene(), &flex().autodiff(), state).expect("it can start");
     while trainer.step().expect("a step succeeds").is_some() {}
