@@ -145,6 +145,9 @@ pub struct TrainArgs {
     /// Memory for decoded images; images that do not fit are decoded again shortly before use
     #[arg(long, value_name = "SIZE", default_value_t = ByteSize(IMAGE_CACHE))]
     pub image_cache: ByteSize,
+    /// Try even if the memory does not suffice by our estimate
+    #[arg(long)]
+    pub force_memory: bool,
     /// Folder with the LPIPS weights (docs/evaluation.md); same as --set eval.lpips_weights=DIR
     #[arg(long, value_name = "DIR")]
     pub lpips_weights: Option<PathBuf>,
@@ -356,6 +359,9 @@ pub struct RenderArgs {
     /// Replace earlier renders in the folder
     #[arg(long)]
     pub force: bool,
+    /// Try even if the memory does not suffice by our estimate
+    #[arg(long)]
+    pub force_memory: bool,
     /// Device and threads.
     #[command(flatten)]
     pub compute: ComputeArgs,

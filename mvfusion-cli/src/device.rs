@@ -13,6 +13,10 @@ pub struct OpenDevice {
     pub name: String,
     /// One line: the chosen device, and why it was chosen.
     pub reason: String,
+    /// Bytes of its largest buffer; `None` for a CPU, which has no such limit.
+    pub buffer: Option<u64>,
+    /// Whether its tensors are in the memory of the machine: a CPU, or a software driver.
+    pub computes_on_host: bool,
 }
 
 /// How to build with GPU support.
@@ -188,7 +192,8 @@ mod gpu {
     fn opened(gpu: &Gpu, reason: &str) -> Result<OpenDevice, GpuError> {
         let (name, card) = (gpu.label(), gpu.card()?);
         let reason = format!("{name}, {}{} ({reason})", card.name, software(gpu));
-        Ok(OpenDevice { device: gpu.device.clone(), name, reason })
+        let (buffer, computes_on_host) = (Some(card.buffer), gpu.is_software);
+        Ok(OpenDevice { device: gpu.device.clone(), name, reason, buffer, computes_on_host })
     }
 
     fn software(gpu: &Gpu) -> &'static str {
@@ -269,7 +274,8 @@ fn ndarray(_: &str) -> Option<OpenDevice> {
 
 #[cfg(any(feature = "flex", feature = "ndarray"))]
 fn opened(device: Device, name: &'static str, reason: &str) -> OpenDevice {
-    OpenDevice { device, name: name.to_owned(), reason: format!("{name} on the {} ({reason})", threads()) }
+    let reason = format!("{name} on the {} ({reason})", threads());
+    OpenDevice { device, name: name.to_owned(), reason, buffer: None, computes_on_host: true }
 }
 
 /// The CPU, with the number of threads that this process uses.

@@ -45,6 +45,7 @@ mod help;
 pub mod interrupt;
 pub mod lock;
 mod logs;
+pub mod memory;
 pub mod progress;
 pub mod render;
 pub mod report;
@@ -68,6 +69,9 @@ pub fn run(cli: &Cli, threads: usize, out: &mut dyn Write) -> anyhow::Result<()>
     logs::start(cli.output);
     threads::start(threads)?;
     let verbosity = cli.output.verbosity();
+    if let Some(asked) = cli.command.threads().filter(|asked| asked.get() > threads) {
+        verbosity.note(&format!("note:   {threads} threads are used, not {asked}: more do not help on this machine"));
+    }
     match &cli.command {
         Command::Train(args) => command::train(args, verbosity, out),
         Command::Eval(args) => command::eval(args, verbosity, out),

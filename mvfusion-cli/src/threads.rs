@@ -4,9 +4,24 @@ use std::num::NonZeroUsize;
 
 use anyhow::Context;
 
-/// The number of threads to use: what was asked for, else all cores.
+/// Most threads per core. More of them only wait for each other, and each has its memory.
+const MOST_PER_CORE: usize = 4;
+
+/// Threads that are granted on any machine, so that a run can be repeated with the same number.
+const ALWAYS: usize = 16;
+
+/// The number of threads to use: what was asked for, but at most [`most`]; otherwise all cores.
 pub fn count(asked: Option<NonZeroUsize>) -> usize {
-    asked.or_else(|| std::thread::available_parallelism().ok()).map_or(1, NonZeroUsize::get)
+    asked.map_or_else(cores, |asked| asked.get().min(most()))
+}
+
+/// The largest number of threads on this machine.
+pub fn most() -> usize {
+    cores().saturating_mul(MOST_PER_CORE).max(ALWAYS)
+}
+
+fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, NonZeroUsize::get)
 }
 
 /// Starts the process-wide pool with so many threads.
@@ -18,4 +33,16 @@ pub fn start(threads: usize) -> anyhow::Result<()> {
         .num_threads(threads)
         .build_global()
         .with_context(|| format!("cannot start {threads} threads; give a smaller --threads"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_more_threads_are_used_than_the_cores_can_serve() {
+        let asked = |threads| count(NonZeroUsize::new(threads));
+        assert_eq!((asked(1), asked(ALWAYS)), (1, ALWAYS));
+        assert_eq!((asked(usize::MAX), count(None)), (most(), cores()));
+    }
 }

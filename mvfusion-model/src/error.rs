@@ -42,16 +42,28 @@ pub enum ModelError {
     },
     /// A value is not finite.
     #[error(
-        "{what} is not finite at step {step} of stage {stage}. Lower the learning rates, or run again with the last \
-         checkpoint and inspect the renders."
+        "{what} is not finite at step {run_step} (step {step} of stage {stage}), which showed {views}. Lower the \
+         learning rates, or set `train.on_bad_step = \"skip\"` to go on without such steps."
     )]
     NotFinite {
         /// The first tensor with such a value.
         what: String,
-        /// Step within the stage.
+        /// Step within the run, from 1.
+        run_step: usize,
+        /// Step within the stage, from 1.
         step: usize,
         /// Name of the stage.
         stage: &'static str,
+        /// The views of the step, with their times.
+        views: String,
+    },
+    /// Too many steps in a row were skipped.
+    #[error("{in_a_row} steps in a row were skipped. The last one: {last}")]
+    BadSteps {
+        /// Number of steps.
+        in_a_row: usize,
+        /// Why the last one was skipped.
+        last: Box<Self>,
     },
     /// A file of a run cannot be read or written.
     #[error("cannot {action} {path}: {reason}.")]

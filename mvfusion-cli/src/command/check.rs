@@ -15,8 +15,9 @@ use mvfusion_model::{Config, ModelError};
 use serde::Serialize;
 
 use crate::args::CheckArgs;
+use crate::memory::{Available, refusal_of_training};
 use crate::progress::Verbosity;
-use crate::{atomic, config, scene};
+use crate::{atomic, config, device, scene};
 
 /// Photos in the image of the points.
 const PHOTOS: usize = 9;
@@ -77,6 +78,7 @@ pub fn check(args: &CheckArgs, verbosity: Verbosity, out: &mut dyn Write) -> any
         tell(&inspection, &folder, out)?;
         if let Ok(Some(memory)) = &memory {
             line(out, "memory", &memory_sentence(memory))?;
+            tell_shortage(memory, &resolved.config, out)?;
             line(out, "preset", resolved.preset.name)?;
         }
         if let Some(Ok(drawn)) = &drawn {
@@ -140,7 +142,7 @@ fn tell_summary(scene: &Summary, out: &mut dyn Write) -> std::io::Result<()> {
 
 fn memory_sentence(need: &MemoryNeed) -> String {
     let size = |bytes: f64| ByteSize(bytes as u64);
-    let host = need.program + need.pictures;
+    let host = need.host();
     format!(
         "about {} at the start, {} with the most Gaussians that the configuration allows; of this, {} and {} on a GPU",
         size(host + need.start),
@@ -148,6 +150,15 @@ fn memory_sentence(need: &MemoryNeed) -> String {
         size(need.start),
         size(need.most)
     )
+}
+
+/// Warns if a training on the CPU of this machine would be refused.
+fn tell_shortage(need: &MemoryNeed, config: &Config, out: &mut dyn Write) -> std::io::Result<()> {
+    let device = device::open("cpu").ok();
+    match device.and_then(|cpu| refusal_of_training(need, config, &cpu, Available::on_this_machine().as_ref())) {
+        Some(refusal) => writeln!(out, "warning: on the CPU of this machine, {refusal}"),
+        None => Ok(()),
+    }
 }
 
 /// The image of the points.

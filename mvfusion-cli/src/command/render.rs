@@ -8,6 +8,7 @@ use mvfusion_model::timeline::spread;
 use mvfusion_model::train::final_level;
 
 use crate::args::RenderArgs;
+use crate::memory::{self, MemoryRule};
 use crate::progress::{Pace, Progress, Verbosity};
 use crate::render::{FileFormat, Film, LayerChoice, OutputsPlan, Reframing, Selection};
 use crate::run::{self, FolderLock, MasksRequest, OpenRun, RunRequest};
@@ -29,12 +30,16 @@ pub fn render(args: &RenderArgs, verbosity: Verbosity, out: &mut dyn Write) -> a
     };
     let run = OpenRun::open(&request, verbosity)?;
     let (model, context) = (run.model(args.no_mfta, verbosity), run.render_context());
-    let OpenRun { config, scene, .. } = run;
+    let OpenRun { config, scene, device, .. } = run;
     let film = args.views.film(&scene, &selection(args))?;
     let level = final_level(&config);
     let is_clean = film.is_clean && model.static_.is_some();
     let film = Film { fps: args.fps.unwrap_or(film.fps), is_clean, ..film };
     let layers = layers(&args.layers, &model, level);
+    let largest = film.frames.iter().map(|frame| (frame.camera.width, frame.camera.height));
+    let largest = largest.max_by_key(|(width, height)| width * height).unwrap_or_default();
+    let rule = MemoryRule::of_flag(args.force_memory);
+    memory::check_rendering(&model, &config, largest, layers.len(), &device, rule)?;
     let folder = args.out.clone().unwrap_or_else(|| args.run.join(run::FILMS).join(args.views.name()));
     let _lock = FolderLock::take(&folder)?;
     let plan = OutputsPlan::new(&folder, &layers, &FileFormat::choose(&args.format, film.frames.len(), verbosity)?);

@@ -34,8 +34,8 @@ const FOR_OBJECTS: &str = "dnerf";
 /// The preset for a folder of photos.
 const FOR_PHOTOS: &str = "onthego-indoor";
 
-/// Keys, or beginnings of keys, that a resumed run may change: they have no effect on what it learns.
-const RESUMABLE: [&str; 7] = [
+/// Keys, or beginnings of keys, that a resumed run may change: they have no effect on what it learns from finite numbers.
+const RESUMABLE: [&str; 8] = [
     "eval.",
     "scene.data",
     "scene.frame_store",
@@ -43,6 +43,7 @@ const RESUMABLE: [&str; 7] = [
     "train.checkpoint_interval",
     "train.checkpoint_minutes",
     "train.keep_checkpoints",
+    "train.on_bad_step",
 ];
 
 /// A configuration and where it started from.

@@ -10,7 +10,7 @@ use anyhow::Context;
 use mvfusion_model::profile::{self, Part};
 use serde::{Deserialize, Serialize};
 
-use super::results::GaussianCounts;
+use super::results::{GaussianCounts, is_zero};
 use crate::atomic;
 
 /// A log step.
@@ -29,6 +29,9 @@ pub struct MetricsLine {
     pub psnr: Option<f64>,
     /// Numbers of Gaussians.
     pub gaussians: GaussianCounts,
+    /// Steps of the run so far that changed nothing, because a number was not finite; absent if there are none.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub skipped: usize,
     /// Steps per second since the last line.
     pub steps_per_second: f64,
     /// Seconds of training so far.

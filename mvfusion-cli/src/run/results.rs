@@ -107,6 +107,14 @@ pub struct TrainTime {
     pub seconds: f64,
     /// Optimiser steps of all stages.
     pub steps: usize,
+    /// Steps among them that changed nothing, because a number was not finite (`train.on_bad_step`).
+    #[serde(skip_serializing_if = "is_zero", default)]
+    pub skipped: usize,
+}
+
+/// Whether there is nothing to tell.
+pub(super) fn is_zero(count: &usize) -> bool {
+    *count == 0
 }
 
 /// Evaluation time.
@@ -236,7 +244,7 @@ pub(crate) fn specimen(test: Scores) -> Results {
         test,
         training_views: None,
         gaussians: GaussianCounts { static_: Some(12), dynamic: 3 },
-        train: Some(TrainTime { seconds: 171.2, steps: 1400 }),
+        train: Some(TrainTime { seconds: 171.2, steps: 1400, skipped: 0 }),
         eval: EvalTime { seconds: 9.0 },
         speed: None,
         lpips: LpipsWeights::of(&Evaluator::without_lpips(Protocol::Mvfusion)),

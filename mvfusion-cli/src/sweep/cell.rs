@@ -63,6 +63,7 @@ fn work(
             sources,
             compute: compute.clone(),
             image_cache: ByteSize(IMAGE_CACHE),
+            force_memory: false,
             lpips_weights: None,
             out: Some(folder.run(id)),
             // What is there is the rest of an interrupted run.

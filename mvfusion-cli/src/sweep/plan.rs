@@ -21,8 +21,13 @@ const ID_LENGTH: usize = 12;
 const SHORT: &str = "quickstart";
 
 /// Keys of `train` that change only the output, not the training.
-const UNSCHEDULED: [&str; 4] =
-    ["train.log_interval", "train.checkpoint_interval", "train.checkpoint_minutes", "train.keep_checkpoints"];
+const UNSCHEDULED: [&str; 5] = [
+    "train.log_interval",
+    "train.checkpoint_interval",
+    "train.checkpoint_minutes",
+    "train.keep_checkpoints",
+    "train.on_bad_step",
+];
 
 /// What the command line adds to a grid.
 #[derive(Clone, Debug, Default)]
@@ -250,6 +255,7 @@ impl Ground<'_> {
                 checkpoint_interval: unscheduled.checkpoint_interval,
                 checkpoint_minutes: unscheduled.checkpoint_minutes,
                 keep_checkpoints: unscheduled.keep_checkpoints,
+                on_bad_step: unscheduled.on_bad_step,
                 ..train
             })
         };

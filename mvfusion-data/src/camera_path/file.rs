@@ -21,7 +21,7 @@ use serde_json::Value;
 
 use crate::error::DataError;
 use crate::files::{read_json, rotation_of};
-use crate::scene::Camera;
+use crate::scene::{Camera, LARGEST_COORDINATE};
 
 const ADVICE: &str = "Camera paths are what nerfstudio's viewer exports, or lists like the cameras.json of 3DGS: \
                       export it again, or mend the entry by hand.";
@@ -128,15 +128,20 @@ fn entries<R: DeserializeOwned>(
 }
 
 fn check(entry: PathEntry) -> Result<PathEntry, String> {
-    let Camera { width, height, fx, fy, translation, .. } = entry.camera;
+    let Camera { width, height, fx, fy, .. } = entry.camera;
     if width == 0 || height == 0 || width.max(height) > LONGEST_SIDE {
         return Err(format!("its picture has {width} x {height} pixels, and a side has 1 to {LONGEST_SIDE}"));
     }
     if ![fx, fy].iter().all(|focal| focal.is_finite() && *focal > 0.0) {
         return Err(format!("its focal lengths are {fx} and {fy} pixels, and both must be above zero"));
     }
-    if !translation.is_finite() {
-        return Err("its position is not finite".into());
+    if !entry.camera.is_computable() {
+        let centre = entry.camera.centre();
+        return Err(format!(
+            "its position {:?} and its focal lengths {fx:?} and {fy:?} are too large or too small to compute with; \
+             coordinates go up to {LARGEST_COORDINATE:e}",
+            centre.to_array()
+        ));
     }
     match entry.time {
         Some(time) if !(0.0..=1.0).contains(&time) => Err(format!("its time is {time}, and times lie in [0, 1]")),
@@ -252,6 +257,8 @@ mod tests {
             (with("\"width\":64", "\"width\":999999"), ["camera 1", "pixels"]),
             (with("\"fy\":60", "\"fy\":60,\"time\":2"), ["camera 1", "time"]),
             (with("\"position\":[0,0,0],", ""), ["camera 1", "position"]),
+            (with("\"position\":[0,0,0]", "\"position\":[1e300,0,0]"), ["camera 1", "too large"]),
+            (with("\"fx\":60", "\"fx\":1e30"), ["camera 1", "too large"]),
             ("[]".into(), ["path.json", "no camera"]),
             ("{\"camera_path\": 7".into(), ["path.json", "line 1"]),
             ("{\"frames\": []}".into(), ["path.json", "camera_path"]),

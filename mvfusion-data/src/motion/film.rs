@@ -6,7 +6,7 @@ use tracing::debug;
 use super::moving_pixels::{MotionMap, MovingPixels, PixelMotion};
 use super::options::MovingPixelsOptions;
 use super::reduce::{Reduced, reduced};
-use super::rig::{LEAST_FRAMES, StillRig};
+use super::rig::{LEAST_FRAMES, StillCamera, StillRig};
 use crate::error::DataError;
 use crate::scene::Scene;
 
@@ -69,6 +69,21 @@ impl MotionFilm {
         let moving = MovingPixels::from_maps(maps);
         debug!(cameras = rig.cameras.len(), moments = rig.moments.len(), factor, "moving pixels found");
         Ok(Some(Self { rig, factor, moving, colours }))
+    }
+
+    /// Bytes that reading the film of a scene takes: the kept data, and the frames of the camera that is read. `None`
+    /// without such cameras. No image is opened.
+    pub fn need(scene: &Scene, options: &MovingPixelsOptions) -> Option<u64> {
+        let rig = StillRig::of(scene)?;
+        let factor = reduction(&rig, options.memory);
+        let of_camera = |still: &StillCamera| {
+            let camera = &still.camera;
+            (camera.width.div_ceil(factor) * camera.height.div_ceil(factor) * still.views.len()) as u64
+        };
+        let blocks = rig.cameras.iter().map(of_camera);
+        let longest = blocks.clone().max().unwrap_or(0);
+        // Beside its colours, a block of the camera that is read has a distance from its median.
+        Some(blocks.sum::<u64>() * (COLOUR_BYTES + MOTION_BYTES) + longest * (COLOUR_BYTES + 2 * MOTION_BYTES))
     }
 
     /// The moving pixels.

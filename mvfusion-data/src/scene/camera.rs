@@ -3,6 +3,15 @@
 use glam::{DMat3, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
+use super::limits::LARGEST_COORDINATE;
+
+/// Smallest and largest focal length in sides of the image: fields of view of 179.99 degrees and of 20 arc seconds.
+const LEAST_FOCAL: f64 = 1e-4;
+const MOST_FOCAL: f64 = 1e4;
+
+/// Largest distance of the principal point from the image's corner, in sides of the image.
+const MOST_SHIFT: f64 = 100.0;
+
 /// A pinhole camera with its pose, in OpenCV axes: x right, y down, z forward.
 ///
 /// A world point `x` has camera coordinates `rotation * x + translation`. A camera point `(x, y, z)` projects to the
@@ -72,6 +81,19 @@ impl Camera {
         DVec2::new(half(self.width, self.fx), half(self.height, self.fy))
     }
 
+    /// Whether training can compute with the camera in single precision. Focal lengths and the principal point must be
+    /// in proportion to the image, and the centre within [`LARGEST_COORDINATE`].
+    pub fn is_computable(&self) -> bool {
+        let side = self.width.max(self.height) as f64;
+        let within = |value: f64, least: f64, most: f64| least * side <= value && value <= most * side;
+        let is_place = |place: DVec3| place.abs().max_element() <= LARGEST_COORDINATE && place.is_finite();
+        [self.fx, self.fy].iter().all(|&focal| within(focal, LEAST_FOCAL, MOST_FOCAL))
+            && [self.cx, self.cy].iter().all(|&place| within(place, -MOST_SHIFT, MOST_SHIFT))
+            && self.rotation.is_finite()
+            && is_place(self.translation)
+            && is_place(self.centre())
+    }
+
     /// The same camera for the image resized to `width` by `height`.
     pub fn resized(&self, width: usize, height: usize) -> Self {
         let (sx, sy) = (width as f64 / self.width as f64, height as f64 / self.height as f64);
@@ -131,6 +153,25 @@ mod tests {
         let p = c.centre() + c.rotation.transpose() * DVec3::new(0.3, -0.2, 2.0);
         let (full, half) = (c.project(p).expect("in front"), c.resized(80, 60).project(p).expect("in front"));
         assert!((full * 0.5 - half).length() < 1e-9);
+    }
+
+    #[test]
+    fn cameras_whose_numbers_overflow_or_make_no_sense_are_told() {
+        assert!(camera().is_computable());
+        let far = |x: f64| Camera::centred(160, 120, 140.0, DMat3::IDENTITY, DVec3::new(x, 0.0, 0.0));
+        assert!(far(1e9).is_computable());
+        for bad in [
+            far(1.1e9),
+            far(1e300),
+            far(f64::NAN),
+            Camera { cx: 1e9, ..camera() },
+            Camera { cy: f64::NAN, ..camera() },
+            Camera { fx: 1e9, ..camera() },
+            Camera { fy: 1e-9, ..camera() },
+            Camera { fy: -140.0, ..camera() },
+        ] {
+            assert!(!bad.is_computable(), "{bad:?}");
+        }
     }
 
     #[test]

@@ -5,6 +5,9 @@ use super::keys::{Key, Range};
 use super::{Branches, Config, GridBoundsRule, StillRule};
 use crate::ModelError;
 
+/// Largest number of scales of the grid.
+const MOST_SCALES: usize = 16;
+
 fn refuse(bad: bool, key: &str, value: String, reason: &str) -> Result<(), ModelError> {
     match bad {
         true => Err(ModelError::Config { key: key.to_owned(), value, reason: reason.to_owned() }),
@@ -20,24 +23,29 @@ impl Config {
     pub fn check(&self) -> Result<(), ModelError> {
         // The ranges are next to the fields. The following checks concern several keys, or lists.
         Key::check(self, "", Range::ANY)?;
+        if self.train.scale != 1.0 {
+            Key::check(&self.scaled(), "", Range::ANY).map_err(|error| self.of_scale(error))?;
+        }
         let (model, motion) = (&self.model, &self.motion);
+        let multipliers = &model.grid.multipliers;
         refuse(
-            model.sh_degree > 3,
-            "model.sh_degree",
-            model.sh_degree.to_string(),
-            "spherical harmonics go up to degree 3",
+            multipliers.is_empty() || multipliers.len() > MOST_SCALES,
+            "model.grid.multipliers",
+            format!("{multipliers:?}"),
+            "give at least one factor and at most 16",
         )?;
-        let resolution = format!("{:?}", model.grid.resolution);
-        let coarse = model.grid.resolution.iter().any(|&cells| cells < 2);
-        refuse(coarse, "model.grid.resolution", resolution, "every axis needs at least two cells")?;
-        let multipliers = format!("{:?}", model.grid.multipliers);
-        let none = model.grid.multipliers.is_empty() || model.grid.multipliers.contains(&0);
-        refuse(none, "model.grid.multipliers", multipliers, "give at least one factor, each at least 1")?;
         refuse(
             !motion.attention_width.is_multiple_of(motion.heads),
             "motion.heads",
             motion.heads.to_string(),
-            "it must divide motion.attention_width",
+            "it must divide `motion.attention_width`",
+        )?;
+        let optim = &self.optim;
+        refuse(
+            optim.beta2 < optim.beta1 * optim.beta1,
+            "optim.beta2",
+            optim.beta2.to_string(),
+            "Adam diverges below the square of `optim.beta1`",
         )?;
         if let Some(Contradiction { key, value, reason }) = motion.contradiction() {
             refuse(true, key, value, reason)?;
@@ -60,9 +68,31 @@ impl Config {
         self.check_lifetimes()
     }
 
+    /// The error for a value that `train.scale` derives.
+    fn of_scale(&self, error: ModelError) -> ModelError {
+        match error {
+            ModelError::Config { key, value, reason } => ModelError::Config {
+                key,
+                value,
+                reason: format!("{reason}; it follows from `train.scale` = {}", self.train.scale),
+            },
+            other => other,
+        }
+    }
+
     /// Checks the keys that depend on detected motion.
     fn check_what_moves(&self) -> Result<(), ModelError> {
         let (init, most) = (&self.init, self.densify.dynamic.max_gaussians);
+        let still = ("densify.static.max_gaussians", self.densify.static_.max_gaussians);
+        let still = if self.model.branches == Branches::Both { still } else { ("densify.dynamic.max_gaussians", most) };
+        for (key, points, (limit, most)) in [
+            ("init.dynamic_points", init.dynamic_points, ("densify.dynamic.max_gaussians", most)),
+            ("init.dynamic_from_cloud", init.dynamic_from_cloud, ("densify.dynamic.max_gaussians", most)),
+            ("init.static_points", init.static_points, still),
+            ("init.sky_points", init.sky_points, still),
+        ] {
+            refuse(points > most, key, points.to_string(), &format!("that is more than `{limit}` = {most}"))?;
+        }
         refuse(
             init.motion_points > most,
             "init.motion_points",
@@ -146,6 +176,44 @@ mod tests {
         assert_eq!(refusal_of(spans(2000)), None);
         let said = refusal_of(spans(0)).expect("it is refused");
         assert!(said.starts_with("`model.grid.bounds` is motion: nobody looks for what moves"), "{said}");
+    }
+
+    #[test]
+    fn points_that_no_branch_has_room_for_are_refused() {
+        for (key, slot) in [
+            ("init.dynamic_points", (|config| &mut config.init.dynamic_points) as fn(&mut Config) -> &mut usize),
+            ("init.dynamic_from_cloud", |config| &mut config.init.dynamic_from_cloud),
+            ("init.static_points", |config| &mut config.init.static_points),
+            ("init.sky_points", |config| &mut config.init.sky_points),
+        ] {
+            let said = refusal_of(|config| *slot(config) = 960_001).expect("it is refused");
+            assert!(said.starts_with(&format!("`{key}` is 960001: that is more than `densify.")), "{said}");
+        }
+        assert_eq!(refusal_of(|config| config.init.sky_points = 960_000), None);
+    }
+
+    #[test]
+    fn moments_of_adam_that_diverge_are_refused() {
+        let betas = |beta1, beta2| move |config: &mut Config| (config.optim.beta1, config.optim.beta2) = (beta1, beta2);
+        assert_eq!(refusal_of(betas(0.9, 0.81)), None);
+        assert_eq!(refusal_of(betas(0.0, 0.0)), None);
+        let said = refusal_of(betas(0.9, 0.5)).expect("it is refused");
+        assert!(said.starts_with("`optim.beta2` is 0.5: Adam diverges below the square of `optim.beta1`"), "{said}");
+    }
+
+    #[test]
+    fn a_value_that_the_length_of_a_run_moves_out_of_its_range_is_refused() {
+        let shortened = |scale| {
+            move |config: &mut Config| {
+                (config.train.scale, config.train.scale_rates, config.optim.scale) = (scale, 1.0, 0.5);
+            }
+        };
+        assert_eq!(refusal_of(shortened(0.5)), None);
+        let said = refusal_of(shortened(0.4)).expect("it is refused");
+        assert!(
+            said.starts_with("`optim.scale` is 1.25: give a rate") && said.contains("`train.scale` = 0.4"),
+            "{said}"
+        );
     }
 
     #[test]

@@ -71,9 +71,9 @@ pub struct BranchDensifyConfig {
     pub geometry_threshold: f64,
     /// Gradient threshold in the later stages.
     pub threshold: f64,
-    /// Maximum number of Gaussians after cloning and splitting. If a round selects more, those with the largest
-    /// gradients take precedence (DeGauss: a branch below the maximum performs the whole round). The initial cloud may
-    /// be larger.
+    /// Maximum number of Gaussians, from the start on. If a round selects more, those with the largest gradients take
+    /// precedence (DeGauss: a branch below the maximum performs the whole round). Of a larger initial cloud, random
+    /// points are kept.
     pub max_gaussians: usize,
     /// Pruning requires more Gaussians than this.
     pub prune_above: usize,
@@ -130,18 +130,18 @@ impl Default for DensifyConfig {
 }
 
 keys!(DensifyConfig {
-    from: ANY,
-    until: ANY,
-    interval: FROM_1,
-    prune_from: ANY,
-    prune_interval: FROM_1,
+    from: STEPS,
+    until: STEPS,
+    interval: INTERVAL,
+    prune_from: STEPS,
+    prune_interval: INTERVAL,
     min_opacity: SHARE,
     max_radius: FROM_0,
     max_scale: FROM_0,
-    relocate: SHARE.saying("give a share from 0 to 1; 0 prunes instead"),
-    births_interval: ANY,
-    births: ANY,
-    reset_interval: FROM_1,
+    relocate: SHARE.saying("give a share; 0 prunes instead"),
+    births_interval: STEPS,
+    births: GAUSSIANS,
+    reset_interval: INTERVAL,
     reset: ANY,
     reset_at_stage_end: ANY,
     clone_below: FROM_0,
@@ -154,8 +154,8 @@ keys!(DensifyConfig {
 keys!(BranchDensifyConfig {
     geometry_threshold: FROM_0,
     threshold: FROM_0,
-    max_gaussians: ANY,
-    prune_above: ANY,
+    max_gaussians: GAUSSIANS.from(1.0),
+    prune_above: GAUSSIANS,
     reset_share: SHARE,
 });
 

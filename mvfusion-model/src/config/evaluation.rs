@@ -31,4 +31,4 @@ impl Default for EvalConfig {
     }
 }
 
-keys!(EvalConfig { dynamic_masks: ANY, lpips_weights: ANY, strips: ANY, pictures: ANY, training_views: ANY });
+keys!(EvalConfig { dynamic_masks: ANY, lpips_weights: ANY, strips: FROM_0, pictures: ANY, training_views: ANY });

@@ -28,40 +28,109 @@ impl<const LEAST: usize> Interval<LEAST> {
     }
 }
 
-/// The valid values of a number.
-#[derive(Clone, Copy, Debug)]
+/// The valid values of a number: a closed interval. Both ends are values with which a training computes finite numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Range {
-    /// Whether a value is valid.
-    pub fits: fn(f64) -> bool,
+    /// The smallest valid value.
+    pub least: f64,
+    /// The largest valid value.
+    pub most: f64,
     /// The remedy for an invalid value.
-    pub advice: &'static str,
+    advice: &'static str,
 }
 
+/// The largest number of steps, far beyond any run.
+const MOST_STEPS: f64 = 1e9;
+
+/// The smallest number that counts as above 0. Single precision represents it and its reciprocal.
+const LEAST_ABOVE_0: f64 = 1e-30;
+
 impl Range {
-    /// Any value, for keys that are not numbers and for numbers with bounds from other keys.
-    pub const ANY: Self = Self { fits: |_| true, advice: "" };
-    pub const FINITE: Self = Self { fits: f64::is_finite, advice: "give a number" };
-    pub const FROM_0: Self =
-        Self { fits: |value| value.is_finite() && value >= 0.0, advice: "give a number that is not below 0" };
-    pub const ABOVE_0: Self = Self { fits: |value| value.is_finite() && value > 0.0, advice: "give a number above 0" };
-    pub const FROM_1: Self = Self { fits: |value| value.is_finite() && value >= 1.0, advice: "give at least 1" };
-    pub const SHARE: Self = Self { fits: |value| (0.0..=1.0).contains(&value), advice: "give a share from 0 to 1" };
-    pub const INSIDE_0_1: Self =
-        Self { fits: |value| value > 0.0 && value < 1.0, advice: "give a number between 0 and 1" };
-    pub const FROM_0_OR_WITHOUT_END: Self =
-        Self { fits: |value| value >= 0.0, advice: "give a number that is not below 0; inf is without a bound" };
-    pub const BELOW_1: Self =
-        Self { fits: |value| (0.0..1.0).contains(&value), advice: "give a number from 0 to below 1" };
-    /// Loss weights.
-    pub const WEIGHT: Self = Self { advice: "give a number that is not below 0; 0 switches it off", ..Self::FROM_0 };
-    /// Learning rates.
-    pub const RATE: Self =
-        Self { advice: "give a rate that is not below 0; 0 leaves the parameters as they start", ..Self::FROM_0 };
+    /// For tables and keys that are not numbers.
+    pub const ANY: Self = Self { least: f64::NEG_INFINITY, most: f64::INFINITY, advice: "" };
+    pub const SHARE: Self = Self { least: 0.0, most: 1.0, advice: "give a share" };
+    /// The logarithm of odds; beyond its ends, a probability is 0 or 1 in single precision.
+    pub const LOGIT: Self = Self { least: -30.0, most: 30.0, advice: "give a number" };
+    pub const FROM_0: Self = Self { least: 0.0, most: 1e6, advice: "give a number that is not below 0" };
+    pub const ABOVE_0: Self = Self { least: LEAST_ABOVE_0, most: 1e6, advice: "give a number above 0" };
+    pub const FROM_1: Self = Self { least: 1.0, most: 1e6, advice: "give at least 1" };
+    /// Numbers of Gaussians.
+    pub const GAUSSIANS: Self = Self { least: 0.0, most: 1e8, advice: "give a number of Gaussians" };
+    /// Numbers of steps, of which there may be none.
+    pub const STEPS: Self = Self { least: 0.0, most: MOST_STEPS, advice: "give a number of steps" };
+    /// Numbers of steps between two events.
+    pub const INTERVAL: Self = Self { least: 1.0, most: MOST_STEPS, advice: "give a number of steps, at least 1" };
+    /// Widths of layers.
+    pub const WIDTH: Self = Self { least: 1.0, most: 4096.0, advice: "give at least 1" };
+    /// Seeds, which TOML can represent.
+    pub const SEED: Self =
+        Self { least: 0.0, most: i64::MAX as f64, advice: "give a whole number that is not below 0" };
+    /// Decays of Adam's moments. With an end nearer to 1, single precision could not tell it from 1.
+    pub const DECAY: Self = Self { least: 0.0, most: 0.999_99, advice: "give a number from 0 to below 1" };
+    /// Loss weights. With a larger one, the squares of gradients overflow single precision.
+    pub const WEIGHT: Self =
+        Self { least: 0.0, most: 1e6, advice: "give a number that is not below 0; 0 switches it off" };
+    /// Learning rates. With a larger one, Gaussians outgrow single precision in less than a hundred steps.
+    pub const RATE: Self = Self {
+        least: 0.0,
+        most: 1.0,
+        advice: "give a rate that is not below 0; 0 leaves the parameters as they start",
+    };
 
     /// The same values with different advice.
     pub const fn saying(self, advice: &'static str) -> Self {
         Self { advice, ..self }
     }
+
+    /// The same with another smallest value.
+    pub const fn from(self, least: f64) -> Self {
+        Self { least, ..self }
+    }
+
+    /// The same with another largest value.
+    pub const fn to(self, most: f64) -> Self {
+        Self { most, ..self }
+    }
+
+    /// Whether a value is valid. Written so that NaN is not.
+    fn fits(&self, value: f64) -> bool {
+        self.least <= value && value <= self.most
+    }
+
+    /// The remedy for an invalid value, with the valid ones.
+    fn reason(&self) -> String {
+        format!("{} (from {} to {})", self.advice, written(self.least), written(self.most))
+    }
+}
+
+/// A number as people write it.
+fn written(value: f64) -> String {
+    let is_short = value == 0.0 || (1e-4..1e7).contains(&value.abs());
+    if is_short || !value.is_finite() { value.to_string() } else { format!("{value:e}") }
+}
+
+/// The kind of a number of the configuration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NumberKind {
+    /// A real number.
+    Real,
+    /// A whole number.
+    Whole,
+    /// A list of whole numbers, each within the range.
+    List,
+}
+
+/// A number of the configuration, with its valid values.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NumericKey {
+    /// The dotted key.
+    pub key: String,
+    /// Its kind.
+    pub kind: NumberKind,
+    /// The smallest valid value.
+    pub least: f64,
+    /// The largest valid value; infinite if there is none.
+    pub most: f64,
 }
 
 /// A value of the configuration, or a table of values.
@@ -73,27 +142,70 @@ pub(super) trait Key {
     fn check(&self, _key: &str, _range: Range) -> Result<(), ModelError> {
         Ok(())
     }
+
+    /// Appends the numbers in it, each with its range.
+    fn list(&self, _key: &str, _range: Range, _numbers: &mut Vec<NumericKey>) {}
 }
 
 /// Rejects a number out of range; `written` is the number as given.
 fn check(key: &str, value: f64, written: impl ToString, range: Range) -> Result<(), ModelError> {
-    match (range.fits)(value) {
+    match range.fits(value) {
         true => Ok(()),
-        false => {
-            Err(ModelError::Config { key: key.to_owned(), value: written.to_string(), reason: range.advice.to_owned() })
-        }
+        false => Err(ModelError::Config { key: key.to_owned(), value: written.to_string(), reason: range.reason() }),
     }
+}
+
+fn numeric(key: &str, kind: NumberKind, Range { least, most, .. }: Range) -> NumericKey {
+    NumericKey { key: key.to_owned(), kind, least, most }
 }
 
 impl Key for f64 {
     fn check(&self, key: &str, range: Range) -> Result<(), ModelError> {
         check(key, *self, self, range)
     }
+
+    fn list(&self, key: &str, range: Range, numbers: &mut Vec<NumericKey>) {
+        numbers.push(numeric(key, NumberKind::Real, range));
+    }
 }
 
 impl Key for usize {
     fn check(&self, key: &str, range: Range) -> Result<(), ModelError> {
         check(key, *self as f64, self, range)
+    }
+
+    fn list(&self, key: &str, range: Range, numbers: &mut Vec<NumericKey>) {
+        numbers.push(numeric(key, NumberKind::Whole, range));
+    }
+}
+
+impl Key for u64 {
+    fn check(&self, key: &str, range: Range) -> Result<(), ModelError> {
+        check(key, *self as f64, self, range)
+    }
+
+    fn list(&self, key: &str, range: Range, numbers: &mut Vec<NumericKey>) {
+        numbers.push(numeric(key, NumberKind::Whole, range));
+    }
+}
+
+impl Key for Vec<usize> {
+    fn check(&self, key: &str, range: Range) -> Result<(), ModelError> {
+        self.iter().try_for_each(|&item| check(key, item as f64, format!("{self:?}"), range))
+    }
+
+    fn list(&self, key: &str, range: Range, numbers: &mut Vec<NumericKey>) {
+        numbers.push(numeric(key, NumberKind::List, range));
+    }
+}
+
+impl Key for [usize; 4] {
+    fn check(&self, key: &str, range: Range) -> Result<(), ModelError> {
+        self.to_vec().check(key, range)
+    }
+
+    fn list(&self, key: &str, range: Range, numbers: &mut Vec<NumericKey>) {
+        numbers.push(numeric(key, NumberKind::List, range));
     }
 }
 
@@ -104,6 +216,10 @@ impl Key for Steps {
 
     fn check(&self, key: &str, range: Range) -> Result<(), ModelError> {
         self.0.check(key, range)
+    }
+
+    fn list(&self, key: &str, range: Range, numbers: &mut Vec<NumericKey>) {
+        self.0.list(key, range, numbers);
     }
 }
 
@@ -116,6 +232,10 @@ impl<const LEAST: usize> Key for Interval<LEAST> {
     fn check(&self, key: &str, range: Range) -> Result<(), ModelError> {
         self.0.check(key, range)
     }
+
+    fn list(&self, key: &str, range: Range, numbers: &mut Vec<NumericKey>) {
+        self.0.list(key, range, numbers);
+    }
 }
 
 /// Values without a range.
@@ -125,7 +245,7 @@ macro_rules! leaves {
 
 /// The keys of a struct of the configuration, each with its range. An unlisted field is a compile error.
 macro_rules! keys {
-    ($config:ty { $($field:ident: $range:ident $(. saying($advice:literal))?),* $(,)? }) => {
+    ($config:ty { $($field:ident: $range:ident $(. $change:ident($($value:expr),*))*),* $(,)? }) => {
         impl $crate::config::keys::Key for $config {
             fn scale_steps(&mut self, factor: f64) {
                 let Self { $($field),* } = self;
@@ -135,8 +255,24 @@ macro_rules! keys {
             fn check(&self, table: &str, _: $crate::config::keys::Range) -> Result<(), $crate::ModelError> {
                 use $crate::config::keys::{Key, Range, dotted};
                 let Self { $($field),* } = self;
-                $(Key::check($field, &dotted(table, stringify!($field)), Range::$range $(.saying($advice))?)?;)*
+                $(Key::check($field, &dotted(table, stringify!($field)), Range::$range $(.$change($($value),*))*)?;)*
                 Ok(())
+            }
+
+            fn list(
+                &self,
+                table: &str,
+                _: $crate::config::keys::Range,
+                numbers: &mut Vec<$crate::config::keys::NumericKey>,
+            ) {
+                use $crate::config::keys::{Key, Range, dotted};
+                let Self { $($field),* } = self;
+                $(Key::list(
+                    $field,
+                    &dotted(table, stringify!($field)),
+                    Range::$range $(.$change($($value),*))*,
+                    numbers,
+                );)*
             }
         }
     };
@@ -151,7 +287,7 @@ pub(super) fn dotted(table: &str, field: &str) -> String {
     if table.is_empty() { field.to_owned() } else { format!("{table}.{field}") }
 }
 
-leaves!(bool, u64, String, PathBuf, Vec<usize>, [usize; 4]);
+leaves!(bool, String, PathBuf);
 
 impl<T> Key for Option<T> {}
 
@@ -172,11 +308,11 @@ mod tests {
         name: String,
     }
 
-    keys!(Added { begin: ANY, every: ANY, share: SHARE, inner: ANY });
-    keys!(Inner { end: FROM_1.saying("it has to end"), name: ANY });
+    keys!(Added { begin: STEPS, every: STEPS, share: SHARE, inner: ANY });
+    keys!(Inner { end: INTERVAL.saying("it has to end").to(100.0), name: ANY });
 
     fn added() -> Added {
-        let inner = Inner { end: Steps(5000), name: "any".to_owned() };
+        let inner = Inner { end: Steps(100), name: "any".to_owned() };
         Added { begin: Steps(40), every: Interval(300), share: 0.5, inner }
     }
 
@@ -184,7 +320,7 @@ mod tests {
     fn a_key_that_counts_steps_is_scaled_wherever_it_stands() {
         let mut added = added();
         added.scale_steps(0.01);
-        assert_eq!((added.begin, added.every, added.inner.end), (Steps(0), Interval(20), Steps(50)));
+        assert_eq!((added.begin, added.every, added.inner.end), (Steps(0), Interval(20), Steps(1)));
         assert_eq!((added.share, added.inner.name.as_str()), (0.5, "any"));
         added.every = Interval(7);
         added.scale_steps(0.01);
@@ -204,9 +340,27 @@ mod tests {
         assert_eq!(refusal(|_| ()), None);
         assert_eq!(
             refusal(|added| added.share = 1.5).as_deref(),
-            Some("`table.share` is 1.5: give a share from 0 to 1.")
+            Some("`table.share` is 1.5: give a share (from 0 to 1).")
         );
         let said = refusal(|added| added.inner.end = Steps(0));
-        assert_eq!(said.as_deref(), Some("`table.inner.end` is 0: it has to end."));
+        assert_eq!(said.as_deref(), Some("`table.inner.end` is 0: it has to end (from 1 to 100)."));
+        assert!(refusal(|added| added.share = f64::NAN).is_some());
+    }
+
+    #[test]
+    fn every_number_is_listed_with_its_range() {
+        let mut numbers = Vec::new();
+        added().list("table", Range::ANY, &mut numbers);
+        let of = |(key, kind, most): (&str, NumberKind, f64)| {
+            let least = if key == "table.inner.end" { 1.0 } else { 0.0 };
+            NumericKey { key: key.to_owned(), kind, least, most }
+        };
+        let expected = [
+            ("table.begin", NumberKind::Whole, MOST_STEPS),
+            ("table.every", NumberKind::Whole, MOST_STEPS),
+            ("table.share", NumberKind::Real, 1.0),
+            ("table.inner.end", NumberKind::Whole, 100.0),
+        ];
+        assert_eq!(numbers, expected.map(of));
     }
 }

@@ -20,17 +20,17 @@ mod variants;
 
 use serde::{Deserialize, Serialize};
 
-use keys::keys;
+use keys::{Key, Range, keys};
 
 pub use densify::{BranchDensifyConfig, DensifyConfig, OpacityReset};
 pub use evaluation::EvalConfig;
-pub use keys::{Interval, Steps};
+pub use keys::{Interval, NumberKind, NumericKey, Steps};
 pub use loss::LossConfig;
 pub use model::{Background, Branches, GridBoundsRule, GridConfig, ModelConfig, TimeRows, Uncovered};
 pub use motion::{FusionWeights, MotionConfig, Spread, StillRule};
 pub use optim::{Decay, OptimConfig};
 pub use scene::{InitConfig, SceneConfig, SceneKind};
-pub use train::{StageConfig, TrainConfig};
+pub use train::{BadStepRule, StageConfig, TrainConfig};
 pub use variants::{Descriptor, Refinement, Temporal, TokenMode};
 
 /// The configuration of a run.
@@ -60,7 +60,7 @@ pub struct Config {
 }
 
 keys!(Config {
-    seed: ANY,
+    seed: SEED,
     scene: ANY,
     init: ANY,
     model: ANY,
@@ -71,3 +71,29 @@ keys!(Config {
     loss: ANY,
     eval: ANY,
 });
+
+impl Config {
+    /// Every number of the configuration, with its valid values. The range of a key may depend on another key.
+    pub fn numeric_keys(&self) -> Vec<NumericKey> {
+        let mut numbers = Vec::new();
+        self.list("", Range::ANY, &mut numbers);
+        numbers
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_number_has_two_ends() {
+        let numbers = Config::default().numeric_keys();
+        let open: Vec<&str> = numbers
+            .iter()
+            .filter(|number| !(number.least.is_finite() && number.most.is_finite() && number.least < number.most))
+            .map(|number| number.key.as_str())
+            .collect();
+        // Photos are taken of rooms without an end.
+        assert_eq!(open, ["init.box_reach"]);
+    }
+}

@@ -180,21 +180,21 @@ keys!(ModelConfig {
     deformation: ANY,
     deform_opacity: ANY,
     deform_sh: ANY,
-    width: FROM_1.saying("a network needs at least one unit"),
-    depth: ANY,
+    width: WIDTH.saying("a network needs at least one unit"),
+    depth: FROM_0.to(64.0),
     grid: ANY,
-    sh_degree: ANY,
+    sh_degree: FROM_0.to(3.0).saying("spherical harmonics go up to degree 3"),
     lifetime: ANY,
     exposure: ANY,
     near_share: SHARE,
 });
 
 keys!(GridConfig {
-    features: FROM_1.saying("a plane needs at least one feature"),
-    resolution: ANY,
+    features: FROM_1.to(512.0).saying("a plane needs at least one feature"),
+    resolution: FROM_1.from(2.0).to(65_536.0).saying("every axis needs at least two cells"),
     time_rows: ANY,
     bounds: ANY,
-    multipliers: ANY,
+    multipliers: FROM_1.to(1024.0).saying("give at least one factor, each at least 1"),
 });
 
 leaves!(Branches, Background, Uncovered, TimeRows, GridBoundsRule);

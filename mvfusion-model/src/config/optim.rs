@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::Steps;
-use super::keys::{Key, Range, keys};
+use super::keys::{Key, NumericKey, Range, keys};
 use crate::ModelError;
 
 /// Learning rates of all parameter groups. Those marked "times the extent" are multiplied by the scene's extent.
@@ -153,12 +153,12 @@ keys!(OptimConfig {
     means: RATE,
     deformation: RATE,
     mask_heads: RATE,
-    grid: RATE,
+    grid: RATE.to(0.3),
     motion: RATE,
-    decay_steps: FROM_1,
+    decay_steps: INTERVAL,
     sh_dc: RATE,
     dynamic_sh_rest: RATE,
-    mask_logits: RATE,
+    mask_logits: RATE.to(1e3),
     static_sh_rest: RATE,
     opacity: RATE,
     scale: RATE,
@@ -167,19 +167,30 @@ keys!(OptimConfig {
     duration: RATE,
     velocity: RATE,
     exposure: RATE,
-    beta1: BELOW_1,
-    beta2: BELOW_1,
-    epsilon: ABOVE_0,
+    beta1: DECAY,
+    beta2: DECAY,
+    epsilon: ABOVE_0.to(1.0),
 });
+
+impl Decay {
+    /// The range of the end, given that of the start.
+    fn end_range(&self, range: Range) -> Range {
+        match self.start {
+            0.0 => range,
+            _ => Range::ABOVE_0.to(range.most).saying("a rate that falls log-linearly ends above 0"),
+        }
+    }
+}
 
 impl Key for Decay {
     fn check(&self, key: &str, range: Range) -> Result<(), ModelError> {
         self.start.check(&format!("{key}.start"), range)?;
-        let end = match self.start {
-            0.0 => range,
-            _ => Range::ABOVE_0.saying("a rate that falls log-linearly ends above 0"),
-        };
-        self.end.check(&format!("{key}.end"), end)
+        self.end.check(&format!("{key}.end"), self.end_range(range))
+    }
+
+    fn list(&self, key: &str, range: Range, numbers: &mut Vec<NumericKey>) {
+        self.start.list(&format!("{key}.start"), range, numbers);
+        self.end.list(&format!("{key}.end"), self.end_range(range), numbers);
     }
 }
 

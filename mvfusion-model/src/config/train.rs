@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::keys::keys;
+use super::keys::{keys, leaves};
 use super::{Interval, Steps};
 
 /// The schedule of training (METHOD §4.1, §10.3 A1, §11.2).
@@ -55,6 +55,19 @@ pub struct TrainConfig {
     pub checkpoint_minutes: f64,
     /// Number of checkpoints that are kept beside the final one; older ones are removed. At least 1.
     pub keep_checkpoints: usize,
+    /// What a training does at a step whose loss is not finite.
+    pub on_bad_step: BadStepRule,
+}
+
+/// What a training does at a step whose loss is not finite.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum BadStepRule {
+    /// It ends with the first number that is not finite.
+    Stop,
+    /// The step changes no parameter. Gradients are checked as well, which takes a pass over them. Training ends after
+    /// [`MOST_BAD_STEPS`](crate::train::MOST_BAD_STEPS) such steps in a row.
+    Skip,
 }
 
 /// Lengths of the three stages in optimiser steps (paper, training strategy; METHOD §11.2).
@@ -98,28 +111,32 @@ impl Default for TrainConfig {
             checkpoint_interval: Interval(0),
             checkpoint_minutes: 10.0,
             keep_checkpoints: 2,
+            on_bad_step: BadStepRule::Stop,
         }
     }
 }
 
 keys!(TrainConfig {
-    scale: ABOVE_0.saying("give a number above 0; 1 is the full length"),
-    scale_rates: SHARE.saying("give a power from 0 (rates stay) to 1 (rates grow as the run shrinks)"),
-    scale_mask: SHARE.saying("give a power from 0 (rates stay) to 1 (rates grow as the run shrinks)"),
+    scale: ABOVE_0.from(1e-4).to(1e3).saying("give a number above 0; 1 is the full length"),
+    scale_rates: SHARE.saying("give a power: with 0 rates stay, with 1 they grow as the run shrinks"),
+    scale_mask: SHARE.saying("give a power: with 0 rates stay, with 1 they grow as the run shrinks"),
     scale_tail: SHARE,
-    scale_octaves: ANY,
+    scale_octaves: FROM_0.to(16.0),
     scale_cloud: ANY,
     scale_times: ANY,
     stages: ANY,
-    batch_size: FROM_1.saying("a step needs at least one view"),
-    lonely_visits: FROM_0.saying("give a number that is not below 0; 0 shows every view as often"),
+    batch_size: FROM_1.to(4096.0).saying("a step needs at least one view"),
+    lonely_visits: FROM_0.to(1e3).saying("give a number that is not below 0; 0 shows every view as often"),
     accumulation: FROM_1.saying("give the steps to learn from at once; 1 or more"),
-    dynamic_sh_interval: FROM_1,
-    static_sh_interval: FROM_1,
-    log_interval: FROM_1.saying("give the steps between log lines, at least 1"),
-    checkpoint_interval: ANY,
+    dynamic_sh_interval: INTERVAL,
+    static_sh_interval: INTERVAL,
+    log_interval: INTERVAL.saying("give the steps between log lines, at least 1"),
+    checkpoint_interval: STEPS,
     checkpoint_minutes: FROM_0.saying("give the minutes between checkpoints; 0 writes one at the end only"),
     keep_checkpoints: FROM_1.saying("give the number of checkpoints to keep, at least 1"),
+    on_bad_step: ANY,
 });
 
-keys!(StageConfig { geometry: ANY, deformation: ANY, refinement: ANY, refinement_restarts: ANY });
+keys!(StageConfig { geometry: STEPS, deformation: STEPS, refinement: STEPS, refinement_restarts: ANY });
+
+leaves!(BadStepRule);

@@ -8,7 +8,7 @@ mod placement;
 mod points;
 mod seeding;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use mvfusion_data::{GaussianCloud, Lifetime, PointCloud, Scene};
 
@@ -22,7 +22,7 @@ use crate::ModelError;
 use crate::config::{Branches, Config, InitConfig};
 use crate::random::Stream;
 use neighbours::mean_squared_distances_within;
-use points::{random_colour, region, sky, strew};
+use points::{merged, random_colour, region, sky, strew, thinned};
 
 /// Initial duration of a permanent Gaussian: a thousand times the length of the video.
 const ALWAYS: f32 = 1000.0;
@@ -55,13 +55,14 @@ impl InitialClouds {
         let (init, densify, degree) = (&config.init, &config.densify, config.model.sh_degree);
         let motion = motion.filter(|motion| !motion.points.is_empty());
         // Always drawn, so that a drawn branch does not depend on the source of the other branch.
-        let strewn = match motion {
-            Some(_) => 0,
-            None if config.has_births(scene) => init.dynamic_points.saturating_sub(init.photo_points).max(LEAST_STREWN),
-            None => init.dynamic_points,
-        };
+        let strewn = if motion.is_some() { 0 } else { strewn(config, scene) };
         let drawn =
             draw_points(scene, config.model.branches, &InitConfig { dynamic_points: strewn, ..init.clone() }, stream);
+        let room = densify.dynamic.max_gaussians.saturating_sub(motion.map_or(0, |motion| motion.points.len()));
+        let drawn = DrawnPoints {
+            static_: drawn.static_.map(|points| bounded(points, densify.static_.max_gaussians, "static", stream)),
+            dynamic: bounded(drawn.dynamic, room, "dynamic", stream),
+        };
         let mut dynamic = match &init.dynamic_ply {
             Some(path) => DYNAMIC_FILE.read(path, densify.dynamic.max_gaussians, degree)?,
             None => dynamic_cloud(&drawn.dynamic, motion, config),
@@ -79,6 +80,54 @@ impl InitialClouds {
         let static_ = static_.map(|cloud| GaussianCloud { lifetimes: None, ..cloud });
         Ok(Self { static_, dynamic })
     }
+}
+
+/// Number of uniform dynamic Gaussians without detected motion.
+fn strewn(config: &Config, scene: &Scene) -> usize {
+    let init = &config.init;
+    match config.has_births(scene) {
+        true => init.dynamic_points.saturating_sub(init.photo_points).max(LEAST_STREWN),
+        false => init.dynamic_points,
+    }
+}
+
+/// At most `most` points, because a branch never has more Gaussians than its `max_gaussians`.
+fn bounded(points: PointCloud, most: usize, branch: &str, stream: &mut Stream) -> PointCloud {
+    if points.len() > most {
+        tracing::warn!(
+            "the {branch} branch starts from {most} of its {} points, drawn at random, because of \
+             `densify.{branch}.max_gaussians`",
+            points.len()
+        );
+    }
+    thinned(points, most, stream)
+}
+
+/// An upper bound of the numbers of Gaussians before the first step: dynamic, static. Nothing is drawn; only files of
+/// Gaussians are read.
+///
+/// # Errors
+/// As [`InitialClouds::draw`].
+pub(crate) fn initial_counts(scene: &Scene, config: &Config) -> Result<[usize; 2], ModelError> {
+    let (init, densify, known) = (&config.init, &config.densify, scene.points.len());
+    let from_cloud = init.dynamic_from_cloud.min((known as f64 * init.dynamic_cloud_share) as usize);
+    let strewn = strewn(config, scene).max(init.motion_points);
+    let still = known.saturating_add(init.static_points).saturating_add(init.sky_points);
+    let (dynamic, static_) = match config.model.branches {
+        Branches::Dynamic => (still.saturating_add(strewn), 0),
+        Branches::Both if known == 0 => {
+            let dynamic = strewn.saturating_add(init.dynamic_from_cloud);
+            (dynamic, if still == 0 { dynamic } else { still })
+        }
+        Branches::Both => (strewn.saturating_add(from_cloud), still),
+    };
+    let [dynamic_most, static_most] = [densify.dynamic.max_gaussians, densify.static_.max_gaussians];
+    let of_file = |file: &FileKey, path: &Option<PathBuf>, most| {
+        path.as_ref().map(|path| Ok::<_, ModelError>(file.checked(path, most)?.len())).transpose()
+    };
+    let of_dynamic = of_file(&DYNAMIC_FILE, &init.dynamic_ply, dynamic_most)?;
+    let of_static = of_file(&STATIC_FILE, &init.static_ply, static_most)?;
+    Ok([of_dynamic.unwrap_or(dynamic.min(dynamic_most)), of_static.unwrap_or(static_.min(static_most))])
 }
 
 /// Isotropic Gaussians with scales from the distances between the points of a cloud.
@@ -134,8 +183,18 @@ const DYNAMIC_FILE: FileKey = FileKey {
 };
 
 impl FileKey {
-    /// Reads the Gaussians of a file.
+    /// Reads the Gaussians of a file, and warns of colours that are lost.
     fn read(&self, path: &Path, most: usize, sh_degree: usize) -> Result<GaussianCloud, ModelError> {
+        let cloud = self.checked(path, most)?;
+        if cloud.sh_degree > sh_degree {
+            let (has, file) = (cloud.sh_degree, path.display());
+            tracing::warn!("{file} has colours of degree {has}, `model.sh_degree` is {sh_degree}: the rest is dropped");
+        }
+        Ok(cloud)
+    }
+
+    /// Reads the Gaussians of a file, of which there are at least one and at most `most`.
+    fn checked(&self, path: &Path, most: usize) -> Result<GaussianCloud, ModelError> {
         let cloud = mvfusion_data::read_gaussians(path)?;
         let count = cloud.len();
         let refuse = |reason: &str| ModelError::Config {
@@ -148,10 +207,6 @@ impl FileKey {
         }
         if count > most {
             return Err(refuse(self.too_many));
-        }
-        if cloud.sh_degree > sh_degree {
-            let (has, file) = (cloud.sh_degree, path.display());
-            tracing::warn!("{file} has colours of degree {has}, `model.sh_degree` is {sh_degree}: the rest is dropped");
         }
         Ok(cloud)
     }
@@ -168,22 +223,28 @@ struct DrawnPoints {
 /// Draws the initial points of the static branch, if there is one, and of the dynamic branch.
 fn draw_points(scene: &Scene, branches: Branches, config: &InitConfig, stream: &mut Stream) -> DrawnPoints {
     let region = region(scene, config);
-    let mut known = scene.points.clone();
+    // Points that coincide would be Gaussians of no size, and show nothing that one of them does not.
+    let points = merged(&scene.points);
+    let coinciding = scene.points.len() - points.len();
+    if coinciding > 0 {
+        tracing::warn!("{coinciding} of {} points coincide with others and were merged with them", scene.points.len());
+    }
+    let mut known = points.clone();
     strew(&mut known, config.static_points, &region, stream);
-    sky(&mut known, config.sky_points, scene, stream);
+    sky(&mut known, config.sky_points, scene, &region, stream);
     if branches == Branches::Dynamic {
         strew(&mut known, config.dynamic_points, &region, stream);
         return DrawnPoints { static_: None, dynamic: known };
     }
 
     let mut dynamic = PointCloud::default();
-    let most = (scene.points.len() as f64 * config.dynamic_cloud_share) as usize;
-    for index in stream.permutation(scene.points.len()).into_iter().take(config.dynamic_from_cloud.min(most)) {
-        let colour = if config.dynamic_cloud_colours { scene.points.colours[index] } else { random_colour(stream) };
-        dynamic.push(scene.points.positions[index], colour);
+    let most = (points.len() as f64 * config.dynamic_cloud_share) as usize;
+    for index in stream.permutation(points.len()).into_iter().take(config.dynamic_from_cloud.min(most)) {
+        let colour = if config.dynamic_cloud_colours { points.colours[index] } else { random_colour(stream) };
+        dynamic.push(points.positions[index], colour);
     }
     // Without points, Gaussians for points are placed uniformly, too.
-    let strewn = config.dynamic_points + if scene.points.is_empty() { config.dynamic_from_cloud } else { 0 };
+    let strewn = config.dynamic_points + if points.is_empty() { config.dynamic_from_cloud } else { 0 };
     strew(&mut dynamic, strewn, &region, stream);
     if known.is_empty() && config.static_ply.is_none() {
         // Without points from structure from motion, the static branch also starts from random points.
@@ -191,4 +252,63 @@ fn draw_points(scene: &Scene, branches: Branches, config: &InitConfig, stream: &
         known = dynamic.clone();
     }
     DrawnPoints { static_: Some(known), dynamic }
+}
+
+#[cfg(test)]
+mod tests {
+    use mvfusion_data::{BuiltinKind, BuiltinOptions, builtin};
+
+    use super::*;
+    use crate::random::Streams;
+
+    /// The numbers of Gaussians that are drawn: dynamic, static.
+    fn drawn(scene: &Scene, config: &Config) -> [usize; 2] {
+        let stream = &mut Streams::new(config.seed).clouds;
+        let clouds = InitialClouds::draw(scene, None, config, stream).expect("no files are needed");
+        [clouds.dynamic.len(), clouds.static_.map_or(0, |cloud| cloud.len())]
+    }
+
+    /// Scenes with points and without, of both kinds.
+    fn scenes() -> Vec<Scene> {
+        let of = |kind| BuiltinOptions { width: 16, height: 12, frames: 2, photos: 4, ..BuiltinOptions::of_kind(kind) };
+        let with = [BuiltinKind::Video, BuiltinKind::Casual].map(|kind| builtin::builtin(&of(kind)));
+        let without = with.clone().map(|scene| Scene { points: PointCloud::default(), ..scene });
+        with.into_iter().chain(without).collect()
+    }
+
+    #[test]
+    fn counts_are_known_before_anything_is_drawn() {
+        for scene in scenes() {
+            for branches in [Branches::Both, Branches::Dynamic] {
+                for (sky, births) in [(0, 0), (50, 0), (50, 30)] {
+                    let mut config = Config::default();
+                    (config.init.dynamic_points, config.init.sky_points) = (300, sky);
+                    (config.init.photo_points, config.model.lifetime) = (births, births > 0);
+                    config.model.branches = branches;
+                    let counts = initial_counts(&scene, &config).expect("no files are needed");
+                    assert_eq!(counts, drawn(&scene, &config), "{} {branches:?} {sky} {births}", scene.name);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn no_branch_starts_with_more_gaussians_than_it_may_have() {
+        for scene in scenes() {
+            let mut config = Config::default();
+            (config.init.dynamic_points, config.init.static_points) = (300, 100);
+            (config.densify.dynamic.max_gaussians, config.densify.static_.max_gaussians) = (70, 90);
+            assert_eq!(drawn(&scene, &config), [70, 90]);
+            assert_eq!(initial_counts(&scene, &config).expect("no files are needed"), [70, 90]);
+        }
+    }
+
+    #[test]
+    fn points_that_coincide_give_one_gaussian() {
+        let mut scene = scenes().remove(0);
+        let (all, one) = (scene.points.clone(), scene.points.positions[7]);
+        (0..1000).for_each(|_| scene.points.push(one, glam::Vec3::ONE));
+        let config = Config::default();
+        assert_eq!(drawn(&scene, &config)[1], all.len());
+    }
 }

@@ -54,7 +54,7 @@ impl SceneMotion {
     /// If an image cannot be read.
     pub fn find(scene: &Scene, config: &Config) -> Result<Self, ModelError> {
         let wanted = config.init.motion_points;
-        if wanted == 0 || config.model.branches == Branches::Dynamic || config.init.dynamic_ply.is_some() {
+        if !needs_points(config) {
             return Self::of_training(scene, config);
         }
         let start = Instant::now();
@@ -85,6 +85,11 @@ impl SceneMotion {
         Ok(Self { moving, ..Self::default() })
     }
 
+    /// Whether the configuration needs the images of fixed cameras before the first step.
+    pub(crate) fn reads_film(config: &Config) -> bool {
+        needs_points(config) || needs_finder(config) || needs_moving_pixels(config)
+    }
+
     /// The parts of a film that training needs.
     fn kept(scene: &Scene, film: MotionFilm, config: &Config) -> Self {
         if needs_finder(config) {
@@ -94,6 +99,10 @@ impl SceneMotion {
         }
         Self { moving: needs_moving_pixels(config).then(|| film.into_moving()), ..Self::default() }
     }
+}
+
+fn needs_points(config: &Config) -> bool {
+    config.init.motion_points > 0 && config.model.branches == Branches::Both && config.init.dynamic_ply.is_none()
 }
 
 fn needs_finder(config: &Config) -> bool {

@@ -1,4 +1,7 @@
-//! Random points: in a box, on a far sphere.
+//! Random points: in a box, on a far sphere. Also what makes a cloud smaller: merging, drawing.
+
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 
 use glam::{DVec3, Vec3};
 use mvfusion_data::{Bounds, PointCloud, Scene};
@@ -19,10 +22,16 @@ pub(super) fn region(scene: &Scene, config: &InitConfig) -> Bounds {
             max: (max.as_dvec3() + margin).min(cameras.max + reach),
         },
         None => {
-            let reach = DVec3::splat(scene.extent());
+            let reach = DVec3::splat(unit(scene));
             Bounds { min: cameras.min - reach, max: cameras.max + reach }
         }
     }
+}
+
+/// The extent of the scene, or one world unit if all cameras are at one place: points need some distance from them.
+fn unit(scene: &Scene) -> f64 {
+    let extent = scene.extent();
+    if extent > 0.0 { extent } else { 1.0 }
 }
 
 pub(super) fn strew(cloud: &mut PointCloud, count: usize, region: &Bounds, stream: &mut Stream) {
@@ -34,9 +43,12 @@ pub(super) fn strew(cloud: &mut PointCloud, count: usize, region: &Bounds, strea
 }
 
 /// Points on a sphere around the cameras, twice as far as the farthest point, in random colours (METHOD §3, "sky").
-pub(super) fn sky(cloud: &mut PointCloud, count: usize, scene: &Scene, stream: &mut Stream) {
+/// Without points, it is twice as far as the farthest corner of `region`, the box of random points.
+pub(super) fn sky(cloud: &mut PointCloud, count: usize, scene: &Scene, region: &Bounds, stream: &mut Stream) {
     let centre = scene.training_centre();
-    let radius = 2.0 * scene.points.reach(centre);
+    let reach = scene.points.reach(centre);
+    let corner = (region.max - centre).abs().max((region.min - centre).abs());
+    let radius = 2.0 * if reach > 0.0 { reach } else { corner.length() };
     for _ in 0..count {
         let azimuth = stream.uniform(0.0, std::f64::consts::TAU);
         let height = stream.uniform(-1.0, 1.0);
@@ -47,7 +59,114 @@ pub(super) fn sky(cloud: &mut PointCloud, count: usize, scene: &Scene, stream: &
     }
 }
 
+/// The cloud with one point in place of all that coincide: the first one, in their mean colour. The order stays.
+pub(super) fn merged(points: &PointCloud) -> PointCloud {
+    // Sums of colours, and numbers of points. Adding 0.0 turns -0.0 into 0.0.
+    let mut index: HashMap<[u32; 3], usize> = HashMap::with_capacity(points.len());
+    let mut sums: Vec<(DVec3, f64)> = Vec::with_capacity(points.len());
+    let mut merged = PointCloud::default();
+    for (position, colour) in points.positions.iter().zip(&points.colours) {
+        let place = position.to_array().map(|coordinate| (coordinate + 0.0).to_bits());
+        match index.entry(place) {
+            Entry::Vacant(free) => {
+                free.insert(sums.len());
+                sums.push((colour.as_dvec3(), 1.0));
+                merged.push(*position, *colour);
+            }
+            Entry::Occupied(first) => {
+                let (sum, count) = &mut sums[*first.get()];
+                (*sum, *count) = (*sum + colour.as_dvec3(), *count + 1.0);
+            }
+        }
+    }
+    for (colour, (sum, count)) in merged.colours.iter_mut().zip(sums) {
+        *colour = (sum / count).as_vec3();
+    }
+    merged
+}
+
+/// At most `most` points of a cloud, drawn at random, in their order.
+pub(super) fn thinned(points: PointCloud, most: usize, stream: &mut Stream) -> PointCloud {
+    if points.len() <= most {
+        return points;
+    }
+    let mut kept = stream.permutation(points.len());
+    kept.truncate(most);
+    kept.sort_unstable();
+    let mut thinned = PointCloud::default();
+    kept.into_iter().for_each(|index| thinned.push(points.positions[index], points.colours[index]));
+    thinned
+}
+
 /// The random colour of DeGauss: a constant coefficient from `[0, 1)`, so a colour of 0.5 to 0.78.
 pub(super) fn random_colour(stream: &mut Stream) -> Vec3 {
     Vec3::from_array(std::array::from_fn(|_| (0.5 + SH_C0 * stream.unit()) as f32))
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DMat3;
+    use mvfusion_data::{Camera, Capture, Picture, Truth, View};
+
+    use super::*;
+
+    /// A scene without points, with a camera at each centre.
+    fn scene(centres: &[DVec3]) -> Scene {
+        let view = |&centre: &DVec3| View {
+            name: String::new(),
+            camera: Camera::centred(4, 4, 4.0, DMat3::IDENTITY, centre),
+            time: 0.0,
+            image: Picture::Memory(std::sync::Arc::default()),
+            mask: None,
+            truth: Truth::default(),
+        };
+        let train = centres.iter().map(view).collect();
+        let (name, points) = (String::new(), PointCloud::default());
+        Scene { name, capture: Capture::Photos, train, test: Vec::new(), points, near: None }
+    }
+
+    #[test]
+    fn without_points_the_sky_is_far_from_the_cameras_and_beyond_the_random_points() {
+        for centres in [vec![DVec3::ZERO, 4.0 * DVec3::X], vec![DVec3::ONE]] {
+            let scene = scene(&centres);
+            let (config, stream) = (InitConfig::default(), &mut Stream::new(1, 0));
+            let region = region(&scene, &config);
+            let (mut points, mut far) = (PointCloud::default(), PointCloud::default());
+            strew(&mut points, 500, &region, stream);
+            sky(&mut far, 500, &scene, &region, stream);
+            let centre = scene.training_centre();
+            let nearest = far.positions.iter().map(|p| p.as_dvec3().distance(centre)).fold(f64::INFINITY, f64::min);
+            assert!(nearest > 1.5 * points.reach(centre) && points.reach(centre) > 0.5, "{nearest}");
+        }
+    }
+
+    #[test]
+    fn points_that_coincide_become_one_in_their_mean_colour() {
+        let mut points = PointCloud::default();
+        for (x, red) in [(1.0, 0.2), (0.0, 1.0), (1.0, 0.4), (-0.0, 0.5)] {
+            points.push(Vec3::new(x, 2.0, 3.0), Vec3::new(red, 0.25, 0.1));
+        }
+        let merged = merged(&points);
+        assert_eq!(merged.positions, [Vec3::new(1.0, 2.0, 3.0), Vec3::new(0.0, 2.0, 3.0)]);
+        let expected = [Vec3::new(0.3, 0.25, 0.1), Vec3::new(0.75, 0.25, 0.1)];
+        assert!(merged.colours.iter().zip(expected).all(|(own, other)| own.distance(other) < 1e-6), "{merged:?}");
+    }
+
+    #[test]
+    fn distinct_points_are_not_changed() {
+        let stream = &mut Stream::new(3, 0);
+        let mut points = PointCloud::default();
+        let region = Bounds { min: DVec3::ZERO, max: DVec3::ONE };
+        strew(&mut points, 1000, &region, stream);
+        assert_eq!(merged(&points), points);
+        assert_eq!(thinned(points.clone(), 1000, stream), points);
+        let few = thinned(points.clone(), 300, stream);
+        assert_eq!(few.len(), 300);
+        let places: Vec<usize> = few
+            .positions
+            .iter()
+            .map(|position| points.positions.iter().position(|other| other == position).expect("one of them"))
+            .collect();
+        assert!(places.is_sorted());
+    }
 }

@@ -18,6 +18,7 @@ const MOTION_REACH: usize = 2;
 #[derive(Debug)]
 pub struct TrainingViews {
     views: Vec<TrainingView>,
+    names: Vec<String>,
     pictures: PictureCache,
     /// Their moving pixels, if the losses need them.
     moving: Option<MovingPixels>,
@@ -40,7 +41,9 @@ impl TrainingViews {
     pub fn new(scene: &Scene, budget: u64) -> Self {
         let views = scene.train.iter().zip(scene.training_cameras());
         let views = views.map(|(view, number)| TrainingView { camera: view.camera, time: view.time, number }).collect();
-        Self { views, pictures: PictureCache::new(&scene.train, budget, rayon::current_num_threads()), moving: None }
+        let names = scene.train.iter().map(|view| view.name.clone()).collect();
+        let pictures = PictureCache::new(&scene.train, budget, rayon::current_num_threads());
+        Self { views, names, pictures, moving: None }
     }
 
     /// Adds the known motion.
@@ -84,6 +87,15 @@ impl TrainingViews {
     /// A view.
     pub fn get(&self, index: usize) -> &TrainingView {
         &self.views[index]
+    }
+
+    /// The given views in words: their names and times.
+    pub fn describe(&self, indices: &[usize]) -> String {
+        let words = |&index: &usize| format!("the view `{}` at time {}", self.names[index], self.views[index].time);
+        match indices {
+            [] => "no view".to_owned(),
+            indices => indices.iter().map(words).collect::<Vec<_>>().join(", "),
+        }
     }
 
     /// The given views as one batch.

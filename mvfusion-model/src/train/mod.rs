@@ -1,5 +1,6 @@
 //! Training: stages, batches, steps, losses, densification, checkpoints.
 
+mod bad_step;
 mod batch;
 pub mod births;
 mod checkpoint;
@@ -20,6 +21,7 @@ mod turn;
 mod update;
 mod view;
 
+pub use bad_step::{BadSteps, MOST_BAD_STEPS};
 pub use batch::{Batch, TrainingViews, mask_tensor, picture_tensor};
 pub use checkpoint::{Checkpoint, TrainedModel, parameter_hash};
 pub use densify::{BranchGradients, Visibility};

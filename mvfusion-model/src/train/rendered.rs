@@ -18,6 +18,8 @@ pub struct RenderedBatch {
     /// The ground truth of the views.
     pub batch: Batch,
     pub(super) views: RenderedViews,
+    /// Indices of the training views.
+    pub(super) shown: Vec<usize>,
     /// The leaves that receive the screen-space gradients.
     pub(super) probes: Probes,
 }
@@ -46,11 +48,13 @@ impl RenderedBatch {
         self.views.has_static().then(|| self.views.composition().mask)
     }
 
-    /// The findings for all renders.
-    pub(super) fn findings(&self) -> Findings {
+    /// The findings for all renders. `describe` names a training view.
+    pub(super) fn findings(&self, describe: impl Fn(usize) -> String) -> Findings {
         let mut findings = Findings::default();
-        for (branch, picture) in packed(&self.views.rendered) {
-            findings.take(format!("the picture of the {branch} branch"), picture);
+        for (rendered, &view) in self.views.rendered.iter().zip(&self.shown) {
+            for (branch, picture) in packed(rendered) {
+                findings.take(format!("the picture of the {branch} branch for {}", describe(view)), picture);
+            }
         }
         findings
     }
@@ -68,11 +72,11 @@ fn stack<V>(views: &[V], layer: impl Fn(&V) -> Tensor<3>) -> Tensor<4> {
     Tensor::cat(views.iter().map(|view| layer(view).unsqueeze_dim(0)).collect(), 0)
 }
 
-/// The renders with all their layers, without autodiff.
-fn packed(rendered: &[BranchPictures]) -> Vec<(&'static str, Tensor<4>)> {
+/// The renders of a view with all their layers, without autodiff.
+fn packed(rendered: &BranchPictures) -> impl Iterator<Item = (&'static str, Tensor<4>)> {
     let of = |branch, picture: &SplatPicture| (branch, picture.packed.clone().inner());
-    let static_ = |view: &BranchPictures| view.static_.as_ref().map(|picture| of("static", picture));
-    rendered.iter().flat_map(|view| std::iter::once(of("dynamic", &view.dynamic)).chain(static_(view))).collect()
+    let static_ = rendered.static_.as_ref().map(|picture| of("static", picture));
+    std::iter::once(of("dynamic", &rendered.dynamic)).chain(static_)
 }
 
 /// Highest foreground probability of the dynamic Gaussians over the views.

@@ -83,9 +83,10 @@ impl Position {
         self.step == 1
     }
 
-    /// The error for a non-finite value at this step.
-    pub(super) fn not_finite(&self, what: String) -> ModelError {
-        ModelError::NotFinite { what, step: self.stage_step, stage: self.stage.name() }
+    /// The error for a non-finite value at this step, which showed `views`.
+    pub(super) fn not_finite(&self, what: String, views: String) -> ModelError {
+        let Self { run_step, stage_step, stage, .. } = *self;
+        ModelError::NotFinite { what, run_step, step: stage_step, stage: stage.name(), views }
     }
 
     /// Whether this is the stage's last step.

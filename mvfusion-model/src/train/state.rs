@@ -17,7 +17,7 @@ use crate::random::Streams;
 use crate::train::densify::{Branch, BranchState, DensifyCounts};
 use crate::train::optim::ModuleOptimiser;
 
-use super::Sampler;
+use super::{BadSteps, Sampler};
 
 /// The state of a run. Everything else can be recomputed from configuration and scene.
 #[derive(Clone, Debug)]
@@ -40,6 +40,8 @@ pub struct TrainState {
     pub sampler: Sampler,
     /// Number of refreshes of the motion statistics.
     pub refreshes: usize,
+    /// Steps that were skipped because a number was not finite.
+    pub bad_steps: BadSteps,
 }
 
 impl TrainState {
@@ -88,6 +90,7 @@ impl TrainState {
             streams,
             sampler: Sampler::default(),
             refreshes: 0,
+            bad_steps: BadSteps::default(),
         })
     }
 
@@ -113,6 +116,7 @@ impl TrainState {
             streams: Streams::new(config.seed),
             sampler: Sampler::default(),
             refreshes: 0,
+            bad_steps: BadSteps::default(),
         }
     }
 
@@ -152,6 +156,21 @@ impl TrainState {
     pub fn static_branch(&mut self) -> Option<Branch<'_>> {
         let (gaussians, state) = (self.model.static_.as_mut()?, self.static_.as_mut()?);
         Some(Branch { gaussians, state, motion: None, gradients: None })
+    }
+
+    /// Warns if a branch has more Gaussians than the configuration allows, as runs of earlier versions may. None are
+    /// added to it.
+    pub(super) fn warn_of_excess(&self, config: &Config) {
+        let most = [&config.densify.dynamic, &config.densify.static_].map(|limits| limits.max_gaussians);
+        for ((name, gaussians), most) in self.model.branches().zip(most) {
+            let count = gaussians.count();
+            if count > most {
+                tracing::warn!(
+                    "the {name} branch has {count} Gaussians, more than `densify.{name}.max_gaussians` = {most}; none \
+                     are added"
+                );
+            }
+        }
     }
 
     /// The counts of row changes, first of the dynamic branch.

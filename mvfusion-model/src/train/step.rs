@@ -29,7 +29,8 @@ impl Trainer {
         };
         let rendered = views.iter().map(render).collect::<Result<Vec<_>, _>>()?;
         let batch = measure(Part::Photos, || self.photos.stack(views, &self.device))?;
-        Ok(RenderedBatch { batch, views: RenderedViews { rendered, exposure: self.exposure(views) }, probes })
+        let (shown, exposure) = (views.to_vec(), self.exposure(views));
+        Ok(RenderedBatch { batch, views: RenderedViews { rendered, exposure }, shown, probes })
     }
 
     /// The loss of a step (METHOD §4.4): main loss, light loss, and the penalties of the HexPlane grid.

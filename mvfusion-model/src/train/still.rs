@@ -17,7 +17,14 @@ impl Trainer {
         let config = &self.config.motion;
         let (rule, share) = (config.still, config.still_below);
         let Some(cache) = self.state.model.motion.as_ref().filter(|_| rule != StillRule::Keep) else { return Ok(()) };
-        let (moving, still) = parted(&tensors::read(cache.intensity.clone())?, share);
+        let intensities: Vec<f64> = tensors::read(cache.intensity.clone())?;
+        let room = match (rule, &self.state.model.static_) {
+            (StillRule::Reassign, Some(static_)) => {
+                self.config.densify.static_.max_gaussians.saturating_sub(static_.count())
+            }
+            _ => usize::MAX,
+        };
+        let (moving, still) = limited(parted(&intensities, share), &intensities, room);
         // A branch never loses its last Gaussian.
         if still.is_empty() || moving.is_empty() {
             return Ok(());
@@ -55,9 +62,35 @@ fn parted(intensities: &[f64], share: f64) -> (Vec<usize>, Vec<usize>) {
     (0..intensities.len()).partition(|&row| intensities[row] >= share * brightest)
 }
 
+/// The same with at most `room` still rows: those that move least; on a tie, the lower ones. The others stay where they
+/// are.
+fn limited(
+    (mut moving, mut still): (Vec<usize>, Vec<usize>),
+    intensities: &[f64],
+    room: usize,
+) -> (Vec<usize>, Vec<usize>) {
+    if still.len() > room {
+        still.sort_by(|&a, &b| intensities[a].total_cmp(&intensities[b]).then(a.cmp(&b)));
+        moving.extend(still.split_off(room));
+        moving.sort_unstable();
+        still.sort_unstable();
+    }
+    (moving, still)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_full_branch_takes_only_the_stillest() {
+        let intensities = [0.3, 9.0, 0.1, 0.2, 0.1];
+        let all = || (vec![1], vec![0, 2, 3, 4]);
+        assert_eq!(limited(all(), &intensities, 4), all());
+        assert_eq!(limited(all(), &intensities, 3), (vec![0, 1], vec![2, 3, 4]));
+        assert_eq!(limited(all(), &intensities, 1), (vec![0, 1, 3, 4], vec![2]));
+        assert_eq!(limited(all(), &intensities, 0), ((0..5).collect(), vec![]));
+    }
 
     #[test]
     fn a_gaussian_is_still_by_comparison_with_those_that_move() {

@@ -5,15 +5,14 @@ use mvfusion_data::Scene;
 use mvfusion_data::motion::MotionFinder;
 use mvfusion_render::splat::SplatRules;
 
-use super::finite::Findings;
-use super::{Losses, Position, RenderedBatch, Stage, TrainState, TrainingViews, Visits};
-use crate::config::Config;
+use super::{Losses, Position, Stage, TrainState, TrainingViews, Visits};
+use crate::ModelError;
+use crate::config::{BadStepRule, Config};
 use crate::initial::{Placement, SceneMotion, Seeding};
 use crate::model::gaussians::Behind;
 use crate::model::{DeformationLevel, RenderContext};
 use crate::timeline::Timeline;
 use crate::train::loss::Windows;
-use crate::{ModelError, tensors};
 
 /// Default budget of decoded images, in bytes: 4 GiB.
 pub const IMAGE_CACHE: u64 = 4 << 30;
@@ -38,6 +37,8 @@ pub struct Trainer {
     pub(super) finder: Option<MotionFinder>,
     /// The result of the search for points on moving objects, if this trainer searched.
     seeding: Option<Seeding>,
+    /// The views that were drawn last, for messages.
+    pub(super) shown: Vec<usize>,
 }
 
 impl Trainer {
@@ -61,6 +62,7 @@ impl Trainer {
     /// If the state belongs to a scene with other views or cameras, or an image cannot be read.
     pub fn with_state(config: Config, scene: &Scene, device: &Device, state: TrainState) -> Result<Self, ModelError> {
         state.check_scene(scene)?;
+        state.warn_of_excess(&config);
         let motion = SceneMotion::of_training(scene, &config)?;
         Ok(Self::assembled(config, scene, motion, device, state))
     }
@@ -71,7 +73,8 @@ impl Trainer {
         let visits = photos.visits(&context.timeline, config.train.lonely_visits);
         let (windows, finder, seeding) = (Windows::default(), motion.finder, motion.seeding);
         let has_births = config.has_births(scene);
-        Self { config, context, photos, visits, windows, device: device.clone(), state, has_births, finder, seeding }
+        let (device, shown) = (device.clone(), Vec::new());
+        Self { config, context, photos, visits, windows, device, state, has_births, finder, seeding, shown }
     }
 
     /// Keeps at most `budget` bytes of decoded images instead of [`IMAGE_CACHE`]. If all images fit, they are decoded
@@ -90,20 +93,25 @@ impl Trainer {
         Position::after(self.state.completed, &self.config.train.stages)
     }
 
-    /// Performs the next step. Returns its losses without autodiff, or `None` at the end of training.
+    /// Performs the next step. Returns its losses without autodiff, or `None` at the end of training. With
+    /// `train.on_bad_step = "skip"`, the losses of a skipped step are returned as they are.
     ///
     /// # Errors
-    /// If the device fails or an op rejects its input.
+    /// If the device fails, an op rejects its input, or a number is not finite.
     pub fn step(&mut self) -> Result<Option<Losses>, ModelError> {
         let Some(position) = self.begin_step()? else { return Ok(None) };
         let views = self.draw_views();
         let rendered = self.render_batch(&views, &position)?;
         let losses = self.losses(&rendered, &position)?;
-        self.check_loss(&rendered, &losses, &position)?;
         let found = losses.detached();
-        let gradients = self.backward(rendered, losses.total, &position);
-        let rates = self.rates(&position);
-        self.update(gradients, &rates, &position)?;
+        match self.config.train.on_bad_step {
+            BadStepRule::Stop => {
+                self.check_loss(&rendered, &losses, &position)?;
+                let gradients = self.backward(rendered, losses.total, &position);
+                self.update(gradients, &self.rates(&position), &position)?;
+            }
+            BadStepRule::Skip => self.learn_or_skip(rendered, losses, &position)?,
+        }
         self.finish_step(&position)?;
         Ok(Some(found))
     }
@@ -137,7 +145,8 @@ impl Trainer {
         let (size, visits) = (self.config.train.batch_size, &self.visits);
         let TrainState { sampler, streams, .. } = &mut self.state;
         self.photos.pictures().announce(&sampler.upcoming(size + LOOK_AHEAD, visits, &streams.sampling));
-        sampler.draw(size, visits, &mut streams.sampling)
+        self.shown = sampler.draw(size, visits, &mut streams.sampling);
+        self.shown.clone()
     }
 
     /// Starts the next step. A stage may start, and SH degrees may increase. Returns `None` at the end of training.
@@ -169,30 +178,6 @@ impl Trainer {
     pub fn log_due(&self, position: &Position) -> bool {
         position.run_step.is_multiple_of(self.config.train.log_interval)
             || position.run_step == self.config.train.stages.total()
-    }
-
-    /// Rejects a non-finite loss before it damages the parameters.
-    ///
-    /// # Errors
-    /// [`ModelError::NotFinite`] with the parameter or render at fault.
-    pub fn check_loss(&self, rendered: &RenderedBatch, losses: &Losses, position: &Position) -> Result<(), ModelError> {
-        let total: Vec<f32> = tensors::read(losses.total.clone().inner())?;
-        if total.iter().all(|loss| loss.is_finite()) {
-            return Ok(());
-        }
-        let bad = match Findings::of_parameters(&self.state.model).first_bad()? {
-            Some(parameter) => parameter,
-            None => rendered.findings().first_bad()?.unwrap_or_else(|| "the loss".to_owned()),
-        };
-        Err(position.not_finite(bad))
-    }
-
-    /// Rejects a non-finite parameter. A Gaussian with a non-finite centre is culled, so the loss may still be finite.
-    fn check_parameters(&self, position: &Position) -> Result<(), ModelError> {
-        match Findings::of_parameters(&self.state.model).first_bad()? {
-            Some(parameter) => Err(position.not_finite(parameter)),
-            None => Ok(()),
-        }
     }
 
     /// Whether the motion statistics are measured after this step: at the end of the deformation stage, then every `E`

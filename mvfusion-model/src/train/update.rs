@@ -23,7 +23,7 @@ impl Trainer {
     /// The gradients of a loss with respect to all parameters. With gradient accumulation, the loss is divided by the
     /// number of steps.
     pub fn backward(&self, rendered: RenderedBatch, loss: Tensor<1>, position: &Position) -> StepGradients {
-        let RenderedBatch { views, probes, batch: _ } = rendered;
+        let RenderedBatch { views, probes, batch: _, shown: _ } = rendered;
         let (dynamic, static_) = (views.dynamic_visibility(), views.static_visibility());
         let mut gradients = measure(Part::BackwardRest, || (loss / self.accumulation(position) as f64).backward());
         let model = &self.state.model;

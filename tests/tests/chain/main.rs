@@ -3,6 +3,7 @@
 #![recursion_limit = "256"]
 
 mod allocations;
+mod bad_steps;
 mod child;
 mod differences;
 mod exports;
@@ -11,6 +12,7 @@ mod margins;
 mod memory;
 mod network_gradients;
 mod pictures;
+mod ranges;
 mod splat_gradients;
 mod start;
 mod switches;

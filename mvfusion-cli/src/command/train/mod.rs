@@ -19,9 +19,10 @@ use crate::config::{self, Resolved};
 use crate::device::{self, OpenDevice};
 use crate::failure::UsageError;
 use crate::interrupt::Signals;
+use crate::memory::MemoryRule;
 use crate::progress::Verbosity;
 use crate::run::{self, Checkpoint, Existing, InitialWeights, MetricsLog, RunFolder, RunPlan, RunRecord};
-use crate::scene;
+use crate::{memory, scene};
 use session::Session;
 
 /// Parent folder of the runs, unless `--out` is given.
@@ -57,6 +58,7 @@ fn begun(args: &TrainArgs, signals: Signals, verbosity: Verbosity) -> anyhow::Re
     // Adapted before it is written: the trained configuration must stay valid even if the scene gains a photo.
     let given = std::mem::take(&mut resolved.config);
     let config = given.for_times_of(&scene);
+    check_memory(args, &config, &scene, &device)?;
     let (trainer, weights) = match &args.init_from {
         Some(run) => {
             let (trainer, weights) = initialised_trainer(run, &config.scaled(), &scene, &device)?;
@@ -84,6 +86,12 @@ fn begun(args: &TrainArgs, signals: Signals, verbosity: Verbosity) -> anyhow::Re
     let record = RunRecord::begin(resolved.preset.name, &scene, config.seed, &device.name).initialised(weights);
     let log = MetricsLog::create(&folder.place(&[run::METRICS])?)?;
     Ok(Session { config, record, device, scene, trainer, evaluator, folder, log, elapsed: 0.0, signals, verbosity })
+}
+
+/// Refuses what does not fit into the memory, unless `--force-memory` is given.
+fn check_memory(args: &TrainArgs, config: &Config, scene: &Scene, device: &OpenDevice) -> anyhow::Result<()> {
+    let rule = MemoryRule::of_flag(args.force_memory);
+    memory::check_training(&config.scaled(), scene, args.image_cache.as_u64(), device, rule)
 }
 
 /// A trainer before its first step, with the weights of another run.
@@ -128,6 +136,7 @@ fn resumed(args: &TrainArgs, path: &Path, signals: Signals, verbosity: Verbosity
     }
     let device = device::open(&args.compute.device)?;
     let scene = scene::open(&config)?;
+    check_memory(args, &config, &scene, &device)?;
     let (checkpoint, state) = newest_state(path, &config.scaled(), &device, verbosity)?;
     let step = state.completed;
     let trainer = Trainer::with_state(config.scaled(), &scene, &device.device.clone().autodiff(), state)?

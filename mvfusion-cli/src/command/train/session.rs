@@ -97,7 +97,8 @@ impl Session {
             }
         }
         watch.progress.finish();
-        Ok(TrainTime { seconds: watch.elapsed(), steps: self.trainer.state().completed })
+        let state = self.trainer.state();
+        Ok(TrainTime { seconds: watch.elapsed(), steps: state.completed, skipped: state.bad_steps.total })
     }
 
     /// Removes old checkpoints. One that stays is no reason to stop.

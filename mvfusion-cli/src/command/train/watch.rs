@@ -86,6 +86,7 @@ impl Watch {
             loss,
             psnr: (squared_error > 0.0).then(|| -10.0 * f64::from(squared_error).log10()),
             gaussians: GaussianCounts::of(&state.model),
+            skipped: state.bad_steps.total,
             steps_per_second: self.pace.steps_per_second(),
             elapsed: self.elapsed(),
             ms: milliseconds(done - self.logged),

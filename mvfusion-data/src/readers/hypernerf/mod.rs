@@ -33,7 +33,7 @@ use super::shared::shot::Shot;
 use super::shared::views::views;
 use crate::error::DataError;
 use crate::files::{COPY_OR_MEND, read_json, read_npy, scene_name};
-use crate::scene::{Capture, PictureSource, PointCloud, Scene};
+use crate::scene::{Capture, LARGEST_COORDINATE, PictureSource, PointCloud, Scene, check_place};
 use dataset::{DATASET, METADATA, Part, parts, times};
 
 impl Format {
@@ -172,9 +172,7 @@ fn bare_points(path: &Path) -> Result<PointCloud, String> {
     let mut points = PointCloud::default();
     for (index, row) in read_npy(path, 3..=3)?.rows().enumerate() {
         let position = glam::Vec3::from_array(std::array::from_fn(|axis| row[axis] as f32));
-        if !position.is_finite() {
-            return Err(format!("row {index} holds {row:?}, which is no finite place"));
-        }
+        check_place(position).map_err(|reason| format!("row {index} {reason}"))?;
         points.push(position, glam::Vec3::splat(GREY));
     }
     Ok(points)
@@ -188,5 +186,5 @@ fn near(folder: &Path) -> Result<Option<f64>, DataError> {
     }
     let SceneRecord { scale, near } = read_json(&path, COPY_OR_MEND)?;
     let near = near.zip(scale).map(|(near, scale)| near / scale);
-    Ok(near.filter(|near| near.is_finite() && *near > 0.0))
+    Ok(near.filter(|near| *near > 0.0 && *near <= LARGEST_COORDINATE))
 }

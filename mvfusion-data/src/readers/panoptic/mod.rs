@@ -29,7 +29,7 @@ use super::shared::shot::{FrameLens, Shot};
 use super::shared::views::views;
 use crate::error::DataError;
 use crate::files::{COPY_OR_MEND, below, read_json, read_npz, scene_name};
-use crate::scene::{Capture, PictureSource, PointCloud, Scene};
+use crate::scene::{Capture, PictureSource, PointCloud, Scene, check_place};
 use matrices::Matrix;
 
 impl Format {
@@ -213,6 +213,7 @@ fn archived_points(path: &Path) -> Result<PointCloud, String> {
         if !(position.is_finite() && colour.is_finite()) {
             return Err(format!("row {index} of `{ARRAY}` holds a number that is not finite: {row:?}"));
         }
+        check_place(position).map_err(|reason| format!("row {index} of `{ARRAY}` {reason}"))?;
         points.push(position, colour.clamp(Vec3::ZERO, Vec3::ONE));
     }
     Ok(points)

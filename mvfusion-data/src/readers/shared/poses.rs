@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 
 use crate::error::DataError;
 use crate::files::read_npy;
-use crate::scene::Camera;
+use crate::scene::{Camera, LARGEST_COORDINATE};
 
 /// Numbers in a row: a 3x5 matrix row by row, then the near and far bounds.
 pub const ROW: usize = 17;
@@ -62,6 +62,9 @@ fn check_row(row: &[f64; ROW]) -> Result<(), String> {
     if let Some(at) = row.iter().position(|v| !v.is_finite()) {
         return Err(format!("holds {} at column {at}, which is not a finite number", row[at]));
     }
+    if let Some(at) = row.iter().position(|v| v.abs() > LARGEST_COORDINATE) {
+        return Err(format!("holds {:e} at column {at}, and the largest number is {LARGEST_COORDINATE:e}", row[at]));
+    }
     let (height, width, focal) = (row[4], row[9], row[14]);
     if height <= 0.0 || width <= 0.0 || focal <= 0.0 {
         return Err(format!("has height {height}, width {width}, focal length {focal}; all must be above zero"));
@@ -98,9 +101,13 @@ mod tests {
     #[test]
     fn rows_that_are_no_camera_are_refused() {
         assert!(check_row(&ROW_ALONG_MINUS_Z).is_ok());
-        for (column, value, part) in
-            [(3, f64::NAN, "not a finite"), (14, 0.0, "focal"), (1, -1.0, "rotation"), (6, 0.4, "rotation")]
-        {
+        for (column, value, part) in [
+            (3, f64::NAN, "not a finite"),
+            (3, 1e38, "1e38 at column 3"),
+            (14, 0.0, "focal"),
+            (1, -1.0, "rotation"),
+            (6, 0.4, "rotation"),
+        ] {
             let mut row = ROW_ALONG_MINUS_Z;
             row[column] = value;
             assert!(check_row(&row).expect_err("refused").contains(part));

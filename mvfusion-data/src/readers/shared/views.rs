@@ -67,7 +67,7 @@ fn view(
         rotation: shot.rotation,
         translation: shot.translation,
     };
-    if !is_computable(&camera) {
+    if !camera.is_computable() {
         return Err(no_camera(&shot, &camera));
     }
     Ok(View {
@@ -95,19 +95,6 @@ impl Pinholes {
             }
         }
     }
-}
-
-/// Whether single precision, which training uses, can represent the camera. Files may contain values that overflow, or
-/// values whose products overflow.
-fn is_computable(camera: &Camera) -> bool {
-    let focal = DVec2::new(camera.fx, camera.fy).as_vec2();
-    let principal = DVec2::new(camera.cx, camera.cy).as_vec2();
-    let places = [camera.translation, camera.centre()].map(|place| place.as_vec3());
-    focal.is_finite()
-        && focal.min_element() > 0.0
-        && principal.is_finite()
-        && camera.rotation.is_finite()
-        && places.iter().all(|place| place.is_finite())
 }
 
 /// Checks that all images and masks exist.

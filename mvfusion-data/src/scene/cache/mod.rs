@@ -10,11 +10,13 @@ mod shared;
 mod tests;
 
 use std::collections::{HashSet, VecDeque};
+use std::io;
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 pub use masked::Decoded;
+use tracing::warn;
 
 use super::view::View;
 use crate::error::DataError;
@@ -29,9 +31,22 @@ pub struct PictureCache {
 }
 
 impl PictureCache {
-    /// A cache of the images of `views`, with this many decoding threads. It keeps at most `budget` bytes of decoded
-    /// images, but always the requested one. Images in memory count as zero bytes.
+    /// A cache of the images of `views`, with this many decoding threads, or as many of them as the system starts. It
+    /// keeps at most `budget` bytes of decoded images, but always the requested one. Images in memory count as zero
+    /// bytes.
     pub fn new(views: &[View], budget: u64, threads: usize) -> Self {
+        Self::with_threads(views, budget, threads, |shared| {
+            std::thread::Builder::new().name("pictures".to_owned()).spawn(move || shared.decode_in_turn())
+        })
+    }
+
+    /// The same with threads that `start` starts.
+    fn with_threads(
+        views: &[View],
+        budget: u64,
+        threads: usize,
+        start: impl Fn(Arc<Shared>) -> io::Result<JoinHandle<()>>,
+    ) -> Self {
         let masked = |view: &View| Masked { picture: view.image.clone(), mask: view.mask.clone() };
         let state = State {
             entries: vec![Entry::Absent; views.len()],
@@ -49,11 +64,16 @@ impl PictureCache {
             work: Condvar::new(),
             done: Condvar::new(),
         });
-        let worker = |_| {
-            let shared = Arc::clone(&shared);
-            std::thread::spawn(move || shared.decode_in_turn())
-        };
-        let workers = (0..threads.max(1)).map(worker).collect();
+        let mut workers = Vec::new();
+        for started in 0..threads.max(1) {
+            match start(Arc::clone(&shared)) {
+                Ok(worker) => workers.push(worker),
+                Err(error) => {
+                    warn!("only {started} of {threads} threads that decode images could be started: {error}");
+                    break;
+                }
+            }
+        }
         Self { shared, workers }
     }
 
@@ -97,7 +117,8 @@ impl PictureCache {
     /// # Errors
     /// [`DataError::Image`] if it cannot be read.
     pub fn get(&self, index: usize) -> Result<Decoded, DataError> {
-        if self.shared.pictures[index].is_ready() {
+        // Without threads, nobody else decodes.
+        if self.shared.pictures[index].is_ready() || self.workers.is_empty() {
             return self.shared.pictures[index].decode();
         }
         let mut state = self.shared.lock();

@@ -1,6 +1,7 @@
 //! Tests of the cache. Each image has one grey level: its index.
 
 use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use glam::{DMat3, DVec3};
 use image::{GrayImage, Luma, Rgb, RgbImage};
@@ -43,6 +44,29 @@ fn pictures_come_as_asked_for_and_within_the_budget() {
             cache.announce(&order[at..(at + 6).min(20)]);
             assert_eq!(level(&cache, index), index as u8);
             assert!(cache.held() <= 4 * BYTES, "{} bytes", cache.held());
+        }
+    }
+}
+
+/// A cache whose system starts only so many threads.
+fn with_limit(views: &[View], most: usize) -> PictureCache {
+    let started = AtomicUsize::new(0);
+    PictureCache::with_threads(views, 4 * BYTES, 3, |shared| match started.fetch_add(1, Ordering::Relaxed) {
+        count if count < most => std::thread::Builder::new().spawn(move || shared.decode_in_turn()),
+        _ => Err(io::Error::from(io::ErrorKind::WouldBlock)),
+    })
+}
+
+#[test]
+fn pictures_come_from_as_many_threads_as_the_system_starts() {
+    let folder = tempfile::tempdir().expect("folder");
+    for most in [0, 1, 2] {
+        let cache = with_limit(&views(folder.path(), 6), most);
+        assert_eq!(cache.workers.len(), most);
+        cache.fill().expect("decoded");
+        for index in [3, 5, 0, 3, 1, 4, 2] {
+            cache.announce(&[index, 2]);
+            assert_eq!(level(&cache, index), index as u8, "{most} threads");
         }
     }
 }

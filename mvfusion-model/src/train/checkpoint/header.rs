@@ -9,8 +9,8 @@ use serde_json::Value;
 
 use crate::model::motion::{MovingNormaliser, Normalisers, SIGNATURE_WIDTH};
 use crate::random::Streams;
-use crate::train::Sampler;
 use crate::train::densify::DensifyCounts;
+use crate::train::{BadSteps, Sampler};
 
 /// Largest count that a header may hold, 2^53. No run reaches it, and one more never overflows.
 const MOST: u64 = 1 << 53;
@@ -37,6 +37,8 @@ pub(super) struct Header {
     #[serde(rename = "census")]
     pub counts: [DensifyCounts; 2],
     pub refreshes: usize,
+    /// Absent in schema 1.
+    pub bad_steps: BadSteps,
 }
 
 /// The size of the HexPlane, as in the configuration.
@@ -84,6 +86,7 @@ impl Header {
             sampler: fields.take("sampler")?,
             counts: fields.take("census")?,
             refreshes: fields.take("refreshes")?,
+            bad_steps: if schema > 1 { fields.take("bad_steps")? } else { BadSteps::default() },
         };
         if let Some(unknown) = fields.0.keys().next() {
             return Err(format!("`{unknown}` is no field of a header of schema {schema}"));
@@ -129,7 +132,14 @@ impl Header {
                 ("census.resets", resets),
             ]
         });
-        let named = [("completed", self.completed), ("refreshes", self.refreshes)].into_iter().chain(census);
+        let BadSteps { total, in_a_row } = self.bad_steps;
+        let named = [
+            ("completed", self.completed),
+            ("refreshes", self.refreshes),
+            ("bad_steps.total", total),
+            ("bad_steps.in_a_row", in_a_row),
+        ];
+        let named = named.into_iter().chain(census);
         let mut counts = named.map(|(name, count)| (name.to_owned(), count)).chain(adam);
         match counts.find(|&(_, count)| count as u64 > MOST) {
             Some((name, count)) => Err(format!("`{name}` is {count}: no run counts that far")),

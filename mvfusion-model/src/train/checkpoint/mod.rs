@@ -45,6 +45,7 @@ impl TrainState {
             sampler: self.sampler.clone(),
             counts: self.counts(),
             refreshes: self.refreshes,
+            bad_steps: self.bad_steps,
         };
         file::write(path, &tensors, &header)
     }

@@ -19,7 +19,7 @@ use crate::parameter_path::ParameterPath;
 use crate::random::Stream;
 use crate::train::densify::{BranchState, DensifyStatistics};
 use crate::train::optim::{GaussianOptimiser, ModuleOptimiser};
-use crate::train::{BranchGradients, Sampler, TrainState, Visibility};
+use crate::train::{BadSteps, BranchGradients, Sampler, TrainState, Visibility};
 
 impl Checkpoint {
     /// The model alone, with autodiff: what was learned, and the motion descriptors. The configuration need not be that
@@ -70,6 +70,7 @@ impl Checkpoint {
             streams: header.streams,
             sampler: Sampler::default(),
             refreshes: header.refreshes,
+            bad_steps: BadSteps::default(),
         })
     }
 
@@ -97,6 +98,7 @@ impl Checkpoint {
             streams: header.streams,
             sampler: header.sampler,
             refreshes: header.refreshes,
+            bad_steps: header.bad_steps,
         })
     }
 

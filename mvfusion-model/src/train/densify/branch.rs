@@ -346,7 +346,9 @@ mod tests {
             branch.grow(&plan, &[DVec3::X, DVec3::ZERO, -DVec3::X, DVec3::ZERO]).expect("grown").expect("changed");
             let (log_scales, means) = (gaussians.log_scales.val(), values(gaussians.means.val().inner()));
             assert_eq!(log_scales.dims(), [4, 3]);
-            assert!(means.iter().zip([1.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0]).all(|(own, other)| (own - other).abs() < 1e-6));
+            assert!(
+                means.iter().zip([1.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0]).all(|(own, other)| (own - other).abs() < 1e-6)
+            );
             assert!(values(log_scales.inner()).iter().all(|value| (value - split_log_scale()).abs() < 1e-6));
         });
     }

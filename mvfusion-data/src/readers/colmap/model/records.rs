@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use crate::scene::PointCloud;
+use crate::scene::{PointCloud, check_place};
 
 /// An image as the file stores it.
 #[derive(Clone, Debug)]
@@ -19,9 +19,7 @@ pub(crate) struct ImageRecord {
 /// Adds a point with 8 bits per colour channel.
 pub(super) fn push_point(points: &mut PointCloud, position: [f64; 3], colour: [u8; 3]) -> Result<(), String> {
     let narrow = Vec3::from_array(position.map(|v| v as f32));
-    if !narrow.is_finite() {
-        return Err(format!("the point at {position:?} is at no finite place"));
-    }
+    check_place(narrow).map_err(|reason| format!("point {} (from 0) {reason}", points.len()))?;
     points.push(narrow, Vec3::from_array(colour.map(|v| f32::from(v) / 255.0)));
     Ok(())
 }

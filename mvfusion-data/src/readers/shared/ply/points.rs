@@ -13,7 +13,7 @@ use tracing::warn;
 use super::element::{check_room, scalar, vertex_element};
 use crate::error::DataError;
 use crate::files::open_file;
-use crate::scene::PointCloud;
+use crate::scene::{PointCloud, check_place};
 
 /// Colour of points in files without colours.
 pub(crate) const GREY: f32 = 0.5;
@@ -73,7 +73,7 @@ impl<'de> Deserialize<'de> for Vertices {
 ///
 /// # Errors
 /// [`DataError::Content`] if the file cannot be read, has no vertices with positions, ends early or contains a
-/// non-finite number.
+/// number that is not finite or too large to compute with.
 pub fn read_points(path: &Path) -> Result<PointCloud, DataError> {
     let fail = |reason: String| DataError::Content {
         path: path.to_owned(),
@@ -118,6 +118,7 @@ fn read_vertices(reader: impl BufRead, room: u64) -> Result<PointCloud, String> 
         if !position.is_finite() || !colour.is_finite() {
             return Err(format!("vertex {index} holds a number that is not finite"));
         }
+        check_place(*position).map_err(|reason| format!("vertex {index} {reason}"))?;
         *colour = colour.clamp(Vec3::ZERO, Vec3::ONE);
     }
     Ok(points)
@@ -209,6 +210,7 @@ mod tests {
             (format!("{HEAD}element face 9\nend_header\n"), "no properties"),
             (format!("{HEAD}element vertex 1\nproperty float x\nproperty float y\nend_header\n1 2\n"), "`z`"),
             (format!("{HEAD}element vertex 1\n{XYZ}end_header\n1 nan 3\n"), "not finite"),
+            (format!("{HEAD}element vertex 2\n{XYZ}end_header\n1 2 3\n1 1e38 3\n"), "vertex 1 is at [1.0, 1e38, 3.0]"),
             (format!("{HEAD}element vertex 1\n{XYZ}property uchar red\nend_header\n1 2 3 4\n"), "`red`"),
         ];
         for (text, part) in &cases {

@@ -65,6 +65,9 @@ fn changes() -> Vec<(&'static str, Vec<Value>)> {
         ("/census/1/relocated", counts()),
         ("/census/0/resets", counts()),
         ("/refreshes", counts()),
+        ("/bad_steps", vec![json!({}), json!(0)]),
+        ("/bad_steps/total", counts()),
+        ("/bad_steps/in_a_row", counts()),
     ]
 }
 

@@ -26,7 +26,7 @@ use table::{Columns, Table};
 ///
 /// # Errors
 /// [`DataError::Content`] if the file cannot be read, lacks a field, or contains more or fewer rows than announced.
-/// Also if a number is not finite or a log-scale is too large.
+/// Also if a number is not finite or too large to compute with, or a size is beyond single precision.
 pub fn read_gaussians(path: &Path) -> Result<GaussianCloud, DataError> {
     let fail = |reason: String| DataError::Content {
         path: path.to_owned(),

@@ -3,7 +3,10 @@
 use serde_ply::{ElementDef, ScalarType};
 
 use crate::readers::shared::ply::element::scalar;
-use crate::scene::{GaussianCloud, LIFETIME_FIELDS, Lifetime, MASK_FIELDS, rest_width};
+use crate::scene::{
+    GaussianCloud, LARGEST_COEFFICIENT, LARGEST_COORDINATE, LIFETIME_FIELDS, LOG_SIZES, Lifetime, MASK_FIELDS,
+    rest_width,
+};
 
 /// Prefix of the names of the higher colour coefficients.
 const REST: &str = "f_rest_";
@@ -88,19 +91,25 @@ impl Table {
     /// Adds the current row to the cloud.
     pub(super) fn finish_row(&mut self) -> Result<(), String> {
         let Self { columns, row, cloud } = self;
-        let [opacity] = finite(row, columns.opacity, "opacity")?;
-        let means = finite(row, columns.means, "x, y, z")?;
-        let sh_dc = finite(row, columns.sh_dc, "f_dc_*")?;
-        let scales = finite(row, columns.scales, "scale_*")?;
-        check_sizes(scales)?;
-        let rotation = finite(row, columns.rotation, "rot_*")?;
-        let masks = columns.masks.map(|places| finite(row, places, "mask_*")).transpose()?;
-        let lifetime = columns.lifetimes.map(|places| finite(row, places, "time_centre, log_duration, velocity_*"));
+        let [opacity] = within(LARGEST_COEFFICIENT, row, columns.opacity, "opacity")?;
+        let means = within(LARGEST_COORDINATE, row, columns.means, "x, y, z")?;
+        let sh_dc = within(LARGEST_COEFFICIENT, row, columns.sh_dc, "f_dc_*")?;
+        let scales = within(LARGEST_COEFFICIENT, row, columns.scales, "scale_*")?;
+        check_logarithms("scale_*", &scales)?;
+        let rotation = within(LARGEST_COEFFICIENT, row, columns.rotation, "rot_*")?;
+        let masks = columns.masks.map(|places| within(LARGEST_COEFFICIENT, row, places, "mask_*")).transpose()?;
+        let lifetime = columns
+            .lifetimes
+            .map(|places| within(LARGEST_COEFFICIENT, row, places, "time_centre, log_duration, velocity_*"));
         let lifetime = lifetime.transpose()?.map(Lifetime::from_array);
+        if let Some(lifetime) = &lifetime {
+            check_logarithms("log_duration", &[lifetime.log_duration])?;
+        }
         // The file goes channel by channel, the cloud coefficient by coefficient.
         let coefficients = columns.sh_rest.len() / 3;
         for (coefficient, channel) in (0..coefficients).flat_map(|k| (0..3).map(move |channel| (k, channel))) {
-            let [value] = finite(row, [columns.sh_rest[channel * coefficients + coefficient]], "f_rest_*")?;
+            let [value] =
+                within(LARGEST_COEFFICIENT, row, [columns.sh_rest[channel * coefficients + coefficient]], "f_rest_*")?;
             cloud.sh_rest.push(value);
         }
         cloud.means.push(means);
@@ -118,15 +127,21 @@ impl Table {
     }
 }
 
-fn finite<const N: usize>(row: &[f32], places: [usize; N], name: &str) -> Result<[f32; N], String> {
+/// The values at some places, which must be numbers of at most `most`.
+fn within<const N: usize>(most: f64, row: &[f32], places: [usize; N], name: &str) -> Result<[f32; N], String> {
     let values = places.map(|place| row[place]);
-    if values.iter().all(|value| value.is_finite()) { Ok(values) } else { Err(format!("`{name}` is not finite")) }
+    match values.iter().find(|value| value.is_nan() || f64::from(value.abs()) > most) {
+        None => Ok(values),
+        Some(value) if !value.is_finite() => Err(format!("`{name}` is not finite")),
+        Some(value) => Err(format!("`{name}` is {value:e}, and the largest number is {most:e}")),
+    }
 }
 
-/// Rejects log-scales whose squared scales overflow single precision. A covariance contains these squares.
-fn check_sizes(log_scales: [f32; 3]) -> Result<(), String> {
-    match log_scales.into_iter().find(|log_scale| !(2.0 * log_scale).exp().is_finite()) {
-        Some(large) => Err(format!("`scale_*` is the logarithm of a size, and {large} is too large for one")),
+/// Rejects logarithms of sizes, or of durations, that single precision cannot represent.
+fn check_logarithms(name: &str, logarithms: &[f32]) -> Result<(), String> {
+    let [least, most] = LOG_SIZES;
+    match logarithms.iter().find(|value| !(least..=most).contains(*value)) {
+        Some(value) => Err(format!("`{name}` is a logarithm from {least} to {most}, and not {value:e}")),
         None => Ok(()),
     }
 }

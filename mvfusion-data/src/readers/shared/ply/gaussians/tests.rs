@@ -142,7 +142,10 @@ fn what_is_no_file_of_gaussians_is_refused_with_a_reason() {
         (integers.replace("float rot_2", "list uchar float rot_2"), "`rot_2`"),
         (integers.replace("1 2 3", "1 two 3"), "vertex 0 of 1"),
         (integers.replace("element vertex", "element point"), "no element `vertex`"),
-        (integers.replace("-3 -2 -1", "-3 45 -1"), "45 is too large"),
+        (integers.replace("-3 -2 -1", "-3 45 -1"), "`scale_*` is a logarithm from -87 to 20.7, and not 4.5e1"),
+        (integers.replace("-3 -2 -1", "-3 -1e30 -1"), "`scale_*` is -1e30, and the largest number is 1e6"),
+        (integers.replace("-3 -2 -1", "-3 -90 -1"), "`scale_*` is a logarithm from -87 to 20.7, and not -9e1"),
+        (integers.replace("1 2 3", "1 -1e38 3"), "vertex 0 of 1: `x, y, z` is -1e38, and the largest number is 1e9"),
         (packed.to_owned(), "compressed"),
         (points.to_owned(), "`f_dc_0`"),
     ];

@@ -1,0 +1,142 @@
+//! Steps with a number that is not finite: which one, and what becomes of them.
+
+use burn::module::{Module, ModuleVisitor, Param};
+use burn::tensor::{Gradients, Tensor};
+use serde::{Deserialize, Serialize};
+
+use super::finite::Findings;
+use super::parameters::Sink;
+use super::{BranchGradients, Losses, Position, RenderedBatch, StepGradients, Trainer};
+use crate::model::Model;
+use crate::model::gaussians::Attribute;
+use crate::parameter_path::ParameterPath;
+use crate::{ModelError, tensors};
+
+/// Number of skipped steps in a row after which training ends: the numbers no longer recover.
+pub const MOST_BAD_STEPS: usize = 10;
+
+/// Counts of the steps that were skipped because a number was not finite.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct BadSteps {
+    /// Skipped steps of the whole run.
+    pub total: usize,
+    /// Skipped steps since the last one that was not.
+    pub in_a_row: usize,
+}
+
+impl Trainer {
+    /// Rejects a non-finite loss before it damages the parameters.
+    ///
+    /// # Errors
+    /// [`ModelError::NotFinite`] with the parameter or render at fault.
+    pub fn check_loss(&self, rendered: &RenderedBatch, losses: &Losses, position: &Position) -> Result<(), ModelError> {
+        let total: Vec<f32> = tensors::read(losses.total.clone().inner())?;
+        if total.iter().all(|loss| loss.is_finite()) {
+            return Ok(());
+        }
+        let found = self.picture_findings(rendered).first_bad()?.unwrap_or_else(|| "the loss".to_owned());
+        Err(self.not_finite(found, &rendered.shown, position)?)
+    }
+
+    /// Rejects a non-finite parameter. A Gaussian with a non-finite centre is culled, so the loss may still be finite.
+    ///
+    /// # Errors
+    /// [`ModelError::NotFinite`] with the parameter.
+    pub(super) fn check_parameters(&self, position: &Position) -> Result<(), ModelError> {
+        match Findings::of_parameters(&self.state.model).first_bad()? {
+            Some(parameter) => Err(position.not_finite(parameter, self.photos.describe(&self.shown))),
+            None => Ok(()),
+        }
+    }
+
+    /// Learns from a step unless its loss, or a gradient, is not finite: then nothing changes but the counts. Waits for
+    /// the device once, as [`Trainer::check_loss`] does.
+    ///
+    /// # Errors
+    /// [`ModelError::BadSteps`] after [`MOST_BAD_STEPS`] such steps in a row.
+    pub(super) fn learn_or_skip(
+        &mut self,
+        rendered: RenderedBatch,
+        losses: Losses,
+        position: &Position,
+    ) -> Result<(), ModelError> {
+        let mut findings = self.picture_findings(&rendered);
+        findings.take("the loss".to_owned(), losses.total.clone().inner());
+        let shown = rendered.shown.clone();
+        let gradients = self.backward(rendered, losses.total, position);
+        gradients.add_to(&mut findings, &self.state.model);
+        match findings.first_bad()? {
+            Some(found) => {
+                let error = self.not_finite(found, &shown, position)?;
+                self.count_bad_step(error)
+            }
+            None => {
+                self.state.bad_steps.in_a_row = 0;
+                self.update(gradients, &self.rates(position), position)
+            }
+        }
+    }
+
+    fn count_bad_step(&mut self, error: ModelError) -> Result<(), ModelError> {
+        let counts = &mut self.state.bad_steps;
+        (counts.total, counts.in_a_row) = (counts.total + 1, counts.in_a_row + 1);
+        if counts.in_a_row >= MOST_BAD_STEPS {
+            return Err(ModelError::BadSteps { in_a_row: counts.in_a_row, last: Box::new(error) });
+        }
+        tracing::warn!("the step is skipped: {error}");
+        Ok(())
+    }
+
+    fn picture_findings(&self, rendered: &RenderedBatch) -> Findings {
+        rendered.findings(|view| self.photos.describe(&[view]))
+    }
+
+    /// The error for a step in which `found` is not finite. A parameter that is not finite either is the cause.
+    fn not_finite(&self, found: String, shown: &[usize], position: &Position) -> Result<ModelError, ModelError> {
+        let parameter = Findings::of_parameters(&self.state.model).first_bad()?;
+        Ok(position.not_finite(parameter.unwrap_or(found), self.photos.describe(shown)))
+    }
+}
+
+impl StepGradients {
+    /// Adds the findings for all gradients.
+    fn add_to(&self, findings: &mut Findings, model: &Model) {
+        let branches = std::iter::once(&self.dynamic).chain(&self.static_);
+        for ((name, _), BranchGradients { attributes, .. }) in model.branches().zip(branches) {
+            for attribute in Attribute::ALL {
+                if let Some(gradient) = attributes.of(attribute) {
+                    findings.take(format!("the gradient of {name}.{attribute}"), gradient.clone());
+                }
+            }
+        }
+        let mut walk = GradientWalk { findings, gradients: &self.modules, path: ParameterPath::new("network") };
+        model.network.visit(&mut walk);
+        walk.path = ParameterPath::new("refinement");
+        model.refinement.visit(&mut walk);
+        walk.path = ParameterPath::new("exposures");
+        model.exposures.visit(&mut walk);
+    }
+}
+
+/// The iteration over the gradients of a module.
+struct GradientWalk<'a> {
+    findings: &'a mut Findings,
+    gradients: &'a Gradients,
+    path: ParameterPath,
+}
+
+impl ModuleVisitor for GradientWalk<'_> {
+    fn enter_module(&mut self, name: &str, container_type: &str) {
+        self.path.enter(name, container_type);
+    }
+
+    fn exit_module(&mut self, _name: &str, container_type: &str) {
+        self.path.exit(container_type);
+    }
+
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        if let Some(gradient) = param.val().grad(self.gradients) {
+            self.findings.take(format!("the gradient of {}", self.path.name()), gradient);
+        }
+    }
+}
