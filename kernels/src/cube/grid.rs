@@ -16,11 +16,13 @@ const AXES: usize = 4;
 /// Length of a scale's layout.
 pub const SCALE_LAYOUT: usize = AXES + PLANES;
 
-/// The map from world to grid coordinates: `(world - max) * slope - 1`.
+/// The map from world to grid coordinates: `(world - max) * slope - 1`, and 1 up to `min`; see the twin.
 #[derive(CubeType, CubeLaunch, Clone, Copy)]
 pub struct GridBox {
     /// The corner of the largest coordinates.
     pub max: Triple,
+    /// The corner of the smallest coordinates.
+    pub min: Triple,
     /// Slopes along the axes.
     pub slope: Triple,
 }
@@ -180,6 +182,11 @@ pub fn sum_places(v_places: &[f32], v_points: &mut [f32], v_times: &mut [f32], g
 }
 
 #[cube]
+fn grid_coordinate(world: f32, max: f32, min: f32, slope: f32) -> f32 {
+    select(world <= min, 1.0f32, (world - max) * slope - 1.0f32)
+}
+
+#[cube]
 fn places_of(
     points: &[f32],
     times: &[f32],
@@ -190,9 +197,9 @@ fn places_of(
     time_step: u32,
 ) -> Places {
     let mut coordinates = Array::<f32>::new(AXES);
-    coordinates[0] = (points[3 * point] - grid.max.x) * grid.slope.x - 1.0f32;
-    coordinates[1] = (points[3 * point + 1] - grid.max.y) * grid.slope.y - 1.0f32;
-    coordinates[2] = (points[3 * point + 2] - grid.max.z) * grid.slope.z - 1.0f32;
+    coordinates[0] = grid_coordinate(points[3 * point], grid.max.x, grid.min.x, grid.slope.x);
+    coordinates[1] = grid_coordinate(points[3 * point + 1], grid.max.y, grid.min.y, grid.slope.y);
+    coordinates[2] = grid_coordinate(points[3 * point + 2], grid.max.z, grid.min.z, grid.slope.z);
     coordinates[3] = times[point * time_step as usize];
     let mut places = Places {
         low: Array::<u32>::new(AXES),
@@ -247,11 +254,9 @@ struct Sample {
 fn sample(planes: &[f32], corners: &Corners, feature: usize) -> Sample {
     let (a, b) = (planes[corners.low_low + feature], planes[corners.low_high + feature]);
     let (c, d) = (planes[corners.high_low + feature], planes[corners.high_high + feature]);
-    let (above, below) = (b - a, d - c);
-    let (top, bottom) = (a + above * corners.column, c + below * corners.column);
-    Sample {
-        value: top + (bottom - top) * corners.row,
-        by_column: above + (below - above) * corners.row,
-        by_row: bottom - top,
-    }
+    // Slopes are differences of cells; see the twin.
+    let (above, left) = (b - a, c - a);
+    let twist = (d - c) - above;
+    let by_row = left + twist * corners.column;
+    Sample { value: a + above * corners.column + by_row * corners.row, by_column: above + twist * corners.row, by_row }
 }

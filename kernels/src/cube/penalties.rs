@@ -33,7 +33,7 @@ pub fn penalties(planes: &[f32], layout: &[u32], sums: &mut [f32], numbers: u32,
                 if own.row + 2u32 < own.height {
                     let row = (own.width * features) as usize;
                     let next = planes[at + row];
-                    let difference = planes[at + 2 * row] - next - next + value;
+                    let difference = second_difference(value, next, planes[at + 2 * row]);
                     let smooth = difference * difference / (row as f32 * f32::cast_from(own.height - 2u32));
                     if own.time {
                         time_smooth += smooth;
@@ -87,13 +87,13 @@ pub fn penalties_backward(
                 v_terms[select(own.time, 1usize, 0usize)] * 2.0f32 / (row as f32 * f32::cast_from(own.height - 2u32));
             // The value is the first, the middle and the last element of up to three differences.
             if own.row + 2u32 < own.height {
-                sum += v * (planes[at + 2 * row] - 2.0f32 * planes[at + row] + planes[at]);
+                sum += v * second_difference(planes[at], planes[at + row], planes[at + 2 * row]);
             }
             if own.row >= 1u32 && own.row + 1u32 < own.height {
-                sum -= 2.0f32 * v * (planes[at + row] - 2.0f32 * planes[at] + planes[at - row]);
+                sum -= 2.0f32 * v * second_difference(planes[at - row], planes[at], planes[at + row]);
             }
             if own.row >= 2u32 {
-                sum += v * (planes[at] - 2.0f32 * planes[at - row] + planes[at - 2 * row]);
+                sum += v * second_difference(planes[at - 2 * row], planes[at - row], planes[at]);
             }
         }
         if own.time {
@@ -103,6 +103,12 @@ pub fn penalties_backward(
         }
         v_planes[at] = sum;
     }
+}
+
+/// `c - 2 b + a` as the difference of two differences; see the twin.
+#[cube]
+fn second_difference(a: f32, b: f32, c: f32) -> f32 {
+    (c - b) - (b - a)
 }
 
 /// The position of a value.

@@ -11,7 +11,7 @@ use mvfusion_kernels::cube::grid::{GridBoxLaunch, SCALE_LAYOUT, look_up, look_up
 use mvfusion_kernels::cube::maths::TripleLaunch;
 
 use super::gpu::{CUBE, Gpu, adds_floats, single};
-use crate::grid::cpu::slopes;
+use crate::grid::cpu::{lower_ends, slopes};
 use crate::grid::op::{GridAdjoint, GridOps, LookUp};
 use crate::grid::{GridBounds, GridLayout};
 
@@ -150,7 +150,7 @@ impl Query {
             let [x, y, z] = numbers.map(|number| number as f32);
             TripleLaunch::new(x, y, z)
         };
-        GridBoxLaunch::new(triple(self.bounds.max), triple(slopes(&self.bounds)))
+        GridBoxLaunch::new(triple(self.bounds.max), triple(lower_ends(&self.bounds)), triple(slopes(&self.bounds)))
     }
 
     /// Distance from one point's time to the next.

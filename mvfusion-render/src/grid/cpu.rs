@@ -50,18 +50,28 @@ pub(crate) fn slopes(bounds: &GridBounds) -> [f64; 3] {
     })
 }
 
+/// The lower end of the box along each axis. Points up to there have the grid coordinate 1. Computed from [`slopes`], the
+/// coordinate of the end itself may be rounded to less than 1, and a point on the border would have a slope.
+pub(crate) fn lower_ends(bounds: &GridBounds) -> [f64; 3] {
+    let slopes = slopes(bounds);
+    // A box without extent has no inside, whatever its end.
+    array::from_fn(|axis| if slopes[axis] < 0.0 { bounds.min[axis] } else { f64::from(f32::MIN) })
+}
+
 /// The points and times of an interpolation.
 pub(super) struct Query<'a, T> {
     points: &'a [T],
     times: &'a [T],
     max: [T; 3],
+    min: [T; 3],
     /// Derivative of a grid coordinate with respect to a world coordinate.
     slope: [T; 3],
 }
 
 impl<'a, T: Real> Query<'a, T> {
     pub(super) fn new(points: &'a [T], times: &'a [T], bounds: &GridBounds) -> Self {
-        Self { points, times, max: bounds.max.map(T::of), slope: slopes(bounds).map(T::of) }
+        let [max, min, slope] = [bounds.max, lower_ends(bounds), slopes(bounds)].map(|triple| triple.map(T::of));
+        Self { points, times, max, min, slope }
     }
 
     fn len(&self) -> usize {
@@ -75,7 +85,8 @@ impl<'a, T: Real> Query<'a, T> {
         let world = &self.points[3 * point..3 * point + 3];
         let mut coordinates = [T::zero(), T::zero(), T::zero(), time];
         for axis in 0..3 {
-            coordinates[axis] = (world[axis] - self.max[axis]) * self.slope[axis] - T::one();
+            let inside = (world[axis] - self.max[axis]) * self.slope[axis] - T::one();
+            coordinates[axis] = if world[axis] <= self.min[axis] { T::one() } else { inside };
         }
         coordinates
     }

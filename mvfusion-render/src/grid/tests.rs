@@ -111,6 +111,24 @@ fn on_nodes_the_right_hand_slope_counts_and_on_borders_none() {
 }
 
 #[test]
+fn points_on_the_border_of_any_box_have_no_slope() {
+    for_each_device(|device| {
+        let ends = random(7, 60);
+        for (max, min) in
+            ends.iter().zip(&ends[30..]).map(|(max, min)| (f64::from(*max as f32), f64::from(-*min as f32)))
+        {
+            let mut case = Case::random(layout(2), 2, 1);
+            case.bounds = GridBounds { max: [max; 3], min: [min; 3] };
+            case.points = [[max; 3], [min; 3]].concat();
+            for dtype in [DType::F32, DType::F64] {
+                let [_, _, points, _] = case.op(&device, dtype);
+                assert_eq!(points, [0.0; 6], "a box from {min} to {max} in {dtype:?}");
+            }
+        }
+    });
+}
+
+#[test]
 fn gradients_are_finite_differences() {
     for_each_device(|device| {
         for times in [1, 9] {

@@ -125,11 +125,13 @@ impl<T: Real> Samples<T> {
                 let at = layout.pair * features + at;
                 let [mut value, mut by_column, mut by_row] = [[T::zero(); L]; 3];
                 for l in 0..L {
-                    let (above, below) = (b[l] - a[l], d[l] - c[l]);
-                    let (top, bottom) = (a[l] + above * column, c[l] + below * column);
-                    by_column[l] = above + (below - above) * row;
-                    by_row[l] = bottom - top;
-                    value[l] = top + (bottom - top) * row;
+                    // Slopes are differences of cells. Those of interpolated values would lose digits near 1, where the
+                    // time planes start.
+                    let (above, left) = (b[l] - a[l], c[l] - a[l]);
+                    let twist = (d[l] - c[l]) - above;
+                    by_column[l] = above + twist * row;
+                    by_row[l] = left + twist * column;
+                    value[l] = a[l] + above * column + by_row[l] * row;
                 }
                 *block_mut(&mut self.value, at) = value;
                 *block_mut(&mut self.by_column, at) = by_column;

@@ -72,7 +72,7 @@ fn row_sums<T: Real>(planes: &[T], row: &Row, features: usize) -> [f64; 2] {
     let values = |offset| row.values(planes, features, offset);
     let smooth = match (values(0), values(1), values(2)) {
         (Some(a), Some(b), Some(c)) => lane_sum(a.len(), |i| {
-            let difference = c[i] - b[i] - b[i] + a[i];
+            let difference = second_difference(a[i], b[i], c[i]);
             difference * difference
         }),
         _ => 0.0,
@@ -82,6 +82,13 @@ fn row_sums<T: Real>(planes: &[T], row: &Row, features: usize) -> [f64; 2] {
         _ => 0.0,
     };
     [smooth, distance]
+}
+
+/// `c - 2 b + a` as the difference of two differences. Those of nearly equal values are exact, whereas a sum of values
+/// near 1, where the time planes start, is rounded.
+#[inline(always)]
+fn second_difference<T: Real>(a: T, b: T, c: T) -> T {
+    (c - b) - (b - a)
 }
 
 /// The sum of `term` over `0..count`.
@@ -127,7 +134,7 @@ fn row_adjoint<T: Real>(planes: &[T], row: &Row, v_terms: [T; 3], features: usiz
         let values = |offset| row.values(planes, features, offset);
         if let (Some(a), Some(b), Some(c)) = (values(first), values(first + 1), values(first + 2)) {
             for (((v, &a), &b), &c) in v_row.iter_mut().zip(a).zip(b).zip(c) {
-                *v += share * (c - b - b + a);
+                *v += share * second_difference(a, b, c);
             }
         }
     }
