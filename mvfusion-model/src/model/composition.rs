@@ -74,6 +74,12 @@ pub struct Composition {
 impl BranchRenders {
     /// Blends the branches: `mask * dynamic + (1 - mask) * clamp(brightness * static)`.
     pub fn compose(self, blending: Blending) -> Composition {
+        self.compose_within(blending, None)
+    }
+
+    /// The same with colours and shares of 0 at invalid pixels (`[B or 1, 1, H, W]`, without autodiff: 1 at valid
+    /// pixels). The brightness is that of all pixels (METHOD §1.3, steps 2 to 5).
+    pub fn compose_within(self, blending: Blending, valid: Option<&Tensor<4>>) -> Composition {
         let held = |mask: Tensor<4>| match blending {
             Blending::Evaluation => mask.clamp(1e-9, 1.0 - 1e-9),
             _ => mask,
@@ -82,12 +88,14 @@ impl BranchRenders {
         let [static_mask, mask] =
             [MaskChannel::Static, MaskChannel::Dynamic].map(|channel| held(channel.of(&self.mask)));
         let (mask, static_mask) = shares(static_mask, mask, blending);
-        let dynamic = self.dynamic.clamp(0.0, 1.0);
-        let lit = (self.static_.clone() * brightness.clone()).clamp(0.0, 1.0);
+        let [mask, static_mask] = [mask, static_mask].map(|share| within(share, valid));
+        let dynamic = within(self.dynamic, valid).clamp(0.0, 1.0);
+        let static_ = within(self.static_, valid);
+        let lit = (static_.clone() * brightness.clone()).clamp(0.0, 1.0);
         Composition {
             composed: mask.clone() * dynamic.clone() + static_mask.clone() * lit.clone(),
             dynamic,
-            static_: self.static_,
+            static_,
             lit,
             brightness,
             mask,
@@ -111,6 +119,14 @@ impl Composition {
             mask: nothing,
             static_mask: whole,
         }
+    }
+}
+
+/// An image that is 0 at invalid pixels (`[B or 1, 1, H, W]`, without autodiff: 1 at valid pixels).
+pub fn within(picture: Tensor<4>, valid: Option<&Tensor<4>>) -> Tensor<4> {
+    match valid {
+        Some(valid) => picture * valid.clone(),
+        None => picture,
     }
 }
 

@@ -117,8 +117,8 @@ impl RenderedViews {
 
     /// One copy of every view of two branches, stacked and blended. Where `still` (`[B, 1, H, W]`) is 0, the colours of
     /// the static branch have no gradient. Otherwise, gradients through a nearly closed mask, or from the window of an
-    /// adjacent still pixel, would preserve a stain.
-    pub fn pictures(&self, copy: PictureCopy, blending: Blending, still: Option<&Tensor<4>>) -> Pictures {
+    /// adjacent still pixel, would preserve a stain. Pixels where `valid` (`[B, 1, H, W]`) is 0 are black and in no mask.
+    pub fn pictures(&self, copy: PictureCopy, blending: Blending, [still, valid]: [Option<&Tensor<4>>; 2]) -> Pictures {
         let layers = |picture: &SplatPicture| match copy {
             PictureCopy::Main => picture.main(),
             PictureCopy::Light => picture.light(),
@@ -139,7 +139,7 @@ impl RenderedViews {
             None => blend,
         };
         Pictures {
-            composition: blend.compose(blending),
+            composition: blend.compose_within(blending, valid),
             dynamic_depth: stack(&dynamic, |view| view.depth.clone()),
             static_depth: stack(&static_, |view| view.depth.clone()),
         }
@@ -147,7 +147,7 @@ impl RenderedViews {
 
     /// Views of two branches, blended as in the later stages.
     fn composition(&self) -> Composition {
-        self.pictures(PictureCopy::Main, Blending::Deformation, None).composition
+        self.pictures(PictureCopy::Main, Blending::Deformation, [None; 2]).composition
     }
 
     /// The composed renders of views of two branches: `[B, 3, H, W]`.

@@ -5,11 +5,11 @@ use burn::tensor::activation::sigmoid;
 use mvfusion_render::grid;
 use mvfusion_render::profile::{Part, measure};
 
-use super::loss::{LossContext, LossSchedule, MotionMasks, light_loss, main_loss, single_loss, within};
+use super::loss::{LossContext, LossSchedule, MotionMasks, light_loss, main_loss, single_loss};
 use super::rendered::{PictureCopy, RenderedBatch, RenderedViews};
 use super::{Batch, Losses, Position, Stage, Trainer};
 use crate::ModelError;
-use crate::model::composition::Blending;
+use crate::model::composition::{Blending, within};
 use crate::model::exposure::Exposure;
 use crate::model::gaussians::Gaussians;
 use crate::model::{DeformationLevel, Probes};
@@ -59,8 +59,9 @@ impl Trainer {
                 let blending =
                     if position.stage == Stage::Geometry { Blending::Geometry } else { Blending::Deformation };
                 let still = context.static_region();
-                let main = seen.pictures(PictureCopy::Main, blending, still.as_ref()).within(valid);
-                let light = seen.pictures(PictureCopy::Light, blending, still.as_ref()).within(valid);
+                let masks = [still.as_ref(), valid];
+                let [main, light] =
+                    [PictureCopy::Main, PictureCopy::Light].map(|copy| seen.pictures(copy, blending, masks));
                 let log_scales = [&model.dynamic, static_].map(|branch| branch.log_scales.val());
                 let loss = main_loss(&main, &context) + light_loss(&light, log_scales, &context);
                 let loss = match self.opacity_cost(static_) {
@@ -95,6 +96,7 @@ impl Trainer {
         let config = &self.config;
         LossContext {
             photos: &batch.photos,
+            valid: batch.valid.as_ref(),
             motion,
             config: &config.loss,
             schedule: LossSchedule {
@@ -114,7 +116,8 @@ impl Trainer {
         if position.stage == Stage::Geometry || !self.has_births {
             return None;
         }
-        Some(MotionMasks::by_difference(&batch.photos, seen.static_()?.inner()))
+        let static_ = within(seen.static_()?.inner(), batch.valid.as_ref());
+        Some(MotionMasks::by_difference(&batch.photos, static_))
     }
 
     /// The exposures of the given views' cameras, with `model.exposure`.

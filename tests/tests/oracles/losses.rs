@@ -1,9 +1,9 @@
 //! `loss_coarse` and `loss_fine`: composition, every term of the losses, and both losses as wholes.
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Result, bail};
 use burn::tensor::{Device, Tensor};
 use mvfusion_model::config::LossConfig;
-use mvfusion_model::model::composition::{Blending, BranchRenders, Composition};
+use mvfusion_model::model::composition::{Blending, BranchRenders, Composition, within};
 use mvfusion_model::train::loss::terms::{
     above, behind, dssim, edge_variation, entropy, l1, large, likeness, masked_dssim, spiky,
 };
@@ -37,6 +37,11 @@ pub fn check_geometry(archive: &Archive, device: &Device) -> Result<()> {
     check(archive, device, Stage::Geometry)
 }
 
+/// The first stage with the mask of this program, which is clamped (docs/departures.md).
+pub fn check_clamped_geometry(archive: &Archive, device: &Device) -> Result<()> {
+    check(archive, device, Stage::ClampedGeometry)
+}
+
 /// The later stages.
 pub fn check_deformation(archive: &Archive, device: &Device) -> Result<()> {
     check(archive, device, Stage::Deformation)
@@ -45,6 +50,7 @@ pub fn check_deformation(archive: &Archive, device: &Device) -> Result<()> {
 #[derive(Clone, Copy, PartialEq)]
 enum Stage {
     Geometry,
+    ClampedGeometry,
     Deformation,
 }
 
@@ -69,10 +75,11 @@ impl Inputs {
         // Ours clamps the mask of the first stage; the oracle, as the original, does not.
         let blending = match stage {
             Stage::Geometry => Blending::GeometryUnclamped,
+            Stage::ClampedGeometry => Blending::Geometry,
             Stage::Deformation => Blending::Deformation,
         };
         Ok(Self {
-            blend: layers.clone().compose(blending),
+            blend: layers.clone().compose_within(blending, Some(&valid(archive, device)?)),
             layers,
             mask,
             dynamic_depth: leaf("D_f")?,
@@ -121,13 +128,16 @@ struct Names {
     gradient: String,
 }
 
+/// The mask of valid pixels.
+fn valid(archive: &Archive, device: &Device) -> Result<Tensor<4>> {
+    archive.tensor("in.V", &device.clone().inner())
+}
+
 fn check(archive: &Archive, device: &Device, stage: Stage) -> Result<()> {
-    ensure!(archive.array("in.V")?.values.iter().all(|&v| v == 1.0), "masks of invalid pixels are not ours yet");
     let device = &device.clone().autodiff();
-    let photos = archive.tensor::<4>("in.GT", device)?;
-    let extent = archive.number("in.ext")?;
-    let windows = Windows::default();
-    let scene = Scene { photos, extent, windows };
+    let valid = valid(archive, device)?;
+    let photos = archive.tensor::<4>("in.GT", &device.clone().inner())? * valid.clone();
+    let scene = Scene { photos, valid, extent: archive.number("in.ext")?, windows: Windows::default() };
     let mut checks = Checklist::default();
     check_maps(&mut checks, archive, &scene, &Inputs::read(archive, device, stage)?)?;
     for name in archive.names().filter_map(|name| name.strip_prefix("out.term.")) {
@@ -147,7 +157,9 @@ fn check(archive: &Archive, device: &Device, stage: Stage) -> Result<()> {
 
 /// What the losses compare with.
 struct Scene {
+    /// Black at invalid pixels.
     photos: Tensor<4>,
+    valid: Tensor<4>,
     extent: f64,
     windows: Windows,
 }
@@ -177,6 +189,7 @@ fn check_maps(checks: &mut Checklist, archive: &Archive, scene: &Scene, inputs: 
 fn term(name: &str, inputs: &Inputs, scene: &Scene) -> Result<Tensor<1>> {
     let blend = inputs.blend.clone();
     let (photos, windows) = (scene.photos.clone(), &scene.windows);
+    let valid = |picture: Tensor<4>| within(picture, Some(&scene.valid));
     let still_lit = blend.lit.clone().detach();
     let dark = photos.clone() * DARKENING;
     let (front, back) = (inputs.dynamic_depth.clone(), inputs.static_depth.clone().detach());
@@ -191,14 +204,14 @@ fn term(name: &str, inputs: &Inputs, scene: &Scene) -> Result<Tensor<1>> {
         "main.fg_dssim" => dssim(blend.dynamic, photos, &windows.ssim),
         "main.depth_back" => behind(front, back, above(&blend.mask, 0.6), scene.extent),
         "main.depth_back_nodetach" => behind(front, inputs.static_depth.clone(), above(&blend.mask, 0.6), scene.extent),
-        "main.depth_forward" => behind(back, front, -above(&blend.mask, 0.4) + 1.0, scene.extent),
+        "main.depth_forward" => behind(back, front, valid(-above(&blend.mask, 0.4) + 1.0), scene.extent),
         "main.depth_edge_tv" => edge_variation(inputs.static_depth.clone() / scene.extent, &photos),
         "main.penalize_dynamic" => likeness(blend.dynamic, still_lit, dynamic_answers, &windows.structure),
         "main.fg_comp_dssim" => masked_dssim(blend.dynamic, photos, dynamic_answers, &windows.ssim),
         "main.bg_comp_dssim" => masked_dssim(blend.lit, photos, static_answers, &windows.ssim),
         "main.fg_comp_l1" => l1(blend.dynamic * dynamic_answers.clone(), photos * dynamic_answers),
         "main.bg_comp_l1" => l1(blend.lit * static_answers.clone(), photos * static_answers),
-        "light.l_to_one" => (blend.brightness - 1.0).abs().mean(),
+        "light.l_to_one" => valid(blend.brightness - 1.0).abs().mean(),
         "light.explicit" => l1((blend.static_.detach() * blend.brightness).clamp(0.0, 1.0), photos),
         "light.dssim" => dssim(blend.composed, photos, &windows.ssim),
         "light.large_fg" => large(inputs.log_scales[0].clone(), scene.extent),
@@ -215,11 +228,12 @@ fn total(name: &str, inputs: &Inputs, scene: &Scene, stage: Stage) -> Result<Ten
     let [part, config_name, step] = name.split('.').collect::<Vec<_>>()[..] else { bail!("`{name}` is no total") };
     let (config, densify_until, length) = match config_name {
         "neu3d" => (LossConfig::default(), 16_000, 20_000),
+        "masked" => (LossConfig { geometry_mean: false, ..LossConfig::default() }, 16_000, 20_000),
         "onthego_indoor" => (onthego_indoor(), 26_000, 30_000),
         _ => bail!("the configuration `{config_name}` is not known"),
     };
     let schedule = LossSchedule {
-        geometry: stage == Stage::Geometry,
+        geometry: stage != Stage::Deformation,
         step: step.trim_start_matches("it").parse()?,
         total: length,
         densify_until,
@@ -227,6 +241,7 @@ fn total(name: &str, inputs: &Inputs, scene: &Scene, stage: Stage) -> Result<Ten
     };
     let context = LossContext {
         photos: &scene.photos,
+        valid: Some(&scene.valid),
         motion: None,
         config: &config,
         schedule,

@@ -10,6 +10,8 @@ use super::{LossSchedule, MotionMasks, MotionWitness};
 pub struct LossContext<'a> {
     /// The photos, black at invalid pixels: `[B, 3, H, W]` in `[0, 1]`.
     pub photos: &'a Tensor<4>,
+    /// 1 at valid pixels, otherwise 0: `[B or 1, 1, H, W]`; absent if all are valid. The renders are composed within it.
+    pub valid: Option<&'a Tensor<4>>,
     /// Detected motion; absent if unknown.
     pub motion: Option<&'a MotionMasks>,
     /// Weights.

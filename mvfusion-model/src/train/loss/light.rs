@@ -4,6 +4,7 @@ use burn::tensor::Tensor;
 
 use super::terms::{dssim, entropy, l1, large, spiky};
 use super::{LossContext, Pictures};
+use crate::model::composition::within;
 
 /// The light loss, a scalar `[1]`; `log_scales` are those of both branches, `[N, 3]` each.
 pub fn light_loss(pictures: &Pictures, log_scales: [Tensor<2>; 2], context: &LossContext<'_>) -> Tensor<1> {
@@ -12,7 +13,8 @@ pub fn light_loss(pictures: &Pictures, log_scales: [Tensor<2>; 2], context: &Los
     let mut loss = dssim(blend.composed.clone(), photos.clone(), &context.windows.ssim) * config.composed_dssim;
 
     let brightness_weight = config.brightness + schedule.brightness_weight();
-    loss = loss + (blend.brightness.clone() - 1.0).abs().mean() * brightness_weight;
+    let away_from_one = within(blend.brightness.clone() - 1.0, context.valid);
+    loss = loss + away_from_one.abs().mean() * brightness_weight;
 
     let explicit = schedule.explicit_weight(config.brightness_explicit);
     if explicit > 0.0 {

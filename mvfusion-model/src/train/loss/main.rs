@@ -4,6 +4,7 @@ use burn::tensor::Tensor;
 
 use super::terms::{above, behind, dssim, edge_variation, l1, likeness, masked_dssim};
 use super::{LossContext, Pictures};
+use crate::model::composition::within;
 
 /// Factor of the photo in the comparison with the mean of both branches in the first stage (METHOD §4.4).
 const GEOMETRY_DARKENING: f64 = 0.9;
@@ -68,12 +69,13 @@ fn depth_terms(pictures: &Pictures, context: &LossContext<'_>) -> Option<Tensor<
     let back = pictures.static_depth.clone().detach();
     let mut terms = Vec::new();
     if config.depth_back > 0.0 {
-        let indicator = above(mask, SURELY_DYNAMIC);
+        let indicator = within(above(mask, SURELY_DYNAMIC), context.valid);
         let back = if config.depth_back_detached { back.clone() } else { pictures.static_depth.clone() };
         terms.push(behind(front.clone(), back, indicator, context.extent) * config.depth_back);
     }
     if config.depth_forward > 0.0 {
-        let indicator = -above(mask, SURELY_STATIC) + 1.0;
+        // Invalid pixels are in no mask, so they would count as surely static.
+        let indicator = within(-above(mask, SURELY_STATIC) + 1.0, context.valid);
         terms.push(behind(back, front, indicator, context.extent) * config.depth_forward);
     }
     if config.depth_smooth > 0.0 {
@@ -91,7 +93,7 @@ fn branch_terms(pictures: &Pictures, context: &LossContext<'_>) -> Option<Tensor
         let alike = likeness(
             blend.dynamic.clone(),
             blend.lit.clone().detach(),
-            above(&blend.mask, DYNAMIC),
+            within(above(&blend.mask, DYNAMIC), context.valid),
             &context.windows.structure,
         );
         terms.push(alike * config.penalize_dynamic);
@@ -107,7 +109,8 @@ fn branch_terms(pictures: &Pictures, context: &LossContext<'_>) -> Option<Tensor
         }
         let branches = [(&blend.dynamic, dynamic_answers), (&blend.lit, static_answers)];
         for (picture, answers) in branches {
-            let structure = masked_dssim(picture.clone(), photos.clone(), answers.clone(), &context.windows.ssim);
+            let indicator = within(answers.clone(), context.valid);
+            let structure = masked_dssim(picture.clone(), photos.clone(), indicator, &context.windows.ssim);
             let colour = l1(picture.clone() * answers.clone(), photos.clone() * answers);
             terms.push(structure * config.branch_dssim + colour * config.branch_l1);
         }

@@ -14,6 +14,6 @@ pub use context::{LossContext, Windows};
 pub use light::light_loss;
 pub use main::main_loss;
 pub use motion::{MotionMasks, MotionWitness};
-pub use pictures::{Pictures, within};
+pub use pictures::Pictures;
 pub use schedule::LossSchedule;
 pub use single::single_loss;

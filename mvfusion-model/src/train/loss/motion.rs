@@ -31,7 +31,7 @@ pub enum MotionWitness {
 
 impl MotionMasks {
     /// Motion where photos `[B, 3, H, W]` differ from the render of the static branch, by the rule of
-    /// [`births`](crate::train::births).
+    /// [`births`](crate::train::births). Invalid pixels are black in both, so they count as correct.
     pub fn by_difference(photos: &Tensor<4>, static_: Tensor<4>) -> Self {
         let difference = (photos.clone() - static_.clamp(0.0, 1.0)).abs().max_dim(1);
         let dtype = difference.dtype();

@@ -42,9 +42,14 @@ pub fn behind(front: Tensor<4>, back: Tensor<4>, indicator: Tensor<4>, extent: f
     ((front - back) / extent * indicator).clamp_min(0.0).mean()
 }
 
-/// Edge-aware total variation of a depth `[B, 1, H, W]` under a photo `[B, 3, H, W]`; forward differences.
+/// Edge-aware total variation of a depth `[B, 1, H, W]` under a photo `[B, 3, H, W]`; forward differences. Along an axis
+/// of one pixel, nothing varies.
 pub fn edge_variation(depth: Tensor<4>, photos: &Tensor<4>) -> Tensor<1> {
     let along = |dim: usize| {
+        if depth.dims()[dim] < 2 {
+            // The mean of no differences is no number.
+            return (depth.clone() * 0.0).sum();
+        }
         let difference = |t: &Tensor<4>| {
             let length = t.dims()[dim] - 1;
             (t.clone().narrow(dim, 1, length) - t.clone().narrow(dim, 0, length)).abs()
