@@ -70,10 +70,10 @@ pub fn project_backward(
         let first = index * stored as usize;
         if pairs > 0 {
             let geometry = geometry_of(means, quaternions, log_scales, index, &view);
-            let opacity = sigmoid(opacity_logits[index]);
+            let logit = opacity_logits[index];
+            let opacity = sigmoid(logit);
             let v_opacity = record[gradient_record::OPACITY];
-            v_opacity_logits[index] =
-                v_opacity * compensation(&geometry, kind.compensated) * opacity * (1.0f32 - opacity);
+            v_opacity_logits[index] = v_opacity * compensation(&geometry, kind.compensated) * opacity * sigmoid(-logit);
             let mut v_xx = record[gradient_record::COVARIANCE_XX];
             let mut v_xy = record[gradient_record::COVARIANCE_XY];
             let mut v_yy = record[gradient_record::COVARIANCE_YY];

@@ -3,7 +3,7 @@
 use burn::tensor::Tensor;
 use burn::tensor::module::avg_pool2d;
 use burn::tensor::ops::AvgPoolOptions;
-use mvfusion_render::window::{Window, blur};
+use mvfusion_render::window::{self, Window, blur};
 
 use super::{PixelMap, SSIM_BORDER};
 use crate::ModelError;
@@ -14,9 +14,8 @@ const WEIGHTS: [f64; 5] = [0.0448, 0.2856, 0.3001, 0.2363, 0.1333];
 /// Both sides must exceed this, so that the window fits into the coarsest scale.
 pub const LEAST_SIDE: usize = 160;
 
-/// Constants of SSIM for values in `[0, 1]`.
+/// Constant of SSIM's luminance term for values in `[0, 1]`.
 const LUMINANCE: f64 = 0.01 * 0.01;
-const CONTRAST: f64 = 0.03 * 0.03;
 
 /// MS-SSIM of two images `[1, 3, H, W]` in `[0, 1]`; `None` unless both sides exceed 160 pixels.
 ///
@@ -53,7 +52,7 @@ pub fn dissimilarity(ms_ssim: f64) -> f64 {
 }
 
 /// The term of a scale.
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 enum Term {
     /// Contrast and structure.
     Contrast,
@@ -62,18 +61,19 @@ enum Term {
 }
 
 /// A term at each pixel whose window is inside: `[1, C, H - 10, W - 10]`.
+///
+/// Contrast is SSIM divided by luminance. The op computes SSIM from central moments, whereas a difference of mean square
+/// and squared mean loses the variances of bright, flat images in single precision.
 fn similarity(a: &Tensor<4>, b: &Tensor<4>, term: Term) -> Tensor<4> {
-    let window = Window::gaussian(11, 1.5);
-    let mean = |image: Tensor<4>| inside(blur(image, &window));
-    let (mean_a, mean_b) = (mean(a.clone()), mean(b.clone()));
-    let (squared_a, squared_b) = (mean_a.clone().square(), mean_b.clone().square());
-    let product = mean_a * mean_b;
-    let variances = mean(a.clone().square()) - squared_a.clone() + mean(b.clone().square()) - squared_b.clone();
-    let covariance = mean(a.clone() * b.clone()) - product.clone();
-    let contrast = (covariance * 2.0 + CONTRAST) / (variances + CONTRAST);
+    let bell = Window::gaussian(11, 1.5);
+    let ssim = inside(window::ssim_map(a.clone(), b.clone(), &bell));
     match term {
-        Term::Contrast => contrast,
-        Term::Whole => (product * 2.0 + LUMINANCE) / (squared_a + squared_b + LUMINANCE) * contrast,
+        Term::Whole => ssim,
+        Term::Contrast => {
+            let [mean_a, mean_b] = [a, b].map(|image| inside(blur(image.clone(), &bell)));
+            let squares = mean_a.clone().square() + mean_b.clone().square();
+            ssim * (squares + LUMINANCE) / (mean_a * mean_b * 2.0 + LUMINANCE)
+        }
     }
 }
 
@@ -94,7 +94,6 @@ fn halved(image: Tensor<4>) -> Tensor<4> {
 mod tests {
     use burn::tensor::TensorData;
 
-    use super::super::ssim_map;
     use super::*;
     use crate::random::Stream;
     use crate::test_support::{for_each_device, picture, values};
@@ -122,15 +121,49 @@ mod tests {
         });
     }
 
+    const SIZE: [usize; 2] = [17, 23];
+
     #[test]
-    fn a_scale_is_the_inner_part_of_ssim() {
+    fn a_scale_is_the_definition_for_dark_and_for_bright_flat_pictures() {
         for_each_device(|device| {
             let mut stream = Stream::new(3, 0);
-            let [a, b] = [0; 2].map(|_| picture(&mut stream, [21, 34], &device));
-            let found = PixelMap::read(similarity(&a, &b, Term::Whole)).expect("numbers").mean();
-            let wanted = ssim_map(a, b).expect("numbers").inner_mean(SSIM_BORDER).expect("it has an inner part");
-            assert!((found - wanted).abs() < 1e-5, "{found} instead of {wanted}");
+            for (level, contrast) in [(0.0, 1.0), (0.0, 0.004), (0.95, 0.004), (0.996, 0.004)] {
+                let [a, b] = [0; 2].map(|_| picture(&mut stream, SIZE, &device) * contrast + level);
+                let pictures = [&a, &b].map(|image| values(image.clone()));
+                for term in [Term::Contrast, Term::Whole] {
+                    let found = values(similarity(&a, &b, term));
+                    let wanted = definition(&pictures, term);
+                    assert_eq!(found.len(), wanted.len());
+                    let worst = found.iter().zip(wanted).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                    assert!(worst < 2e-6, "{term:?} of {level} + {contrast}: {worst}");
+                }
+            }
         });
+    }
+
+    /// The term at each window that is inside, by its definition and in double precision.
+    fn definition([a, b]: &[Vec<f64>; 2], term: Term) -> Vec<f64> {
+        let [height, width] = SIZE;
+        let weights: Vec<f64> = Window::gaussian(11, 1.5).weights().iter().map(|&w| f64::from(w)).collect();
+        let mut terms = Vec::new();
+        for (channel, y, x) in (0..3)
+            .flat_map(|c| (0..height - 10).map(move |y| (c, y)))
+            .flat_map(|(c, y)| (0..width - 10).map(move |x| (c, y, x)))
+        {
+            let mean = |value: &dyn Fn(usize) -> f64| -> f64 {
+                let taps = (0..11).flat_map(|i| (0..11).map(move |j| (i, j)));
+                taps.map(|(i, j)| weights[i] * weights[j] * value((channel * height + y + i) * width + x + j)).sum()
+            };
+            let (mean_a, mean_b) = (mean(&|at| a[at]), mean(&|at| b[at]));
+            let spread = mean(&|at| (a[at] - mean_a).powi(2) + (b[at] - mean_b).powi(2));
+            let common = mean(&|at| (a[at] - mean_a) * (b[at] - mean_b));
+            let contrast = (2.0 * common + 9e-4) / (spread + 9e-4);
+            terms.push(match term {
+                Term::Contrast => contrast,
+                Term::Whole => contrast * (2.0 * mean_a * mean_b + 1e-4) / (mean_a.powi(2) + mean_b.powi(2) + 1e-4),
+            });
+        }
+        terms
     }
 
     #[test]

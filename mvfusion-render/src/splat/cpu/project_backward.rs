@@ -109,9 +109,11 @@ impl<T: Lane> RecordSource<'_, T> {
         let mut v_head = ProjectedGradient::from_row(&std::array::from_fn(|place| record[place]));
         let depth = gradient_record::depth(cloud.channels());
 
-        let logit_opacity = sigmoid(cloud.values.opacity_logits[index]);
+        let logit = cloud.values.opacity_logits[index];
+        let logit_opacity = sigmoid(logit);
         let compensation = geometry.compensation(view.antialias);
-        rows.opacity_logits[i] = v_head.opacity * compensation * logit_opacity * (T::one() - logit_opacity);
+        // The difference from 1 of an opaque Gaussian has no digits left in single precision.
+        rows.opacity_logits[i] = v_head.opacity * compensation * logit_opacity * sigmoid(-logit);
         if view.antialias == Antialias::Compensated && !geometry.compensation_is_bounded() {
             let v_compensation = v_head.opacity * logit_opacity;
             geometry.add_compensation_gradient(v_compensation, view.dilation, &mut v_head.covariance);
