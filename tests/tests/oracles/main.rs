@@ -3,8 +3,9 @@
 //! Every `.npz` file in `$MVFUSION_ORACLES/{oracle_gsplat,oracle_method,oracle_metrics}` is one trial a backend, named
 //! `oracle::<backend>::<kind>::<file>`; without the folder each kind is one ignored trial. So are the pairs of pictures in
 //! `oracle_metrics/metrics.json`. The project's own small oracle (`tests/oracles/own.npz`, made by `make.py` beside it)
-//! always runs. The report of a run is opened in a real browser ([`report`]), a sweep's cells are run by a real SLURM
-//! ([`cluster`]), and other files that the program writes are read by the readers of others ([`foreign`]).
+//! always runs, and so do hard inputs ([`hard`]). The report of a run is opened in a real browser ([`report`]), a
+//! sweep's cells are run by a real SLURM ([`cluster`]), and other files that the program writes are read by the readers
+//! of others ([`foreign`]).
 #![recursion_limit = "256"]
 
 mod archive;
@@ -15,6 +16,7 @@ mod cluster;
 mod composition;
 mod densify;
 mod foreign;
+mod hard;
 mod hexplane;
 mod images;
 mod kinds;
@@ -51,6 +53,7 @@ fn main() -> ExitCode {
     let mut trials = Vec::new();
     for backend in every_backend() {
         trials.extend(own::trials(backend));
+        trials.extend(hard::trials(backend));
         trials.extend(parity::trials(backend));
         trials.extend(shared(backend));
         trials.extend(metrics::trials(backend));

@@ -73,7 +73,7 @@ fn scene() -> Scene {
 }
 
 /// A run of the given stages with 500 Gaussians at most, the modules, and nothing that changes rows.
-fn config(branches: Branches, stages: StageConfig) -> Config {
+pub fn config(branches: Branches, stages: StageConfig) -> Config {
     Config {
         seed: 3,
         init: InitConfig { dynamic_points: 250, dynamic_from_cloud: 20, static_points: 250, ..InitConfig::default() },
