@@ -6,7 +6,7 @@
 //! * optimal: `cv2.getOptimalNewCameraMatrix(K, d, (1008, 756), 0)`;
 //! * for the fisheye, the functions of the same names in `cv2.fisheye`, with the identity as rotation;
 //! * inner: focal lengths and principal point of the largest pinhole within the lens, from `undistortPoints` to
-//!   convergence at eight points per pixel of the outer edges of the picture.
+//!   convergence at eight points per pixel of the outer edges of the picture. Its pixels start at 0 at the edge.
 //!
 //! OpenCV counts pixels from 0 at the middle of the first one.
 
@@ -228,7 +228,13 @@ fn the_undistorted_picture_takes_its_pixels_from_where_opencv_takes_them() {
 fn the_border_of_a_strong_lens_lies_where_opencv_converges_to() {
     for reference in REFERENCES {
         for (border, point) in BORDER.into_iter().zip(reference.points) {
-            let found = lens(reference.lens, reference.bend).direction_of(pixel(border)).expect("within the lens");
+            let found = lens(reference.lens, reference.bend).direction_of(pixel(border));
+            let is_corner = border[0] != 504.0 && border[1] != 378.0;
+            if reference.name == "fisheye" && is_corner {
+                assert_eq!(found, None, "beyond 90 degrees, where OpenCV limits the angle");
+                continue;
+            }
+            let found = found.expect("within the lens");
             let off = (found - DVec2::from(point)).abs().max_element();
             assert!(off < POINT * found.abs().max_element(), "{} at {border:?}: {found} is {off} off", reference.name);
         }
@@ -240,9 +246,10 @@ fn the_pinhole_is_the_largest_within_a_strong_lens() {
     for reference in REFERENCES {
         let Some([_, inner]) = reference.optimal_and_inner else { continue };
         let bent = lens(reference.lens, reference.bend);
-        let (found, wanted) = (pinhole_within(&bent, WIDTH, HEIGHT).expect("seen"), lens(inner, Bend::NONE));
-        let off = (found.focal - wanted.focal).abs().max((found.principal - wanted.principal).abs()).max_element();
-        assert!(off < INNER, "{}: {found:?} instead of {wanted:?}", reference.name);
+        let found = pinhole_within(&bent, WIDTH, HEIGHT).expect("seen");
+        let found = [found.focal.x, found.focal.y, found.principal.x, found.principal.y];
+        let off = found.iter().zip(inner).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(off < INNER, "{}: {found:?} instead of {inner:?}", reference.name);
     }
 }
 
@@ -273,7 +280,7 @@ fn the_rule_of_the_method_is_that_of_opencv_and_five_steps_are_too_few_for_stron
         let focal = [last_x / (right - left), last_y / (bottom - top)];
         let found = [focal[0], focal[1], -focal[0] * left, -focal[1] * top];
         assert!(found.iter().zip(optimal).all(|(a, b)| (a - b).abs() < 1e-6), "{}: {found:?}", reference.name);
-        let apart = optimal.iter().zip(inner).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-        assert!(apart > 0.4, "{}: OpenCV's pinhole is {apart} px from the one within the lens", reference.name);
+        let apart = (0..2).map(|axis| (optimal[axis] - inner[axis]).abs()).fold(0.0, f64::max);
+        assert!(apart > 0.2, "{}: OpenCV's focal length is {apart} px from the exact one", reference.name);
     }
 }
