@@ -1,5 +1,5 @@
 //! Signals that interrupt a training: the first asks for a checkpoint after the current step, a second one ends the
-//! process at once.
+//! process at once. Files that may not grow any further.
 
 use std::fmt;
 use std::io;
@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 #[cfg(unix)]
-use signal_hook::consts::SIGHUP;
+use signal_hook::consts::{SIGHUP, SIGXFSZ};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 
@@ -56,6 +56,17 @@ impl Signals {
     pub fn end_at_once(&self) {
         self.is_second.store(true, Ordering::Relaxed);
     }
+}
+
+/// Makes writing to a file beyond the limit of its size (`ulimit -f`) an error with a message: without a handler, the
+/// system's signal ends the process.
+///
+/// # Errors
+/// If the system refuses.
+pub fn survive_file_limits() -> io::Result<()> {
+    #[cfg(unix)]
+    flag::register(SIGXFSZ, Arc::default())?;
+    Ok(())
 }
 
 /// Whether the process was started with a signal ignored. Only Linux can be asked.

@@ -57,6 +57,7 @@ pub mod threads;
 
 use std::io::Write;
 
+use anyhow::Context;
 pub use args::Cli;
 use args::Command;
 
@@ -67,6 +68,7 @@ use args::Command;
 /// Whatever the command fails with; [`failure::exit_code`] knows the exit code.
 pub fn run(cli: &Cli, threads: usize, out: &mut dyn Write) -> anyhow::Result<()> {
     logs::start(cli.output);
+    interrupt::survive_file_limits().context("cannot watch for signals")?;
     threads::start(threads)?;
     let verbosity = cli.output.verbosity();
     if let Some(asked) = cli.command.threads().filter(|asked| asked.get() > threads) {

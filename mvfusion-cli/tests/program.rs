@@ -4,6 +4,9 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
+#[cfg(target_os = "linux")]
+#[path = "program/disks.rs"]
+mod disks;
 #[path = "program/evidence.rs"]
 mod evidence;
 #[path = "program/render.rs"]
@@ -11,6 +14,9 @@ mod render;
 #[cfg(unix)]
 #[path = "program/resume.rs"]
 mod resume;
+#[cfg(unix)]
+#[path = "program/strange.rs"]
+mod strange;
 #[cfg(unix)]
 #[path = "program/sweep.rs"]
 mod sweep;

@@ -37,12 +37,12 @@
 //! | [`motion`] | what moves in the images of still cameras |
 //! | [`camera_path`] | cameras for rendering |
 //! | `video` | decoding and encoding of videos |
-//! | `files` | opening files whose content is not trusted |
+//! | [`files`] | opening files whose content is not trusted |
 
 pub mod builtin;
 pub mod camera_path;
 mod error;
-mod files;
+pub mod files;
 pub mod inspect;
 pub mod motion;
 pub mod readers;
@@ -54,7 +54,7 @@ pub use builtin::{BuiltinKind, BuiltinOptions};
 pub use error::{DataError, Refusal};
 pub use readers::{Format, ReadOptions, TimeRule, attach_masks, open, read_gaussians, read_points, recognise};
 pub use scene::{
-    Bend, Bounds, Camera, Capture, Decoded, GaussianCloud, LARGEST_COORDINATE, LIFETIME_FIELDS, Lens, Lifetime,
+    Bend, Bounds, Camera, Capture, Decoded, ExifOrientation, GaussianCloud, LARGEST_COORDINATE, LIFETIME_FIELDS, Lens, Lifetime,
     MASK_FIELDS, Mask, Picture, PictureCache, PictureFile, PictureSource, PointCloud, Scene, Truth, View, rest_width,
 };
 pub use video::{Video, VideoWriter, can_write_videos};

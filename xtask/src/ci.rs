@@ -1,4 +1,4 @@
-//! Continuous integration: formatting, documents, lints, tests, examples, the other feature sets.
+//! Continuous integration: formatting, documents, dependencies, lints, tests, examples, the other feature sets.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -8,15 +8,16 @@ use std::time::Instant;
 use anyhow::{Context, Result, ensure};
 use serde_json::Value;
 
-use crate::docs;
+use crate::{deny, docs};
 
 /// The feature set of the one test build: every CPU backend, and the GPU through wgpu.
-const TESTED: &str = "flex,ndarray,wgpu";
+pub const TESTED: &str = "flex,ndarray,wgpu";
 
 /// Runs every check and stops at the first that fails.
 pub fn run() -> Result<()> {
     step("format", &["fmt", "--all", "--check"], &[])?;
     timed("documents", docs::check)?;
+    timed("dependencies", deny::check)?;
     step("lint", &["clippy", "--workspace", "--all-targets", "--features", TESTED, "--", "--deny", "warnings"], &[])?;
     step("test", &["test", "--workspace", "--features", TESTED], &[])?;
     timed("examples", run_examples)?;

@@ -2,7 +2,9 @@
 
 mod bench;
 mod ci;
+mod deny;
 mod docs;
+mod mutate;
 mod results;
 mod splice;
 mod torture;
@@ -25,6 +27,8 @@ enum Chore {
     Docs(docs::DocsArguments),
     /// Times the ops on this machine.
     Bench(bench::BenchArguments),
+    /// Gives every reader damaged files, 100 000 unless told otherwise.
+    Mutate(mutate::MutateArguments),
     /// Puts the table of a sweep into docs/results.md.
     Results(results::ResultsArguments),
     /// Kills, terminates, replaces and doubles trainings, and checks that none is lost.
@@ -36,6 +40,7 @@ fn main() -> anyhow::Result<()> {
         Chore::Ci => ci::run(),
         Chore::Docs(arguments) => docs::run(&arguments),
         Chore::Bench(arguments) => bench::run(&arguments),
+        Chore::Mutate(arguments) => mutate::run(&arguments),
         Chore::Results(arguments) => results::run(&arguments),
         Chore::Torture(arguments) => torture::run(&arguments),
     }

@@ -114,10 +114,7 @@ fn earlier_results(folder: &Path) -> anyhow::Result<Option<Results>> {
     if !path.is_file() {
         return Ok(None);
     }
-    let read = || -> anyhow::Result<Results> { Ok(serde_json::from_str(&std::fs::read_to_string(&path)?)?) };
-    read()
-        .map(Some)
-        .with_context(|| format!("cannot read {}; remove it to evaluate without comparison", path.display()))
+    run::read_json(&path).map(Some).context("remove the earlier metrics to evaluate without comparison")
 }
 
 /// Reports whether the metrics equal the run's earlier ones.

@@ -7,6 +7,7 @@ mod preset;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use mvfusion_data::files::read_text;
 use mvfusion_data::readers::nerfstudio;
 use mvfusion_data::{Capture, Format};
 use mvfusion_model::Config;
@@ -14,6 +15,7 @@ use toml::{Table, Value};
 
 use crate::args::ConfigSourceArgs;
 use crate::failure::UsageError;
+use crate::run;
 use keys::KnownKeys;
 pub(crate) use keys::nearest;
 pub(crate) use partial::{Origin, PartialConfig, leaves, line_of};
@@ -192,7 +194,7 @@ fn given_partials(args: &ConfigSourceArgs, data: Option<&Path>) -> anyhow::Resul
 }
 
 fn read_partial(path: &Path) -> Result<PartialConfig, UsageError> {
-    let text = std::fs::read_to_string(path)
+    let text = read_text(path, run::MOST_OF_SETTINGS)
         .map_err(|error| UsageError::new(format!("cannot read the configuration {}: {error}.", path.display())))?;
     PartialConfig::parse(&text, Origin::File(path.to_owned()))
 }

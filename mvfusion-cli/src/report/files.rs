@@ -5,6 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use anyhow::bail;
+use mvfusion_data::files::read_text;
 use mvfusion_model::Config;
 use mvfusion_model::evaluation::Protocol;
 use serde::de::DeserializeOwned;
@@ -118,7 +119,7 @@ fn configuration(folder: &Path) -> Found<Config> {
 }
 
 fn text(folder: &Path, name: &str) -> Found<String> {
-    std::fs::read_to_string(folder.join(name)).map_err(|error| match error.kind() {
+    read_text(&folder.join(name), run::MOST_OF_RECORDS).map_err(|error| match error.kind() {
         io::ErrorKind::NotFound => Missing::new(format!("The run has no {name}.")),
         _ => Missing::new(format!("{name} cannot be read: {error}.")),
     })

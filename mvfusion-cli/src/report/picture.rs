@@ -8,8 +8,10 @@ use base64::engine::general_purpose::STANDARD;
 use image::codecs::jpeg::JpegEncoder;
 use image::imageops::FilterType;
 use image::{DynamicImage, ImageFormat, ImageReader};
+use mvfusion_data::files::read_bytes;
 
 use super::files::{Found, Missing};
+use crate::run::MOST_OF_PICTURE;
 
 /// PNG files up to this many bytes are embedded unchanged.
 const SMALL: usize = 48 * 1024;
@@ -33,7 +35,7 @@ pub(super) struct Embedded {
 /// # Errors
 /// A [`Missing`] that names the file as `name` if it is missing or not an image.
 pub(super) fn embed(path: &Path, name: &str, widest: u32) -> Found<Embedded> {
-    let bytes = std::fs::read(path).map_err(|error| match error.kind() {
+    let bytes = read_bytes(path, MOST_OF_PICTURE).map_err(|error| match error.kind() {
         io::ErrorKind::NotFound => Missing::new(format!("The file {name} is missing.")),
         _ => Missing::new(format!("{name} cannot be read: {error}.")),
     })?;

@@ -1,9 +1,9 @@
 //! The names of the files and folders in a run folder.
 
-use std::fs;
 use std::path::Path;
 
 use anyhow::Context;
+use mvfusion_data::files::read_text;
 use serde::de::DeserializeOwned;
 
 /// The resolved configuration.
@@ -37,12 +37,19 @@ pub const REPORT: &str = "report.html";
 pub const ENTRIES: [&str; 12] =
     [CONFIG, RECORD, METRICS, RESULTS, PER_VIEW, PROTOCOLS, CHECKPOINTS, POINT_CLOUD, RENDERS, FILMS, STRIPS, REPORT];
 
+/// Bytes of a configuration, a grid, or another file that a person may write. The largest grid of ours has 10 kB.
+pub(crate) const MOST_OF_SETTINGS: u64 = 1 << 22;
+/// Bytes of a file with one entry for each run, view, cell or log step. An entry takes at most a few kilobytes.
+pub(crate) const MOST_OF_RECORDS: u64 = 1 << 28;
+/// Bytes of an image.
+pub(crate) const MOST_OF_PICTURE: u64 = 1 << 30;
+
 /// Reads a JSON file of a run.
 ///
 /// # Errors
 /// If it cannot be read or is not what this version writes.
 pub fn read_json<T: DeserializeOwned>(path: &Path) -> anyhow::Result<T> {
-    let read = || -> anyhow::Result<T> { Ok(serde_json::from_str(&fs::read_to_string(path)?)?) };
+    let read = || -> anyhow::Result<T> { Ok(serde_json::from_str(&read_text(path, MOST_OF_RECORDS)?)?) };
     read().with_context(|| format!("cannot read {}", path.display()))
 }
 

@@ -1,15 +1,17 @@
 //! `metrics.jsonl`: one line per log step.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::Context;
+use mvfusion_data::files::read_text;
 use mvfusion_model::profile::{self, Part};
 use serde::{Deserialize, Serialize};
 
+use super::files::MOST_OF_RECORDS;
 use super::results::{GaussianCounts, is_zero};
 use crate::atomic;
 
@@ -76,7 +78,7 @@ impl MetricsLog {
             step: usize,
             elapsed: f64,
         }
-        let text = match fs::read_to_string(path) {
+        let text = match read_text(path, MOST_OF_RECORDS) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => String::new(),
             text => text.with_context(|| format!("cannot read {}", path.display()))?,
         };
@@ -114,6 +116,8 @@ impl MetricsLog {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     #[test]

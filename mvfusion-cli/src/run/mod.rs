@@ -26,6 +26,7 @@ pub use files::{
     CHECKPOINTS, CONFIG, ENTRIES, FILMS, FINAL, METRICS, PER_VIEW, POINT_CLOUD, PROTOCOLS, RECORD, RENDERS, REPORT,
     RESULTS, STRIPS, read_json,
 };
+pub(crate) use files::{MOST_OF_PICTURE, MOST_OF_RECORDS, MOST_OF_SETTINGS};
 pub use folder::{Contents, Existing, RunFolder, RunPlan, is_finished, lock, waiting_note};
 pub(crate) use folder::{place, trial_file};
 pub use metrics::{MetricsLine, MetricsLog, milliseconds};

@@ -6,6 +6,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
+use mvfusion_data::files::{read_bytes, read_text};
 use mvfusion_model::evaluation::Scores;
 use mvfusion_model::files::is_unfinished;
 use serde::{Deserialize, Serialize};
@@ -135,7 +136,7 @@ impl SweepFolder {
     /// If the sweep has no such cell.
     pub fn order(&self, id: &str) -> anyhow::Result<Order> {
         let path = self.beside(id, "json");
-        let text = fs::read_to_string(&path).with_context(|| {
+        let text = read_text(&path, run::MOST_OF_SETTINGS).with_context(|| {
             format!("{} is not a sweep with a cell `{id}`: cannot read {}", self.path.display(), path.display())
         })?;
         serde_json::from_str(&text).with_context(|| of_another_version(&path))
@@ -217,7 +218,7 @@ impl SweepFolder {
             return Ok(State::Finished);
         }
         let path = self.beside(id, "failed");
-        match fs::read_to_string(&path) {
+        match read_text(&path, run::MOST_OF_RECORDS) {
             Ok(words) => Ok(State::Failed(words.trim_end().to_owned())),
             Err(error) if error.kind() == io::ErrorKind::NotFound => {
                 Ok(if lock == LockState::Free { State::Interrupted } else { State::ToDo })
@@ -268,7 +269,7 @@ impl SweepFolder {
 
 /// Writes a file if its contents change. A running cell may be reading it.
 fn write_changed(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
-    match fs::read(path) {
+    match read_bytes(path, run::MOST_OF_SETTINGS) {
         Ok(old) if old == bytes => Ok(()),
         _ => atomic::write(path, bytes),
     }

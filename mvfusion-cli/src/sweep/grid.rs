@@ -4,12 +4,14 @@ use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
+use mvfusion_data::files::read_text;
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 use super::shipped;
 use crate::config::{Origin, PartialConfig, leaves, line_of};
 use crate::failure::UsageError;
+use crate::run;
 
 /// The metrics of a column group that the grid does not name.
 const METRICS: [&str; 3] = ["composed.psnr", "composed.ssim", "composed.lpips_alex"];
@@ -176,7 +178,7 @@ impl Grid {
             return Source::parse(shipped.name, shipped.text.to_owned(), format!("the grid `{}`", shipped.name));
         }
         let shown = name_or_path.display().to_string();
-        let text = std::fs::read_to_string(name_or_path).map_err(|error| {
+        let text = read_text(name_or_path, run::MOST_OF_SETTINGS).map_err(|error| {
             let hint = match error.kind() {
                 ErrorKind::NotFound => format!(" The grids that ship with the program are: {}.", shipped::names()),
                 _ => String::new(),

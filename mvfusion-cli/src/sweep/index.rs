@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use mvfusion_data::files::{read_bytes, read_text};
 use mvfusion_model::evaluation::Backbone;
 use mvfusion_model::files::sha256;
 use serde::{Deserialize, Serialize};
@@ -89,7 +90,8 @@ impl Wanted {
         let mut lpips = BTreeMap::new();
         for network in lpips_networks(columns) {
             if let Some(path) = lpips_weights.as_deref().and_then(|folder| network.file_in(folder)) {
-                let bytes = std::fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+                let bytes = read_bytes(&path, Backbone::MOST_BYTES)
+                    .with_context(|| format!("cannot read {}", path.display()))?;
                 lpips.insert(network.name().to_owned(), sha256(&bytes));
             }
         }
@@ -118,7 +120,7 @@ impl Index {
     /// If the folder holds no sweep, or one of another version.
     pub fn read(folder: &Path) -> anyhow::Result<Self> {
         let path = folder.join(INDEX);
-        let text = std::fs::read_to_string(&path).with_context(|| {
+        let text = read_text(&path, run::MOST_OF_RECORDS).with_context(|| {
             format!(
                 "{} is no folder of a sweep (give the --out of `mvfusion sweep`, runs/sweeps/NAME unless told \
                  otherwise): cannot read {INDEX}",

@@ -5,6 +5,7 @@ use std::path::Path;
 use std::process::Stdio;
 
 use anyhow::{Context, ensure};
+use mvfusion_data::files::read_text;
 use mvfusion_model::Config;
 use mvfusion_model::train::Stage;
 use serde::Deserialize;
@@ -66,7 +67,7 @@ pub fn seconds(cell: &Cell, configuration: &Config, device: &str, threads: usize
 }
 
 fn read(path: &Path) -> anyhow::Result<String> {
-    std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))
+    read_text(path, run::MOST_OF_RECORDS).with_context(|| format!("cannot read {}", path.display()))
 }
 
 /// Seconds of the median step of each stage. The first steps are slower: they compile kernels and decode images.

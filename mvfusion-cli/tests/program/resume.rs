@@ -13,14 +13,14 @@ use super::{TINY, USAGE, mvfusion, text};
 const STEPS: &str = "train.stages={geometry=6, deformation=6, refinement=12}";
 
 /// The longest that a test waits for something.
-const PATIENCE: Duration = Duration::from_secs(120);
+pub(super) const PATIENCE: Duration = Duration::from_secs(120);
 
-fn arguments<'a>(more: &[&'a str]) -> Vec<&'a str> {
+pub(super) fn arguments<'a>(more: &[&'a str]) -> Vec<&'a str> {
     let settings = TINY.into_iter().chain([STEPS, "train.log_interval=1"]).flat_map(|setting| ["--set", setting]);
     ["train", "--quiet"].into_iter().chain(settings).chain(more.iter().copied()).collect()
 }
 
-fn started(folder: &Path, more: &[&str]) -> Child {
+pub(super) fn started(folder: &Path, more: &[&str]) -> Child {
     Command::new(env!("CARGO_BIN_EXE_mvfusion"))
         .args(arguments(more))
         .current_dir(folder)
@@ -30,7 +30,7 @@ fn started(folder: &Path, more: &[&str]) -> Child {
         .expect("the program starts")
 }
 
-fn wait_until(what: &str, is_so: impl Fn() -> bool) {
+pub(super) fn wait_until(what: &str, is_so: impl Fn() -> bool) {
     let started = Instant::now();
     while !is_so() {
         assert!(started.elapsed() < PATIENCE, "waited for this in vain: {what}");
@@ -39,25 +39,25 @@ fn wait_until(what: &str, is_so: impl Fn() -> bool) {
 }
 
 /// Waits until a run has logged this many steps.
-fn wait_for_step(run: &Path, steps: usize) {
+pub(super) fn wait_for_step(run: &Path, steps: usize) {
     let logged = || fs::read_to_string(run.join("metrics.jsonl")).unwrap_or_default().lines().count();
     wait_until(&format!("step {steps} of {}", run.display()), || logged() >= steps);
 }
 
-fn signal(child: &Child, name: &str) {
+pub(super) fn signal(child: &Child, name: &str) {
     let sent = Command::new("kill").args([name, &child.id().to_string()]).status().expect("`kill` starts");
     assert!(sent.success());
 }
 
 /// What a run learned and what came of it.
-fn outcome(run: &Path) -> (Value, Value) {
+pub(super) fn outcome(run: &Path) -> (Value, Value) {
     let text = fs::read_to_string(run.join("results.json")).expect("the run is finished");
     let results: Value = serde_json::from_str(&text).expect("JSON");
     (results["params_sha256"].clone(), results["test"].clone())
 }
 
 /// The steps of `metrics.jsonl`.
-fn steps(run: &Path) -> Vec<u64> {
+pub(super) fn steps(run: &Path) -> Vec<u64> {
     let text = fs::read_to_string(run.join("metrics.jsonl")).expect("a log");
     let step = |line: &str| serde_json::from_str::<Value>(line).expect("JSON")["step"].as_u64().expect("a step");
     text.lines().map(step).collect()

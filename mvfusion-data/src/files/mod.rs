@@ -1,7 +1,7 @@
-//! File access for all scene formats.
+//! File access for all formats.
 //!
-//! The content of files is not trusted: no path leads out of the scene's folder, and no header determines how much
-//! memory is allocated.
+//! The content of files is not trusted: no path leads out of the scene's folder, no header determines how much memory
+//! is allocated, and what is no regular file is not opened. The files of a run or a sweep are opened in the same way.
 
 mod npy;
 mod open;
@@ -10,7 +10,8 @@ mod pictures;
 mod rotation;
 
 pub(crate) use npy::{read_npy, read_npz};
-pub(crate) use open::{COPY_OR_MEND, open_file, parse_json, read_json, read_text};
+pub(crate) use open::{COPY_OR_MEND, dataset_text, parse_json, read_json};
+pub use open::{open_file, read_bytes, read_text};
 pub(crate) use paths::{below, scene_name};
 pub(crate) use pictures::{entries, picture_named, pictures_in};
 pub(crate) use rotation::rotation_of;

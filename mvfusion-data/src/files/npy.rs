@@ -45,7 +45,7 @@ impl Table {
 /// # Errors
 /// If the file cannot be read, or contains no table with a number of columns in `columns`.
 pub(crate) fn read_npy(path: &Path, columns: RangeInclusive<usize>) -> Result<Table, String> {
-    let file = open_file(path)?;
+    let file = open_file(path).map_err(|e| e.to_string())?;
     let room = file.metadata().map_err(|e| e.to_string())?.len();
     // Single precision becomes double.
     read_table(BufReader::new(file), columns, room.saturating_mul(2))
@@ -56,7 +56,7 @@ pub(crate) fn read_npy(path: &Path, columns: RangeInclusive<usize>) -> Result<Ta
 /// # Errors
 /// Same as [`read_npy`], and if there is no array with this name.
 pub(crate) fn read_npz(path: &Path, name: &str, columns: RangeInclusive<usize>) -> Result<Table, String> {
-    let file = open_file(path)?;
+    let file = open_file(path).map_err(|e| e.to_string())?;
     let packed = file.metadata().map_err(|e| e.to_string())?.len();
     let mut archive = ZipArchive::new(BufReader::new(file)).map_err(|e| e.to_string())?;
     let names = archive.file_names().take(5).collect::<Vec<_>>().join(", ");

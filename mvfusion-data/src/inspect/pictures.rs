@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::problem::{Problem, Subject, count, few, percent};
 use super::rig::all_views;
 use crate::error::DataError;
-use crate::scene::{Scene, View};
+use crate::scene::{ExifOrientation, Picture, Scene, View};
 
 /// Number of broken files to list. The rest is counted.
 const LISTED: usize = 20;
@@ -114,7 +114,36 @@ pub(super) fn problems(scene: &Scene, looks: &BTreeMap<usize, Looked<'_>>) -> Ve
     let seen: Vec<(&View, &Look)> =
         looks.values().filter_map(|looked| Some((looked.view, looked.look.as_ref().ok()?))).collect();
     let problems = [broken(looks), blank(&seen), twins(scene, looks), empty_masks(&seen), small_masks(scene, &seen)];
-    problems.into_iter().flatten().collect()
+    problems.into_iter().flatten().chain(turned(scene)).collect()
+}
+
+/// Photos whose metadata (EXIF) ask to be turned, and what becomes of that.
+fn turned(scene: &Scene) -> Vec<Problem> {
+    let names = |exif: ExifOrientation| -> Vec<&str> {
+        let is_so = |view: &&View| matches!(&view.image, Picture::File(file) if file.exif == exif);
+        all_views(scene).filter(is_so).map(|view| view.name.as_str()).collect()
+    };
+    let note = |names: Vec<&str>, what: &str, remedy: &str| {
+        let what = format!("{} an EXIF orientation, which is {what} ({})", having(names.len()), few(&names));
+        (!names.is_empty()).then(|| Problem::note(Subject::Pictures, what, remedy))
+    };
+    let ignored = note(
+        names(ExifOrientation::Ignored),
+        "not applied: the pixels as they are stored fit the cameras",
+        "That is right for cameras of COLMAP, which ignores it, too. If the photos lie on their side in the contact sheet \
+         but not in the reconstruction, store them upright, and compute the cameras again.",
+    );
+    let applied = note(
+        names(ExifOrientation::Applied),
+        "applied: only the turned pictures fit the cameras",
+        "Look at the contact sheet: the points must lie on the photos.",
+    );
+    [ignored, applied].into_iter().flatten().collect()
+}
+
+/// A number of images as a subject: `1 picture has`.
+fn having(number: usize) -> String {
+    format!("{} {}", count(number, "picture"), if number == 1 { "has" } else { "have" })
 }
 
 fn broken(looks: &BTreeMap<usize, Looked<'_>>) -> Option<Problem> {

@@ -6,7 +6,7 @@ use tracing::debug;
 
 use crate::error::DataError;
 use crate::files::picture_named;
-use crate::scene::{Picture, PictureFile, PictureSource, Scene, check_shape, file_size};
+use crate::scene::{ExifOrientation, Picture, PictureFile, PictureHeader, PictureSource, Scene, check_shape};
 
 /// Sets [`Truth::dynamic_mask`](crate::Truth) of every view that has a file with its name in `folder`, such as
 /// `cam00/0003.png` or `2clutter008.png`. White means moving. Returns the number of masks. A mask with another size
@@ -24,13 +24,15 @@ pub fn attach_masks(scene: &mut Scene, folder: &Path) -> Result<usize, DataError
     for view in scene.train.iter_mut().chain(&mut scene.test) {
         let Some(path) = picture_named(folder, &view.name) else { continue };
         let (width, height) = (view.camera.width as u32, view.camera.height as u32);
-        check_shape(&path, file_size(&path)?, (width, height))?;
+        check_shape(&path, PictureHeader::read(&path)?.size, (width, height))?;
         let lenses = match &view.image {
             Picture::File(file) => file.lenses.clone(),
             Picture::Memory(_) => None,
         };
         let source = PictureSource::Image(path);
-        view.truth.dynamic_mask = Some(Picture::File(PictureFile { source, width, height, backdrop: None, lenses }));
+        let exif = ExifOrientation::Absent;
+        let file = PictureFile { source, width, height, backdrop: None, lenses, exif };
+        view.truth.dynamic_mask = Some(Picture::File(file));
         view.truth.is_mask_exact = false;
         attached += 1;
     }
@@ -73,7 +75,14 @@ mod tests {
             name: "photo".into(),
             camera: Camera::centred(width as usize, height as usize, 20.0, DMat3::IDENTITY, DVec3::ZERO),
             time: 0.0,
-            image: Picture::File(PictureFile { source, width, height, backdrop: None, lenses }),
+            image: Picture::File(PictureFile {
+                source,
+                width,
+                height,
+                backdrop: None,
+                lenses,
+                exif: Default::default(),
+            }),
             mask: None,
             truth: Truth::default(),
         };

@@ -14,6 +14,7 @@ use super::colour::Colours;
 use super::flaw::{CHECK_FILE, EXTRACT, Flaw};
 use super::mp4::{Codec, H264Setup, Track, Turn};
 use super::samples::Sample;
+use crate::files::open_file;
 
 /// Maximum bytes of a coded frame. Uncompressed frames of 8 megapixels have 12 MB.
 const MOST_SAMPLE_BYTES: u32 = 1 << 26;
@@ -65,7 +66,7 @@ pub(super) fn decode(
     // Flushing after each frame would give frames in decoding order.
     let config = DecoderConfig::new().flush_after_decode(Flush::NoFlush);
     let mut decoder = Decoder::with_api_config(OpenH264API::from_source(), config).map_err(|e| broken(&e))?;
-    let mut file = File::open(path).map_err(|e| Flaw::new(path, e, CHECK_FILE))?;
+    let mut file = open_file(path).map_err(|e| Flaw::new(path, e, CHECK_FILE))?;
     let mut decoded = 0;
     let mut pass_on = |frame: &DecodedYUV| {
         decoded += 1;

@@ -103,6 +103,9 @@ impl Video {
 
     fn with_decoder(path: &Path, limit: usize, store: &FrameStore, decoder: VideoDecoder) -> Result<Self, Flaw> {
         let metadata = std::fs::metadata(path).map_err(|e| Flaw::new(path, e, "Check the name of the file."))?;
+        if !metadata.is_file() {
+            return Err(Flaw::new(path, "it is no file", CHECK_FILE));
+        }
         let (size, frames, track) = match mp4::read(path) {
             Ok(track) => (track.size(), track.shown, Some(track)),
             // The demuxer supports only common forms of one container. A file that it rejects may still be valid.

@@ -10,6 +10,7 @@ use mp4_atom::{Colr, Elst, FourCC, Hdlr, Header, Mdhd, Mvhd, ReadFrom, Stsd, Tkh
 
 use super::boxes::{child, children, leaf, optional_leaf};
 use super::samples::{Sample, Samples};
+use crate::files::open_file;
 
 /// Largest accepted `moov` box. An hour of frames needs about two megabytes.
 const MOST_HEADER_BYTES: u64 = 1 << 28;
@@ -78,7 +79,7 @@ impl Track {
 
 /// Reads the headers. The error is a clause that continues "cannot use the file:".
 pub(super) fn read(path: &Path) -> Result<Track, String> {
-    let mut file = File::open(path).map_err(|e| e.to_string())?;
+    let mut file = open_file(path).map_err(|e| e.to_string())?;
     let file_bytes = file.metadata().map_err(|e| e.to_string())?.len();
     let moov = moov(&mut file, file_bytes)?;
     if child(&moov, b"mvex").is_some() {

@@ -1,7 +1,7 @@
 //! The content of a folder in some layout, and functions that write it to disk.
 
 use std::fmt::Display;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::{fs, io};
 
 use image::{ImageError, ImageFormat};
@@ -48,7 +48,16 @@ impl Package<'_> {
     /// Writes everything to `folder`. Nothing appears there until all of it is written. An interrupted program leaves
     /// nothing that looks like a scene, and an error leaves nothing at all.
     pub(super) fn store(&self, folder: &Path) -> Result<(), WriteError> {
-        make_room(folder)?;
+        let made = make_room(folder)?;
+        let stored = self.store_within(folder);
+        if stored.is_err() {
+            // A folder that somebody else has put something into stays.
+            let _ = made.iter().try_for_each(fs::remove_dir);
+        }
+        stored
+    }
+
+    fn store_within(&self, folder: &Path) -> Result<(), WriteError> {
         // Within the folder, because that may be a link or a mount point.
         let draft = tempfile::Builder::new().prefix(DRAFT).tempdir_in(folder).map_err(|e| unwritable(folder, &e))?;
         self.store_draft(draft.path())?;
@@ -101,12 +110,14 @@ impl PictureEntry<'_> {
     }
 }
 
-/// Creates the folder. It must be empty.
-fn make_room(folder: &Path) -> Result<(), WriteError> {
+/// Creates the folder. It must be empty. Returns the folders that did not exist before, the innermost first.
+fn make_room(folder: &Path) -> Result<Vec<PathBuf>, WriteError> {
     let fail = |e: io::Error| unwritable(folder, &e);
+    let missing = |folder: &&Path| !folder.as_os_str().is_empty() && !folder.exists();
+    let made = folder.ancestors().take_while(missing).map(Path::to_owned).collect();
     fs::create_dir_all(folder).map_err(fail)?;
     match fs::read_dir(folder).map_err(fail)?.next() {
-        None => Ok(()),
+        None => Ok(made),
         Some(_) => Err(WriteError::Occupied { folder: folder.to_owned() }),
     }
 }

@@ -15,6 +15,7 @@ use std::path::Path;
 
 use burn::tensor::{Device, Tensor};
 use image::{GrayImage, RgbImage};
+use mvfusion_data::files::read_bytes;
 
 use super::layer_scores::LayerScores;
 use super::metric::Metric;
@@ -91,7 +92,7 @@ impl Loaded {
             path: path.to_owned(),
             reason: error.to_string(),
         };
-        let sha256 = sha256(&std::fs::read(path).map_err(read)?);
+        let sha256 = sha256(&read_bytes(path, Backbone::MOST_BYTES).map_err(read)?);
         Ok(Self { network: Lpips::load(backbone, path, device)?, sha256 })
     }
 }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use super::model::Photo;
 use super::purpose::Purpose;
 use crate::error::DataError;
-use crate::files::read_text;
+use crate::files::dataset_text;
 use crate::readers::shared::reduced::IMAGES;
 
 /// The files and the purpose of the photos that they list.
@@ -40,7 +40,7 @@ impl Lists {
             }
         }
         let text = |path: PathBuf, purpose| -> Result<_, DataError> {
-            let text = read_text(&path).map_err(|reason| fail(&path, reason))?;
+            let text = dataset_text(&path).map_err(|reason| fail(&path, reason))?;
             Ok((path, purpose, text))
         };
         Ok(Some(Self([text(train, Purpose::Train)?, text(test, Purpose::Test)?])))

@@ -1,5 +1,6 @@
 //! Code for several readers: file types, and the conversion of a reader's shot to a view.
 
+mod exif;
 pub(crate) mod frames;
 pub(crate) mod ply;
 pub(crate) mod poses;

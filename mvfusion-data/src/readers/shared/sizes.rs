@@ -5,6 +5,7 @@ use std::path::Path;
 use rayon::prelude::*;
 use tracing::info;
 
+use super::exif::{self, Used};
 use super::shot::{FrameLens, Shot};
 use crate::error::DataError;
 
@@ -14,14 +15,14 @@ const LONGEST_SIDE: u32 = 65_535;
 /// Minimum useful number of pixels along each side.
 const LEAST_SIDE: u32 = 16;
 
+/// How the images of all shots are used. The first error in the order of the shots, whichever thread found one first.
+pub(super) fn images_as_used(shots: &[Shot]) -> Result<Vec<Used>, DataError> {
+    shots.par_iter().map(exif::used).collect::<Vec<_>>().into_iter().collect()
+}
+
 /// The common size of all images. Batches are stacked, so sizes must agree.
-pub(super) fn common_size(folder: &Path, shots: &[Shot]) -> Result<(u32, u32), DataError> {
-    let sizes: Vec<(u32, u32)> = shots
-        .par_iter()
-        .map(|shot| shot.source.size())
-        .collect::<Vec<_>>()
-        .into_iter() // The first error in the order of the shots, whichever thread found one first.
-        .collect::<Result<_, _>>()?;
+pub(super) fn common_size(folder: &Path, shots: &[Shot], images: &[Used]) -> Result<(u32, u32), DataError> {
+    let sizes: Vec<(u32, u32)> = images.iter().map(|image| image.size).collect();
     if let Some(huge) = sizes.iter().position(|&(width, height)| width.max(height) > LONGEST_SIDE) {
         let (width, height) = sizes[huge];
         let path = shots[huge].source.path().to_owned();
@@ -77,7 +78,7 @@ pub(super) fn check_shapes(folder: &Path, (width, height): (u32, u32), shots: &[
 
 /// Whether one factor scales both sides of the larger image to those of the smaller image. Sides may be rounded to the
 /// nearest pixel or rounded down.
-fn is_scaled(one: (f64, f64), other: (f64, f64)) -> bool {
+pub(super) fn is_scaled(one: (f64, f64), other: (f64, f64)) -> bool {
     /// How far a side before rounding may be below and above the rounded one.
     const ROUNDING: [(f64, f64); 2] = [(0.5, 0.5), (0.0, 1.0)];
     let (full, scaled) = if one.0 < other.0 { (other, one) } else { (one, other) };

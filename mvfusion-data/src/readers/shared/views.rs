@@ -8,10 +8,12 @@ use glam::DVec2;
 use tracing::info;
 
 use super::shot::Shot;
-use super::sizes::{check_shapes, common_size, reduced_size};
+use super::sizes::{check_shapes, common_size, images_as_used, reduced_size};
 use crate::error::DataError;
 use crate::readers::options::ReadOptions;
-use crate::scene::{Bend, Camera, Lens, Mask, Picture, PictureFile, PictureSource, Truth, View, pinhole_within};
+use crate::scene::{
+    Bend, Camera, ExifOrientation, Lens, Mask, Picture, PictureFile, PictureSource, Truth, View, pinhole_within,
+};
 
 /// The views of shots. Their images must exist and have the same size: that of their lenses or a scaled one. Only the
 /// headers of the images are read.
@@ -27,7 +29,8 @@ pub(crate) fn views(folder: &Path, shots: Vec<Shot>, options: &ReadOptions) -> R
     }
     check_presence(folder, &shots)?;
     check_names(&shots)?;
-    let on_disk = common_size(folder, &shots)?;
+    let images = images_as_used(&shots)?;
+    let on_disk = common_size(folder, &shots, &images)?;
     check_shapes(folder, on_disk, &shots)?;
     let size = reduced_size(on_disk, options.downscale)?;
     let bent = shots.iter().filter(|shot| shot.lens.at_size(DVec2::ONE).bend != Bend::NONE).count();
@@ -42,11 +45,12 @@ pub(crate) fn views(folder: &Path, shots: Vec<Shot>, options: &ReadOptions) -> R
 
     // Most images are from one camera, and computing its pinhole traverses the border.
     let mut pinholes = Pinholes::default();
-    shots.into_iter().map(|shot| view(shot, size, options, &mut pinholes)).collect()
+    shots.into_iter().zip(images).map(|(shot, image)| view(shot, image.exif, size, options, &mut pinholes)).collect()
 }
 
 fn view(
     shot: Shot,
+    exif: ExifOrientation,
     (width, height): (u32, u32),
     options: &ReadOptions,
     pinholes: &mut Pinholes,
@@ -54,9 +58,12 @@ fn view(
     let lens = shot.lens.at_size(DVec2::new(f64::from(width), f64::from(height)));
     let pinhole = pinholes.of(&lens, width, height).ok_or_else(|| no_pinhole(&shot))?;
     let lenses = (!lens.bend.is_none()).then(|| Arc::new([lens, pinhole]));
-    let file =
-        |source, backdrop| Picture::File(PictureFile { source, width, height, backdrop, lenses: lenses.clone() });
-    let mask = |path| Mask { picture: file(PictureSource::Image(path), None), inverted: options.invert_masks };
+    let file = |source, backdrop, exif| {
+        Picture::File(PictureFile { source, width, height, backdrop, lenses: lenses.clone(), exif })
+    };
+    // Masks are made by programs, which store them as they are to be seen.
+    let of_mask = |path| file(PictureSource::Image(path), None, ExifOrientation::Absent);
+    let mask = |path| Mask { picture: of_mask(path), inverted: options.invert_masks };
     let camera = Camera {
         width: width as usize,
         height: height as usize,
@@ -74,7 +81,7 @@ fn view(
         name: shot.name,
         camera,
         time: shot.time,
-        image: file(shot.source, Some(options.backdrop)),
+        image: file(shot.source, Some(options.backdrop), exif),
         mask: shot.mask.map(mask),
         truth: Truth::default(),
     })

@@ -1,36 +1,76 @@
 //! Decoding of image files.
 
-use std::io::{Cursor, Read};
+use std::fs::File;
+use std::io::{BufReader, Cursor, Read};
 use std::path::Path;
 
-use image::{DynamicImage, ImageReader};
+use image::metadata::Orientation;
+use image::{DynamicImage, ImageDecoder, ImageReader};
 
-use super::jpeg;
+use super::{ExifOrientation, jpeg};
 use crate::error::DataError;
 use crate::files::open_file;
 
-/// Width and height of an image file, read only from its header.
-///
-/// # Errors
-/// [`DataError::Image`] if the header cannot be read.
-pub(crate) fn file_size(path: &Path) -> Result<(u32, u32), DataError> {
-    opened(path)?.into_dimensions().map_err(|e| unreadable(path, &e))
+/// What the header of an image file says.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PictureHeader {
+    /// Width and height of the pixels as they are stored.
+    pub(crate) size: (u32, u32),
+    /// The turn or mirroring that the metadata (EXIF) ask for.
+    orientation: Orientation,
 }
 
-pub(super) fn decode(path: &Path) -> Result<DynamicImage, DataError> {
+impl PictureHeader {
+    /// Reads only the header.
+    ///
+    /// # Errors
+    /// [`DataError::Image`] if the header cannot be read.
+    pub(crate) fn read(path: &Path) -> Result<Self, DataError> {
+        let mut decoder = opened(path)?.into_decoder().map_err(|e| unreadable(path, &e))?;
+        Ok(Self { size: decoder.dimensions(), orientation: orientation(&mut decoder) })
+    }
+
+    /// Whether the metadata ask for another image than the stored one.
+    pub(crate) fn is_turned(self) -> bool {
+        self.orientation != Orientation::NoTransforms
+    }
+
+    /// Width and height of the image as the metadata ask for it.
+    pub(crate) fn upright_size(self) -> (u32, u32) {
+        use Orientation::{Rotate90, Rotate90FlipH, Rotate270, Rotate270FlipH};
+        match self.orientation {
+            Rotate90 | Rotate90FlipH | Rotate270 | Rotate270FlipH => (self.size.1, self.size.0),
+            _ => self.size,
+        }
+    }
+}
+
+/// The orientation in the metadata. Metadata that cannot be read ask for none.
+fn orientation(decoder: &mut impl ImageDecoder) -> Orientation {
+    decoder.orientation().unwrap_or(Orientation::NoTransforms)
+}
+
+/// The image in a file, turned as its metadata ask for if `exif` says so.
+pub(super) fn decode(path: &Path, exif: ExifOrientation) -> Result<DynamicImage, DataError> {
     let mut bytes = Vec::new();
     let mut file = open_file(path).map_err(|e| unreadable(path, &e))?;
     file.read_to_end(&mut bytes).map_err(|e| unreadable(path, &e))?;
     if jpeg::is_broken_off(&bytes) {
         return Err(unreadable(path, &"the file ends before the picture does"));
     }
-    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| unreadable(path, &e))?;
-    reader.decode().map_err(|e| unreadable(path, &e))
+    let guessed = || ImageReader::new(Cursor::new(&bytes)).with_guessed_format().map_err(|e| unreadable(path, &e));
+    let mut image = guessed()?.decode().map_err(|e| unreadable(path, &e))?;
+    if exif == ExifOrientation::Applied {
+        let mut decoder = guessed()?.into_decoder().map_err(|e| unreadable(path, &e))?;
+        image.apply_orientation(orientation(&mut decoder));
+    }
+    Ok(image)
 }
 
 /// Guesses the file type from the content, because photos with a wrong extension are common.
-fn opened(path: &Path) -> Result<ImageReader<std::io::BufReader<std::fs::File>>, DataError> {
-    ImageReader::open(path).and_then(ImageReader::with_guessed_format).map_err(|e| unreadable(path, &e))
+fn opened(path: &Path) -> Result<ImageReader<BufReader<File>>, DataError> {
+    let file = open_file(path).map_err(|e| unreadable(path, &e))?;
+    ImageReader::new(BufReader::new(file)).with_guessed_format().map_err(|e| unreadable(path, &e))
 }
 
 fn unreadable(path: &Path, reason: &dyn std::fmt::Display) -> DataError {

@@ -20,7 +20,7 @@ use colours::to_rgb8;
 use decode::decode;
 
 pub(crate) use binarise::check_shape;
-pub(crate) use decode::file_size;
+pub(crate) use decode::PictureHeader;
 
 /// An image in memory, or a file that is decoded on demand.
 #[derive(Clone, Debug)]
@@ -31,7 +31,7 @@ pub enum Picture {
     File(PictureFile),
 }
 
-/// An image on disk, and the steps after decoding it: composite over a backdrop, resize, undistort.
+/// An image on disk, and the steps after decoding it: turn, composite over a backdrop, resize, undistort.
 #[derive(Clone, Debug)]
 pub struct PictureFile {
     /// Its location.
@@ -44,6 +44,20 @@ pub struct PictureFile {
     pub backdrop: Option<[u8; 3]>,
     /// The lens of the photo and the pinhole to undistort it to, both for the size after decoding.
     pub lenses: Option<Arc<[Lens; 2]>>,
+    /// What becomes of the orientation in the file's metadata.
+    pub exif: ExifOrientation,
+}
+
+/// What becomes of the orientation that the metadata (EXIF) of an image file ask for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ExifOrientation {
+    /// They ask for none.
+    #[default]
+    Absent,
+    /// The pixels are used as they are stored, because the camera is for an image of that size.
+    Ignored,
+    /// The image is turned, because only so it has the shape that the camera is for.
+    Applied,
 }
 
 /// The location of an image.
@@ -69,21 +83,21 @@ impl PictureSource {
         }
     }
 
-    /// Original width and height in pixels, read only from the header.
+    /// Width and height in pixels as they are stored, read only from the header.
     ///
     /// # Errors
     /// [`DataError::Image`] if the header cannot be read.
     pub fn size(&self) -> Result<(u32, u32), DataError> {
         match self {
-            Self::Image(path) => file_size(path),
+            Self::Image(path) => Ok(PictureHeader::read(path)?.size),
             Self::Frame { video, .. } => Ok(video.size()),
         }
     }
 
     /// Decodes the image. A frame of a video has the requested size.
-    fn decode(&self, size: (u32, u32)) -> Result<DynamicImage, DataError> {
+    fn decode(&self, size: (u32, u32), exif: ExifOrientation) -> Result<DynamicImage, DataError> {
         match self {
-            Self::Image(path) => decode(path),
+            Self::Image(path) => decode(path, exif),
             Self::Frame { video, index } => video.frame(*index, size),
         }
     }
@@ -92,7 +106,8 @@ impl PictureSource {
 impl Picture {
     /// A file that is resized to `width` by `height` pixels when it is decoded.
     pub fn file(path: PathBuf, (width, height): (u32, u32)) -> Self {
-        Self::File(PictureFile { source: PictureSource::Image(path), width, height, backdrop: None, lenses: None })
+        let (source, exif) = (PictureSource::Image(path), ExifOrientation::Absent);
+        Self::File(PictureFile { source, width, height, backdrop: None, lenses: None, exif })
     }
 
     /// Width and height in pixels, without decoding.
@@ -131,7 +146,7 @@ impl Picture {
 impl PictureFile {
     /// Resized with a Lanczos filter (METHOD §5.1), then undistorted.
     fn rgb(&self) -> Result<RgbImage, DataError> {
-        let image = to_rgb8(self.source.decode((self.width, self.height))?, self.backdrop);
+        let image = to_rgb8(self.source.decode((self.width, self.height), self.exif)?, self.backdrop);
         let image = match image.dimensions() == (self.width, self.height) {
             true => image,
             false => imageops::resize(&image, self.width, self.height, FilterType::Lanczos3),
@@ -143,7 +158,7 @@ impl PictureFile {
     }
 
     fn mask(&self) -> Result<GrayImage, DataError> {
-        let mask = self.source.decode((self.width, self.height))?;
+        let mask = self.source.decode((self.width, self.height), self.exif)?;
         check_shape(self.source.path(), (mask.width(), mask.height()), (self.width, self.height))?;
         let mask = black_and_white(mask);
         let mask = match mask.dimensions() == (self.width, self.height) {
@@ -270,7 +285,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("folder");
         let path = folder.path().join("linear.exr");
         image::Rgb32FImage::from_pixel(20, 18, image::Rgb([0.215_861, 1.0, 0.0])).save(&path).expect("written");
-        assert_eq!(file_size(&path).expect("a header"), (20, 18));
+        assert_eq!(PictureHeader::read(&path).expect("a header").size, (20, 18));
         let image = Picture::file(path, (20, 18)).rgb().expect("read");
         assert_eq!(image.get_pixel(7, 7).0, [128, 255, 0]);
     }

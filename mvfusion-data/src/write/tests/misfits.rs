@@ -128,7 +128,7 @@ fn a_scene_that_cannot_be_written_to_its_end_leaves_nothing() {
         let mut scene = scene(layout.capture());
         scene.test[0].image = Picture::file("no/such/picture.png".into(), (48, 32));
         let folder = tempfile::tempdir().expect("folder");
-        let error = write(&scene, layout, folder.path()).expect_err("a picture is not there");
+        let error = write(&scene, layout, &folder.path().join("deep/new")).expect_err("a picture is not there");
         assert!(matches!(error, WriteError::Picture(_)), "{error}");
         assert_eq!(std::fs::read_dir(folder.path()).expect("listed").count(), 0, "{layout:?}");
     }

@@ -10,7 +10,7 @@ use super::lens::CameraRecord;
 use super::records::ImageRecord;
 use super::{binary, text};
 use crate::error::DataError;
-use crate::files::read_text;
+use crate::files::{dataset_text, read_bytes};
 use crate::scene::PointCloud;
 
 /// One of the three files.
@@ -118,8 +118,10 @@ impl ModelFiles {
             return Err(DataError::Missing { what, folder: self.folder.clone(), advice: advice.into() });
         }
         let parsed = match self.encoding {
-            Encoding::Binary => fs::read(&path).map_err(|e| e.to_string().into()).and_then(|b| from_bytes(&b)),
-            Encoding::Text => read_text(&path).map_err(Complaint::from).and_then(|text| from_text(&text)),
+            Encoding::Binary => {
+                read_bytes(&path, u64::MAX).map_err(|e| e.to_string().into()).and_then(|b| from_bytes(&b))
+            }
+            Encoding::Text => dataset_text(&path).map_err(Complaint::from).and_then(|text| from_text(&text)),
         };
         parsed.map_err(|complaint| self.blame(part, complaint))
     }

@@ -80,7 +80,7 @@ pub fn read_points(path: &Path) -> Result<PointCloud, DataError> {
         reason,
         advice: "Export the point cloud again, or remove the file to start without points",
     };
-    let file = open_file(path).map_err(fail)?;
+    let file = open_file(path).map_err(|e| fail(e.to_string()))?;
     let room = file.metadata().map_err(|e| fail(e.to_string()))?.len();
     read_vertices(BufReader::new(file), room).map_err(fail)
 }

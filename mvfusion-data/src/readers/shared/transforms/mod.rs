@@ -22,7 +22,7 @@ use glam::{DMat3, DVec3};
 
 use super::shot::{FrameLens, Shot};
 use crate::error::DataError;
-use crate::files::{below, parse_json, read_text, rotation_of};
+use crate::files::{below, dataset_text, parse_json, rotation_of};
 use crate::scene::PictureSource;
 use lens::read_lens;
 use record::{FileRecord, FrameRecord, LensRecord};
@@ -99,7 +99,7 @@ impl Transforms {
     /// [`DataError::Content`] that names the invalid frame and the problem.
     pub(crate) fn read(path: &Path) -> Result<Self, DataError> {
         let fail = |reason: String| DataError::Content { path: path.to_owned(), reason, advice: ADVICE };
-        let text = read_text(path).map_err(fail)?;
+        let text = dataset_text(path).map_err(fail)?;
         let record: FileRecord = parse_json(&text).map_err(fail)?;
         let common: LensRecord = parse_json(&text).map_err(fail)?;
         let folder = path.parent().unwrap_or(Path::new(""));

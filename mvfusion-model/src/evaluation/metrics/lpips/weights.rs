@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use burn::tensor::{DType, Device, TensorData};
+use mvfusion_data::files::read_bytes;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 
 use super::layout::Backbone;
@@ -12,6 +13,9 @@ use super::source::Source;
 use crate::ModelError;
 
 impl Backbone {
+    /// Larger files are not read. The convolutions of VGG-16 have 59 MB in single precision.
+    pub const MOST_BYTES: u64 = 1 << 28;
+
     /// The file with the network's weights in a folder: `lpips_<name>_f32.safetensors`, `lpips_<name>_f16.safetensors`
     /// or `lpips_<name>.safetensors`, whichever exists first.
     pub fn file_in(self, folder: &Path) -> Option<PathBuf> {
@@ -47,7 +51,7 @@ struct WeightsFile<'a> {
 impl<'a> WeightsFile<'a> {
     fn open(path: &'a Path, device: &'a Device) -> Result<Self, ModelError> {
         let unreadable = |reason: String| ModelError::File { action: "read", path: path.to_owned(), reason };
-        let bytes = std::fs::read(path).map_err(|error| unreadable(error.to_string()))?;
+        let bytes = read_bytes(path, Backbone::MOST_BYTES).map_err(|error| unreadable(error.to_string()))?;
         let file = SafeTensors::deserialize(&bytes).map_err(|error| unreadable(error.to_string()))?;
         let mut tensors = BTreeMap::new();
         for (name, view) in file.tensors() {

@@ -33,7 +33,7 @@ pub fn read_gaussians(path: &Path) -> Result<GaussianCloud, DataError> {
         reason,
         advice: "Export the Gaussians again as an uncompressed PLY file in the layout of 3DGS",
     };
-    let file = open_file(path).map_err(fail)?;
+    let file = open_file(path).map_err(|error| fail(error.to_string()))?;
     let room = file.metadata().map_err(|error| fail(error.to_string()))?.len();
     read_cloud(BufReader::new(file), room).map_err(fail)
 }

@@ -10,6 +10,7 @@ use crate::readers::testing::{SceneFolder, shown, with};
 use crate::readers::{Format, ReadOptions, open, recognise};
 use crate::scene::Capture;
 
+mod exif;
 mod odd;
 
 const SIZE: (u32, u32) = (48, 32);

@@ -1,0 +1,45 @@
+//! Damaged files for every reader: those of scenes, and those of the files of a run or a sweep.
+//!
+//! Whatever the bytes are, a reader returns something sound or an error with a message. It does not panic, hang, or take
+//! more memory than the file warrants. Each file of each reader is damaged in turn, in a way that follows from the
+//! reader's name and a number alone.
+//!
+//! Here, each reader gets [`Settings::FILES`] files. `cargo xtask mutate` gives them more, and prints a table.
+
+mod mutation;
+mod readers;
+mod runner;
+
+use std::process::ExitCode;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use libtest_mimic::{Arguments, Trial};
+use peak_alloc::PeakAlloc;
+
+use runner::{Outcome, Settings};
+
+#[global_allocator]
+static ALLOCATOR: PeakAlloc = PeakAlloc;
+
+fn main() -> ExitCode {
+    let mut arguments = Arguments::from_args();
+    // One reader at a time: memory is counted for the whole process.
+    arguments.test_threads = Some(1);
+    let settings = Settings::from_environment();
+    let place = tempfile::tempdir().expect("a temporary folder");
+    let outcomes: Arc<Mutex<Vec<Outcome>>> = Arc::default();
+    let trial = |(name, targets): (&'static str, readers::Targets)| {
+        let (place, outcomes) = (place.path().to_owned(), Arc::clone(&outcomes));
+        Trial::test(name, move || {
+            let outcome = runner::run(name, targets, &place, settings);
+            let failures = outcome.failures.join("\n");
+            outcomes.lock().unwrap_or_else(PoisonError::into_inner).push(outcome);
+            if failures.is_empty() { Ok(()) } else { Err(failures.into()) }
+        })
+    };
+    let conclusion = libtest_mimic::run(&arguments, readers::all().into_iter().map(trial).collect());
+    if settings.is_by_hand {
+        eprint!("{}", runner::table(&outcomes.lock().unwrap_or_else(PoisonError::into_inner)));
+    }
+    conclusion.exit_code()
+}
