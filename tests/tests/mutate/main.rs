@@ -4,6 +4,8 @@
 //! more memory than the file warrants. Each file of each reader is damaged in turn, in a way that follows from the
 //! reader's name and a number alone.
 //!
+//! No other program is found, so videos go to the decoder that is built in.
+//!
 //! Here, each reader gets [`Settings::FILES`] files. `cargo xtask mutate` gives them more, and prints a table.
 
 mod mutation;
@@ -25,6 +27,8 @@ fn main() -> ExitCode {
     let mut arguments = Arguments::from_args();
     // One reader at a time: memory is counted for the whole process.
     arguments.test_threads = Some(1);
+    // SAFETY: nothing has started a thread yet, so nobody reads the environment meanwhile.
+    unsafe { std::env::set_var("PATH", "") };
     let settings = Settings::from_environment();
     let place = tempfile::tempdir().expect("a temporary folder");
     let outcomes: Arc<Mutex<Vec<Outcome>>> = Arc::default();

@@ -3,6 +3,7 @@
 
 use std::io::{Cursor, Read, Write};
 
+use mvfusion_model::files::sha256;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
@@ -39,7 +40,10 @@ fn change(chunks: &mut Vec<Chunk>, random: &mut ChaCha8Rng) {
         1 => chunks.swap(one, other),
         2 => chunks.insert(other, chunks[one].clone()),
         3 => chunks[one].name = chunks[other].name,
-        4 => chunks[one].content.truncate(random.random_range(0..=chunks[one].content.len())),
+        4 => {
+            let length = random.random_range(0..=chunks[one].content.len());
+            chunks[one].content.truncate(length);
+        }
         5 => bytes::change(&mut chunks[one].content, random),
         _ => bytes::integer(&mut chunks[one].content, random),
     }
@@ -126,25 +130,44 @@ fn written(boxes: &[Chunk]) -> Vec<u8> {
     boxes.iter().flat_map(one).collect()
 }
 
-/// Changes the header, or the JSON in one of its texts.
+/// Changes the header, or the JSON in one of its texts, or the data. If the header holds a checksum, it mostly fits again
+/// (docs/formats.md), because a reader looks no further where it does not.
 pub fn safetensors(content: &[u8], random: &mut ChaCha8Rng) -> Option<Vec<u8>> {
     let (length, rest) = content.split_at_checked(8)?;
     let length = u64::from_le_bytes(length.try_into().ok()?);
     let (header, data) = rest.split_at_checked(usize::try_from(length).ok()?)?;
     let mut header: Value = serde_json::from_slice(header).ok()?;
+    let mut data = data.to_vec();
     let texts = header.get_mut("__metadata__").and_then(Value::as_object_mut);
     let text =
         texts.and_then(|texts| texts.values_mut().find(|text| text.as_str().is_some_and(|t| t.starts_with('{'))));
-    match text {
-        Some(text) if random.random_bool(0.5) => {
+    match (text, random.random_range(0..5)) {
+        (Some(text), 0..2) => {
             let mut inner: Value = serde_json::from_str(text.as_str()?).ok()?;
             tree::change(&mut inner, random);
             *text = Value::String(inner.to_string());
         }
+        (_, 2) => bytes::integer(&mut data, random),
         _ => tree::change(&mut header, random),
     }
-    let header = header.to_string().into_bytes();
-    Some([&(header.len() as u64).to_le_bytes()[..], &header, data].concat())
+    let header = match random.random_bool(0.9) {
+        true => signed(header.clone(), &data).unwrap_or_else(|| header.to_string()),
+        false => header.to_string(),
+    };
+    Some([&(header.len() as u64).to_le_bytes()[..], header.as_bytes(), &data].concat())
+}
+
+/// The header with a checksum that fits; `None` if it holds none.
+fn signed(mut header: Value, data: &[u8]) -> Option<String> {
+    const MARK: &str = r#"{"__metadata__":{"sha256":""#;
+    let mut metadata = header.as_object_mut()?.remove("__metadata__")?;
+    metadata.as_object_mut()?.remove("sha256")?;
+    let (metadata, tensors) = (metadata.to_string(), header.to_string());
+    let rest = format!("\",{},{}", metadata.strip_prefix('{')?, tensors.strip_prefix('{')?);
+    let length = (MARK.len() + 64 + rest.len()).next_multiple_of(8);
+    let padding = " ".repeat(length - MARK.len() - 64 - rest.len());
+    let covered = [&(length as u64).to_le_bytes()[..], MARK.as_bytes(), rest.as_bytes(), padding.as_bytes(), data];
+    Some(format!("{MARK}{}{rest}{padding}", sha256(&covered.concat())))
 }
 
 /// Changes a number in the header, or the data.
