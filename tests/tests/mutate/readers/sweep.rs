@@ -22,21 +22,21 @@ seeds = [0, 7]
 speed_frames = 2
 expected = { minutes = 1.5, on = "two cores" }
 [set]
-"train.scale" = 0.5
+train.scale = 0.5
 [[scenes]]
 name = "video"
 [[scenes]]
 name = "photos"
-set = { "scene.kind" = "casual" }
+set = { scene.kind = "casual" }
 [[variants]]
 name = "full"
 [[variants]]
 name = "w/o MVG"
-set = { "motion.mvg" = false }
+set = { motion.mvg = false }
 [grid]
-"motion.window" = [3, 5]
+motion.window = [3, 5]
 [[exclude]]
-"motion.window" = 3
+motion.window = 3
 variant = "full"
 scene = "video"
 [[columns]]
@@ -51,7 +51,7 @@ variant = "full"
 minus = "w/o MVG"
 [[paper]]
 variant = "full"
-at = { "motion.window" = 5 }
+at = { motion.window = 5 }
 column = "Video"
 values = { "composed.psnr" = 31.5 }
 not_comparable = { "*" = "other scenes" }
