@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
+use mvfusion_data::files::open_file;
 use serde::{Deserialize, Serialize};
 use tracing::warn;
 
@@ -67,6 +68,12 @@ impl FileLock {
     /// # Errors
     /// [`Refusal`].
     pub fn take(path: &Path) -> Result<Self, Refusal> {
+        // What is no file is refused: the holder's name could be read from a device for ever.
+        if let Err(error) = open_file(path)
+            && error.kind() == io::ErrorKind::InvalidInput
+        {
+            return Err(error.into());
+        }
         let since = Instant::now();
         loop {
             let mut file = File::options().create(true).truncate(false).read(true).write(true).open(path)?;
@@ -99,7 +106,7 @@ impl FileLock {
     /// # Errors
     /// If the file cannot be read.
     pub fn state(path: &Path) -> io::Result<LockState> {
-        let file = match File::open(path) {
+        let file = match open_file(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(LockState::Absent),
             file => file?,
         };

@@ -6,9 +6,9 @@
 use std::fs::{self, File};
 use std::io::Write;
 use std::path::Path;
-use std::process::{Child, Command, Output};
+use std::process::{Child, Command, Output, Stdio};
 
-use super::resume::{arguments, outcome, signal, started, steps, wait_for_step, wait_until};
+use super::resume::{arguments, outcome, signal, steps, wait_for_step, wait_until};
 use super::{FAILED, mvfusion, text};
 
 /// In a process with its own mounts: the empty disk.
@@ -63,11 +63,44 @@ fn assert_says(said: &str, words: &[&str]) {
     words.iter().for_each(|word| assert!(said.contains(word), "`{word}` is missing: {said}"));
 }
 
-/// A run that was terminated and saved after a few steps, and the same one uninterrupted.
-fn begun(place: &Path, run: &Path) -> (serde_json::Value, serde_json::Value) {
-    let path = run.to_str().expect("UTF-8");
-    assert!(mvfusion(place, &arguments(&[&LONG[..], &["--out", "whole"]].concat())).status.success());
-    let child = started(place, &[&LONG[..], &["--out", path]].concat());
+/// A small scene, whose checkpoints have some hundred kilobytes.
+fn write_scene(place: &Path) {
+    let synth = ["synth", "scene", "--layout", "neu3d", "--size", "48x36", "--frames", "3"];
+    assert!(mvfusion(place, &synth).status.success());
+    let fields = ["float x", "float y", "float z", "uchar red", "uchar green", "uchar blue"];
+    let fields = fields.map(|field| format!("property {field}\n")).concat();
+    let point = |i: i32| format!("{} {} {} {i} 90 200\n", i % 7 - 3, i % 5 - 2, i % 3);
+    let points: String = (0..200).map(point).collect();
+    let head = format!("ply\nformat ascii 1.0\nelement vertex 200\n{fields}end_header\n");
+    fs::write(place.join("scene/points3D.ply"), head + &points).expect("written");
+}
+
+/// The words that train on that scene, aloud.
+fn training<'a>(more: &[&'a str]) -> Vec<&'a str> {
+    // Nothing is kept in memory.
+    let of_scene = ["--data", "scene", "--image-cache", "0"];
+    let words = arguments(&[&of_scene[..], &LONG, more].concat());
+    words.into_iter().filter(|word| *word != "--quiet").collect()
+}
+
+fn start(place: &Path, words: &[&str]) -> Child {
+    Command::new(env!("CARGO_BIN_EXE_mvfusion"))
+        .args(words)
+        .current_dir(place)
+        .stderr(Stdio::piped())
+        .stdout(Stdio::null())
+        .spawn()
+        .expect("the program starts")
+}
+
+/// Parameters and metrics of a run.
+type Learned = (serde_json::Value, serde_json::Value);
+
+/// Begins a run, which is terminated and saved after a few steps. Returns what the same run learns uninterrupted.
+fn begun(place: &Path, run: &Path) -> Learned {
+    write_scene(place);
+    assert!(mvfusion(place, &training(&["--out", "whole"])).status.success());
+    let child = start(place, &training(&["--out", run.to_str().expect("UTF-8")]));
     wait_for_step(run, 3);
     signal(&child, "-TERM");
     let (code, said) = ended(child);
@@ -75,7 +108,7 @@ fn begun(place: &Path, run: &Path) -> (serde_json::Value, serde_json::Value) {
     outcome(&place.join("whole"))
 }
 
-fn assert_resumes(place: &Path, run: &Path, whole: &(serde_json::Value, serde_json::Value)) {
+fn assert_resumes(place: &Path, run: &Path, whole: &Learned) {
     let rest = mvfusion(place, &["train", "--resume", run.to_str().expect("UTF-8")]);
     assert!(rest.status.success(), "{}", text(&rest.stderr));
     assert_eq!(outcome(run), *whole);
@@ -83,17 +116,10 @@ fn assert_resumes(place: &Path, run: &Path, whole: &(serde_json::Value, serde_js
     assert!(run.join("report.html").is_file());
 }
 
+/// Resumes with checkpoints after so many steps.
 fn resume(place: &Path, run: &Path, interval: &str) -> Child {
     let interval = format!("train.checkpoint_interval={interval}");
-    Command::new(env!("CARGO_BIN_EXE_mvfusion"))
-        .args(["train", "--quiet", "--resume"])
-        .arg(run)
-        .args(["--set", &interval])
-        .current_dir(place)
-        .stderr(std::process::Stdio::piped())
-        .stdout(std::process::Stdio::null())
-        .spawn()
-        .expect("the program starts")
+    start(place, &["train", "--resume", run.to_str().expect("UTF-8"), "--set", &interval])
 }
 
 #[test]
@@ -137,7 +163,8 @@ fn a_disk_that_is_full_when_the_report_is_written_costs_the_report_alone() {
         let (run, ballast) = (disk.join("run"), disk.join("ballast"));
         let path = run.to_str().expect("UTF-8");
         // The first run tells how much room the second one needs.
-        assert!(mvfusion(place.path(), &arguments(&["--out", path])).status.success());
+        write_scene(place.path());
+        assert!(mvfusion(place.path(), &training(&["--out", path])).status.success());
         let whole = outcome(&run);
         fill(&ballast);
         let free = {
@@ -151,7 +178,7 @@ fn a_disk_that_is_full_when_the_report_is_written_costs_the_report_alone() {
         // That room, less half of a report of at least 40 kB.
         let room = fs::metadata(&ballast).expect("there").len() - free + (20 << 10);
         File::options().write(true).open(&ballast).and_then(|file| file.set_len(room)).expect("shortened");
-        let output = mvfusion(place.path(), &arguments(&["--out", path]));
+        let output = mvfusion(place.path(), &training(&["--out", path]));
         let said = text(&output.stderr);
         assert_eq!(output.status.code(), Some(FAILED), "{said}");
         assert_says(&said, &["cannot write", "report.html", "No space left"]);
@@ -190,13 +217,9 @@ fn a_run_that_becomes_read_only_stops_with_its_last_checkpoint() {
 fn a_scene_that_vanishes_for_a_while_stops_the_run_and_it_resumes() {
     let folder = tempfile::tempdir().expect("folder");
     let place = folder.path();
-    let synth = ["synth", "scene", "--layout", "neu3d", "--size", "48x36", "--frames", "3"];
-    assert!(mvfusion(place, &synth).status.success());
-    // Nothing is kept in memory.
-    let scene = ["--data", "scene", "--image-cache", "0", "--set", "train.checkpoint_interval=2"];
-    let given = [&scene[..], &LONG].concat();
-    assert!(mvfusion(place, &arguments(&[&given[..], &["--out", "whole"]].concat())).status.success());
-    let child = started(place, &[&given[..], &["--out", "run"]].concat());
+    write_scene(place);
+    assert!(mvfusion(place, &training(&["--out", "whole"])).status.success());
+    let child = start(place, &training(&["--out", "run", "--set", "train.checkpoint_interval=2"]));
     wait_for_step(&place.join("run"), 4);
     fs::rename(place.join("scene"), place.join("elsewhere")).expect("moved");
     let (code, said) = ended(child);
@@ -225,7 +248,8 @@ fn files_that_may_not_grow_are_an_error_with_words_and_synth_leaves_nothing() {
     assert_says(&said, &["cannot write", "deep/scene", "File too large"]);
     assert_eq!(fs::read_dir(folder.path()).expect("listed").count(), 0, "synth left something behind");
 
-    let output = limited(folder.path(), "16", &arguments(&["--out", "run"]));
+    write_scene(folder.path());
+    let output = limited(folder.path(), "80", &training(&["--out", "run"]));
     let said = text(&output.stderr);
     assert_eq!(output.status.code(), Some(FAILED), "{said}");
     assert_says(&said, &["cannot write", "final.safetensors", "File too large"]);

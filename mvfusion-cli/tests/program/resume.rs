@@ -13,14 +13,14 @@ use super::{TINY, USAGE, mvfusion, text};
 const STEPS: &str = "train.stages={geometry=6, deformation=6, refinement=12}";
 
 /// The longest that a test waits for something.
-pub(super) const PATIENCE: Duration = Duration::from_secs(120);
+const PATIENCE: Duration = Duration::from_secs(120);
 
 pub(super) fn arguments<'a>(more: &[&'a str]) -> Vec<&'a str> {
     let settings = TINY.into_iter().chain([STEPS, "train.log_interval=1"]).flat_map(|setting| ["--set", setting]);
     ["train", "--quiet"].into_iter().chain(settings).chain(more.iter().copied()).collect()
 }
 
-pub(super) fn started(folder: &Path, more: &[&str]) -> Child {
+fn started(folder: &Path, more: &[&str]) -> Child {
     Command::new(env!("CARGO_BIN_EXE_mvfusion"))
         .args(arguments(more))
         .current_dir(folder)
