@@ -1,10 +1,10 @@
 //! Pipes and devices in the place of the files of a run or a sweep: refused by name, and never waited for.
 
+use std::cell::{Cell, RefCell};
 use std::fs;
 use std::os::unix::fs::symlink;
 use std::path::Path;
-use std::process::{Command, Stdio};
-use std::time::Duration;
+use std::process::{Child, Command, Stdio};
 
 use super::mvfusion;
 use super::resume::wait_until;
@@ -28,6 +28,16 @@ impl Strange {
     }
 }
 
+/// A program that does not outlive a failed test.
+struct Running(RefCell<Child>);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // It has ended, unless the test failed.
+        let _ = self.0.get_mut().kill();
+    }
+}
+
 /// The exit code of a command that must end, and what it says.
 fn ended(folder: &Path, arguments: &[&str]) -> (Option<i32>, String) {
     let said = folder.join("said");
@@ -40,11 +50,10 @@ fn ended(folder: &Path, arguments: &[&str]) -> (Option<i32>, String) {
         .stdout(output())
         .stderr(output())
         .spawn();
-    let child = std::cell::RefCell::new(child.expect("the program starts"));
-    let status = std::cell::Cell::new(None);
+    let running = Running(RefCell::new(child.expect("the program starts")));
+    let status = Cell::new(None);
     wait_until(&format!("{arguments:?} ends"), || {
-        status.set(child.borrow_mut().try_wait().expect("a status"));
-        std::thread::sleep(Duration::from_millis(5));
+        status.set(running.0.borrow_mut().try_wait().expect("a status"));
         status.get().is_some()
     });
     (status.get().and_then(|status| status.code()), fs::read_to_string(&said).expect("read"))
