@@ -1,14 +1,14 @@
 //! Whether a run is still what its results describe.
 
 use std::fmt;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use mvfusion_data::files::read_bytes;
 use mvfusion_model::files::sha256;
 use serde::Deserialize;
 
-use super::files::{CONFIG, RESULTS, read_json};
+use super::files::{CONFIG, MOST_OF_SETTINGS, RESULTS, read_json};
 
 /// The hashes in `results.json` that identify a trained model. Early versions wrote no hash of the configuration.
 #[derive(Clone, Debug, Deserialize)]
@@ -68,7 +68,7 @@ impl fmt::Display for Change {
 /// If the file cannot be read.
 pub fn config_hash(run: &Path) -> anyhow::Result<String> {
     let path = run.join(CONFIG);
-    let bytes = fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
+    let bytes = read_bytes(&path, MOST_OF_SETTINGS).with_context(|| format!("cannot read {}", path.display()))?;
     Ok(sha256(&bytes))
 }
 
@@ -108,6 +108,8 @@ pub(super) fn changed_configuration(run: &Path) -> Option<Change> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     #[test]
