@@ -8,7 +8,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, ensure};
 use serde_json::Value;
 
-use crate::{deny, docs};
+use crate::{deny, docs, torture};
 
 /// The feature set of the one test build: every CPU backend, and the GPU through wgpu.
 pub const TESTED: &str = "flex,ndarray,wgpu";
@@ -21,6 +21,7 @@ pub fn run() -> Result<()> {
     step("lint", &["clippy", "--workspace", "--all-targets", "--features", TESTED, "--", "--deny", "warnings"], &[])?;
     step("test", &["test", "--workspace", "--features", TESTED], &[])?;
     timed("examples", run_examples)?;
+    timed("torture", torture::run_short)?;
     step(
         "document",
         &["doc", "--workspace", "--no-deps", "--features", TESTED],

@@ -76,10 +76,19 @@ struct Tally {
     lost: Vec<String>,
 }
 
+/// A few of each ordeal.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_short() -> Result<()> {
+    run(&TortureArguments { ordeals: Vec::new(), short: true, seed: 0, program: None })
+}
+
 /// Runs the ordeals.
 ///
 /// # Errors
 /// If a run is lost, or the program cannot be run.
+#[allow(clippy::print_stdout, reason = "the table is this program's output")]
 pub fn run(arguments: &TortureArguments) -> Result<()> {
     let beside = || Ok::<_, anyhow::Error>(std::env::current_exe()?.with_file_name("mvfusion"));
     let program = arguments.program.clone().map_or_else(beside, Ok)?;
