@@ -7,12 +7,12 @@ use std::fmt;
 use std::fs::{File, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use mvfusion_data::files::open_file;
+use same_file::Handle;
 use serde::{Deserialize, Serialize};
-use tracing::warn;
+use tracing::{debug, warn};
 
 use crate::clock;
 
@@ -23,9 +23,8 @@ const PATIENCE: Duration = Duration::from_secs(2);
 #[derive(Debug)]
 pub struct FileLock {
     /// Holds the lock as long as it is open.
-    _file: File,
+    file: Handle,
     path: PathBuf,
-    holder: Holder,
 }
 
 /// The process that holds a lock.
@@ -37,8 +36,6 @@ pub struct Holder {
     host: String,
     /// When it was taken.
     since: String,
-    /// Tells apart the locks of one process.
-    number: usize,
 }
 
 /// Why a lock was not taken.
@@ -91,9 +88,11 @@ impl FileLock {
                 }
                 Err(TryLockError::Error(error)) => return Err(error.into()),
             }
-            let holder = Holder::this();
-            holder.write(&mut file)?;
-            let lock = Self { _file: file, path: path.to_owned(), holder };
+            // Its name is for messages alone: a full disk does not keep anybody from looking for room.
+            if let Err(error) = Holder::this().write(&mut file) {
+                debug!("cannot write to {}: {error}", path.display());
+            }
+            let lock = Self { file: Handle::from_file(file)?, path: path.to_owned() };
             // Between opening and locking, the former holder may have removed the file.
             if lock.is_in_place() {
                 return Ok(lock);
@@ -130,23 +129,17 @@ impl FileLock {
 
     /// Whether the path still leads to the file that is locked.
     fn is_in_place(&self) -> bool {
-        match File::open(&self.path).and_then(|mut file| Holder::read(&mut file)) {
-            Ok(holder) => holder == self.holder,
-            // Where a lock keeps others from reading, it keeps them from removing the file, too.
-            Err(error) => !matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::InvalidData),
-        }
+        Handle::from_path(&self.path).is_ok_and(|other| other == self.file)
     }
 }
 
 impl Holder {
     /// This process.
     fn this() -> Self {
-        static NUMBER: AtomicUsize = AtomicUsize::new(0);
         Self {
             process: std::process::id(),
             host: gethostname::gethostname().to_string_lossy().into_owned(),
             since: clock::now(),
-            number: NUMBER.fetch_add(1, Ordering::Relaxed),
         }
     }
 
@@ -195,7 +188,7 @@ mod tests {
         let first = FileLock::take(&path).expect("taken");
         assert_eq!(FileLock::state(&path).expect("read"), LockState::Held);
         match FileLock::take(&path).expect_err("held") {
-            Refusal::Held(holder) => assert_eq!(holder.expect("named"), first.holder),
+            Refusal::Held(holder) => assert_eq!(holder.expect("named").process, std::process::id()),
             Refusal::Io(error) => panic!("{error}"),
         }
         drop(first);

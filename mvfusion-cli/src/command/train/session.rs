@@ -87,6 +87,7 @@ impl Session {
             }
             if let Some(code) = self.signals.exit_code() {
                 self.save(&run::step_file(done))?;
+                self.thin_out();
                 watch.progress.finish();
                 return Err(self.interrupted(code).into());
             }

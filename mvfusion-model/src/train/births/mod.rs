@@ -85,8 +85,7 @@ impl ComparedView<'_> {
         };
         let pixels: Vec<ErrorPixel> = self.photo.pixels().enumerate().map(pixel).collect();
         let counts = |index: usize| self.valid.is_none_or(|valid| valid[index]);
-        let valid = pixels.iter().filter(|pixel| counts(pixel.index));
-        let least = self.least_error(valid.map(|pixel| pixel.error));
+        let least = self.least_error(pixels.iter().map(|pixel| pixel.error));
         let is_wrong: Vec<bool> = pixels.iter().map(|pixel| counts(pixel.index) && pixel.error >= least).collect();
         // A missing object has errors all over. An edge that is not sharp yet has errors along a line.
         let among_wrong = |pixel: &ErrorPixel| {
@@ -100,7 +99,7 @@ impl ComparedView<'_> {
         pixels.iter().filter(|pixel| is_wrong[pixel.index] && among_wrong(pixel)).copied().collect()
     }
 
-    /// The error threshold from the errors of the valid pixels.
+    /// The error threshold.
     fn least_error(&self, errors: impl Iterator<Item = f32>) -> f32 {
         let BirthRule { least_error, worst_share, .. } = self.rule;
         if worst_share >= 1.0 {

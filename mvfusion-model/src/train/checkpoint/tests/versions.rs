@@ -10,7 +10,10 @@ use crate::train::{Checkpoint, TrainState, Trainer, parameter_hash};
 fn first_version() -> Parts {
     let mut parts = Parts::of(&BYTES);
     parts.metadata.clear();
-    parts.header.as_object_mut().expect("an object").remove("grid_layout");
+    let header = parts.header.as_object_mut().expect("an object");
+    for field in ["grid_layout", "bad_steps"] {
+        header.remove(field).expect("a field of this version");
+    }
     parts
 }
 
