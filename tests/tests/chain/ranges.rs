@@ -249,6 +249,6 @@ fn every_number_is_refused_by_its_key_and_range_or_trains_to_finite_numbers() {
         });
     });
     let (counts, faults) = (counts.into_inner().expect("no panic"), faults.into_inner().expect("no panic"));
-    println!("{} keys, {} cases: {counts:?}", base.numeric_keys().len(), cases.len());
+    eprintln!("{} keys, {} cases: {counts:?}", base.numeric_keys().len(), cases.len());
     assert!(faults.is_empty(), "{} of {} cases:\n{}", faults.len(), cases.len(), faults.join("\n"));
 }

@@ -23,8 +23,9 @@ const SETTINGS: [&str; 16] = [
     "motion.samples=4",
     "motion.interval=30",
     "densify={from=10, until=240, interval=20, prune_from=10, prune_interval=30, births_interval=50}",
-    "densify.dynamic={geometry_threshold=1e-4, threshold=1e-4}",
-    "densify.static={geometry_threshold=1e-4, threshold=1e-4}",
+    "densify.dynamic={geometry_threshold=1e-4, threshold=1e-4, max_gaussians=200}",
+    // A checkpoint of each step takes room.
+    "densify.static={geometry_threshold=1e-4, threshold=1e-4, max_gaussians=400}",
     "eval.strips=0",
     "eval.pictures=false",
 ];

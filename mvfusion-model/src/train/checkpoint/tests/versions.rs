@@ -65,11 +65,14 @@ fn a_file_that_has_lost_its_checksum_or_its_number_is_refused() {
     }
 }
 
+/// A change of the configuration, and what the refusal says.
+type Change = (fn(&mut Config), &'static str);
+
 #[test]
 fn another_configuration_is_refused_with_both_values() {
     let specimen = Specimen::new();
     let path = specimen.write(&BYTES);
-    let changes: [(fn(&mut Config), &str); 8] = [
+    let changes: [Change; 8] = [
         (|config| config.model.sh_degree = 0, "`dynamic.sh_rest` has the shape [10, 9] instead of [10, 0]"),
         (|config| config.model.grid.resolution = [4, 3, 5, 6], "`model.grid.resolution` = [4, 3, 5, 6]"),
         (|config| config.model.width = 5, "`network.trunk.layers.0.weight` has the shape [4, 4] instead of [4, 5]"),
