@@ -32,7 +32,7 @@ const RUNS: &str = "runs";
 ///
 /// # Errors
 /// For an invalid command line, before anything is written. Later, if the device fails, the loss is not finite, or a
-/// file cannot be written. [`Interrupted`] after a signal, once the run is saved.
+/// file cannot be written. [`Interrupted`](crate::interrupt::Interrupted) after a signal, once the run is saved.
 pub fn train(args: &TrainArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let signals = Signals::watch().context("cannot watch for signals")?;
     match &args.resume {
