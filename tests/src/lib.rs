@@ -12,3 +12,13 @@ pub use checklist::{Checklist, Few, Tolerance};
 pub use numbers::{Array, gradient, numbers, tensor};
 pub use ply::Ply;
 pub use slurm::Cluster;
+
+/// Settings of `mvfusion train` for a model that learns a step in milliseconds.
+pub const SMALL_MODEL: [&str; 6] = [
+    "train.batch_size=1",
+    "model.width=8",
+    "model.grid={features=2, resolution=[4, 4, 4, 4], multipliers=[1]}",
+    "init.dynamic_points=60",
+    "init.motion_points=60",
+    "motion.samples=4",
+];

@@ -26,7 +26,7 @@ impl FolderLock {
     /// If another process writes to it, or it cannot be created.
     pub fn take(folder: &Path) -> anyhow::Result<Self> {
         let shown = folder.display();
-        // Proof: whoever ends removes the folders it created, once, while this waits.
+        // A process that ends removes the folders that it created, so they may vanish in between.
         for _ in 0..10 {
             let missing = |path: &&Path| !path.as_os_str().is_empty() && !path.exists();
             let mut created: Vec<PathBuf> = folder.ancestors().take_while(missing).map(Path::to_owned).collect();

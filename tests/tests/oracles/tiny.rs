@@ -7,23 +7,15 @@ use clap::Parser;
 use mvfusion_cli::args::Command;
 use mvfusion_cli::progress::Verbosity;
 use mvfusion_cli::{Cli, command};
+use mvfusion_tests::SMALL_MODEL;
 
 /// Settings of a run that passes through all stages in seconds.
-const TINY: [&str; 9] = [
-    "train.stages={geometry=3, deformation=2, refinement=3}",
-    "train.log_interval=1",
-    "train.batch_size=1",
-    "model.width=8",
-    "model.grid={features=2, resolution=[4, 4, 4, 4], multipliers=[1]}",
-    "init.dynamic_points=60",
-    "init.motion_points=60",
-    "motion.samples=4",
-    "eval.strips=2",
-];
+const TINY: [&str; 3] =
+    ["train.stages={geometry=3, deformation=2, refinement=3}", "train.log_interval=1", "eval.strips=2"];
 
 /// Trains into the folder `run`, with further arguments, and returns what `mvfusion train` said.
 pub fn train(run: &Path, more: &[&str]) -> Result<String> {
-    let settings = TINY.iter().flat_map(|setting| ["--set", setting]);
+    let settings = TINY.iter().chain(&SMALL_MODEL).flat_map(|setting| ["--set", setting]);
     let line = ["train", "--device", "cpu", "--out", text(run)?].into_iter().chain(settings);
     mvfusion(&line.chain(more.iter().copied()).collect::<Vec<_>>())
 }

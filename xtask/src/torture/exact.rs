@@ -7,27 +7,19 @@ use std::process::{Command, Stdio};
 use anyhow::{Context, Result};
 
 use super::Tally;
-use super::ground::{Outcome, end, read_json, said, succeed};
+use super::ground::{Outcome, SMALL, end, read_json, said, succeed};
 
 /// 400 steps that densify every 20 and learn the static branch from two steps at once, with a checkpoint of each.
-const SETTINGS: [&str; 16] = [
+const SETTINGS: [&str; 8] = [
     "train.stages={geometry=120, deformation=130, refinement=150}",
     "train.checkpoint_interval=1",
     "train.keep_checkpoints=1000",
     "train.accumulation=2",
-    "train.batch_size=1",
-    "model.width=8",
-    "model.grid={features=2, resolution=[4, 4, 4, 4], multipliers=[1]}",
-    "init.dynamic_points=60",
-    "init.motion_points=60",
-    "motion.samples=4",
     "motion.interval=30",
     "densify={from=10, until=240, interval=20, prune_from=10, prune_interval=30, births_interval=50}",
     "densify.dynamic={geometry_threshold=1e-4, threshold=1e-4, max_gaussians=200}",
     // A checkpoint of each step takes room.
     "densify.static={geometry_threshold=1e-4, threshold=1e-4, max_gaussians=400}",
-    "eval.strips=0",
-    "eval.pictures=false",
 ];
 
 /// Steps after which the training is interrupted: within stages, at their changes (120, 250), after a densification (40,
@@ -42,7 +34,7 @@ const THREADS: [[&str; 2]; 3] = [["1", "2"], ["1", "1"], ["2", "2"]];
 pub fn resume(program: &Path, count: usize) -> Result<Tally> {
     let folder = tempfile::tempdir().context("cannot make a folder")?;
     let whole = folder.path().join("whole");
-    let settings = SETTINGS.into_iter().flat_map(|setting| ["--set", setting]);
+    let settings = SETTINGS.into_iter().chain(SMALL).flat_map(|setting| ["--set", setting]);
     let mut command = Command::new(program);
     command.args(["train", "--quiet", "--out"]).arg(&whole).args(settings);
     succeed(command)?;

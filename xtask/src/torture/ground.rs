@@ -10,9 +10,10 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 /// A run of a second or two that passes through all stages.
-const TINY: [&str; 10] = [
-    "train.stages={geometry=20, deformation=20, refinement=60}",
-    "train.log_interval=1",
+const TINY: [&str; 2] = ["train.stages={geometry=20, deformation=20, refinement=60}", "train.log_interval=1"];
+
+/// A small model, of which no pictures are written.
+pub const SMALL: [&str; 8] = [
     "train.batch_size=1",
     "model.width=8",
     "model.grid={features=2, resolution=[4, 4, 4, 4], multipliers=[1]}",
@@ -108,7 +109,7 @@ impl Ground {
 /// The arguments of a training.
 fn training(run: &Path, seed: &str) -> Vec<String> {
     let run = run.display().to_string();
-    let settings = TINY.into_iter().flat_map(|setting| ["--set", setting]);
+    let settings = TINY.into_iter().chain(SMALL).flat_map(|setting| ["--set", setting]);
     let own = ["train", "--quiet", "--out", &run, "--seed", seed];
     own.into_iter().chain(settings).map(str::to_owned).collect()
 }

@@ -118,6 +118,9 @@ fn initialised_trainer(
 /// A training that continues from the newest checkpoint of a run.
 fn resumed(args: &TrainArgs, path: &Path, signals: Signals, verbosity: Verbosity) -> anyhow::Result<Session> {
     let folder = RunFolder::continued(path)?;
+    if let Some(note) = run::waiting_note(path) {
+        verbosity.note(&format!("note:   {note}"));
+    }
     let record: RunRecord = run::read_json(&path.join(run::RECORD))
         .with_context(|| format!("{} is not a run that can be continued", path.display()))?;
     let mut config = config::resume(&path.join(run::CONFIG), &args.sources, args.data.as_deref())?;

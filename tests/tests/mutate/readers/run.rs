@@ -9,6 +9,7 @@ use mvfusion_cli::progress::Verbosity;
 use mvfusion_cli::run::{self, MetricsLog, PerView, Results, RunRecord};
 use mvfusion_cli::{Cli, command, config, report};
 use mvfusion_data::Layout;
+use mvfusion_tests::SMALL_MODEL;
 
 use super::scenes::write_scene;
 use super::{RECORDS, Room, Target, Targets, answer, answer_of};
@@ -49,17 +50,8 @@ pub const READERS: &[(&str, Targets)] = &[
 const REPORT: Room = Room { times: 64, fixed: 3 << 29 };
 
 /// Settings of a run of a few seconds that still passes through all stages.
-const TINY: [&str; 9] = [
-    "train.stages={geometry=2, deformation=2, refinement=2}",
-    "train.log_interval=1",
-    "train.batch_size=1",
-    "model.width=8",
-    "model.grid={features=2, resolution=[4, 4, 4, 4], multipliers=[1]}",
-    "init.dynamic_points=60",
-    "init.motion_points=60",
-    "motion.samples=4",
-    "eval.strips=1",
-];
+const TINY: [&str; 3] =
+    ["train.stages={geometry=2, deformation=2, refinement=2}", "train.log_interval=1", "eval.strips=1"];
 
 /// A finished run, the same one for all readers.
 pub fn finished(place: &Path) -> &'static Path {
@@ -69,7 +61,7 @@ pub fn finished(place: &Path) -> &'static Path {
         let (scene, run) = (ground.join("scene"), ground.join("run"));
         write_scene(Layout::Neu3d, &scene, (32, 24));
         let paths = ["--data".as_ref(), scene.as_os_str(), "--out".as_ref(), run.as_os_str()];
-        let settings = TINY.iter().flat_map(|setting| ["--set", setting]);
+        let settings = TINY.iter().chain(&SMALL_MODEL).flat_map(|setting| ["--set", setting]);
         let words = ["mvfusion", "train", "--quiet"].into_iter().chain(settings).map(AsRef::as_ref);
         let cli = Cli::try_parse_from(words.chain(paths)).expect("a command line");
         let Command::Train(args) = cli.command else { panic!("the command is `train`") };
