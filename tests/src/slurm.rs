@@ -17,7 +17,8 @@ use anyhow::{Context, Result, bail, ensure};
 use tempfile::TempDir;
 
 /// The programs that are needed here, and by what is tested.
-const PROGRAMS: [&str; 8] = ["mungekey", "munged", "slurmctld", "slurmd", "sbatch", "scancel", "sinfo", "squeue"];
+const PROGRAMS: [&str; 9] =
+    ["mungekey", "munged", "slurmctld", "slurmd", "sbatch", "scancel", "scontrol", "sinfo", "squeue"];
 
 /// Debian's packages that have them.
 const PACKAGES: &str = "slurm-wlm and munge";

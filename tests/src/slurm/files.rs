@@ -43,6 +43,7 @@ fn configuration(folder: &Path) -> Result<String> {
     let [queue_port, node_port] = [listeners[0].local_addr()?.port(), listeners[1].local_addr()?.port()];
     let folder = folder.display();
     // `config_overrides`: the node may claim more than there is, so that no task waits for what it asked.
+    // `cred_expire`: a task that is to start again waits this many seconds, by itself two minutes.
     // `KillWait`: a task that is cancelled gets this many seconds to end by itself.
     // `MinJobAge`: jobs that have ended are remembered for longer than a test takes.
     Ok(format!(
@@ -52,7 +53,7 @@ SlurmctldPort={queue_port}
 SlurmdPort={node_port}
 CommunicationParameters=NoInAddrAny,NoCtldInAddrAny
 SlurmUser=root
-AuthInfo=socket={folder}/munge.socket
+AuthInfo=socket={folder}/munge.socket,cred_expire=5
 StateSaveLocation={folder}/state
 SlurmdSpoolDir={folder}/spool
 SlurmctldPidFile={folder}/slurmctld.pid

@@ -11,9 +11,10 @@ use std::fs;
 use anyhow::{Context, Result, anyhow, ensure};
 use libtest_mimic::Trial;
 use mvfusion_tests::Cluster;
+use serde_json::{Value, json};
 
 use crate::{failed, ignored};
-use ground::{CELLS, Ground, job, program, said};
+use ground::{Ground, LONG, Sweep, UNEQUAL, job, program, said};
 
 /// What the program says: of a cell in each state, and where nothing is left to do.
 const FINISHED: &str = "finished";
@@ -27,13 +28,14 @@ const GPU: &str = "#SBATCH --gres=gpu:1";
 /// All trials.
 pub fn trials() -> Vec<Trial> {
     vec![
-        trial("a_cancelled_cell_alone_is_submitted_again", a_cancelled_cell_alone_is_submitted_again),
-        trial("a_gpu_is_asked_for_where_one_is_wanted", a_gpu_is_asked_for_where_one_is_wanted),
+        trial("a_cancelled_cell_alone_is_submitted_again", UNEQUAL, a_cancelled_cell_alone_is_submitted_again),
+        trial("a_gpu_is_asked_for_where_one_is_wanted", UNEQUAL, a_gpu_is_asked_for_where_one_is_wanted),
+        trial("cells_that_start_again_twice_go_on", LONG, cells_that_start_again_twice_go_on),
     ]
 }
 
 /// A trial that needs a cluster and the program.
-fn trial(what: &str, check: fn(&Ground) -> Result<()>) -> Trial {
+fn trial(what: &str, sweep: Sweep, check: fn(&Ground) -> Result<()>) -> Trial {
     let name = format!("slurm::{what}");
     let no_program = || {
         let program = program().ok()?;
@@ -42,7 +44,7 @@ fn trial(what: &str, check: fn(&Ground) -> Result<()>) -> Trial {
     match Cluster::absent().or_else(no_program) {
         Some(reason) => ignored(name, reason),
         None => Trial::test(name, move || {
-            let ground = Ground::new().map_err(failed)?;
+            let ground = Ground::new(sweep).map_err(failed)?;
             check(&ground).map_err(|error| failed(anyhow!("{error:#}\n{}", ground.story())))
         }),
     }
@@ -63,12 +65,16 @@ fn a_cancelled_cell_alone_is_submitted_again(ground: &Ground) -> Result<()> {
     let states = ground.states()?;
     ensure!(states[cell] == INTERRUPTED, "the cancelled cell is {}", states[cell]);
     let finished = states.values().filter(|state| *state == FINISHED).count();
-    ensure!(finished == CELLS - 1, "{finished} other cells have finished");
+    ensure!(finished == UNEQUAL.cells - 1, "{finished} other cells have finished");
     let before = ground.finished()?;
 
     let again = ground.sweep(&["--wait"])?;
     let after = ground.finished()?;
-    ensure!(after.len() == CELLS, "with --wait it returned before {} cells had ended", CELLS - after.len());
+    ensure!(
+        after.len() == UNEQUAL.cells,
+        "with --wait it returned before {} cells had ended",
+        UNEQUAL.cells - after.len()
+    );
     ensure!(job(&again)? != first, "the cell was not submitted again");
     ensure!(ground.submitted()? == [cell.as_str()], "others than the cancelled cell were submitted again");
     ensure!(before.iter().all(|(id, began)| after[id] == *began), "a finished cell was run again");
@@ -102,5 +108,34 @@ fn a_gpu_is_asked_for_where_one_is_wanted(ground: &Ground) -> Result<()> {
         ground.cluster.ask("sbatch", &["--test-only", &script]).with_context(|| format!("--device {device}"))?;
     }
     ensure!(ground.cluster.every_job()?.is_empty(), "a dry run submits");
+    Ok(())
+}
+
+fn cells_that_start_again_twice_go_on(ground: &Ground) -> Result<()> {
+    let resumptions = || -> Result<Vec<usize>> {
+        let runs = ground.of_each_cell("out", "run.json")?;
+        Ok(runs.iter().map(|run| run["resumed"].as_array().map_or(0, Vec::len)).collect())
+    };
+    let array = job(&ground.sweep(&[])?)?;
+    for time in 0..2 {
+        // A cell that has logged a step since it started has something to go on from.
+        let before = ground.logged()?;
+        ground.wait("all cells at work", || {
+            let has_begun = resumptions()?.iter().all(|&resumptions| resumptions == time);
+            Ok(has_begun && ground.logged()?.iter().zip(&before).all(|(now, before)| now > before))
+        })?;
+        ground.cluster.ask("scontrol", &["requeue", &array])?;
+    }
+    ground.wait("the end of the array", || Ok(ground.cluster.queue(&array)?.is_empty()))?;
+    ensure!(resumptions()? == [2; LONG.cells], "{:?} resumptions", resumptions()?);
+    let results = |folder: &str| -> Result<(Vec<Value>, String)> {
+        let learned = ground.of_each_cell(folder, "results.json")?;
+        let learned = learned.iter().map(|results| json!([results["params_sha256"], results["test"]])).collect();
+        said(&ground.mvfusion(&["sweep", "table", folder])?)?;
+        Ok((learned, fs::read_to_string(ground.path(folder).join("table.md"))?))
+    };
+    let alone = ["sweep", "tiny.toml", "--out", "alone", "--jobs", "2", "--threads", "1", "--device", "cpu"];
+    said(&ground.mvfusion(&alone)?)?;
+    ensure!(results("out")? == results("alone")?, "the cells differ from those that ran without a break");
     Ok(())
 }

@@ -191,7 +191,7 @@ pub fn npz(content: &[u8], name: &str, random: &mut ChaCha8Rng) -> Option<Vec<u8
     let table = npy(&table, random)?;
     let name = if random.random_bool(0.05) { *any(&["", "a/../../b", "data"], random) } else { name };
     let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
-    archive.start_file(name, SimpleFileOptions::default()).ok()?;
+    archive.start_file(name, SimpleFileOptions::default().compression_level(Some(1))).ok()?;
     archive.write_all(&table).ok()?;
     Some(archive.finish().ok()?.into_inner())
 }

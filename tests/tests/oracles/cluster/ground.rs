@@ -13,18 +13,53 @@ use mvfusion_tests::Cluster;
 use serde_json::Value;
 use tempfile::TempDir;
 
+/// A sweep that is small enough for a test.
+#[derive(Clone, Copy, Debug)]
+pub struct Sweep {
+    seeds: &'static str,
+    stages: &'static str,
+    /// The settings of the variant `long`.
+    long: &'static str,
+    /// Cells at a time.
+    jobs: &'static str,
+    /// Its number of cells: two variants, and the seeds.
+    pub cells: usize,
+}
+
 /// Two cells of seconds and two that last long enough to be caught at work; the first is one of these.
-const GRID: &str = r#"
+pub const UNEQUAL: Sweep = Sweep {
+    seeds: "[1, 2]",
+    stages: "{ geometry = 2, deformation = 2, refinement = 2 }",
+    long: "{ train.stages.geometry = 150 }",
+    jobs: "2",
+    cells: 4,
+};
+
+/// Six cells that last long enough to be caught at work twice.
+pub const LONG: Sweep = Sweep {
+    seeds: "[1, 2, 3]",
+    stages: "{ geometry = 20, deformation = 20, refinement = 60 }",
+    long: "{}",
+    jobs: "6",
+    cells: 6,
+};
+
+impl Sweep {
+    /// The grid.
+    fn toml(self) -> String {
+        let Self { seeds, stages, long, .. } = self;
+        format!(
+            r#"
 title = "Tiny"
 preset = "quickstart"
-seeds = [1, 2]
+seeds = {seeds}
 
 [set]
-train.stages = { geometry = 2, deformation = 2, refinement = 2 }
+train.stages = {stages}
 train.log_interval = 2
 train.batch_size = 1
 model.width = 8
-model.grid = { features = 2, resolution = [4, 4, 4, 4], multipliers = [1] }
+model.grid = {{ features = 2, resolution = [4, 4, 4, 4], multipliers = [1] }}
 init.dynamic_points = 60
 init.motion_points = 60
 init.photo_points = 60
@@ -37,15 +72,15 @@ name = "video"
 
 [[variants]]
 name = "long"
-set = { train.stages = { geometry = 150, deformation = 2, refinement = 2 } }
+set = {long}
 
 [[variants]]
 name = "w/o MFTA"
-set = { motion.mfta = false }
-"#;
-
-/// Its number of cells.
-pub const CELLS: usize = 4;
+set = {{ motion.mfta = false }}
+"#
+        )
+    }
+}
 
 /// What the program says before a job's number.
 const JOB: &str = "job ";
@@ -61,15 +96,16 @@ const PAUSE: Duration = Duration::from_millis(100);
 pub struct Ground {
     /// The cluster.
     pub cluster: Cluster,
+    sweep: Sweep,
     folder: TempDir,
 }
 
 impl Ground {
     /// Starts the cluster.
-    pub fn new() -> Result<Self> {
+    pub fn new(sweep: Sweep) -> Result<Self> {
         let folder = tempfile::tempdir()?;
-        fs::write(folder.path().join("tiny.toml"), GRID)?;
-        Ok(Self { cluster: Cluster::start()?, folder })
+        fs::write(folder.path().join("tiny.toml"), sweep.toml())?;
+        Ok(Self { cluster: Cluster::start()?, sweep, folder })
     }
 
     /// A file in the folder.
@@ -88,7 +124,8 @@ impl Ground {
 
     /// Submits the sweep; a device among the further arguments takes the place of the CPU.
     pub fn sweep(&self, more: &[&str]) -> Result<Output> {
-        let usual = ["sweep", "tiny.toml", "--out", "out", "--launcher", "slurm", "--jobs", "2", "--threads", "1"];
+        let Sweep { jobs, .. } = self.sweep;
+        let usual = ["sweep", "tiny.toml", "--out", "out", "--launcher", "slurm", "--jobs", jobs, "--threads", "1"];
         let device: &[&str] = if more.contains(&"--device") { &[] } else { &["--device", "cpu"] };
         let output = self.mvfusion(&[&usual, device, more].concat())?;
         said(&output)?;
@@ -100,7 +137,7 @@ impl Ground {
         let index = json(&self.path("out/sweep.json"))?;
         let cells = index["cells"].as_array().context("sweep.json has no cells")?;
         let ids: Vec<String> = cells.iter().filter_map(|cell| Some(cell["id"].as_str()?.to_owned())).collect();
-        ensure!(ids.len() == CELLS, "the sweep has {} cells", ids.len());
+        ensure!(ids.len() == self.sweep.cells, "the sweep has {} cells", ids.len());
         Ok(ids)
     }
 
@@ -109,6 +146,19 @@ impl Ground {
         let (ids, script) = (self.ids()?, fs::read_to_string(self.path("out/slurm/array.sh"))?);
         let words = script.split_whitespace().filter(|word| ids.iter().any(|id| id == word));
         Ok(words.map(str::to_owned).collect())
+    }
+
+    /// A file of each cell's run in a sweep's folder, as JSON; `Null` where there is none that can be read.
+    pub fn of_each_cell(&self, sweep: &str, name: &str) -> Result<Vec<Value>> {
+        let cells = self.path(sweep).join("cells");
+        Ok(self.ids()?.into_iter().map(|id| json(&cells.join(id).join(name)).unwrap_or_default()).collect())
+    }
+
+    /// The lines that each cell has logged.
+    pub fn logged(&self) -> Result<Vec<usize>> {
+        let log = |id: String| self.path("out/cells").join(id).join("metrics.jsonl");
+        let lines = |log: PathBuf| fs::read_to_string(log).unwrap_or_default().lines().count();
+        Ok(self.ids()?.into_iter().map(log).map(lines).collect())
     }
 
     /// The state of each cell in the program's words, which stand before the cell's id.
