@@ -24,16 +24,17 @@ pub(crate) fn black_and_white(mask: DynamicImage) -> GrayImage {
     })
 }
 
-/// Checks that a mask of the first size has the aspect ratio of an image of the second size. Each side may be off by a
-/// pixel of rounding.
+/// Checks that a file of the first size has the aspect ratio of the second size, to which it is to be resized. Each side
+/// may be off by a pixel of rounding.
 ///
 /// # Errors
-/// [`DataError::Image`] if the aspect ratios differ. A stretched mask would cover the wrong pixels.
-pub(crate) fn check_shape(path: &Path, mask: (u32, u32), picture: (u32, u32)) -> Result<(), DataError> {
-    let [w, h, width, height] = [mask.0, mask.1, picture.0, picture.1].map(u64::from);
+/// [`DataError::Image`] if the aspect ratios differ. A stretched mask would cover the wrong pixels, and a picture of one
+/// long row would be resized through a picture as wide and as high as needed.
+pub(crate) fn check_shape(path: &Path, found: (u32, u32), wanted: (u32, u32)) -> Result<(), DataError> {
+    let [w, h, width, height] = [found.0, found.1, wanted.0, wanted.1].map(u64::from);
     if (w * height).abs_diff(h * width) <= w + h + width + height {
         return Ok(());
     }
-    let reason = format!("the mask has {w} x {h} pixels, another shape than its picture's {width} x {height}");
+    let reason = format!("it has {w} x {h} pixels, another shape than the {width} x {height} that it is used for");
     Err(DataError::Image { path: path.to_owned(), reason })
 }

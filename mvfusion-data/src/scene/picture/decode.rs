@@ -1,13 +1,13 @@
 //! Decoding of image files.
 
 use std::fs::File;
-use std::io::{BufReader, Cursor, Read};
+use std::io::{BufRead, BufReader, Cursor, Read, Seek};
 use std::path::Path;
 
 use image::metadata::Orientation;
-use image::{DynamicImage, ImageDecoder, ImageReader};
+use image::{DynamicImage, ImageDecoder, ImageReader, ImageResult};
 
-use super::{ExifOrientation, jpeg};
+use super::{ExifOrientation, check_shape, jpeg};
 use crate::error::DataError;
 use crate::files::open_file;
 
@@ -26,8 +26,14 @@ impl PictureHeader {
     /// # Errors
     /// [`DataError::Image`] if the header cannot be read.
     pub(crate) fn read(path: &Path) -> Result<Self, DataError> {
-        let mut decoder = opened(path)?.into_decoder().map_err(|e| unreadable(path, &e))?;
-        Ok(Self { size: decoder.dimensions(), orientation: orientation(&mut decoder) })
+        Self::of(opened(path)?).map_err(|e| unreadable(path, &e))
+    }
+
+    fn of(reader: ImageReader<impl BufRead + Seek>) -> ImageResult<Self> {
+        let mut decoder = reader.into_decoder()?;
+        // Metadata that cannot be read ask for no turn.
+        let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+        Ok(Self { size: decoder.dimensions(), orientation })
     }
 
     /// Whether the metadata ask for another image than the stored one.
@@ -45,13 +51,9 @@ impl PictureHeader {
     }
 }
 
-/// The orientation in the metadata. Metadata that cannot be read ask for none.
-fn orientation(decoder: &mut impl ImageDecoder) -> Orientation {
-    decoder.orientation().unwrap_or(Orientation::NoTransforms)
-}
-
-/// The image in a file, turned as its metadata ask for if `exif` says so.
-pub(super) fn decode(path: &Path, exif: ExifOrientation) -> Result<DynamicImage, DataError> {
+/// The image in a file, turned as its metadata ask for if `exif` says so. It must have the aspect ratio of `wanted`,
+/// which is checked before anything is decoded.
+pub(super) fn decode(path: &Path, wanted: (u32, u32), exif: ExifOrientation) -> Result<DynamicImage, DataError> {
     let mut bytes = Vec::new();
     let mut file = open_file(path).map_err(|e| unreadable(path, &e))?;
     file.read_to_end(&mut bytes).map_err(|e| unreadable(path, &e))?;
@@ -59,11 +61,13 @@ pub(super) fn decode(path: &Path, exif: ExifOrientation) -> Result<DynamicImage,
         return Err(unreadable(path, &"the file ends before the picture does"));
     }
     let guessed = || ImageReader::new(Cursor::new(&bytes)).with_guessed_format().map_err(|e| unreadable(path, &e));
-    let mut image = guessed()?.decode().map_err(|e| unreadable(path, &e))?;
-    if exif == ExifOrientation::Applied {
-        let mut decoder = guessed()?.into_decoder().map_err(|e| unreadable(path, &e))?;
-        image.apply_orientation(orientation(&mut decoder));
+    let mut header = PictureHeader::of(guessed()?).map_err(|e| unreadable(path, &e))?;
+    if exif != ExifOrientation::Applied {
+        header.orientation = Orientation::NoTransforms;
     }
+    check_shape(path, header.upright_size(), wanted)?;
+    let mut image = guessed()?.decode().map_err(|e| unreadable(path, &e))?;
+    image.apply_orientation(header.orientation);
     Ok(image)
 }
 

@@ -94,10 +94,10 @@ impl PictureSource {
         }
     }
 
-    /// Decodes the image. A frame of a video has the requested size.
+    /// Decodes the image, which must have the aspect ratio of `size`. A frame of a video has the requested size.
     fn decode(&self, size: (u32, u32), exif: ExifOrientation) -> Result<DynamicImage, DataError> {
         match self {
-            Self::Image(path) => decode(path, exif),
+            Self::Image(path) => decode(path, size, exif),
             Self::Frame { video, index } => video.frame(*index, size),
         }
     }
@@ -121,7 +121,7 @@ impl Picture {
     /// The image as RGB, 8 bits per channel.
     ///
     /// # Errors
-    /// [`DataError::Image`] if the file cannot be read or decoded.
+    /// [`DataError::Image`] if the file cannot be read or decoded, or has a different aspect ratio from the image.
     pub fn rgb(&self) -> Result<Arc<RgbImage>, DataError> {
         match self {
             Picture::Memory(image) => Ok(Arc::clone(image)),
@@ -134,7 +134,7 @@ impl Picture {
     /// resized and undistorted without interpolation.
     ///
     /// # Errors
-    /// Same as [`Picture::rgb`], and if the file has a different aspect ratio from its image.
+    /// Same as [`Picture::rgb`].
     pub fn mask(&self) -> Result<GrayImage, DataError> {
         match self {
             Picture::Memory(image) => Ok(black_and_white(DynamicImage::ImageRgb8(RgbImage::clone(image)))),
@@ -158,9 +158,7 @@ impl PictureFile {
     }
 
     fn mask(&self) -> Result<GrayImage, DataError> {
-        let mask = self.source.decode((self.width, self.height), self.exif)?;
-        check_shape(self.source.path(), (mask.width(), mask.height()), (self.width, self.height))?;
-        let mask = black_and_white(mask);
+        let mask = black_and_white(self.source.decode((self.width, self.height), self.exif)?);
         let mask = match mask.dimensions() == (self.width, self.height) {
             true => mask,
             false => imageops::resize(&mask, self.width, self.height, FilterType::Nearest),
@@ -200,6 +198,16 @@ mod tests {
         let mean = small.pixels().map(|p| f64::from(p.0[0])).sum::<f64>() / 320.0;
         assert!((mean - 58.5).abs() < 1.0, "{mean}");
         assert!(small.pixels().all(|p| p.0[1] == 100 && p.0[2] == 7));
+    }
+
+    #[test]
+    fn a_file_of_another_shape_is_refused_before_it_is_decoded() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = saved(folder.path(), &RgbImage::new(4000, 1));
+        // What follows the header of a PNG, so that decoding it would fail with other words.
+        std::fs::write(&path, &std::fs::read(&path).expect("read")[..60]).expect("written");
+        let error = Picture::file(path, (20, 16)).rgb().expect_err("another shape").to_string();
+        assert!(error.contains("4000 x 1") && error.contains("20 x 16"), "{error}");
     }
 
     #[test]
