@@ -38,9 +38,10 @@ fn jpeg(place: &Path) -> Vec<Target> {
     let photo = DynamicImage::ImageRgb8(photo());
     let images = [photo.clone(), DynamicImage::ImageLuma8(photo.to_luma8())];
     let target = |(number, image): (usize, &DynamicImage)| {
-        let file = saved(place, number, "jpg", image);
+        // Stored turned by a quarter; the segment turns it back.
+        let file = saved(place, number, "jpg", &image.rotate270());
         let bytes = fs::read(&file).expect("read");
-        // A big-endian TIFF header and a directory of one entry: turned by a quarter.
+        // A big-endian TIFF header and a directory of one entry: the orientation 6.
         let tiff = b"Exif\0\0MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0";
         let segment = [&[0xff, 0xe1][..], &(tiff.len() as u16 + 2).to_be_bytes(), tiff].concat();
         fs::write(&file, [&bytes[..2], &segment, &bytes[2..]].concat()).expect("written");
