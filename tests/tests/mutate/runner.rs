@@ -23,6 +23,13 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// Failures after which a reader is given no more files.
 const MOST_FAILURES: usize = 20;
 
+/// Damaged files after which a sound reader has refused one. If it has not, it does not read the file.
+const SURELY_NOTICED: u64 = 25;
+
+/// Readers that go on without a damaged file: the report tells what it lacks, and a cell that cannot be read is to be
+/// trained.
+const LENIENT: [&str; 2] = ["report", "sweep_index"];
+
 /// Longest message. It repeats names and numbers of the file, never the file itself.
 const LONGEST_MESSAGE: usize = 20_000;
 
@@ -105,6 +112,7 @@ pub fn run(name: &'static str, targets: Targets, place: &Path, settings: Setting
     let mut outcome = Outcome { name, ..Outcome::default() };
     let started = Instant::now();
     let sound: Vec<Vec<u8>> = targets.iter().map(|target| fs::read(&target.file).expect("a sound file")).collect();
+    let mut noticed = vec![[0u64; 2]; targets.len()];
     for number in settings.first..settings.first + settings.files {
         if started.elapsed() > settings.budget || outcome.failures.len() >= MOST_FAILURES {
             break;
@@ -114,11 +122,19 @@ pub fn run(name: &'static str, targets: Targets, place: &Path, settings: Setting
         let content = mutated(sound, target.kind, &mut random(name, number));
         fs::write(&target.file, &content).expect("written");
         let _ = alive.send((number, target.file.clone()));
+        let refused = outcome.refused;
         if let Err(reason) = outcome.count(target, content.len()) {
             let kept = keep(name, number, &content);
             outcome.failures.push(format!("{name}, number {number}, {}: {reason}", kept.display()));
         }
+        noticed[turn][0] += 1;
+        noticed[turn][1] += outcome.refused - refused;
         fs::write(&target.file, sound).expect("restored");
+    }
+    for ([files, refused], target) in noticed.into_iter().zip(&targets) {
+        if files >= SURELY_NOTICED && refused == 0 && !LENIENT.contains(&name) {
+            outcome.failures.push(format!("{name}: none of {files} times was {} refused", target.file.display()));
+        }
     }
     let _ = std::panic::take_hook();
     drop(alive);

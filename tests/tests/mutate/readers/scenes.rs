@@ -84,7 +84,7 @@ pub fn write_scene(layout: Layout, folder: &Path, (width, height): (usize, usize
     write(&builtin::builtin(&options), layout, folder).expect("written");
 }
 
-/// Adds what our writers leave out.
+/// Adds what our writers leave out, and removes what keeps another file from being read.
 fn complete(layout: Layout, folder: &Path) {
     match layout {
         Layout::RobustNerf => {
@@ -99,6 +99,8 @@ fn complete(layout: Layout, folder: &Path) {
             fs::write(folder.join("train_list.txt"), "2clutter000.png\n2clutter001.png\n").expect("written");
             fs::write(folder.join("test_list.txt"), "1extra000.png\n").expect("written");
         }
+        // It would be read instead of `points.npy`.
+        Layout::HyperNerf => fs::remove_file(folder.join("fused.ply")).expect("removed"),
         _ => {}
     }
 }
