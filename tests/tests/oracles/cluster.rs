@@ -130,6 +130,7 @@ fn cells_that_start_again_twice_go_on(ground: &Ground) -> Result<()> {
     ensure!(resumptions()? == [2; LONG.cells], "{:?} resumptions", resumptions()?);
     let results = |folder: &str| -> Result<(Vec<Value>, String)> {
         let learned = ground.of_each_cell(folder, "results.json")?;
+        ensure!(learned.iter().all(|results| results["params_sha256"].is_string()), "{folder}: a cell has no results");
         let learned = learned.iter().map(|results| json!([results["params_sha256"], results["test"]])).collect();
         said(&ground.mvfusion(&["sweep", "table", folder])?)?;
         Ok((learned, fs::read_to_string(ground.path(folder).join("table.md"))?))
