@@ -20,6 +20,7 @@
 //! | [`splat`] | constants of the rasteriser, and its records with named fields |
 //! | [`sh`] | the basis of spherical harmonics |
 //! | [`grid`] | the layout of a HexPlane |
+//! | [`objective`] | constants of the losses |
 //! | `cube` | the kernels, one stage per file; behind the feature `cube` |
 
 #[cfg(feature = "cube")]
@@ -32,5 +33,6 @@
 )]
 pub mod cube;
 pub mod grid;
+pub mod objective;
 pub mod sh;
 pub mod splat;

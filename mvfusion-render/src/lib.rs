@@ -40,6 +40,7 @@
 //! | [`mlp`] | evaluates several MLPs on the same rows |
 //! | [`attention`] | multi-head attention of a few queries to a few keys, for every row |
 //! | [`window`] | Gaussian blur and SSIM |
+//! | [`objective`] | blends both branches and computes the losses over pixels with their gradients |
 //! | [`optim`] | a step of Adam |
 //! | [`device`] | the devices of this build |
 //!
@@ -65,6 +66,7 @@ pub mod attention;
 pub mod device;
 pub mod grid;
 pub mod mlp;
+pub mod objective;
 pub mod optim;
 pub mod profile;
 pub mod splat;

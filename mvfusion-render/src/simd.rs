@@ -47,10 +47,16 @@ pub(crate) trait Lanes: Real {
         a: Self::Vector<S>,
         b: Self::Vector<S>,
     ) -> Self::Vector<S>;
+    fn where_less<S: Simd>(
+        simd: S,
+        pair: [Self::Vector<S>; 2],
+        a: Self::Vector<S>,
+        b: Self::Vector<S>,
+    ) -> Self::Vector<S>;
 }
 
 macro_rules! lanes {
-    ($float:ty, $vector:ident, $splat:ident, $sqrt:ident, $equal:ident, $select:ident,
+    ($float:ty, $vector:ident, $splat:ident, $sqrt:ident, $equal:ident, $less:ident, $select:ident,
      $($own:ident: $theirs:ident),*) => {
         impl Lanes for $float {
             type Vector<S: Simd> = S::$vector;
@@ -74,12 +80,17 @@ macro_rules! lanes {
             fn where_equal<S: Simd>(simd: S, pair: [S::$vector; 2], a: S::$vector, b: S::$vector) -> S::$vector {
                 simd.$select(simd.$equal(pair[0], pair[1]), a, b)
             }
+
+            #[inline(always)]
+            fn where_less<S: Simd>(simd: S, pair: [S::$vector; 2], a: S::$vector, b: S::$vector) -> S::$vector {
+                simd.$select(simd.$less(pair[0], pair[1]), a, b)
+            }
         }
     };
 }
-lanes!(f32, f32s, splat_f32s, sqrt_f32s, equal_f32s, select_f32s,
+lanes!(f32, f32s, splat_f32s, sqrt_f32s, equal_f32s, less_than_f32s, select_f32s,
     add: add_f32s, sub: sub_f32s, mul: mul_f32s, div: div_f32s, max: max_f32s, min: min_f32s);
-lanes!(f64, f64s, splat_f64s, sqrt_f64s, equal_f64s, select_f64s,
+lanes!(f64, f64s, splat_f64s, sqrt_f64s, equal_f64s, less_than_f64s, select_f64s,
     add: add_f64s, sub: sub_f64s, mul: mul_f64s, div: div_f64s, max: max_f64s, min: min_f64s);
 
 /// A vector with its instruction set, so that the usual operators work.
@@ -114,6 +125,46 @@ impl<S: Simd, T: Lanes> Wide<S, T> {
         numbers[at..at + Self::LANES].copy_from_slice(bytemuck::cast_slice(std::slice::from_ref(&self.vector)));
     }
 
+    /// Loads the values from `at` on, and zeros beyond the last one.
+    #[inline(always)]
+    pub(crate) fn load_up_to_end(simd: S, numbers: &[T], at: usize) -> Self {
+        if at + Self::LANES <= numbers.len() {
+            return Self::load(simd, numbers, at);
+        }
+        let mut block = [T::zero(); MAX_LANES];
+        block[..numbers.len() - at].copy_from_slice(&numbers[at..]);
+        Self::load(simd, &block, 0)
+    }
+
+    /// Stores the values from `at` on, without those beyond the last one.
+    #[inline(always)]
+    pub(crate) fn store_up_to_end(self, numbers: &mut [T], at: usize) {
+        if at + Self::LANES <= numbers.len() {
+            return self.store(numbers, at);
+        }
+        let mut block = [T::zero(); MAX_LANES];
+        self.store(&mut block, 0);
+        let rest = &mut numbers[at..];
+        rest.copy_from_slice(&block[..rest.len()]);
+    }
+
+    /// Applies a scalar function to every lane.
+    #[inline(always)]
+    pub(crate) fn map(self, function: impl Fn(T) -> T) -> Self {
+        let mut block = [T::zero(); MAX_LANES];
+        self.store(&mut block, 0);
+        for lane in &mut block[..Self::LANES] {
+            *lane = function(*lane);
+        }
+        Self::load(self.simd, &block, 0)
+    }
+
+    /// The instruction set.
+    #[inline(always)]
+    pub(crate) fn simd(self) -> S {
+        self.simd
+    }
+
     /// A vector of one value with the same instruction set.
     #[inline(always)]
     pub(crate) fn value(self, value: f64) -> Self {
@@ -140,6 +191,13 @@ impl<S: Simd, T: Lanes> Wide<S, T> {
     pub(crate) fn where_equal(self, a: Self, b: Self) -> Self {
         let zero = T::splat(self.simd, T::zero());
         let vector = T::where_equal(self.simd, [a.vector, b.vector], self.vector, zero);
+        Self { simd: self.simd, vector }
+    }
+
+    /// `yes` where this vector is less than `bound`, `no` elsewhere and where it is NaN.
+    #[inline(always)]
+    pub(crate) fn if_less(self, bound: Self, yes: Self, no: Self) -> Self {
+        let vector = T::where_less(self.simd, [self.vector, bound.vector], yes.vector, no.vector);
         Self { simd: self.simd, vector }
     }
 }

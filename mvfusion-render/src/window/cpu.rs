@@ -8,7 +8,7 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use super::Window;
-use super::similarity::{Blur, Similarity, SimilarityAdjoint, Traced, Windowed};
+use super::similarity::{Blur, FirstAdjoint, Similarity, SimilarityAdjoint, Traced, Weighted, Windowed};
 use crate::simd::{Lanes, MAX_LANES, Wide};
 
 /// Minimum number of rows per task.
@@ -52,6 +52,29 @@ pub(super) fn similarity_backward<T: Lanes>(
 ) -> [Vec<T>; 2] {
     let [mean_a, mean_b, square, cross] = slopes;
     windowed(SimilarityAdjoint, [v_map, mean_a, mean_b, square, cross], pair, size, window)
+}
+
+/// The similarity of two images, and its derivatives with respect to mean a, mean a² + b² and mean ab, times a weight
+/// per pixel.
+pub(crate) fn weighted_similarity<T: Lanes>(
+    kind: Similarity,
+    pair: [&[T]; 2],
+    weights: &[T],
+    size: [usize; 2],
+    window: &Window,
+) -> [Vec<T>; 4] {
+    windowed(Weighted(kind), pair, [weights], size, window)
+}
+
+/// The adjoint of the first image for the weighted sum of a similarity, from its weighted derivatives.
+pub(crate) fn weighted_backward<T: Lanes>(
+    pair: [&[T]; 2],
+    slopes: [&[T]; 3],
+    size: [usize; 2],
+    window: &Window,
+) -> Vec<T> {
+    let [first] = windowed(FirstAdjoint, slopes, pair, size, window);
+    first
 }
 
 /// Applies `work` to the window around every pixel of every plane. `own` are maps that are read only at the pixel

@@ -1,6 +1,6 @@
 //! Gaussian windows over images: the blur, and the similarity maps based on it.
 
-mod cpu;
+pub(crate) mod cpu;
 pub(crate) mod op;
 pub(crate) mod similarity;
 mod ssim;

@@ -167,6 +167,38 @@ impl Windowed<2, 0, 4, 5> for Traced {
     }
 }
 
+/// A similarity with its derivatives with respect to mean a, mean a² + b² and mean ab, times the pixel's weight.
+#[derive(Clone, Copy)]
+pub(super) struct Weighted(pub(super) Similarity);
+
+impl Windowed<2, 1, 4, 4> for Weighted {
+    #[inline(always)]
+    fn product<S: Simd, T: Lanes>(self, maps: [Wide<S, T>; 2], middle: [Wide<S, T>; 2]) -> Moments<S, T> {
+        of_pixel(maps, middle)
+    }
+
+    #[inline(always)]
+    fn column<S: Simd, T: Lanes>(self, sums: Moments<S, T>, middle: [Wide<S, T>; 2]) -> Moments<S, T> {
+        from_middle(sums, middle)
+    }
+
+    #[inline(always)]
+    fn along<S: Simd, T: Lanes>(self, column: Moments<S, T>, middle: Moments<S, T>) -> Moments<S, T> {
+        of_column(column, middle)
+    }
+
+    #[inline(always)]
+    fn finish<S: Simd, T: Lanes>(
+        self,
+        sums: Moments<S, T>,
+        middle: Moments<S, T>,
+        [weight]: [Wide<S, T>; 1],
+    ) -> [Wide<S, T>; 4] {
+        let [value, by_mean_a, _, by_square, by_cross] = self.0.trace(from_middle(sums, [middle[0], middle[1]]));
+        [value, weight * by_mean_a, weight * by_square, weight * by_cross]
+    }
+}
+
 /// Variances that are negative due to rounding count as zero, so that no denominator vanishes.
 #[inline(always)]
 fn positive<S: Simd, T: Lanes>(variance: Wide<S, T>) -> Wide<S, T> {
@@ -237,5 +269,26 @@ impl Windowed<5, 2, 4, 2> for SimilarityAdjoint {
     ) -> [Wide<S, T>; 2] {
         let v_square = v_square + v_square;
         [v_mean_a + a * v_square + b * v_cross, v_mean_b + b * v_square + a * v_cross]
+    }
+}
+
+/// The adjoint of the first image alone, from the derivatives times the cotangent.
+#[derive(Clone, Copy)]
+pub(super) struct FirstAdjoint;
+
+impl Windowed<3, 2, 3, 1> for FirstAdjoint {
+    #[inline(always)]
+    fn product<S: Simd, T: Lanes>(self, maps: [Wide<S, T>; 3], _: [Wide<S, T>; 3]) -> [Wide<S, T>; 3] {
+        maps
+    }
+
+    #[inline(always)]
+    fn finish<S: Simd, T: Lanes>(
+        self,
+        [v_mean, v_square, v_cross]: [Wide<S, T>; 3],
+        _: [Wide<S, T>; 3],
+        [a, b]: [Wide<S, T>; 2],
+    ) -> [Wide<S, T>; 1] {
+        [v_mean + a * (v_square + v_square) + b * v_cross]
     }
 }
