@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use mvfusion_data::DataError;
 use mvfusion_render::grid::GridError;
+use mvfusion_render::objective::ObjectiveError;
 use mvfusion_render::splat::SplatError;
 use thiserror::Error;
 
@@ -19,6 +20,9 @@ pub enum ModelError {
     /// A grid op rejected its arguments.
     #[error(transparent)]
     Grid(#[from] GridError),
+    /// The objective rejected its arguments.
+    #[error(transparent)]
+    Objective(#[from] ObjectiveError),
     /// The device failed to return values.
     #[error("the device failed: {0}. Try `--device cpu` to see whether the device or its driver is at fault.")]
     Device(String),

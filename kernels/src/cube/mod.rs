@@ -14,6 +14,7 @@ pub mod geometry;
 pub mod grid;
 pub mod maths;
 mod moments;
+pub mod objective;
 pub mod penalties;
 pub mod product;
 pub mod project;

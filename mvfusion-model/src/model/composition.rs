@@ -2,22 +2,11 @@
 
 use burn::tensor::{Tensor, activation::relu};
 
+use mvfusion_render::objective::constants::{
+    BRIGHTNESS_KNEE, BRIGHTNESS_OFFSET, BRIGHTNESS_SLOPE, GEOMETRY_LEAN, MIN_GEOMETRY_NORMALISER, SHARE_GUARD,
+};
+
 use crate::model::mask::MaskChannel;
-
-/// Brightness control above which the brightness rises steeply (METHOD §1.3, step 3).
-const BRIGHTNESS_KNEE: f64 = 0.75;
-
-/// Slope above the knee: from 0.75 to 10 over the last quarter.
-const BRIGHTNESS_SLOPE: f64 = (10.0 - BRIGHTNESS_KNEE) / (1.0 - BRIGHTNESS_KNEE);
-
-/// Brightness at control 0.
-const BRIGHTNESS_OFFSET: f64 = 0.5;
-
-/// Bias of the mask towards the background in the first stage (METHOD §1.3, step 1).
-const GEOMETRY_LEAN: f64 = 0.25;
-
-/// Lower bound of the mask's normaliser in the first stage, where the bias can cancel (METHOD §12, item 6).
-const MIN_GEOMETRY_NORMALISER: f64 = 1e-3;
 
 /// The renders of the two branches: `[B, C, H, W]`.
 #[derive(Clone, Debug)]
@@ -146,7 +135,7 @@ fn shares(static_: Tensor<4>, dynamic: Tensor<4>, blending: Blending) -> (Tensor
         }
         Blending::Deformation | Blending::Evaluation => {
             let guard = if blending == Blending::Evaluation { 1e-8 } else { 0.0 };
-            let (dynamic, static_) = (dynamic + 1e-6, static_ + 1e-6);
+            let (dynamic, static_) = (dynamic + SHARE_GUARD, static_ + SHARE_GUARD);
             let sum = dynamic.clone() + static_.clone() + guard;
             (dynamic / sum.clone(), static_ / sum)
         }

@@ -53,6 +53,11 @@ impl Exposure {
         (mixture.matmul(flat) + offset).reshape(shape)
     }
 
+    /// The map of one of the views: `[3, 4]`.
+    pub(crate) fn of_view(&self, view: usize) -> Tensor<2> {
+        self.0.clone().narrow(0, view, 1).reshape([3, 4])
+    }
+
     /// The same without autodiff.
     pub fn inner(self) -> Self {
         Self(self.0.inner())

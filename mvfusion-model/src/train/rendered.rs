@@ -1,12 +1,15 @@
 //! The renders of a step's training views.
 
 use burn::tensor::Tensor;
-use mvfusion_render::splat::{SplatPicture, SplatPlanes};
+use mvfusion_render::objective::{
+    Objective, ObjectiveError, ObjectiveInputs, ObjectiveMasks, ObjectiveTerms, objective,
+};
+use mvfusion_render::splat::SplatPicture;
 
 use super::Batch;
 use super::densify::Visibility;
 use super::finite::Findings;
-use super::loss::Pictures;
+use super::loss::MotionMasks;
 use super::parameters::Sink;
 use crate::model::composition::{Blending, BranchRenders, Composition};
 use crate::model::exposure::Exposure;
@@ -60,16 +63,15 @@ impl RenderedBatch {
     }
 }
 
-/// Selects one of the two equal copies of a render.
-#[derive(Clone, Copy, PartialEq)]
-pub(super) enum PictureCopy {
-    Main,
-    Light,
-}
-
 /// A layer of every view as one batch.
 fn stack<V>(views: &[V], layer: impl Fn(&V) -> Tensor<3>) -> Tensor<4> {
     Tensor::cat(views.iter().map(|view| layer(view).unsqueeze_dim(0)).collect(), 0)
+}
+
+/// A view's part of a batch `[B, C, H, W]`: `[C, H, W]`.
+fn layer_of(batch: &Tensor<4>, view: usize) -> Tensor<3> {
+    let [_, channels, height, width] = batch.dims();
+    batch.clone().narrow(0, view, 1).reshape([channels, height, width])
 }
 
 /// The renders of a view with all their layers, without autodiff.
@@ -115,39 +117,54 @@ impl RenderedViews {
         Some(self.exposed(stack(&pictures?, |picture| picture.main().colour)))
     }
 
-    /// One copy of every view of two branches, stacked and blended. Where `still` (`[B, 1, H, W]`) is 0, the colours of
-    /// the static branch have no gradient. Otherwise, gradients through a nearly closed mask, or from the window of an
-    /// adjacent still pixel, would preserve a stain. Pixels where `valid` (`[B, 1, H, W]`) is 0 are black and in no mask.
-    pub fn pictures(&self, copy: PictureCopy, blending: Blending, [still, valid]: [Option<&Tensor<4>>; 2]) -> Pictures {
-        let layers = |picture: &SplatPicture| match copy {
-            PictureCopy::Main => picture.main(),
-            PictureCopy::Light => picture.light(),
+    /// The objective of views of two branches, over all of them. `motion` is that of the batch, or what the static branch
+    /// shows instead.
+    ///
+    /// # Errors
+    /// If the op rejects its input.
+    pub fn objective(
+        &self,
+        batch: &Batch,
+        motion: Option<&MotionMasks>,
+        terms: &ObjectiveTerms,
+    ) -> Result<Objective, ObjectiveError> {
+        let of = |(index, view): (usize, &BranchPictures)| {
+            let mask = |mask: &Tensor<4>| layer_of(mask, index);
+            let inputs = ObjectiveInputs {
+                dynamic: view.dynamic.packed.clone(),
+                // Proof: this is only called for models with two branches.
+                static_: view.static_.as_ref().expect("the model has a static branch").packed.clone(),
+                exposure: self.exposure.as_ref().map(|exposure| exposure.of_view(index)),
+                photo: layer_of(&batch.photos, index),
+                masks: ObjectiveMasks {
+                    valid: batch.valid.as_ref().map(mask),
+                    moving: motion.map(|motion| mask(&motion.moving)),
+                    around: motion.map(|motion| mask(&motion.around)),
+                },
+            };
+            objective(inputs, terms)
         };
-        let dynamic: Vec<SplatPlanes> = self.rendered.iter().map(|view| layers(&view.dynamic)).collect();
-        let static_: Vec<SplatPlanes> =
-            self.rendered.iter().filter_map(|view| view.static_.as_ref().map(layers)).collect();
-        // Proof: a model with a static branch has mask logits in its dynamic branch, and `Model::render` splats them.
-        let mask =
-            |view: &SplatPlanes| view.features.clone().expect("the dynamic branch is always splatted with its mask");
-        let blend = BranchRenders {
-            dynamic: self.exposed(stack(&dynamic, |view| view.colour.clone())),
-            static_: self.exposed(stack(&static_, |view| view.colour.clone())),
-            mask: stack(&dynamic, mask),
+        let found = self.rendered.iter().enumerate().map(of).collect::<Result<Vec<_>, _>>()?;
+        let mean = |of: fn(&Objective) -> &Tensor<1>| {
+            let sum = found.iter().map(|view| of(view).clone()).reduce(|sum, view| sum + view);
+            // Proof: a step shows at least one view.
+            sum.expect("a view") / found.len() as f64
         };
-        let blend = match still {
-            Some(still) => blend.with_static_learning(still.clone()),
-            None => blend,
-        };
-        Pictures {
-            composition: blend.compose_within(blending, valid),
-            dynamic_depth: stack(&dynamic, |view| view.depth.clone()),
-            static_depth: stack(&static_, |view| view.depth.clone()),
-        }
+        Ok(Objective { loss: mean(|view| &view.loss), squared_error: mean(|view| &view.squared_error) })
     }
 
     /// Views of two branches, blended as in the later stages.
     fn composition(&self) -> Composition {
-        self.pictures(PictureCopy::Main, Blending::Deformation, [None; 2]).composition
+        let views = || self.rendered.iter().map(|view| view.dynamic.main());
+        // Proof: a model with a static branch has mask logits in its dynamic branch, and `Model::render` splats them.
+        let masks: Vec<_> = views().map(|view| view.features.expect("the dynamic branch has a mask")).collect();
+        let layers = BranchRenders {
+            dynamic: self.dynamic(),
+            // Proof: this is only called for models with two branches.
+            static_: self.static_().expect("the model has a static branch"),
+            mask: stack(&masks, Tensor::clone),
+        };
+        layers.compose(Blending::Deformation)
     }
 
     /// The composed renders of views of two branches: `[B, 3, H, W]`.

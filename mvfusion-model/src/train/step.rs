@@ -5,11 +5,11 @@ use burn::tensor::activation::sigmoid;
 use mvfusion_render::grid;
 use mvfusion_render::profile::{Part, measure};
 
-use super::loss::{LossContext, LossSchedule, MotionMasks, light_loss, main_loss, single_loss};
-use super::rendered::{PictureCopy, RenderedBatch, RenderedViews};
+use super::loss::{LossContext, LossSchedule, MotionMasks, scale_loss, single_loss};
+use super::rendered::{RenderedBatch, RenderedViews};
 use super::{Batch, Losses, Position, Stage, Trainer};
 use crate::ModelError;
-use crate::model::composition::{Blending, within};
+use crate::model::composition::within;
 use crate::model::exposure::Exposure;
 use crate::model::gaussians::Gaussians;
 use crate::model::{DeformationLevel, Probes};
@@ -53,32 +53,22 @@ impl Trainer {
         let motion = batch.motion.clone().or_else(|| self.seen_by_static_branch(seen, batch, position));
         let motion = motion.map(|motion| motion.within(batch.valid.as_ref()));
         let context = self.loss_context(batch, motion.as_ref(), position);
-        let valid = batch.valid.as_ref();
-        let (mut total, composed) = match &model.static_ {
+        let (mut total, squared_error) = match &model.static_ {
             Some(static_) => {
-                let blending =
-                    if position.stage == Stage::Geometry { Blending::Geometry } else { Blending::Deformation };
-                let still = context.static_region();
-                let masks = [still.as_ref(), valid];
-                let [main, light] =
-                    [PictureCopy::Main, PictureCopy::Light].map(|copy| seen.pictures(copy, blending, masks));
+                let found = seen.objective(batch, motion.as_ref(), &context.objective_terms())?;
                 let log_scales = [&model.dynamic, static_].map(|branch| branch.log_scales.val());
-                let loss = main_loss(&main, &context) + light_loss(&light, log_scales, &context);
-                let loss = match self.opacity_cost(static_) {
-                    Some(cost) => loss + cost,
-                    None => loss,
-                };
-                (loss, main.composition.composed)
+                let costs = [scale_loss(log_scales, &context), self.opacity_cost(static_)];
+                (costs.into_iter().flatten().fold(found.loss, |loss, cost| loss + cost), found.squared_error)
             }
             None => {
-                let composed = within(seen.dynamic(), valid);
-                (single_loss(composed.clone(), &context), composed)
+                let composed = within(seen.dynamic(), batch.valid.as_ref());
+                let error = composed.clone().inner() - batch.photos.clone();
+                (single_loss(composed, &context), error.powf_scalar(2.0).mean())
             }
         };
         if level != DeformationLevel::Still {
             total = total + self.grid_penalty()?;
         }
-        let squared_error = (composed.inner() - batch.photos.clone()).powf_scalar(2.0).mean();
         let squared_error = match &batch.valid {
             // A batch without valid pixels has no error.
             Some(valid) => squared_error / valid.clone().mean().clamp_min(f32::EPSILON),

@@ -9,6 +9,7 @@ mod frame;
 pub(crate) mod gpu;
 mod grid;
 mod mlp;
+mod objective;
 mod penalties;
 mod scan;
 pub(crate) mod shared_memory;

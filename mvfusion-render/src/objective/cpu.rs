@@ -105,20 +105,20 @@ impl<T: Lanes> Arguments<'_, T> {
 
     #[inline(always)]
     fn masks<S: Simd>(&self, simd: S, row: usize, start: usize) -> Masks<Wide<S, T>> {
-        let [valid, moving, around] = [(self.valid, T::one()), (self.moving, T::zero()), (self.around, T::zero())].map(
-            |(mask, otherwise)| match mask {
-                Some(mask) => Wide::load_up_to_end(simd, self.row(mask, 0, row), start),
-                None => Wide::splat(simd, otherwise),
-            },
-        );
+        let [valid, moving, around] =
+            [(self.valid, T::one()), (self.moving, T::zero()), (self.around, T::zero())].map(|(mask, otherwise)| {
+                match mask {
+                    Some(mask) => Wide::load_up_to_end(simd, self.row(mask, 0, row), start),
+                    None => Wide::splat(simd, otherwise),
+                }
+            });
         Masks { valid, moving, around }
     }
 
     /// The layers of pixels, before the exposure.
     #[inline(always)]
     fn layers<S: Simd>(&self, simd: S, row: usize, start: usize) -> Layers<Wide<S, T>> {
-        let depth =
-            |planes: &[T], plane: usize| Wide::load_up_to_end(simd, self.row(planes, plane, row), start);
+        let depth = |planes: &[T], plane: usize| Wide::load_up_to_end(simd, self.row(planes, plane, row), start);
         Layers {
             dynamic: self.colour(simd, self.dynamic, 0, row, start),
             mask: self.colour(simd, self.dynamic, COLOUR_CHANNELS, row, start),

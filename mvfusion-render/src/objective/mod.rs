@@ -13,6 +13,8 @@ mod terms;
 use burn::tensor::Tensor;
 
 pub use error::ObjectiveError;
+/// Constants of the terms.
+pub use mvfusion_kernels::objective as constants;
 pub use terms::{GeometryTerms, MaskNormalisation, ObjectiveTerms};
 
 /// A view: its renders, its photo and its masks. All tensors have one dtype (f32, or f64 on a CPU) and one device.

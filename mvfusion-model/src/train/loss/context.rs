@@ -1,6 +1,7 @@
 //! The inputs of the losses besides the renders.
 
 use burn::tensor::Tensor;
+use mvfusion_render::objective::{GeometryTerms, MaskNormalisation, ObjectiveTerms};
 use mvfusion_render::window::Window;
 
 use super::{LossSchedule, MotionMasks, MotionWitness};
@@ -25,6 +26,44 @@ pub struct LossContext<'a> {
 }
 
 impl LossContext<'_> {
+    /// The weights of the terms over pixels, for [`objective`](mvfusion_render::objective).
+    pub(crate) fn objective_terms(&self) -> ObjectiveTerms {
+        let (config, schedule) = (self.config, &self.schedule);
+        let if_sure = |weight: f64| if self.sure_motion().is_some() { weight } else { 0.0 };
+        ObjectiveTerms {
+            normalisation: match schedule.geometry {
+                true => MaskNormalisation::Geometry,
+                false => MaskNormalisation::Deformation,
+            },
+            extent: self.extent,
+            dynamic_region: config.dynamic_where_moving && self.motion.is_some(),
+            static_region: config.static_where_still && self.sure_motion().is_some(),
+            ssim: self.windows.ssim.clone(),
+            structure: self.windows.structure.clone(),
+            geometry: schedule.geometry.then_some(GeometryTerms {
+                l1: config.main,
+                dssim: config.geometry_dssim,
+                mean: config.geometry_mean,
+            }),
+            composed_l1: if schedule.geometry { 0.0 } else { config.main },
+            depth_back: config.depth_back,
+            depth_back_detached: config.depth_back_detached,
+            depth_forward: config.depth_forward,
+            depth_smooth: config.depth_smooth,
+            likeness: config.penalize_dynamic,
+            branch_dssim: config.branch_dssim,
+            branch_l1: config.branch_l1,
+            dynamic_above: config.dynamic_above,
+            static_above: config.static_above,
+            composed_dssim: config.composed_dssim,
+            brightness: config.brightness + schedule.brightness_weight(),
+            explicit_brightness: schedule.explicit_weight(config.brightness_explicit),
+            entropy: if schedule.entropy() { config.entropy } else { 0.0 },
+            mask_motion: if_sure(config.mask_motion),
+            mask_still: if_sure(config.mask_still),
+        }
+    }
+
     /// 1 where the dynamic branch learns whatever its mask, if the configuration uses motion for this and it is known.
     pub(super) fn dynamic_region(&self) -> Option<Tensor<4>> {
         self.motion.filter(|_| self.config.dynamic_where_moving).map(|motion| motion.around.clone())

@@ -1,4 +1,5 @@
-//! The light loss, which does not drive densification.
+//! The light loss, which does not drive densification, with tensor operations. As for the main loss, training computes
+//! the terms over pixels by [`objective`](mvfusion_render::objective).
 
 use burn::tensor::Tensor;
 
@@ -8,6 +9,15 @@ use crate::model::composition::within;
 
 /// The light loss, a scalar `[1]`; `log_scales` are those of both branches, `[N, 3]` each.
 pub fn light_loss(pictures: &Pictures, log_scales: [Tensor<2>; 2], context: &LossContext<'_>) -> Tensor<1> {
+    let loss = light_picture_loss(pictures, context);
+    match scale_loss(log_scales, context) {
+        Some(cost) => loss + cost,
+        None => loss,
+    }
+}
+
+/// The terms over pixels.
+pub(super) fn light_picture_loss(pictures: &Pictures, context: &LossContext<'_>) -> Tensor<1> {
     let (config, schedule, photos) = (context.config, &context.schedule, context.photos);
     let blend = &pictures.composition;
     let mut loss = dssim(blend.composed.clone(), photos.clone(), &context.windows.ssim) * config.composed_dssim;
@@ -30,13 +40,17 @@ pub fn light_loss(pictures: &Pictures, log_scales: [Tensor<2>; 2], context: &Los
         let closed = (-blend.mask.clone() + 1.0) * moving * config.mask_motion;
         loss = loss + (closed + blend.mask.clone() * still * config.mask_still).mean();
     }
-    for log_scales in log_scales {
-        if config.large > 0.0 {
-            loss = loss + large(log_scales.clone(), context.extent) * config.large;
-        }
-        if config.spiky > 0.0 && schedule.spiky() {
-            loss = loss + spiky(log_scales) * config.spiky;
-        }
-    }
     loss
+}
+
+/// The terms that bound the size and the elongation of the Gaussians, from the log-scales of both branches, `[N, 3]`
+/// each; `None` if none has a weight.
+pub(crate) fn scale_loss(log_scales: [Tensor<2>; 2], context: &LossContext<'_>) -> Option<Tensor<1>> {
+    let (config, spiky_due) = (context.config, context.schedule.spiky());
+    let terms = log_scales.into_iter().flat_map(|log_scales| {
+        let large = (config.large > 0.0).then(|| large(log_scales.clone(), context.extent) * config.large);
+        let spiky = (config.spiky > 0.0 && spiky_due).then(|| spiky(log_scales) * config.spiky);
+        [large, spiky]
+    });
+    terms.flatten().reduce(|sum, term| sum + term)
 }

@@ -1,22 +1,12 @@
-//! The main loss, which also drives densification.
+//! The main loss, which also drives densification, with tensor operations. Training computes the same terms by
+//! [`objective`](mvfusion_render::objective); this form is the reference for it.
 
 use burn::tensor::Tensor;
+use mvfusion_render::objective::constants::{DYNAMIC, GEOMETRY_DARKENING, SURELY_DYNAMIC, SURELY_STATIC};
 
 use super::terms::{above, behind, dssim, edge_variation, l1, likeness, masked_dssim};
 use super::{LossContext, Pictures};
 use crate::model::composition::within;
-
-/// Factor of the photo in the comparison with the mean of both branches in the first stage (METHOD §4.4).
-const GEOMETRY_DARKENING: f64 = 0.9;
-
-/// Mask value above which the foreground must not resemble the background.
-const DYNAMIC: f64 = 0.51;
-
-/// Mask value above which the foreground must be in front.
-const SURELY_DYNAMIC: f64 = 0.6;
-
-/// Mask value below which it must be behind.
-const SURELY_STATIC: f64 = 0.4;
 
 /// The main loss without the grid's regularisers, a scalar `[1]`.
 pub fn main_loss(pictures: &Pictures, context: &LossContext<'_>) -> Tensor<1> {

@@ -12,8 +12,12 @@ pub mod terms;
 
 pub use context::{LossContext, Windows};
 pub use light::light_loss;
+pub(crate) use light::scale_loss;
 pub use main::main_loss;
 pub use motion::{MotionMasks, MotionWitness};
 pub use pictures::Pictures;
 pub use schedule::LossSchedule;
 pub use single::single_loss;
+
+#[cfg(test)]
+mod tests;

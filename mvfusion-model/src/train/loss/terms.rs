@@ -3,6 +3,7 @@
 //! Means include all entries of a tensor, also where a mask is zero. Indicators have no gradient.
 
 use burn::tensor::Tensor;
+use mvfusion_render::objective::constants::ENTROPY_GUARD;
 use mvfusion_render::window::{self, Window};
 
 /// Scale ratio above which a Gaussian counts as spiky.
@@ -10,9 +11,6 @@ const SPIKY_RATIO: f64 = 5.0;
 
 /// Fraction of the extent above which a Gaussian counts as large.
 const LARGE_SHARE: f64 = 0.1;
-
-/// Keeps the logarithm of the entropy finite.
-const ENTROPY_GUARD: f64 = 1e-6;
 
 /// Mean absolute difference.
 pub fn l1(a: Tensor<4>, b: Tensor<4>) -> Tensor<1> {

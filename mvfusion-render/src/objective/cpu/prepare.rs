@@ -76,4 +76,3 @@ impl<T: Lanes> Prepare<'_, T> {
         }
     }
 }
-
