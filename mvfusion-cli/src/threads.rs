@@ -24,13 +24,16 @@ fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, NonZeroUsize::get)
 }
 
-/// Starts the process-wide pool with so many threads.
+/// Starts the process-wide pool with so many threads. The calling thread is one of them: it works while it waits, instead
+/// of going to sleep a hundred times a step. Other threads must therefore not wait for the pool while the calling thread
+/// waits for them.
 ///
 /// # Errors
 /// If the pool was started before, or the system refuses the threads.
 pub fn start(threads: usize) -> anyhow::Result<()> {
     rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
+        .use_current_thread()
         .build_global()
         .with_context(|| format!("cannot start {threads} threads; give a smaller --threads"))
 }

@@ -159,10 +159,10 @@ impl<S: Simd, T: Lanes> Wide<S, T> {
         Self::load(self.simd, &block, 0)
     }
 
-    /// The instruction set.
+    /// A vector of one value of the float's own type with the same instruction set.
     #[inline(always)]
-    pub(crate) fn simd(self) -> S {
-        self.simd
+    pub(crate) fn scalar(self, value: T) -> Self {
+        Self::splat(self.simd, value)
     }
 
     /// A vector of one value with the same instruction set.

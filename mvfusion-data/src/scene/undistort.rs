@@ -7,7 +7,6 @@
 
 use glam::DVec2;
 use image::{GrayImage, Luma, Rgb, RgbImage};
-use rayon::prelude::*;
 
 use super::lens::{Bend, Lens};
 
@@ -47,13 +46,13 @@ pub(crate) fn pinhole_within(lens: &Lens, width: u32, height: u32) -> Option<Len
 pub(crate) fn straighten(image: &RgbImage, lens: &Lens, pinhole: &Lens) -> RgbImage {
     let (width, height) = image.dimensions();
     let mut straight = RgbImage::new(width, height);
-    straight.par_chunks_exact_mut(3 * width as usize).enumerate().for_each(|(y, row)| {
+    for (y, row) in straight.chunks_exact_mut(3 * width as usize).enumerate() {
         for (x, pixel) in row.chunks_exact_mut(3).enumerate() {
             let at = DVec2::new(x as f64 + 0.5, y as f64 + 0.5);
             let Some(direction) = pinhole.direction_of(at) else { continue };
             pixel.copy_from_slice(&cubic(image, lens.pixel_of(direction)).0);
         }
-    });
+    }
     straight
 }
 

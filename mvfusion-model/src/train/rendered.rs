@@ -23,8 +23,8 @@ pub struct RenderedBatch {
     pub(super) views: RenderedViews,
     /// Indices of the training views.
     pub(super) shown: Vec<usize>,
-    /// The leaves that receive the screen-space gradients.
-    pub(super) probes: Probes,
+    /// The leaves that receive the screen-space gradients, while densification needs them.
+    pub(super) probes: Option<Probes>,
 }
 
 impl RenderedBatch {

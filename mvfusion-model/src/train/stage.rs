@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::ModelError;
-use crate::config::{StageConfig, Steps};
+use crate::config::{DensifyConfig, StageConfig, Steps};
 use crate::model::DeformationLevel;
 
 /// The three stages (paper, training strategy).
@@ -81,6 +81,11 @@ impl Position {
     /// Whether moments, statistics and schedules restart at this step.
     pub fn restarts(&self) -> bool {
         self.step == 1
+    }
+
+    /// Whether statistics are recorded and Gaussians added or removed at this step. Later, nobody reads them.
+    pub fn densifies(&self, config: &DensifyConfig) -> bool {
+        self.step < config.until.0
     }
 
     /// The error for a non-finite value at this step, which showed `views`.

@@ -22,10 +22,10 @@ impl Trainer {
     pub fn render_batch(&self, views: &[usize], position: &Position) -> Result<RenderedBatch, ModelError> {
         let model = &self.state.model;
         let level = position.stage.level(self.config.model.deformation);
-        let probes = Probes::new(&model.dynamic);
+        let probes = position.densifies(&self.config.densify).then(|| Probes::new(&model.dynamic));
         let render = |&view: &usize| {
             let photo = self.photos.get(view);
-            model.render(&photo.camera, photo.time, level, Some(&probes), &self.context)
+            model.render(&photo.camera, photo.time, level, probes.as_ref(), &self.context)
         };
         let rendered = views.iter().map(render).collect::<Result<Vec<_>, _>>()?;
         let batch = measure(Part::Photos, || self.photos.stack(views, &self.device))?;

@@ -39,7 +39,7 @@ impl BranchTurn<'_> {
     /// Learns from the gradients since the last update.
     pub fn learn(mut self, gradients: BranchGradients) -> Result<(), ModelError> {
         let BranchGradients { visibility, screen, mut attributes } = gradients;
-        if self.position.step < self.config.densify.until.0 {
+        if self.position.densifies(&self.config.densify) {
             measure(Part::Densify, || {
                 self.observe(visibility, screen);
                 self.change_rows(&mut attributes)

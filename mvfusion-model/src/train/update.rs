@@ -27,9 +27,10 @@ impl Trainer {
         let (dynamic, static_) = (views.dynamic_visibility(), views.static_visibility());
         let mut gradients = measure(Part::BackwardRest, || (loss / self.accumulation(position) as f64).backward());
         let model = &self.state.model;
-        let dynamic = BranchGradients::take(&model.dynamic, dynamic, probes.dynamic, &mut gradients);
+        let (dynamic_probe, static_probe) = probes.map(|probes| (probes.dynamic, probes.static_)).unzip();
+        let dynamic = BranchGradients::take(&model.dynamic, dynamic, dynamic_probe, &mut gradients);
         let static_ = model.static_.as_ref().zip(static_);
-        let static_ = static_.map(|(still, seen)| BranchGradients::take(still, seen, probes.static_, &mut gradients));
+        let static_ = static_.map(|(still, seen)| BranchGradients::take(still, seen, static_probe, &mut gradients));
         StepGradients { dynamic, static_, modules: gradients }
     }
 

@@ -1,6 +1,9 @@
 //! CPU twin of the objective: prepare the pictures, compare them in windows, collect the terms and their gradients. Rows
 //! are independent, and sums follow the order of the pixels, so that results depend neither on the number of threads nor
 //! on the instruction set.
+//!
+//! Code on vectors has plain loops instead of closures, which the compiler would leave without the instruction set.
+#![allow(clippy::needless_range_loop, reason = "loops over channels of several arrays are unrolled as they are")]
 
 mod finish;
 mod prepare;
@@ -97,34 +100,43 @@ impl<T: Lanes> Arguments<'_, T> {
     #[inline(always)]
     fn colour<S: Simd>(&self, simd: S, planes: &[T], first: usize, row: usize, start: usize) -> Colour<Wide<S, T>> {
         let mut colour = [Wide::splat(simd, T::zero()); COLOUR_CHANNELS];
-        for (c, value) in colour.iter_mut().enumerate() {
-            *value = Wide::load_up_to_end(simd, self.row(planes, first + c, row), start);
+        for c in 0..COLOUR_CHANNELS {
+            colour[c] = self.plane(simd, planes, first + c, row, start);
         }
         colour
     }
 
+    /// Pixels of a row of a plane.
+    #[inline(always)]
+    fn plane<S: Simd>(&self, simd: S, planes: &[T], plane: usize, row: usize, start: usize) -> Wide<S, T> {
+        Wide::load_up_to_end(simd, self.row(planes, plane, row), start)
+    }
+
     #[inline(always)]
     fn masks<S: Simd>(&self, simd: S, row: usize, start: usize) -> Masks<Wide<S, T>> {
-        let [valid, moving, around] =
-            [(self.valid, T::one()), (self.moving, T::zero()), (self.around, T::zero())].map(|(mask, otherwise)| {
-                match mask {
-                    Some(mask) => Wide::load_up_to_end(simd, self.row(mask, 0, row), start),
-                    None => Wide::splat(simd, otherwise),
-                }
-            });
-        Masks { valid, moving, around }
+        let (everywhere, nowhere) = (Wide::splat(simd, T::one()), Wide::splat(simd, T::zero()));
+        let mut masks = Masks { valid: everywhere, moving: nowhere, around: nowhere };
+        if let Some(valid) = self.valid {
+            masks.valid = self.plane(simd, valid, 0, row, start);
+        }
+        if let Some(moving) = self.moving {
+            masks.moving = self.plane(simd, moving, 0, row, start);
+        }
+        if let Some(around) = self.around {
+            masks.around = self.plane(simd, around, 0, row, start);
+        }
+        masks
     }
 
     /// The layers of pixels, before the exposure.
     #[inline(always)]
     fn layers<S: Simd>(&self, simd: S, row: usize, start: usize) -> Layers<Wide<S, T>> {
-        let depth = |planes: &[T], plane: usize| Wide::load_up_to_end(simd, self.row(planes, plane, row), start);
         Layers {
             dynamic: self.colour(simd, self.dynamic, 0, row, start),
             mask: self.colour(simd, self.dynamic, COLOUR_CHANNELS, row, start),
-            dynamic_depth: depth(self.dynamic, DYNAMIC_DEPTH),
+            dynamic_depth: self.plane(simd, self.dynamic, DYNAMIC_DEPTH, row, start),
             static_: self.colour(simd, self.static_, 0, row, start),
-            static_depth: depth(self.static_, STATIC_DEPTH),
+            static_depth: self.plane(simd, self.static_, STATIC_DEPTH, row, start),
         }
     }
 
@@ -132,14 +144,14 @@ impl<T: Lanes> Arguments<'_, T> {
     #[inline(always)]
     fn exposed<S: Simd>(&self, simd: S, layers: &Layers<Wide<S, T>>) -> Layers<Wide<S, T>> {
         let Some(exposure) = self.exposure else { return *layers };
-        let factor = |c: usize, k: usize| Wide::splat(simd, exposure[c * EXPOSURE_COLUMNS + k]);
         let mut exposed = *layers;
         for c in 0..COLOUR_CHANNELS {
-            exposed.dynamic[c] = factor(c, COLOUR_CHANNELS);
-            exposed.static_[c] = factor(c, COLOUR_CHANNELS);
+            let offset = Wide::splat(simd, exposure[c * EXPOSURE_COLUMNS + COLOUR_CHANNELS]);
+            (exposed.dynamic[c], exposed.static_[c]) = (offset, offset);
             for k in 0..COLOUR_CHANNELS {
-                exposed.dynamic[c] = exposed.dynamic[c] + factor(c, k) * layers.dynamic[k];
-                exposed.static_[c] = exposed.static_[c] + factor(c, k) * layers.static_[k];
+                let factor = Wide::splat(simd, exposure[c * EXPOSURE_COLUMNS + k]);
+                exposed.dynamic[c] = exposed.dynamic[c] + factor * layers.dynamic[k];
+                exposed.static_[c] = exposed.static_[c] + factor * layers.static_[k];
             }
         }
         exposed
@@ -151,8 +163,8 @@ impl<T: Lanes> Arguments<'_, T> {
         let Some(exposure) = self.exposure else { return *v_exposed };
         let mut colour = [Wide::splat(simd, T::zero()); COLOUR_CHANNELS];
         for c in 0..COLOUR_CHANNELS {
-            for (k, value) in colour.iter_mut().enumerate() {
-                *value = *value + Wide::splat(simd, exposure[c * EXPOSURE_COLUMNS + k]) * v_exposed[c];
+            for k in 0..COLOUR_CHANNELS {
+                colour[k] = colour[k] + Wide::splat(simd, exposure[c * EXPOSURE_COLUMNS + k]) * v_exposed[c];
             }
         }
         colour
@@ -264,7 +276,7 @@ impl Comparison<'_> {
         let [first, end] = self.comparisons;
         let (pixels, size) = (pass.arguments.pixels(), pass.arguments.size);
         let cotangents = prepared[PICTURES * pixels..].chunks(pixels).take(end).skip(first);
-        let cotangents: Vec<T> = cotangents.flat_map(|plane| [plane; COLOUR_CHANNELS]).flatten().copied().collect();
+        let cotangents = cotangents.flat_map(|plane| [plane; COLOUR_CHANNELS]).collect::<Vec<_>>().concat();
         let [map, mean, square, cross] = weighted_similarity(self.kind, pair, &cotangents, size, self.window);
         let v_pictures = match wanted {
             true => weighted_backward(pair, [&mean, &square, &cross], size, self.window),

@@ -92,6 +92,8 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
     if let Some(threads) = arguments.threads {
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
+            // As in the program.
+            .use_current_thread()
             .build_global()
             .context("cannot set the number of threads")?;
     }

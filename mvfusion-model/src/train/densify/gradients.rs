@@ -19,11 +19,16 @@ pub struct BranchGradients {
 }
 
 impl BranchGradients {
-    /// Extracts a branch's part from the gradients of a step.
-    pub fn take(gaussians: &Gaussians, visibility: Visibility, probe: Tensor<2>, gradients: &mut Gradients) -> Self {
+    /// Extracts a branch's part from the gradients of a step. `probe` is that of the renders, if they had one.
+    pub fn take(
+        gaussians: &Gaussians,
+        visibility: Visibility,
+        probe: Option<Tensor<2>>,
+        gradients: &mut Gradients,
+    ) -> Self {
         Self {
             visibility,
-            screen: probe.grad_remove(gradients),
+            screen: probe.and_then(|probe| probe.grad_remove(gradients)),
             attributes: GaussianGradients::take(gaussians, gradients),
         }
     }

@@ -4,7 +4,7 @@ use mvfusion_kernels::splat::COLOUR_CHANNELS;
 use pulp::{Simd, WithSimd};
 
 use super::super::error::{DYNAMIC_PLANES, STATIC_PLANES};
-use super::super::pixel::{Blend, COMPARISONS, Colour, Layers, PixelTerms, comparison};
+use super::super::pixel::{Blend, COMPARISONS, Layers, PixelTerms, comparison};
 use super::{AXES, Compared, DYNAMIC_DEPTH, PICTURES, PREPARED, Pass, STATIC_DEPTH, Sums};
 use crate::simd::{Lanes, MAX_LANES, Wide};
 
@@ -51,10 +51,14 @@ fn sign<T: Lanes>(value: T) -> T {
 fn sum_of<S: Simd, T: Lanes>(values: Wide<S, T>, count: usize) -> f64 {
     let mut lanes = [T::zero(); MAX_LANES];
     values.store(&mut lanes, 0);
-    lanes[..count].iter().map(|value| value.wide()).sum()
+    let mut sum = 0.0;
+    for value in &lanes[..count] {
+        sum += value.wide();
+    }
+    sum
 }
 
-impl<T: Lanes> Finish<'_, T> {
+impl<'a, T: Lanes> Finish<'a, T> {
     /// The variation of the static depth (METHOD §4.4, term 3). Its gradient is the first part of the row's.
     #[inline(always)]
     fn vary_depth(&mut self) -> f64 {
@@ -119,15 +123,15 @@ impl<T: Lanes> Finish<'_, T> {
             return;
         }
         let learns = masks.static_region(terms);
-        let of = |adjoint| blend.backward(adjoint, layers.mask[1], masks.valid, learns, terms.normalisation);
-        let (mut main, light) = (of(&found.main), of(&found.light));
+        let (control, valid) = (layers.mask[1], masks.valid);
+        let mut main = blend.backward(&found.main, control, valid, learns, terms.normalisation);
+        let light = blend.backward(&found.light, control, valid, learns, terms.normalisation);
         (main.dynamic_depth, main.static_depth) = (found.dynamic_depth, found.static_depth);
         if arguments.exposure.is_some() {
             add_exposure(sums, &rendered, [&main, &light], count);
         }
-        for (copy, layers) in [main, light].into_iter().enumerate() {
-            self.store(simd, copy, &layers, start);
-        }
+        self.store(simd, 0, &main, start);
+        self.store(simd, 1, &light, start);
     }
 
     /// Adds the comparisons: their cost, and the cotangents of their pictures.
@@ -135,30 +139,34 @@ impl<T: Lanes> Finish<'_, T> {
     fn add_comparisons<S: Simd>(&self, simd: S, start: usize, found: &mut PixelTerms<Wide<S, T>>) {
         let arguments = self.pass.arguments;
         for index in 0..COMPARISONS {
-            let of = |compared: &Compared<T>| {
-                let plane = compared.plane(index, arguments.pixels())?;
-                let planes = |planes: &[T]| arguments.colour(simd, planes, plane, self.row, start);
-                let v_picture = (!compared.v_pictures.is_empty()).then(|| planes(&compared.v_pictures));
-                Some((planes(&compared.map), v_picture))
-            };
-            let Some((map, v_picture)) = self.comparisons.iter().find_map(of) else { continue };
-            let v_map = arguments.row(self.prepared, PICTURES + index, self.row);
-            let v_map = Wide::load_up_to_end(simd, v_map, start);
+            let Some((compared, plane)) = self.compared(index) else { continue };
+            let v_map = arguments.plane(simd, self.prepared, PICTURES + index, self.row, start);
+            let map = arguments.colour(simd, &compared.map, plane, self.row, start);
             // A difference is 1 - S, with a negative cotangent of S.
             let equal = v_map.value(if index == comparison::STRUCTURE { 0.0 } else { 1.0 });
-            for value in map {
-                found.cost = found.cost + v_map * (value - equal);
+            for c in 0..COLOUR_CHANNELS {
+                found.cost = found.cost + v_map * (map[c] - equal);
             }
-            let Some(v_picture) = v_picture else { continue };
+            if compared.v_pictures.is_empty() {
+                continue;
+            }
+            let v_picture = arguments.colour(simd, &compared.v_pictures, plane, self.row, start);
             let picture = match index {
                 comparison::DYNAMIC | comparison::STRUCTURE => &mut found.main.dynamic,
                 comparison::LIT => &mut found.main.lit,
                 _ => &mut found.light.composed,
             };
-            for (sum, v) in picture.iter_mut().zip(v_picture) {
-                *sum = *sum + v;
+            for c in 0..COLOUR_CHANNELS {
+                picture[c] = picture[c] + v_picture[c];
             }
         }
+    }
+
+    /// A comparison, if it was made, and its first plane.
+    #[inline(always)]
+    fn compared(&self, index: usize) -> Option<(&'a Compared<T>, usize)> {
+        let pixels = self.pass.arguments.pixels();
+        self.comparisons.iter().find_map(|compared| Some((compared, compared.plane(index, pixels)?)))
     }
 
     /// Writes the gradients of one copy of both renders.
@@ -190,12 +198,11 @@ fn add_exposure<S: Simd, T: Lanes>(
     [main, light]: [&Layers<Wide<S, T>>; 2],
     count: usize,
 ) {
-    let both = |of: fn(&Layers<Wide<S, T>>) -> &Colour<Wide<S, T>>, c: usize| of(main)[c] + of(light)[c];
-    for (c, columns) in sums.exposure.iter_mut().enumerate() {
-        let (v_dynamic, v_static) = (both(|layers| &layers.dynamic, c), both(|layers| &layers.static_, c));
+    for c in 0..COLOUR_CHANNELS {
+        let (v_dynamic, v_static) = (main.dynamic[c] + light.dynamic[c], main.static_[c] + light.static_[c]);
         for k in 0..COLOUR_CHANNELS {
-            columns[k] += sum_of(v_dynamic * rendered.dynamic[k] + v_static * rendered.static_[k], count);
+            sums.exposure[c][k] += sum_of(v_dynamic * rendered.dynamic[k] + v_static * rendered.static_[k], count);
         }
-        columns[COLOUR_CHANNELS] += sum_of(v_dynamic + v_static, count);
+        sums.exposure[c][COLOUR_CHANNELS] += sum_of(v_dynamic + v_static, count);
     }
 }

@@ -3,7 +3,7 @@
 use mvfusion_kernels::splat::COLOUR_CHANNELS;
 use pulp::{Simd, WithSimd};
 
-use super::super::pixel::Blend;
+use super::super::pixel::{Blend, COMPARISONS};
 use super::{AXES, PICTURES, PREPARED, Pass};
 use crate::simd::{Lanes, Wide};
 
@@ -28,7 +28,7 @@ impl<T: Lanes> WithSimd for Prepare<'_, T> {
     }
 }
 
-impl<T: Lanes> Prepare<'_, T> {
+impl<'a, T: Lanes> Prepare<'a, T> {
     /// Writes the pictures and the cotangents of a vector of pixels.
     #[inline(always)]
     fn blend<S: Simd>(&mut self, simd: S, start: usize) {
@@ -36,13 +36,14 @@ impl<T: Lanes> Prepare<'_, T> {
         let layers = arguments.exposed(simd, &arguments.layers(simd, self.row, start));
         let masks = arguments.masks(simd, self.row, start);
         let blend = Blend::of(&layers, masks.valid, terms.normalisation);
-        for (picture, colour) in [blend.dynamic, blend.lit, blend.composed].into_iter().enumerate() {
-            for (c, value) in colour.into_iter().enumerate() {
-                value.store_up_to_end(self.out[picture * COLOUR_CHANNELS + c], start);
-            }
+        for c in 0..COLOUR_CHANNELS {
+            blend.dynamic[c].store_up_to_end(self.out[c], start);
+            blend.lit[c].store_up_to_end(self.out[COLOUR_CHANNELS + c], start);
+            blend.composed[c].store_up_to_end(self.out[2 * COLOUR_CHANNELS + c], start);
         }
-        for (comparison, v_map) in blend.map_cotangents(&masks, terms, scales).into_iter().enumerate() {
-            v_map.store_up_to_end(self.out[PICTURES + comparison], start);
+        let v_maps = blend.map_cotangents(&masks, terms, scales);
+        for comparison in 0..COMPARISONS {
+            v_maps[comparison].store_up_to_end(self.out[PICTURES + comparison], start);
         }
     }
 
@@ -53,26 +54,34 @@ impl<T: Lanes> Prepare<'_, T> {
     fn find_edges(&mut self) {
         let Pass { arguments, terms, .. } = self.pass;
         let [height, width] = arguments.size;
-        let rows = |row: usize| [0, 1, 2].map(|c| arguments.row(arguments.photo, c, row));
-        let scale = |differences: usize| T::of(terms.depth_smooth / terms.extent / differences as f64);
-        let weight = |a: [T; COLOUR_CHANNELS], b: [T; COLOUR_CHANNELS]| {
-            let difference = (b[0] - a[0]).abs() + (b[1] - a[1]).abs() + (b[2] - a[2]).abs();
-            (-difference / T::of(COLOUR_CHANNELS as f64)).exp()
-        };
-        let own = rows(self.row);
-        let at = |rows: [&[T]; COLOUR_CHANNELS], x: usize| rows.map(|row| row[x]);
-        let [right, down] = [0, 1].map(|axis| PREPARED - AXES + axis);
+        let weight = terms.depth_smooth / terms.extent;
+        let own = self.photo(self.row);
+        let [right, down] = [PREPARED - AXES, PREPARED - AXES + 1];
         if width > 1 {
-            let scale = scale(height * (width - 1));
-            for x in 0..width - 1 {
-                self.out[right][x] = scale * weight(at(own, x), at(own, x + 1));
-            }
+            let scale = T::of(weight / (height * (width - 1)) as f64);
+            let next = [&own[0][1..], &own[1][1..], &own[2][1..]];
+            weigh_edges(&mut self.out[right][..width - 1], own, next, scale);
         }
         if self.row + 1 < height {
-            let (scale, below) = (scale((height - 1) * width), rows(self.row + 1));
-            for x in 0..width {
-                self.out[down][x] = scale * weight(at(own, x), at(below, x));
-            }
+            let scale = T::of(weight / ((height - 1) * width) as f64);
+            weigh_edges(self.out[down], own, self.photo(self.row + 1), scale);
         }
+    }
+
+    /// A row of the photo.
+    #[inline(always)]
+    fn photo(&self, row: usize) -> [&'a [T]; COLOUR_CHANNELS] {
+        let arguments = self.pass.arguments;
+        [0, 1, 2].map(|c| arguments.row(arguments.photo, c, row))
+    }
+}
+
+/// `scale` times `exp` of minus the mean absolute difference of two rows of pixels.
+#[inline(always)]
+fn weigh_edges<T: Lanes>(weights: &mut [T], a: [&[T]; COLOUR_CHANNELS], b: [&[T]; COLOUR_CHANNELS], scale: T) {
+    let share = T::of(-1.0 / COLOUR_CHANNELS as f64);
+    for x in 0..weights.len() {
+        let difference = (b[0][x] - a[0][x]).abs() + (b[1][x] - a[1][x]).abs() + (b[2][x] - a[2][x]).abs();
+        weights[x] = scale * (share * difference).exp();
     }
 }
