@@ -144,4 +144,3 @@ fn sign<S: Simd, T: Lanes>(value: Wide<S, T>) -> Wide<S, T> {
     let zero = value.value(0.0);
     zero.if_less(value, value.value(1.0), value.if_less(zero, value.value(-1.0), zero))
 }
-

@@ -6,7 +6,7 @@ use pulp::{Simd, WithSimd};
 use super::super::error::{DYNAMIC_PLANES, STATIC_PLANES};
 use super::super::pixel::{Blend, COMPARISONS, Layers, PixelTerms, comparison};
 use super::{AXES, Compared, DYNAMIC_DEPTH, PICTURES, PREPARED, Pass, STATIC_DEPTH, Sums};
-use crate::simd::{Lanes, MAX_LANES, Wide};
+use crate::simd::{Lanes, Wide};
 
 /// A row of the gradients of both renders, each with its two copies.
 pub(super) struct GradientRow<'a, T> {
@@ -49,8 +49,7 @@ fn sign<T: Lanes>(value: T) -> T {
 /// The sum of the first `count` lanes, in their order.
 #[inline(always)]
 fn sum_of<S: Simd, T: Lanes>(values: Wide<S, T>, count: usize) -> f64 {
-    let mut lanes = [T::zero(); MAX_LANES];
-    values.store(&mut lanes, 0);
+    let lanes = values.to_lanes();
     let mut sum = 0.0;
     for value in &lanes[..count] {
         sum += value.wide();

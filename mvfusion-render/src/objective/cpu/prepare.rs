@@ -1,4 +1,5 @@
 //! The first pass: the pictures that are compared, the cotangents of the comparisons' maps, and the photo's edges.
+#![allow(clippy::needless_range_loop, reason = "loops over channels of several arrays are unrolled as they are")]
 
 use mvfusion_kernels::splat::COLOUR_CHANNELS;
 use pulp::{Simd, WithSimd};
@@ -23,7 +24,7 @@ impl<T: Lanes> WithSimd for Prepare<'_, T> {
             self.blend(simd, start);
         }
         if self.pass.terms.depth_smooth > 0.0 {
-            self.find_edges();
+            self.find_edges(simd);
         }
     }
 }
@@ -51,7 +52,7 @@ impl<'a, T: Lanes> Prepare<'a, T> {
     /// difference, times the weight of the term, divided by the extent and the number of differences. Beyond the picture,
     /// they stay zero.
     #[inline(always)]
-    fn find_edges(&mut self) {
+    fn find_edges<S: Simd>(&mut self, simd: S) {
         let Pass { arguments, terms, .. } = self.pass;
         let [height, width] = arguments.size;
         let weight = terms.depth_smooth / terms.extent;
@@ -60,11 +61,11 @@ impl<'a, T: Lanes> Prepare<'a, T> {
         if width > 1 {
             let scale = T::of(weight / (height * (width - 1)) as f64);
             let next = [&own[0][1..], &own[1][1..], &own[2][1..]];
-            weigh_edges(&mut self.out[right][..width - 1], own, next, scale);
+            weigh_edges(simd, &mut self.out[right][..width - 1], own.map(|row| &row[..width - 1]), next, scale);
         }
         if self.row + 1 < height {
             let scale = T::of(weight / ((height - 1) * width) as f64);
-            weigh_edges(self.out[down], own, self.photo(self.row + 1), scale);
+            weigh_edges(simd, self.out[down], own, self.photo(self.row + 1), scale);
         }
     }
 
@@ -78,10 +79,21 @@ impl<'a, T: Lanes> Prepare<'a, T> {
 
 /// `scale` times `exp` of minus the mean absolute difference of two rows of pixels.
 #[inline(always)]
-fn weigh_edges<T: Lanes>(weights: &mut [T], a: [&[T]; COLOUR_CHANNELS], b: [&[T]; COLOUR_CHANNELS], scale: T) {
-    let share = T::of(-1.0 / COLOUR_CHANNELS as f64);
-    for x in 0..weights.len() {
-        let difference = (b[0][x] - a[0][x]).abs() + (b[1][x] - a[1][x]).abs() + (b[2][x] - a[2][x]).abs();
-        weights[x] = scale * (share * difference).exp();
+fn weigh_edges<S: Simd, T: Lanes>(
+    simd: S,
+    weights: &mut [T],
+    a: [&[T]; COLOUR_CHANNELS],
+    b: [&[T]; COLOUR_CHANNELS],
+    scale: T,
+) {
+    let (scale, zero) = (Wide::splat(simd, scale), Wide::splat(simd, T::zero()));
+    let share = zero.value(1.0 / COLOUR_CHANNELS as f64);
+    for start in (0..weights.len()).step_by(Wide::<S, T>::LANES) {
+        let mut difference = zero;
+        for c in 0..COLOUR_CHANNELS {
+            let signed = Wide::load_up_to_end(simd, b[c], start) - Wide::load_up_to_end(simd, a[c], start);
+            difference = difference + signed.max(zero - signed);
+        }
+        (scale * (zero - difference * share).exp()).store_up_to_end(weights, start);
     }
 }

@@ -175,7 +175,7 @@ impl<S: Simd, T: Lanes> PixelTerms<Wide<S, T>> {
         if terms.entropy > 0.0 {
             let (guard, scale) = (one.value(ENTROPY_GUARD), like.scalar(scales.entropy));
             let (share, rest) = (blend.mask, one - blend.mask);
-            let (log_share, log_rest) = ((share + guard).map(T::ln), (rest + guard).map(T::ln));
+            let (log_share, log_rest) = ((share + guard).ln(), (rest + guard).ln());
             self.cost = self.cost - scale * (share * log_share + rest * log_rest);
             let slope = log_share + share / (share + guard) - log_rest - rest / (rest + guard);
             self.light.mask = self.light.mask - scale * slope;

@@ -22,21 +22,9 @@ impl<'a, T: Copy> Cloud<'a, T> {
         self.sizes.channels()
     }
 
-    /// Coefficients of one Gaussian, `[coefficients, 3]`.
-    pub fn sh_of(&self, index: usize) -> &'a [T] {
-        let columns = 3 * self.sizes.coefficients;
-        &self.values.sh[columns * index..columns * (index + 1)]
-    }
-
     /// Extra features of one Gaussian.
     pub fn features_of(&self, index: usize) -> &'a [T] {
         let columns = self.sizes.features;
         &self.values.features[columns * index..columns * (index + 1)]
     }
-}
-
-/// Three neighbouring values of a row-major slice.
-#[inline(always)]
-pub(crate) fn triple<T: Copy>(values: &[T], index: usize) -> [T; 3] {
-    [values[3 * index], values[3 * index + 1], values[3 * index + 2]]
 }

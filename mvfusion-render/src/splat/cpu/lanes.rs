@@ -10,6 +10,7 @@ use mvfusion_kernels::splat::TILE;
 use pulp::{Simd, WithSimd};
 
 use crate::Real;
+use crate::simd::{self, EXP_SERIES, LN_2_HIGH, LN_2_LOW, ROUNDER};
 
 #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
 mod avx2;
@@ -39,7 +40,7 @@ pub(crate) fn columns<T: Lane>(half: usize) -> Lanes<T> {
 }
 
 /// A float type for segments.
-pub(crate) trait Lane: Real + Debug + Default {
+pub(crate) trait Lane: simd::Lanes + Debug + Default {
     /// Relative rounding error.
     const ROUNDING: Self;
 
@@ -313,24 +314,18 @@ impl Lane for f64 {
 }
 
 /// Branch-free `exp` of `x <= 0` in single precision, relative error about 1e-7: `x = n ln 2 + r`, a polynomial of
-/// degree 6 for `exp(r)` (interpolated at Chebyshev nodes, error 1e-8), and `n` added to the exponent by `scale`, which
+/// degree 6 for `exp(r)`, and `n` added to the exponent by `scale`, which
 /// gets the polynomial and a float whose low bits are `n`.
 #[inline(always)]
 fn exp_single<X: Vectors<f32>>(x: X, argument: X::V, scale: impl FnOnce(X::V, X::V) -> X::V) -> X::V {
     const LOWEST: f32 = -86.0;
-    /// Adding this constant leaves the nearest integer in the low bits of the sum.
-    const ROUNDER: f32 = 12_582_912.0;
-    /// ln 2 in two parts. The first has few bits, so that its product with `n` is exact.
-    const LN_2_HIGH: f32 = 355.0 / 512.0;
-    const LN_2_LOW: f32 = (std::f64::consts::LN_2 - 355.0 / 512.0) as f32;
-    const SERIES: [f32; 6] = [0.008_363_179, 0.041_666_556, 0.166_665_76, 0.5, 1.0, 1.0];
 
     let argument = x.max(argument, x.splat(LOWEST));
     let shifted = x.fma(argument, x.splat(std::f32::consts::LOG2_E), x.splat(ROUNDER));
     let n = x.sub(shifted, x.splat(ROUNDER));
     let r = x.sub_product(x.sub_product(argument, n, x.splat(LN_2_HIGH)), n, x.splat(LN_2_LOW));
-    let mut p = x.splat(0.001_392_618_4);
-    for coefficient in SERIES {
+    let mut p = x.splat(EXP_SERIES[0]);
+    for &coefficient in &EXP_SERIES[1..] {
         p = x.fma(p, r, x.splat(coefficient));
     }
     scale(p, shifted)

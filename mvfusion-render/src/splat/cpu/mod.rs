@@ -8,6 +8,7 @@ pub(crate) mod backward;
 pub(crate) mod blend;
 pub(crate) mod blend_backward;
 pub(crate) mod cloud;
+mod depth_order;
 pub(crate) mod forward;
 pub(crate) mod lanes;
 pub(crate) mod project;
@@ -16,3 +17,6 @@ pub(crate) mod sh;
 pub(crate) mod tile_rectangle;
 pub(crate) mod tiles;
 pub(crate) mod view;
+
+#[cfg(test)]
+mod vector_tests;

@@ -1,102 +1,102 @@
-//! Colours from spherical harmonics, and their gradients.
+//! Colours from spherical harmonics, and their gradients, for one Gaussian or for a vector of them.
 
 use mvfusion_kernels::sh::{MAX_DEGREE, SH_C0, SH_C1, SH_C2, SH_C3, coefficient_count};
 
-use crate::Real;
+use crate::simd::{Number, dot};
 
 /// Coefficients of the highest degree.
 pub(crate) const MAX_COEFFICIENTS: usize = coefficient_count(MAX_DEGREE);
 
 /// The basis at a unit direction; entries beyond `degree` are zero.
-pub(crate) fn basis<T: Real>(degree: usize, direction: [T; 3]) -> [T; MAX_COEFFICIENTS] {
+#[inline(always)]
+pub(crate) fn basis<N: Number>(degree: usize, direction: [N; 3]) -> [N; MAX_COEFFICIENTS] {
     let [x, y, z] = direction;
-    let mut basis = [T::zero(); MAX_COEFFICIENTS];
-    basis[0] = T::of(SH_C0);
+    let mut basis = [x.value(0.0); MAX_COEFFICIENTS];
+    basis[0] = x.value(SH_C0);
     if degree >= 1 {
-        let c = T::of(SH_C1);
-        basis[1..4].copy_from_slice(&[-c * y, c * z, -c * x]);
+        basis[1] = -y.times(SH_C1);
+        basis[2] = z.times(SH_C1);
+        basis[3] = -x.times(SH_C1);
     }
     let (xx, yy, zz) = (x * x, y * y, z * z);
-    let (two, three, four) = (T::of(2.0), T::of(3.0), T::of(4.0));
     if degree >= 2 {
-        let c = SH_C2.map(T::of);
-        let values = [c[0] * x * y, c[1] * y * z, c[2] * (two * zz - xx - yy), c[3] * x * z, c[4] * (xx - yy)];
-        basis[4..9].copy_from_slice(&values);
+        basis[4] = x.times(SH_C2[0]) * y;
+        basis[5] = y.times(SH_C2[1]) * z;
+        basis[6] = (zz.times(2.0) - xx - yy).times(SH_C2[2]);
+        basis[7] = x.times(SH_C2[3]) * z;
+        basis[8] = (xx - yy).times(SH_C2[4]);
     }
     if degree >= 3 {
-        let c = SH_C3.map(T::of);
-        basis[9..16].copy_from_slice(&[
-            c[0] * y * (three * xx - yy),
-            c[1] * x * y * z,
-            c[2] * y * (four * zz - xx - yy),
-            c[3] * z * (two * zz - three * xx - three * yy),
-            c[4] * x * (four * zz - xx - yy),
-            c[5] * z * (xx - yy),
-            c[6] * x * (xx - three * yy),
-        ]);
+        basis[9] = y.times(SH_C3[0]) * (xx.times(3.0) - yy);
+        basis[10] = x.times(SH_C3[1]) * y * z;
+        basis[11] = y.times(SH_C3[2]) * (zz.times(4.0) - xx - yy);
+        basis[12] = z.times(SH_C3[3]) * (zz.times(2.0) - xx.times(3.0) - yy.times(3.0));
+        basis[13] = x.times(SH_C3[4]) * (zz.times(4.0) - xx - yy);
+        basis[14] = z.times(SH_C3[5]) * (xx - yy);
+        basis[15] = x.times(SH_C3[6]) * (xx - yy.times(3.0));
     }
     basis
 }
 
 /// Colour of a Gaussian, `[3]`, before its clamp at zero: coefficients times basis, plus one half.
-pub(crate) fn colour<T: Real>(degree: usize, direction: [T; 3], sh: &[T]) -> [T; 3] {
+#[inline(always)]
+pub(crate) fn colour<N: Number>(degree: usize, direction: [N; 3], sh: &[N]) -> [N; 3] {
     let basis = basis(degree, direction);
-    let mut colour = [T::of(0.5); 3];
+    let mut colour = [direction[0].value(0.5); 3];
     for (coefficient, value) in sh.as_chunks::<3>().0.iter().zip(basis).take(coefficient_count(degree)) {
         for (sum, &c) in colour.iter_mut().zip(coefficient) {
-            *sum += value * c;
+            *sum = *sum + value * c;
         }
     }
     colour
 }
 
 /// Gradient of `v_colour · colour` with respect to the direction, without the constraint of unit length.
-pub(crate) fn direction_gradient<T: Real>(degree: usize, direction: [T; 3], sh: &[T], v_colour: [T; 3]) -> [T; 3] {
-    let mut weights = [T::zero(); MAX_COEFFICIENTS];
-    for (weight, row) in weights.iter_mut().zip(sh.as_chunks::<3>().0).take(coefficient_count(degree)) {
-        *weight = row[0] * v_colour[0] + row[1] * v_colour[1] + row[2] * v_colour[2];
-    }
-    let mut gradient = [T::zero(); 3];
-    for (weight, slope) in weights.iter().zip(basis_slopes(degree, direction)) {
+#[inline(always)]
+pub(crate) fn direction_gradient<N: Number>(degree: usize, direction: [N; 3], sh: &[N], v_colour: [N; 3]) -> [N; 3] {
+    let mut gradient = [direction[0].value(0.0); 3];
+    let slopes = basis_slopes(degree, direction);
+    for (row, slope) in sh.as_chunks::<3>().0.iter().zip(slopes).take(coefficient_count(degree)) {
+        let weight = dot(*row, v_colour);
         for (sum, s) in gradient.iter_mut().zip(slope) {
-            *sum += *weight * s;
+            *sum = *sum + weight * s;
         }
     }
     gradient
 }
 
 /// Derivatives of each entry of the basis with respect to x, y, z.
-fn basis_slopes<T: Real>(degree: usize, direction: [T; 3]) -> [[T; 3]; MAX_COEFFICIENTS] {
+#[inline(always)]
+fn basis_slopes<N: Number>(degree: usize, direction: [N; 3]) -> [[N; 3]; MAX_COEFFICIENTS] {
     let [x, y, z] = direction;
-    let zero = T::zero();
+    let zero = x.value(0.0);
     let mut slopes = [[zero; 3]; MAX_COEFFICIENTS];
     if degree >= 1 {
-        let c = T::of(SH_C1);
-        slopes[1..4].copy_from_slice(&[[zero, -c, zero], [zero, zero, c], [-c, zero, zero]]);
+        let c = x.value(SH_C1);
+        slopes[1] = [zero, -c, zero];
+        slopes[2] = [zero, zero, c];
+        slopes[3] = [-c, zero, zero];
     }
-    let (two, three, four, six, eight) = (T::of(2.0), T::of(3.0), T::of(4.0), T::of(6.0), T::of(8.0));
     if degree >= 2 {
-        let c = SH_C2.map(T::of);
-        slopes[4..9].copy_from_slice(&[
-            [c[0] * y, c[0] * x, zero],
-            [zero, c[1] * z, c[1] * y],
-            [-two * c[2] * x, -two * c[2] * y, four * c[2] * z],
-            [c[3] * z, zero, c[3] * x],
-            [two * c[4] * x, -two * c[4] * y, zero],
-        ]);
+        let c = SH_C2;
+        slopes[4] = [y.times(c[0]), x.times(c[0]), zero];
+        slopes[5] = [zero, z.times(c[1]), y.times(c[1])];
+        slopes[6] = [x.times(-2.0 * c[2]), y.times(-2.0 * c[2]), z.times(4.0 * c[2])];
+        slopes[7] = [z.times(c[3]), zero, x.times(c[3])];
+        slopes[8] = [x.times(2.0 * c[4]), y.times(-2.0 * c[4]), zero];
     }
-    let (xx, yy, zz) = (x * x, y * y, z * z);
     if degree >= 3 {
-        let c = SH_C3.map(T::of);
-        slopes[9..16].copy_from_slice(&[
-            [c[0] * six * x * y, c[0] * three * (xx - yy), zero],
-            [c[1] * y * z, c[1] * x * z, c[1] * x * y],
-            [-two * c[2] * x * y, c[2] * (four * zz - xx - three * yy), c[2] * eight * y * z],
-            [-six * c[3] * x * z, -six * c[3] * y * z, c[3] * (six * zz - three * xx - three * yy)],
-            [c[4] * (four * zz - three * xx - yy), -two * c[4] * x * y, c[4] * eight * x * z],
-            [two * c[5] * x * z, -two * c[5] * y * z, c[5] * (xx - yy)],
-            [c[6] * three * (xx - yy), -six * c[6] * x * y, zero],
-        ]);
+        let c = SH_C3;
+        let (xx, yy, zz) = (x * x, y * y, z * z);
+        let (xy, xz, yz) = (x * y, x * z, y * z);
+        slopes[9] = [xy.times(6.0 * c[0]), (xx - yy).times(3.0 * c[0]), zero];
+        slopes[10] = [yz.times(c[1]), xz.times(c[1]), xy.times(c[1])];
+        slopes[11] = [xy.times(-2.0 * c[2]), (zz.times(4.0) - xx - yy.times(3.0)).times(c[2]), yz.times(8.0 * c[2])];
+        slopes[12] =
+            [xz.times(-6.0 * c[3]), yz.times(-6.0 * c[3]), (zz.times(6.0) - xx.times(3.0) - yy.times(3.0)).times(c[3])];
+        slopes[13] = [(zz.times(4.0) - xx.times(3.0) - yy).times(c[4]), xy.times(-2.0 * c[4]), xz.times(8.0 * c[4])];
+        slopes[14] = [xz.times(2.0 * c[5]), yz.times(-2.0 * c[5]), (xx - yy).times(c[5])];
+        slopes[15] = [(xx - yy).times(3.0 * c[6]), xy.times(-6.0 * c[6]), zero];
     }
     slopes
 }

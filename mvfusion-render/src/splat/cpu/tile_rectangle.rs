@@ -15,6 +15,7 @@ pub(crate) struct TileRectangle {
 
 impl TileRectangle {
     /// The tiles that a Gaussian reaches, by the extent rule of the view.
+    #[inline(always)]
     pub fn of<T: Lane>(centre: [T; 2], radii: [i32; 2], view: &View<T>) -> Self {
         let grid = view.grid();
         let size = [view.width, view.height];
@@ -36,6 +37,7 @@ impl TileRectangle {
     }
 
     /// Whether the rectangle contains no tile.
+    #[inline(always)]
     pub fn is_empty(&self) -> bool {
         self.low[0] >= self.high[0] || self.low[1] >= self.high[1]
     }

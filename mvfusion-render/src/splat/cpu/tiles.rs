@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicI32, Ordering};
 use mvfusion_kernels::splat::{PROJECTED_LEN, Projected, TILE, TOUCH_ROUNDINGS};
 use rayon::prelude::*;
 
+use super::depth_order::depth_order;
 use super::lanes::{HALVES, LANES, Lane, Vectors, columns};
 use super::project::Projections;
 use super::tile_rectangle::TileRectangle;
@@ -111,39 +112,29 @@ pub(crate) fn bin<T: Lane>(projections: &Projections<T>, view: &View<T>) -> Bins
     let starts = place(&mut chunks, view.tile_count());
     let total = starts[view.tile_count()] as usize;
 
-    let sorted: Vec<AtomicI32> = std::iter::repeat_with(|| AtomicI32::new(0)).take(total).collect();
+    let (sorted, spans) = (atomics(total), atomics(projections.radii.len()));
     let mut slots = vec![0i32; total];
     let mut jobs = Vec::with_capacity(chunks.len());
     let mut rest = slots.as_mut_slice();
-    let mut spans = vec![0i32; projections.radii.len()];
-    let mut begin = 0;
     for (chunk, ids) in chunks.into_iter().zip(order.chunks(chunk_len)) {
-        for (&id, &count) in ids.iter().zip(&chunk.counts) {
-            spans[2 * id as usize..2 * id as usize + 2].copy_from_slice(&[begin, count as i32]);
-            begin += count as i32;
-        }
+        let begin = total - rest.len();
         let (mine, others) = rest.split_at_mut(chunk.tiles.len());
         rest = others;
-        jobs.push((chunk, ids, mine));
+        jobs.push((chunk, ids, begin, mine));
     }
-    jobs.into_par_iter().for_each(|(chunk, ids, slots)| fill(chunk, ids, slots, &sorted));
-    Bins { sorted: sorted.into_iter().map(AtomicI32::into_inner).collect(), starts, spans, slots }
+    jobs.into_par_iter().for_each(|(chunk, ids, begin, slots)| {
+        fill_spans(&chunk, ids, begin, &spans);
+        fill(chunk, ids, slots, &sorted);
+    });
+    Bins { sorted: plain(sorted), starts, spans: plain(spans), slots }
 }
 
-/// Potentially visible Gaussians, by depth, ties by index.
-fn depth_order<T: Lane>(projections: &Projections<T>) -> Vec<u32> {
-    let (records, radii) = (projections.records.as_chunks::<PROJECTED_LEN>().0, projections.radii.as_chunks::<2>().0);
-    let mut keyed: Vec<(u64, u32)> = records
-        .iter()
-        .zip(radii)
-        .enumerate()
-        .filter_map(|(id, (row, radii))| {
-            let splat = Projected::from_row(row);
-            (radii[0] > 0 && splat.reach > T::zero()).then(|| (splat.depth.order_key(), id as u32))
-        })
-        .collect();
-    keyed.par_sort_unstable();
-    keyed.into_iter().map(|(_, id)| id).collect()
+fn atomics(count: usize) -> Vec<AtomicI32> {
+    std::iter::repeat_with(AtomicI32::default).take(count).collect()
+}
+
+fn plain(atomics: Vec<AtomicI32>) -> Vec<i32> {
+    atomics.into_iter().map(AtomicI32::into_inner).collect()
 }
 
 fn chunk_tiles<T: Lane>(projections: &Projections<T>, view: &View<T>, ids: &[u32]) -> Chunk {
@@ -201,6 +192,17 @@ fn place(chunks: &mut [Chunk], tile_count: usize) -> Vec<i32> {
     }
     starts.push(next as i32);
     starts
+}
+
+/// Writes the spans of a chunk's Gaussians, the first of which begins at `begin`. Each Gaussian is in one chunk.
+fn fill_spans(chunk: &Chunk, ids: &[u32], begin: usize, spans: &[AtomicI32]) {
+    let mut begin = begin as i32;
+    for (&id, &count) in ids.iter().zip(&chunk.counts) {
+        for (place, value) in [begin, count as i32].into_iter().enumerate() {
+            spans[2 * id as usize + place].store(value, Ordering::Relaxed);
+        }
+        begin += count as i32;
+    }
 }
 
 /// Writes a chunk's Gaussians to their positions. The positions of all chunks are disjoint; atomics only satisfy the
