@@ -254,7 +254,7 @@ impl<S: Simd, T: Lanes> Wide<S, T> {
     /// This vector where `a` equals `b`, zero elsewhere.
     #[inline(always)]
     pub(crate) fn where_equal(self, a: Self, b: Self) -> Self {
-        a.equal(b).select(self, Self::splat(self.simd, T::zero()))
+        a.equal(b).or_zero(self)
     }
 
     /// `yes` where this vector is less than `bound`, `no` elsewhere and where it is NaN.
@@ -303,8 +303,8 @@ impl<S: Simd, T: Lanes> Mask<S, T> {
     pub(crate) fn to_lanes(self) -> [bool; MAX_LANES] {
         let one = self.or_zero(Wide::splat(self.simd, T::one())).to_lanes();
         let mut lanes = [false; MAX_LANES];
-        for lane in 0..Wide::<S, T>::LANES {
-            lanes[lane] = one[lane] != T::zero();
+        for (lane, one) in lanes.iter_mut().zip(one) {
+            *lane = one != T::zero();
         }
         lanes
     }

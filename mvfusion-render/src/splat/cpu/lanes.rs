@@ -313,9 +313,8 @@ impl Lane for f64 {
     }
 }
 
-/// Branch-free `exp` of `x <= 0` in single precision, relative error about 1e-7: `x = n ln 2 + r`, a polynomial of
-/// degree 6 for `exp(r)`, and `n` added to the exponent by `scale`, which
-/// gets the polynomial and a float whose low bits are `n`.
+/// Branch-free `exp` of `x <= 0` in single precision, relative error about 1e-7: `x = n ln 2 + r`, a polynomial for
+/// `exp(r)`, and `n` added to the exponent by `scale`, which gets the polynomial and a float whose low bits are `n`.
 #[inline(always)]
 fn exp_single<X: Vectors<f32>>(x: X, argument: X::V, scale: impl FnOnce(X::V, X::V) -> X::V) -> X::V {
     const LOWEST: f32 = -86.0;

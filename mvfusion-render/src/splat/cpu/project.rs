@@ -113,12 +113,12 @@ fn project_rows<'a, S: Simd, T: Lane>(
 /// has underflowed.
 #[inline(always)]
 fn are_finite<S: Simd, T: Lane>(logit: Wide<S, T>, projected: &Projected<Wide<S, T>>) -> Mask<S, T> {
-    // The difference of a number from itself is zero if it is finite, else NaN.
-    let mut difference = logit - logit;
+    // A number times zero is zero if it is finite, else NaN.
+    let mut sum = logit.times(0.0);
     for x in (Projected { reach: projected.opacity, ..*projected }).to_row() {
-        difference = difference + (x - x);
+        sum = sum + x.times(0.0);
     }
-    difference.equal(logit.value(0.0))
+    sum.equal(logit.value(0.0))
 }
 
 /// Zero for negative numbers. `max` would turn NaN into zero.
