@@ -169,7 +169,8 @@ pub struct TrainArgs {
     /// Continue the run in this folder from its newest checkpoint
     ///
     /// The result is that of an uninterrupted run. The configuration is that of the run; --set may change keys of
-    /// `eval` and those of checkpoints and logs, and lengthen the last stage, also of a finished run.
+    /// `eval` and those of checkpoints and logs, and lengthen the last stage, also of a finished run. The device is that of
+    /// the run too, unless --device names another one.
     #[arg(long, value_name = "RUN", conflicts_with_all = ["out", "force", "preset", "config", "format", "seed"])]
     pub resume: Option<PathBuf>,
 }

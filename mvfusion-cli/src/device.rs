@@ -23,6 +23,9 @@ pub struct OpenDevice {
 #[cfg_attr(any(feature = "wgpu", feature = "cuda"), allow(dead_code, reason = "printed by builds without it"))]
 const WITH_GPU: &str = "build with `--features wgpu` (or `cuda`)";
 
+/// The name that stands for the best device, and for the run's own when one is resumed.
+pub const AUTO: &str = "auto";
+
 /// Names of all devices, compiled in or not.
 const NAMES: &str = "auto, cpu, flex, ndarray, wgpu[:N], cuda[:N]";
 
@@ -57,7 +60,7 @@ impl<'a> Wanted<'a> {
             None => (name, None),
         };
         match (kind, number) {
-            ("auto", None) => Ok(Self::Auto),
+            (AUTO, None) => Ok(Self::Auto),
             ("cpu", None) => Ok(Self::Cpu),
             ("flex", None) => Ok(Self::Flex),
             ("ndarray", None) => Ok(Self::Ndarray),

@@ -63,6 +63,29 @@ pub(super) fn steps(run: &Path) -> Vec<u64> {
     text.lines().map(step).collect()
 }
 
+#[cfg(all(feature = "flex", feature = "ndarray"))]
+#[test]
+fn a_run_goes_on_on_its_own_device_unless_another_one_is_asked_for() {
+    let folder = tempfile::tempdir().expect("folder");
+    let place = folder.path();
+    let device = || {
+        let results = fs::read(place.join("part/results.json")).expect("the run is finished");
+        serde_json::from_slice::<Value>(&results).expect("JSON")["device"].clone()
+    };
+    assert!(mvfusion(place, &arguments(&["--out", "part", "--device", "ndarray"])).status.success());
+    let longer = |steps: &str, more: &[&str]| {
+        let stage = format!("train.stages.refinement={steps}");
+        let output = mvfusion(place, &[&["train", "--quiet", "--resume", "part", "--set", &stage][..], more].concat());
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        text(&output.stderr)
+    };
+    longer("13", &[]);
+    assert_eq!(device(), "ndarray");
+    let said = longer("14", &["--device", "flex"]);
+    assert!(said.contains("was trained on `ndarray` and goes on on `flex`"), "{said}");
+    assert_eq!(device(), "flex");
+}
+
 #[test]
 fn a_run_that_was_terminated_and_killed_ends_as_if_nothing_had_been() {
     let folder = tempfile::tempdir().expect("folder");

@@ -137,7 +137,7 @@ fn resumed(args: &TrainArgs, path: &Path, signals: Signals, verbosity: Verbosity
     if let Some(weights) = &args.lpips_weights {
         config.eval.lpips_weights = Some(std::path::absolute(weights)?);
     }
-    let device = device::open(&args.compute.device)?;
+    let device = device_of_run(&args.compute.device, &record.device)?;
     let scene = scene::open(&config)?;
     check_memory(args, &config, &scene, &device)?;
     let (checkpoint, state) = newest_state(path, &config.scaled(), &device, verbosity)?;
@@ -156,6 +156,25 @@ fn resumed(args: &TrainArgs, path: &Path, signals: Signals, verbosity: Verbosity
     let (log, elapsed) = MetricsLog::resume(&folder.place(&[run::METRICS])?, step)?;
     let record = record.continued(step);
     Ok(Session { config, record, device, scene, trainer, evaluator, folder, log, elapsed, signals, verbosity })
+}
+
+/// The device on which a run goes on: its own, unless another one is asked for, or this machine does not have it.
+fn device_of_run(asked: &str, own: &str) -> Result<OpenDevice, UsageError> {
+    if asked == device::AUTO {
+        match device::open(own) {
+            Ok(device) => return Ok(device),
+            Err(error) => warn!("the run was trained on `{own}`, which is not here: {error}"),
+        }
+    }
+    let device = device::open(asked)?;
+    if device.name != own {
+        warn!(
+            "the run was trained on `{own}` and goes on on `{}`, where sums have another order: its end is not exactly \
+             that of a run without a break",
+            device.name
+        );
+    }
+    Ok(device)
 }
 
 /// The newest checkpoint of a run that can be read, and its state. Newer ones are put out of the way.
