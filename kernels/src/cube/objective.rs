@@ -280,7 +280,7 @@ fn unit(value: f32) -> f32 {
 /// `passed` where `value` is not outside `[0, 1]`, 0 elsewhere.
 #[cube]
 fn within_unit(value: f32, passed: f32) -> f32 {
-    select(value < 0.0f32 || value > 1.0f32, 0.0f32, passed)
+    select(value < 0.0f32, 0.0f32, select(value > 1.0f32, 0.0f32, passed))
 }
 
 /// 1 where `value` exceeds the threshold.

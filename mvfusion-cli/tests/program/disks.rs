@@ -208,7 +208,9 @@ fn a_run_that_becomes_read_only_stops_with_its_last_checkpoint() {
             let status = Command::new("sh").args(["-c", script, "sh"]).arg(&run).status().expect("a shell");
             assert!(status.success(), "{script}");
         };
-        shell("mount --bind \"$1\" \"$1\" && mount -o remount,ro,bind \"$1\"");
+        shell("mount --bind \"$1\" \"$1\"");
+        // Refused as long as a file is being written.
+        shell("for i in $(seq 200); do mount -o remount,ro,bind \"$1\" && exit; sleep 0.05; done; exit 1");
         let (code, said) = ended(child);
         assert_eq!(code, Some(FAILED), "{said}");
         assert_says(

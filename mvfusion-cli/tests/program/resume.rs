@@ -75,7 +75,7 @@ fn a_run_goes_on_on_its_own_device_unless_another_one_is_asked_for() {
     assert!(mvfusion(place, &arguments(&["--out", "part", "--device", "ndarray"])).status.success());
     let longer = |steps: &str, more: &[&str]| {
         let stage = format!("train.stages.refinement={steps}");
-        let output = mvfusion(place, &[&["train", "--quiet", "--resume", "part", "--set", &stage][..], more].concat());
+        let output = mvfusion(place, &[&["train", "--resume", "part", "--set", &stage][..], more].concat());
         assert!(output.status.success(), "{}", text(&output.stderr));
         text(&output.stderr)
     };
