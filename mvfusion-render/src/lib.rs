@@ -40,7 +40,7 @@
 //! | [`mlp`] | evaluates several MLPs on the same rows |
 //! | [`attention`] | multi-head attention of a few queries to a few keys, for every row |
 //! | [`window`] | Gaussian blur and SSIM |
-//! | [`optim`] | a step of Adam |
+//! | [`optim`] | a step of Adam, for many parameters at once |
 //! | [`device`] | the devices of this build |
 //!
 //! # Structure of an op
@@ -56,6 +56,7 @@
 #[cfg(feature = "cube")]
 mod cube;
 mod host;
+mod list;
 mod real;
 mod simd;
 #[cfg(test)]
