@@ -1,8 +1,10 @@
-//! Lists of tensors as arguments and results of an op.
+//! Lists of tensors as arguments and results of an op, and as the parents of its backward step.
 
+use burn::backend::autodiff::ops::NodeGuard;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{
-    Backend, BackendTensor, Dispatch, DispatchAutodiffContext, DispatchTensor, DispatchTensorKind, ExtensionType,
+    Autodiff, Backend, BackendTensor, Dispatch, DispatchAutodiffContext, DispatchTensor, DispatchTensorKind,
+    ExtensionType,
 };
 use burn::tensor::Tensor;
 
@@ -53,4 +55,21 @@ impl Floats<Dispatch> {
     pub fn into_tensors<const D: usize>(self) -> impl Iterator<Item = Tensor<D>> {
         self.0.into_iter().map(Tensor::from_dispatch)
     }
+}
+
+/// The nodes of at most `N` tensors. Burn's backward steps have a fixed number of parents, so the rest are nodes
+/// without gradient.
+///
+/// # Panics
+/// If there are more tensors.
+pub(crate) fn parents<'a, B: Backend, const N: usize>(
+    tensors: impl IntoIterator<Item = &'a FloatTensor<Autodiff<B>>>,
+) -> [NodeGuard; N] {
+    let mut tensors = tensors.into_iter().peekable();
+    // Proof: every op here has at least one tensor.
+    let first = tensors.peek().expect("an op has a tensor");
+    let nobody = FloatTensor::<Autodiff<B>>::new(first.primitive().clone());
+    let nodes = std::array::from_fn(|_| tensors.next().unwrap_or(&nobody).node());
+    assert!(tensors.next().is_none(), "an op has at most {N} tensors");
+    nodes
 }
