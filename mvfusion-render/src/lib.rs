@@ -40,6 +40,7 @@
 //! | [`mlp`] | evaluates several MLPs on the same rows |
 //! | [`attention`] | multi-head attention of a few queries to a few keys, for every row |
 //! | [`window`] | Gaussian blur and SSIM |
+//! | [`columns`] | takes the columns of a matrix apart |
 //! | [`optim`] | a step of Adam, for many parameters at once |
 //! | [`device`] | the devices of this build |
 //!
@@ -63,6 +64,7 @@ mod simd;
 mod test_support;
 
 pub mod attention;
+pub mod columns;
 pub mod device;
 pub mod grid;
 pub mod mlp;

@@ -6,7 +6,7 @@ use mvfusion_render::grid::{GridBounds, GridLayout, look_up, regulariser::penalt
 use mvfusion_render::mlp::{Layer, MlpLayout};
 use mvfusion_render::optim::{AdamMoments, AdamRule, adam_step};
 use mvfusion_render::window::{Window, blur, ssim_map, structure_map};
-use mvfusion_render::{attention, mlp};
+use mvfusion_render::{attention, columns, mlp};
 use mvfusion_tests::{Array, Tolerance, gradient};
 
 use super::{normal, uniform, weighed};
@@ -24,11 +24,12 @@ pub type Outcome = Vec<(String, Array, Tolerance)>;
 pub type Case = fn(&Device) -> Result<Outcome>;
 
 /// All of them, by name.
-pub const CASES: [(&str, Case); 9] = [
+pub const CASES: [(&str, Case); 10] = [
     ("look_up", look_up_and_back),
     ("penalties", penalties_and_back),
     ("mlp", mlp_and_back),
     ("attention", attention_and_back),
+    ("columns", columns_and_back),
     ("blur", blur_and_back),
     ("ssim", ssim_and_back),
     ("structure", structure_and_back),
@@ -98,6 +99,16 @@ fn attention_and_back(device: &Device) -> Result<Outcome> {
         outcome.push((format!("queries, {count} queries"), gradient(&queries, &gradients), SUMS));
         outcome.push((format!("memory, {count} queries"), gradient(&memory, &gradients), SUMS));
     }
+    Ok(outcome)
+}
+
+fn columns_and_back(device: &Device) -> Result<Outcome> {
+    let matrix = normal([1003, 12], 1.0, 24, device);
+    let parts = columns::apart(matrix.clone(), &[3, 4, 5]);
+    // The part in the middle has no gradient.
+    let gradients = (weighed(&parts[0], 25) + weighed(&parts[2], 26)).backward();
+    let mut outcome = vec![("matrix".into(), gradient(&matrix, &gradients), SUMS)];
+    outcome.extend(parts.into_iter().map(|part| ("part".into(), Array::of(part), SUMS)));
     Ok(outcome)
 }
 
