@@ -41,7 +41,8 @@
 //! | [`attention`] | multi-head attention of a few queries to a few keys, for every row |
 //! | [`window`] | Gaussian blur and SSIM |
 //! | [`objective`] | blends both branches and computes the losses over pixels with their gradients |
-//! | [`optim`] | a step of Adam |
+//! | [`columns`] | takes the columns of a matrix apart |
+//! | [`optim`] | a step of Adam, for many parameters at once |
 //! | [`device`] | the devices of this build |
 //!
 //! # Structure of an op
@@ -57,12 +58,14 @@
 #[cfg(feature = "cube")]
 mod cube;
 mod host;
+mod list;
 mod real;
 mod simd;
 #[cfg(test)]
 mod test_support;
 
 pub mod attention;
+pub mod columns;
 pub mod device;
 pub mod grid;
 pub mod mlp;

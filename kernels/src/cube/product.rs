@@ -108,12 +108,13 @@ impl ProductKind {
 
 /// `result = end(left right)`.
 ///
-/// The bias starts at `bias` in the buffer of the right matrix. `gate_layout` has the gate's position in its buffer.
-/// The slabs of the result are `slab_stride` apart.
+/// Only a layer reads the bias, one value per column. `gate_layout` has the gate's position in its buffer. The slabs of
+/// the result are `slab_stride` apart.
 #[cube(launch_unchecked)]
 pub fn product(
     left: &[f32],
     right: &[f32],
+    bias: &[f32],
     gate: &[f32],
     result: &mut [f32],
     size: ProductSize,
@@ -121,7 +122,6 @@ pub fn product(
     right_layout: MatrixLayout,
     result_layout: MatrixLayout,
     gate_layout: MatrixLayout,
-    bias: u32,
     slab_stride: u32,
     #[comptime] kind: ProductKind,
 ) {
@@ -210,8 +210,7 @@ pub fn product(
                     if row < size.rows {
                         let value = sums[comptime!(i * kind.fours() + j / FOUR)].extract(comptime!(j % FOUR));
                         let to = index_of(&result_layout, row, column) + slab_first;
-                        result[to] =
-                            ended(value, right, gate, result[to], bias + column, row, column, &gate_layout, kind.end);
+                        result[to] = ended(value, bias, gate, result[to], row, column, &gate_layout, kind.end);
                     }
                 }
                 if sums_right && down == 0 && first_row == 0u32 {
@@ -227,10 +226,9 @@ pub fn product(
 #[cube]
 fn ended(
     value: f32,
-    right: &[f32],
+    bias: &[f32],
     gate: &[f32],
     before: f32,
-    bias: u32,
     row: u32,
     column: u32,
     gate_layout: &MatrixLayout,
@@ -238,7 +236,7 @@ fn ended(
 ) -> f32 {
     let mut value = value;
     if comptime!(matches!(end, End::Layer { .. })) {
-        value += right[bias as usize];
+        value += bias[column as usize];
     }
     if comptime!(matches!(end, End::Layer { rectified: true })) {
         value = max(value, 0.0f32);

@@ -125,17 +125,17 @@ impl Trainer {
         let config = &self.config.optim;
         let optimiser = &mut self.state.optimiser;
         let model = &mut self.state.model;
-        let mut network = model.network.clone();
-        network.grid = optimiser.step("grid", network.grid, gradients, rates.grid, config);
-        network.trunk = optimiser.step("trunk", network.trunk, gradients, rates.deformation, config);
-        network.heads = optimiser.step("heads", network.heads, gradients, rates.deformation, config);
-        network.masks = network.masks.map(|masks| optimiser.step("masks", masks, gradients, rates.mask_heads, config));
-        model.network = network;
-        let refinement = model.refinement.clone();
-        model.refinement = optimiser.step("refinement", refinement, gradients, rates.motion, config);
-        let exposures = model.exposures.take();
-        model.exposures =
-            exposures.map(|exposures| optimiser.step("exposures", exposures, gradients, rates.exposure, config));
+        let network = &mut model.network;
+        optimiser.step_in_place("grid", &mut network.grid, gradients, rates.grid, config);
+        optimiser.step_in_place("trunk", &mut network.trunk, gradients, rates.deformation, config);
+        optimiser.step_in_place("heads", &mut network.heads, gradients, rates.deformation, config);
+        if let Some(masks) = &mut network.masks {
+            optimiser.step_in_place("masks", masks, gradients, rates.mask_heads, config);
+        }
+        optimiser.step_in_place("refinement", &mut model.refinement, gradients, rates.motion, config);
+        if let Some(exposures) = &mut model.exposures {
+            optimiser.step_in_place("exposures", exposures, gradients, rates.exposure, config);
+        }
     }
 
     /// Measures the trajectories of all dynamic Gaussians and fills the motion cache.

@@ -1,24 +1,27 @@
 //! The MLPs, one launch per layer. CPU twin: `mlp/cpu.rs`.
 
 use burn::backend::TensorMetadata;
+use burn::backend::ops::FloatTensorOps;
 use burn::backend::tensor::FloatTensor;
+use burn::tensor::Slice;
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::CubeDim;
 use mvfusion_kernels::cube::product::{End, MatrixLayoutLaunch, ProductKind, ProductSizeLaunch, product};
 
 use super::gpu::{Gpu, single};
+use crate::list::Floats;
 use crate::mlp::MlpLayout;
 use crate::mlp::cpu::Wanted;
 use crate::mlp::layout::LinearLayout;
-use crate::mlp::op::{Arguments, MlpAdjoint, MlpOps};
+use crate::mlp::op::{Adjoints, Arguments, MlpAdjoint, MlpOps};
 
 /// Rows that a cube sums for the adjoint of a weight. More rows mean fewer partial sums, fewer rows mean more parallel
 /// slabs.
 const SLAB: usize = 1024;
 
 impl MlpOps for CubeBackend {
-    fn mlp_forward(input: FloatTensor<Self>, parameters: FloatTensor<Self>, layout: MlpLayout) -> FloatTensor<Self> {
+    fn mlp_forward(input: FloatTensor<Self>, parameters: Floats<Self>, layout: MlpLayout) -> FloatTensor<Self> {
         let run = Run::new(input, parameters, &layout);
         let outputs = run.gpu.floats([run.rows, layout.outputs()]);
         let mut column = 0;
@@ -39,14 +42,14 @@ impl MlpAdjoint for CubeBackend {
         v_outputs: FloatTensor<Self>,
         layout: MlpLayout,
         wanted: Wanted,
-    ) -> [Option<FloatTensor<Self>>; 2] {
+    ) -> Adjoints<Self> {
         let Arguments { input, parameters } = arguments;
         let run = Run::new(input, parameters, &layout);
         if run.rows == 0 {
-            return [
-                wanted.input.then(|| run.input.tensor.clone()),
-                wanted.parameters.then(|| run.gpu.zero_floats([layout.parameters()])),
-            ];
+            return Adjoints {
+                input: wanted.input.then(|| run.input.tensor.clone()),
+                parameters: wanted.parameters.then(|| run.apart(run.gpu.zero_floats([layout.parameters()]), &layout)),
+            };
         }
         let v_outputs = single(v_outputs);
         let v_input = wanted.input.then(|| Matrix::of(run.gpu.floats(run.input.tensor.shape())));
@@ -71,7 +74,10 @@ impl MlpAdjoint for CubeBackend {
                 }
             }
         }
-        [v_input.map(|matrix| matrix.tensor), shares.map(|shares| run.gpu.sum_rows(shares))]
+        Adjoints {
+            input: v_input.map(|matrix| matrix.tensor),
+            parameters: shares.map(|shares| run.apart(run.gpu.sum_rows(shares), &layout)),
+        }
     }
 }
 
@@ -112,18 +118,34 @@ impl Matrix {
 struct Run {
     gpu: Gpu,
     input: Matrix,
-    parameters: CubeTensor,
+    /// Weight and bias of each layer.
+    parameters: Vec<CubeTensor>,
     rows: usize,
     /// Whether negative values of the input count as zero.
     rectified: bool,
 }
 
 impl Run {
-    fn new(input: CubeTensor, parameters: CubeTensor, layout: &MlpLayout) -> Self {
+    fn new(input: CubeTensor, parameters: Floats<CubeBackend>, layout: &MlpLayout) -> Self {
         let gpu = Gpu::of(&input);
         let rows = input.shape()[0];
         let input = Matrix::of(single(input));
-        Self { gpu, input, parameters: single(parameters), rows, rectified: layout.rectified }
+        let parameters = parameters.0.into_iter().map(single).collect();
+        Self { gpu, input, parameters, rows, rectified: layout.rectified }
+    }
+
+    fn weight(&self, layer: &LinearLayout) -> &CubeTensor {
+        &self.parameters[2 * layer.index]
+    }
+
+    /// The adjoints of the parameters, from one tensor.
+    fn apart(&self, joined: CubeTensor, layout: &MlpLayout) -> Floats<CubeBackend> {
+        let ranges = layout.ranges().into_iter().zip(&self.parameters);
+        let own = ranges.map(|(range, parameter)| {
+            let slice = Slice::new(range.start as isize, Some(range.end as isize), 1);
+            CubeBackend::float_reshape(CubeBackend::float_slice(joined.clone(), &[slice]), parameter.shape())
+        });
+        Floats(own.collect())
     }
 
     /// The rectified outputs of all layers of a chain except the last.
@@ -147,12 +169,12 @@ impl Run {
         self.launch(Product {
             left: &source.tensor,
             left_layout: source.layout(),
-            right: &self.parameters,
-            right_layout: MatrixLayoutLaunch::new(layer.weight.start as u32, layer.outputs as u32, 1),
+            right: self.weight(layer),
+            right_layout: MatrixLayoutLaunch::new(0, layer.outputs as u32, 1),
+            bias: Some(&self.parameters[2 * layer.index + 1]),
             size: [self.rows, layer.outputs, layer.inputs],
             result,
             gate: source,
-            bias: layer.bias.start,
             rectified: self.is_rectified(source),
             end: End::Layer { rectified },
         });
@@ -163,12 +185,12 @@ impl Run {
         self.launch(Product {
             left: &v.tensor,
             left_layout: v.layout(),
-            right: &self.parameters,
-            right_layout: MatrixLayoutLaunch::new(layer.weight.start as u32, 1, layer.outputs as u32),
+            right: self.weight(layer),
+            right_layout: MatrixLayoutLaunch::new(0, 1, layer.outputs as u32),
+            bias: None,
             size: [self.rows, layer.inputs, layer.outputs],
             result,
             gate: source,
-            bias: 0,
             rectified: false,
             end,
         });
@@ -184,10 +206,10 @@ impl Run {
             left_layout: source.transposed_layout(),
             right: &v.tensor,
             right_layout: v.layout(),
+            bias: None,
             size: [layer.inputs, layer.outputs, self.rows],
             result: &result,
             gate: source,
-            bias: 0,
             rectified: self.is_rectified(source),
             end: End::Slabs,
         });
@@ -211,6 +233,7 @@ impl Run {
                 CubeDim::new_1d(kind.units as u32),
                 of.left.clone().into_buffer_arg(),
                 of.right.clone().into_buffer_arg(),
+                of.bias.unwrap_or(of.right).clone().into_buffer_arg(),
                 of.gate.tensor.clone().into_buffer_arg(),
                 of.result.tensor.clone().into_buffer_arg(),
                 ProductSizeLaunch::new(rows as u32, columns as u32, depth as u32, slab as u32),
@@ -218,7 +241,6 @@ impl Run {
                 of.right_layout,
                 of.result.layout(),
                 of.gate.layout(),
-                of.bias as u32,
                 slab_stride as u32,
                 kind,
             );
@@ -232,11 +254,12 @@ struct Product<'a> {
     left_layout: MatrixLayoutLaunch,
     right: &'a CubeTensor,
     right_layout: MatrixLayoutLaunch,
+    /// The bias of a layer.
+    bias: Option<&'a CubeTensor>,
     /// Rows, columns, depth.
     size: [usize; 3],
     result: &'a Matrix,
     gate: &'a Matrix,
-    bias: usize,
     /// Whether negative values of the left matrix count as zero.
     rectified: bool,
     end: End,

@@ -29,14 +29,23 @@ pub(crate) struct Wanted {
     pub parameters: bool,
 }
 
-/// The adjoints of input and parameters.
+/// The parameters of a layer.
+#[derive(Clone, Copy)]
+pub(super) struct Weights<'a, T> {
+    /// `[inputs, outputs]`.
+    pub weight: &'a [T],
+    /// `[outputs]`.
+    pub bias: &'a [T],
+}
+
+/// The adjoints of the input, and of weight and bias of each layer.
 pub(super) struct Adjoint<T> {
     pub input: Option<Vec<T>>,
-    pub parameters: Option<Vec<T>>,
+    pub parameters: Option<Vec<Vec<T>>>,
 }
 
 /// Outputs `[N, outputs]` of rows `[N, inputs]`.
-pub(super) fn forward<T: Real>(input: &[T], parameters: &[T], layout: &MlpLayout) -> Vec<T> {
+pub(super) fn forward<T: Real>(input: &[T], parameters: &[Weights<'_, T>], layout: &MlpLayout) -> Vec<T> {
     let columns = layout.outputs();
     let layers = layout.layers();
     let mut outputs = vec![T::zero(); input.len() / layout.inputs * columns];
@@ -47,7 +56,7 @@ pub(super) fn forward<T: Real>(input: &[T], parameters: &[T], layout: &MlpLayout
             for chain in &layers {
                 block.pass_hidden_layers(chain, parameters);
                 let last = &chain[chain.len() - 1];
-                linear(block.source(chain.len() - 1), last, parameters, outputs, columns, first);
+                linear(block.source(chain.len() - 1), last, parameters[last.index], outputs, columns, first);
                 first += last.outputs;
             }
         },
@@ -60,7 +69,7 @@ pub(super) fn forward<T: Real>(input: &[T], parameters: &[T], layout: &MlpLayout
 /// Rows are divided in the same way for any number of threads, and parts are summed in order.
 pub(super) fn backward<T: Real>(
     input: &[T],
-    parameters: &[T],
+    parameters: &[Weights<'_, T>],
     v_outputs: &[T],
     layout: &MlpLayout,
     wanted: Wanted,
@@ -72,7 +81,7 @@ pub(super) fn backward<T: Real>(
     let part_rows = |part_index: usize| part_index * part..((part_index + 1) * part).min(rows);
 
     let pull_back = |part_index: usize, mut v_input: Option<&mut [T]>| -> Vec<T> {
-        let mut v_parameters = vec![T::zero(); if wanted.parameters { parameters.len() } else { 0 }];
+        let mut v_parameters = vec![T::zero(); if wanted.parameters { layout.parameters() } else { 0 }];
         let range = part_rows(part_index);
         for start in range.clone().step_by(BLOCK) {
             let rows = start..(start + BLOCK).min(range.end);
@@ -96,18 +105,22 @@ pub(super) fn backward<T: Real>(
     } else {
         (None, (0..parts).into_par_iter().map(|index| pull_back(index, None)).collect())
     };
-    Adjoint { input: v_input, parameters: wanted.parameters.then(|| sum_in_order(&sums, parameters.len())) }
+    Adjoint { input: v_input, parameters: wanted.parameters.then(|| sum_in_order(&sums, &layout.ranges())) }
 }
 
-/// The sum of vectors of equal length, first to last.
-fn sum_in_order<T: Real>(vectors: &[Vec<T>], len: usize) -> Vec<T> {
+/// The sums of vectors of equal length, first to last, in each of the ranges.
+fn sum_in_order<T: Real>(vectors: &[Vec<T>], ranges: &[Range<usize>]) -> Vec<Vec<T>> {
     const PIECE: usize = 4096;
-    let mut total = vec![T::zero(); len];
-    total.par_chunks_mut(PIECE).enumerate().for_each(|(index, total)| {
-        let range = index * PIECE..index * PIECE + total.len();
-        vectors.iter().for_each(|vector| add_rows(total, &vector[range.clone()]));
+    let mut totals: Vec<Vec<T>> = ranges.iter().map(|range| vec![T::zero(); range.len()]).collect();
+    let pieces = totals.iter_mut().zip(ranges).flat_map(|(total, range)| {
+        total.chunks_mut(PIECE).enumerate().map(|(index, piece)| (range.start + index * PIECE, piece))
     });
-    total
+    let pieces: Vec<(usize, &mut [T])> = pieces.collect();
+    pieces.into_par_iter().for_each(|(first, piece)| {
+        let range = first..first + piece.len();
+        vectors.iter().for_each(|vector| add_rows(piece, &vector[range.clone()]));
+    });
+    totals
 }
 
 /// A few rows that pass through the layers.
@@ -141,11 +154,11 @@ impl<'a, T: Real> Block<'a, T> {
     }
 
     /// Fills `hidden` with the outputs of all layers of a chain except the last.
-    fn pass_hidden_layers(&mut self, chain: &[LinearLayout], parameters: &[T]) {
+    fn pass_hidden_layers(&mut self, chain: &[LinearLayout], parameters: &[Weights<'_, T>]) {
         for (index, layer) in chain[..chain.len() - 1].iter().enumerate() {
             let mut rows = std::mem::take(self.hidden_mut(index));
             rows.resize(self.rows * layer.outputs, T::zero());
-            linear(self.source(index), layer, parameters, &mut rows, layer.outputs, 0);
+            linear(self.source(index), layer, parameters[layer.index], &mut rows, layer.outputs, 0);
             rectify(&mut rows);
             *self.hidden_mut(index) = rows;
         }
@@ -162,7 +175,7 @@ impl<'a, T: Real> Block<'a, T> {
     fn pull_back(
         &mut self,
         layers: &[Vec<LinearLayout>],
-        parameters: &[T],
+        parameters: &[Weights<'_, T>],
         v_outputs: &[T],
         columns: usize,
         mut v_input: Option<&mut [T]>,
@@ -181,7 +194,7 @@ impl<'a, T: Real> Block<'a, T> {
                     add_product(&mut v_parameters[layer.weight.clone()], layer.outputs, self.source(index).turned(), v);
                     v.add_rows_to(&mut v_parameters[layer.bias.clone()]);
                 }
-                let weight = Matrix::rows(&parameters[layer.weight.clone()], layer.inputs).turned();
+                let weight = Matrix::rows(parameters[layer.index].weight, layer.inputs).turned();
                 if index > 0 {
                     v_before.clear();
                     v_before.resize(self.rows * layer.inputs, T::zero());
@@ -204,16 +217,15 @@ impl<'a, T: Real> Block<'a, T> {
 fn linear<T: Real>(
     source: Matrix<'_, T>,
     layer: &LinearLayout,
-    parameters: &[T],
+    parameters: Weights<'_, T>,
     target: &mut [T],
     columns: usize,
     first: usize,
 ) {
-    let bias = &parameters[layer.bias.clone()];
     for row in target.chunks_exact_mut(columns) {
-        row[first..first + layer.outputs].copy_from_slice(bias);
+        row[first..first + layer.outputs].copy_from_slice(parameters.bias);
     }
-    let weight = Matrix::rows(&parameters[layer.weight.clone()], layer.inputs);
+    let weight = Matrix::rows(parameters.weight, layer.inputs);
     add_product(&mut target[first..], columns, source, weight);
 }
 

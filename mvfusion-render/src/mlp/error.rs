@@ -2,7 +2,8 @@
 
 use burn::tensor::{DType, Tensor};
 
-use super::MlpLayout;
+use super::layout::LinearLayout;
+use super::{Layer, MAX_LAYERS, MlpLayout};
 use crate::device::{buffer_limit, takes};
 
 /// An invalid argument of [`forward`](super::forward).
@@ -18,15 +19,15 @@ pub enum MlpError {
         /// The shape in words.
         expected: String,
     },
-    /// The device does not support a dtype, or the two dtypes differ.
+    /// The device does not support a dtype, or two dtypes differ.
     #[error(
-        "`input` has dtype {input:?} and `parameters` has dtype {parameters:?}; expected f32 in both, or f64 on a CPU"
+        "`input` has dtype {input:?} and a parameter has dtype {parameter:?}; expected f32 in both, or f64 on a CPU"
     )]
     Type {
         /// Dtype of the input.
         input: DType,
-        /// Dtype of the parameters.
-        parameters: DType,
+        /// Dtype of a parameter.
+        parameter: DType,
     },
     /// The rows of the widest layer do not fit into a buffer of the device.
     #[error(
@@ -43,28 +44,46 @@ pub enum MlpError {
         /// Bytes of the largest buffer.
         limit: u64,
     },
+    /// The number of layers does not match the layout, or there are too many of them.
+    #[error("`layers` has {found} layers; expected {expected}, and {MAX_LAYERS} at most")]
+    Layers {
+        /// Number of layers.
+        found: usize,
+        /// Number of layers in the layout.
+        expected: usize,
+    },
     /// The layout has no chains, a chain without layers, or a width of zero.
     #[error("the layout {0:?} is empty: it needs at least one chain, and every width must be positive")]
     Layout(MlpLayout),
 }
 
 /// Checks all arguments of [`forward`](super::forward).
-pub(super) fn check(input: &Tensor<2>, parameters: &Tensor<1>, layout: &MlpLayout) -> Result<(), MlpError> {
+pub(super) fn check(input: &Tensor<2>, layers: &[Layer], layout: &MlpLayout) -> Result<(), MlpError> {
     let empty = |widths: &Vec<usize>| widths.is_empty() || widths.contains(&0);
     if layout.inputs == 0 || layout.chains.is_empty() || layout.chains.iter().any(empty) {
         return Err(MlpError::Layout(layout.clone()));
     }
+    let wanted: Vec<LinearLayout> = layout.layers().into_iter().flatten().collect();
+    if layers.len() != wanted.len() || layers.len() > MAX_LAYERS {
+        return Err(MlpError::Layers { found: layers.len(), expected: wanted.len() });
+    }
+    let misfit =
+        |argument, found: &[usize], expected| Err(MlpError::Shape { argument, found: found.to_vec(), expected });
     if input.dims()[1] != layout.inputs {
-        let expected = format!("[N, {}]", layout.inputs);
-        return Err(MlpError::Shape { argument: "input", found: input.dims().to_vec(), expected });
+        return misfit("input", &input.dims(), format!("[N, {}]", layout.inputs));
     }
-    if parameters.dims() != [layout.parameters()] {
-        let expected = format!("[{}]", layout.parameters());
-        return Err(MlpError::Shape { argument: "parameters", found: parameters.dims().to_vec(), expected });
-    }
-    match (input.dtype(), parameters.dtype()) {
-        (own, other) if own == other && takes(&input.device(), own) => {}
-        (input, parameters) => return Err(MlpError::Type { input, parameters }),
+    let taken = takes(&input.device(), input.dtype());
+    for (Layer { weight, bias }, &LinearLayout { inputs, outputs, .. }) in layers.iter().zip(&wanted) {
+        if weight.dims() != [inputs, outputs] {
+            return misfit("weight", &weight.dims(), format!("[{inputs}, {outputs}]"));
+        }
+        if bias.dims() != [outputs] {
+            return misfit("bias", &bias.dims(), format!("[{outputs}]"));
+        }
+        let dtypes = [weight.dtype(), bias.dtype()];
+        if let Some(parameter) = dtypes.into_iter().find(|&parameter| !taken || parameter != input.dtype()) {
+            return Err(MlpError::Type { input: input.dtype(), parameter });
+        }
     }
     let rows = input.dims()[0];
     let width = layout.chains.iter().flatten().copied().chain([layout.inputs, layout.outputs()]).max().unwrap_or(0);

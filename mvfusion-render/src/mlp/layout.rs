@@ -13,16 +13,18 @@ pub struct MlpLayout {
     pub chains: Vec<Vec<usize>>,
 }
 
-/// One linear layer within the parameters.
+/// One linear layer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct LinearLayout {
+    /// Number of layers before it, in this chain and in earlier ones.
+    pub index: usize,
     /// Width of the input.
     pub inputs: usize,
     /// Width of the output.
     pub outputs: usize,
-    /// Range of the weight `[inputs, outputs]`.
+    /// Range of the weight `[inputs, outputs]` if all parameters are joined.
     pub weight: Range<usize>,
-    /// Range of the bias `[outputs]`.
+    /// Range of the bias `[outputs]` then; it follows the weight.
     pub bias: Range<usize>,
 }
 
@@ -39,16 +41,22 @@ impl MlpLayout {
 
     /// The layers of each chain.
     pub(crate) fn layers(&self) -> Vec<Vec<LinearLayout>> {
-        let mut at = 0;
+        let (mut at, mut index) = (0, 0);
         let mut layer = |inputs: usize, outputs: usize| {
             let weight = at..at + inputs * outputs;
             at = weight.end + outputs;
-            LinearLayout { inputs, outputs, bias: weight.end..at, weight }
+            index += 1;
+            LinearLayout { index: index - 1, inputs, outputs, bias: weight.end..at, weight }
         };
         let mut chain = |widths: &Vec<usize>| {
             let inputs = std::iter::once(&self.inputs).chain(widths);
             inputs.zip(widths).map(|(&inputs, &outputs)| layer(inputs, outputs)).collect()
         };
         self.chains.iter().map(&mut chain).collect()
+    }
+
+    /// The ranges of weight and bias of each layer if all parameters are joined.
+    pub(crate) fn ranges(&self) -> Vec<Range<usize>> {
+        self.layers().into_iter().flatten().flat_map(|layer| [layer.weight, layer.bias]).collect()
     }
 }

@@ -52,7 +52,8 @@ impl Case {
 
     fn op(&self, device: &Device, dtype: DType) -> [Vec<f64>; 3] {
         self.run(device, dtype, |input, parameters| {
-            forward(input, parameters, &self.layout).expect("the arguments fit")
+            let layers = Layer::all_of(&parameters, &self.layout);
+            forward(input, layers, &self.layout).expect("the arguments fit")
         })
     }
 
@@ -148,7 +149,8 @@ fn adjoints_that_nobody_waits_for_are_left_out() {
         for tracked in 0..2 {
             let input = if tracked == 0 { input.clone().require_grad() } else { input.clone() };
             let parameters = if tracked == 1 { parameters.clone().require_grad() } else { parameters.clone() };
-            let outputs = forward(input.clone(), parameters.clone(), &layout).expect("the arguments fit");
+            let layers = Layer::all_of(&parameters, &layout);
+            let outputs = forward(input.clone(), layers, &layout).expect("the arguments fit");
             let gradients = outputs.sum().backward();
             assert_eq!(input.grad(&gradients).is_some(), tracked == 0);
             assert_eq!(parameters.grad(&gradients).is_some(), tracked == 1);
@@ -161,17 +163,62 @@ fn what_does_not_fit_is_refused() {
     for_each_device(|device| {
         let layout = bundle(false);
         let input = Tensor::<2>::zeros([2, layout.inputs], &device);
-        let parameters = Tensor::<1>::zeros([layout.parameters()], &device);
-        let refusal = |input: &Tensor<2>, parameters: &Tensor<1>, layout: &MlpLayout| {
-            forward(input.clone(), parameters.clone(), layout).expect_err("it does not fit").to_string()
+        let layers = Layer::all_of(&Tensor::zeros([layout.parameters()], &device), &layout);
+        let refusal = |input: &Tensor<2>, layers: &[Layer], layout: &MlpLayout| {
+            forward(input.clone(), layers.to_vec(), layout).expect_err("it does not fit").to_string()
+        };
+        let with = |change: &dyn Fn(&mut Layer)| {
+            let mut layers = layers.clone();
+            change(&mut layers[1]);
+            refusal(&input, &layers, &layout)
         };
         assert_eq!(
-            refusal(&Tensor::zeros([2, 6], &device), &parameters, &layout),
+            refusal(&Tensor::zeros([2, 6], &device), &layers, &layout),
             "`input` has shape [2, 6]; expected [N, 7]"
         );
-        assert!(refusal(&input, &Tensor::zeros([5], &device), &layout).starts_with("`parameters` has shape [5]"));
-        assert!(refusal(&input.clone().cast(DType::F64), &parameters, &layout).contains("has dtype F64"));
-        let without = MlpLayout { chains: vec![vec![]], ..layout };
-        assert!(refusal(&input, &parameters, &without).contains("is empty"));
+        assert_eq!(
+            with(&|layer| layer.weight = Tensor::zeros([3, 12], &device)),
+            "`weight` has shape [3, 12]; expected [12, 3]"
+        );
+        assert_eq!(with(&|layer| layer.bias = Tensor::zeros([5], &device)), "`bias` has shape [5]; expected [3]");
+        assert!(with(&|layer| layer.bias = layer.bias.clone().cast(DType::F64)).contains("has dtype F64"));
+        assert!(refusal(&input.clone().cast(DType::F64), &layers, &layout).contains("has dtype F64"));
+        assert!(refusal(&input, &layers[1..], &layout).starts_with("`layers` has 7 layers; expected 8"));
+        let deep = MlpLayout { inputs: 7, rectified: false, chains: vec![vec![7; MAX_LAYERS + 1]] };
+        let layers_of_it = Layer::all_of(&Tensor::zeros([deep.parameters()], &device), &deep);
+        assert!(refusal(&input, &layers_of_it, &deep).contains("64 at most"));
+        let without = MlpLayout { chains: vec![vec![]], ..layout.clone() };
+        assert!(refusal(&input, &layers, &without).contains("is empty"));
+    });
+}
+
+#[test]
+fn every_layer_has_its_own_gradient() {
+    for_each_device(|device| {
+        let device = device.autodiff();
+        let layout = MlpLayout { inputs: 2, rectified: false, chains: vec![vec![3; MAX_LAYERS - 1], vec![1]] };
+        let flat = Tensor::<1>::from_data(
+            TensorData::new(random(5, layout.parameters()), [layout.parameters()]),
+            (&device, DType::F64),
+        );
+        let layers: Vec<Layer> = Layer::all_of(&flat, &layout)
+            .into_iter()
+            .map(|Layer { weight, bias }| Layer { weight: weight.require_grad(), bias: bias.require_grad() })
+            .collect();
+        let flat = flat.require_grad();
+        let input = Tensor::<2>::from_data(TensorData::new(random(6, 10), [5, 2]), (&device, DType::F64));
+        let wanted = written_out(input.clone(), flat.clone(), &layout).sum().backward();
+        let wanted = numbers(flat.grad(&wanted).expect("tracked"));
+        let found = forward(input, layers.clone(), &layout).expect("the arguments fit").sum().backward();
+        let found: Vec<f64> = layers
+            .iter()
+            .flat_map(|Layer { weight, bias }| {
+                let weight = numbers(weight.grad(&found).expect("tracked"));
+                [weight, numbers(bias.grad(&found).expect("tracked"))].concat()
+            })
+            .collect();
+        assert_eq!(found.len(), wanted.len());
+        let largest = wanted.iter().fold(0.0f64, |largest, x| largest.max(x.abs()));
+        assert!(found.iter().zip(&wanted).all(|(a, b)| (a - b).abs() <= EXACT * largest));
     });
 }

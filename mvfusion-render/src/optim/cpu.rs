@@ -1,4 +1,4 @@
-//! CPU twin of Adam: one pass over value, gradient and moments.
+//! CPU twin of Adam: one pass over value, gradient and moments of all parameters.
 
 use rayon::prelude::*;
 
@@ -9,16 +9,18 @@ use crate::simd::vectorised;
 /// Values per task.
 const NUMBERS_PER_TASK: usize = 1 << 14;
 
-/// The values that a step changes.
-pub(super) struct State<'a, T> {
+/// A parameter, or a piece of one, in a step.
+pub(super) struct Piece<'a, T> {
     pub(super) value: &'a mut [T],
     pub(super) first: &'a mut [T],
     pub(super) second: &'a mut [T],
+    pub(super) gradient: &'a [T],
+    pub(super) step: Step<T>,
 }
 
 /// The constants of one step, in the precision of the values.
 #[derive(Clone, Copy)]
-struct Step<T> {
+pub(super) struct Step<T> {
     beta1: T,
     rest1: T,
     beta2: T,
@@ -31,7 +33,8 @@ struct Step<T> {
 }
 
 impl<T: Real> Step<T> {
-    fn new(rule: &AdamRule, step: usize) -> Self {
+    /// The constants of step number `step`, counted from 1.
+    pub(super) fn new(rule: &AdamRule, step: usize) -> Self {
         let correction = |beta: f64| 1.0 - beta.powf(step as f64);
         Self {
             beta1: T::of(rule.beta1),
@@ -45,14 +48,29 @@ impl<T: Real> Step<T> {
     }
 }
 
-/// Performs step number `step`, counted from 1.
-pub(super) fn step<T: Real>(state: State<T>, gradient: &[T], rule: &AdamRule, step: usize) {
-    let step = Step::<T>::new(rule, step);
-    let values = state.value.par_chunks_mut(NUMBERS_PER_TASK);
-    let firsts = state.first.par_chunks_mut(NUMBERS_PER_TASK);
-    let seconds = state.second.par_chunks_mut(NUMBERS_PER_TASK);
-    let gradients = gradient.par_chunks(NUMBERS_PER_TASK);
-    values.zip(firsts).zip(seconds.zip(gradients)).for_each(|((value, first), (second, gradient))| {
+/// Steps all parameters in one parallel loop, because most of them are too small for a loop of their own.
+pub(super) fn step<T: Real>(parameters: Vec<Piece<'_, T>>) {
+    let tasks: Vec<Piece<'_, T>> = parameters.into_iter().flat_map(Piece::tasks).collect();
+    tasks.into_par_iter().for_each(Piece::learn);
+}
+
+impl<'a, T: Real> Piece<'a, T> {
+    /// Divides a parameter into tasks.
+    fn tasks(self) -> impl Iterator<Item = Self> {
+        let Self { value, first, second, gradient, step } = self;
+        let moments = first.chunks_mut(NUMBERS_PER_TASK).zip(second.chunks_mut(NUMBERS_PER_TASK));
+        let values = value.chunks_mut(NUMBERS_PER_TASK).zip(gradient.chunks(NUMBERS_PER_TASK));
+        values.zip(moments).map(move |((value, gradient), (first, second))| Self {
+            value,
+            first,
+            second,
+            gradient,
+            step,
+        })
+    }
+
+    fn learn(self) {
+        let Self { value, first, second, gradient, step } = self;
         vectorised(
             #[inline(always)]
             || {
@@ -64,5 +82,5 @@ pub(super) fn step<T: Real>(state: State<T>, gradient: &[T], rule: &AdamRule, st
                 }
             },
         );
-    });
+    }
 }

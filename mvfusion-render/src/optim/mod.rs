@@ -50,25 +50,59 @@ impl<const D: usize> AdamMoments<D> {
     }
 }
 
-/// One step of Adam as in PyTorch: both moments are bias-corrected, and epsilon is added after the correction of the
-/// second.
+/// A parameter before a step of Adam.
+#[derive(Clone, Debug)]
+pub struct AdamStep<const D: usize> {
+    /// The values.
+    pub value: Tensor<D>,
+    /// Their gradient.
+    pub gradient: Tensor<D>,
+    /// The moments after the previous step.
+    pub moments: AdamMoments<D>,
+    /// The rule of this step.
+    pub rule: AdamRule,
+}
+
+/// A parameter after a step of Adam.
+#[derive(Clone, Debug)]
+pub struct Stepped<const D: usize> {
+    /// The values.
+    pub value: Tensor<D>,
+    /// The moments.
+    pub moments: AdamMoments<D>,
+}
+
+/// One step of Adam as in PyTorch for each of some parameters, in the same order: both moments are bias-corrected, and
+/// epsilon is added after the correction of the second.
 ///
-/// All tensors have the same shape and dtype (f32, or f64 on a CPU) and are outside of autodiff. Unshared memory is
-/// changed in place, so pass the tensors themselves, not clones.
+/// The four tensors of a parameter have the same shape, all tensors have the same dtype (f32, or f64 on a CPU), and they
+/// are outside of autodiff. Unshared memory is changed in place, so pass the tensors themselves, not clones. On a CPU,
+/// all parameters are stepped in one parallel loop.
 ///
 /// # Panics
-/// If the shapes differ, or the dtype is not f32, or f64 on a CPU.
+/// If the shapes of a parameter's tensors differ, or a dtype is not f32, or f64 on a CPU.
+pub fn adam_steps<const D: usize>(parameters: Vec<AdamStep<D>>) -> Vec<Stepped<D>> {
+    for AdamStep { value, gradient, moments, rule: _ } in &parameters {
+        for other in [gradient, &moments.first, &moments.second] {
+            assert_eq!(other.dims(), value.dims(), "a parameter, its gradient and its moments are of one shape");
+        }
+    }
+    if parameters.is_empty() { Vec::new() } else { op::adam_steps(parameters) }
+}
+
+/// The same for one parameter.
+///
+/// # Panics
+/// As [`adam_steps`].
 pub fn adam_step<const D: usize>(
     value: Tensor<D>,
     gradient: Tensor<D>,
     moments: AdamMoments<D>,
     rule: &AdamRule,
 ) -> (Tensor<D>, AdamMoments<D>) {
-    let shape = value.dims();
-    for other in [&gradient, &moments.first, &moments.second] {
-        assert_eq!(other.dims(), shape, "a parameter, its gradient and its moments are of one shape");
-    }
-    op::adam_step(value, gradient, moments, rule)
+    let mut stepped = adam_steps(vec![AdamStep { value, gradient, moments, rule: *rule }]);
+    let Stepped { value, moments } = stepped.remove(0);
+    (value, moments)
 }
 
 #[cfg(test)]
@@ -152,6 +186,33 @@ mod tests {
             let moments = AdamMoments::zeros_like(&value);
             let (value, moments) = adam_step(value.clone(), value, moments, &AdamRule::default());
             assert_eq!((value.dims(), moments.steps), ([0, 3], 1));
+        });
+    }
+    #[test]
+    fn parameters_that_step_together_step_as_if_alone() {
+        let sizes = [0, 3, 3 * 7001, 3, 3 * 20];
+        for_each_device(|device| {
+            let parameters: Vec<AdamStep<2>> = sizes
+                .iter()
+                .enumerate()
+                .map(|(index, &size)| {
+                    let of = |seed| tensor(&random(10 * index as u64 + seed, size), &device, DType::F32);
+                    let moments = AdamMoments { first: of(1), second: of(2), steps: index };
+                    let rule = AdamRule::new(0.01 * index as f64);
+                    AdamStep { value: of(3), gradient: of(4), moments, rule }
+                })
+                .collect();
+            let together = adam_steps(parameters.clone());
+            assert_eq!(together.len(), sizes.len());
+            for (parameter, stepped) in parameters.into_iter().zip(together) {
+                let AdamStep { value, gradient, moments, rule } = parameter;
+                let (value, moments) = adam_step(value, gradient, moments, &rule);
+                assert_eq!(stepped.moments.steps, moments.steps);
+                assert_eq!(numbers(stepped.value), numbers(value));
+                assert_eq!(numbers(stepped.moments.first), numbers(moments.first));
+                assert_eq!(numbers(stepped.moments.second), numbers(moments.second));
+            }
+            assert!(adam_steps::<2>(Vec::new()).is_empty());
         });
     }
 }

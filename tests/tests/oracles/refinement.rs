@@ -6,7 +6,7 @@ use burn::nn::Linear;
 use burn::tensor::{DType, Device, Gradients, Tensor};
 use mvfusion_model::config::MotionConfig;
 use mvfusion_model::model::motion::{
-    Guidance, MotionCache, MotionEncoder, MotionRefinement, RefinementConfig, TemporalModule, Tokens,
+    Encoding, Guidance, MotionCache, MotionEncoder, MotionRefinement, RefinementConfig, TemporalModule, Tokens,
 };
 use mvfusion_model::model::network::{DeformationNetwork, Mlp, zero_last_layer};
 use mvfusion_model::timeline::Timeline;
@@ -64,6 +64,7 @@ impl Setting {
                 intensity,
                 knot_times: archive.array("in.knot_times")?.values.clone(),
                 inherits: true,
+                encoding: Encoding::default(),
             },
             timeline: Timeline::new(archive.array("in.train_times")?.values.clone()),
             motion,

@@ -1,5 +1,7 @@
 //! The cached motion descriptors of the dynamic Gaussians.
 
+use std::sync::{Arc, OnceLock};
+
 use burn::tensor::{Int, Tensor};
 
 use super::normaliser::MovingNormaliser;
@@ -27,7 +29,13 @@ pub struct MotionCache {
     pub knot_times: Vec<f64>,
     /// Whether new Gaussians inherit their parent's descriptors (`motion.inherit`).
     pub inherits: bool,
+    /// The encoding of `signatures`, which MVG reads; other signatures need a new one.
+    pub encoding: Encoding,
 }
+
+/// What MVG makes of the signatures, computed once until they change. Clones share it.
+#[derive(Clone, Debug, Default)]
+pub struct Encoding(Arc<OnceLock<Tensor<2>>>);
 
 /// The normalisers of signatures and local variances.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -65,7 +73,13 @@ impl MotionCache {
             intensity: table(statistics.intensities(), 1),
             knot_times: statistics.knot_times,
             inherits: config.inherit,
+            encoding: Encoding::default(),
         }
+    }
+
+    /// The signatures as `encode` encodes them, always in the same way: `[N, columns]`.
+    pub(super) fn encoded(&self, encode: impl FnOnce(Tensor<2>) -> Tensor<2>) -> Tensor<2> {
+        self.encoding.0.get_or_init(|| encode(self.signatures.clone())).clone()
     }
 
     /// Local motion intensity `e(t)`, `[N, 1]`: linear between knots, constant outside.
@@ -101,6 +115,7 @@ impl MotionCache {
             signatures: self.signatures.select(0, rows.clone()),
             local: self.local.select(0, rows.clone()),
             intensity: self.intensity.select(0, rows.clone()),
+            encoding: Encoding::default(),
             ..self
         }
     }
@@ -108,7 +123,8 @@ impl MotionCache {
 
 impl PerGaussian for MotionCache {
     fn follow(&mut self, map: &RowMap) {
-        let Self { signatures, local, intensity, knot_times: _, inherits } = self;
+        let Self { signatures, local, intensity, knot_times: _, inherits, encoding } = self;
+        *encoding = Encoding::default();
         for values in [signatures, local, intensity] {
             *values = if *inherits { map.inherit(values) } else { map.keep(values) };
         }
@@ -143,6 +159,7 @@ mod tests {
                 intensity: column([0.0, 3.0, 0.0, 0.0]),
                 knot_times: vec![0.5],
                 inherits: true,
+                encoding: Encoding::default(),
             };
             // Velocity 6, extent 2: a variance of 9 / 12, so the mean is 3.75 / 4.
             let stillness = values(cache.stillness(&gaussians, 2.0));
@@ -150,6 +167,29 @@ mod tests {
             for (found, expected) in stillness.iter().zip(expected) {
                 assert!((found - expected).abs() < 1e-5, "{stillness:?}");
             }
+        });
+    }
+    #[test]
+    fn an_encoding_is_kept_until_the_signatures_change() {
+        for_each_device(|device| {
+            let column = Tensor::<2>::from_data([[1.0f32], [2.0], [3.0]], &device);
+            let mut cache = MotionCache {
+                signatures: column.clone(),
+                local: column.clone(),
+                intensity: column,
+                knot_times: vec![0.5],
+                inherits: true,
+                encoding: Encoding::default(),
+            };
+            let encoded = |cache: &MotionCache, offset: f32| values(cache.encoded(|signatures| signatures + offset));
+            let clone = cache.clone();
+            assert_eq!(encoded(&clone, 10.0), [11.0, 12.0, 13.0]);
+            assert_eq!(encoded(&cache, 20.0), [11.0, 12.0, 13.0]);
+            cache.follow(&RowMap::keeping(vec![2, 0]));
+            assert_eq!(encoded(&cache, 20.0), [23.0, 21.0]);
+            let rows = Tensor::from_data([1i32], &device);
+            assert_eq!(encoded(&cache.select(&rows), 30.0), [31.0]);
+            assert_eq!(encoded(&clone, 40.0), [11.0, 12.0, 13.0]);
         });
     }
 }

@@ -25,7 +25,10 @@ impl Guidance {
         cache: &MotionCache,
     ) -> Tensor<2> {
         match self {
-            Self::Encoder(encoder) => encoder.forward(cache.signatures.clone(), cache.local_at(time)),
+            Self::Encoder(encoder) => {
+                let signatures = cache.encoded(|signatures| encoder.encode(signatures));
+                encoder.forward_encoded(signatures, cache.local_at(time))
+            }
             Self::Direct(encoder) => encoder.forward(network.valid().decode(feature.clone().inner())),
         }
     }

@@ -17,7 +17,7 @@ mod token;
 
 pub use attention::TemporalAttention;
 pub use average::TemporalAverage;
-pub use cache::{MotionCache, Normalisers};
+pub use cache::{Encoding, MotionCache, Normalisers};
 pub use convolution::TemporalConvolution;
 pub use direct::DirectEncoder;
 pub use encoder::MotionEncoder;

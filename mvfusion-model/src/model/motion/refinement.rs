@@ -146,8 +146,8 @@ impl MotionRefinement {
             Some(_) => config.cache.local_at(time),
             None => config.cache.local_at(time).zeros_like(),
         };
-        let centre_tail = maker.tail(feature.clone().inner(), local(time));
-        let centre = Tensor::cat(vec![feature, centre_tail], 1);
+        let geometry = maker.geometry(feature.clone().inner());
+        let centre = Tensor::cat(vec![feature, geometry, local(time)], 1);
 
         let index = config.timeline.nearest(time);
         let frames = self.rules.frames.iter();

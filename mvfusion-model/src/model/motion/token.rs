@@ -39,17 +39,19 @@ impl TokenMaker<'_> {
                 let points = means.clone().narrow(0, first, length).repeat(&[1, keys]).reshape([length * keys, 3]);
                 let feature = self.network.feature(points, times.clone().repeat(&[length, 1]));
                 let local = local.clone().narrow(0, first, length).reshape([length * keys, 1]);
-                let rest = self.tail(feature.clone(), local);
-                Tensor::cat(vec![feature, rest], 1).reshape([length as i32, keys as i32, -1])
+                let geometry = self.geometry(feature.clone());
+                Tensor::cat(vec![feature, geometry, local], 1).reshape([length as i32, keys as i32, -1])
             })
             .collect();
         Tensor::cat(chunks, 0)
     }
 
-    /// The part of the token after the feature `[N, H]`: geometry and intensity, `[N, 11]`.
-    pub fn tail(&self, feature: Tensor<2>, local: Tensor<2>) -> Tensor<2> {
-        let geometry = self.network.heads.geometry(feature);
-        let displacement = geometry.clone().narrow(1, 0, 3) / self.extent;
-        Tensor::cat(vec![displacement, geometry.narrow(1, 3, 7), local], 1)
+    /// The part of the token between feature and intensity: displacement over the extent, log-scale and quaternion
+    /// offsets, `[N, 10]`.
+    pub fn geometry(&self, feature: Tensor<2>) -> Tensor<2> {
+        let mut units = vec![1.0; GEOMETRY_WIDTH];
+        units[..3].fill(self.extent);
+        let units: Tensor<2> = tensors::from_data_like(TensorData::new(units, [1, GEOMETRY_WIDTH]), &feature);
+        self.network.heads.geometry(feature) / units
     }
 }

@@ -3,6 +3,7 @@
 use burn::module::Module;
 use burn::nn::Linear;
 use burn::tensor::Tensor;
+use mvfusion_render::columns::apart;
 
 use super::{Mlp, ModuleInit, Rectified, side_by_side};
 use crate::model::mask::MaskChannel;
@@ -135,20 +136,20 @@ impl MaskHeads {
 pub(super) fn decode(feature: Tensor<2>, heads: &AttributeHeads, masks: Option<&MaskHeads>) -> Offsets {
     let chains = heads.chains().chain(masks.iter().flat_map(|masks| masks.chains()));
     let chains: Vec<&[Linear]> = chains.map(|chain| &*chain.layers).collect();
-    let columns = side_by_side(&chains, feature, Rectified::Yes);
-    let mut first = 0;
-    let mut next = |width: usize| {
-        let columns = columns.clone().narrow(1, first, width);
-        first += width;
-        columns
-    };
+    let mut widths = vec![3, 3, 4];
+    widths.extend(heads.opacity_logits.as_ref().map(|_| 1));
+    widths.extend(heads.sh.as_ref().map(|_| SH_OUTPUTS));
+    widths.extend(masks.map(|_| MASK_OUTPUTS));
+    let mut parts = apart(side_by_side(&chains, feature, Rectified::Yes), &widths).into_iter();
+    // Proof: there is a part for each width.
+    let mut next = || parts.next().expect("a head has its columns");
     Offsets {
-        means: next(3),
-        log_scales: next(3),
-        quaternions: next(4),
-        opacity_logits: heads.opacity_logits.as_ref().map(|_| next(1)),
-        sh: heads.sh.as_ref().map(|_| next(SH_OUTPUTS)),
-        mask_logits: masks.map(|_| next(MASK_OUTPUTS)),
+        means: next(),
+        log_scales: next(),
+        quaternions: next(),
+        opacity_logits: heads.opacity_logits.as_ref().map(|_| next()),
+        sh: heads.sh.as_ref().map(|_| next()),
+        mask_logits: masks.map(|_| next()),
     }
 }
 

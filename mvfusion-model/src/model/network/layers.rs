@@ -79,15 +79,16 @@ pub(crate) fn side_by_side(chains: &[&[Linear]], input: Tensor<2>, rectified: Re
         rectified: rectified == Rectified::Yes,
         chains: chains.iter().map(|chain| chain.iter().map(|layer| layer.weight.dims()[1]).collect()).collect(),
     };
-    let parameters = chains.iter().copied().flatten().flat_map(|layer| {
+    let layers = chains.iter().copied().flatten().map(|layer| mlp::Layer {
+        weight: layer.weight.val(),
         // Proof: `ModuleInit::linear` creates every layer with a bias, and checkpoints only replace its values.
-        let bias = layer.bias.as_ref().expect("every layer of ours has a bias");
-        [layer.weight.val().flatten(0, 1), bias.val()]
+        bias: layer.bias.as_ref().expect("every layer of ours has a bias").val(),
     });
     // Proof: the layout is derived from the weights. Weights and `input` have the configured widths and one dtype, also
-    // those from a file: `Checkpoint` compares the shape and type of every tensor with the model's. The remaining error
-    // is a buffer that is too large for the device. It ends the run with the op's advice, as in `Gpu::room`.
-    mlp::forward(input, Tensor::cat(parameters.collect(), 0), &layout).unwrap_or_else(|error| panic!("MLP: {error}"))
+    // those from a file: `Checkpoint` compares the shape and type of every tensor with the model's. The heads have 19
+    // layers, and `model.depth` is at most the number that the op takes. The remaining error is a buffer that is too
+    // large for the device. It ends the run with the op's advice, as in `Gpu::room`.
+    mlp::forward(input, layers.collect(), &layout).unwrap_or_else(|error| panic!("MLP: {error}"))
 }
 
 /// Sets weight and bias of the last layer to zero, so that the module starts without effect.

@@ -13,7 +13,7 @@ use crate::config::Config;
 use crate::model::Model;
 use crate::model::exposure::Exposures;
 use crate::model::gaussians::{Attribute, Gaussians};
-use crate::model::motion::{MotionCache, MotionRefinement, SIGNATURE_WIDTH};
+use crate::model::motion::{Encoding, MotionCache, MotionRefinement, SIGNATURE_WIDTH};
 use crate::model::network::{DeformationConfig, ModuleInit};
 use crate::parameter_path::ParameterPath;
 use crate::random::Stream;
@@ -130,6 +130,7 @@ impl Checkpoint {
             intensity: self.tensor(INTENSITY, [rows, 1], device)?,
             knot_times,
             inherits: config.motion.inherit,
+            encoding: Encoding::default(),
         }))
     }
 

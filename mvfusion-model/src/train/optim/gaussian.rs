@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use burn::tensor::{Gradients, Tensor};
-use mvfusion_render::optim::{AdamMoments, AdamRule, adam_step};
+use mvfusion_render::optim::{AdamMoments, AdamRule, AdamStep, Stepped, adam_steps};
 
 use super::GaussianRates;
 use crate::config::OptimConfig;
@@ -91,11 +91,14 @@ impl GaussianOptimiser {
         rates: &GaussianRates,
         config: &OptimConfig,
     ) {
-        for (attribute, gradient) in gradients.0 {
-            let Some(values) = gaussians.take(attribute) else { continue };
-            let moments = self.moments.remove(&attribute).unwrap_or_else(|| fresh(&values));
-            let (values, moments) = adam_step(values, gradient, moments, &rule(rates.of(attribute), config));
-            gaussians.replace(attribute, values);
+        let take = |(attribute, gradient): (Attribute, Tensor<2>)| {
+            let value = gaussians.take(attribute)?;
+            let moments = self.moments.remove(&attribute).unwrap_or_else(|| fresh(&value));
+            Some((attribute, AdamStep { value, gradient, moments, rule: rule(rates.of(attribute), config) }))
+        };
+        let (attributes, steps): (Vec<Attribute>, Vec<_>) = gradients.0.into_iter().filter_map(take).unzip();
+        for (attribute, Stepped { value, moments }) in attributes.into_iter().zip(adam_steps(steps)) {
+            gaussians.replace(attribute, value);
             self.moments.insert(attribute, moments);
         }
     }

@@ -8,7 +8,7 @@ use mvfusion_model::model::composition::{Blending, BranchRenders};
 use mvfusion_model::random::Stream;
 use mvfusion_model::train::loss::{LossContext, LossSchedule, Pictures, Windows, light_loss, main_loss};
 use mvfusion_render::grid::{GridBounds, GridLayout, look_up, regulariser::penalties};
-use mvfusion_render::mlp::{self, MlpLayout};
+use mvfusion_render::mlp::{self, Layer, MlpLayout};
 use mvfusion_render::optim::{AdamMoments, AdamRule, adam_step};
 use mvfusion_render::window::{Window, ssim_map, structure_map};
 use mvfusion_render::{attention, window};
@@ -258,7 +258,7 @@ fn perceptrons(numbers: Numbers<'_>) -> Result<Outcome> {
     {
         let input = numbers.noise(middle, spread, 14, [70, 6]);
         let parameters = numbers.noise(0.0, weights, 15, [layout.parameters()]);
-        let found = mlp::forward(input.clone(), parameters.clone(), &layout)?;
+        let found = mlp::forward(input.clone(), Layer::all_of(&parameters, &layout), &layout)?;
         let leaves: [Leaf<'_>; 2] = [
             ("input", &|gradients| gradient(&input, gradients)),
             ("parameters", &|gradients| gradient(&parameters, gradients)),

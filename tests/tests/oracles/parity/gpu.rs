@@ -8,7 +8,7 @@ use mvfusion_data::Camera;
 use mvfusion_model::device::gpus;
 use mvfusion_render::device::{fold_launches, imitate_hardware};
 use mvfusion_render::grid::{GridBounds, look_up, regulariser::penalties};
-use mvfusion_render::mlp::MlpLayout;
+use mvfusion_render::mlp::{Layer, MlpLayout};
 use mvfusion_render::splat::{SplatError, SplatInputs, SplatRules, SplatSettings, Statistic, splat};
 use mvfusion_render::{attention, mlp};
 use mvfusion_tests::{gpu_backends, tensor};
@@ -113,7 +113,9 @@ fn double_precision(pair: Pair) -> Result<()> {
     let parameters = wide([1, perceptron.parameters()]).reshape([perceptron.parameters()]);
     let refusals = [
         look_up(wide(planes), wide([5, 3]), wide([1, 1]), &bounds, &layout()).err().map(|error| error.to_string()),
-        mlp::forward(wide([5, 3]), parameters, &perceptron).err().map(|error| error.to_string()),
+        mlp::forward(wide([5, 3]), Layer::all_of(&parameters, &perceptron), &perceptron)
+            .err()
+            .map(|error| error.to_string()),
         attention::forward(wide([5, 4]).unsqueeze_dim(1), wide([5, 8]).unsqueeze_dim(1), 2)
             .err()
             .map(|error| error.to_string()),

@@ -3,10 +3,10 @@
 use anyhow::{Result, ensure};
 use burn::tensor::{DType, Device, Tensor};
 use mvfusion_render::grid::{GridBounds, GridLayout, look_up, regulariser::penalties};
-use mvfusion_render::mlp::MlpLayout;
+use mvfusion_render::mlp::{Layer, MlpLayout};
 use mvfusion_render::optim::{AdamMoments, AdamRule, adam_step};
 use mvfusion_render::window::{Window, blur, ssim_map, structure_map};
-use mvfusion_render::{attention, mlp};
+use mvfusion_render::{attention, columns, mlp};
 use mvfusion_tests::{Array, Tolerance, gradient};
 
 use super::{normal, uniform, weighed};
@@ -24,11 +24,12 @@ pub type Outcome = Vec<(String, Array, Tolerance)>;
 pub type Case = fn(&Device) -> Result<Outcome>;
 
 /// All of them, by name.
-pub const CASES: [(&str, Case); 9] = [
+pub const CASES: [(&str, Case); 10] = [
     ("look_up", look_up_and_back),
     ("penalties", penalties_and_back),
     ("mlp", mlp_and_back),
     ("attention", attention_and_back),
+    ("columns", columns_and_back),
     ("blur", blur_and_back),
     ("ssim", ssim_and_back),
     ("structure", structure_and_back),
@@ -77,7 +78,7 @@ pub fn mlp_and_back(device: &Device) -> Result<Outcome> {
         let layout = MlpLayout { inputs: 13, rectified, chains: vec![vec![20, 17, 3], vec![4], vec![9, 1]] };
         let input = normal([1003, 13], 1.0, 11, device);
         let parameters = normal([layout.parameters()], 0.3, 12, device);
-        let found = mlp::forward(input.clone(), parameters.clone(), &layout)?;
+        let found = mlp::forward(input.clone(), Layer::all_of(&parameters, &layout), &layout)?;
         let gradients = weighed(&found, 13).backward();
         outcome.push((format!("outputs, {rectified}"), Array::of(found), SUMS));
         outcome.push((format!("input, {rectified}"), gradient(&input, &gradients), SUMS));
@@ -98,6 +99,16 @@ fn attention_and_back(device: &Device) -> Result<Outcome> {
         outcome.push((format!("queries, {count} queries"), gradient(&queries, &gradients), SUMS));
         outcome.push((format!("memory, {count} queries"), gradient(&memory, &gradients), SUMS));
     }
+    Ok(outcome)
+}
+
+fn columns_and_back(device: &Device) -> Result<Outcome> {
+    let matrix = normal([1003, 12], 1.0, 24, device);
+    let parts = columns::apart(matrix.clone(), &[3, 4, 5]);
+    // The part in the middle has no gradient.
+    let gradients = (weighed(&parts[0], 25) + weighed(&parts[2], 26)).backward();
+    let mut outcome = vec![("matrix".into(), gradient(&matrix, &gradients), SUMS)];
+    outcome.extend(parts.into_iter().map(|part| ("part".into(), Array::of(part), SUMS)));
     Ok(outcome)
 }
 
@@ -159,7 +170,7 @@ fn nothing(device: &Device) -> Result<Outcome> {
     let found = look_up(planes.clone(), empty(3), times.clone(), &bounds, &layout())?;
     let layout = MlpLayout { inputs: 3, rectified: true, chains: vec![vec![4, 2]] };
     let parameters = normal([layout.parameters()], 0.3, 12, device);
-    let outputs = mlp::forward(empty(3), parameters.clone(), &layout)?;
+    let outputs = mlp::forward(empty(3), Layer::all_of(&parameters, &layout), &layout)?;
     let nobody = empty(8).reshape([0, 1, 8]);
     let attended = attention::forward(nobody, Tensor::zeros([0, 2, 16], (device, DType::F32)), 2)?;
     let rows = [found.dims()[0], outputs.dims()[0], attended.dims()[0]];
