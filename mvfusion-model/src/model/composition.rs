@@ -1,7 +1,6 @@
 //! Blending of the renders of the two branches (METHOD §1.2, §1.3).
 
 use burn::tensor::{Tensor, activation::relu};
-
 use mvfusion_render::objective::constants::{
     BRIGHTNESS_KNEE, BRIGHTNESS_OFFSET, BRIGHTNESS_SLOPE, GEOMETRY_LEAN, MIN_GEOMETRY_NORMALISER, SHARE_GUARD,
 };

@@ -104,6 +104,26 @@ fn from_middle<S: Simd, T: Lanes>(
     [middle_a + a, middle_b + b, squares - (a * a + b * b), product - a * b]
 }
 
+/// The sums of a [`Windowed`] computation on moments.
+macro_rules! sums_of_moments {
+    () => {
+        #[inline(always)]
+        fn product<S: Simd, T: Lanes>(self, maps: [Wide<S, T>; 2], middle: [Wide<S, T>; 2]) -> Moments<S, T> {
+            of_pixel(maps, middle)
+        }
+
+        #[inline(always)]
+        fn column<S: Simd, T: Lanes>(self, sums: Moments<S, T>, middle: [Wide<S, T>; 2]) -> Moments<S, T> {
+            from_middle(sums, middle)
+        }
+
+        #[inline(always)]
+        fn along<S: Simd, T: Lanes>(self, column: Moments<S, T>, middle: Moments<S, T>) -> Moments<S, T> {
+            of_column(column, middle)
+        }
+    };
+}
+
 impl Similarity {
     #[inline(always)]
     fn trace<S: Simd, T: Lanes>(self, moments: Moments<S, T>) -> Trace<S, T> {
@@ -115,20 +135,7 @@ impl Similarity {
 }
 
 impl Windowed<2, 0, 4, 1> for Similarity {
-    #[inline(always)]
-    fn product<S: Simd, T: Lanes>(self, maps: [Wide<S, T>; 2], middle: [Wide<S, T>; 2]) -> Moments<S, T> {
-        of_pixel(maps, middle)
-    }
-
-    #[inline(always)]
-    fn column<S: Simd, T: Lanes>(self, sums: Moments<S, T>, middle: [Wide<S, T>; 2]) -> Moments<S, T> {
-        from_middle(sums, middle)
-    }
-
-    #[inline(always)]
-    fn along<S: Simd, T: Lanes>(self, column: Moments<S, T>, middle: Moments<S, T>) -> Moments<S, T> {
-        of_column(column, middle)
-    }
+    sums_of_moments!();
 
     #[inline(always)]
     fn finish<S: Simd, T: Lanes>(
@@ -146,20 +153,7 @@ impl Windowed<2, 0, 4, 1> for Similarity {
 pub(super) struct Traced(pub(super) Similarity);
 
 impl Windowed<2, 0, 4, 5> for Traced {
-    #[inline(always)]
-    fn product<S: Simd, T: Lanes>(self, maps: [Wide<S, T>; 2], middle: [Wide<S, T>; 2]) -> Moments<S, T> {
-        of_pixel(maps, middle)
-    }
-
-    #[inline(always)]
-    fn column<S: Simd, T: Lanes>(self, sums: Moments<S, T>, middle: [Wide<S, T>; 2]) -> Moments<S, T> {
-        from_middle(sums, middle)
-    }
-
-    #[inline(always)]
-    fn along<S: Simd, T: Lanes>(self, column: Moments<S, T>, middle: Moments<S, T>) -> Moments<S, T> {
-        of_column(column, middle)
-    }
+    sums_of_moments!();
 
     #[inline(always)]
     fn finish<S: Simd, T: Lanes>(self, sums: Moments<S, T>, middle: Moments<S, T>, _: [Wide<S, T>; 0]) -> Trace<S, T> {
@@ -172,20 +166,7 @@ impl Windowed<2, 0, 4, 5> for Traced {
 pub(super) struct Weighted(pub(super) Similarity);
 
 impl Windowed<2, 1, 4, 4> for Weighted {
-    #[inline(always)]
-    fn product<S: Simd, T: Lanes>(self, maps: [Wide<S, T>; 2], middle: [Wide<S, T>; 2]) -> Moments<S, T> {
-        of_pixel(maps, middle)
-    }
-
-    #[inline(always)]
-    fn column<S: Simd, T: Lanes>(self, sums: Moments<S, T>, middle: [Wide<S, T>; 2]) -> Moments<S, T> {
-        from_middle(sums, middle)
-    }
-
-    #[inline(always)]
-    fn along<S: Simd, T: Lanes>(self, column: Moments<S, T>, middle: Moments<S, T>) -> Moments<S, T> {
-        of_column(column, middle)
-    }
+    sums_of_moments!();
 
     #[inline(always)]
     fn finish<S: Simd, T: Lanes>(

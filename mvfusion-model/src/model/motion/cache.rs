@@ -33,7 +33,8 @@ pub struct MotionCache {
     pub encoding: Encoding,
 }
 
-/// What MVG makes of the signatures, computed once until they change. Clones share it.
+/// What MVG makes of the signatures, computed once until they change. Clones share it; selected rows, those of a moment
+/// with lifetimes, are encoded anew.
 #[derive(Clone, Debug, Default)]
 pub struct Encoding(Arc<OnceLock<Tensor<2>>>);
 
