@@ -73,7 +73,7 @@ pub fn measure(
                 scene: format!("LPIPS-{} of a pair of {size}", backbone.name()),
                 device: name.clone(),
                 threads: rayon::current_num_threads(),
-                seconds: Seconds::Step(seconds),
+                seconds: Seconds::Whole(seconds),
                 pairs: None,
                 peak_bytes: None,
             });

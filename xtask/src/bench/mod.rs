@@ -1,12 +1,17 @@
 //! Benchmarks: what an op costs on each device of this machine, printed and, if asked for, written as JSON.
 
+mod amdahl;
+mod growth;
 mod lpips;
 mod net;
+mod processor;
 mod scene;
 mod seeding;
 mod splat;
 mod step;
+mod threads;
 
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -26,9 +31,9 @@ pub struct BenchArguments {
     /// Write the metrics to this file as JSON.
     #[arg(long, global = true)]
     json: Option<PathBuf>,
-    /// Threads to use; all cores by default.
-    #[arg(long, global = true)]
-    threads: Option<usize>,
+    /// Threads to use; all cores by default. `step` compares several numbers, as 1,2,4.
+    #[arg(long, global = true, value_delimiter = ',')]
+    threads: Vec<NonZeroUsize>,
     /// Counted repetitions, after those that are not counted.
     #[arg(long, global = true, default_value_t = 5)]
     repeat: usize,
@@ -41,7 +46,7 @@ enum Subject {
     Splat(splat::SplatArguments),
     /// HexPlane look-up, then trunk and all heads, forward and backward.
     Net(net::NetArguments),
-    /// A whole refined training step with two views.
+    /// A whole training step of each stage with two views.
     Step(step::StepArguments),
     /// LPIPS of a pair of pictures. Its metric does not depend on the weights, which are random here.
     Lpips(lpips::LpipsArguments),
@@ -69,8 +74,10 @@ struct Row {
 enum Seconds {
     /// Both passes, and the forward pass where nothing is kept for another.
     Passes { render: Option<f64>, forward: f64, backward: f64 },
-    /// A step, or a comparison.
-    Step(f64),
+    /// A comparison, or a search.
+    Whole(f64),
+    /// A step of a stage, and the processor time of all threads where the system tells it.
+    Stage { stage: &'static str, wall: f64, processor: Option<f64> },
 }
 
 /// Gaussian-pixel pairs of a splat.
@@ -89,9 +96,11 @@ struct Subjected {
 
 /// Runs a benchmark.
 pub fn run(arguments: &BenchArguments) -> Result<()> {
-    if let Some(threads) = arguments.threads {
+    let compares = matches!(arguments.subject, Subject::Step(_));
+    ensure!(compares || arguments.threads.len() < 2, "only `step` compares several numbers of threads");
+    if let Some(threads) = arguments.threads.first().filter(|_| !compares) {
         rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
+            .num_threads(threads.get())
             // As in the program.
             .use_current_thread()
             .build_global()
@@ -106,7 +115,7 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
     match &arguments.subject {
         Subject::Splat(subject) => splat::measure(subject, &devices, arguments.repeat, &mut note)?,
         Subject::Net(subject) => net::measure(subject, &devices, arguments.repeat, &mut note)?,
-        Subject::Step(subject) => step::measure(subject, &devices, arguments.repeat, &mut note)?,
+        Subject::Step(subject) => step::measure(subject, &devices, &arguments.threads, arguments.repeat, &mut note)?,
         Subject::Lpips(subject) => lpips::measure(subject, &devices, arguments.repeat, &mut note)?,
         Subject::Seeding(subject) => seeding::measure(subject, &mut note)?,
     }
@@ -119,6 +128,10 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
 
 #[allow(clippy::print_stdout, reason = "the table is this program's output")]
 fn print(row: &Row) {
+    if let Seconds::Stage { stage, wall, processor } = row.seconds {
+        println!("{}", step::table_row(row, stage, wall, processor));
+        return;
+    }
     print!("{} on {}, {} threads: ", row.scene, row.device, row.threads);
     match row.seconds {
         Seconds::Passes { render, forward, backward } => {
@@ -127,7 +140,7 @@ fn print(row: &Row) {
             }
             println!("forward {:.2} ms, backward {:.2} ms", 1e3 * forward, 1e3 * backward);
         }
-        Seconds::Step(seconds) => println!("{:.2} ms", 1e3 * seconds),
+        Seconds::Whole(seconds) | Seconds::Stage { wall: seconds, .. } => println!("{:.2} ms", 1e3 * seconds),
     }
     if let Some(bytes) = row.peak_bytes {
         println!("    at most {} MiB of memory", bytes >> 20);

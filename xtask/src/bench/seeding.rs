@@ -72,7 +72,7 @@ pub fn measure(arguments: &SeedingArguments, note: &mut impl FnMut(Row)) -> Resu
             scene: format!("{part}, {}", arguments.film),
             device: "the CPU".into(),
             threads: rayon::current_num_threads(),
-            seconds: Seconds::Step(seconds),
+            seconds: Seconds::Whole(seconds),
             pairs: None,
             peak_bytes: peak(),
         });

@@ -24,6 +24,7 @@ use std::collections::BTreeMap;
 use mvfusion_model::evaluation::RegionSource;
 use serde::Serialize;
 
+pub use plots::{Plot, Point, Series};
 pub use write::write;
 
 use super::index::{Cell, Wanted};

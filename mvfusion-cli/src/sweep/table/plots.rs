@@ -7,7 +7,7 @@ use crate::sweep::metric::TableMetric;
 
 /// A value of the swept key.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Point {
+pub struct Point {
     /// The value.
     pub x: f64,
     /// Our metric.
@@ -20,7 +20,7 @@ pub(super) struct Point {
 
 /// A line.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Series {
+pub struct Series {
     /// What it shows, for the legend.
     pub name: String,
     /// Its points, by value.
@@ -29,7 +29,7 @@ pub(super) struct Series {
 
 /// A metric over a swept key.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Plot {
+pub struct Plot {
     /// Name of its file.
     pub file: String,
     /// Heading.
