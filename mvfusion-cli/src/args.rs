@@ -102,7 +102,7 @@ impl Command {
             Self::Train(args) => args.compute.threads,
             Self::Eval(args) => args.compute.threads,
             Self::Export(args) => args.compute.threads,
-            Self::Check(args) => args.threads,
+            Self::Check(args) => args.compute.threads,
             Self::Render(args) => args.compute.threads,
             Self::Sweep(args) => match &args.action {
                 Some(SweepAction::RunCell(args)) => args.compute.threads,
@@ -282,9 +282,14 @@ pub struct CheckArgs {
     /// Do not draw the points over photos
     #[arg(long, conflicts_with = "picture")]
     pub no_picture: bool,
-    /// CPU threads [default: all cores]
-    #[arg(long, value_name = "N")]
-    pub threads: Option<NonZeroUsize>,
+    /// Do not predict the time of a training
+    ///
+    /// The prediction trains for some seconds, at most about 20.
+    #[arg(long)]
+    pub no_time: bool,
+    /// Device and threads for which the time is predicted.
+    #[command(flatten)]
+    pub compute: ComputeArgs,
 }
 
 /// `mvfusion synth`.

@@ -124,8 +124,10 @@ Examples:
 /// `mvfusion check --help`.
 pub const CHECK: &str = "\
 Inspect a scene as `train` would read it, and decode every image. The output lists the format, cameras, frames, times, \
-split, sizes, points, the memory that training needs, and every problem with its remedy. The command also draws the \
-points over several photos, so that wrong pose conventions are easy to spot.
+split, sizes, points, the memory and the time that training needs, and every problem with its remedy. The command also \
+draws the points over several photos, so that wrong pose conventions are easy to spot.
+
+The time is predicted for this machine from a few steps of each stage, which take some seconds.
 
 The exit code is 0 only if training could start.";
 

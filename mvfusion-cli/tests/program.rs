@@ -7,6 +7,8 @@ use std::process::{Command, Output};
 #[cfg(target_os = "linux")]
 #[path = "program/disks.rs"]
 mod disks;
+#[path = "program/duration.rs"]
+mod duration;
 #[path = "program/evidence.rs"]
 mod evidence;
 #[path = "program/render.rs"]

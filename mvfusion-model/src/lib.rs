@@ -36,6 +36,7 @@
 //! | configure a run | [`Config`] and its tables in [`config`] |
 //! | use single modules | [`model::gaussians`], [`model::network`], [`model::motion`], [`model::composition`] |
 //! | initialise Gaussians | [`initial`] |
+//! | predict the memory or the time of a run | [`memory::MemoryNeed`], [`duration::RunTime`] |
 //! | compute metrics | [`evaluation::evaluate`] for views, [`evaluation::psnr`] and others for images |
 //! | load a trained model | [`train::TrainedModel::load`] |
 //! | start from the weights of another run | [`train::TrainState::load_weights`], [`train::TrainState::with_weights`] |
@@ -45,6 +46,7 @@
 //! HexPlanes, independent of time. This crate trains. `mvfusion-cli` is the program.
 
 pub mod config;
+pub mod duration;
 mod error;
 pub mod evaluation;
 pub mod files;

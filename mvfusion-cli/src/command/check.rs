@@ -19,6 +19,8 @@ use crate::memory::{Available, refusal_of_training};
 use crate::progress::Verbosity;
 use crate::{atomic, config, device, scene};
 
+use super::duration::Predicted;
+
 /// Photos in the image of the points.
 const PHOTOS: usize = 9;
 
@@ -39,6 +41,9 @@ struct Report<'a> {
     /// Memory that training needs, in bytes; absent if the scene could not be read.
     #[serde(skip_serializing_if = "Option::is_none")]
     memory: Option<MemoryNeed>,
+    /// Predicted time of a training, in seconds; absent if it was not asked for, or could not be measured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    time: Option<&'a Predicted>,
     /// The image of the points.
     #[serde(skip_serializing_if = "Option::is_none")]
     picture: Option<&'a Path>,
@@ -50,6 +55,7 @@ struct Report<'a> {
 /// If training cannot start, after the report; if the command line is wrong, or a file cannot be written.
 pub fn check(args: &CheckArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let resolved = config::resolve(&args.sources, Some(&args.folder))?;
+    device::check(&args.compute.device)?;
     let folder = std::path::absolute(&args.folder)?;
     let pictures = if args.quick { Pictures::Sampled } else { Pictures::Decoded };
     if pictures == Pictures::Decoded {
@@ -60,6 +66,12 @@ pub fn check(args: &CheckArgs, verbosity: Verbosity, out: &mut dyn Write) -> any
         inspection.attach_masks(scene, masks);
     }
     let memory = scene.as_ref().map(|scene| need(&resolved.config, scene)).transpose();
+    let time = match (&scene, &memory) {
+        (Some(scene), Ok(Some(memory))) if inspection.can_train() && !args.no_time => {
+            predicted(&resolved.config, scene, memory, &args.compute.device, verbosity)
+        }
+        _ => None,
+    };
     let wanted = scene.as_ref().filter(|_| inspection.can_train() && !args.no_picture);
     let drawn = wanted.map(|scene| draw(scene, args.picture.clone().unwrap_or_else(|| default_picture(&folder))));
     if args.json {
@@ -70,6 +82,7 @@ pub fn check(args: &CheckArgs, verbosity: Verbosity, out: &mut dyn Write) -> any
             inspection: &inspection,
             can_train,
             memory: memory.as_ref().ok().copied().flatten(),
+            time: time.as_ref(),
             picture,
         };
         serde_json::to_writer_pretty(&mut *out, &report)?;
@@ -79,6 +92,9 @@ pub fn check(args: &CheckArgs, verbosity: Verbosity, out: &mut dyn Write) -> any
         if let Ok(Some(memory)) = &memory {
             line(out, "memory", &memory_sentence(memory))?;
             tell_shortage(memory, &resolved.config, out)?;
+            if let Some(time) = &time {
+                line(out, "time", &time.sentence(&format!("{:LABEL$}", "")))?;
+            }
             line(out, "preset", resolved.preset.name)?;
         }
         if let Some(Ok(drawn)) = &drawn {
@@ -99,6 +115,19 @@ pub fn check(args: &CheckArgs, verbosity: Verbosity, out: &mut dyn Write) -> any
 
 fn need(config: &Config, scene: &Scene) -> Result<MemoryNeed, ModelError> {
     MemoryNeed::of(&config.for_times_of(scene).scaled(), scene, IMAGE_CACHE)
+}
+
+/// The predicted time of a training. A failure is a note: what else was found must be reported.
+fn predicted(
+    config: &Config,
+    scene: &Scene,
+    memory: &MemoryNeed,
+    device: &str,
+    verbosity: Verbosity,
+) -> Option<Predicted> {
+    verbosity.note("training a few steps to predict the time (--no-time does not)");
+    let predicted = Predicted::measure(config, scene, memory, device);
+    predicted.inspect_err(|error| verbosity.note(&format!("note:   the time is not predicted: {error:#}"))).ok()
 }
 
 /// `check-NAME.png` in the current folder.

@@ -3,6 +3,7 @@
 mod check;
 mod config;
 mod devices;
+mod duration;
 mod eval;
 mod export;
 mod presets;
