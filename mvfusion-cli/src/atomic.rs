@@ -7,13 +7,17 @@ use anyhow::Context;
 use image::{DynamicImage, ImageFormat};
 use mvfusion_model::files::beside;
 use serde::Serialize;
+use tempfile::NamedTempFile;
 
 /// Writes a file and waits until it is on the disk.
 ///
 /// # Errors
 /// If the file cannot be written; then whatever stood there before still does.
 pub fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
-    put(path, bytes, true)
+    put(path, |file| {
+        file.write_all(bytes)?;
+        Ok(file.as_file().sync_all()?)
+    })
 }
 
 /// Writes a file without waiting for the disk: one of many, each of which can be made again.
@@ -21,7 +25,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
 /// # Errors
 /// As [`write()`].
 pub fn write_unsynced(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
-    put(path, bytes, false)
+    put(path, |file| Ok(file.write_all(bytes)?))
 }
 
 /// Writes a value as indented JSON, numbers in full precision.
@@ -39,20 +43,15 @@ pub fn write_json(path: &Path, value: &impl Serialize) -> anyhow::Result<()> {
 /// # Errors
 /// As [`write()`].
 pub fn write_png(path: &Path, picture: impl Into<DynamicImage>) -> anyhow::Result<()> {
-    let mut bytes = std::io::Cursor::new(Vec::new());
-    let coded = picture.into().write_to(&mut bytes, ImageFormat::Png);
-    coded.with_context(|| format!("cannot write {}", path.display()))?;
-    write_unsynced(path, bytes.get_ref())
+    let picture = picture.into();
+    put(path, |file| Ok(picture.save_with_format(file.path(), ImageFormat::Png)?))
 }
 
-/// Puts a file in its place, after waiting for the disk if `sync`.
-fn put(path: &Path, bytes: &[u8], sync: bool) -> anyhow::Result<()> {
+/// Puts a file in its place, after `fill` has written it.
+fn put(path: &Path, fill: impl FnOnce(&mut NamedTempFile) -> anyhow::Result<()>) -> anyhow::Result<()> {
     let attempt = || -> anyhow::Result<()> {
         let mut file = beside(path)?;
-        file.write_all(bytes)?;
-        if sync {
-            file.as_file().sync_all()?;
-        }
+        fill(&mut file)?;
         file.persist(path)?;
         Ok(())
     };

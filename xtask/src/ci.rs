@@ -10,8 +10,8 @@ use serde_json::Value;
 
 use crate::{deny, docs, torture};
 
-/// The feature set of the one test build: every CPU backend, and the GPU through wgpu.
-pub const TESTED: &str = "flex,ndarray,wgpu";
+/// The feature set of the one test build: every CPU backend, the GPU through wgpu, and the decoder of videos.
+pub const TESTED: &str = "flex,ndarray,wgpu,h264";
 
 /// Runs every check and stops at the first that fails.
 pub fn run() -> Result<()> {

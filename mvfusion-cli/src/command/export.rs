@@ -3,12 +3,14 @@
 use std::io::Write;
 
 use mvfusion_data::GaussianCloud;
+use mvfusion_data::write::gaussian_ply;
 use mvfusion_model::train::final_level;
 
 use crate::args::{ExportArgs, ExportFormat};
+use crate::atomic;
 use crate::export::{self, Exporter, InriaModel, Moment};
 use crate::progress::{Progress, Verbosity};
-use crate::run::{Existing, MasksRequest, OpenRun, RunFolder, RunPlan, RunRequest, write_ply};
+use crate::run::{Existing, MasksRequest, OpenRun, RunFolder, RunPlan, RunRequest};
 
 /// Width of the first column.
 const LABEL: usize = 16;
@@ -79,7 +81,7 @@ impl Session<'_> {
         let moment = self.args.time.map_or(Moment::Canonical, Moment::At);
         let static_ = self.exporter.static_()?.map(|gaussians| (export::STATIC, gaussians));
         for (name, gaussians) in static_.into_iter().chain([(export::DYNAMIC, self.exporter.dynamic(moment)?)]) {
-            write_ply(&gaussians, &self.folder.place(&[name])?)?;
+            atomic::write(&self.folder.place(&[name])?, &gaussian_ply(&gaussians))?;
             tell(out, name, &gaussians)?;
         }
         Ok(())
@@ -91,7 +93,10 @@ impl Session<'_> {
         let mut progress = Progress::new("frames", frames, verbosity);
         for (frame, time) in export::frame_times(frames, last).into_iter().enumerate() {
             let gaussians = self.exporter.scene(Moment::At(time))?;
-            write_ply(&gaussians, &self.folder.place(&[export::FRAMES, &export::frame_name(frame)])?)?;
+            atomic::write(
+                &self.folder.place(&[export::FRAMES, &export::frame_name(frame)])?,
+                &gaussian_ply(&gaussians),
+            )?;
             progress.advance();
         }
         progress.finish();

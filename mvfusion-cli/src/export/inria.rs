@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use mvfusion_data::write::gaussian_ply;
 use mvfusion_data::{GaussianCloud, PointCloud, Scene};
 use mvfusion_model::Config;
 use mvfusion_model::config::Background;
@@ -9,7 +10,7 @@ use mvfusion_model::model::gaussians::SH_C0;
 
 use super::cameras::{CAMERAS, write_cameras};
 use crate::atomic;
-use crate::run::{self, RunFolder, write_ply};
+use crate::run::{self, RunFolder};
 
 /// Folder of the Gaussians.
 pub(super) const POINT_CLOUD: &str = run::POINT_CLOUD;
@@ -37,7 +38,7 @@ pub struct InriaModel<'a> {
 /// If a file cannot be written.
 pub fn write_inria(model: &InriaModel<'_>, folder: &RunFolder) -> anyhow::Result<()> {
     let iteration = format!("iteration_{}", model.steps);
-    write_ply(model.gaussians, &folder.place(&[POINT_CLOUD, &iteration, "point_cloud.ply"])?)?;
+    atomic::write(&folder.place(&[POINT_CLOUD, &iteration, "point_cloud.ply"])?, &gaussian_ply(model.gaussians))?;
     write_cameras(model.scene, &folder.place(&[CAMERAS])?)?;
     let points = match model.scene.points.is_empty() {
         true => &centres(model.gaussians),

@@ -12,7 +12,6 @@ mod open;
 mod picture_kind;
 mod pictures;
 mod pictures_hash;
-mod ply;
 mod record;
 mod results;
 
@@ -34,7 +33,6 @@ pub use open::{MasksRequest, OpenRun, RunRequest};
 pub use picture_kind::PictureKind;
 pub use pictures::{PicturesWriter, legend};
 pub use pictures_hash::PicturesHash;
-pub use ply::write_ply;
 pub use record::{InitialWeights, Resumption, RunRecord, SceneRecord};
 #[cfg(test)]
 pub(crate) use results::specimen;

@@ -15,6 +15,12 @@ pub(super) const READ_FEWER: &str = "Check that the file is complete and plays, 
 pub(super) const EXTRACT: &str = "Install the program ffmpeg, or turn the video into pictures on another computer with \
                                   `ffmpeg -i NAME.mp4 NAME/images/%04d.png`.";
 
+/// Advice for a file that the built-in decoder might decode, in a program without it.
+#[cfg(not(feature = "h264"))]
+pub(super) const BUILD: &str = "Install the program ffmpeg, or build this program with `--features h264` for a built-in \
+                                decoder, or turn the video into pictures on another computer with \
+                                `ffmpeg -i NAME.mp4 NAME/images/%04d.png`.";
+
 /// A problem with a video. Unlike [`DataError`], it can be cloned and reported again.
 #[derive(Clone, Debug)]
 pub(super) struct Flaw {

@@ -236,7 +236,10 @@ fn can_decode(path: &Path, track: &mp4::Track) -> Result<(), Flaw> {
         #[cfg(feature = "h264")]
         mp4::Codec::H264(setup) => h264::colours(setup).map(|_| ()).map_err(refused),
         #[cfg(not(feature = "h264"))]
-        mp4::Codec::H264(_) => Err(refused("this program was built without its decoder for H.264".into())),
+        mp4::Codec::H264(_) => {
+            let reason = "the program ffmpeg is not installed, and this program was built without its decoder of H.264";
+            Err(Flaw::new(path, reason, flaw::BUILD))
+        }
     }
 }
 

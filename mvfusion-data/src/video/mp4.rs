@@ -6,7 +6,7 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
-use mp4_atom::{Colr, Elst, FourCC, Hdlr, Header, Mdhd, Mvhd, ReadFrom, Stsd, Tkhd};
+use mp4_atom::{Avcc, Colr, Decode, Elst, FourCC, Hdlr, Header, Mdhd, Mvhd, ReadFrom, Tkhd, Visual};
 
 use super::boxes::{child, children, leaf, optional_leaf};
 use super::samples::{Sample, Samples};
@@ -133,11 +133,8 @@ fn track(trak: &[u8], movie_timescale: u32, file_bytes: u64) -> Result<Track, St
     let stbl = child(mdia, b"minf").and_then(|minf| child(minf, b"stbl")).ok_or("its video track has no index")?;
     let header: Tkhd = leaf(trak)?;
     let media: Mdhd = leaf(mdia)?;
-    let description: Stsd = leaf(stbl)?;
-    let [entry] = &description.codecs[..] else {
-        return Err(format!("its video track has {} codecs", description.codecs.len()));
-    };
-    let (coded_size, codec) = codec(entry)?;
+    let (kind, content) = description(child(stbl, b"stsd").ok_or("its video track has no codec")?)?;
+    let (coded_size, codec) = codec(kind, content)?;
     let Samples { samples, times } = Samples::read(stbl, file_bytes)?;
     let edits: Option<Elst> = child(trak, b"edts").and_then(|edts| optional_leaf(edts).transpose()).transpose()?;
     let edit = edits.map_or(Ok((0, i64::MAX)), |edits| edit(&edits, media.timescale, movie_timescale))?;
@@ -151,32 +148,44 @@ fn track(trak: &[u8], movie_timescale: u32, file_bytes: u64) -> Result<Track, St
     })
 }
 
+/// The only sample description of a track: its four-letter code, and its content.
+///
+/// [`mp4_atom::Stsd`] would read it, too, but its readers of all codecs take a quarter of this crate's compilation.
+fn description(stsd: &[u8]) -> Result<([u8; 4], &[u8]), String> {
+    // A version with flags and the number of descriptions stand before them.
+    let descriptions: Vec<_> = stsd.get(8..).into_iter().flat_map(children).collect();
+    match descriptions[..] {
+        [description] => Ok(description),
+        _ => Err(format!("its video track has {} codecs", descriptions.len())),
+    }
+}
+
 /// Size and codec of a sample description.
-fn codec(entry: &mp4_atom::Codec) -> Result<((u32, u32), Codec), String> {
-    use mp4_atom::Codec as Entry;
-    let codec = match entry {
-        Entry::Avc1(avc) => Codec::H264(h264_setup(&avc.avcc, avc.colr.as_ref())),
-        Entry::Avc3(avc) => Codec::H264(h264_setup(&avc.avcc, avc.colr.as_ref())),
-        Entry::Hev1(_) | Entry::Hvc1(_) => Codec::Other("HEVC (H.265)".into()),
-        Entry::Vp08(_) => Codec::Other("VP8".into()),
-        Entry::Vp09(_) => Codec::Other("VP9".into()),
-        Entry::Av01(_) => Codec::Other("AV1".into()),
-        Entry::Jpeg(_) => Codec::Other("Motion JPEG".into()),
-        Entry::Unknown(kind, _) => return Err(format!("its codec is unknown here ({kind})")),
-        _ => return Err("its codec is unknown here".into()),
+fn codec(kind: [u8; 4], mut content: &[u8]) -> Result<((u32, u32), Codec), String> {
+    let visual = Visual::decode(&mut content).map_err(|e| format!("its box stsd cannot be read ({e})"))?;
+    let codec = match &kind {
+        b"avc1" | b"avc3" => Codec::H264(h264_setup(content)?),
+        b"hev1" | b"hvc1" => Codec::Other("HEVC (H.265)".into()),
+        b"vp08" => Codec::Other("VP8".into()),
+        b"vp09" => Codec::Other("VP9".into()),
+        b"av01" => Codec::Other("AV1".into()),
+        b"jpeg" => Codec::Other("Motion JPEG".into()),
+        kind => return Err(format!("its codec is unknown here ({})", FourCC::new(kind))),
     };
-    let visual = entry.visual().ok_or("its video track has no size")?;
     Ok(((visual.width.into(), visual.height.into()), codec))
 }
 
-fn h264_setup(avcc: &mp4_atom::Avcc, colour: Option<&Colr>) -> H264Setup {
+/// The setup in the boxes of a sample description.
+fn h264_setup(content: &[u8]) -> Result<H264Setup, String> {
+    let avcc: Avcc = leaf(content)?;
     let sets = [&avcc.sequence_parameter_sets, &avcc.picture_parameter_sets];
-    let colour = match colour {
-        Some(&Colr::Nclx { matrix_coefficients, full_range_flag, .. }) => Some((matrix_coefficients, full_range_flag)),
-        Some(&Colr::Nclc { matrix_coefficients, .. }) => Some((matrix_coefficients, false)),
+    let colour = match optional_leaf(content)? {
+        Some(Colr::Nclx { matrix_coefficients, full_range_flag, .. }) => Some((matrix_coefficients, full_range_flag)),
+        Some(Colr::Nclc { matrix_coefficients, .. }) => Some((matrix_coefficients, false)),
         _ => None,
     };
-    H264Setup { parameter_sets: sets.into_iter().flatten().cloned().collect(), length_size: avcc.length_size, colour }
+    let parameter_sets = sets.into_iter().flatten().cloned().collect();
+    Ok(H264Setup { parameter_sets, length_size: avcc.length_size, colour })
 }
 
 /// The span of media times that is shown.

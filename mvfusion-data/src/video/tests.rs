@@ -284,6 +284,15 @@ fn other_files_and_codecs_are_refused_with_a_remedy() {
     }
 }
 
+#[cfg(not(feature = "h264"))]
+#[test]
+fn without_any_decoder_the_error_names_the_program_and_the_feature() {
+    let (_folder, path) = saved(FIXTURE);
+    let opened = Video::with_decoder(&path, 9, &FrameStore::new(None), VideoDecoder::BuiltIn);
+    let error = DataError::from(opened.expect_err("refused")).to_string();
+    assert!(error.contains("Install the program ffmpeg") && error.contains("--features h264"), "{error}");
+}
+
 #[test]
 fn a_store_that_cannot_be_written_is_named() {
     for decoder in decoders() {

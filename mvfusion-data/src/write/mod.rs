@@ -14,6 +14,7 @@ mod depths;
 mod dnerf;
 mod encode;
 mod error;
+mod gaussians;
 mod hypernerf;
 mod layout;
 mod multipleview;
@@ -35,6 +36,7 @@ use tracing::{info, warn};
 
 pub use encode::ply;
 pub use error::WriteError;
+pub use gaussians::gaussian_ply;
 pub use layout::Layout;
 pub use package::{BACKGROUND_TRUTH, DEPTH_TRUTH, MASKS_TRUTH, MOVERS_TRUTH};
 

@@ -4,6 +4,7 @@ use std::io::Write;
 use std::time::{Duration, Instant};
 
 use mvfusion_data::Scene;
+use mvfusion_data::write::gaussian_ply;
 use mvfusion_model::Config;
 use mvfusion_model::evaluation::Evaluator;
 use mvfusion_model::files::sha256;
@@ -15,7 +16,7 @@ use super::watch::{CheckpointClock, Watch};
 use crate::device::OpenDevice;
 use crate::interrupt::{Interrupted, Signals, resume_command};
 use crate::progress::Verbosity;
-use crate::run::{self, MetricsLog, PicturesWriter, RunFolder, RunRecord, TrainTime, write_ply};
+use crate::run::{self, MetricsLog, PicturesWriter, RunFolder, RunRecord, TrainTime};
 use crate::{atomic, config, report, table};
 
 /// How often a checkpoint is tried to be written, and the pause in between.
@@ -155,7 +156,7 @@ impl Session {
         for (name, branch) in model.branches() {
             let file = format!("{name}.ply");
             let cloud = branch.to_cloud()?;
-            write_ply(&cloud, &self.folder.place(&[run::POINT_CLOUD, &iteration, &file])?)?;
+            atomic::write(&self.folder.place(&[run::POINT_CLOUD, &iteration, &file])?, &gaussian_ply(&cloud))?;
         }
         Ok(())
     }

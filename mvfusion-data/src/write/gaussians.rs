@@ -1,27 +1,12 @@
 //! Gaussians as a PLY file in the layout of 3DGS, which other viewers open.
 
-use std::path::Path;
-
-use mvfusion_data::{GaussianCloud, LIFETIME_FIELDS, MASK_FIELDS, rest_width};
-
-use crate::atomic;
+use crate::{GaussianCloud, LIFETIME_FIELDS, MASK_FIELDS, rest_width};
 
 /// Colour channels.
 const CHANNELS: usize = 3;
 
 /// The properties after the colours, in the standard order.
 const SHAPE: [&str; 8] = ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"];
-
-/// Writes Gaussians as stored, before any activation: opacities as logits, scales as logarithms, rotations as w, x, y,
-/// z, and zeros for normals. Mask logits follow the standard properties as `mask_static`, `mask_brightness` and
-/// `mask_dynamic`, lifetimes as `time_centre`, `log_duration` and `velocity_x` to `velocity_z`. Readers look up
-/// properties by name and ignore these. The header has no comments, because some readers count lines.
-///
-/// # Errors
-/// If the file cannot be written.
-pub fn write_ply(gaussians: &GaussianCloud, path: &Path) -> anyhow::Result<()> {
-    atomic::write(path, &encode(gaussians))
-}
 
 /// The names of the properties in the file's order.
 fn names(gaussians: &GaussianCloud) -> Vec<String> {
@@ -33,7 +18,11 @@ fn names(gaussians: &GaussianCloud) -> Vec<String> {
     before.into_iter().chain(rest).chain(after).collect()
 }
 
-fn encode(gaussians: &GaussianCloud) -> Vec<u8> {
+/// Gaussians as a binary PLY file, as stored, before any activation: opacities as logits, scales as logarithms, rotations
+/// as w, x, y, z, and zeros for normals. Mask logits follow the standard properties as `mask_static`, `mask_brightness`
+/// and `mask_dynamic`, lifetimes as `time_centre`, `log_duration` and `velocity_x` to `velocity_z`. Readers look up
+/// properties by name and ignore these. The header has no comments, because some readers count lines.
+pub fn gaussian_ply(gaussians: &GaussianCloud) -> Vec<u8> {
     let names = names(gaussians);
     let mut header = format!("ply\nformat binary_little_endian 1.0\nelement vertex {}\n", gaussians.len());
     for name in &names {
@@ -111,7 +100,7 @@ mod tests {
 
     #[test]
     fn every_number_is_found_again_by_its_name() {
-        let properties = read(&encode(&cloud(3)));
+        let properties = read(&gaussian_ply(&cloud(3)));
         assert_eq!(properties.len(), 62 + 3);
         assert_eq!(properties["y"], [1.0, 1001.0]);
         assert_eq!(properties["nz"], [0.0, 0.0]);
@@ -140,7 +129,7 @@ mod tests {
     #[test]
     fn lower_degrees_have_fewer_coefficients() {
         for (degree, count) in [(0, 0), (1, 9), (2, 24)] {
-            let properties = read(&encode(&cloud(degree)));
+            let properties = read(&gaussian_ply(&cloud(degree)));
             assert_eq!(properties.keys().filter(|name| name.starts_with("f_rest_")).count(), count);
         }
     }
