@@ -219,7 +219,7 @@ the grid has them. Swept keys are also plotted.";
 /// `mvfusion sweep --help`, below the options.
 pub const SWEEP_MORE: &str = "\
 Examples:
-  mvfusion sweep components-small --jobs 2
+  mvfusion sweep components-small
           the paper's component ablation on the built-in scenes
   mvfusion sweep neu3d --data-root ~/scenes --dry-run
           the cells of the paper's main table, and a time estimate

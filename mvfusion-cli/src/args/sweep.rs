@@ -89,7 +89,8 @@ pub struct SweepRunArgs {
     /// Train only the cells of these seeds
     #[arg(long, value_name = "N", value_delimiter = ',')]
     pub seeds: Vec<u64>,
-    /// Number of cells to run at the same time; with slurm, an upper limit [default: 1; with slurm, no limit]
+    /// Number of cells to run at the same time; with slurm, an upper limit [default: on a CPU as many as threads, as far as
+    /// the memory suffices; on a GPU, or if the grid measures frame rates, 1; with slurm, no limit]
     #[arg(long, value_name = "N")]
     pub jobs: Option<NonZeroUsize>,
     /// CPU threads, shared by the cells that run at the same time; with slurm, the threads of each cell [default: all

@@ -1,21 +1,24 @@
 //! `mvfusion sweep`.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use mvfusion_model::evaluation::Backbone;
+use mvfusion_model::memory::MemoryNeed;
+use mvfusion_model::train::IMAGE_CACHE;
 
 use crate::args::{Launcher, SweepAction, SweepArgs, SweepRunArgs};
 use crate::clock::spoken;
 use crate::failure::UsageError;
+use crate::memory::Available;
 use crate::progress::Verbosity;
 use crate::sweep::{
     self, Additions, Cell, Estimate, Grid, Index, Local, Plan, SHIPPED, Slurm, Source, State, SweepFolder, table,
 };
-use crate::{device, threads};
+use crate::{device, scene, threads};
 
 /// Parent folder of the sweeps, unless `--out` is given.
 const SWEEPS: &str = "runs/sweeps";
@@ -155,7 +158,7 @@ impl<'a> Session<'a> {
         }
         let failed = match self.args.launcher {
             _ if to_do.is_empty() => 0,
-            Launcher::Local => self.local(to_do.len()).run(&to_do, Estimate::new(&self.folder, index)?)?,
+            Launcher::Local => self.local(&to_do).run(&to_do, Estimate::new(&self.folder, index)?)?,
             Launcher::Slurm => {
                 self.submit(&to_do, out)?;
                 if !self.args.wait {
@@ -286,11 +289,37 @@ impl<'a> Session<'a> {
         Ok(free)
     }
 
-    fn local(&self, cells: usize) -> Local<'_> {
-        let jobs = self.args.jobs.map_or(1, NonZeroUsize::get).min(cells.max(1));
-        let threads = (threads::count(self.args.threads) / jobs).max(1);
+    fn local(&self, to_do: &[&Cell]) -> Local<'_> {
+        let threads = threads::count(self.args.threads);
+        let jobs = self.args.jobs.map_or_else(|| self.default_jobs(to_do, threads), NonZeroUsize::get);
+        let jobs = jobs.clamp(1, to_do.len().max(1));
         let (folder, index, device) = (&self.folder, &self.plan.index, self.args.device.as_str());
         Local { folder, index, device, jobs, threads, verbosity: self.verbosity }
+    }
+
+    /// Cells at a time, unless `--jobs` is given. On a CPU, a cell for each thread finishes more of them in an hour
+    /// (docs/performance.md), as far as the memory suffices. A GPU has one cell at a time, and so has a machine on which
+    /// frame rates are measured.
+    fn default_jobs(&self, to_do: &[&Cell], threads: usize) -> usize {
+        let is_alone = self.plan.index.wanted.speed_frames > 0 || device::wants_gpu(&self.args.device).unwrap_or(true);
+        match Available::on_this_machine() {
+            _ if is_alone || threads == 1 => 1,
+            Some(available) => threads.min((available.bytes as f64 / self.largest_need(to_do)) as usize),
+            None => threads,
+        }
+    }
+
+    /// The most memory that a cell needs. What cannot be read is left to the cell, which says so.
+    fn largest_need(&self, to_do: &[&Cell]) -> f64 {
+        let mut scenes = BTreeMap::new();
+        let Plan { index, configs } = &self.plan;
+        let needs =
+            index.cells.iter().zip(configs).filter(|(cell, _)| to_do.contains(cell)).filter_map(|(cell, config)| {
+                let scene = scenes.entry(&cell.scene).or_insert_with(|| scene::open(config).ok()).as_ref()?;
+                let need = MemoryNeed::of(&config.for_times_of(scene).scaled(), scene, IMAGE_CACHE).ok()?;
+                Some(need.host() + need.most)
+            });
+        needs.fold(1.0, f64::max)
     }
 
     fn slurm(&self) -> Slurm<'_> {
@@ -319,7 +348,7 @@ impl<'a> Session<'a> {
             }
         }
         let jobs = match self.args.launcher {
-            Launcher::Local => self.local(to_do.len()).jobs,
+            Launcher::Local => self.local(to_do).jobs,
             Launcher::Slurm => self.args.jobs.map_or(to_do.len(), NonZeroUsize::get),
         };
         let mut estimate = Estimate::new(&self.folder, index)?;
@@ -338,7 +367,7 @@ impl<'a> Session<'a> {
         let mut tried = BTreeSet::new();
         let Plan { index, configs } = &self.plan;
         let threads = match self.args.launcher {
-            Launcher::Local => self.local(to_do.len()).threads,
+            Launcher::Local => self.local(to_do).share(to_do.len()),
             Launcher::Slurm => self.slurm().threads,
         };
         for (cell, config) in index.cells.iter().zip(configs).filter(|(cell, _)| to_do.contains(cell)) {

@@ -29,7 +29,7 @@ pub struct Local<'a> {
     pub device: &'a str,
     /// Cells at the same time.
     pub jobs: usize,
-    /// Threads of each.
+    /// Threads, which the cells at work share.
     pub threads: usize,
     /// Amount of output.
     pub verbosity: Verbosity,
@@ -38,6 +38,8 @@ pub struct Local<'a> {
 /// The state that the workers share.
 struct Progress<'a> {
     queue: VecDeque<&'a Cell>,
+    /// Cells that run here.
+    running: usize,
     /// Cells that run in other processes.
     awaited: BTreeSet<String>,
     estimate: Estimate,
@@ -60,6 +62,7 @@ impl Local<'_> {
     pub fn run(&self, cells: &[&Cell], estimate: Estimate) -> anyhow::Result<usize> {
         let progress = Mutex::new(Progress {
             queue: cells.iter().copied().collect(),
+            running: 0,
             awaited: BTreeSet::new(),
             estimate,
             done: 0,
@@ -77,9 +80,17 @@ impl Local<'_> {
     /// Takes cells from the queue until it is empty.
     fn work(&self, progress: &Mutex<Progress<'_>>, count: usize) -> anyhow::Result<()> {
         // A separate closure, so that the lock is not held while a cell runs.
-        let next = || held(progress).queue.pop_front();
-        while let Some(cell) = next() {
-            let end = self.one(cell)?;
+        let next = || {
+            let mut progress = held(progress);
+            let cell = progress.queue.pop_front()?;
+            progress.running += 1;
+            Some((cell, progress.running + progress.queue.len()))
+        };
+        while let Some((cell, left)) = next() {
+            // The last cells have fewer to share with. A result does not depend on the number of threads.
+            let end = self.one(cell, self.share(left));
+            held(progress).running -= 1;
+            let end = end?;
             if end.state == State::Running {
                 if held(progress).awaited.insert(cell.id.clone()) {
                     let name = cell.name(&self.index.axes);
@@ -101,15 +112,20 @@ impl Local<'_> {
         Ok(())
     }
 
+    /// Threads of a cell if so many are at work or wait.
+    pub fn share(&self, left: usize) -> usize {
+        share(self.threads, self.jobs.min(left))
+    }
+
     /// Runs a cell, unless it is finished or runs in another process.
-    fn one(&self, cell: &Cell) -> anyhow::Result<End> {
+    fn one(&self, cell: &Cell, threads: usize) -> anyhow::Result<End> {
         let look = || self.folder.state(&cell.id, &self.index.wanted);
         let state = look()?;
         if matches!(state, State::Finished | State::Running) {
             return Ok(End { state, took: None });
         }
         let started = Instant::now();
-        let status = self.process(cell)?;
+        let status = self.process(cell, threads)?;
         let took = Some(started.elapsed());
         match look()? {
             // The process was killed, or could not record why it failed.
@@ -122,14 +138,14 @@ impl Local<'_> {
         }
     }
 
-    fn process(&self, cell: &Cell) -> anyhow::Result<ExitStatus> {
+    fn process(&self, cell: &Cell, threads: usize) -> anyhow::Result<ExitStatus> {
         let path = self.folder.log(&cell.id);
         // Append, because another process may still be running the cell and writing to this file.
         let log = File::options().create(true).append(true).open(&path);
         let log = log.with_context(|| format!("cannot write {}", path.display()))?;
         own_program()?
             .args(["sweep", "run-cell", "--cell", &cell.id, "--device", self.device])
-            .args(["--threads", &self.threads.to_string(), "--out"])
+            .args(["--threads", &threads.to_string(), "--out"])
             .arg(self.folder.path())
             .stdin(Stdio::null())
             .stdout(log.try_clone()?)
@@ -153,6 +169,11 @@ impl Local<'_> {
     }
 }
 
+/// Threads of each of some cells.
+fn share(threads: usize, cells: usize) -> usize {
+    (threads / cells.max(1)).max(1)
+}
+
 /// The program file as it was when the sweep started, even if the program has been rebuilt since.
 pub(super) fn own_program() -> anyhow::Result<Command> {
     // On Linux, this path always refers to the running executable.
@@ -163,4 +184,17 @@ pub(super) fn own_program() -> anyhow::Result<Command> {
 /// Takes the lock. If a worker panicked while holding it, the sweep ends anyway.
 fn held<'a, 'b>(progress: &'a Mutex<Progress<'b>>) -> MutexGuard<'a, Progress<'b>> {
     progress.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_cell_has_a_thread_and_a_lonely_one_has_all() {
+        assert_eq!(
+            [(8, 8), (8, 3), (8, 1), (2, 5), (8, 0)].map(|(threads, cells)| share(threads, cells)),
+            [1, 2, 8, 1, 8]
+        );
+    }
 }

@@ -81,7 +81,7 @@ impl Ground {
     /// A sweep in a process group of its own.
     fn started(&self) -> Child {
         Command::new(env!("CARGO_BIN_EXE_mvfusion"))
-            .args(["sweep", "tiny.toml", "--out", "out", "--device", "cpu", "--quiet"])
+            .args(["sweep", "tiny.toml", "--out", "out", "--device", "cpu", "--jobs", "1", "--quiet"])
             .current_dir(self.path())
             .stdout(Stdio::null())
             .stderr(Stdio::null())
@@ -260,6 +260,17 @@ fn a_cell_that_fails_is_told_and_the_others_go_on() {
     assert!(ground.table().contains("failed"), "{}", ground.table());
     let status = ground.status();
     assert!(status.ends_with("4 cells: 2 finished, 2 failed\n") && status.contains("none.ply"), "{status}");
+}
+
+#[test]
+fn a_cpu_runs_a_cell_for_each_thread_and_one_where_frame_rates_are_measured() {
+    let timed = TINY.replace("seeds = [1, 2]", "seeds = [1, 2]\nspeed_frames = 2");
+    for (grid, jobs) in [(TINY, "3 at a time"), (&timed, "1 at a time")] {
+        let ground = Ground::new(grid);
+        let arguments = ["sweep", "tiny.toml", "--out", "out", "--dry-run", "--device", "cpu", "--threads", "3"];
+        let said = text(&mvfusion(ground.path(), &arguments).stdout);
+        assert!(said.contains(jobs), "{said}");
+    }
 }
 
 #[test]
