@@ -150,7 +150,7 @@ fn track(trak: &[u8], movie_timescale: u32, file_bytes: u64) -> Result<Track, St
 
 /// The only sample description of a track: its four-letter code, and its content.
 ///
-/// [`mp4_atom::Stsd`] would read it, too, but its readers of all codecs take a quarter of this crate's compilation.
+/// [`mp4_atom::Stsd`] would read it, too, but its readers of all codecs take a tenth of this crate's compilation.
 fn description(stsd: &[u8]) -> Result<([u8; 4], &[u8]), String> {
     // A version with flags and the number of descriptions stand before them.
     let descriptions: Vec<_> = stsd.get(8..).into_iter().flat_map(children).collect();
