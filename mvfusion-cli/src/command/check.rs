@@ -9,17 +9,15 @@ use mvfusion_data::Scene;
 use mvfusion_data::inspect::{
     ContactSheet, Inspection, Pictures, Problem, Severity, Summary, inspect, points_over_photos,
 };
+use mvfusion_model::Config;
 use mvfusion_model::memory::MemoryNeed;
-use mvfusion_model::train::IMAGE_CACHE;
-use mvfusion_model::{Config, ModelError};
 use serde::Serialize;
 
+use super::duration::Predicted;
 use crate::args::CheckArgs;
-use crate::memory::{Available, refusal_of_training};
+use crate::memory::{Available, need_of_training, refusal_of_training};
 use crate::progress::Verbosity;
 use crate::{atomic, config, device, scene};
-
-use super::duration::Predicted;
 
 /// Photos in the image of the points.
 const PHOTOS: usize = 9;
@@ -65,7 +63,7 @@ pub fn check(args: &CheckArgs, verbosity: Verbosity, out: &mut dyn Write) -> any
     if let (Some(scene), Some(masks)) = (&mut scene, &resolved.config.eval.dynamic_masks) {
         inspection.attach_masks(scene, masks);
     }
-    let memory = scene.as_ref().map(|scene| need(&resolved.config, scene)).transpose();
+    let memory = scene.as_ref().map(|scene| need_of_training(&resolved.config, scene)).transpose();
     let time = match (&scene, &memory) {
         (Some(scene), Ok(Some(memory))) if inspection.can_train() && !args.no_time => {
             predicted(&resolved.config, scene, memory, &args.compute.device, verbosity)
@@ -111,10 +109,6 @@ pub fn check(args: &CheckArgs, verbosity: Verbosity, out: &mut dyn Write) -> any
         bail!("training cannot start on {}: see the {errors} {noun} above", folder.display());
     }
     Ok(())
-}
-
-fn need(config: &Config, scene: &Scene) -> Result<MemoryNeed, ModelError> {
-    MemoryNeed::of(&config.for_times_of(scene).scaled(), scene, IMAGE_CACHE)
 }
 
 /// The predicted time of a training. A failure is a note: what else was found must be reported.

@@ -1,24 +1,21 @@
 //! `mvfusion sweep`.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use mvfusion_model::evaluation::Backbone;
-use mvfusion_model::memory::MemoryNeed;
-use mvfusion_model::train::IMAGE_CACHE;
 
 use crate::args::{Launcher, SweepAction, SweepArgs, SweepRunArgs};
 use crate::clock::spoken;
 use crate::failure::UsageError;
-use crate::memory::Available;
 use crate::progress::Verbosity;
 use crate::sweep::{
     self, Additions, Cell, Estimate, Grid, Index, Local, Plan, SHIPPED, Slurm, Source, State, SweepFolder, table,
 };
-use crate::{device, scene, threads};
+use crate::{device, threads};
 
 /// Parent folder of the sweeps, unless `--out` is given.
 const SWEEPS: &str = "runs/sweeps";
@@ -291,35 +288,10 @@ impl<'a> Session<'a> {
 
     fn local(&self, to_do: &[&Cell]) -> Local<'_> {
         let threads = threads::count(self.args.threads);
-        let jobs = self.args.jobs.map_or_else(|| self.default_jobs(to_do, threads), NonZeroUsize::get);
-        let jobs = jobs.clamp(1, to_do.len().max(1));
         let (folder, index, device) = (&self.folder, &self.plan.index, self.args.device.as_str());
+        let default_jobs = || sweep::default_jobs(&self.plan, to_do, device, threads);
+        let jobs = self.args.jobs.map_or_else(default_jobs, NonZeroUsize::get).min(to_do.len().max(1));
         Local { folder, index, device, jobs, threads, verbosity: self.verbosity }
-    }
-
-    /// Cells at a time, unless `--jobs` is given. On a CPU, a cell for each thread finishes more of them in an hour
-    /// (docs/performance.md), as far as the memory suffices. A GPU has one cell at a time, and so has a machine on which
-    /// frame rates are measured.
-    fn default_jobs(&self, to_do: &[&Cell], threads: usize) -> usize {
-        let is_alone = self.plan.index.wanted.speed_frames > 0 || device::wants_gpu(&self.args.device).unwrap_or(true);
-        match Available::on_this_machine() {
-            _ if is_alone || threads == 1 => 1,
-            Some(available) => threads.min((available.bytes as f64 / self.largest_need(to_do)) as usize),
-            None => threads,
-        }
-    }
-
-    /// The most memory that a cell needs. What cannot be read is left to the cell, which says so.
-    fn largest_need(&self, to_do: &[&Cell]) -> f64 {
-        let mut scenes = BTreeMap::new();
-        let Plan { index, configs } = &self.plan;
-        let needs =
-            index.cells.iter().zip(configs).filter(|(cell, _)| to_do.contains(cell)).filter_map(|(cell, config)| {
-                let scene = scenes.entry(&cell.scene).or_insert_with(|| scene::open(config).ok()).as_ref()?;
-                let need = MemoryNeed::of(&config.for_times_of(scene).scaled(), scene, IMAGE_CACHE).ok()?;
-                Some(need.host() + need.most)
-            });
-        needs.fold(1.0, f64::max)
     }
 
     fn slurm(&self) -> Slurm<'_> {

@@ -5,9 +5,10 @@ mod machine;
 use anyhow::bail;
 use bytesize::ByteSize;
 use mvfusion_data::Scene;
-use mvfusion_model::Config;
 use mvfusion_model::memory::{MemoryNeed, RenderNeed};
 use mvfusion_model::model::Model;
+use mvfusion_model::train::IMAGE_CACHE;
+use mvfusion_model::{Config, ModelError};
 
 use crate::device::OpenDevice;
 use crate::render::LEAST_SIDE;
@@ -27,6 +28,14 @@ impl MemoryRule {
     pub fn of_flag(force_memory: bool) -> Self {
         if force_memory { Self::Tried } else { Self::Enforced }
     }
+}
+
+/// The memory of a training run with the default cache of images. `config` is not scaled.
+///
+/// # Errors
+/// If a file of initial Gaussians cannot be used.
+pub fn need_of_training(config: &Config, scene: &Scene) -> Result<MemoryNeed, ModelError> {
+    MemoryNeed::of(&config.for_times_of(scene).scaled(), scene, IMAGE_CACHE)
 }
 
 /// Refuses a training that needs more memory than there is. `config` is the scaled configuration for `scene`.

@@ -2,7 +2,6 @@
 
 use maud::{Markup, html};
 use mvfusion_model::Config;
-use mvfusion_model::train::Stage;
 
 use super::curve::{Chart, Mark, Point, Series, Weight, running_mean};
 use super::files::RunFiles;
@@ -73,14 +72,9 @@ fn marks(files: &RunFiles, log: &Log) -> Vec<Mark> {
 
 fn planned(config: &Config) -> Vec<Mark> {
     let stages = config.scaled().train.stages;
-    let lengths = [
-        (Stage::Geometry, stages.geometry.0),
-        (Stage::Deformation, stages.deformation.0),
-        (Stage::Refinement, stages.refinement.0),
-    ];
     let mut start = 0usize;
     let mut marks = Vec::new();
-    for (stage, length) in lengths {
+    for (stage, length) in stages.lengths() {
         if length > 0 {
             marks.push(Mark { x: start as f64, name: stage.name().to_owned() });
         }

@@ -12,6 +12,7 @@ use anyhow::Context;
 use super::estimate::Estimate;
 use super::folder::{State, SweepFolder};
 use super::index::{Cell, Index};
+use super::jobs::share;
 use crate::clock::spoken;
 use crate::progress::Verbosity;
 
@@ -169,11 +170,6 @@ impl Local<'_> {
     }
 }
 
-/// Threads of each of some cells.
-fn share(threads: usize, cells: usize) -> usize {
-    (threads / cells.max(1)).max(1)
-}
-
 /// The program file as it was when the sweep started, even if the program has been rebuilt since.
 pub(super) fn own_program() -> anyhow::Result<Command> {
     // On Linux, this path always refers to the running executable.
@@ -184,17 +180,4 @@ pub(super) fn own_program() -> anyhow::Result<Command> {
 /// Takes the lock. If a worker panicked while holding it, the sweep ends anyway.
 fn held<'a, 'b>(progress: &'a Mutex<Progress<'b>>) -> MutexGuard<'a, Progress<'b>> {
     progress.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_cell_has_a_thread_and_a_lonely_one_has_all() {
-        assert_eq!(
-            [(8, 8), (8, 3), (8, 1), (2, 5), (8, 0)].map(|(threads, cells)| share(threads, cells)),
-            [1, 2, 8, 1, 8]
-        );
-    }
 }

@@ -54,15 +54,10 @@ pub fn seconds(cell: &Cell, configuration: &Config, device: &str, threads: usize
         serde_json::from_str(&read(&out.join(run::RESULTS))?).context("cannot read the probe's results")?;
     let paces = paces(&read(&out.join(run::METRICS))?)?;
     let stages = configuration.scaled().train.stages;
-    let lengths = [
-        (Stage::Geometry, stages.geometry.0),
-        (Stage::Deformation, stages.deformation.0),
-        (Stage::Refinement, stages.refinement.0),
-    ];
     // A stage that is too short for the probe counts as the slowest.
     let slowest = paces.values().copied().fold(0.0, f64::max);
     let pace = |stage: Stage| paces.get(stage.name()).copied().unwrap_or(slowest);
-    let training: f64 = lengths.into_iter().map(|(stage, steps)| pace(stage) * steps as f64).sum();
+    let training: f64 = stages.lengths().into_iter().map(|(stage, steps)| pace(stage) * steps as f64).sum();
     Ok(training + results.eval.seconds)
 }
 

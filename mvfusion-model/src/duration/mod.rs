@@ -25,7 +25,7 @@ use serde::Serialize;
 use tracing::subscriber::{NoSubscriber, with_default};
 
 use crate::ModelError;
-use crate::config::{Branches, Config};
+use crate::config::Config;
 use crate::evaluation::{Evaluator, Split, evaluate};
 use crate::initial::SceneMotion;
 use crate::train::Stage;
@@ -100,27 +100,19 @@ impl RunTime {
         budget: Duration,
     ) -> Result<Option<Self>, ModelError> {
         // What the copies would warn of is a result of their size.
-        with_default(NoSubscriber::default(), || Self::probed(config, scene, device, evaluator, budget))
-    }
-
-    fn probed(
-        config: &Config,
-        scene: &Scene,
-        device: &Device,
-        evaluator: &Evaluator,
-        budget: Duration,
-    ) -> Result<Option<Self>, ModelError> {
-        let started = Instant::now();
-        let sample = Sample::of(scene)?;
-        let ground = Ground { config, sample: &sample, device, deadline: started + budget };
-        let gains = ground.gains(started + budget.mul_f64(GROWTH_ENDS))?;
-        let Some(copies) = Copies::probe(&ground, started + budget.mul_f64(COPIES_END))? else { return Ok(None) };
-        let stages = copies.stages(config, scene, &gains);
-        let start = copies.start(config, &sample);
-        let evaluation = copies.evaluation(scene, evaluator)?;
-        let training: f64 = stages.iter().map(StageTime::seconds).sum();
-        let seconds = start + training + evaluation;
-        Ok(Some(Self { seconds, start, stages, evaluation, measured_share: copies.share }))
+        with_default(NoSubscriber::default(), || {
+            let started = Instant::now();
+            let sample = Sample::of(scene)?;
+            let ground = Ground { config, sample: &sample, device, deadline: started + budget };
+            let gains = ground.gains(started + budget.mul_f64(GROWTH_ENDS))?;
+            let Some(copies) = Copies::probe(&ground, started + budget.mul_f64(COPIES_END))? else { return Ok(None) };
+            let stages = copies.stages(config, scene, &gains);
+            let start = copies.start(config, &sample);
+            let evaluation = copies.evaluation(scene, evaluator)?;
+            let training: f64 = stages.iter().map(StageTime::seconds).sum();
+            let seconds = start + training + evaluation;
+            Ok(Some(Self { seconds, start, stages, evaluation, measured_share: copies.share }))
+        })
     }
 }
 
@@ -156,21 +148,16 @@ impl Copies {
 
     /// The stages of the whole run.
     fn stages(&self, config: &Config, scene: &Scene, gains: &Gains) -> Vec<StageTime> {
-        let (densify, lengths) = (&config.densify, &config.train.stages);
-        let is_film = scene.capture == Capture::Video && config.model.lifetime;
-        let births = if is_film && config.model.branches == Branches::Both { densify.births as f64 } else { 0.0 };
+        let (densify, stages) = (&config.densify, &config.train.stages);
+        let is_born = scene.capture == Capture::Video && SceneMotion::finds_births(config);
+        let births = if is_born { densify.births as f64 } else { 0.0 };
         let branch = |index: usize, births: f64, most: usize| {
             let counts = self.copy.stages.map(|stage| stage.counts[index] / self.share);
             let gains = gains.map(|stage| stage[index]);
-            Beginning { counts, gains, births, most: most as f64 }.means(densify, lengths)
+            Beginning { counts, gains, births, most: most as f64 }.means(densify, stages)
         };
         let dynamic = branch(0, births, densify.dynamic.max_gaussians);
         let static_ = branch(1, 0.0, densify.static_.max_gaussians);
-        let steps = [
-            (Stage::Geometry, lengths.geometry.0),
-            (Stage::Deformation, lengths.deformation.0),
-            (Stage::Refinement, lengths.refinement.0),
-        ];
         let costs = self.costs();
         let time = |(index, (stage, steps)): (usize, (Stage, usize))| StageTime {
             stage,
@@ -179,7 +166,7 @@ impl Copies {
             dynamic: dynamic[index].round() as usize,
             static_: static_[index].round() as usize,
         };
-        steps.into_iter().enumerate().filter(|(_, (_, steps))| *steps > 0).map(time).collect()
+        stages.lengths().into_iter().enumerate().filter(|(_, (_, steps))| *steps > 0).map(time).collect()
     }
 
     /// The cost of a step of each stage. A static Gaussian does the same in all of them, so the median of its cost holds
@@ -233,7 +220,7 @@ mod tests {
     use mvfusion_data::{BuiltinOptions, builtin};
 
     use super::*;
-    use crate::config::StageConfig;
+    use crate::config::{Branches, StageConfig};
     use crate::evaluation::Protocol;
 
     fn predicted(change: impl Fn(&mut Config), budget: Duration) -> Option<RunTime> {

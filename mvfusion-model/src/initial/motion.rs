@@ -77,7 +77,7 @@ impl SceneMotion {
     /// If an image cannot be read.
     pub fn of_training(scene: &Scene, config: &Config) -> Result<Self, ModelError> {
         let options = MovingPixelsOptions::default();
-        if needs_finder(config) {
+        if Self::finds_births(config) {
             let film = MotionFilm::of(scene, &options)?;
             return Ok(film.map_or_else(Self::default, |film| Self::kept(scene, film, config)));
         }
@@ -87,12 +87,17 @@ impl SceneMotion {
 
     /// Whether the configuration needs the images of fixed cameras before the first step.
     pub(crate) fn reads_film(config: &Config) -> bool {
-        needs_points(config) || needs_finder(config) || needs_moving_pixels(config)
+        needs_points(config) || Self::finds_births(config) || needs_moving_pixels(config)
+    }
+
+    /// Whether Gaussians are born for objects that come into the film of fixed cameras.
+    pub(crate) fn finds_births(config: &Config) -> bool {
+        config.densify.births_interval.0 > 0 && config.model.lifetime && config.model.branches == Branches::Both
     }
 
     /// The parts of a film that training needs.
     fn kept(scene: &Scene, film: MotionFilm, config: &Config) -> Self {
-        if needs_finder(config) {
+        if Self::finds_births(config) {
             let moving = Some(film.moving().clone());
             let finder = Some(MotionFinder::new(scene, film, MotionHullOptions::default()));
             return Self { moving, finder, ..Self::default() };
@@ -103,10 +108,6 @@ impl SceneMotion {
 
 fn needs_points(config: &Config) -> bool {
     config.init.motion_points > 0 && config.model.branches == Branches::Both && config.init.dynamic_ply.is_none()
-}
-
-fn needs_finder(config: &Config) -> bool {
-    config.densify.births_interval.0 > 0 && config.model.lifetime && config.model.branches == Branches::Both
 }
 
 fn needs_moving_pixels(config: &Config) -> bool {

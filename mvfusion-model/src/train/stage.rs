@@ -19,6 +19,9 @@ pub enum Stage {
 }
 
 impl Stage {
+    /// The stages in their order.
+    pub const ALL: [Self; 3] = [Self::Geometry, Self::Deformation, Self::Refinement];
+
     /// Name for people and files.
     pub fn name(self) -> &'static str {
         match self {
@@ -58,13 +61,8 @@ pub struct Position {
 impl Position {
     /// The step after `completed` steps, or `None` at the end of the run.
     pub fn after(completed: usize, stages: &StageConfig) -> Option<Self> {
-        let lengths = [
-            (Stage::Geometry, stages.geometry.0),
-            (Stage::Deformation, stages.deformation.0),
-            (Stage::Refinement, stages.refinement.0),
-        ];
         let mut before = 0;
-        for (stage, length) in lengths {
+        for (stage, length) in stages.lengths() {
             if completed < before + length {
                 let stage_step = completed - before + 1;
                 let step = match stage {
@@ -105,6 +103,15 @@ impl StageConfig {
     pub fn of([geometry, deformation, refinement]: [usize; 3]) -> Self {
         let [geometry, deformation, refinement] = [geometry, deformation, refinement].map(Steps);
         Self { geometry, deformation, refinement, ..Self::default() }
+    }
+
+    /// The stages in their order, each with its steps.
+    pub fn lengths(&self) -> [(Stage, usize); 3] {
+        [
+            (Stage::Geometry, self.geometry.0),
+            (Stage::Deformation, self.deformation.0),
+            (Stage::Refinement, self.refinement.0),
+        ]
     }
 
     /// Steps of the whole run.

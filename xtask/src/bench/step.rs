@@ -23,9 +23,6 @@ const BATCH: usize = 2;
 /// A step that is never reached.
 const NEVER: usize = 1_000_000;
 
-/// The stages with their position in a configuration.
-const STAGES: [Stage; 3] = [Stage::Geometry, Stage::Deformation, Stage::Refinement];
-
 /// What to train.
 #[derive(Debug, Args)]
 pub struct StepArguments {
@@ -73,7 +70,7 @@ pub fn measure(
     for (x, run) in &runs {
         let scene = run.scene();
         let mut times: Vec<Vec<Measured>> = vec![Vec::new(); devices.len()];
-        for stage in STAGES {
+        for stage in Stage::ALL {
             measure_stage((*x, run, stage), &scene, devices, &pools, repeat, &mut |device, row, step| {
                 times[device].push(step);
                 note(row);
@@ -164,7 +161,7 @@ pub(super) fn table_row(row: &Row, stage: &str, wall: f64, processor: Option<f64
 /// Amdahl's shares of a run's stages, if there are several numbers of threads.
 #[allow(clippy::print_stdout, reason = "the shares are this program's output")]
 fn print_shares(device: &str, measured: &[Measured]) {
-    for stage in STAGES {
+    for stage in Stage::ALL {
         let times = measured.iter().filter(|step| step.stage == stage).map(|step| (step.threads, step.wall));
         if let Some(share) = amdahl::serial_share(&times.collect::<Vec<_>>()) {
             println!("\n{device}, {}: {:.0} % of a step on one thread is serial (Amdahl)", stage.name(), 100.0 * share);
@@ -183,7 +180,7 @@ fn plot(vary: Option<Factor>, run: &Run, devices: &[Subjected], measured: &[Vec<
             Some(_) => counts.into_iter().map(Some).collect(),
             None => vec![None],
         };
-        for (stage, threads) in STAGES.into_iter().flat_map(|stage| lines.iter().map(move |&line| (stage, line))) {
+        for (stage, threads) in Stage::ALL.into_iter().flat_map(|stage| lines.iter().map(move |&line| (stage, line))) {
             let steps = measured.iter().filter(|step| step.stage == stage && threads.is_none_or(|n| n == step.threads));
             let point = |step: &Measured| Point {
                 x: if vary.is_some() { step.x } else { step.threads as f64 },
@@ -207,7 +204,7 @@ fn plot(vary: Option<Factor>, run: &Run, devices: &[Subjected], measured: &[Vec<
 /// The default method at these numbers of Gaussians, in one stage that never ends and in which nothing adds or removes
 /// any.
 fn config(run: &Run, stage: Stage) -> Config {
-    let steps = STAGES.map(|other| if other == stage { NEVER } else { 0 });
+    let steps = Stage::ALL.map(|other| if other == stage { NEVER } else { 0 });
     Config {
         init: InitConfig {
             dynamic_points: run.dynamic,
@@ -240,7 +237,7 @@ mod tests {
     fn every_stage_is_measured_with_every_number_of_threads() {
         let pools = threads::pools(&[NonZeroUsize::MIN]).expect("one thread");
         let devices = [Subjected { name: "flex".to_owned(), device: mvfusion_model::device::flex() }];
-        for stage in STAGES {
+        for stage in Stage::ALL {
             let mut found = Vec::new();
             measure_stage((7.0, &tiny(), stage), &tiny().scene(), &devices, &pools, 1, &mut |_, row, step| {
                 found.push((row, step));
@@ -257,7 +254,8 @@ mod tests {
     fn a_plot_has_a_line_for_each_stage_and_number_of_threads() {
         let devices = [Subjected { name: "flex".to_owned(), device: mvfusion_model::device::flex() }];
         let step = |x: f64, stage, threads| Measured { x, stage, threads, wall: 0.01 * x };
-        let steps = STAGES.iter().flat_map(|&stage| [step(1.0, stage, 1), step(2.0, stage, 1), step(1.0, stage, 2)]);
+        let steps =
+            Stage::ALL.iter().flat_map(|&stage| [step(1.0, stage, 1), step(2.0, stage, 1), step(1.0, stage, 2)]);
         let measured = [steps.collect::<Vec<_>>()];
         let over = |vary| plot(vary, &tiny(), &devices, &measured);
         assert_eq!(over(Some(Factor::Frames)).series.len(), 6);
