@@ -12,7 +12,8 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use mvfusion_data::Layout;
 use mvfusion_model::config::FusionWeights;
-use mvfusion_model::evaluation::Protocol;
+use mvfusion_model::evaluation::{Protocol, Replacement};
+use mvfusion_model::model::motion::MotionModule;
 use mvfusion_model::train::IMAGE_CACHE;
 
 use crate::help;
@@ -130,6 +131,30 @@ fn protocols() -> impl TypedValueParser<Value = Protocol> {
     PossibleValuesParser::new(Protocol::ALL.map(Protocol::name)).map(protocol)
 }
 
+/// What `--replace` names: one output and what replaces it, or all.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ReplacementChoice {
+    /// Every module with every replacement.
+    All,
+    /// One of them.
+    One(MotionModule, Replacement),
+}
+
+/// Parses a value of `--replace`.
+fn parse_replacement(text: &str) -> Result<ReplacementChoice, String> {
+    if text == "all" {
+        return Ok(ReplacementChoice::All);
+    }
+    let (module, replacement) =
+        text.split_once('=').ok_or("give a module and what replaces its output, such as mvg=constant, or all")?;
+    let module = MotionModule::ALL.into_iter().find(|known| known.name() == module);
+    let replacement = Replacement::ALL.into_iter().find(|known| known.name() == replacement);
+    Ok(ReplacementChoice::One(
+        module.ok_or("the modules are mvg and mfta")?,
+        replacement.ok_or("the replacements are constant, mean and shuffled")?,
+    ))
+}
+
 /// `mvfusion train`.
 #[derive(Clone, Debug, Args)]
 pub struct TrainArgs {
@@ -208,6 +233,13 @@ pub struct EvalArgs {
     /// which can take minutes for large images on a CPU
     #[arg(long, value_name = "N", default_value_t = 300)]
     pub speed_frames: usize,
+    /// Evaluate with a motion-aware module's output replaced, instead of the run as it is: MODULE=WHAT, or `all`
+    ///
+    /// MODULE is mvg or mfta. WHAT is constant (the mean over all Gaussians and times), mean (each Gaussian's mean over
+    /// time), or shuffled (the output of another Gaussian at the same time). May be given more than once; each one is
+    /// evaluated by itself. With --write, the metrics go to replacements.json and the report.
+    #[arg(long, value_name = "MODULE=WHAT", value_parser = parse_replacement, conflicts_with = "protocol")]
+    pub replace: Vec<ReplacementChoice>,
     /// Device and threads.
     #[command(flatten)]
     pub compute: ComputeArgs,

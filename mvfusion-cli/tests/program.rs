@@ -203,6 +203,7 @@ fn a_run_leaves_all_its_files_and_can_be_evaluated_again() {
     assert!(said.contains("The metrics equal those of runs/quickstart-7/results.json."), "{said}");
     assert!(said.contains("without MFTA, at 160x120 over 2 frames"), "{said}");
 
+    check_replacements(folder.path(), &run);
     let report = fs::read(run.join("report.html")).expect("read");
     fs::remove_file(run.join("report.html")).expect("removed");
     let made = mvfusion(folder.path(), &["report", "runs/quickstart-7"]);
@@ -212,6 +213,36 @@ fn a_run_leaves_all_its_files_and_can_be_evaluated_again() {
     let config = run.join("config.toml");
     let printed = mvfusion(folder.path(), &["config", "--config", config.to_str().expect("UTF-8")]);
     assert_eq!(text(&printed.stdout), fs::read_to_string(config).expect("read"));
+}
+
+/// Replaces the modules' outputs, and checks what is printed and written.
+fn check_replacements(folder: &Path, run: &Path) {
+    let replaced = mvfusion(folder, &["eval", "runs/quickstart-7", "--replace", "all", "--write"]);
+    let said = text(&replaced.stdout);
+    assert!(replaced.status.success(), "{}", text(&replaced.stderr));
+    for word in ["as trained", "mvg=constant", "mfta=shuffled", "of the feature's norm", "entropy"] {
+        assert!(said.contains(word), "`{word}` is missing: {said}");
+    }
+    let read = |name: &str| {
+        let text = fs::read_to_string(run.join(name)).expect("read");
+        serde_json::from_str::<serde_json::Value>(&text).expect("JSON")
+    };
+    let (results, replacements) = (read("results.json"), read("replacements.json"));
+    assert_eq!(replacements["test"], results["test"], "the first row is the run as it is");
+    assert_eq!(replacements["replaced"].as_array().map(Vec::len), Some(6));
+    let norm = results["refinement"]["mvg"]["norm"].as_f64().expect("a number");
+    assert!(norm > 0.0, "{}", results["refinement"]);
+    let report = fs::read_to_string(run.join("report.html")).expect("read");
+    assert!(report.contains("MFTA shuffled"), "the report shows the replacements");
+}
+
+#[test]
+fn only_known_outputs_can_be_replaced() {
+    for (replacement, words) in
+        [("mvg=zero", "constant, mean and shuffled"), ("mga=mean", "mvg and mfta"), ("mvg", "mvg=constant")]
+    {
+        misused(&["eval", "run", "--replace", replacement], &[words]);
+    }
 }
 
 #[test]

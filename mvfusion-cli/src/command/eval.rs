@@ -9,6 +9,7 @@ use mvfusion_model::evaluation::Protocol;
 use mvfusion_model::train::parameter_hash;
 use tracing::warn;
 
+use super::replace;
 use super::score::{self, Scoring};
 use crate::args::EvalArgs;
 use crate::progress::Verbosity;
@@ -43,6 +44,10 @@ pub fn eval(args: &EvalArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyho
         time: training_time(&args.run, before.as_ref())?,
         device: &device.name,
     };
+    if !args.replace.is_empty() {
+        refuse_others(&changes)?;
+        return replace::replace(args, scoring, verbosity, out);
+    }
     // The images do not depend on the protocol.
     let is_own = args.protocol == Protocol::Mvfusion;
     let pictures = (args.write && is_own).then(|| PicturesWriter::new(&args.run, &config.eval, scene.test.len()));

@@ -8,6 +8,7 @@ mod eval;
 mod export;
 mod presets;
 mod render;
+mod replace;
 mod report;
 mod restore;
 mod score;

@@ -7,7 +7,7 @@ use anyhow::Context;
 use image::RgbImage;
 use mvfusion_data::{DataError, Scene, View};
 use mvfusion_model::evaluation::{
-    Evaluation, Evaluator, Layer, LayerRenderer, Protocol, Split, ViewPictures, evaluate,
+    Evaluation, Evaluator, Layer, LayerRenderer, Protocol, RefinementSurvey, Split, ViewPictures, evaluate,
 };
 use mvfusion_model::model::{DeformationLevel, Model, RenderContext};
 use mvfusion_model::train::{TrainedModel, final_level, parameter_hash};
@@ -37,6 +37,7 @@ pub(super) fn evaluator(protocol: Protocol, weights: Option<&Path>, device: &Dev
 }
 
 /// A trained model with all that is needed to score it.
+#[derive(Clone)]
 pub(super) struct Scoring<'a> {
     /// The model after the last step.
     pub trained: &'a TrainedModel,
@@ -117,11 +118,13 @@ impl Scoring<'_> {
             verbosity.note(&format!("note:   the frame rate could not be measured: {error}"));
             None
         });
+        let refinement = self.survey(model, &context)?.map(|survey| survey.figures());
         let protocol = self.evaluator.protocol().statement();
         let results = Results {
             protocol: protocol.to_owned(),
             test: test.mean,
             training_views,
+            refinement,
             gaussians: GaussianCounts::of(model),
             train: self.time,
             eval: EvalTime { seconds },
@@ -138,6 +141,14 @@ impl Scoring<'_> {
             field: FieldScores::of(*steps, &test.mean.composed),
         };
         Ok(Scored { results, per_view: PerView::of(protocol, &test, *steps) })
+    }
+
+    /// What the motion-aware modules of a model contribute; `None` if they do not take part.
+    pub fn survey(&self, model: &Model, context: &RenderContext) -> Result<Option<RefinementSurvey>, ModelError> {
+        match final_level(self.config) {
+            DeformationLevel::Refined => RefinementSurvey::of(model, context),
+            DeformationLevel::Still | DeformationLevel::Base => Ok(None),
+        }
     }
 
     /// Renders and scores a set of views. `add` receives each composed render.

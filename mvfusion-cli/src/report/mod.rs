@@ -11,6 +11,7 @@ mod head;
 mod images;
 mod log;
 mod meaning;
+mod modules;
 mod page;
 mod picture;
 mod record;

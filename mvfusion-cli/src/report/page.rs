@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 use super::album::Album;
 use super::files::RunFiles;
 use super::picture::QUALITY;
-use super::{head, images, record, scores, training};
+use super::{head, images, modules, record, scores, training};
 
 const STYLE: &str = include_str!("report.css");
 const SCRIPT: &str = include_str!("report.js");
@@ -24,12 +24,13 @@ struct Section {
 }
 
 /// The sections, in their order.
-const SECTIONS: [Section; 7] = [
+const SECTIONS: [Section; 8] = [
     Section { anchor: "metrics", title: "Metrics", body: |files, _| scores::scores(files) },
     Section { anchor: "training", title: "Training", body: |files, _| training::training(files) },
     Section { anchor: "sliders", title: "Comparison", body: images::sliders },
     Section { anchor: "layers", title: "Branch decomposition", body: images::layers },
     Section { anchor: "motion", title: "Motion", body: images::heat_maps },
+    Section { anchor: "modules", title: "MVG and MFTA", body: |files, _| modules::modules(files) },
     Section { anchor: "record", title: "Record", body: |files, _| record::record(files) },
     Section { anchor: "config", title: "Configuration", body: |files, _| record::config(files) },
 ];

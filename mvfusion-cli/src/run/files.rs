@@ -16,6 +16,8 @@ pub const METRICS: &str = "metrics.jsonl";
 pub const RESULTS: &str = "results.json";
 /// The metrics of each view.
 pub const PER_VIEW: &str = "per_view.json";
+/// The metrics with replaced outputs of the motion-aware modules.
+pub const REPLACEMENTS: &str = "replacements.json";
 /// Folder of the checkpoints.
 pub const CHECKPOINTS: &str = "checkpoints";
 /// The state after the last step, within [`CHECKPOINTS`].
@@ -34,8 +36,21 @@ pub const STRIPS: &str = "strips";
 pub const REPORT: &str = "report.html";
 
 /// Everything that a run writes at the top level of its folder.
-pub const ENTRIES: [&str; 12] =
-    [CONFIG, RECORD, METRICS, RESULTS, PER_VIEW, PROTOCOLS, CHECKPOINTS, POINT_CLOUD, RENDERS, FILMS, STRIPS, REPORT];
+pub const ENTRIES: [&str; 13] = [
+    CONFIG,
+    RECORD,
+    METRICS,
+    RESULTS,
+    PER_VIEW,
+    REPLACEMENTS,
+    PROTOCOLS,
+    CHECKPOINTS,
+    POINT_CLOUD,
+    RENDERS,
+    FILMS,
+    STRIPS,
+    REPORT,
+];
 
 /// Bytes of a configuration, a grid, or another file that a person may write. The largest grid of ours has 10 kB.
 pub(crate) const MOST_OF_SETTINGS: u64 = 1 << 22;

@@ -13,6 +13,7 @@ mod picture_kind;
 mod pictures;
 mod pictures_hash;
 mod record;
+mod replacements;
 mod results;
 
 pub use self::lock::FolderLock;
@@ -22,8 +23,8 @@ pub use checkpoints::{Checkpoint, checkpoints, make_intermediate, newest_checkpo
 pub use evidence::{Change, Evidence, Part, config_hash};
 pub use field::{FieldPerView, FieldScores};
 pub use files::{
-    CHECKPOINTS, CONFIG, ENTRIES, FILMS, FINAL, METRICS, PER_VIEW, POINT_CLOUD, PROTOCOLS, RECORD, RENDERS, REPORT,
-    RESULTS, STRIPS, read_json,
+    CHECKPOINTS, CONFIG, ENTRIES, FILMS, FINAL, METRICS, PER_VIEW, POINT_CLOUD, PROTOCOLS, RECORD, RENDERS,
+    REPLACEMENTS, REPORT, RESULTS, STRIPS, read_json,
 };
 pub(crate) use files::{MOST_OF_PICTURE, MOST_OF_RECORDS, MOST_OF_SETTINGS};
 pub use folder::{Contents, Existing, RunFolder, RunPlan, is_finished, lock, waiting_note};
@@ -34,6 +35,7 @@ pub use picture_kind::PictureKind;
 pub use pictures::{PicturesWriter, legend};
 pub use pictures_hash::PicturesHash;
 pub use record::{InitialWeights, Resumption, RunRecord, SceneRecord};
+pub use replacements::{Replaced, Replacements};
 #[cfg(test)]
 pub(crate) use results::specimen;
 pub use results::{EvalTime, GaussianCounts, LpipsWeights, PerView, RenderSpeed, Results, TrainTime};

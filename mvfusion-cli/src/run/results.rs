@@ -2,7 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use mvfusion_model::evaluation::{Evaluation, Evaluator, LayerScores, Metric, Scores, ViewScores};
+use mvfusion_model::evaluation::{
+    Evaluation, Evaluator, LayerScores, Metric, ModuleFigures, RefinementFigures, Scores, ViewScores,
+};
 use mvfusion_model::model::Model;
 use mvfusion_model::model::gaussians::Gaussians;
 use serde::{Deserialize, Serialize};
@@ -23,6 +25,9 @@ pub struct Results {
     /// Means over the training views, if `eval.training_views` is set.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub training_views: Option<Scores>,
+    /// What the motion-aware modules contribute; absent without them.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub refinement: Option<RefinementFigures>,
     /// Numbers of Gaussians.
     pub gaussians: GaussianCounts,
     /// The training time; absent if only an evaluation is known.
@@ -180,6 +185,7 @@ impl Results {
         let mut metrics: BTreeMap<String, f64> = sets.flat_map(|(name, set)| metrics_of(name, set)).collect();
         metrics.extend(self.gaussians.static_.map(|count| ("gaussians.static".to_owned(), count as f64)));
         metrics.insert("gaussians.dynamic".to_owned(), self.gaussians.dynamic as f64);
+        metrics.extend(self.refinement.iter().flat_map(metrics_of_modules));
         metrics
     }
 }
@@ -208,6 +214,24 @@ fn metrics_of(set: &str, scores: &Scores) -> BTreeMap<String, f64> {
         ("consecutive_lpips_vgg", temporal.consecutive_lpips_vgg),
     ] {
         metrics.extend(flicker.map(|flicker| (format!("{set}.temporal.{name}"), flicker)));
+    }
+    metrics
+}
+
+/// The figures of the motion-aware modules.
+fn metrics_of_modules(figures: &RefinementFigures) -> Vec<(String, f64)> {
+    let mut metrics = Vec::new();
+    for (module, figures) in [("mvg", figures.mvg), ("mfta", figures.mfta)] {
+        let Some(ModuleFigures { norm, constant, over_gaussians, over_time }) = figures else { continue };
+        for (name, value) in
+            [("norm", norm), ("constant", constant), ("over_gaussians", over_gaussians), ("over_time", over_time)]
+        {
+            metrics.push((format!("refinement.{module}.{name}"), value));
+        }
+    }
+    if let Some(attention) = figures.attention {
+        metrics.push(("refinement.attention.entropy".to_owned(), attention.entropy));
+        metrics.push(("refinement.attention.uniform_entropy".to_owned(), attention.uniform_entropy));
     }
     metrics
 }
@@ -243,6 +267,7 @@ pub(crate) fn specimen(test: Scores) -> Results {
         protocol: "p".into(),
         test,
         training_views: None,
+        refinement: None,
         gaussians: GaussianCounts { static_: Some(12), dynamic: 3 },
         train: Some(TrainTime { seconds: 171.2, steps: 1400, skipped: 0 }),
         eval: EvalTime { seconds: 9.0 },
@@ -291,11 +316,14 @@ mod tests {
         other.eval.seconds = 7.0;
         other.test.composed.psnr = Some(3.0);
         other.test.mask_iou = Some(0.5);
+        let module = ModuleFigures { norm: 0.5, constant: 0.75, over_gaussians: 0.125, over_time: 0.125 };
+        other.refinement = Some(RefinementFigures { mvg: Some(module), mfta: None, attention: None });
         other.test.static_ = Some(LayerScores { lpips_vgg_raw: Some(0.25), ..Default::default() });
         let differences = results().differences(&other);
-        assert_eq!(differences.len(), 3);
-        assert!(differences[0].starts_with("test.composed.psnr 3.33"), "{differences:?}");
-        assert_eq!(differences[1], "test.mask_iou not measured instead of 0.5");
-        assert_eq!(differences[2], "test.static.lpips_vgg_raw not measured instead of 0.25");
+        assert_eq!(differences.len(), 7);
+        assert_eq!(differences[1], "refinement.mvg.norm not measured instead of 0.5");
+        assert!(differences[4].starts_with("test.composed.psnr 3.33"), "{differences:?}");
+        assert_eq!(differences[5], "test.mask_iou not measured instead of 0.5");
+        assert_eq!(differences[6], "test.static.lpips_vgg_raw not measured instead of 0.25");
     }
 }

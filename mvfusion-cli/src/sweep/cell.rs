@@ -81,6 +81,7 @@ fn work(
             lpips_weights: order.wanted.lpips_weights.clone(),
             protocol: Protocol::Mvfusion,
             speed_frames: order.wanted.speed_frames,
+            replace: Vec::new(),
             compute: compute.clone(),
             write: true,
         };

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use mvfusion_model::Config;
 use toml::{Table, Value};
 
-use super::grid::{ALL_METRICS, Axis, ColumnGroup, Difference, Grid, PaperRow, is_same};
+use super::grid::{ALL_METRICS, Axis, ColumnGroup, Difference, Grid, PaperRow, Rule, RuleScene, is_same};
 use super::index::{Cell, Index};
 use super::metric;
 use crate::config::{self, PartialConfig, leaves, nearest};
@@ -28,6 +28,7 @@ pub(super) fn grid(grid: &Grid, axes: &[Axis], settings: &[PartialConfig], origi
     exclusion_keys(grid, axes).map_err(wrong)?;
     columns(grid).map_err(wrong)?;
     differences(grid).map_err(wrong)?;
+    rule(grid).map_err(wrong)?;
     grid.paper.iter().try_for_each(|row| paper(grid, axes, row)).map_err(wrong)?;
     paper_once(&grid.paper).map_err(wrong)
 }
@@ -226,6 +227,42 @@ fn paper(grid: &Grid, axes: &[Axis], row: &PaperRow) -> Result<(), String> {
 /// The name of a row of the paper in messages.
 fn name_of(row: &PaperRow) -> &str {
     row.variant.as_deref().or(row.literature.as_deref()).unwrap_or(&row.column)
+}
+
+/// Checks that a rule can judge: there are differences, and columns with the metrics of each of its scenes alone.
+fn rule(grid: &Grid) -> Result<(), String> {
+    let Some(Rule { confidence, least_helped, scenes }) = &grid.rule else { return Ok(()) };
+    if grid.differences.is_empty() {
+        return Err("`rule` judges the differences, and there are none.".to_owned());
+    }
+    if !(*confidence > 0.0 && *confidence < 1.0) {
+        return Err(format!("`confidence` in `rule` is {confidence}; give a number between 0 and 1, such as 0.95."));
+    }
+    if !(1..=scenes.len()).contains(least_helped) {
+        let count = scenes.len();
+        return Err(format!(
+            "`least_helped` in `rule` is {least_helped}; give a number from 1 to {count}, its scenes."
+        ));
+    }
+    once("the scene in `rule`", scenes.iter().map(|scene| &scene.scene))?;
+    let columns = grid.column_groups();
+    for RuleScene { scene, metrics } in scenes {
+        if metrics.is_empty() {
+            return Err(format!("`rule` has no metrics of the scene `{scene}`."));
+        }
+        let shown = |name: &String| {
+            columns.iter().any(|column| column.scenes == [scene.clone()] && column.metrics.contains(name))
+        };
+        if let Some(missing) = metrics.iter().find(|name| !shown(name)) {
+            return Err(format!("`rule` needs `{missing}` in a column of the scene `{scene}` alone."));
+        }
+        if let Some(neutral) = metrics.iter().find(|name| metric::TableMetric::of(name).better.is_none()) {
+            return Err(format!(
+                "`rule` has `{neutral}` of the scene `{scene}`, which is better neither high nor low."
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// Checks that the reasons of a row are not empty, and belong to values of the row.

@@ -58,6 +58,8 @@ pub struct Grid {
     /// Pairs of variants whose differences the table shows too.
     #[serde(default)]
     pub differences: Vec<Difference>,
+    /// How the differences are judged.
+    pub rule: Option<Rule>,
     /// What the paper has.
     #[serde(default)]
     pub paper: Vec<PaperRow>,
@@ -124,6 +126,37 @@ pub struct Difference {
     pub variant: String,
     /// The variant whose metrics are subtracted.
     pub minus: String,
+}
+
+/// How differences are judged. It stands in the grid, so that it is fixed before the first run.
+///
+/// A difference helps a scene if its confidence interval excludes 0 on the better side in every metric of the scene. It
+/// harms the scene if the interval excludes 0 on the worse side in any of them. A variant is recommended if it helps
+/// `least_helped` scenes and harms none.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rule {
+    /// Confidence of the two-sided t-interval of the mean of paired differences, between 0 and 1.
+    #[serde(default = "usual_confidence")]
+    pub confidence: f64,
+    /// Number of scenes that a recommended variant helps at least.
+    pub least_helped: usize,
+    /// The scenes with their metrics.
+    pub scenes: Vec<RuleScene>,
+}
+
+/// The metrics by which a difference is judged on a scene.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RuleScene {
+    /// Name of the scene.
+    pub scene: String,
+    /// Names of metrics of a column that shows this scene alone.
+    pub metrics: Vec<String>,
+}
+
+fn usual_confidence() -> f64 {
+    0.95
 }
 
 /// What the paper has of one method.

@@ -9,7 +9,7 @@ use mvfusion_model::evaluation::Backbone;
 use mvfusion_model::files::sha256;
 use serde::{Deserialize, Serialize};
 
-use super::grid::{ColumnGroup, Difference, Expected, PaperRow};
+use super::grid::{ColumnGroup, Difference, Expected, PaperRow, Rule};
 use super::metric::lpips_network;
 use crate::{atomic, run};
 
@@ -33,6 +33,9 @@ pub struct Index {
     /// Pairs of variants whose differences the table shows too.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub differences: Vec<Difference>,
+    /// How the differences are judged.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub rule: Option<Rule>,
     /// What the paper has.
     pub paper: Vec<PaperRow>,
     /// What is measured beside the metrics that a training leaves.

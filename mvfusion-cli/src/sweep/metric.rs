@@ -45,6 +45,24 @@ static OF_RUN: LazyLock<[TableMetric; 7]> = LazyLock::new(|| {
     ]
 });
 
+/// Figures of the motion-aware modules. None of them is better when high or low.
+static OF_MODULES: LazyLock<Vec<TableMetric>> = LazyLock::new(|| {
+    let mut metrics = Vec::new();
+    for (module, label) in [("mvg", "MVG"), ("mfta", "MFTA")] {
+        for (name, what) in [
+            ("norm", "norm beside the feature"),
+            ("constant", "constant share"),
+            ("over_gaussians", "share over Gaussians"),
+            ("over_time", "share over time"),
+        ] {
+            metrics.push(metric(&format!("refinement.{module}.{name}"), &format!("{label} {what}"), None, 3, None));
+        }
+    }
+    metrics.push(metric("refinement.attention.entropy", "entropy of attention", Some("nats"), 3, None));
+    metrics.push(metric("refinement.attention.uniform_entropy", "entropy of uniform attention", Some("nats"), 3, None));
+    metrics
+});
+
 /// A metric by its name, and how it is written.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TableMetric {
@@ -86,7 +104,7 @@ pub(super) fn all() -> Vec<TableMetric> {
         ..metric.clone()
     };
     let of_training: Vec<TableMetric> = of_views.iter().map(of_training).collect();
-    of_views.into_iter().chain(of_training).chain(OF_RUN.iter().cloned()).collect()
+    of_views.into_iter().chain(of_training).chain(OF_RUN.iter().chain(OF_MODULES.iter()).cloned()).collect()
 }
 
 /// The LPIPS network that a metric is computed by; absent where it needs none.

@@ -112,6 +112,7 @@ impl Plan {
             wanted: Wanted::new(grid.speed_frames, additions.lpips_weights.as_deref(), &columns)?,
             columns,
             differences: grid.differences.clone(),
+            rule: grid.rule.clone(),
             paper: grid.paper.clone(),
             expected: grid.expected.clone(),
             cells,

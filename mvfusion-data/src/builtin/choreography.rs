@@ -60,7 +60,7 @@ pub struct MovingObject {
 
 impl MovingObject {
     /// An object made of parts. Their poses are given in the object's own coordinates.
-    fn new(name: impl Into<String>, pose: Pose, parts: Vec<Solid>) -> Self {
+    pub(super) fn new(name: impl Into<String>, pose: Pose, parts: Vec<Solid>) -> Self {
         let reach = parts.iter().map(|p| p.pose.position.length() + p.reach()).fold(0.0, f64::max);
         let solids = parts.into_iter().map(|p| Solid::new(p.shape, p.texture, pose.of_part(&p.pose))).collect();
         Self { name: name.into(), pose, reach, solids }

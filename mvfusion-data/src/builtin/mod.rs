@@ -2,8 +2,10 @@
 //!
 //! They need no files, and equal options give equal scenes. The ground truth consists of the background without moving
 //! objects, masks of moving pixels, masks of the movers, depths and trajectories. [`BuiltinKind::Video`] is a small
-//! multi-camera video, [`BuiltinKind::Casual`] a set of photos with passers-by.
+//! multi-camera video, [`BuiltinKind::Motion`] one that is harder to follow, and [`BuiltinKind::Casual`] a set of photos
+//! with passers-by.
 
+mod acrobats;
 mod choreography;
 mod movers;
 mod options;
@@ -35,7 +37,7 @@ pub fn builtin(options: &BuiltinOptions) -> Scene {
     let options = options.at_least();
     let still = stage::still_solids(options.pattern_seed());
     match options.kind {
-        BuiltinKind::Video => video(&options, &still),
+        BuiltinKind::Video | BuiltinKind::Motion => video(&options, &still),
         BuiltinKind::Casual => casual(&options, &still),
     }
 }
@@ -47,6 +49,7 @@ pub fn moving_objects(options: &BuiltinOptions, time: f64) -> Vec<MovingObject> 
     let options = options.at_least();
     match options.kind {
         BuiltinKind::Video => choreography::in_video(time),
+        BuiltinKind::Motion => acrobats::in_motion(time),
         BuiltinKind::Casual => {
             let last = (options.photos - 1) as f64;
             let index = (time * last).round().clamp(0.0, last) as usize;
@@ -74,7 +77,7 @@ fn video(options: &BuiltinOptions, still: &[Solid]) -> Scene {
         .collect();
     let mut filmed = filmed.into_iter();
     Scene {
-        name: "built-in video".into(),
+        name: if options.kind == BuiltinKind::Motion { "built-in motion" } else { "built-in video" }.into(),
         capture: Capture::Video,
         test: filmed.next().unwrap_or_default(),
         train: filmed.flatten().collect(),

@@ -15,14 +15,16 @@ const DEPTH_ROUNDING: f64 = 1e-5;
 /// Width in pixels of the mask's edge where coverage may be less than half: one, and one more for corners.
 const EDGE: i64 = 2;
 
-const KINDS: [BuiltinKind; 2] = [BuiltinKind::Video, BuiltinKind::Casual];
+const KINDS: [BuiltinKind; 3] = [BuiltinKind::Video, BuiltinKind::Motion, BuiltinKind::Casual];
 
 /// The default scene of each kind, made once for all tests of this file.
 fn scene(kind: BuiltinKind) -> &'static Scene {
     static VIDEO: LazyLock<Scene> = LazyLock::new(|| builtin(&BuiltinOptions::of_kind(BuiltinKind::Video)));
+    static MOTION: LazyLock<Scene> = LazyLock::new(|| builtin(&BuiltinOptions::of_kind(BuiltinKind::Motion)));
     static CASUAL: LazyLock<Scene> = LazyLock::new(|| builtin(&BuiltinOptions::of_kind(BuiltinKind::Casual)));
     match kind {
         BuiltinKind::Video => &VIDEO,
+        BuiltinKind::Motion => &MOTION,
         BuiltinKind::Casual => &CASUAL,
     }
 }

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::{Descriptor, MotionConfig, Temporal, TokenMode};
+use super::{Descriptor, MotionConfig, Temporal, TokenMode, TokenOffset, TokenValues};
 
 /// A key whose value has no effect or no meaning because of another key.
 pub(super) struct Contradiction {
@@ -18,39 +18,67 @@ impl MotionConfig {
     /// The first contradiction among the switches.
     pub(super) fn contradiction(&self) -> Option<Contradiction> {
         let is_cross = self.temporal == Temporal::Cross;
-        let found = |bad: bool, key, value, reason| bad.then_some(Contradiction { key, value, reason });
-        found(
-            !self.mvg && self.descriptor != Descriptor::default(),
-            "motion.descriptor",
-            written(&self.descriptor),
-            "`motion.mvg` is off, so nothing is shown it; switch that on or leave this key at its default",
-        )
-        .or_else(|| {
-            found(
-                !self.mfta && !is_cross,
-                "motion.temporal",
-                written(&self.temporal),
-                "`motion.mfta` is off, so there are no tokens; switch that on or leave this key at its default",
-            )
-        })
-        .or_else(|| {
-            found(
+        let attends = is_cross || matches!(self.temporal, Temporal::SelfAttention | Temporal::Spatial);
+        let contradictions = [
+            (
+                !self.mvg && self.descriptor != Descriptor::default(),
+                "motion.descriptor",
+                written(&self.descriptor),
+                "`motion.mvg` is off, so nothing is shown it; switch that on or leave this key at its default",
+            ),
+            (!self.mfta && !is_cross, "motion.temporal", written(&self.temporal), NO_TOKENS),
+            (
+                !self.mfta && self.token_offset != TokenOffset::default(),
+                "motion.token_offset",
+                written(&self.token_offset),
+                NO_TOKENS,
+            ),
+            (!self.mfta && self.values != TokenValues::default(), "motion.values", written(&self.values), NO_TOKENS),
+            (!self.mfta && self.residual, "motion.residual", self.residual.to_string(), NO_TOKENS),
+            (
                 self.include_self && !is_cross,
                 "motion.include_self",
                 self.include_self.to_string(),
                 "it is a switch of cross-attention; every other `motion.temporal` reads the current frame anyway",
-            )
-        })
-        .or_else(|| {
-            found(
+            ),
+            (
+                self.token_offset != TokenOffset::default() && !attends,
+                "motion.token_offset",
+                written(&self.token_offset),
+                "without attention, the distances are the same for all Gaussians; give another `motion.temporal`",
+            ),
+            (
+                self.values != TokenValues::default() && !is_cross,
+                "motion.values",
+                written(&self.values),
+                "only cross-attention over frames has differences in time; leave `motion.temporal` at its default",
+            ),
+            (
+                self.residual && !(is_cross || self.temporal == Temporal::Spatial),
+                "motion.residual",
+                self.residual.to_string(),
+                "it needs one current token that attends to others; give `cross` or `spatial` as `motion.temporal`",
+            ),
+            (
                 self.tokens == TokenMode::FullWindow && self.temporal == Temporal::Convolution,
                 "motion.tokens",
                 written(&self.tokens),
                 "the convolution has a tap for each token of a triple; give `triple` or another `motion.temporal`",
-            )
-        })
+            ),
+            (
+                self.tokens == TokenMode::FullWindow && self.temporal == Temporal::Spatial,
+                "motion.tokens",
+                written(&self.tokens),
+                "the neighbours are at the same time; `motion.neighbours` is their number",
+            ),
+        ];
+        let mut found = contradictions.into_iter().filter(|&(is_contradiction, ..)| is_contradiction);
+        found.next().map(|(_, key, value, reason)| Contradiction { key, value, reason })
     }
 }
+
+/// Why a switch of the tokens has no effect without MFTA.
+const NO_TOKENS: &str = "`motion.mfta` is off, so there are no tokens; switch that on or leave this key at its default";
 
 /// A value as written in a configuration file.
 fn written(value: &impl Serialize) -> String {
@@ -77,9 +105,11 @@ mod tests {
 
     #[test]
     fn a_descriptor_needs_mvg() {
-        for (descriptor, name) in
-            [(Descriptor::PositionVariance, "position_variance"), (Descriptor::Offsets, "offsets")]
-        {
+        for (descriptor, name) in [
+            (Descriptor::PositionVariance, "position_variance"),
+            (Descriptor::Offsets, "offsets"),
+            (Descriptor::Momentary, "momentary"),
+        ] {
             assert_eq!(refusal(|motion| motion.descriptor = descriptor), None);
             let said = format!("`motion.descriptor` is \"{name}\": `motion.mvg` is off");
             assert_refused(|motion| (motion.mvg, motion.descriptor) = (false, descriptor), &said);
@@ -93,6 +123,7 @@ mod tests {
             (Temporal::SelfAttention, "self_attention"),
             (Temporal::Average, "average"),
             (Temporal::Convolution, "convolution"),
+            (Temporal::Spatial, "spatial"),
         ] {
             assert_eq!(refusal(|motion| motion.temporal = temporal), None);
             let said = format!("`motion.temporal` is \"{name}\": `motion.mfta` is off");
@@ -120,6 +151,30 @@ mod tests {
         assert_refused(
             |motion| (motion.tokens, motion.temporal) = (TokenMode::FullWindow, Temporal::Convolution),
             "`motion.tokens` is \"full_window\": the convolution",
+        );
+    }
+
+    #[test]
+    fn what_is_said_of_tokens_needs_tokens_that_attend() {
+        let forms: [(fn(&mut MotionConfig), &str); 3] = [
+            (|motion| motion.token_offset = TokenOffset::Sines, "`motion.token_offset` is \"sines\""),
+            (|motion| motion.values = TokenValues::Velocities, "`motion.values` is \"velocities\""),
+            (|motion| motion.residual = true, "`motion.residual` is true"),
+        ];
+        for (form, said) in forms {
+            assert_eq!(refusal(form), None);
+            for temporal in [Temporal::Average, Temporal::Convolution] {
+                assert_refused(|motion| (form(motion), motion.temporal = temporal).1, said);
+            }
+            assert_refused(|motion| (form(motion), motion.mfta = false).1, &format!("{said}: `motion.mfta` is off"));
+        }
+        assert_refused(
+            |motion| (motion.values, motion.temporal) = (TokenValues::Velocities, Temporal::Spatial),
+            "`motion.values` is \"velocities\": only cross-attention over frames",
+        );
+        assert_refused(
+            |motion| (motion.tokens, motion.temporal) = (TokenMode::FullWindow, Temporal::Spatial),
+            "`motion.tokens` is \"full_window\": the neighbours are at the same time",
         );
     }
 }

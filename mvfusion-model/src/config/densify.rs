@@ -37,6 +37,10 @@ pub struct DensifyConfig {
     /// of each is drawn by opacity times screen gradient, and the two then share its opacity and size (3DGS-MCMC: 0.05
     /// of all). 0 prunes.
     pub relocate: f64,
+    /// Power of the relative motion intensity `2 e / (e + mean e)` by which a dynamic Gaussian's screen gradient is
+    /// multiplied when Gaussians are added or relocated. Ours: motion then decides where Gaussians are added, once it was
+    /// measured. 0 leaves that to the gradient.
+    pub motion_power: f64,
     /// Steps between births in a video, in the deforming stages and before `until`. Dynamic Gaussians are added where a
     /// view of each moment differs from the model; needs `model.lifetime` (docs/METHOD.md, section 13; CEM-4DGS: 920).
     /// 0 switches births off.
@@ -103,6 +107,7 @@ impl Default for DensifyConfig {
             max_radius: 0.0,
             max_scale: 0.0,
             relocate: 0.0,
+            motion_power: 0.0,
             births_interval: Interval(0),
             births: 1000,
             reset_interval: Interval(2000),
@@ -139,6 +144,7 @@ keys!(DensifyConfig {
     max_radius: FROM_0,
     max_scale: FROM_0,
     relocate: SHARE.saying("give a share; 0 prunes instead"),
+    motion_power: FROM_0.to(8.0).saying("give a power; 0 lets the gradient alone decide"),
     births_interval: STEPS,
     births: GAUSSIANS,
     reset_interval: INTERVAL,

@@ -31,7 +31,7 @@ pub use motion::{FusionWeights, MotionConfig, Spread, StillRule};
 pub use optim::{Decay, OptimConfig};
 pub use scene::{InitConfig, SceneConfig, SceneKind};
 pub use train::{BadStepRule, StageConfig, TrainConfig};
-pub use variants::{Descriptor, Refinement, Temporal, TokenMode};
+pub use variants::{Descriptor, Refinement, Temporal, TokenMode, TokenOffset, TokenValues, Trajectory};
 
 /// The configuration of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

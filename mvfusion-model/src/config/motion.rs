@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::keys::{keys, leaves};
-use super::{Descriptor, Interval, Refinement, Temporal, TokenMode};
+use super::{Descriptor, Interval, Refinement, Temporal, TokenMode, TokenOffset, TokenValues, Trajectory};
 
 /// Minimum number of steps between measurements of motion in shortened runs. While motion is being learned, its
 /// descriptors change by more than the period of their encoding, so each measurement sets back the refined deformation.
@@ -19,6 +19,8 @@ pub struct MotionConfig {
     pub mvg: bool,
     /// The input of MVG (A27, A29). Main paper, component ablation; supplement, temporal consistency.
     pub descriptor: Descriptor,
+    /// The trajectories that are measured.
+    pub trajectory: Trajectory,
     /// Whether the temporal feature is added in the last stage. Main paper, component ablation: "w/o MFTA".
     pub mfta: bool,
     /// How MFTA combines the tokens (A28, A30). Main paper, component ablation; supplement, temporal consistency.
@@ -71,6 +73,15 @@ pub struct MotionConfig {
     pub tokens: TokenMode,
     /// Whether the current frame is a key of the cross-attention as well (A14).
     pub include_self: bool,
+    /// What a token knows of its distance from the current one.
+    pub token_offset: TokenOffset,
+    /// What the values of the cross-attention are projected from.
+    pub values: TokenValues,
+    /// Whether tokens are normalised and the value of the current token is added to the attention's output, as in a
+    /// transformer's block. Ours; the paper has neither.
+    pub residual: bool,
+    /// Number of nearest Gaussians that `temporal = "spatial"` reads.
+    pub neighbours: usize,
     /// Whether gradients reach the network through the neighbours' tokens (A17); about three times the work.
     pub neighbour_gradient: bool,
     /// How base and refined offsets are combined (A3).
@@ -94,6 +105,7 @@ impl Default for MotionConfig {
         Self {
             mvg: true,
             descriptor: Descriptor::default(),
+            trajectory: Trajectory::default(),
             mfta: true,
             temporal: Temporal::default(),
             interval: Interval(2000),
@@ -117,6 +129,10 @@ impl Default for MotionConfig {
             heads: 4,
             tokens: TokenMode::Triple,
             include_self: false,
+            token_offset: TokenOffset::default(),
+            values: TokenValues::default(),
+            residual: false,
+            neighbours: 4,
             neighbour_gradient: false,
             refinement: Refinement::Replace,
             refine_masks: true,
@@ -182,6 +198,7 @@ pub enum StillRule {
 keys!(MotionConfig {
     mvg: ANY,
     descriptor: ANY,
+    trajectory: ANY,
     mfta: ANY,
     temporal: ANY,
     interval: INTERVAL.saying("give the steps between two measurements of motion, at least 1"),
@@ -205,6 +222,10 @@ keys!(MotionConfig {
     heads: WIDTH.saying("it must divide motion.attention_width"),
     tokens: ANY,
     include_self: ANY,
+    token_offset: ANY,
+    values: ANY,
+    residual: ANY,
+    neighbours: FROM_1.to(64.0).saying("give the number of nearest Gaussians that a token attends to"),
     neighbour_gradient: ANY,
     refinement: ANY,
     refine_masks: ANY,

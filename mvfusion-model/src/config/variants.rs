@@ -17,6 +17,8 @@ pub enum Descriptor {
     /// The raw offsets at the moment, without encoding and normaliser (supplement, temporal consistency: "Direct
     /// deformation magnitude").
     Offsets,
+    /// The signature, the local variance, and the velocity at the moment. Ours: a signature is the same at all times.
+    Momentary,
 }
 
 /// How MFTA combines the tokens of neighbouring frames (A28, A30).
@@ -32,6 +34,8 @@ pub enum Temporal {
     Average,
     /// A convolution over time (supplement, temporal consistency: "Temporal convolution").
     Convolution,
+    /// The current token attends to those of the nearest Gaussians at the same time. Ours.
+    Spatial,
 }
 
 /// The frames that MFTA uses besides the current frame `i` (A7).
@@ -44,6 +48,44 @@ pub enum TokenMode {
     FullWindow,
 }
 
+/// What a token knows of its distance from the current one: in frames, as a fraction of `motion.window`, or in space, in
+/// mean distances of the neighbours. Ours: without it, attention cannot tell the frame before from the one after.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TokenOffset {
+    /// Nothing (the paper).
+    #[default]
+    Absent,
+    /// The signed distance.
+    Signed,
+    /// The signed distance with its sines and cosines in `motion.octaves` octaves.
+    Sines,
+}
+
+/// What the values of the attention are projected from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TokenValues {
+    /// The tokens of the neighbours (the paper).
+    #[default]
+    States,
+    /// The same with, instead of their geometry, its difference from the current frame over the signed distance in time.
+    /// Ours: a convex combination of states is no velocity, but one of velocities is.
+    Velocities,
+}
+
+/// The trajectories whose statistics MVG reads.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Trajectory {
+    /// The deformation at all times (the paper).
+    #[default]
+    Deformation,
+    /// The deformation and the Gaussian's own velocity, each time weighted by the share of the opacity that its lifetime
+    /// leaves. Ours, for `model.lifetime`: a Gaussian is not trained at times when it is not there.
+    Lifetime,
+}
+
 /// How the fused feature becomes offsets (A3).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -54,4 +96,4 @@ pub enum Refinement {
     Sum,
 }
 
-leaves!(Descriptor, Temporal, TokenMode, Refinement);
+leaves!(Descriptor, Temporal, TokenMode, TokenOffset, TokenValues, Trajectory, Refinement);

@@ -12,7 +12,7 @@ use crate::config::FusionWeights;
 use crate::model::alive::AliveRows;
 use crate::model::composition::{Blending, BranchRenders, Composition};
 use crate::model::mask::MaskChannel;
-use crate::model::motion::{AttributeSpread, Trajectories};
+use crate::model::motion::{AttributeSpread, Lifetimes, Trajectories};
 use crate::model::{DeformationLevel, Model, RenderContext};
 use crate::{ModelError, tensors};
 
@@ -220,11 +220,13 @@ fn measured(
     layers: &[Layer],
     weights: FusionWeights,
 ) -> Result<Vec<Heat>, ModelError> {
+    let lifetimes = Lifetimes::of(&model.dynamic, &context.motion)?;
     let trajectories = Trajectories {
         network: &model.network,
         timeline: &context.timeline,
         config: &context.motion,
         extent: context.extent,
+        lifetimes: lifetimes.as_ref(),
     };
     let means = model.dynamic.means.val();
     let spreads = trajectories.measure(&means)?.spreads();

@@ -8,6 +8,7 @@ mod layers;
 mod metric;
 mod metrics;
 mod protocol;
+mod refinement;
 mod render;
 mod scores;
 mod speed;
@@ -26,6 +27,7 @@ pub use metrics::{
     squared_errors, ssim_map,
 };
 pub use protocol::{Precision, Protocol};
+pub use refinement::{AttentionFigures, ModuleFigures, RefinementFigures, RefinementSurvey, Replacement};
 pub use render::{BranchImages, ViewPictures};
 pub use scores::{Evaluation, HeldOutPhoto, Scores, ViewScores};
 pub use speed::{Speed, WARM_UP, measure_speed};

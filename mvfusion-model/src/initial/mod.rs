@@ -14,7 +14,7 @@ use mvfusion_data::{GaussianCloud, Lifetime, PointCloud, Scene};
 
 pub use gaussians::{Masking, cloud_on, gaussians_of, gaussians_on};
 pub use motion::{MotionPoints, SceneMotion};
-pub use neighbours::mean_squared_distances;
+pub use neighbours::{mean_squared_distances, nearest_others};
 pub use placement::Placement;
 pub use seeding::Seeding;
 

@@ -1,6 +1,7 @@
 //! Distances to the nearest other points.
 
 use std::collections::{BTreeMap, HashMap};
+use std::num::NonZeroUsize;
 
 use glam::Vec3;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
@@ -15,13 +16,10 @@ pub fn mean_squared_distances(positions: &[Vec3]) -> Vec<f64> {
     if positions.len() < 2 {
         return vec![0.0; positions.len()];
     }
-    // A tree of points that coincide has leaves of any size, and searching them takes the square of their number.
-    let Places { distinct, counts, of_point } = Places::of(positions);
-    // Proof: a leaf of this tree contains no coinciding points. 2^32 Gaussians with two moments for each of their 59
-    // values would need 3 TB.
-    let tree: ImmutableKdTree<f64, 3> =
-        ImmutableKdTree::new_from_slice(&distinct).expect("only more than 2^32 points cannot be indexed");
-    let wanted = std::num::NonZeroUsize::MIN.saturating_add(NEIGHBOURS);
+    let places = Places::of(positions);
+    let tree = places.tree();
+    let Places { distinct, counts, of_point } = places;
+    let wanted = NonZeroUsize::MIN.saturating_add(NEIGHBOURS);
     let means: Vec<f64> = distinct
         .par_iter()
         .map(|place| {
@@ -42,7 +40,34 @@ pub fn mean_squared_distances(positions: &[Vec3]) -> Vec<f64> {
     of_point.into_iter().map(|place| means[place]).collect()
 }
 
-/// The distinct places of points.
+/// For every point, the indices of its `count` nearest others, nearest first; row by row. Of points that coincide, the
+/// first one stands for all. Where there are fewer others, the last of them is repeated; a single point is its own.
+pub fn nearest_others(positions: &[Vec3], count: usize) -> Vec<usize> {
+    let places = Places::of(positions);
+    if places.distinct.len() < 2 {
+        return vec![0; positions.len() * count];
+    }
+    let tree = places.tree();
+    let firsts = places.firsts();
+    let wanted = NonZeroUsize::MIN.saturating_add(count);
+    let of_place = |(place, position): (usize, &[f64; 3])| {
+        let nearest = tree.query(position).nearest_n::<SquaredEuclidean<f64>>(wanted).execute();
+        let mut nearest: Vec<(f64, usize)> =
+            nearest.iter().map(|found| (found.distance, found.item as usize)).collect();
+        nearest.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let mut others: Vec<usize> =
+            nearest.into_iter().filter(|&(_, other)| other != place).map(|(_, other)| firsts[other]).collect();
+        others.truncate(count);
+        let last = others.last().copied().unwrap_or(firsts[place]);
+        others.resize(count, last);
+        others
+    };
+    let others: Vec<Vec<usize>> = places.distinct.par_iter().enumerate().map(of_place).collect();
+    places.of_point.into_iter().flat_map(|place| others[place].clone()).collect()
+}
+
+/// The distinct places of points. A tree of points that coincide has leaves of any size, and searching them takes the
+/// square of their number.
 struct Places {
     distinct: Vec<[f64; 3]>,
     /// Number of points at each place.
@@ -67,6 +92,22 @@ impl Places {
             places.of_point.push(place);
         }
         places
+    }
+
+    /// A tree that numbers its points by their place in `distinct`.
+    fn tree(&self) -> ImmutableKdTree<f64, 3> {
+        // Proof: a leaf of this tree contains no coinciding points. 2^32 Gaussians with two moments for each of their 59
+        // values would need 3 TB.
+        ImmutableKdTree::new_from_slice(&self.distinct).expect("only more than 2^32 points cannot be indexed")
+    }
+
+    /// The first point at each place.
+    fn firsts(&self) -> Vec<usize> {
+        let mut firsts = vec![usize::MAX; self.distinct.len()];
+        for (point, &place) in self.of_point.iter().enumerate() {
+            firsts[place] = firsts[place].min(point);
+        }
+        firsts
     }
 }
 
@@ -112,6 +153,14 @@ mod tests {
         assert_eq!(mean_squared_distances(&line), expected);
         assert_eq!(mean_squared_distances(&[Vec3::ONE]), [0.0]);
         assert_eq!(mean_squared_distances(&[]), Vec::<f64>::new());
+    }
+
+    #[test]
+    fn nearest_others_leave_out_the_point_and_its_twins() {
+        let line: Vec<Vec3> = [0.0, 0.0, 1.0, 3.0].map(|x| Vec3::new(x, 0.0, 0.0)).to_vec();
+        assert_eq!(nearest_others(&line, 2), [2, 3, 2, 3, 0, 3, 2, 0]);
+        assert_eq!(nearest_others(&line, 3), [2, 3, 3, 2, 3, 3, 0, 3, 3, 2, 0, 0]);
+        assert_eq!(nearest_others(&[Vec3::ONE; 2], 2), [0; 4]);
     }
 
     #[test]

@@ -19,7 +19,7 @@ use crate::config::MotionConfig;
 use crate::model::alive::AliveRows;
 use crate::model::exposure::Exposures;
 use crate::model::gaussians::{Behind, Gaussians, RawGaussians};
-use crate::model::motion::{MotionCache, MotionRefinement, RefinementConfig};
+use crate::model::motion::{MotionCache, MotionRefinement, RefinedFeature, RefinementConfig, Substitutes};
 use crate::model::network::DeformationNetwork;
 use crate::timeline::Timeline;
 
@@ -41,6 +41,9 @@ pub struct Model {
     /// them.
     #[module(skip)]
     pub motion: Option<MotionCache>,
+    /// What stands in for the outputs of the motion-aware modules, in an evaluation of their worth.
+    #[module(skip)]
+    pub substitutes: Substitutes,
 }
 
 /// The data of the scene and the run that a model needs to render a time.
@@ -144,26 +147,71 @@ impl Model {
             None => gaussians,
         };
         let gaussians = of_rows(self.dynamic.at(time));
-        let means = match alive {
-            Some(alive) => self.dynamic.means.val().select(0, alive.rows().clone()),
-            None => self.dynamic.means.val(),
+        if level == DeformationLevel::Still {
+            return gaussians;
+        }
+        let means = self.means_of(alive);
+        let refined = match level {
+            DeformationLevel::Still | DeformationLevel::Base => None,
+            DeformationLevel::Refined => self
+                .refine(alive, context, |config| self.refinement.offsets(&self.network, means.clone(), time, config)),
         };
-        let cache = self.motion.clone().map(|cache| match alive {
-            Some(alive) => cache.select(alive.rows()),
-            None => cache,
-        });
-        let offsets = match (level, &cache) {
-            (DeformationLevel::Still, _) => return gaussians,
-            (DeformationLevel::Refined, Some(cache)) => {
-                let config = RefinementConfig { timeline: &context.timeline, cache, extent: context.extent };
-                self.refinement.offsets(&self.network, means, time, &config)
-            }
-            _ => {
+        let offsets = match refined {
+            Some(offsets) => offsets,
+            None => {
                 let feature = self.network.feature(means.clone(), crate::tensors::scalar_like(&means, time));
                 self.network.decode(feature)
             }
         };
         gaussians.deformed(offsets)
+    }
+
+    /// The refined feature of the rows that are alive; `None` until motion was measured.
+    pub(crate) fn refined_feature(
+        &self,
+        alive: Option<&AliveRows>,
+        time: f64,
+        context: &RenderContext,
+    ) -> Option<RefinedFeature> {
+        let means = self.means_of(alive);
+        self.refine(alive, context, |config| self.refinement.feature(&self.network, means, time, config))
+    }
+
+    /// The mean entropy of MFTA's attention over the rows that are alive, in nats: `[1]`. `None` without attention, or
+    /// until motion was measured.
+    pub(crate) fn attention_entropy(
+        &self,
+        alive: Option<&AliveRows>,
+        time: f64,
+        context: &RenderContext,
+    ) -> Option<Tensor<1>> {
+        let means = self.means_of(alive);
+        self.refine(alive, context, |config| self.refinement.entropy(&self.network, means, time, config)).flatten()
+    }
+
+    /// Canonical centres of the rows that are alive, or of all.
+    fn means_of(&self, alive: Option<&AliveRows>) -> Tensor<2> {
+        match alive {
+            Some(alive) => self.dynamic.means.val().select(0, alive.rows().clone()),
+            None => self.dynamic.means.val(),
+        }
+    }
+
+    /// Evaluates the refinement of the rows that are alive; `None` until motion was measured.
+    fn refine<T>(
+        &self,
+        alive: Option<&AliveRows>,
+        context: &RenderContext,
+        evaluate: impl FnOnce(&RefinementConfig<'_>) -> T,
+    ) -> Option<T> {
+        let cache = self.motion.clone()?;
+        let (cache, substitutes) = match alive {
+            Some(alive) => (cache.select(alive.rows()), self.substitutes.select(alive.rows())),
+            None => (cache, self.substitutes.clone()),
+        };
+        let RenderContext { timeline, extent, .. } = context;
+        let config = RefinementConfig { timeline, cache: &cache, extent: *extent, substitutes: &substitutes };
+        Some(evaluate(&config))
     }
 
     /// Renders the branches.

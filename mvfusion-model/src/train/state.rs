@@ -11,7 +11,7 @@ use crate::initial::{InitialClouds, Masking, MotionPoints, gaussians_of};
 use crate::model::Model;
 use crate::model::exposure::Exposures;
 use crate::model::gaussians::Gaussians;
-use crate::model::motion::{MotionRefinement, Normalisers};
+use crate::model::motion::{MotionRefinement, Normalisers, Substitutes};
 use crate::model::network::{DeformationConfig, ModuleInit};
 use crate::random::Streams;
 use crate::train::densify::{Branch, BranchState, DensifyCounts};
@@ -84,7 +84,15 @@ impl TrainState {
             completed: 0,
             dynamic: BranchState::new(&dynamic),
             static_: static_.as_ref().map(BranchState::new),
-            model: Model { dynamic, static_, network, refinement, exposures, motion: None },
+            model: Model {
+                dynamic,
+                static_,
+                network,
+                refinement,
+                exposures,
+                motion: None,
+                substitutes: Substitutes::default(),
+            },
             optimiser: ModuleOptimiser::default(),
             normalisers: Normalisers::default(),
             streams,

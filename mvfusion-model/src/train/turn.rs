@@ -82,7 +82,8 @@ impl BranchTurn<'_> {
             let most = (config.relocate * self.gaussians.count() as f64) as usize;
             let (rule, round_ended) = self.prune_rule();
             let (mut branch, stream) = self.branch(gradients);
-            branch.relocate(&rule, most, stream)?;
+            let priorities = branch.priorities(config.motion_power)?;
+            branch.relocate(&priorities, &rule, most, stream)?;
             self.begin_round(round_ended);
         }
         let adds = step > config.from.0 && config.interval.is_due(step);
@@ -90,7 +91,8 @@ impl BranchTurn<'_> {
             let (threshold, clone_size) = (self.threshold(), config.clone_below * self.extent);
             let most = self.limits.max_gaussians;
             let (mut branch, stream) = self.branch(gradients);
-            branch.densify(threshold, clone_size, most, stream)?;
+            let priorities = branch.priorities(config.motion_power)?;
+            branch.densify(&priorities, threshold, clone_size, most, stream)?;
         }
         if tidies && config.relocate == 0.0 && self.gaussians.count() > self.limits.prune_above {
             let (rule, round_ended) = self.prune_rule();

@@ -6,7 +6,7 @@ use mvfusion_render::profile::{Part, measure};
 use super::turn::BranchTurn;
 use super::{BranchGradients, Position, RenderedBatch, Stage, Trainer};
 use crate::ModelError;
-use crate::model::motion::{MotionCache, Trajectories};
+use crate::model::motion::{Lifetimes, MotionCache, Trajectories};
 use crate::train::optim::Rates;
 
 /// The gradients of a step.
@@ -145,15 +145,17 @@ impl Trainer {
 
     fn measure_motion(&mut self) -> Result<(), ModelError> {
         let model = self.state.model.plain();
+        let lifetimes = Lifetimes::of(&model.dynamic, &self.config.motion)?;
         let trajectories = Trajectories {
             network: &model.network,
             timeline: &self.context.timeline,
             config: &self.config.motion,
             extent: self.context.extent,
+            lifetimes: lifetimes.as_ref(),
         };
         let means = model.dynamic.means.val();
         let statistics = trajectories.measure(&means)?;
-        let cache = MotionCache::new(statistics, &mut self.state.normalisers, &self.config.motion, &means);
+        let cache = MotionCache::new(statistics, &mut self.state.normalisers, &self.config.motion, &means)?;
         self.state.model.motion = Some(cache);
         self.state.refreshes += 1;
         Ok(())

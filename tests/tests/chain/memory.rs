@@ -22,9 +22,10 @@ const LIMIT: usize = 300_000_000;
 fn refresh(network: &DeformationNetwork, means: &Tensor<2>, config: &MotionConfig) -> usize {
     let timeline = Timeline::new((0..300).map(|frame| f64::from(frame) / 300.0).collect());
     let (cache, peak) = peak_during(|| {
-        let trajectories = Trajectories { network, timeline: &timeline, config, extent: 2.0 };
+        let trajectories = Trajectories { network, timeline: &timeline, config, extent: 2.0, lifetimes: None };
         let statistics = trajectories.measure(means).expect("the device hands its numbers back");
-        MotionCache::new(statistics, &mut Normalisers::default(), config, means)
+        let cache = MotionCache::new(statistics, &mut Normalisers::default(), config, means);
+        cache.expect("the device hands its numbers back")
     });
     let entries =
         [&cache.signatures, &cache.local, &cache.intensity].map(|table| table.dims().iter().product::<usize>());

@@ -11,13 +11,18 @@ use mvfusion_model::model::network::{HeadChoice, Mlp};
 use mvfusion_tests::{backends, numbers};
 
 use bench::{ATTENTION, Bench, HIDDEN, Switch, WIDTH, defaults, with};
-use effects::{average, convolution, neither, no_mfta, no_mvg, offsets, position, self_attention};
+use effects::{
+    average, convolution, momentary, neither, no_mfta, no_mvg, offsets, position, residual, self_attention, signed,
+    sines, spatial, velocities,
+};
 
 /// Every kind of what MVG is shown.
-const DESCRIPTORS: [Descriptor; 3] = [Descriptor::Variances, Descriptor::PositionVariance, Descriptor::Offsets];
+const DESCRIPTORS: [Descriptor; 4] =
+    [Descriptor::Variances, Descriptor::PositionVariance, Descriptor::Offsets, Descriptor::Momentary];
 
 /// Every kind of what MFTA makes of tokens.
-const TEMPORALS: [Temporal; 4] = [Temporal::Cross, Temporal::SelfAttention, Temporal::Average, Temporal::Convolution];
+const TEMPORALS: [Temporal; 5] =
+    [Temporal::Cross, Temporal::SelfAttention, Temporal::Average, Temporal::Convolution, Temporal::Spatial];
 
 /// Parameters of a linear layer.
 const fn linear(inputs: usize, outputs: usize) -> usize {
@@ -35,10 +40,15 @@ const fn mlp(inputs: usize) -> usize {
 /// MVG: 14 numbers, each beside its sines and cosines in four octaves.
 const ENCODER: usize = mlp(14 * 9);
 /// MFTA: query, key, value and MLP.
-const CROSS: usize = 3 * linear(TOKEN, ATTENTION) + mlp(ATTENTION);
+const CROSS: usize = attention(TOKEN);
 
-/// The rows of the paper's tables that differ in modules: name, switches, parameters of the refinement.
-const ROWS: [(&str, Switch, usize); 10] = [
+/// MFTA with tokens of this width.
+const fn attention(token: usize) -> usize {
+    3 * linear(token, ATTENTION) + mlp(ATTENTION)
+}
+
+/// The rows of the paper's tables that differ in modules, and our forms: name, switches, parameters of the refinement.
+const ROWS: [(&str, Switch, usize); 18] = [
     ("full model", |_| (), ENCODER + CROSS),
     ("w/o MVG & MFTA", neither, 0),
     ("w/o MVG", no_mvg, CROSS),
@@ -49,6 +59,14 @@ const ROWS: [(&str, Switch, usize); 10] = [
     ("temporal averaging", average, ENCODER + mlp(TOKEN)),
     ("temporal convolution", convolution, ENCODER + linear(3 * TOKEN, ATTENTION) + mlp(ATTENTION)),
     ("six octaves", |motion| motion.octaves = 6, mlp(14 * 13) + CROSS),
+    ("momentary", momentary, mlp(17 * 9) + CROSS),
+    ("signed offset", signed, ENCODER + attention(TOKEN + 1)),
+    ("sines of the offset", sines, ENCODER + attention(TOKEN + 9)),
+    ("velocities", velocities, ENCODER + CROSS),
+    ("velocities with sines", |motion| (velocities(motion), sines(motion)).0, ENCODER + attention(TOKEN + 9)),
+    ("residual", residual, ENCODER + CROSS + 2 * TOKEN),
+    ("spatial", spatial, ENCODER + CROSS),
+    ("spatial with offsets", |motion| (spatial(motion), signed(motion)).0, ENCODER + attention(TOKEN + 3)),
 ];
 
 fn bench() -> Bench {

@@ -6,7 +6,8 @@ use burn::nn::Linear;
 use burn::tensor::{DType, Device, Gradients, Tensor};
 use mvfusion_model::config::MotionConfig;
 use mvfusion_model::model::motion::{
-    Encoding, Guidance, MotionCache, MotionEncoder, MotionRefinement, RefinementConfig, TemporalModule, Tokens,
+    Encoding, Guidance, MotionCache, MotionEncoder, MotionRefinement, RefinementConfig, Substitutes, TemporalModule,
+    Tokens,
 };
 use mvfusion_model::model::network::{DeformationNetwork, Mlp, zero_last_layer};
 use mvfusion_model::timeline::Timeline;
@@ -61,6 +62,8 @@ impl Setting {
             cache: MotionCache {
                 signatures,
                 local: archive.tensor("in.e_norm", plain)?,
+                velocities: None,
+                near: None,
                 intensity,
                 knot_times: archive.array("in.knot_times")?.values.clone(),
                 inherits: true,
@@ -76,7 +79,12 @@ impl Setting {
 
     /// The refined offsets `[N, 62]` at a time.
     fn delta(&self, time: f64) -> Tensor<2> {
-        let config = RefinementConfig { timeline: &self.timeline, cache: &self.cache, extent: self.extent };
+        let config = RefinementConfig {
+            timeline: &self.timeline,
+            cache: &self.cache,
+            extent: self.extent,
+            substitutes: &Substitutes::default(),
+        };
         in_file_order(self.refinement.offsets(&self.network, self.means.val(), time, &config))
     }
 
@@ -202,7 +210,7 @@ fn check_parts(checks: &mut Checklist, archive: &Archive, setting: &Setting, tim
     compare("z_prev", around[0].clone());
     compare("z_next", around[1].clone());
     if let Some(temporal) = &setting.refinement.temporal {
-        let tokens = Tokens { centre, around: Tensor::stack(around.to_vec(), 1) };
+        let tokens = Tokens::new(centre, Tensor::stack(around.to_vec(), 1));
         compare("attn_out", temporal.mix(tokens.clone()));
         compare("h_mfta", temporal.forward(tokens));
     }

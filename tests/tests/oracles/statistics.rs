@@ -66,8 +66,13 @@ impl Setting {
 
     /// The statistics of the given centres.
     fn measure(&self, means: &Tensor<2>, config: &MotionConfig) -> Result<TrajectoryStatistics> {
-        let trajectories =
-            Trajectories { network: &self.network, timeline: &self.timeline, config, extent: self.extent };
+        let trajectories = Trajectories {
+            network: &self.network,
+            timeline: &self.timeline,
+            config,
+            extent: self.extent,
+            lifetimes: None,
+        };
         Ok(trajectories.measure(means)?)
     }
 }
@@ -167,7 +172,7 @@ fn check_refreshes(checks: &mut Checklist, archive: &Archive, setting: &Setting,
         };
         compare("V_raw", signatures(&statistics), RAW)?;
         compare("e_raw", local(&statistics), RAW)?;
-        let cache = MotionCache::new(statistics, &mut normalisers, &setting.config, &means);
+        let cache = MotionCache::new(statistics, &mut normalisers, &setting.config, &means)?;
         compare("V_norm", Array::of(cache.signatures.clone()), NORMALISED)?;
         compare("e_norm", Array::of(cache.local.clone()), NORMALISED)?;
         compare("mu_V", Array::list(normalisers.signatures.means.clone()), RAW)?;

@@ -1,6 +1,6 @@
 //! The motion modules of a `motion_forward` file, in every variant that it has.
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use burn::module::Param;
 use burn::nn::Linear;
 use burn::tensor::{DType, Device, Gradients, Tensor};
@@ -50,6 +50,7 @@ pub fn refinement(archive: &Archive, config: &MotionConfig, device: &Device) -> 
         Ok(match config.temporal {
             Temporal::Cross => TemporalModule::Attention(attention()?),
             Temporal::SelfAttention => TemporalModule::SelfAttention(attention()?),
+            Temporal::Spatial => bail!("the files have no attention in space"),
             Temporal::Average => TemporalModule::Average(TemporalAverage { mlp: chain("avg")? }),
             Temporal::Convolution => {
                 TemporalModule::Convolution(TemporalConvolution { taps: taps(archive, device)?, mlp: chain("mfta")? })
@@ -91,7 +92,11 @@ pub fn layers(refinement: &MotionRefinement) -> Vec<(String, &Linear)> {
         None => Vec::new(),
     };
     match &refinement.temporal {
-        Some(TemporalModule::Attention(attention) | TemporalModule::SelfAttention(attention)) => {
+        Some(
+            TemporalModule::Attention(attention)
+            | TemporalModule::SelfAttention(attention)
+            | TemporalModule::Spatial(attention),
+        ) => {
             let projections = [("q", &attention.query), ("k", &attention.key), ("v", &attention.value)];
             all.extend(projections.map(|(name, layer)| (format!("mfta.{name}"), layer)));
             all.extend(chain_layers("mfta", &attention.mlp));

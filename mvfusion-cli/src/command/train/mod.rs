@@ -232,14 +232,17 @@ fn times_sentence(given: &Config, fitted: &Config) -> Option<String> {
     (!said.is_empty()).then(|| said.join(", "))
 }
 
-/// `runs/NAME-SEED`. NAME is the name of the scene folder, or of the preset, followed by `-casual` for the second
-/// built-in scene.
+/// `runs/NAME-SEED`. NAME is the name of the scene folder, or of the preset, followed by the kind of the built-in scene
+/// unless that is the default one.
 fn default_folder(resolved: &Resolved) -> PathBuf {
     let options = &resolved.config.scene;
     let name = match &options.data {
         Some(folder) => folder.file_name().map_or("scene".into(), |name| name.to_string_lossy().into_owned()),
-        None if options.kind == BuiltinKind::Casual => format!("{}-casual", resolved.preset.name),
-        None => resolved.preset.name.to_owned(),
+        None => match options.kind {
+            BuiltinKind::Video => resolved.preset.name.to_owned(),
+            BuiltinKind::Motion => format!("{}-motion", resolved.preset.name),
+            BuiltinKind::Casual => format!("{}-casual", resolved.preset.name),
+        },
     };
     Path::new(RUNS).join(format!("{name}-{}", resolved.config.seed))
 }

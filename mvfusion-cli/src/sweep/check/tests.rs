@@ -2,7 +2,8 @@
 
 use image::{GrayImage, Luma, Rgb, RgbImage};
 use mvfusion_model::evaluation::{
-    Evaluator, LayerScores, Pair, Protocol, Regions, Scores, SmallMoversRecall, TemporalScores, ViewMetrics,
+    AttentionFigures, Evaluator, LayerScores, ModuleFigures, Pair, Protocol, RefinementFigures, Regions, Scores,
+    SmallMoversRecall, TemporalScores, ViewMetrics,
 };
 use mvfusion_model::train::picture_tensor;
 
@@ -66,6 +67,12 @@ fn the_names_that_are_known_are_those_of_a_run_that_has_everything() {
     results.training_views = Some(scores);
     results.speed =
         Some(RenderSpeed { width: 8, height: 8, warm_up: 1, frames: 1, fps: 60.0, fps_without_mfta: Some(70.0) });
+    let module = ModuleFigures { norm: 0.5, constant: 0.5, over_gaussians: 0.25, over_time: 0.25 };
+    results.refinement = Some(RefinementFigures {
+        mvg: Some(module),
+        mfta: Some(module),
+        attention: Some(AttentionFigures { entropy: 0.5, uniform_entropy: 0.7 }),
+    });
     let given: BTreeSet<String> = metrics(&results).into_keys().collect();
     let known: BTreeSet<String> = metric::all().into_iter().map(|metric| metric.name).collect();
     assert_eq!(known, given);

@@ -5,6 +5,7 @@ use mvfusion_model::evaluation::Better;
 use super::paper::spoken;
 use super::{
     CellCounts, Column, Entry, Method, Outcome, Row, SeedMean, Spread, State, Table, TrainedCell, paper, regions,
+    verdict,
 };
 use crate::sweep::grid::Difference;
 use crate::sweep::index::Index;
@@ -29,6 +30,7 @@ impl Table {
             mark_best(&mut rows, place, &column.metric);
         }
         rows.extend(differences(index, &rows, &labels));
+        let verdicts = index.rule.iter().flat_map(|rule| verdict::of(rule, &rows, &columns, &seeds)).collect();
         Self {
             name: index.name.clone(),
             title: index.title.clone(),
@@ -38,6 +40,8 @@ impl Table {
             headings: labels.headings(&index.axes),
             columns,
             rows,
+            rule: index.rule.clone(),
+            verdicts,
             wanted: index.wanted.clone(),
             regions,
             cells: counts(&cells),

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use mvfusion_model::evaluation::Better;
 use serde::Serialize;
 
-use super::{CellCounts, Column, Entry, Method, Row, SeedMean, State, Table, paper};
+use super::{CellCounts, Column, Entry, Method, Row, SeedMean, State, Table, Verdict, paper};
+use crate::sweep::grid::Rule;
 
 #[derive(Serialize)]
 struct TableJson<'a> {
@@ -17,6 +18,10 @@ struct TableJson<'a> {
     notes: Vec<String>,
     columns: Vec<ColumnJson<'a>>,
     rows: Vec<RowJson<'a>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rule: Option<&'a Rule>,
+    #[serde(skip_serializing_if = "<[Verdict]>::is_empty")]
+    verdicts: &'a [Verdict],
 }
 
 #[derive(Serialize)]
@@ -72,6 +77,8 @@ impl Table {
             notes: self.notes(),
             columns: self.columns.iter().map(column_json).collect(),
             rows: self.rows.iter().map(|row| self.row_json(row)).collect(),
+            rule: self.rule.as_ref(),
+            verdicts: &self.verdicts,
         }
     }
 

@@ -16,6 +16,7 @@ impl Table {
             text += &format!("{}\n\n", escaped(self.about.trim()));
         }
         text += &self.markdown_tables();
+        text += &self.markdown_verdicts();
         let notes = self.notes();
         if !notes.is_empty() {
             text.push('\n');
@@ -37,6 +38,42 @@ impl Table {
             first += group.len();
         }
         blocks.join("\n")
+    }
+
+    /// The differences as the grid's rule judges them; nothing without a rule.
+    fn markdown_verdicts(&self) -> String {
+        let Some(rule) = &self.rule else { return String::new() };
+        let confidence = 1e2 * rule.confidence;
+        let mut text = format!(
+            "\n**Verdict.** A difference helps a scene if the {confidence} % t-interval of its mean over seeds excludes \
+             0 on the better side in every metric below, and harms it if an interval excludes 0 on the worse side. A \
+             variant that helps at least {} of the {} scenes and harms none is recommended.\n\n",
+            rule.least_helped,
+            rule.scenes.len()
+        );
+        let mut rows = vec![vec!["difference".to_owned()]];
+        rows[0].extend(rule.scenes.iter().map(|scene| escaped(&scene.scene)));
+        rows[0].push("recommended".to_owned());
+        for verdict in &self.verdicts {
+            let values = verdict.values.iter().map(|value| format!(", {value}")).collect::<String>();
+            let mut row = vec![escaped(&format!("{} - {}{values}", verdict.variant, verdict.minus))];
+            row.extend(verdict.scenes.iter().map(|scene| escaped(&scene.sentence(self.seeds.len()))));
+            row.push(verdict.recommended.map_or("not complete", |yes| if yes { "yes" } else { "no" }).to_owned());
+            rows.push(row);
+        }
+        let width = |place: usize| rows.iter().map(|row| row[place].chars().count()).max().unwrap_or(0).max(3);
+        let widths: Vec<usize> = (0..rows[0].len()).map(width).collect();
+        for (index, row) in rows.iter().enumerate() {
+            text.push('|');
+            text.extend(row.iter().zip(&widths).map(|(field, width)| format!(" {field:width$} |")));
+            text.push('\n');
+            if index == 0 {
+                text.push('|');
+                text.extend(widths.iter().map(|width| format!(":{}|", "-".repeat(width + 1))));
+                text.push('\n');
+            }
+        }
+        text
     }
 
     /// The table of some columns; their heads name their groups or not.

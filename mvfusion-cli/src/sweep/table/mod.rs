@@ -17,6 +17,7 @@ mod regions;
 mod scale;
 #[cfg(test)]
 mod specimen;
+mod verdict;
 mod write;
 
 use std::collections::BTreeMap;
@@ -25,8 +26,10 @@ use mvfusion_model::evaluation::RegionSource;
 use serde::Serialize;
 
 pub use plots::{Plot, Point, Series};
+pub use verdict::{Effect, Interval, SceneVerdict, Verdict};
 pub use write::write;
 
+use super::grid::Rule;
 use super::index::{Cell, Wanted};
 use super::metric::TableMetric;
 
@@ -74,6 +77,10 @@ pub struct Table {
     pub columns: Vec<Column>,
     /// The rows: those from the literature, those that were trained, differences.
     pub rows: Vec<Row>,
+    /// How differences are judged.
+    pub rule: Option<Rule>,
+    /// The differences as that rule judges them; empty without a rule.
+    pub verdicts: Vec<Verdict>,
     /// What the sweep measures beside the metrics that a training leaves.
     pub wanted: Wanted,
     /// The scenes of columns that show a metric of a region, by what their regions were taken from.

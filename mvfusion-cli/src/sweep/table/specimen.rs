@@ -21,6 +21,7 @@ pub(super) fn index(axes: &[&str], columns: Vec<ColumnGroup>, paper: &str) -> In
         axes: axes.iter().map(|&key| key.to_owned()).collect(),
         columns,
         differences: Vec::new(),
+        rule: None,
         paper,
         wanted: Wanted::default(),
         expected: None,

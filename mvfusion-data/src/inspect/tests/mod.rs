@@ -17,9 +17,11 @@ use crate::scene::{Picture, View};
 /// A small sound scene, created once for all tests.
 fn sound(kind: BuiltinKind) -> Scene {
     static VIDEO: OnceLock<Scene> = OnceLock::new();
+    static MOTION: OnceLock<Scene> = OnceLock::new();
     static CASUAL: OnceLock<Scene> = OnceLock::new();
     let place = match kind {
         BuiltinKind::Video => &VIDEO,
+        BuiltinKind::Motion => &MOTION,
         BuiltinKind::Casual => &CASUAL,
     };
     let make = || {

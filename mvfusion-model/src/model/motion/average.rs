@@ -4,6 +4,7 @@ use burn::module::Module;
 use burn::tensor::Tensor;
 
 use super::token::token_width;
+use crate::config::MotionConfig;
 use crate::model::network::{Mlp, ModuleInit, zero_last_layer};
 
 /// The mean of the tokens instead of attention. It has a separate MLP, because tokens are wider than the output of
@@ -16,8 +17,9 @@ pub struct TemporalAverage {
 
 impl TemporalAverage {
     /// Averaging over tokens for features of `feature_width`.
-    pub fn new(feature_width: usize, hidden: usize, init: &mut ModuleInit<'_>) -> Self {
-        Self { mlp: zero_last_layer(init.mlp(&[token_width(feature_width), hidden, feature_width])) }
+    pub fn new(feature_width: usize, config: &MotionConfig, init: &mut ModuleInit<'_>) -> Self {
+        let token = token_width(feature_width, config);
+        Self { mlp: zero_last_layer(init.mlp(&[token, config.hidden, feature_width])) }
     }
 
     /// The mean of the tokens, before the MLP: `[N, S, T]` to `[N, T]`.

@@ -4,9 +4,11 @@ use std::sync::{Arc, OnceLock};
 
 use burn::tensor::{Int, Tensor};
 
+use super::near::Near;
 use super::normaliser::MovingNormaliser;
-use super::statistics::{SIGNATURE_WIDTH, TrajectoryStatistics};
-use crate::config::{Descriptor, MotionConfig};
+use super::statistics::{SIGNATURE_WIDTH, TrajectoryStatistics, VELOCITY_WIDTH};
+use crate::ModelError;
+use crate::config::{Descriptor, MotionConfig, Temporal};
 use crate::model::gaussians::{Attribute, Gaussians, LEAST_LOG_DURATION};
 use crate::model::rows::{PerGaussian, RowMap};
 use crate::tensors;
@@ -23,6 +25,10 @@ pub struct MotionCache {
     pub signatures: Tensor<2>,
     /// Normalised local variances at the knots: `[N, knots]`.
     pub local: Tensor<2>,
+    /// Normalised velocities at the knots, knot by knot: `[N, 3 knots]`. Only with `motion.descriptor = "momentary"`.
+    pub velocities: Option<Tensor<2>>,
+    /// The nearest other Gaussians. Only with `motion.temporal = "spatial"`.
+    pub near: Option<Near>,
     /// Raw motion intensity, for renders and pruning: `[N, 1]`.
     pub intensity: Tensor<2>,
     /// Times of the knots.
@@ -38,28 +44,34 @@ pub struct MotionCache {
 #[derive(Clone, Debug, Default)]
 pub struct Encoding(Arc<OnceLock<Tensor<2>>>);
 
-/// The normalisers of signatures and local variances.
+/// The normalisers of signatures, local variances and velocities.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Normalisers {
     /// Thirteen columns.
     pub signatures: MovingNormaliser,
     /// One column for all knots (A10b).
     pub local: MovingNormaliser,
+    /// Three columns, the same for all knots.
+    #[serde(default)]
+    pub velocities: MovingNormaliser,
 }
 
 impl MotionCache {
-    /// The cache of new statistics, or of the part of them that MVG reads; `like` determines device and dtype.
+    /// The cache of new statistics of the canonical centres `[N, 3]`, or of the part of them that the modules read.
+    ///
+    /// # Errors
+    /// If the device fails to return values.
     pub fn new(
         statistics: TrajectoryStatistics,
         normalisers: &mut Normalisers,
         config: &MotionConfig,
-        like: &Tensor<2>,
-    ) -> Self {
+        means: &Tensor<2>,
+    ) -> Result<Self, ModelError> {
         let statistics = match config.descriptor {
             // Applied before the normaliser, which keeps columns of zeros.
             Descriptor::PositionVariance => statistics.position_only(),
             // Raw offsets are computed when they are needed. Tokens and intensity use the measurement.
-            Descriptor::Variances | Descriptor::Offsets => statistics,
+            Descriptor::Variances | Descriptor::Offsets | Descriptor::Momentary => statistics,
         };
         let signatures = normalisers.signatures.update_and_normalise(&statistics.signatures, SIGNATURE_WIDTH, config);
         let local = match config.normalise_local {
@@ -67,15 +79,24 @@ impl MotionCache {
             false => statistics.local.clone(),
         };
         let knots = statistics.knot_times.len();
-        let table = |values, columns| tensors::from_data_like(TrajectoryStatistics::table(values, columns), like);
-        Self {
+        let table = |values, columns| tensors::from_data_like(TrajectoryStatistics::table(values, columns), means);
+        let velocities = (config.descriptor == Descriptor::Momentary).then(|| {
+            let normalised =
+                normalisers.velocities.update_and_normalise(&statistics.velocities, VELOCITY_WIDTH, config);
+            table(normalised, VELOCITY_WIDTH * knots)
+        });
+        let local = table(local, knots);
+        let reads_near = config.mfta && config.temporal == Temporal::Spatial;
+        Ok(Self {
+            near: reads_near.then(|| Near::of(means, &local, config.neighbours)).transpose()?,
             signatures: table(signatures, SIGNATURE_WIDTH),
-            local: table(local, knots),
+            local,
+            velocities,
             intensity: table(statistics.intensities(), 1),
             knot_times: statistics.knot_times,
             inherits: config.inherit,
             encoding: Encoding::default(),
-        }
+        })
     }
 
     /// The signatures as `encode` encodes them, always in the same way: `[N, columns]`.
@@ -91,6 +112,21 @@ impl MotionCache {
             return knot(place.lower);
         }
         knot(place.lower) * (1.0 - place.weight) + knot(place.upper) * place.weight
+    }
+
+    /// What MVG reads of a time: the local intensity, `[N, 1]`, and the velocity if there is one, `[N, 4]`.
+    pub(super) fn moment_at(&self, time: f64) -> Tensor<2> {
+        let local = self.local_at(time);
+        let Some(velocities) = &self.velocities else { return local };
+        let place = between(&self.knot_times, time);
+        let knot = |index| velocities.clone().narrow(1, VELOCITY_WIDTH * index, VELOCITY_WIDTH);
+        let velocity = knot(place.lower) * (1.0 - place.weight) + knot(place.upper) * place.weight;
+        Tensor::cat(vec![local, velocity], 1)
+    }
+
+    /// Local intensities of the nearest other Gaussians at a time, `[N, K]`; `None` if they are unknown.
+    pub(super) fn near_local_at(&self, time: f64) -> Option<Tensor<2>> {
+        self.near.as_ref().map(|near| near.local_at(between(&self.knot_times, time)))
     }
 
     /// Stillness of each Gaussian in `[0, 1]`: `exp(-variance / mean variance)` times its duration as a fraction of the
@@ -115,6 +151,8 @@ impl MotionCache {
         Self {
             signatures: self.signatures.select(0, rows.clone()),
             local: self.local.select(0, rows.clone()),
+            velocities: self.velocities.map(|velocities| velocities.select(0, rows.clone())),
+            near: self.near.map(|near| near.select(rows)),
             intensity: self.intensity.select(0, rows.clone()),
             encoding: Encoding::default(),
             ..self
@@ -124,9 +162,10 @@ impl MotionCache {
 
 impl PerGaussian for MotionCache {
     fn follow(&mut self, map: &RowMap) {
-        let Self { signatures, local, intensity, knot_times: _, inherits, encoding } = self;
+        let Self { signatures, local, velocities, near, intensity, knot_times: _, inherits, encoding } = self;
         *encoding = Encoding::default();
-        for values in [signatures, local, intensity] {
+        near.follow(map);
+        for values in [signatures, local, intensity].into_iter().chain(velocities) {
             *values = if *inherits { map.inherit(values) } else { map.keep(values) };
         }
     }
@@ -157,6 +196,8 @@ mod tests {
             let cache = MotionCache {
                 signatures: column([0.0; 4]),
                 local: column([0.0; 4]),
+                velocities: None,
+                near: None,
                 intensity: column([0.0, 3.0, 0.0, 0.0]),
                 knot_times: vec![0.5],
                 inherits: true,
@@ -177,6 +218,8 @@ mod tests {
             let mut cache = MotionCache {
                 signatures: column.clone(),
                 local: column.clone(),
+                velocities: None,
+                near: None,
                 intensity: column,
                 knot_times: vec![0.5],
                 inherits: true,

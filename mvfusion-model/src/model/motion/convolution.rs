@@ -7,6 +7,7 @@ use burn::nn::Linear;
 use burn::tensor::Tensor;
 
 use super::token::token_width;
+use crate::config::MotionConfig;
 use crate::model::network::{Mlp, ModuleInit, Rectified, side_by_side, zero_last_layer};
 
 /// Taps of the convolution: previous, current and next frame.
@@ -24,10 +25,11 @@ pub struct TemporalConvolution {
 
 impl TemporalConvolution {
     /// A convolution over tokens for features of `feature_width`.
-    pub fn new(feature_width: usize, attention_width: usize, hidden: usize, init: &mut ModuleInit<'_>) -> Self {
+    pub fn new(feature_width: usize, config: &MotionConfig, init: &mut ModuleInit<'_>) -> Self {
+        let width = config.attention_width;
         Self {
-            taps: init.linear(TAPS * token_width(feature_width), attention_width),
-            mlp: zero_last_layer(init.mlp(&[attention_width, hidden, feature_width])),
+            taps: init.linear(TAPS * token_width(feature_width, config), width),
+            mlp: zero_last_layer(init.mlp(&[width, config.hidden, feature_width])),
         }
     }
 

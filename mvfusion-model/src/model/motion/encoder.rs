@@ -3,11 +3,13 @@
 use burn::module::Module;
 use burn::tensor::Tensor;
 
-use super::statistics::SIGNATURE_WIDTH;
+use super::statistics::{SIGNATURE_WIDTH, VELOCITY_WIDTH};
+use crate::config::{Descriptor, MotionConfig};
 use crate::model::network::{Mlp, ModuleInit, zero_last_layer};
 
-/// Encodes signature and local intensity into a residual of the deformation feature:
-/// `h_MVG = W2 relu(W1 PE(V (+) e(t)))`, with `W2` zero at the start.
+/// Encodes the signature and what is known of the moment into a residual of the deformation feature:
+/// `h_MVG = W2 relu(W1 PE(V (+) e(t)))`, with `W2` zero at the start. Of a moment, the local intensity `e(t)` is known,
+/// and with `motion.descriptor = "momentary"` also the velocity.
 #[derive(Module, Debug)]
 pub struct MotionEncoder {
     /// Two layers; the last one starts at zero.
@@ -17,10 +19,11 @@ pub struct MotionEncoder {
 }
 
 impl MotionEncoder {
-    /// An encoder to features of `width`, through `hidden` units.
-    pub fn new(width: usize, hidden: usize, octaves: usize, init: &mut ModuleInit<'_>) -> Self {
-        let inputs = (SIGNATURE_WIDTH + 1) * (1 + 2 * octaves);
-        Self { mlp: zero_last_layer(init.mlp(&[inputs, hidden, width])), octaves }
+    /// An encoder to features of `width`.
+    pub fn new(width: usize, config: &MotionConfig, init: &mut ModuleInit<'_>) -> Self {
+        let moment = if config.descriptor == Descriptor::Momentary { 1 + VELOCITY_WIDTH } else { 1 };
+        let inputs = (SIGNATURE_WIDTH + moment) * (1 + 2 * config.octaves);
+        Self { mlp: zero_last_layer(init.mlp(&[inputs, config.hidden, width])), octaves: config.octaves }
     }
 
     /// An encoder with given layers.
@@ -28,9 +31,9 @@ impl MotionEncoder {
         Self { mlp, octaves }
     }
 
-    /// Maps `[N, 13]` signatures and `[N, 1]` local intensities to `[N, width]`.
-    pub fn forward(&self, signatures: Tensor<2>, local: Tensor<2>) -> Tensor<2> {
-        self.forward_encoded(self.encode(signatures), local)
+    /// Maps `[N, 13]` signatures and `[N, 1 or 4]` values of the moment to `[N, width]`.
+    pub fn forward(&self, signatures: Tensor<2>, moment: Tensor<2>) -> Tensor<2> {
+        self.forward_encoded(self.encode(signatures), moment)
     }
 
     /// The encoding of signatures. It is the same at all times.
@@ -38,13 +41,13 @@ impl MotionEncoder {
         sinusoidal(signatures, self.octaves)
     }
 
-    /// Maps encoded signatures, `[N, 13 (1 + 2 octaves)]`, and `[N, 1]` local intensities to `[N, width]`.
-    pub(super) fn forward_encoded(&self, signatures: Tensor<2>, local: Tensor<2>) -> Tensor<2> {
-        let (count, blocks) = (local.dims()[0], 1 + 2 * self.octaves);
+    /// Maps encoded signatures, `[N, 13 (1 + 2 octaves)]`, and `[N, 1 or 4]` values of the moment to `[N, width]`.
+    pub(super) fn forward_encoded(&self, signatures: Tensor<2>, moment: Tensor<2>) -> Tensor<2> {
+        let ([count, columns], blocks) = (moment.dims(), 1 + 2 * self.octaves);
         let signatures = signatures.reshape([count, blocks, SIGNATURE_WIDTH]);
-        let local = sinusoidal(local, self.octaves).reshape([count, blocks, 1]);
-        // Each block is a function of all values, so the local intensity is the last column of every block.
-        let rows = Tensor::cat(vec![signatures, local], 2).reshape([count, blocks * (SIGNATURE_WIDTH + 1)]);
+        let moment = sinusoidal(moment, self.octaves).reshape([count, blocks, columns]);
+        // Each block is a function of all values, so those of the moment are the last columns of every block.
+        let rows = Tensor::cat(vec![signatures, moment], 2).reshape([count, blocks * (SIGNATURE_WIDTH + columns)]);
         self.mlp.forward(rows)
     }
 }
@@ -73,7 +76,7 @@ mod tests {
     use crate::test_support::{for_each_device, values};
 
     #[test]
-    fn signature_and_intensity_are_encoded_as_one_row() {
+    fn signature_and_moment_are_encoded_as_one_row() {
         const ROWS: usize = 7;
         for_each_device(|device| {
             let mut stream = Stream::new(3, 0);
@@ -81,11 +84,11 @@ mod tests {
                 let numbers = (0..ROWS * columns).map(|_| stream.uniform(-3.0, 3.0)).collect();
                 Tensor::<2>::from_data(TensorData::new(numbers, [ROWS, columns]), (&device, DType::F32))
             };
-            let (signatures, local) = (matrix(SIGNATURE_WIDTH), matrix(1));
-            for octaves in [0, 1, 4] {
+            for (octaves, columns) in [(0, 1), (1, 1), (4, 1), (2, 1 + VELOCITY_WIDTH)] {
+                let (signatures, moment) = (matrix(SIGNATURE_WIDTH), matrix(columns));
                 let encoder = MotionEncoder::from_layers(Mlp { layers: Vec::new() }, octaves);
-                let wanted = sinusoidal(Tensor::cat(vec![signatures.clone(), local.clone()], 1), octaves);
-                assert_eq!(values(encoder.forward(signatures.clone(), local.clone())), values(wanted));
+                let wanted = sinusoidal(Tensor::cat(vec![signatures.clone(), moment.clone()], 1), octaves);
+                assert_eq!(values(encoder.forward(signatures, moment)), values(wanted));
             }
         });
     }

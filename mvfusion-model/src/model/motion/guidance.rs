@@ -9,7 +9,7 @@ use crate::model::network::{DeformationNetwork, Mlp};
 /// A variant of MVG, which computes `h_MVG`. Names in checkpoints: `refinement.encoder`, `refinement.direct`.
 #[derive(Module, Debug)]
 pub enum Guidance {
-    /// From trajectory statistics, complete or only of the position (A27), as stored in the cache.
+    /// From trajectory statistics, as stored in the cache: complete, only of the position (A27), or with velocities.
     Encoder(MotionEncoder),
     /// From the raw offsets (A29).
     Direct(DirectEncoder),
@@ -27,7 +27,7 @@ impl Guidance {
         match self {
             Self::Encoder(encoder) => {
                 let signatures = cache.encoded(|signatures| encoder.encode(signatures));
-                encoder.forward_encoded(signatures, cache.local_at(time))
+                encoder.forward_encoded(signatures, cache.moment_at(time))
             }
             Self::Direct(encoder) => encoder.forward(network.valid().decode(feature.clone().inner())),
         }

@@ -29,6 +29,7 @@ mod tests {
         let statistics = TrajectoryStatistics {
             signatures: (1..=26).map(f64::from).collect(),
             local: vec![0.5, 0.25],
+            velocities: Vec::new(),
             knot_times: vec![0.0],
         };
         let left = statistics.clone().position_only();

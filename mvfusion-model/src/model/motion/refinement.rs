@@ -2,13 +2,14 @@
 //! (paper, eq. of the refined deformation; METHOD §10.2).
 
 use burn::module::Module;
-use burn::tensor::Tensor;
+use burn::tensor::{Tensor, TensorData};
 use mvfusion_render::profile::{Part, measure};
 
 use super::token::TokenMaker;
-use super::{DirectEncoder, Guidance, MotionCache, MotionEncoder, TemporalModule, Tokens};
-use crate::config::{Descriptor, MotionConfig, Refinement, Temporal, TokenMode};
+use super::{DirectEncoder, Guidance, MotionCache, MotionEncoder, MotionModule, Substitutes, TemporalModule, Tokens};
+use crate::config::{Descriptor, MotionConfig, Refinement, Temporal, TokenMode, TokenOffset, TokenValues};
 use crate::model::network::{DeformationConfig, DeformationNetwork, ModuleInit, Offsets};
+use crate::tensors;
 use crate::timeline::Timeline;
 
 /// The motion-aware modules that the configuration selects.
@@ -34,6 +35,14 @@ pub struct RefinementRules {
     pub neighbour_gradient: bool,
     /// The frames that MFTA uses, relative to the current one, in time order (A7).
     pub frames: Vec<isize>,
+    /// Half window, the unit of distances in time, in frames.
+    pub window: usize,
+    /// What tokens know of their distance from the current one.
+    pub token_offset: TokenOffset,
+    /// Octaves of its encoding.
+    pub octaves: usize,
+    /// What values are projected from.
+    pub values: TokenValues,
     /// Gaussians per chunk of tokens.
     pub chunk: usize,
 }
@@ -47,6 +56,34 @@ pub struct RefinementConfig<'a> {
     pub cache: &'a MotionCache,
     /// The scene's extent.
     pub extent: f64,
+    /// What stands in for the modules' outputs.
+    pub substitutes: &'a Substitutes,
+}
+
+/// The parts of a refined feature, `[N, H]` each.
+#[derive(Clone, Debug)]
+pub struct RefinedFeature {
+    /// The feature of the base deformation.
+    pub base: Tensor<2>,
+    /// What MVG adds.
+    pub mvg: Option<Tensor<2>>,
+    /// What MFTA adds.
+    pub mfta: Option<Tensor<2>>,
+}
+
+impl RefinedFeature {
+    /// What a module adds.
+    pub fn of(&self, module: MotionModule) -> Option<&Tensor<2>> {
+        match module {
+            MotionModule::Mvg => self.mvg.as_ref(),
+            MotionModule::Mfta => self.mfta.as_ref(),
+        }
+    }
+
+    /// The sum of all parts.
+    fn fused(self) -> Tensor<2> {
+        self.mvg.into_iter().chain(self.mfta).fold(self.base, |sum, part| sum + part)
+    }
 }
 
 impl RefinementRules {
@@ -62,6 +99,10 @@ impl RefinementRules {
             refine_masks: config.refine_masks,
             neighbour_gradient: config.neighbour_gradient,
             frames,
+            window: config.window,
+            token_offset: config.token_offset,
+            octaves: config.octaves,
+            values: config.values,
             chunk: config.chunk,
         }
     }
@@ -75,9 +116,13 @@ impl MotionRefinement {
     pub fn new(network: &DeformationConfig, config: &MotionConfig, init: &mut ModuleInit<'_>) -> Self {
         let (width, hidden) = (network.width, config.hidden);
         let mut start = init.stream.clone();
-        let encoder = MotionEncoder::new(width, hidden, config.octaves, init);
+        let paper = MotionConfig { descriptor: Descriptor::Variances, ..config.clone() };
+        let encoder = MotionEncoder::new(width, &paper, init);
         let guidance = config.mvg.then(|| match config.descriptor {
             Descriptor::Variances | Descriptor::PositionVariance => Guidance::Encoder(encoder),
+            Descriptor::Momentary => {
+                Guidance::Encoder(MotionEncoder::new(width, config, &mut init.drawing_from(&mut start)))
+            }
             Descriptor::Offsets => {
                 let mut init = init.drawing_from(&mut start);
                 Guidance::Direct(DirectEncoder::new(network.heads, width, hidden, &mut init))
@@ -85,10 +130,11 @@ impl MotionRefinement {
         });
 
         let mut start = init.stream.clone();
-        let cross = MotionConfig { temporal: Temporal::Cross, ..config.clone() };
-        let attention = TemporalModule::new(width, &cross, init);
-        let temporal = config.mfta.then(|| match config.temporal {
-            Temporal::Cross => attention,
+        let paper =
+            MotionConfig { temporal: Temporal::Cross, token_offset: TokenOffset::Absent, residual: false, ..paper };
+        let attention = TemporalModule::new(width, &paper, init);
+        let temporal = config.mfta.then(|| match (config.temporal, config.token_offset, config.residual) {
+            (Temporal::Cross, TokenOffset::Absent, false) => attention,
             _ => TemporalModule::new(width, config, &mut init.drawing_from(&mut start)),
         });
         Self { guidance, temporal, rules: RefinementRules::new(config) }
@@ -105,28 +151,56 @@ impl MotionRefinement {
         time: f64,
         config: &RefinementConfig<'_>,
     ) -> Offsets {
-        let feature = network.feature(means.clone(), crate::tensors::scalar_like(&means, time));
-        let mut fused = feature.clone();
-        if let Some(guidance) = &self.guidance {
-            fused = fused + measure(Part::Mvg, || guidance.forward(network, &feature, time, config.cache));
-        }
-        if let Some(temporal) = &self.temporal {
-            let mixed = || temporal.forward(self.tokens(network, means, time, feature.clone(), config));
-            fused = fused + measure(Part::Mfta, mixed);
-        }
-        let refined = network.decode(fused);
+        let feature = self.feature(network, means, time, config);
+        let base = feature.base.clone();
+        let refined = network.decode(feature.fused());
         match (self.rules.refinement, self.rules.refine_masks) {
             (Refinement::Replace, true) => refined,
-            (Refinement::Replace, false) => Offsets { mask_logits: network.decode(feature).mask_logits, ..refined },
-            (Refinement::Sum, true) => network.decode(feature) + refined,
+            (Refinement::Replace, false) => Offsets { mask_logits: network.decode(base).mask_logits, ..refined },
+            (Refinement::Sum, true) => network.decode(base) + refined,
             (Refinement::Sum, false) => {
-                let base = network.decode(feature);
+                let base = network.decode(base);
                 Offsets { mask_logits: base.mask_logits.clone(), ..base + refined }
             }
         }
     }
 
-    /// The tokens of canonical centres `[N, 3]` with the feature `[N, H]`, at a time and at the frames around it.
+    /// The refined feature of canonical centres `[N, 3]` at a time.
+    pub fn feature(
+        &self,
+        network: &DeformationNetwork,
+        means: Tensor<2>,
+        time: f64,
+        config: &RefinementConfig<'_>,
+    ) -> RefinedFeature {
+        let count = means.dims()[0];
+        let base = network.feature(means.clone(), tensors::scalar_like(&means, time));
+        let mvg = self.guidance.as_ref().map(|guidance| {
+            let own = || measure(Part::Mvg, || guidance.forward(network, &base, time, config.cache));
+            config.substitutes.output(MotionModule::Mvg, count, own)
+        });
+        let mfta = self.temporal.as_ref().map(|temporal| {
+            let tokens = || self.tokens(network, means, time, base.clone(), config);
+            let own = || measure(Part::Mfta, || temporal.forward(tokens()));
+            config.substitutes.output(MotionModule::Mfta, count, own)
+        });
+        RefinedFeature { base, mvg, mfta }
+    }
+
+    /// The mean entropy of MFTA's attention at a time, in nats: `[1]`; `None` without attention.
+    pub fn entropy(
+        &self,
+        network: &DeformationNetwork,
+        means: Tensor<2>,
+        time: f64,
+        config: &RefinementConfig<'_>,
+    ) -> Option<Tensor<1>> {
+        let temporal = self.temporal.as_ref()?;
+        let base = network.feature(means.clone(), tensors::scalar_like(&means, time));
+        temporal.entropy(self.tokens(network, means, time, base, config))
+    }
+
+    /// The tokens of canonical centres `[N, 3]` with the feature `[N, H]`, at a time and around it.
     fn tokens(
         &self,
         network: &DeformationNetwork,
@@ -142,18 +216,34 @@ impl MotionRefinement {
             false => (maker.clone(), means.inner()),
         };
         // Without MVG there are no motion statistics, so the tokens contain none (A26).
-        let local = |time: f64| match self.guidance {
-            Some(_) => config.cache.local_at(time),
-            None => config.cache.local_at(time).zeros_like(),
+        let known = |local: Tensor<2>| match self.guidance {
+            Some(_) => local,
+            None => local.zeros_like(),
         };
+        let local = |time: f64| known(config.cache.local_at(time));
         let geometry = maker.geometry(feature.clone().inner());
-        let centre = Tensor::cat(vec![feature, geometry, local(time)], 1);
+        let centre = Tensor::cat(vec![feature, geometry.clone(), local(time)], 1);
 
+        let RefinementRules { token_offset, octaves, .. } = self.rules;
+        let near = config.cache.near.as_ref().zip(config.cache.near_local_at(time));
+        if let (Some(TemporalModule::Spatial(_)), Some((near, local))) = (&self.temporal, near) {
+            let tokens = Tokens::new(centre, around.of_others(&near.means, time, known(local)));
+            return tokens.at_distances(near.distances(means), token_offset, octaves);
+        }
         let index = config.timeline.nearest(time);
         let frames = self.rules.frames.iter();
         let times: Vec<f64> = frames.map(|&frame| config.timeline.neighbour(index, frame)).collect();
         let local = Tensor::cat(times.iter().map(|&time| local(time)).collect(), 1);
-        Tokens { centre, around: around.at(&means, &times, local) }
+        let tokens = Tokens::new(centre, around.at(&means, &times, local));
+
+        let window = self.rules.window as f64 * config.timeline.spacing();
+        let distances: Vec<f64> = times.iter().map(|other| (other - time) / window).collect();
+        let tokens = match self.rules.values {
+            TokenValues::States => tokens,
+            TokenValues::Velocities => tokens.with_velocities(geometry, &distances),
+        };
+        let distances = TensorData::new(distances, [1, times.len(), 1]);
+        tokens.at_distances(tensors::from_data_like(distances, &means), token_offset, octaves)
     }
 }
 

@@ -1,9 +1,11 @@
-//! Statistics of simulated trajectories: the 13-dimensional signature and the local variances (METHOD §10.2, A5 to A9).
+//! Statistics of simulated trajectories: the 13-dimensional signature, the local variances (METHOD §10.2, A5 to A9) and
+//! the velocities.
 
 use burn::tensor::{Tensor, TensorData};
 use rayon::prelude::*;
 
-use crate::config::{FusionWeights, MotionConfig, Spread};
+use super::Lifetimes;
+use crate::config::{Descriptor, FusionWeights, MotionConfig, Spread};
 use crate::model::network::DeformationNetwork;
 use crate::timeline::{Timeline, spread, strided};
 use crate::{ModelError, tensors};
@@ -11,6 +13,9 @@ use crate::{ModelError, tensors};
 /// Length of a trajectory signature `V`: mean and variance of position (3 + 3), rotation, isotropic and anisotropic
 /// scale (2 each), and the motion intensity.
 pub const SIGNATURE_WIDTH: usize = 13;
+
+/// Values of a velocity: one per axis.
+pub const VELOCITY_WIDTH: usize = 3;
 
 /// Values recorded per Gaussian and sample: position (3), rotation magnitude, isotropic and anisotropic log-scale.
 const RECORD: usize = 6;
@@ -26,6 +31,8 @@ pub struct Trajectories<'a> {
     pub config: &'a MotionConfig,
     /// The scene's extent; displacements are divided by it, unless configured otherwise (A9b).
     pub extent: f64,
+    /// The lifetimes of the Gaussians, if their trajectories are measured over them.
+    pub lifetimes: Option<&'a Lifetimes>,
 }
 
 /// The statistics of the trajectories of `N` Gaussians.
@@ -35,6 +42,9 @@ pub struct TrajectoryStatistics {
     pub signatures: Vec<f64>,
     /// Local variances `e` at the knots, row by row: `N * knots`.
     pub local: Vec<f64>,
+    /// Velocities at the knots, row by row and knot by knot, in displacements per video: `N * 3 knots`; empty unless
+    /// MVG reads them.
+    pub velocities: Vec<f64>,
     /// Times of the knots.
     pub knot_times: Vec<f64>,
 }
@@ -51,21 +61,45 @@ impl Trajectories<'_> {
             0 => strided(times.len(), self.config.knot_stride),
             count => spread(times.len(), count),
         };
-        let summary = Summary { config: self.config, knots: &knots };
+        let summary = Summary { config: self.config, times: &times, knots: &knots };
 
         let count = means.dims()[0];
-        let mut signatures = Vec::with_capacity(count * SIGNATURE_WIDTH);
-        let mut local = Vec::with_capacity(count * knots.len());
+        let mut statistics = TrajectoryStatistics {
+            signatures: Vec::with_capacity(count * SIGNATURE_WIDTH),
+            local: Vec::with_capacity(count * knots.len()),
+            velocities: Vec::new(),
+            knot_times: knots.iter().map(|&k| times[k]).collect(),
+        };
         for first in (0..count).step_by(self.config.chunk.max(1)) {
             let chunk = self.config.chunk.max(1).min(count - first);
             let records = self.record(means.clone().narrow(0, first, chunk), &times)?;
-            let rows: Vec<_> = (0..chunk).into_par_iter().map(|i| summary.of(&records, i, chunk)).collect();
-            for (signature, variances) in rows {
-                signatures.extend_from_slice(&signature);
-                local.extend_from_slice(&variances);
+            let path = |i| self.path(&records, i, chunk, first + i, &times);
+            let rows: Vec<_> = (0..chunk).into_par_iter().map(|i| summary.of(&path(i))).collect();
+            for Row { signature, local, velocities } in rows {
+                statistics.signatures.extend_from_slice(&signature);
+                statistics.local.extend_from_slice(&local);
+                statistics.velocities.extend_from_slice(&velocities);
             }
         }
-        Ok(TrajectoryStatistics { signatures, local, knot_times: knots.iter().map(|&k| times[k]).collect() })
+        Ok(statistics)
+    }
+
+    /// The path of Gaussian `index` of a chunk of `chunk` Gaussians, which is Gaussian `row` of all.
+    fn path(&self, records: &[f32], index: usize, chunk: usize, row: usize, times: &[f64]) -> Path {
+        let mut path = Path::of(records, index, chunk);
+        if let Some(lifetimes) = self.lifetimes {
+            for (axis, positions) in path.columns[..3].iter_mut().enumerate() {
+                let travel = times.iter().map(|&time| lifetimes.travel(row, axis, time) / self.unit());
+                positions.iter_mut().zip(travel).for_each(|(position, travel)| *position += travel);
+            }
+            path.weights = lifetimes.weights(row, times);
+        }
+        path
+    }
+
+    /// The unit of displacements.
+    fn unit(&self) -> f64 {
+        if self.config.in_extents { self.extent } else { 1.0 }
     }
 
     fn sample_times(&self) -> Vec<f64> {
@@ -76,12 +110,11 @@ impl Trajectories<'_> {
 
     /// The records of a chunk `[n, 3]` at every time, sample by sample: `[samples * n * 6]`.
     fn record(&self, means: Tensor<2>, times: &[f64]) -> Result<Vec<f32>, ModelError> {
-        let unit = if self.config.in_extents { self.extent } else { 1.0 };
         let mut records = Vec::with_capacity(times.len() * means.dims()[0] * RECORD);
         for &time in times {
             let feature = self.network.feature(means.clone(), tensors::scalar_like(&means, time));
             let geometry = self.network.heads.geometry(feature);
-            let displacement = geometry.clone().narrow(1, 0, 3) / unit;
+            let displacement = geometry.clone().narrow(1, 0, 3) / self.unit();
             let log_scale = geometry.clone().narrow(1, 3, 3);
             let rotation = geometry.narrow(1, 6, 4);
             let isotropic = log_scale.clone().mean_dim(1);
@@ -125,22 +158,41 @@ impl AttributeSpread {
     }
 }
 
-/// The statistics of one trajectory, in double precision, because `f32` loses the variances of small motions.
+/// What one Gaussian does at every sample.
+struct Path {
+    columns: [Vec<f64>; RECORD],
+    /// How much each sample counts.
+    weights: Vec<f64>,
+}
+
+impl Path {
+    /// The path of Gaussian `index` in a chunk of `chunk` Gaussians. All samples count alike.
+    fn of(records: &[f32], index: usize, chunk: usize) -> Self {
+        let samples = records.len() / (chunk * RECORD);
+        let column =
+            |channel: usize| (0..samples).map(|k| f64::from(records[(k * chunk + index) * RECORD + channel])).collect();
+        Self { columns: std::array::from_fn(column), weights: vec![1.0; samples] }
+    }
+}
+
+/// The statistics of one path.
+struct Row {
+    signature: [f64; SIGNATURE_WIDTH],
+    local: Vec<f64>,
+    velocities: Vec<f64>,
+}
+
+/// Computes the statistics of paths, in double precision, because `f32` loses the variances of small motions.
 struct Summary<'a> {
     config: &'a MotionConfig,
+    times: &'a [f64],
     knots: &'a [usize],
 }
 
 impl Summary<'_> {
-    /// Signature and knot variances of Gaussian `index` in a chunk of `chunk` Gaussians.
-    fn of(&self, records: &[f32], index: usize, chunk: usize) -> ([f64; SIGNATURE_WIDTH], Vec<f64>) {
-        let samples = records.len() / (chunk * RECORD);
-        let column = |channel: usize| -> Vec<f64> {
-            (0..samples).map(|k| f64::from(records[(k * chunk + index) * RECORD + channel])).collect()
-        };
-        let columns: [Vec<f64>; RECORD] = std::array::from_fn(column);
-        let moments: [Moments; RECORD] = std::array::from_fn(|channel| self.moments(&columns[channel]));
-
+    fn of(&self, path: &Path) -> Row {
+        let moments: [Moments; RECORD] =
+            std::array::from_fn(|channel| self.moments(&path.columns[channel], &path.weights));
         let mut signature = [0.0; SIGNATURE_WIDTH];
         for axis in 0..3 {
             signature[axis] = moments[axis].mean;
@@ -152,19 +204,34 @@ impl Summary<'_> {
         }
         signature[12] = AttributeSpread::of(&signature).fused(self.config.weights);
 
-        let local = self.knots.iter().map(|&knot| self.local_variance(&columns, knot)).collect();
-        (signature, local)
+        let local = self.knots.iter().map(|&knot| self.local_variance(path, knot)).collect();
+        let velocities = match self.config.descriptor {
+            Descriptor::Momentary => self.knots.iter().flat_map(|&knot| self.velocity(path, knot)).collect(),
+            _ => Vec::new(),
+        };
+        Row { signature, local, velocities }
     }
 
     /// Variance of the displacement over the samples around `knot`, averaged over the axes (A8).
-    fn local_variance(&self, columns: &[Vec<f64>; RECORD], knot: usize) -> f64 {
+    fn local_variance(&self, path: &Path, knot: usize) -> f64 {
         let first = knot.saturating_sub(self.config.window);
-        let end = (knot + self.config.window + 1).min(columns[0].len());
-        columns[..3].iter().map(|axis| self.moments(&axis[first..end]).spread).sum::<f64>() / 3.0
+        let end = (knot + self.config.window + 1).min(path.weights.len());
+        let spread = |axis: &Vec<f64>| self.moments(&axis[first..end], &path.weights[first..end]).spread;
+        path.columns[..3].iter().map(spread).sum::<f64>() / 3.0
     }
 
-    fn moments(&self, values: &[f64]) -> Moments {
-        Moments::of(values, self.config.spread)
+    /// Velocity between the samples before and after `knot`, at the ends between the last two; 0 with one sample.
+    fn velocity(&self, path: &Path, knot: usize) -> [f64; VELOCITY_WIDTH] {
+        let (before, after) = (knot.saturating_sub(1), (knot + 1).min(self.times.len() - 1));
+        let duration = self.times[after] - self.times[before];
+        std::array::from_fn(|axis| match duration > 0.0 {
+            true => (path.columns[axis][after] - path.columns[axis][before]) / duration,
+            false => 0.0,
+        })
+    }
+
+    fn moments(&self, values: &[f64], weights: &[f64]) -> Moments {
+        Moments::of(values, weights, self.config.spread)
     }
 }
 
@@ -175,10 +242,11 @@ struct Moments {
 }
 
 impl Moments {
-    fn of(values: &[f64], spread: Spread) -> Self {
-        let count = values.len().max(1) as f64;
-        let mean = values.iter().sum::<f64>() / count;
-        let variance = values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / count;
+    /// Those of weighted values; of values that all count alike, the population's.
+    fn of(values: &[f64], weights: &[f64], spread: Spread) -> Self {
+        let total = weights.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+        let mean = values.iter().zip(weights).map(|(v, w)| w * v).sum::<f64>() / total;
+        let variance = values.iter().zip(weights).map(|(v, w)| w * ((v - mean) * (v - mean))).sum::<f64>() / total;
         Self { mean, spread: spread.of(variance) }
     }
 }
@@ -219,6 +287,11 @@ mod tests {
         MotionConfig { window, ..MotionConfig::default() }
     }
 
+    /// Of samples a tenth of the video apart.
+    fn summary<'a>(config: &'a MotionConfig, knots: &'a [usize]) -> Summary<'a> {
+        Summary { config, times: &[0.0, 0.1, 0.2, 0.3, 0.4], knots }
+    }
+
     /// Records of one Gaussian that moves along x by `step` per sample, for `samples` samples.
     fn moving(samples: usize, step: f32) -> Vec<f32> {
         (0..samples).flat_map(|k| [k as f32 * step, 0.0, 0.0, 0.25, 0.0, 0.0]).collect()
@@ -226,8 +299,9 @@ mod tests {
 
     #[test]
     fn a_moving_gaussian_has_mean_and_variance_of_its_path() {
-        let summary = Summary { config: &windowed(5), knots: &[0, 2, 4] };
-        let (signature, local) = summary.of(&moving(5, 0.5), 0, 1);
+        let config = windowed(5);
+        let summary = summary(&config, &[0, 2, 4]);
+        let Row { signature, local, .. } = summary.of(&Path::of(&moving(5, 0.5), 0, 1));
         // Positions 0, 0.5, .. 2: mean 1, population variance 0.5.
         assert_eq!((signature[0], signature[3], signature[6], signature[7]), (1.0, 0.5, 0.25, 0.0));
         assert!((signature[12] - 0.7 * 0.5 / 3.0).abs() < 1e-15);
@@ -238,8 +312,10 @@ mod tests {
     fn the_intensity_weighs_what_each_attribute_spreads() {
         // Rotation 0, 1; isotropic scale 0, 2; anisotropic scale 0, 4: population variances 0.25, 1 and 4.
         let records = [[0.0; RECORD], [0.0, 0.0, 0.0, 1.0, 2.0, 4.0]].concat();
-        let (signature, local) = Summary { config: &windowed(5), knots: &[0] }.of(&records, 0, 1);
-        let statistics = TrajectoryStatistics { signatures: signature.to_vec(), local, knot_times: vec![0.0] };
+        let config = windowed(5);
+        let Row { signature, local, velocities } = summary(&config, &[0]).of(&Path::of(&records, 0, 1));
+        let statistics =
+            TrajectoryStatistics { signatures: signature.to_vec(), local, velocities, knot_times: vec![0.0] };
         let spreads = statistics.spreads();
         assert_eq!(spreads, [AttributeSpread { position: 0.0, rotation: 0.25, scale: 2.5 }]);
         let weights = FusionWeights { position: 7.0, scale: 2.0, rotation: 4.0 };
@@ -250,25 +326,52 @@ mod tests {
     #[test]
     fn a_deviation_is_the_root_of_a_variance() {
         let config = MotionConfig { spread: Spread::Deviation, ..windowed(5) };
-        let (signature, local) = Summary { config: &config, knots: &[0] }.of(&moving(5, 0.5), 0, 1);
+        let Row { signature, local, .. } = summary(&config, &[0]).of(&Path::of(&moving(5, 0.5), 0, 1));
         assert_eq!(signature[3], 0.5f64.sqrt());
         assert!((local[0] - 0.5f64.sqrt() / 3.0).abs() < 1e-15);
     }
 
     #[test]
     fn a_resting_gaussian_has_no_variance() {
-        let summary = Summary { config: &windowed(1), knots: &[0, 3] };
-        let (signature, local) = summary.of(&moving(4, 0.0), 0, 1);
+        let config = windowed(1);
+        let summary = summary(&config, &[0, 3]);
+        let Row { signature, local, .. } = summary.of(&Path::of(&moving(4, 0.0), 0, 1));
         assert_eq!(signature[12], 0.0);
         assert_eq!(local, [0.0, 0.0]);
     }
 
     #[test]
     fn the_window_is_cut_at_the_ends() {
-        let summary = Summary { config: &windowed(1), knots: &[0, 2] };
-        let (_, local) = summary.of(&moving(5, 1.0), 0, 1);
+        let config = windowed(1);
+        let summary = summary(&config, &[0, 2]);
+        let Row { local, .. } = summary.of(&Path::of(&moving(5, 1.0), 0, 1));
         // Two samples 0, 1 at the start; three samples 1, 2, 3 in the middle.
         assert!((local[0] - 0.25 / 3.0).abs() < 1e-15);
         assert!((local[1] - (2.0 / 3.0) / 3.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_velocity_is_that_of_the_moment() {
+        let config = MotionConfig { descriptor: Descriptor::Momentary, ..windowed(1) };
+        let mut path = Path::of(&moving(5, 0.5), 0, 1);
+        let found = summary(&config, &[0, 2, 4]).of(&path).velocities;
+        for (knot, velocity) in found.chunks_exact(VELOCITY_WIDTH).enumerate() {
+            assert!((velocity[0] - 5.0).abs() < 1e-6 && velocity[1..] == [0.0, 0.0], "{knot}: {velocity:?}");
+        }
+        path.columns[0][1] = 100.0;
+        assert!(summary(&config, &[0]).of(&path).velocities[0] > 100.0);
+        assert_eq!(Summary { config: &config, times: &[0.0], knots: &[0] }.of(&path).velocities, [0.0; 3]);
+        assert!(summary(&windowed(1), &[0]).of(&path).velocities.is_empty());
+    }
+
+    #[test]
+    fn what_a_gaussian_does_while_it_is_not_there_does_not_count() {
+        let config = windowed(5);
+        let mut path = Path::of(&moving(5, 0.5), 0, 1);
+        let without = summary(&config, &[2]).of(&Path::of(&moving(3, 0.5), 0, 1));
+        path.weights[3..].fill(0.0);
+        path.columns[0][4] = 1e9;
+        let found = summary(&config, &[2]).of(&path);
+        assert_eq!((found.signature, found.local), (without.signature, without.local));
     }
 }

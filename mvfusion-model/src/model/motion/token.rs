@@ -2,6 +2,7 @@
 
 use burn::tensor::{Tensor, TensorData};
 
+use crate::config::{MotionConfig, Temporal, TokenOffset};
 use crate::model::network::DeformationNetwork;
 use crate::tensors;
 
@@ -9,8 +10,14 @@ use crate::tensors;
 pub const GEOMETRY_WIDTH: usize = 10;
 
 /// Width `T` of the tokens for features of `feature_width`.
-pub(super) fn token_width(feature_width: usize) -> usize {
-    feature_width + GEOMETRY_WIDTH + 1
+pub(super) fn token_width(feature_width: usize, config: &MotionConfig) -> usize {
+    let distances = if config.temporal == Temporal::Spatial { 3 } else { 1 };
+    let offset = match config.token_offset {
+        TokenOffset::Absent => 0,
+        TokenOffset::Signed => distances,
+        TokenOffset::Sines => distances * (1 + 2 * config.octaves),
+    };
+    feature_width + GEOMETRY_WIDTH + 1 + offset
 }
 
 /// Computes tokens `z = [h, geometry(h), e]` of width `H + 11`; with gradients if network and centres have them.
@@ -20,24 +27,43 @@ pub(super) struct TokenMaker<'a> {
     pub network: &'a DeformationNetwork,
     /// The scene's extent; displacements are divided by it.
     pub extent: f64,
-    /// Gaussians per chunk, each at all times.
+    /// Gaussians per chunk, each with all its tokens.
     pub chunk: usize,
 }
 
 impl TokenMaker<'_> {
     /// The tokens `[N, K, H + 11]` of canonical centres `[N, 3]` at `K` times, with their local intensities `[N, K]`.
     pub fn at(&self, means: &Tensor<2>, times: &[f64], local: Tensor<2>) -> Tensor<3> {
-        let count = means.dims()[0];
         let keys = times.len();
         let times: Tensor<2> = tensors::from_data_like(TensorData::new(times.to_vec(), [keys, 1]), means);
+        // One Gaussian at all times, then the next: the order of attention, and close together in the planes.
+        let tokens = |first, length| {
+            let points = means.clone().narrow(0, first, length).repeat(&[1, keys]).reshape([length * keys, 3]);
+            (points, times.clone().repeat(&[length, 1]))
+        };
+        self.in_chunks(tokens, local)
+    }
+
+    /// The tokens `[N, K, H + 11]` of the centres `[N, 3 K]` of others at one time, with their local intensities `[N, K]`.
+    pub fn of_others(&self, means: &Tensor<2>, time: f64, local: Tensor<2>) -> Tensor<3> {
+        let keys = local.dims()[1];
+        let tokens = |first, length| {
+            let points = means.clone().narrow(0, first, length).reshape([length * keys, 3]);
+            (points, tensors::scalar_like(means, time))
+        };
+        self.in_chunks(tokens, local)
+    }
+
+    /// The tokens of the points and times that `tokens` names for a range of Gaussians.
+    fn in_chunks(&self, tokens: impl Fn(usize, usize) -> (Tensor<2>, Tensor<2>), local: Tensor<2>) -> Tensor<3> {
+        let [count, keys] = local.dims();
         let step = self.chunk.max(1);
         let chunks: Vec<Tensor<3>> = (0..count)
             .step_by(step)
             .map(|first| {
                 let length = step.min(count - first);
-                // One Gaussian at all times, then the next: the order of attention, and close together in the planes.
-                let points = means.clone().narrow(0, first, length).repeat(&[1, keys]).reshape([length * keys, 3]);
-                let feature = self.network.feature(points, times.clone().repeat(&[length, 1]));
+                let (points, times) = tokens(first, length);
+                let feature = self.network.feature(points, times);
                 let local = local.clone().narrow(0, first, length).reshape([length * keys, 1]);
                 let geometry = self.geometry(feature.clone());
                 Tensor::cat(vec![feature, geometry, local], 1).reshape([length as i32, keys as i32, -1])

@@ -18,7 +18,12 @@ use crate::train::{BranchGradients, TrainState};
 /// Names of the motion descriptors.
 pub(super) const SIGNATURES: &str = "motion.signatures";
 pub(super) const LOCAL: &str = "motion.local";
+pub(super) const VELOCITIES: &str = "motion.velocities";
+pub(super) const NEAR_MEANS: &str = "motion.near_means";
+pub(super) const NEAR_LOCAL: &str = "motion.near_local";
 pub(super) const INTENSITY: &str = "motion.intensity";
+/// All of them.
+pub(super) const DESCRIPTORS: [&str; 6] = [SIGNATURES, LOCAL, VELOCITIES, NEAR_MEANS, NEAR_LOCAL, INTENSITY];
 
 /// Names of the accumulated data of the static branch, besides its gradients.
 pub(super) const PENDING_SCREEN: &str = "pending.screen";
@@ -50,6 +55,13 @@ impl Contents {
         if let Some(cache) = &state.model.motion {
             contents.add(SIGNATURES, cache.signatures.clone())?;
             contents.add(LOCAL, cache.local.clone())?;
+            if let Some(velocities) = &cache.velocities {
+                contents.add(VELOCITIES, velocities.clone())?;
+            }
+            if let Some(near) = &cache.near {
+                contents.add(NEAR_MEANS, near.means.clone())?;
+                contents.add(NEAR_LOCAL, near.local.clone())?;
+            }
             contents.add(INTENSITY, cache.intensity.clone())?;
         }
         Ok(contents)

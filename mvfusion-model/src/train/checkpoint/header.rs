@@ -7,7 +7,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::model::motion::{MovingNormaliser, Normalisers, SIGNATURE_WIDTH};
+use crate::model::motion::{MovingNormaliser, Normalisers, SIGNATURE_WIDTH, VELOCITY_WIDTH};
 use crate::random::Streams;
 use crate::train::densify::DensifyCounts;
 use crate::train::{BadSteps, Sampler};
@@ -116,9 +116,10 @@ impl Header {
         {
             return Err(format!("`knot_times` {} are not in ascending order, or none", shortened(knots)));
         }
-        let Normalisers { signatures, local } = &self.normalisers;
+        let Normalisers { signatures, local, velocities } = &self.normalisers;
         check_normaliser("signatures", signatures, SIGNATURE_WIDTH)?;
-        check_normaliser("local", local, 1)
+        check_normaliser("local", local, 1)?;
+        check_normaliser("velocities", velocities, VELOCITY_WIDTH)
     }
 
     fn check_counts(&self) -> Result<(), String> {

@@ -6,14 +6,19 @@ use mvfusion_render::grid::GridBounds;
 use mvfusion_render::optim::AdamMoments;
 
 use super::Checkpoint;
-use super::contents::{INTENSITY, LOCAL, PENDING_RADII, PENDING_SCREEN, PENDING_VISIBLE, SIGNATURES, moment_names};
+use super::contents::{
+    INTENSITY, LOCAL, NEAR_LOCAL, NEAR_MEANS, PENDING_RADII, PENDING_SCREEN, PENDING_VISIBLE, SIGNATURES, VELOCITIES,
+    moment_names,
+};
 use super::fit::columns;
 use crate::ModelError;
-use crate::config::Config;
+use crate::config::{Config, Descriptor, Temporal};
 use crate::model::Model;
 use crate::model::exposure::Exposures;
 use crate::model::gaussians::{Attribute, Gaussians};
-use crate::model::motion::{Encoding, MotionCache, MotionRefinement, SIGNATURE_WIDTH};
+use crate::model::motion::{
+    Encoding, MotionCache, MotionRefinement, Near, SIGNATURE_WIDTH, Substitutes, VELOCITY_WIDTH,
+};
 use crate::model::network::{DeformationConfig, ModuleInit};
 use crate::parameter_path::ParameterPath;
 use crate::random::Stream;
@@ -49,6 +54,7 @@ impl Checkpoint {
             network: self.fill("network", network, device)?,
             refinement: self.fill("refinement", refinement, device)?,
             exposures: config.model.exposure.then(|| self.exposures(device)).transpose()?,
+            substitutes: Substitutes::default(),
         })
     }
 
@@ -124,9 +130,19 @@ impl Checkpoint {
 
     fn motion(&self, rows: usize, config: &Config, device: &Device) -> Result<Option<MotionCache>, ModelError> {
         let Some(knot_times) = self.header.knot_times.clone() else { return Ok(None) };
+        let (motion, knots) = (&config.motion, knot_times.len());
+        let reads_near = motion.mfta && motion.temporal == Temporal::Spatial;
+        let near = || {
+            let means = self.tensor(NEAR_MEANS, [rows, 3 * motion.neighbours], device)?;
+            let local = self.tensor(NEAR_LOCAL, [rows, motion.neighbours * knots], device)?;
+            Ok::<_, ModelError>(Near { means, local })
+        };
+        let velocities = || self.tensor(VELOCITIES, [rows, VELOCITY_WIDTH * knots], device);
         Ok(Some(MotionCache {
             signatures: self.tensor(SIGNATURES, [rows, SIGNATURE_WIDTH], device)?,
-            local: self.tensor(LOCAL, [rows, knot_times.len()], device)?,
+            local: self.tensor(LOCAL, [rows, knots], device)?,
+            velocities: (motion.descriptor == Descriptor::Momentary).then(velocities).transpose()?,
+            near: reads_near.then(near).transpose()?,
             intensity: self.tensor(INTENSITY, [rows, 1], device)?,
             knot_times,
             inherits: config.motion.inherit,

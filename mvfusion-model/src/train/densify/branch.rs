@@ -121,26 +121,44 @@ impl PerGaussian for Branch<'_> {
 }
 
 impl Branch<'_> {
-    /// Clones and splits Gaussians with large gradients, up to `most` Gaussians in total. Returns the row map, or
-    /// `None` if nothing changed.
+    /// Clones and splits Gaussians whose priority reaches a threshold, up to `most` Gaussians in total. Returns the row
+    /// map, or `None` if nothing changed. `priorities` are those of [`Branch::priorities`].
     ///
     /// # Errors
     /// If the device fails to return values.
     pub fn densify(
         &mut self,
+        priorities: &[f64],
         threshold: f64,
         clone_size: f64,
         most: usize,
         stream: &mut Stream,
     ) -> Result<Option<RowMap>, ModelError> {
-        let gradients: Vec<f64> = tensors::read(self.state.statistics.mean_gradients())?;
         let axes: Vec<f64> = tensors::read(self.plain(Attribute::LogScales).max_dim(1).exp())?;
-        let room = most.saturating_sub(gradients.len());
-        let plan = DensifyPlan::new(&gradients, &axes, threshold, clone_size).limited(&gradients, room);
+        let room = most.saturating_sub(priorities.len());
+        let plan = DensifyPlan::new(priorities, &axes, threshold, clone_size).limited(priorities, room);
         let normals = (0..2 * plan.split.len())
             .map(|_| DVec3::from_array(std::array::from_fn(|_| stream.normal())))
             .collect::<Vec<_>>();
         self.grow(&plan, &normals)
+    }
+
+    /// Mean screen gradient of every Gaussian, times `motion_power` of its relative motion intensity once motion was
+    /// measured (`densify.motion_power`).
+    ///
+    /// # Errors
+    /// If the device fails to return values.
+    pub fn priorities(&self, motion_power: f64) -> Result<Vec<f64>, ModelError> {
+        let gradients: Vec<f64> = tensors::read(self.state.statistics.mean_gradients())?;
+        let Some(cache) = self.motion.as_ref().filter(|_| motion_power > 0.0) else { return Ok(gradients) };
+        let intensities: Vec<f64> = tensors::read(cache.intensity.clone())?;
+        let mean = intensities.iter().sum::<f64>() / intensities.len().max(1) as f64;
+        let relative = |intensity: f64| match intensity + mean > 0.0 {
+            true => 2.0 * intensity / (intensity + mean),
+            false => 1.0,
+        };
+        let weighted = gradients.iter().zip(intensities);
+        Ok(weighted.map(|(gradient, intensity)| gradient * relative(intensity).powf(motion_power)).collect())
     }
 
     /// Executes a plan. `normals` has one draw per half of a split Gaussian, first halves first.
@@ -228,21 +246,21 @@ impl Branch<'_> {
         map
     }
 
-    /// Relocates at most `most` of the Gaussians that a rule selects to Gaussians with high opacity and gradient,
-    /// instead of removing them. Returns the row map, or `None` if nothing changed.
+    /// Relocates at most `most` of the Gaussians that a rule selects to Gaussians with high opacity and priority, instead
+    /// of removing them. Returns the row map, or `None` if nothing changed.
     ///
     /// # Errors
     /// If the device fails to return values.
     pub fn relocate(
         &mut self,
+        priorities: &[f64],
         rule: &PruneRule,
         most: usize,
         stream: &mut Stream,
     ) -> Result<Option<RowMap>, ModelError> {
         let dead: Vec<bool> = self.fitting(rule)?.into_iter().map(|fits| !fits).collect();
         let opacities: Vec<f64> = tensors::read(sigmoid(self.plain(Attribute::OpacityLogits)))?;
-        let gradients: Vec<f64> = tensors::read(self.state.statistics.mean_gradients())?;
-        let plan = RelocationPlan::draw(&dead, &opacities, &gradients, most, stream);
+        let plan = RelocationPlan::draw(&dead, &opacities, priorities, most, stream);
         if plan.is_empty() {
             return Ok(None);
         }

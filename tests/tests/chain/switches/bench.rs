@@ -5,8 +5,8 @@ use burn::nn::Linear;
 use burn::tensor::{DType, Device, Tensor};
 use mvfusion_model::config::MotionConfig;
 use mvfusion_model::model::motion::{
-    Guidance, MotionCache, MotionRefinement, Normalisers, RefinementConfig, SIGNATURE_WIDTH, TemporalModule,
-    Trajectories, TrajectoryStatistics,
+    Guidance, MotionCache, MotionRefinement, Normalisers, RefinementConfig, SIGNATURE_WIDTH, Substitutes,
+    TemporalModule, Trajectories, TrajectoryStatistics,
 };
 use mvfusion_model::model::network::{DeformationConfig, DeformationNetwork, HeadChoice, Mlp, ModuleInit, Offsets};
 use mvfusion_model::random::Stream;
@@ -114,9 +114,11 @@ impl Bench {
             None => (),
         }
         match &mut refinement.temporal {
-            Some(TemporalModule::Attention(module) | TemporalModule::SelfAttention(module)) => {
-                self.awaken(&mut module.mlp, 2)
-            }
+            Some(
+                TemporalModule::Attention(module)
+                | TemporalModule::SelfAttention(module)
+                | TemporalModule::Spatial(module),
+            ) => self.awaken(&mut module.mlp, 2),
             Some(TemporalModule::Average(module)) => self.awaken(&mut module.mlp, 2),
             Some(TemporalModule::Convolution(module)) => self.awaken(&mut module.mlp, 2),
             None => (),
@@ -134,7 +136,7 @@ impl Bench {
     /// The statistics under these switches.
     pub fn measure(&self, motion: &MotionConfig) -> TrajectoryStatistics {
         let Self { network, timeline, .. } = self;
-        let trajectories = Trajectories { network, timeline, config: motion, extent: EXTENT };
+        let trajectories = Trajectories { network, timeline, config: motion, extent: EXTENT, lifetimes: None };
         trajectories.measure(&self.means).expect("the device hands its numbers back")
     }
 
@@ -146,7 +148,10 @@ impl Bench {
         motion: &MotionConfig,
     ) -> Offsets {
         let cache = MotionCache::new(statistics, &mut Normalisers::default(), motion, &self.means);
-        let config = RefinementConfig { timeline: &self.timeline, cache: &cache, extent: EXTENT };
+        let cache = cache.expect("the device hands its numbers back");
+        let substitutes = Substitutes::default();
+        let config =
+            RefinementConfig { timeline: &self.timeline, cache: &cache, extent: EXTENT, substitutes: &substitutes };
         refinement.offsets(&self.network, self.means.clone(), TIME, &config)
     }
 

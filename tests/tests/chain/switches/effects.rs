@@ -1,7 +1,8 @@
 //! What each switch changes in what comes out, and what it does not.
 
 use mvfusion_model::config::{
-    Descriptor, FusionWeights, Interval, MotionConfig, Refinement, Spread, Temporal, TokenMode,
+    Descriptor, FusionWeights, Interval, MotionConfig, Refinement, Spread, Temporal, TokenMode, TokenOffset,
+    TokenValues, Trajectory,
 };
 use mvfusion_model::model::motion::SIGNATURE_WIDTH;
 
@@ -44,10 +45,34 @@ pub fn full_window(motion: &mut MotionConfig) {
     motion.tokens = TokenMode::FullWindow;
 }
 
+pub fn momentary(motion: &mut MotionConfig) {
+    motion.descriptor = Descriptor::Momentary;
+}
+
+pub fn signed(motion: &mut MotionConfig) {
+    motion.token_offset = TokenOffset::Signed;
+}
+
+pub fn sines(motion: &mut MotionConfig) {
+    motion.token_offset = TokenOffset::Sines;
+}
+
+pub fn velocities(motion: &mut MotionConfig) {
+    motion.values = TokenValues::Velocities;
+}
+
+pub fn residual(motion: &mut MotionConfig) {
+    motion.residual = true;
+}
+
+pub fn spatial(motion: &mut MotionConfig) {
+    motion.temporal = Temporal::Spatial;
+}
+
 /// A switch turned from a starting point, and whether another picture comes out.
 type Effect = (&'static str, Switch, Switch, bool);
 
-const EFFECTS: [Effect; 31] = [
+const EFFECTS: [Effect; 42] = [
     ("mvg", |_| (), no_mvg, true),
     ("mfta", |_| (), no_mfta, true),
     ("position variance", |_| (), position, true),
@@ -67,6 +92,18 @@ const EFFECTS: [Effect; 31] = [
     ("include self", |_| (), |motion| motion.include_self = true, true),
     ("full window, self-attention", self_attention, full_window, true),
     ("full window, average", average, full_window, true),
+    ("momentary", |_| (), momentary, true),
+    ("signed offset", |_| (), signed, true),
+    ("sines", |_| (), sines, true),
+    ("velocities", |_| (), velocities, true),
+    ("residual", |_| (), residual, true),
+    ("spatial", |_| (), spatial, true),
+    ("neighbours in space", spatial, |motion| motion.neighbours = 3, true),
+    ("neighbours in time", |_| (), |motion| motion.neighbours = 3, false),
+    ("window in space", |motion| (spatial(motion), no_mvg(motion)).0, |motion| motion.window = 3, false),
+    // There are no lifetimes here.
+    ("trajectory", |_| (), |motion| motion.trajectory = Trajectory::Lifetime, false),
+    ("no MVG, momentary knots", no_mvg, |motion| motion.knot_stride = 2, false),
     // What training alone looks at.
     ("interval", |_| (), |motion| motion.interval = Interval(100), false),
     ("neighbour gradient", |_| (), |motion| motion.neighbour_gradient = true, false),
@@ -111,16 +148,17 @@ fn a_chunk_changes_rounding_alone() {
 #[test]
 fn a_descriptor_shows_mvg_what_it_says() {
     let bench = bench();
-    let statistics = bench.measure(&defaults());
     let mean_and_position = 0..6;
     let rotation_scale_and_intensity = 6..SIGNATURE_WIDTH;
     let sees = |motion: &MotionConfig, columns| {
-        bench.outcome_of(statistics.clone(), motion) != bench.outcome_of(disturbed(statistics.clone(), columns), motion)
+        let statistics = bench.measure(motion);
+        bench.outcome_of(statistics.clone(), motion) != bench.outcome_of(disturbed(statistics, columns), motion)
     };
     for (descriptor, sees_position, sees_rest) in [
         (Descriptor::Variances, true, true),
         (Descriptor::PositionVariance, true, false),
         (Descriptor::Offsets, false, false),
+        (Descriptor::Momentary, true, true),
     ] {
         let motion = MotionConfig { descriptor, ..defaults() };
         assert_eq!(sees(&motion, mean_and_position.clone()), sees_position, "{descriptor:?}");
@@ -128,13 +166,14 @@ fn a_descriptor_shows_mvg_what_it_says() {
     }
 
     // The local variance stays in the tokens of every descriptor; raw offsets alone come without it.
-    let mut other = statistics.clone();
-    other.local.iter_mut().enumerate().for_each(|(place, value)| *value += 0.1 * (place * place) as f64);
     for descriptor in DESCRIPTORS {
         for (mfta, sees_local) in [(true, true), (false, descriptor != Descriptor::Offsets)] {
             let motion = MotionConfig { descriptor, mfta, ..defaults() };
+            let statistics = bench.measure(&motion);
+            let mut other = statistics.clone();
+            other.local.iter_mut().enumerate().for_each(|(place, value)| *value += 0.1 * (place * place) as f64);
             let outcome = |statistics| bench.outcome_of(statistics, &motion);
-            assert_eq!(outcome(statistics.clone()) != outcome(other.clone()), sees_local, "{descriptor:?}, {mfta}");
+            assert_eq!(outcome(statistics) != outcome(other), sees_local, "{descriptor:?}, {mfta}");
         }
     }
 }

@@ -1,0 +1,125 @@
+//! `mvfusion eval --replace`: what the outputs of the motion-aware modules are worth.
+
+use std::io::Write;
+
+use anyhow::bail;
+use mvfusion_model::evaluation::{AttentionFigures, Metric, ModuleFigures, RefinementFigures, Replacement, Scores};
+use mvfusion_model::model::motion::MotionModule;
+use mvfusion_model::model::{Model, RenderContext};
+use mvfusion_model::train::{TrainedModel, parameter_hash};
+
+use super::score::Scoring;
+use crate::args::{EvalArgs, ReplacementChoice};
+use crate::progress::Verbosity;
+use crate::run::{self, Replaced, Replacements};
+use crate::{atomic, report};
+
+/// Scores the held-out views with the outputs of modules replaced, one at a time, and prints the differences.
+pub(super) fn replace(
+    args: &EvalArgs,
+    scoring: Scoring<'_>,
+    verbosity: Verbosity,
+    out: &mut dyn Write,
+) -> anyhow::Result<()> {
+    let model = &scoring.trained.model;
+    let context = RenderContext::new(scoring.config, scoring.scene);
+    let Some(survey) = scoring.survey(model, &context)? else {
+        bail!("the model has no motion-aware module, or motion was not measured, so there is no output to replace");
+    };
+    let scores = |model: Model| -> anyhow::Result<_> {
+        let trained = TrainedModel { model, steps: scoring.trained.steps };
+        let scored = Scoring { trained: &trained, speed_frames: 0, ..scoring.clone() }.score(None, verbosity)?;
+        Ok((scored.results.test, scored.results.training_views))
+    };
+    let (test, training_views) = scores(model.clone())?;
+    let mut found = Replacements { params_sha256: parameter_hash(model)?, test, training_views, replaced: Vec::new() };
+    for (module, replacement) in chosen(&args.replace) {
+        let Some(substitutes) = survey.substitutes(module, replacement) else {
+            verbosity.note(&format!("note:   the model was trained without {}", module.name()));
+            continue;
+        };
+        let (test, training_views) = scores(Model { substitutes, ..model.clone() })?;
+        found.replaced.push(Replaced { module, replacement, test, training_views });
+    }
+    if args.write {
+        atomic::write_json(&args.run.join(run::REPLACEMENTS), &found)?;
+        report::write(&args.run)?;
+    }
+    print(&found, survey.figures(), out)
+}
+
+/// The replacements that are asked for, each once.
+fn chosen(choices: &[ReplacementChoice]) -> Vec<(MotionModule, Replacement)> {
+    let all =
+        MotionModule::ALL.into_iter().flat_map(|module| Replacement::ALL.map(|replacement| (module, replacement)));
+    let is_chosen = |&(module, replacement): &(MotionModule, Replacement)| {
+        choices.contains(&ReplacementChoice::All) || choices.contains(&ReplacementChoice::One(module, replacement))
+    };
+    all.filter(is_chosen).collect()
+}
+
+/// Prints the PSNR of every layer and how it changes, then the figures of the modules.
+fn print(found: &Replacements, figures: RefinementFigures, out: &mut dyn Write) -> anyhow::Result<()> {
+    let of_test = found.replaced.iter().map(|replaced| (replaced, &replaced.test));
+    print_views("held-out views", &found.test, of_test, out)?;
+    if let Some(own) = &found.training_views {
+        let of_training =
+            found.replaced.iter().filter_map(|replaced| Some((replaced, replaced.training_views.as_ref()?)));
+        print_views("training views", own, of_training, out)?;
+    }
+    for (name, figures) in [("MVG", figures.mvg), ("MFTA", figures.mfta)] {
+        let Some(ModuleFigures { norm, constant, over_gaussians, over_time }) = figures else { continue };
+        let [constant, over_gaussians, over_time] = [constant, over_gaussians, over_time].map(|share| 1e2 * share);
+        writeln!(
+            out,
+            "{name:LABEL$}{norm:.3} of the feature's norm; {constant:.1} % constant, {over_gaussians:.1} % over \
+             Gaussians, {over_time:.1} % over time"
+        )?;
+    }
+    if let Some(AttentionFigures { entropy, uniform_entropy }) = figures.attention {
+        writeln!(out, "{:LABEL$}entropy {entropy:.3} of {uniform_entropy:.3} nats", "attention")?;
+    }
+    Ok(())
+}
+
+/// Width of the first column.
+const LABEL: usize = 16;
+
+/// Prints the PSNR of a set of views in dB, and the differences with replaced outputs.
+fn print_views<'a>(
+    title: &str,
+    own: &Scores,
+    replaced: impl Iterator<Item = (&'a Replaced, &'a Scores)>,
+    out: &mut dyn Write,
+) -> anyhow::Result<()> {
+    let layers: Vec<(String, Option<f64>)> =
+        own.layers().map(|(layer, scores)| (own.label(layer), Metric::Psnr.of(scores))).collect();
+    let line = |name: &str, cells: Vec<String>| {
+        let cells = layers.iter().zip(cells).map(|((label, _), cell)| format!("  {cell:>width$}", width = label.len()));
+        format!("{name:LABEL$}{}", cells.collect::<String>())
+    };
+    writeln!(out, "{}", line(title, layers.iter().map(|(label, _)| label.clone()).collect()))?;
+    let shown = |value: &Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.2} dB"));
+    writeln!(out, "{}", line("as trained", layers.iter().map(|(_, value)| shown(value)).collect()))?;
+    for (Replaced { module, replacement, .. }, scores) in replaced {
+        let now = scores.layers().map(|(_, scores)| Metric::Psnr.of(scores));
+        let difference = |(now, (_, before)): (Option<f64>, &(String, Option<f64>))| {
+            now.zip(*before).map_or("-".to_owned(), |(now, before)| format!("{:+.2}", now - before))
+        };
+        let name = format!("{}={}", module.name(), replacement.name());
+        writeln!(out, "{}", line(&name, now.zip(&layers).map(difference).collect()))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_replacement_is_evaluated_once() {
+        let constant = ReplacementChoice::One(MotionModule::Mfta, Replacement::Constant);
+        assert_eq!(chosen(&[constant, constant]), [(MotionModule::Mfta, Replacement::Constant)]);
+        assert_eq!(chosen(&[constant, ReplacementChoice::All]).len(), 6);
+    }
+}
