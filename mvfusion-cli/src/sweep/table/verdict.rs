@@ -4,7 +4,7 @@ use mvfusion_model::evaluation::Better;
 use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-use super::{Column, Entry, Method, Row};
+use super::{Column, Entry, Method, Row, State};
 use crate::sweep::grid::{Rule, RuleScene};
 use crate::sweep::metric::TableMetric;
 
@@ -31,6 +31,9 @@ pub struct SceneVerdict {
     pub scene: String,
     /// The metrics that decide, each with its interval.
     pub intervals: Vec<Interval>,
+    /// Whether the variants have these metrics. A model with one branch has none of the static branch, and a grid may
+    /// exclude the scene.
+    pub applies: bool,
     /// What follows; absent with fewer than two seeds.
     pub effect: Option<Effect>,
 }
@@ -74,6 +77,9 @@ impl Effect {
 impl SceneVerdict {
     /// The intervals and what follows: `helps: PSNR +0.21 [+0.05, +0.37], ..`. `seeds` is the number of all seeds.
     pub(super) fn sentence(&self, seeds: usize) -> String {
+        if !self.applies {
+            return "-".to_owned();
+        }
         let of = |interval: &Interval| {
             let metric = TableMetric::of(&interval.metric);
             let signed = |value: f64| metric.signed(value);
@@ -100,8 +106,8 @@ pub(super) fn of(rule: &Rule, rows: &[Row], columns: &[Column], seeds: &[u64]) -
     });
     let verdict = |(row, variant, minus, values): (&Row, &String, &String, &Vec<String>)| {
         let scenes: Vec<SceneVerdict> = rule.scenes.iter().map(|scene| on_scene(rule, scene, row, columns)).collect();
-        let is_complete =
-            scenes.iter().flat_map(|scene| &scene.intervals).all(|interval| interval.seeds == seeds.len());
+        let applied = || scenes.iter().filter(|scene| scene.applies);
+        let is_complete = applied().flat_map(|scene| &scene.intervals).all(|interval| interval.seeds == seeds.len());
         let count = |effect| scenes.iter().filter(|scene| scene.effect == Some(effect)).count();
         let is_recommended = count(Effect::Helps) >= rule.least_helped && count(Effect::Harms) == 0;
         Verdict {
@@ -130,7 +136,8 @@ fn on_scene(rule: &Rule, of: &RuleScene, row: &Row, columns: &[Column]) -> Scene
         () if !sides.is_empty() && sides.iter().all(|side| *side == Side::Better) => Effect::Helps,
         () => Effect::Undecided,
     });
-    SceneVerdict { scene: of.scene.clone(), intervals, effect }
+    let applies = found.iter().all(|(_, entry)| entry.state != State::Unknown);
+    SceneVerdict { scene: of.scene.clone(), intervals, applies, effect }
 }
 
 /// The t-interval of the mean of an entry's differences.
@@ -237,6 +244,15 @@ mod tests {
         assert_eq!(recommended(Some(0.0)), Some(true));
         assert_eq!(recommended(Some(-1.0)), Some(false), "it harms the other scene");
         assert_eq!(recommended(None), None);
+        let mut table = table([1.0, 1.1, 0.9, 1.0], [-0.1, -0.11, -0.1, -0.1], None);
+        let rule = table.rule.clone().expect("it has one");
+        table.rows.iter_mut().flat_map(|row| &mut row.entries[2..]).for_each(|entry| entry.state = State::Unknown);
+        let verdicts = of(&rule, &table.rows, &table.columns, &table.seeds);
+        assert_eq!(verdicts[0].recommended, Some(true), "a scene without the metrics does not count");
+    }
+
+    #[test]
+    fn no_difference_is_no_recommendation() {
         assert_eq!(table([0.0; 4], [0.0; 4], Some(0.0)).verdicts[0].recommended, Some(false));
     }
 }
