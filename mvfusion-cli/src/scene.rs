@@ -12,7 +12,8 @@ pub fn open(config: &Config) -> anyhow::Result<Scene> {
     let mut scene = match &options.data {
         Some(folder) => mvfusion_data::open(folder, &read_options(config))?,
         None => {
-            let builtin = BuiltinOptions { seed: options.seed, ..BuiltinOptions::of_kind(options.kind) };
+            let (seed, photos) = (options.seed, options.photos);
+            let builtin = BuiltinOptions { seed, photos, ..BuiltinOptions::of_kind(options.kind) };
             mvfusion_data::builtin::builtin(&builtin)
         }
     };

@@ -23,6 +23,8 @@ pub const SHIPPED: &[Shipped] = shipped![
     "robustnerf",
     "main-small",
     "methods",
+    "claim",
+    "claim-small",
     "components",
     "components-small",
     "fusion-weights",

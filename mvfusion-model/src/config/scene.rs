@@ -22,6 +22,8 @@ pub struct SceneConfig {
     pub kind: SceneKind,
     /// Seed of the built-in scene. It differs from the run's seed, so that the seeds of a sweep share one scene.
     pub seed: u64,
+    /// Training photos of the built-in scene `casual`; at least 2.
+    pub photos: usize,
     /// Images are downscaled by this factor when read; at least 1.
     pub downscale: f64,
     /// Maximum number of frames per camera (DeGauss reads the first 300).
@@ -50,6 +52,7 @@ impl Default for SceneConfig {
             format: None,
             kind: SceneKind::Video,
             seed: 1,
+            photos: 60,
             downscale: 1.0,
             frames: 300,
             time: TimeRule::default(),
@@ -141,6 +144,7 @@ keys!(SceneConfig {
     format: ANY,
     kind: ANY,
     seed: SEED,
+    photos: FROM_1.from(2.0).to(1e5).saying("a walk has at least two photos"),
     downscale: FROM_1.to(1e3).saying("pictures can be reduced, not enlarged; give 1 or more"),
     frames: FROM_1.saying("a camera has at least one frame"),
     time: ANY,
