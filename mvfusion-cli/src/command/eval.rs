@@ -46,7 +46,7 @@ pub fn eval(args: &EvalArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyho
     };
     if !args.replace.is_empty() {
         refuse_others(&changes)?;
-        return replace::replace(args, scoring, verbosity, out);
+        return replace::replace(args, &scoring, verbosity, out);
     }
     // The images do not depend on the protocol.
     let is_own = args.protocol == Protocol::Mvfusion;

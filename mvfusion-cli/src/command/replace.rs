@@ -6,7 +6,7 @@ use anyhow::bail;
 use mvfusion_model::evaluation::{AttentionFigures, Metric, ModuleFigures, RefinementFigures, Replacement, Scores};
 use mvfusion_model::model::motion::MotionModule;
 use mvfusion_model::model::{Model, RenderContext};
-use mvfusion_model::train::{TrainedModel, parameter_hash};
+use mvfusion_model::train::parameter_hash;
 
 use super::score::Scoring;
 use crate::args::{EvalArgs, ReplacementChoice};
@@ -17,7 +17,7 @@ use crate::{atomic, report};
 /// Scores the held-out views with the outputs of modules replaced, one at a time, and prints the differences.
 pub(super) fn replace(
     args: &EvalArgs,
-    scoring: Scoring<'_>,
+    scoring: &Scoring<'_>,
     verbosity: Verbosity,
     out: &mut dyn Write,
 ) -> anyhow::Result<()> {
@@ -26,19 +26,21 @@ pub(super) fn replace(
     let Some(survey) = scoring.survey(model, &context)? else {
         bail!("the model has no motion-aware module, or motion was not measured, so there is no output to replace");
     };
-    let scores = |model: Model| -> anyhow::Result<_> {
-        let trained = TrainedModel { model, steps: scoring.trained.steps };
-        let scored = Scoring { trained: &trained, speed_frames: 0, ..scoring.clone() }.score(None, verbosity)?;
-        Ok((scored.results.test, scored.results.training_views))
-    };
-    let (test, training_views) = scores(model.clone())?;
-    let mut found = Replacements { params_sha256: parameter_hash(model)?, test, training_views, replaced: Vec::new() };
+    let mut replacements = Vec::new();
     for (module, replacement) in chosen(&args.replace) {
-        let Some(substitutes) = survey.substitutes(module, replacement) else {
-            verbosity.note(&format!("note:   the model was trained without {}", module.name()));
-            continue;
-        };
-        let (test, training_views) = scores(Model { substitutes, ..model.clone() })?;
+        match survey.substitutes(module, replacement) {
+            Some(substitutes) => replacements.push((module, replacement, substitutes)),
+            None => verbosity.note(&format!("note:   the model was trained without {}", module.name())),
+        }
+    }
+    if replacements.is_empty() {
+        bail!("the model has none of these modules. Nothing was evaluated");
+    }
+    let (test, training_views) = scoring.means(model, &context, verbosity)?;
+    let params_sha256 = parameter_hash(model)?;
+    let mut found = Replacements { params_sha256, test, training_views, replaced: Vec::new() };
+    for (module, replacement, substitutes) in replacements {
+        let (test, training_views) = scoring.means(&Model { substitutes, ..model.clone() }, &context, verbosity)?;
         found.replaced.push(Replaced { module, replacement, test, training_views });
     }
     if args.write {

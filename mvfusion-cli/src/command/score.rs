@@ -7,7 +7,7 @@ use anyhow::Context;
 use image::RgbImage;
 use mvfusion_data::{DataError, Scene, View};
 use mvfusion_model::evaluation::{
-    Evaluation, Evaluator, Layer, LayerRenderer, Protocol, RefinementSurvey, Split, ViewPictures, evaluate,
+    Evaluation, Evaluator, Layer, LayerRenderer, Protocol, RefinementSurvey, Scores, Split, ViewPictures, evaluate,
 };
 use mvfusion_model::model::{DeformationLevel, Model, RenderContext};
 use mvfusion_model::train::{TrainedModel, final_level, parameter_hash};
@@ -37,7 +37,6 @@ pub(super) fn evaluator(protocol: Protocol, weights: Option<&Path>, device: &Dev
 }
 
 /// A trained model with all that is needed to score it.
-#[derive(Clone)]
 pub(super) struct Scoring<'a> {
     /// The model after the last step.
     pub trained: &'a TrainedModel,
@@ -141,6 +140,20 @@ impl Scoring<'_> {
             field: FieldScores::of(*steps, &test.mean.composed),
         };
         Ok(Scored { results, per_view: PerView::of(protocol, &test, *steps) })
+    }
+
+    /// The mean metrics of a model on the held-out views, and on the training views with `eval.training_views`.
+    pub fn means(
+        &self,
+        model: &Model,
+        context: &RenderContext,
+        verbosity: Verbosity,
+    ) -> anyhow::Result<(Scores, Option<Scores>)> {
+        let mean = |split| {
+            self.score_views(model, split, context, None, verbosity, |_, _, _| Ok(())).map(|scored| scored.mean)
+        };
+        let training_views = self.config.eval.training_views.then(|| mean(Split::Training)).transpose()?;
+        Ok((mean(Split::Test)?, training_views))
     }
 
     /// What the motion-aware modules of a model contribute; `None` if they do not take part.

@@ -13,7 +13,9 @@ pub(super) fn modules(files: &RunFiles) -> Markup {
     html! {
         @match figures {
             Ok(Some(figures)) => (of_outputs(&figures)),
-            Ok(None) => p.note { "The model has no motion-aware module, or the run\u{2019}s version did not measure it." },
+            Ok(None) => p.note {
+                "The model has no motion-aware module, or the run\u{2019}s version did not measure it."
+            },
             Err(missing) => (notice(missing)),
         }
         @match &files.replacements {
@@ -37,7 +39,7 @@ fn of_outputs(figures: &RefinementFigures) -> Markup {
                 thead { tr {
                     th scope="col" {}
                     th scope="col" title="root mean square of the output over that of the base feature" { "norm" }
-                    th scope="col" title="share of the mean square in the mean over all Gaussians and times" { "constant" }
+                    th scope="col" title="share of the mean square in the mean over everything" { "constant" }
                     th scope="col" title="share in the differences between Gaussians" { "over Gaussians" }
                     th scope="col" title="share in the changes over time" { "over time" }
                 } }

@@ -31,10 +31,3 @@ pub struct Replaced {
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub training_views: Option<Scores>,
 }
-
-impl Replaced {
-    /// The metrics of a set of views.
-    pub fn of(&self, training: bool) -> Option<&Scores> {
-        if training { self.training_views.as_ref() } else { Some(&self.test) }
-    }
-}

@@ -161,7 +161,13 @@ impl Results {
 
     /// The names of the metrics that differ from those of `other`, each with both values.
     pub fn differences(&self, other: &Self) -> Vec<String> {
-        let (own, others) = (self.metrics(), other.metrics());
+        let (mut own, mut others) = (self.metrics(), other.metrics());
+        if self.refinement.is_none() || other.refinement.is_none() {
+            // Earlier versions did not measure the modules.
+            for metrics in [&mut own, &mut others] {
+                metrics.retain(|name, _| !name.starts_with(OF_MODULES));
+            }
+        }
         let names: BTreeSet<_> = own.keys().chain(others.keys()).collect();
         names
             .into_iter()
@@ -218,6 +224,9 @@ fn metrics_of(set: &str, scores: &Scores) -> BTreeMap<String, f64> {
     metrics
 }
 
+/// How the names of their metrics begin.
+const OF_MODULES: &str = "refinement.";
+
 /// The figures of the motion-aware modules.
 fn metrics_of_modules(figures: &RefinementFigures) -> Vec<(String, f64)> {
     let mut metrics = Vec::new();
@@ -226,12 +235,12 @@ fn metrics_of_modules(figures: &RefinementFigures) -> Vec<(String, f64)> {
         for (name, value) in
             [("norm", norm), ("constant", constant), ("over_gaussians", over_gaussians), ("over_time", over_time)]
         {
-            metrics.push((format!("refinement.{module}.{name}"), value));
+            metrics.push((format!("{OF_MODULES}{module}.{name}"), value));
         }
     }
     if let Some(attention) = figures.attention {
-        metrics.push(("refinement.attention.entropy".to_owned(), attention.entropy));
-        metrics.push(("refinement.attention.uniform_entropy".to_owned(), attention.uniform_entropy));
+        metrics.push((format!("{OF_MODULES}attention.entropy"), attention.entropy));
+        metrics.push((format!("{OF_MODULES}attention.uniform_entropy"), attention.uniform_entropy));
     }
     metrics
 }
@@ -313,17 +322,20 @@ mod tests {
     fn a_metric_that_changed_or_became_known_is_a_difference() {
         let mut other = results();
         assert!(results().differences(&other).is_empty());
+        let module = |norm| ModuleFigures { norm, constant: 0.75, over_gaussians: 0.125, over_time: 0.125 };
+        let figures = |norm| Some(RefinementFigures { mvg: Some(module(norm)), mfta: None, attention: None });
+        other.refinement = figures(0.5);
+        assert!(results().differences(&other).is_empty(), "earlier versions did not measure the modules");
+        let own = Results { refinement: figures(0.25), ..results() };
+        assert_eq!(own.differences(&other), ["refinement.mvg.norm 0.25 instead of 0.5"]);
         other.eval.seconds = 7.0;
         other.test.composed.psnr = Some(3.0);
         other.test.mask_iou = Some(0.5);
-        let module = ModuleFigures { norm: 0.5, constant: 0.75, over_gaussians: 0.125, over_time: 0.125 };
-        other.refinement = Some(RefinementFigures { mvg: Some(module), mfta: None, attention: None });
         other.test.static_ = Some(LayerScores { lpips_vgg_raw: Some(0.25), ..Default::default() });
         let differences = results().differences(&other);
-        assert_eq!(differences.len(), 7);
-        assert_eq!(differences[1], "refinement.mvg.norm not measured instead of 0.5");
-        assert!(differences[4].starts_with("test.composed.psnr 3.33"), "{differences:?}");
-        assert_eq!(differences[5], "test.mask_iou not measured instead of 0.5");
-        assert_eq!(differences[6], "test.static.lpips_vgg_raw not measured instead of 0.25");
+        assert_eq!(differences.len(), 3);
+        assert!(differences[0].starts_with("test.composed.psnr 3.33"), "{differences:?}");
+        assert_eq!(differences[1], "test.mask_iou not measured instead of 0.5");
+        assert_eq!(differences[2], "test.static.lpips_vgg_raw not measured instead of 0.25");
     }
 }

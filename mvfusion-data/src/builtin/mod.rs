@@ -5,8 +5,8 @@
 //! multi-camera video, [`BuiltinKind::Motion`] one that is harder to follow, and [`BuiltinKind::Casual`] a set of photos
 //! with passers-by.
 
-mod acrobats;
 mod choreography;
+mod motion_scene;
 mod movers;
 mod options;
 mod rig;
@@ -49,7 +49,7 @@ pub fn moving_objects(options: &BuiltinOptions, time: f64) -> Vec<MovingObject> 
     let options = options.at_least();
     match options.kind {
         BuiltinKind::Video => choreography::in_video(time),
-        BuiltinKind::Motion => acrobats::in_motion(time),
+        BuiltinKind::Motion => motion_scene::in_motion(time),
         BuiltinKind::Casual => {
             let last = (options.photos - 1) as f64;
             let index = (time * last).round().clamp(0.0, last) as usize;

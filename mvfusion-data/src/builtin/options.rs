@@ -10,8 +10,8 @@ pub enum BuiltinKind {
     /// lamp barely sways, and a visitor comes and goes.
     #[default]
     Video,
-    /// The same cameras, with what is harder to follow: a fast ball, a block that crosses its way, a tentacle that bends,
-    /// and a blob that hops and changes its size.
+    /// The same cameras, with what is harder to follow: a fast ball, a block that slides behind it, a tentacle that
+    /// bends, and a blob that hops and changes its size.
     Motion,
     /// Single photos from a walk. People and objects in them are gone or elsewhere in the next photo. Ten empty photos
     /// from poses in between are held out.

@@ -2,7 +2,7 @@
 
 use super::contradiction::Contradiction;
 use super::keys::{Key, Range};
-use super::{Branches, Config, GridBoundsRule, StillRule};
+use super::{Branches, Config, GridBoundsRule, StillRule, Trajectory};
 use crate::ModelError;
 
 /// Largest number of scales of the grid.
@@ -116,6 +116,19 @@ impl Config {
             "motion.still",
             format!("{:?}", self.motion.still),
             "motion is measured of the deformation alone, so what a lifetime moves would pass for still; keep it",
+        )?;
+        refuse(
+            self.motion.trajectory == Trajectory::Lifetime && !has_lifetimes,
+            "motion.trajectory",
+            "lifetime".into(),
+            "Gaussians are always there; set `model.lifetime = true`, or leave this key at its default",
+        )?;
+        refuse(
+            self.densify.motion_power > 0.0 && self.train.stages.refinement.0 == 0,
+            "densify.motion_power",
+            self.densify.motion_power.to_string(),
+            "motion is measured from the end of the deformation stage on, and only if a refinement stage follows; give \
+             `train.stages.refinement` some steps, or leave this key at 0",
         )?;
         refuse(
             photo_points > 0 && !has_lifetimes,

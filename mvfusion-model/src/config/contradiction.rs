@@ -54,6 +54,12 @@ impl MotionConfig {
                 "only cross-attention over frames has differences in time; leave `motion.temporal` at its default",
             ),
             (
+                self.values != TokenValues::default() && self.include_self,
+                "motion.values",
+                written(&self.values),
+                "the current frame has no difference from itself; switch `motion.include_self` off",
+            ),
+            (
                 self.residual && !(is_cross || self.temporal == Temporal::Spatial),
                 "motion.residual",
                 self.residual.to_string(),
@@ -171,6 +177,10 @@ mod tests {
         assert_refused(
             |motion| (motion.values, motion.temporal) = (TokenValues::Velocities, Temporal::Spatial),
             "`motion.values` is \"velocities\": only cross-attention over frames",
+        );
+        assert_refused(
+            |motion| (motion.values, motion.include_self) = (TokenValues::Velocities, true),
+            "`motion.values` is \"velocities\": the current frame",
         );
         assert_refused(
             |motion| (motion.tokens, motion.temporal) = (TokenMode::FullWindow, Temporal::Spatial),

@@ -38,8 +38,8 @@ pub struct DensifyConfig {
     /// of all). 0 prunes.
     pub relocate: f64,
     /// Power of the relative motion intensity `2 e / (e + mean e)` by which a dynamic Gaussian's screen gradient is
-    /// multiplied when Gaussians are added or relocated. Ours: motion then decides where Gaussians are added, once it was
-    /// measured. 0 leaves that to the gradient.
+    /// multiplied when Gaussians are added or relocated, once motion was measured. Ours: motion then decides where
+    /// Gaussians are added. `motion.trajectory` says whether travel by lifetimes is motion. 0 leaves it to the gradient.
     pub motion_power: f64,
     /// Steps between births in a video, in the deforming stages and before `until`. Dynamic Gaussians are added where a
     /// view of each moment differs from the model; needs `model.lifetime` (docs/METHOD.md, section 13; CEM-4DGS: 920).

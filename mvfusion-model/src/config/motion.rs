@@ -144,6 +144,13 @@ impl Default for MotionConfig {
     }
 }
 
+impl MotionConfig {
+    /// Whether MFTA reads the nearest Gaussians instead of neighbouring frames.
+    pub fn reads_neighbours(&self) -> bool {
+        self.mfta && self.temporal == Temporal::Spatial
+    }
+}
+
 /// Weights of the three variances in the motion intensity (paper, eq. for the intensity score).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]

@@ -48,7 +48,7 @@ pub enum TokenMode {
     FullWindow,
 }
 
-/// What a token knows of its distance from the current one: in frames, as a fraction of `motion.window`, or in space, in
+/// The relative positional encoding of a token, of its distance from the current one: in frames, as a fraction of `motion.window`, or in space, in
 /// mean distances of the neighbours. Ours: without it, attention cannot tell the frame before from the one after.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -81,8 +81,8 @@ pub enum Trajectory {
     /// The deformation at all times (the paper).
     #[default]
     Deformation,
-    /// The deformation and the Gaussian's own velocity, each time weighted by the share of the opacity that its lifetime
-    /// leaves. Ours, for `model.lifetime`: a Gaussian is not trained at times when it is not there.
+    /// The deformation and the Gaussian's own velocity, each time weighted by the factor that its lifetime gives to the
+    /// odds of its opacity. Ours, for `model.lifetime`: a Gaussian is not trained at times when it is not there.
     Lifetime,
 }
 

@@ -15,7 +15,7 @@ use crate::model::motion::{MotionModule, Substitute, Substitutes, TemporalModule
 use crate::model::{Model, RenderContext};
 use crate::tensors;
 
-/// Figures of the motion-aware modules of a model, over its training times.
+/// Figures of the motion-aware modules of a model, over at most `motion.samples` of its training times.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RefinementFigures {
     /// Of MVG.
@@ -86,8 +86,8 @@ pub struct RefinementSurvey {
 }
 
 impl RefinementSurvey {
-    /// Evaluates the modules of a model without autodiff at the times at which motion is sampled; `None` if the model has
-    /// no such module, or motion was not measured.
+    /// Evaluates the modules of a model without autodiff at `motion.samples` training times; `None` if the model has no
+    /// such module, or motion was not measured.
     ///
     /// # Errors
     /// If the device fails to return values.

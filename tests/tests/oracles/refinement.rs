@@ -67,6 +67,7 @@ impl Setting {
                 intensity,
                 knot_times: archive.array("in.knot_times")?.values.clone(),
                 inherits: true,
+                includes_travel: false,
                 encoding: Encoding::default(),
             },
             timeline: Timeline::new(archive.array("in.train_times")?.values.clone()),

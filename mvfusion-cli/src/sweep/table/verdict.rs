@@ -31,7 +31,7 @@ pub struct SceneVerdict {
     pub scene: String,
     /// The metrics that decide, each with its interval.
     pub intervals: Vec<Interval>,
-    /// Whether the variants have these metrics. A model with one branch has none of the static branch, and a grid may
+    /// Whether the variants have any of these metrics. A model with one branch has none of the static branch, and a grid may
     /// exclude the scene.
     pub applies: bool,
     /// What follows; absent with fewer than two seeds.
@@ -114,7 +114,7 @@ pub(super) fn of(rule: &Rule, rows: &[Row], columns: &[Column], seeds: &[u64]) -
             variant: variant.clone(),
             minus: minus.clone(),
             values: values.clone(),
-            recommended: (is_complete && seeds.len() > 1).then_some(is_recommended),
+            recommended: (is_complete && seeds.len() > 1 && applied().next().is_some()).then_some(is_recommended),
             scenes,
         }
     };
@@ -136,7 +136,7 @@ fn on_scene(rule: &Rule, of: &RuleScene, row: &Row, columns: &[Column]) -> Scene
         () if !sides.is_empty() && sides.iter().all(|side| *side == Side::Better) => Effect::Helps,
         () => Effect::Undecided,
     });
-    let applies = found.iter().all(|(_, entry)| entry.state != State::Unknown);
+    let applies = found.iter().any(|(_, entry)| entry.state != State::Unknown);
     SceneVerdict { scene: of.scene.clone(), intervals, applies, effect }
 }
 
@@ -248,7 +248,11 @@ mod tests {
         let rule = table.rule.clone().expect("it has one");
         table.rows.iter_mut().flat_map(|row| &mut row.entries[2..]).for_each(|entry| entry.state = State::Unknown);
         let verdicts = of(&rule, &table.rows, &table.columns, &table.seeds);
-        assert_eq!(verdicts[0].recommended, Some(true), "a scene without the metrics does not count");
+        assert_eq!(verdicts[0].recommended, Some(true), "a scene without any of the metrics does not count");
+        // Without LPIPS, nothing is known of the first scene.
+        table.rows.iter_mut().for_each(|row| row.entries[1] = Entry { state: State::Unknown, ..Entry::default() });
+        let verdict = &of(&rule, &table.rows, &table.columns, &table.seeds)[0];
+        assert_eq!((verdict.scenes[0].applies, verdict.scenes[0].effect, verdict.recommended), (true, None, None));
     }
 
     #[test]

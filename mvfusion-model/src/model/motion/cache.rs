@@ -8,11 +8,11 @@ use super::near::Near;
 use super::normaliser::MovingNormaliser;
 use super::statistics::{SIGNATURE_WIDTH, TrajectoryStatistics, VELOCITY_WIDTH};
 use crate::ModelError;
-use crate::config::{Descriptor, MotionConfig, Temporal};
+use crate::config::{Descriptor, MotionConfig, Trajectory};
 use crate::model::gaussians::{Attribute, Gaussians, LEAST_LOG_DURATION};
 use crate::model::rows::{PerGaussian, RowMap};
 use crate::tensors;
-use crate::timeline::between;
+use crate::timeline::{Between, between};
 
 /// Variance of times that are uniform in `[0, 1]`.
 const VARIANCE_OF_TIME: f64 = 1.0 / 12.0;
@@ -35,6 +35,8 @@ pub struct MotionCache {
     pub knot_times: Vec<f64>,
     /// Whether new Gaussians inherit their parent's descriptors (`motion.inherit`).
     pub inherits: bool,
+    /// Whether the intensity includes the travel of Gaussians with their own velocities.
+    pub includes_travel: bool,
     /// The encoding of `signatures`, which MVG reads; other signatures need a new one.
     pub encoding: Encoding,
 }
@@ -86,15 +88,15 @@ impl MotionCache {
             table(normalised, VELOCITY_WIDTH * knots)
         });
         let local = table(local, knots);
-        let reads_near = config.mfta && config.temporal == Temporal::Spatial;
         Ok(Self {
-            near: reads_near.then(|| Near::of(means, &local, config.neighbours)).transpose()?,
+            near: config.reads_neighbours().then(|| Near::of(means, &local, config.neighbours)).transpose()?,
             signatures: table(signatures, SIGNATURE_WIDTH),
             local,
             velocities,
             intensity: table(statistics.intensities(), 1),
             knot_times: statistics.knot_times,
             inherits: config.inherit,
+            includes_travel: config.trajectory == Trajectory::Lifetime,
             encoding: Encoding::default(),
         })
     }
@@ -106,22 +108,15 @@ impl MotionCache {
 
     /// Local motion intensity `e(t)`, `[N, 1]`: linear between knots, constant outside.
     pub fn local_at(&self, time: f64) -> Tensor<2> {
-        let place = between(&self.knot_times, time);
-        let knot = |index| self.local.clone().narrow(1, index, 1);
-        if place.lower == place.upper {
-            return knot(place.lower);
-        }
-        knot(place.lower) * (1.0 - place.weight) + knot(place.upper) * place.weight
+        at_knots(between(&self.knot_times, time), |index| self.local.clone().narrow(1, index, 1))
     }
 
     /// What MVG reads of a time: the local intensity, `[N, 1]`, and the velocity if there is one, `[N, 4]`.
     pub(super) fn moment_at(&self, time: f64) -> Tensor<2> {
         let local = self.local_at(time);
         let Some(velocities) = &self.velocities else { return local };
-        let place = between(&self.knot_times, time);
         let knot = |index| velocities.clone().narrow(1, VELOCITY_WIDTH * index, VELOCITY_WIDTH);
-        let velocity = knot(place.lower) * (1.0 - place.weight) + knot(place.upper) * place.weight;
-        Tensor::cat(vec![local, velocity], 1)
+        Tensor::cat(vec![local, at_knots(between(&self.knot_times, time), knot)], 1)
     }
 
     /// Local intensities of the nearest other Gaussians at a time, `[N, K]`; `None` if they are unknown.
@@ -130,11 +125,11 @@ impl MotionCache {
     }
 
     /// Stillness of each Gaussian in `[0, 1]`: `exp(-variance / mean variance)` times its duration as a fraction of the
-    /// video, because short-lived Gaussians show moving objects. The variance is the motion intensity plus the variance
-    /// of the travel with its velocity through the whole video. `[N, 1]`, without autodiff.
+    /// video, because short-lived Gaussians show moving objects. The variance is the motion intensity plus, unless that
+    /// includes it, the variance of the travel with its velocity through the whole video. `[N, 1]`, without autodiff.
     pub fn stillness(&self, gaussians: &Gaussians, extent: f64) -> Tensor<2> {
         let mut variance = self.intensity.clone();
-        if let Some(velocities) = gaussians.plain(Attribute::Velocities) {
+        if let Some(velocities) = gaussians.plain(Attribute::Velocities).filter(|_| !self.includes_travel) {
             variance = variance + (velocities / extent).powf_scalar(2.0).mean_dim(1) * VARIANCE_OF_TIME;
         }
         let mean = variance.clone().mean().reshape([1, 1]).clamp_min(f32::MIN_POSITIVE);
@@ -160,9 +155,27 @@ impl MotionCache {
     }
 }
 
+/// Values between two knots, of those at a knot.
+pub(super) fn at_knots(place: Between, knot: impl Fn(usize) -> Tensor<2>) -> Tensor<2> {
+    if place.lower == place.upper {
+        return knot(place.lower);
+    }
+    knot(place.lower) * (1.0 - place.weight) + knot(place.upper) * place.weight
+}
+
 impl PerGaussian for MotionCache {
     fn follow(&mut self, map: &RowMap) {
-        let Self { signatures, local, velocities, near, intensity, knot_times: _, inherits, encoding } = self;
+        let Self {
+            signatures,
+            local,
+            velocities,
+            near,
+            intensity,
+            knot_times: _,
+            inherits,
+            includes_travel: _,
+            encoding,
+        } = self;
         *encoding = Encoding::default();
         near.follow(map);
         for values in [signatures, local, intensity].into_iter().chain(velocities) {
@@ -201,6 +214,7 @@ mod tests {
                 intensity: column([0.0, 3.0, 0.0, 0.0]),
                 knot_times: vec![0.5],
                 inherits: true,
+                includes_travel: false,
                 encoding: Encoding::default(),
             };
             // Velocity 6, extent 2: a variance of 9 / 12, so the mean is 3.75 / 4.
@@ -223,6 +237,7 @@ mod tests {
                 intensity: column,
                 knot_times: vec![0.5],
                 inherits: true,
+                includes_travel: false,
                 encoding: Encoding::default(),
             };
             let encoded = |cache: &MotionCache, offset: f32| values(cache.encoded(|signatures| signatures + offset));

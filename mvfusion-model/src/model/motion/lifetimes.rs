@@ -33,8 +33,14 @@ impl Lifetimes {
         }))
     }
 
-    /// Weights of times for a Gaussian: the factor of its opacity by its lifetime, relative to that at the time at which it
-    /// is there most.
+    /// Given lifetimes, for tests.
+    #[cfg(test)]
+    pub(super) fn new(centres: Vec<f64>, durations: Vec<f64>, velocities: Vec<f64>) -> Self {
+        Self { centres, durations, velocities }
+    }
+
+    /// Weights of times for a Gaussian: the factor of the odds of its opacity by its lifetime, relative to that at the
+    /// time at which it is there most.
     pub(super) fn weights(&self, row: usize, times: &[f64]) -> Vec<f64> {
         let exponent = |time: &f64| -((time - self.centres[row]) / self.durations[row]).powi(2);
         let largest = times.iter().map(exponent).fold(f64::NEG_INFINITY, f64::max);
@@ -53,11 +59,7 @@ mod tests {
 
     #[test]
     fn times_count_while_a_gaussian_is_there() {
-        let lifetimes = Lifetimes {
-            centres: vec![0.5, 9.0],
-            durations: vec![0.1, 0.1],
-            velocities: vec![0.0, 0.0, 0.0, 2.0, 0.0, 0.0],
-        };
+        let lifetimes = Lifetimes::new(vec![0.5, 9.0], vec![0.1, 0.1], vec![0.0, 0.0, 0.0, 2.0, 0.0, 0.0]);
         let weights = lifetimes.weights(0, &[0.4, 0.5, 0.6]);
         assert!((weights[0] - (-1f64).exp()).abs() < 1e-9 && weights[1] == 1.0, "{weights:?}");
         let never = lifetimes.weights(1, &[0.0, 1.0]);

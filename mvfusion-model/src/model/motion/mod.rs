@@ -15,9 +15,9 @@ mod refinement;
 mod self_attention;
 mod statistics;
 mod substitute;
-mod surroundings;
 mod temporal;
 mod token;
+mod tokens;
 
 pub use attention::TemporalAttention;
 pub use average::TemporalAverage;
@@ -32,6 +32,6 @@ pub use normaliser::MovingNormaliser;
 pub use refinement::{MotionRefinement, RefinedFeature, RefinementConfig, RefinementRules};
 pub use statistics::{AttributeSpread, SIGNATURE_WIDTH, Trajectories, TrajectoryStatistics, VELOCITY_WIDTH};
 pub use substitute::{MotionModule, Substitute, Substitutes};
-pub use surroundings::Tokens;
 pub use temporal::TemporalModule;
 pub use token::GEOMETRY_WIDTH;
+pub use tokens::Tokens;

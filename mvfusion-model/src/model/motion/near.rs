@@ -3,6 +3,7 @@
 use burn::tensor::{Int, Tensor};
 use glam::Vec3;
 
+use super::cache::at_knots;
 use crate::initial::nearest_others;
 use crate::model::rows::{PerGaussian, RowMap};
 use crate::timeline::Between;
@@ -43,8 +44,7 @@ impl Near {
         let [count, columns] = self.local.dims();
         let neighbours = self.neighbours();
         let local = self.local.clone().reshape([count, neighbours, columns / neighbours]);
-        let knot = |index| local.clone().narrow(2, index, 1).squeeze_dim::<2>(2);
-        knot(place.lower) * (1.0 - place.weight) + knot(place.upper) * place.weight
+        at_knots(place, |index| local.clone().narrow(2, index, 1).squeeze_dim::<2>(2))
     }
 
     /// Their positions relative to centres `[N, 3]`, in mean distances of the neighbours: `[N, K, 3]`.
@@ -63,7 +63,8 @@ impl Near {
 }
 
 impl PerGaussian for Near {
-    /// A new Gaussian has the neighbours of its parent.
+    /// A new Gaussian has the neighbours of its parent. Without a parent, its neighbours are at the origin until the next
+    /// measurement.
     fn follow(&mut self, map: &RowMap) {
         let Self { means, local } = self;
         *means = map.inherit(means);

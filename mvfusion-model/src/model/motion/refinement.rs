@@ -195,7 +195,7 @@ impl MotionRefinement {
         time: f64,
         config: &RefinementConfig<'_>,
     ) -> Option<Tensor<1>> {
-        let temporal = self.temporal.as_ref()?;
+        let temporal = self.temporal.as_ref().filter(|temporal| temporal.attends())?;
         let base = network.feature(means.clone(), tensors::scalar_like(&means, time));
         temporal.entropy(self.tokens(network, means, time, base, config))
     }
@@ -225,8 +225,10 @@ impl MotionRefinement {
         let centre = Tensor::cat(vec![feature, geometry.clone(), local(time)], 1);
 
         let RefinementRules { token_offset, octaves, .. } = self.rules;
-        let near = config.cache.near.as_ref().zip(config.cache.near_local_at(time));
-        if let (Some(TemporalModule::Spatial(_)), Some((near, local))) = (&self.temporal, near) {
+        if let Some(TemporalModule::Spatial(_)) = &self.temporal {
+            let near = config.cache.near.as_ref().zip(config.cache.near_local_at(time));
+            // Proof: `MotionCache::new` and checkpoints have neighbours for the configuration of this module.
+            let (near, local) = near.expect("attention in space has neighbours");
             let tokens = Tokens::new(centre, around.of_others(&near.means, time, known(local)));
             return tokens.at_distances(near.distances(means), token_offset, octaves);
         }

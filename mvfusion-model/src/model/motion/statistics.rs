@@ -281,10 +281,31 @@ impl TrajectoryStatistics {
 
 #[cfg(test)]
 mod tests {
+    use burn::module::Module;
+    use burn::tensor::{DType, Device};
+    use mvfusion_render::grid::{GridBounds, GridLayout};
+
     use super::*;
+    use crate::model::network::{DeformationConfig, HeadChoice, ModuleInit};
+    use crate::random::Stream;
+    use crate::test_support::for_each_device;
 
     fn windowed(window: usize) -> MotionConfig {
         MotionConfig { window, ..MotionConfig::default() }
+    }
+
+    /// A network; its deformation is not asked for.
+    fn still_network(device: &Device) -> DeformationNetwork {
+        let deformation = DeformationConfig {
+            layout: GridLayout { features: 1, resolution: [2; 4], multipliers: vec![1] },
+            bounds: GridBounds { max: [1.0; 3], min: [-1.0; 3] },
+            width: 2,
+            depth: 1,
+            heads: HeadChoice::ALL,
+        };
+        let mut stream = Stream::new(0, 0);
+        let learning = device.clone().autodiff();
+        deformation.init(&mut ModuleInit { device: &learning, dtype: DType::F32, stream: &mut stream }).valid()
     }
 
     /// Of samples a tenth of the video apart.
@@ -362,6 +383,29 @@ mod tests {
         assert!(summary(&config, &[0]).of(&path).velocities[0] > 100.0);
         assert_eq!(Summary { config: &config, times: &[0.0], knots: &[0] }.of(&path).velocities, [0.0; 3]);
         assert!(summary(&windowed(1), &[0]).of(&path).velocities.is_empty());
+    }
+
+    #[test]
+    fn a_path_over_a_lifetime_includes_the_travel_and_its_weights() {
+        for_each_device(|device| {
+            let network = still_network(&device);
+            let (timeline, config) = (Timeline::new(vec![0.0, 0.5, 1.0]), windowed(1));
+            let lifetimes = Lifetimes::new(vec![0.5], vec![0.5], vec![6.0, 0.0, 0.0]);
+            let with = |lifetimes| Trajectories {
+                network: &network,
+                timeline: &timeline,
+                config: &config,
+                extent: 2.0,
+                lifetimes,
+            };
+            let records = [0.0; 3 * RECORD];
+            let path = with(Some(&lifetimes)).path(&records, 0, 1, 0, timeline.times());
+            // Velocity 6 in extents of 2, half a video before and after the centre.
+            assert_eq!(path.columns[0], [-1.5, 0.0, 1.5]);
+            let faded = (-1f64).exp();
+            assert!(path.weights.iter().zip([faded, 1.0, faded]).all(|(a, b)| (a - b).abs() < 1e-12));
+            assert_eq!(with(None).path(&records, 0, 1, 0, timeline.times()).columns[0], [0.0; 3]);
+        });
     }
 
     #[test]

@@ -57,6 +57,11 @@ impl TemporalModule {
         }
     }
 
+    /// Whether the module is an attention.
+    pub fn attends(&self) -> bool {
+        !matches!(self, Self::Average(_) | Self::Convolution(_))
+    }
+
     /// The mean entropy of the attention, in nats: `[1]`; `None` for a module without attention.
     ///
     /// # Panics

@@ -44,7 +44,8 @@ impl TokenMaker<'_> {
         self.in_chunks(tokens, local)
     }
 
-    /// The tokens `[N, K, H + 11]` of the centres `[N, 3 K]` of others at one time, with their local intensities `[N, K]`.
+    /// The tokens `[N, K, H + 11]` of the centres `[N, 3 K]` of others at one time, with their local intensities
+    /// `[N, K]`.
     pub fn of_others(&self, means: &Tensor<2>, time: f64, local: Tensor<2>) -> Tensor<3> {
         let keys = local.dims()[1];
         let tokens = |first, length| {

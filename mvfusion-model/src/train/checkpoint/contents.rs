@@ -11,6 +11,7 @@ use crate::ModelError;
 use crate::files::hexadecimal;
 use crate::model::Model;
 use crate::model::gaussians::Attribute;
+use crate::model::motion::MotionCache;
 use crate::train::densify::BranchState;
 use crate::train::parameters::{Sink, walk};
 use crate::train::{BranchGradients, TrainState};
@@ -22,13 +23,24 @@ pub(super) const VELOCITIES: &str = "motion.velocities";
 pub(super) const NEAR_MEANS: &str = "motion.near_means";
 pub(super) const NEAR_LOCAL: &str = "motion.near_local";
 pub(super) const INTENSITY: &str = "motion.intensity";
-/// All of them.
-pub(super) const DESCRIPTORS: [&str; 6] = [SIGNATURES, LOCAL, VELOCITIES, NEAR_MEANS, NEAR_LOCAL, INTENSITY];
 
 /// Names of the accumulated data of the static branch, besides its gradients.
 pub(super) const PENDING_SCREEN: &str = "pending.screen";
 pub(super) const PENDING_RADII: &str = "pending.radii";
 pub(super) const PENDING_VISIBLE: &str = "pending.visible";
+
+/// The motion descriptors with their names.
+fn descriptors_of(cache: &MotionCache) -> Vec<(&'static str, &Tensor<2>)> {
+    let always = [(SIGNATURES, &cache.signatures), (LOCAL, &cache.local), (INTENSITY, &cache.intensity)];
+    let velocities = cache.velocities.iter().map(|velocities| (VELOCITIES, velocities));
+    let near = cache.near.iter().flat_map(|near| [(NEAR_MEANS, &near.means), (NEAR_LOCAL, &near.local)]);
+    always.into_iter().chain(velocities).chain(near).collect()
+}
+
+/// The names of a model's motion descriptors.
+pub(super) fn descriptors(cache: &MotionCache) -> Vec<&'static str> {
+    descriptors_of(cache).into_iter().map(|(name, _)| name).collect()
+}
 
 /// Names of both moments of a parameter.
 pub(super) fn moment_names(path: &str) -> [String; 2] {
@@ -53,16 +65,9 @@ impl Contents {
             contents.add_moments(path, moments)?;
         }
         if let Some(cache) = &state.model.motion {
-            contents.add(SIGNATURES, cache.signatures.clone())?;
-            contents.add(LOCAL, cache.local.clone())?;
-            if let Some(velocities) = &cache.velocities {
-                contents.add(VELOCITIES, velocities.clone())?;
+            for (name, values) in descriptors_of(cache) {
+                contents.add(name, values.clone())?;
             }
-            if let Some(near) = &cache.near {
-                contents.add(NEAR_MEANS, near.means.clone())?;
-                contents.add(NEAR_LOCAL, near.local.clone())?;
-            }
-            contents.add(INTENSITY, cache.intensity.clone())?;
         }
         Ok(contents)
     }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use burn::tensor::Tensor;
 
 use super::Checkpoint;
-use super::contents::{DESCRIPTORS, PENDING_RADII, PENDING_SCREEN, PENDING_VISIBLE, moment_names};
+use super::contents::{PENDING_RADII, PENDING_SCREEN, PENDING_VISIBLE, descriptors, moment_names};
 use super::header::GridSize;
 use super::read::is_of_branch;
 use crate::ModelError;
@@ -184,7 +184,8 @@ impl Checkpoint {
         }
         expected.iter().try_for_each(|(name, shape)| self.expect(name, shape))?;
         // The model has read those of the motion descriptors.
-        let read = |name: &str| model.motion.is_some() && DESCRIPTORS.contains(&name);
+        let descriptors = model.motion.as_ref().map_or(Vec::new(), descriptors);
+        let read = |name: &str| descriptors.contains(&name);
         let is_other = |name: &&str| {
             OF_TRAINING.iter().any(|group| name.starts_with(group)) && !expected.contains_key(*name) && !read(name)
         };

@@ -12,7 +12,7 @@ use super::contents::{
 };
 use super::fit::columns;
 use crate::ModelError;
-use crate::config::{Config, Descriptor, Temporal};
+use crate::config::{Config, Descriptor, Trajectory};
 use crate::model::Model;
 use crate::model::exposure::Exposures;
 use crate::model::gaussians::{Attribute, Gaussians};
@@ -131,7 +131,6 @@ impl Checkpoint {
     fn motion(&self, rows: usize, config: &Config, device: &Device) -> Result<Option<MotionCache>, ModelError> {
         let Some(knot_times) = self.header.knot_times.clone() else { return Ok(None) };
         let (motion, knots) = (&config.motion, knot_times.len());
-        let reads_near = motion.mfta && motion.temporal == Temporal::Spatial;
         let near = || {
             let means = self.tensor(NEAR_MEANS, [rows, 3 * motion.neighbours], device)?;
             let local = self.tensor(NEAR_LOCAL, [rows, motion.neighbours * knots], device)?;
@@ -142,10 +141,11 @@ impl Checkpoint {
             signatures: self.tensor(SIGNATURES, [rows, SIGNATURE_WIDTH], device)?,
             local: self.tensor(LOCAL, [rows, knots], device)?,
             velocities: (motion.descriptor == Descriptor::Momentary).then(velocities).transpose()?,
-            near: reads_near.then(near).transpose()?,
+            near: motion.reads_neighbours().then(near).transpose()?,
             intensity: self.tensor(INTENSITY, [rows, 1], device)?,
             knot_times,
-            inherits: config.motion.inherit,
+            inherits: motion.inherit,
+            includes_travel: motion.trajectory == Trajectory::Lifetime,
             encoding: Encoding::default(),
         }))
     }

@@ -152,13 +152,12 @@ impl Branch<'_> {
         let gradients: Vec<f64> = tensors::read(self.state.statistics.mean_gradients())?;
         let Some(cache) = self.motion.as_ref().filter(|_| motion_power > 0.0) else { return Ok(gradients) };
         let intensities: Vec<f64> = tensors::read(cache.intensity.clone())?;
-        let mean = intensities.iter().sum::<f64>() / intensities.len().max(1) as f64;
-        let relative = |intensity: f64| match intensity + mean > 0.0 {
-            true => 2.0 * intensity / (intensity + mean),
-            false => 1.0,
-        };
-        let weighted = gradients.iter().zip(intensities);
-        Ok(weighted.map(|(gradient, intensity)| gradient * relative(intensity).powf(motion_power)).collect())
+        // A Gaussian that came since the last measurement may have none.
+        let measured = || intensities.iter().filter(|&&intensity| intensity > 0.0);
+        let mean = measured().sum::<f64>() / measured().count().max(1) as f64;
+        let relative = |intensity: f64| if intensity > 0.0 { 2.0 * intensity / (intensity + mean) } else { 1.0 };
+        let weighted = gradients.iter().zip(&intensities);
+        Ok(weighted.map(|(gradient, &intensity)| gradient * relative(intensity).powf(motion_power)).collect())
     }
 
     /// Executes a plan. `normals` has one draw per half of a split Gaussian, first halves first.
@@ -349,6 +348,7 @@ mod tests {
 
     use super::*;
     use crate::initial::{Masking, cloud_on, gaussians_of};
+    use crate::model::motion::Encoding;
     use crate::test_support::{for_each_device, values};
 
     #[test]
@@ -368,6 +368,38 @@ mod tests {
                 means.iter().zip([1.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0]).all(|(own, other)| (own - other).abs() < 1e-6)
             );
             assert!(values(log_scales.inner()).iter().all(|value| (value - split_log_scale()).abs() < 1e-6));
+        });
+    }
+
+    #[test]
+    fn motion_raises_the_priority_of_what_moves_and_leaves_that_of_what_was_not_measured() {
+        for_each_device(|device| {
+            let points = PointCloud { positions: vec![Vec3::ZERO; 3], colours: vec![Vec3::ONE; 3] };
+            let cloud = cloud_on(&points, &[1.0; 3], 0.1);
+            let mut gaussians = gaussians_of(&cloud, Masking::Absent, 0, &device.clone().autodiff(), DType::F32);
+            let mut state = BranchState::new(&gaussians);
+            let column = |values: [f32; 3]| Tensor::<2>::from_data(values.map(|value| [value]), &device);
+            state.statistics.gradients = column([2.0, 2.0, 2.0]);
+            state.statistics.seen = column([1.0; 3]);
+            let mut cache = MotionCache {
+                signatures: column([0.0; 3]),
+                local: column([0.0; 3]),
+                velocities: None,
+                near: None,
+                intensity: column([1.0, 3.0, 0.0]),
+                knot_times: vec![0.5],
+                inherits: true,
+                includes_travel: false,
+                encoding: Encoding::default(),
+            };
+            let motion = Some(&mut cache);
+            let branch = Branch { gaussians: &mut gaussians, state: &mut state, motion, gradients: None };
+            let priorities = |power| branch.priorities(power).expect("the device answers");
+            assert_eq!(priorities(0.0), [2.0; 3]);
+            // The mean of those that were measured is 2: factors 2 / 3 and 6 / 5.
+            let found = priorities(2.0);
+            let expected = [2.0 * 4.0 / 9.0, 2.0 * 36.0 / 25.0, 2.0];
+            assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{found:?}");
         });
     }
 }

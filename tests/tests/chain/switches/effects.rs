@@ -2,7 +2,7 @@
 
 use mvfusion_model::config::{
     Descriptor, FusionWeights, Interval, MotionConfig, Refinement, Spread, Temporal, TokenMode, TokenOffset,
-    TokenValues, Trajectory,
+    TokenValues,
 };
 use mvfusion_model::model::motion::SIGNATURE_WIDTH;
 
@@ -72,7 +72,7 @@ pub fn spatial(motion: &mut MotionConfig) {
 /// A switch turned from a starting point, and whether another picture comes out.
 type Effect = (&'static str, Switch, Switch, bool);
 
-const EFFECTS: [Effect; 42] = [
+const EFFECTS: [Effect; 41] = [
     ("mvg", |_| (), no_mvg, true),
     ("mfta", |_| (), no_mfta, true),
     ("position variance", |_| (), position, true),
@@ -101,8 +101,6 @@ const EFFECTS: [Effect; 42] = [
     ("neighbours in space", spatial, |motion| motion.neighbours = 3, true),
     ("neighbours in time", |_| (), |motion| motion.neighbours = 3, false),
     ("window in space", |motion| (spatial(motion), no_mvg(motion)).0, |motion| motion.window = 3, false),
-    // There are no lifetimes here.
-    ("trajectory", |_| (), |motion| motion.trajectory = Trajectory::Lifetime, false),
     ("no MVG, momentary knots", no_mvg, |motion| motion.knot_stride = 2, false),
     // What training alone looks at.
     ("interval", |_| (), |motion| motion.interval = Interval(100), false),

@@ -58,13 +58,15 @@ fn a_file_says_which_variant_it_holds() {
     const ATTENTION: &[&str] = &["attention.key", "attention.mlp", "attention.query", "attention.value"];
     const SELF_ATTENTION: &[&str] =
         &["self_attention.key", "self_attention.mlp", "self_attention.query", "self_attention.value"];
-    let variants: [(Switch, Vec<&[&str]>); 8] = [
+    const SPATIAL: &[&str] = &["spatial.key", "spatial.mlp", "spatial.query", "spatial.value"];
+    let variants: [(Switch, Vec<&[&str]>); 9] = [
         (|_| (), vec![ATTENTION, ENCODER]),
         (effects::no_mvg, vec![ATTENTION]),
         (effects::no_mfta, vec![ENCODER]),
         (effects::neither, vec![]),
         (effects::offsets, vec![ATTENTION, &["direct.mlp"]]),
         (effects::self_attention, vec![ENCODER, SELF_ATTENTION]),
+        (effects::spatial, vec![ENCODER, SPATIAL]),
         (effects::average, vec![&["average.mlp"], ENCODER]),
         (effects::convolution, vec![&["convolution.mlp", "convolution.taps"], ENCODER]),
     ];
@@ -88,8 +90,16 @@ fn a_file_says_which_variant_it_holds() {
 
 #[test]
 fn variants_survive_saving_and_loading() {
-    for switch in [effects::offsets, effects::self_attention, effects::average, effects::convolution, effects::position]
-    {
+    for switch in [
+        effects::offsets,
+        effects::self_attention,
+        effects::average,
+        effects::convolution,
+        effects::position,
+        effects::momentary,
+        effects::spatial,
+        effects::residual,
+    ] {
         let config = turned(switch);
         let mut whole = started(&config);
         train(&mut whole);
