@@ -162,7 +162,8 @@ mod tests {
 
     #[test]
     fn what_is_said_of_tokens_needs_tokens_that_attend() {
-        let forms: [(fn(&mut MotionConfig), &str); 3] = [
+        type Form = (fn(&mut MotionConfig), &'static str);
+        let forms: [Form; 3] = [
             (|motion| motion.token_offset = TokenOffset::Sines, "`motion.token_offset` is \"sines\""),
             (|motion| motion.values = TokenValues::Velocities, "`motion.values` is \"velocities\""),
             (|motion| motion.residual = true, "`motion.residual` is true"),

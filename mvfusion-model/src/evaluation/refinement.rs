@@ -140,8 +140,8 @@ impl RefinementSurvey {
     pub fn substitutes(&self, module: MotionModule, replacement: Replacement) -> Option<Substitutes> {
         let [of_all, of_each] = self.means.get(&module)?;
         let substitute = match replacement {
-            Replacement::Constant => Substitute::Fixed(of_all.clone()),
-            Replacement::Mean => Substitute::Fixed(of_each.clone()),
+            Replacement::Constant => Substitute::fixed(of_all.clone()),
+            Replacement::Mean => Substitute::fixed(of_each.clone()),
             Replacement::Shuffled => Substitute::Shuffled,
         };
         Some(Substitutes::of(module, substitute))

@@ -20,7 +20,7 @@ pub enum MotionModule {
 #[derive(Clone, Debug)]
 pub enum Substitute {
     /// The same at all times: `[1, H]` for all Gaussians, or `[N, H]` for each of them.
-    Fixed(Tensor<2>),
+    Fixed(Box<Tensor<2>>),
     /// The output of another Gaussian at the same time.
     Shuffled,
 }
@@ -51,11 +51,16 @@ impl Substitute {
     /// Seed of the permutations.
     const SEED: u64 = 0;
 
+    /// The same features at all times: `[1, H]` for all Gaussians, or `[N, H]` for each of them.
+    pub fn fixed(features: Tensor<2>) -> Self {
+        Self::Fixed(Box::new(features))
+    }
+
     /// What stands in for the output of `count` Gaussians.
     fn output(&self, count: usize, own: impl FnOnce() -> Tensor<2>) -> Tensor<2> {
         match self {
-            Self::Fixed(features) if features.dims()[0] == 1 => features.clone().repeat(&[count, 1]),
-            Self::Fixed(features) => features.clone(),
+            Self::Fixed(features) if features.dims()[0] == 1 => features.as_ref().clone().repeat(&[count, 1]),
+            Self::Fixed(features) => features.as_ref().clone(),
             Self::Shuffled => {
                 let own = own();
                 // Round a random circle, so that no Gaussian has its own output, unless it is alone.
@@ -70,7 +75,7 @@ impl Substitute {
 
     fn select(self, rows: &Tensor<1, Int>) -> Self {
         match self {
-            Self::Fixed(features) if features.dims()[0] > 1 => Self::Fixed(features.select(0, rows.clone())),
+            Self::Fixed(features) if features.dims()[0] > 1 => Self::fixed(features.select(0, rows.clone())),
             other => other,
         }
     }
@@ -113,7 +118,7 @@ mod tests {
     fn a_substitute_stands_in_for_its_module_alone() {
         for_each_device(|device| {
             let own = || Tensor::<2>::from_data([[1.0f32], [2.0], [3.0], [4.0], [5.0]], &device);
-            let fixed = Substitutes::of(MotionModule::Mvg, Substitute::Fixed(Tensor::from_data([[7.0f32]], &device)));
+            let fixed = Substitutes::of(MotionModule::Mvg, Substitute::fixed(Tensor::from_data([[7.0f32]], &device)));
             let seen = |substitutes: &Substitutes, module| values(substitutes.output(module, 5, own));
             assert_eq!(seen(&fixed, MotionModule::Mvg), [7.0; 5]);
             assert_eq!(seen(&fixed, MotionModule::Mfta), [1.0, 2.0, 3.0, 4.0, 5.0]);
@@ -124,7 +129,7 @@ mod tests {
             assert_eq!(sorted, [1.0, 2.0, 3.0, 4.0, 5.0]);
             assert!(shuffled.iter().zip(&sorted).all(|(shuffled, own)| shuffled != own), "{shuffled:?}");
 
-            let each = Substitutes::of(MotionModule::Mvg, Substitute::Fixed(own()));
+            let each = Substitutes::of(MotionModule::Mvg, Substitute::fixed(own()));
             let rows = Tensor::from_data([3i32, 0], &device);
             let found = each.select(&rows).output(MotionModule::Mvg, 2, || unreachable!("it has a substitute"));
             assert_eq!(values(found), [4.0, 1.0]);
