@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use anyhow::bail;
-use mvfusion_model::evaluation::{AttentionFigures, Metric, ModuleFigures, RefinementFigures, Replacement, Scores};
+use mvfusion_model::evaluation::{AttentionFigures, ModuleFigures, RefinementFigures, Replacement};
 use mvfusion_model::model::motion::MotionModule;
 use mvfusion_model::model::{Model, RenderContext};
 use mvfusion_model::train::parameter_hash;
@@ -11,7 +11,7 @@ use mvfusion_model::train::parameter_hash;
 use super::score::Scoring;
 use crate::args::{EvalArgs, ReplacementChoice};
 use crate::progress::Verbosity;
-use crate::run::{self, Replaced, Replacements};
+use crate::run::{self, PsnrChanges, Replaced, Replacements};
 use crate::{atomic, report};
 
 /// Scores the held-out views with the outputs of modules replaced, one at a time, and prints the differences.
@@ -62,12 +62,8 @@ fn chosen(choices: &[ReplacementChoice]) -> Vec<(MotionModule, Replacement)> {
 
 /// Prints the PSNR of every layer and how it changes, then the figures of the modules.
 fn print(found: &Replacements, figures: RefinementFigures, out: &mut dyn Write) -> anyhow::Result<()> {
-    let of_test = found.replaced.iter().map(|replaced| (replaced, &replaced.test));
-    print_views("held-out views", &found.test, of_test, out)?;
-    if let Some(own) = &found.training_views {
-        let of_training =
-            found.replaced.iter().filter_map(|replaced| Some((replaced, replaced.training_views.as_ref()?)));
-        print_views("training views", own, of_training, out)?;
+    for changes in found.psnr_changes() {
+        print_changes(&changes, out)?;
     }
     for (name, figures) in [("MVG", figures.mvg), ("MFTA", figures.mfta)] {
         let Some(ModuleFigures { norm, constant, over_gaussians, over_time }) = figures else { continue };
@@ -88,28 +84,18 @@ fn print(found: &Replacements, figures: RefinementFigures, out: &mut dyn Write) 
 const LABEL: usize = 16;
 
 /// Prints the PSNR of a set of views in dB, and the differences with replaced outputs.
-fn print_views<'a>(
-    title: &str,
-    own: &Scores,
-    replaced: impl Iterator<Item = (&'a Replaced, &'a Scores)>,
-    out: &mut dyn Write,
-) -> anyhow::Result<()> {
-    let layers: Vec<(String, Option<f64>)> =
-        own.layers().map(|(layer, scores)| (own.label(layer), Metric::Psnr.of(scores))).collect();
-    let line = |name: &str, cells: Vec<String>| {
-        let cells = layers.iter().zip(cells).map(|((label, _), cell)| format!("  {cell:>width$}", width = label.len()));
-        format!("{name:LABEL$}{}", cells.collect::<String>())
+fn print_changes(changes: &PsnrChanges, out: &mut dyn Write) -> anyhow::Result<()> {
+    let mut line = |name: &str, cells: Vec<String>| {
+        let cells =
+            changes.layers.iter().zip(cells).map(|(layer, cell)| format!("  {cell:>width$}", width = layer.len()));
+        writeln!(out, "{name:LABEL$}{}", cells.collect::<String>())
     };
-    writeln!(out, "{}", line(title, layers.iter().map(|(label, _)| label.clone()).collect()))?;
     let shown = |value: &Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.2} dB"));
-    writeln!(out, "{}", line("as trained", layers.iter().map(|(_, value)| shown(value)).collect()))?;
-    for (Replaced { module, replacement, .. }, scores) in replaced {
-        let now = scores.layers().map(|(_, scores)| Metric::Psnr.of(scores));
-        let difference = |(now, (_, before)): (Option<f64>, &(String, Option<f64>))| {
-            now.zip(*before).map_or("-".to_owned(), |(now, before)| format!("{:+.2}", now - before))
-        };
-        let name = format!("{}={}", module.name(), replacement.name());
-        writeln!(out, "{}", line(&name, now.zip(&layers).map(difference).collect()))?;
+    let signed = |value: &Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:+.2}"));
+    line(changes.views, changes.layers.clone())?;
+    line("as trained", changes.own.iter().map(shown).collect())?;
+    for (module, replacement, changes) in &changes.changes {
+        line(&format!("{}={}", module.name(), replacement.name()), changes.iter().map(signed).collect())?;
     }
     Ok(())
 }

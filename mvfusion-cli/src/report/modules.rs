@@ -1,11 +1,11 @@
 //! What the motion-aware modules contribute: the figures of their outputs, and the metrics without them.
 
 use maud::{Markup, html};
-use mvfusion_model::evaluation::{Metric, ModuleFigures, RefinementFigures, Replacement, Scores};
+use mvfusion_model::evaluation::{ModuleFigures, RefinementFigures, Replacement};
 
 use super::files::RunFiles;
 use super::snippet::{notice, number};
-use crate::run::{Replaced, Replacements};
+use crate::run::{PsnrChanges, Replacements};
 
 /// The section.
 pub(super) fn modules(files: &RunFiles) -> Markup {
@@ -65,48 +65,36 @@ fn of_outputs(figures: &RefinementFigures) -> Markup {
 
 fn replaced(found: &Replacements, files: &RunFiles) -> Markup {
     let is_stale = files.results.as_ref().is_ok_and(|results| results.params_sha256 != found.params_sha256);
-    let training = found.training_views.as_ref().map(|own| {
-        let of = |replaced: &Replaced| replaced.training_views;
-        differences("Training views", own, found, of)
-    });
     html! {
         @if is_stale {
             p.note { "The parameters have changed since the outputs were replaced." }
         }
-        (differences("Held-out views", &found.test, found, |replaced| Some(replaced.test)))
-        @if let Some(training) = training { (training) }
+        @for changes in found.psnr_changes() { (differences(&changes)) }
     }
 }
 
 /// PSNR as trained, and the differences with an output replaced.
-fn differences(caption: &str, own: &Scores, found: &Replacements, of: impl Fn(&Replaced) -> Option<Scores>) -> Markup {
-    let layers: Vec<(&str, Option<f64>)> =
-        own.layers().map(|(layer, scores)| (layer, Metric::Psnr.of(scores))).collect();
-    let change = |scores: &Scores, name: &str, before: Option<f64>| {
-        let now = scores.layers().find(|(layer, _)| *layer == name).and_then(|(_, scores)| Metric::Psnr.of(scores));
-        now.zip(before).map_or("\u{2013}".to_owned(), |(now, before)| format!("{:+.2}", now - before))
-    };
+fn differences(changes: &PsnrChanges) -> Markup {
+    let signed = |change: Option<f64>| change.map_or("\u{2013}".to_owned(), |change| format!("{change:+.2}"));
     html! {
         div.scroll {
             table.scores {
-                caption { (caption) ": PSNR in dB, and its change if an output is replaced" }
+                caption { "PSNR of the " (changes.views) " in dB, and its change if an output is replaced" }
                 thead { tr {
                     th scope="col" {}
-                    @for (layer, _) in &layers { th scope="col" { (own.label(layer)) } }
+                    @for layer in &changes.layers { th scope="col" { (layer) } }
                 } }
                 tbody {
                     tr {
                         th scope="row" { "as trained" }
-                        @for (_, psnr) in &layers { td { @if let Some(psnr) = psnr { (number(*psnr, 2)) } } }
+                        @for psnr in &changes.own { td { @if let Some(psnr) = psnr { (number(*psnr, 2)) } } }
                     }
-                    @for replaced in &found.replaced {
-                        @if let Some(scores) = of(replaced) { tr {
-                            th scope="row" title=(meaning(replaced.replacement)) {
-                                (replaced.module.name().to_uppercase()) " " (replaced.replacement.name())
-                            }
-                            @for (layer, psnr) in &layers { td { (change(&scores, layer, *psnr)) } }
-                        } }
-                    }
+                    @for (module, replacement, changes) in &changes.changes { tr {
+                        th scope="row" title=(meaning(*replacement)) {
+                            (module.name().to_uppercase()) " " (replacement.name())
+                        }
+                        @for change in changes { td { (signed(*change)) } }
+                    } }
                 }
             }
         }

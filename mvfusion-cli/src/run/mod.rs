@@ -35,7 +35,7 @@ pub use picture_kind::PictureKind;
 pub use pictures::{PicturesWriter, legend};
 pub use pictures_hash::PicturesHash;
 pub use record::{InitialWeights, Resumption, RunRecord, SceneRecord};
-pub use replacements::{Replaced, Replacements};
+pub use replacements::{PsnrChanges, Replaced, Replacements};
 #[cfg(test)]
 pub(crate) use results::specimen;
 pub use results::{EvalTime, GaussianCounts, LpipsWeights, PerView, RenderSpeed, Results, TrainTime};

@@ -44,10 +44,10 @@ impl Table {
     fn markdown_verdicts(&self) -> String {
         let Some(rule) = &self.rule else { return String::new() };
         let confidence = 1e2 * rule.confidence;
-        let mut text = format!(
+        let text = format!(
             "\n**Verdict.** A difference helps a scene if the {confidence} % t-interval of its mean over seeds excludes \
              0 on the better side in every metric below, and harms it if an interval excludes 0 on the worse side. A \
-             variant that helps at least {} of the {} scenes and harms none is recommended.\n\n",
+             scene of which the variants have no such metric does not count. A variant that helps at least {} of the {} scenes and harms none is recommended.\n\n",
             rule.least_helped,
             rule.scenes.len()
         );
@@ -61,19 +61,8 @@ impl Table {
             row.push(verdict.recommended.map_or("not complete", |yes| if yes { "yes" } else { "no" }).to_owned());
             rows.push(row);
         }
-        let width = |place: usize| rows.iter().map(|row| row[place].chars().count()).max().unwrap_or(0).max(3);
-        let widths: Vec<usize> = (0..rows[0].len()).map(width).collect();
-        for (index, row) in rows.iter().enumerate() {
-            text.push('|');
-            text.extend(row.iter().zip(&widths).map(|(field, width)| format!(" {field:width$} |")));
-            text.push('\n');
-            if index == 0 {
-                text.push('|');
-                text.extend(widths.iter().map(|width| format!(":{}|", "-".repeat(width + 1))));
-                text.push('\n');
-            }
-        }
-        text
+        let columns = rows[0].len();
+        text + &aligned(&rows, columns)
     }
 
     /// The table of some columns; their heads name their groups or not.
@@ -82,22 +71,7 @@ impl Table {
         let heads = self.markdown_heads(&self.columns[columns.clone()], names_groups);
         let rows: Vec<Vec<String>> =
             std::iter::once(heads).chain(self.rows.iter().map(|row| self.markdown_row(row, columns.clone()))).collect();
-        let width = |place: usize| rows.iter().map(|row| row[place].chars().count()).max().unwrap_or(0).max(3);
-        let widths: Vec<usize> = (0..rows[0].len()).map(width).collect();
-        let line = |row: &Vec<String>| {
-            let fields = row.iter().zip(&widths).enumerate();
-            let padded = fields.map(|(place, (text, width))| match place < labels {
-                true => format!(" {text:width$} |"),
-                false => format!(" {text:>width$} |"),
-            });
-            format!("|{}\n", padded.collect::<String>())
-        };
-        let rules = widths.iter().enumerate().map(|(place, width)| match place < labels {
-            true => format!(":{}|", "-".repeat(width + 1)),
-            false => format!("{}:|", "-".repeat(width + 1)),
-        });
-        let rules = format!("|{}\n", rules.collect::<String>());
-        std::iter::once(line(&rows[0])).chain([rules]).chain(rows[1..].iter().map(line)).collect()
+        aligned(&rows, labels)
     }
 
     fn markdown_heads(&self, columns: &[Column], names_groups: bool) -> Vec<String> {
@@ -123,6 +97,27 @@ impl Table {
         let field = self.field(column, entry);
         if field.is_best { format!("**{}**{}", field.text, field.rest) } else { field.text + &field.rest }
     }
+}
+
+/// Rows of as many fields as a table in Markdown, the first one being its head. The first `labels` columns are aligned to
+/// the left, the others to the right.
+fn aligned(rows: &[Vec<String>], labels: usize) -> String {
+    let width = |place: usize| rows.iter().map(|row| row[place].chars().count()).max().unwrap_or(0).max(3);
+    let widths: Vec<usize> = (0..rows[0].len()).map(width).collect();
+    let line = |row: &Vec<String>| {
+        let fields = row.iter().zip(&widths).enumerate();
+        let padded = fields.map(|(place, (text, width))| match place < labels {
+            true => format!(" {text:width$} |"),
+            false => format!(" {text:>width$} |"),
+        });
+        format!("|{}\n", padded.collect::<String>())
+    };
+    let rules = widths.iter().enumerate().map(|(place, width)| match place < labels {
+        true => format!(":{}|", "-".repeat(width + 1)),
+        false => format!("{}:|", "-".repeat(width + 1)),
+    });
+    let rules = format!("|{}\n", rules.collect::<String>());
+    std::iter::once(line(&rows[0])).chain([rules]).chain(rows[1..].iter().map(line)).collect()
 }
 
 /// A text as Markdown shows it letter by letter, in one line.
