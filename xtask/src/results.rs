@@ -1,22 +1,22 @@
-//! `cargo xtask results`: puts the table of a sweep into docs/results.md.
+//! `cargo xtask results`: puts the table of a sweep into the page that has a place for it.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use clap::Args;
 use serde_json::Value;
 
 use crate::docs;
 use crate::splice::splice;
 
-/// The page that the tables stand in.
-const PAGE: &str = "docs/results.md";
+/// The pages that have places for tables.
+const PAGES: [&str; 3] = ["docs/results.md", "docs/results-appendix.md", "docs/ambiguities.md"];
 
-/// Puts the table of a sweep into docs/results.md.
+/// Puts the table of a sweep into the page that has a place for it.
 ///
-/// The sweep trains (`mvfusion sweep methods`, docs/sweeps.md). This chore copies its `table.md` between the lines of
-/// the page that name the sweep.
+/// The sweep trains (`mvfusion sweep methods`, docs/sweeps.md). This chore copies its `table.md` between the lines that
+/// name the sweep, in docs/results.md, docs/results-appendix.md or docs/ambiguities.md.
 #[derive(Debug, Args)]
 pub struct ResultsArguments {
     /// Folder of the sweep, such as runs/sweeps/methods.
@@ -34,16 +34,15 @@ pub fn run(arguments: &ResultsArguments) -> Result<()> {
     };
     let json: Value = serde_json::from_str(&read("table.json")?).context("table.json is not JSON")?;
     let name = json["name"].as_str().context("table.json does not name its sweep")?;
-    let page = docs::root().join(PAGE);
-    let old = fs::read_to_string(&page).with_context(|| format!("cannot read {PAGE}"))?;
-    let new = with_table(&old, name, &read("table.md")?).with_context(|| {
-        format!("{PAGE} has no place for this sweep: add the lines `{}` and `{}`", start(name), end(name))
-    })?;
-    write(&page, &new)
-}
-
-fn write(page: &Path, text: &str) -> Result<()> {
-    fs::write(page, text).with_context(|| format!("cannot write {}", page.display()))
+    let table = read("table.md")?;
+    for page in PAGES {
+        let path = docs::root().join(page);
+        let old = fs::read_to_string(&path).with_context(|| format!("cannot read {page}"))?;
+        if let Some(new) = with_table(&old, name, &table) {
+            return fs::write(&path, new).with_context(|| format!("cannot write {page}"));
+        }
+    }
+    bail!("no page has a place for this sweep: add the lines `{}` and `{}` to one of {PAGES:?}", start(name), end(name))
 }
 
 /// The page with the table of a sweep. The page has a heading of its own, so the table's goes.

@@ -13,7 +13,7 @@ use super::replace;
 use super::score::{self, Scoring};
 use crate::args::EvalArgs;
 use crate::progress::Verbosity;
-use crate::run::{self, Change, Evidence, MasksRequest, OpenRun, Part, PicturesWriter, Results, RunRequest, TrainTime};
+use crate::run::{self, Change, Evidence, MasksRequest, OpenRun, Part, PicturesWriter, Results, RunRequest, TrainCost};
 use crate::{report, table};
 
 /// Evaluates a run again from its checkpoint and compares the metrics with its earlier ones.
@@ -41,7 +41,7 @@ pub fn eval(args: &EvalArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyho
         config_sha256: now.config_sha256,
         evaluator: &score::evaluator(args.protocol, weights, &device.device)?,
         speed_frames: args.speed_frames,
-        time: training_time(&args.run, before.as_ref())?,
+        cost: training_cost(&args.run, before.as_ref())?,
         device: &device.name,
     };
     if !args.replace.is_empty() {
@@ -106,8 +106,8 @@ fn configured_weights(config: &Config, verbosity: Verbosity) -> Option<&Path> {
     Some(folder)
 }
 
-/// The training time of the run: from the metrics of the protocol if they exist, otherwise from the run's own.
-fn training_time(run: &Path, before: Option<&Results>) -> anyhow::Result<Option<TrainTime>> {
+/// The cost of the run's training: from the metrics of the protocol if they exist, otherwise from the run's own.
+fn training_cost(run: &Path, before: Option<&Results>) -> anyhow::Result<Option<TrainCost>> {
     match before {
         Some(results) => Ok(results.train),
         None => Ok(earlier_results(run)?.and_then(|results| results.train)),

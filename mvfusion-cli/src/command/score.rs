@@ -18,7 +18,7 @@ use crate::atomic;
 use crate::progress::{Progress, Verbosity};
 use crate::run::{
     self, EvalTime, FieldScores, GaussianCounts, LpipsWeights, PerView, PicturesHash, PicturesWriter, Results,
-    TrainTime,
+    TrainCost,
 };
 
 /// The components of the motion intensity.
@@ -50,8 +50,8 @@ pub(super) struct Scoring<'a> {
     pub evaluator: &'a Evaluator,
     /// Frames for measuring the frame rate; 0 skips the measurement.
     pub speed_frames: usize,
-    /// Training time, if known.
-    pub time: Option<TrainTime>,
+    /// The cost of training, if known.
+    pub cost: Option<TrainCost>,
     /// Name of the device.
     pub device: &'a str,
 }
@@ -125,7 +125,7 @@ impl Scoring<'_> {
             training_views,
             refinement,
             gaussians: GaussianCounts::of(model),
-            train: self.time,
+            train: self.cost,
             eval: EvalTime { seconds },
             speed,
             lpips: LpipsWeights::of(self.evaluator),

@@ -1,4 +1,5 @@
-//! The memory that this process may still use: free memory, limits of a control group, limits of the shell.
+//! The memory that this process may still use, by free memory and the limits of control group and shell, and the most
+//! that it has used.
 //!
 //! Linux tells all of these in files. Other systems are not asked.
 
@@ -39,6 +40,11 @@ impl Available {
     pub fn sentence(&self) -> String {
         format!("{} {}", super::size(self.bytes as f64), self.limit)
     }
+}
+
+/// The most resident memory that this process has used so far, in bytes; `None` if the system does not tell.
+pub fn peak() -> Option<u64> {
+    kibibytes(&fs::read_to_string("/proc/self/status").ok()?, "VmHWM:")
 }
 
 /// A line `NAME 123 kB`, in bytes.
@@ -133,5 +139,6 @@ mod tests {
         let available = Available::on_this_machine().expect("Linux tells");
         assert!(available.bytes > 1 << 20, "{available:?}");
         assert!(available.sentence().contains("iB "), "{}", available.sentence());
+        assert!(peak().expect("Linux tells") > 1 << 20);
     }
 }

@@ -12,7 +12,7 @@ use mvfusion_model::{Config, ModelError};
 
 use crate::device::OpenDevice;
 use crate::render::LEAST_SIDE;
-pub use machine::Available;
+pub use machine::{Available, peak};
 
 /// Whether a need that exceeds the memory is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -10,6 +10,7 @@ use super::files::RunFiles;
 use super::meaning::meaning;
 use super::snippet::number;
 use crate::clock::spoken;
+use crate::memory;
 use crate::run::Results;
 
 /// The scene's name, or the folder's.
@@ -122,7 +123,7 @@ fn quality(test: &Scores) -> [Option<Card>; 7] {
 }
 
 /// The cost of the renders.
-fn cost(results: &Results) -> [Option<Card>; 3] {
+fn cost(results: &Results) -> [Option<Card>; 4] {
     let gaussians = Card {
         name: "Gaussians".into(),
         title: "total of both branches",
@@ -135,11 +136,17 @@ fn cost(results: &Results) -> [Option<Card>; 3] {
         value: spoken(train.seconds),
         unit: "",
     });
+    let peak = results.train.and_then(|train| train.peak_memory).map(|bytes| Card {
+        name: "memory".into(),
+        title: "most resident memory of the training process",
+        value: memory::size(bytes as f64),
+        unit: "",
+    });
     let speed = results.speed.map(|speed| Card {
         name: "rendering".into(),
         title: "frame rate on the held-out views, with all parts of the model and without transfers to the host",
         value: number(speed.fps, 1),
         unit: "FPS",
     });
-    [Some(gaussians), time, speed]
+    [Some(gaussians), time, peak, speed]
 }

@@ -38,4 +38,4 @@ pub use record::{InitialWeights, Resumption, RunRecord, SceneRecord};
 pub use replacements::{PsnrChanges, Replaced, Replacements};
 #[cfg(test)]
 pub(crate) use results::specimen;
-pub use results::{EvalTime, GaussianCounts, LpipsWeights, PerView, RenderSpeed, Results, TrainTime};
+pub use results::{EvalTime, GaussianCounts, LpipsWeights, PerView, RenderSpeed, Results, TrainCost};

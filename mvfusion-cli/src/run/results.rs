@@ -30,9 +30,9 @@ pub struct Results {
     pub refinement: Option<RefinementFigures>,
     /// Numbers of Gaussians.
     pub gaussians: GaussianCounts,
-    /// The training time; absent if only an evaluation is known.
+    /// The cost of training; absent if only an evaluation is known.
     #[serde(skip_serializing_if = "Option::is_none", default)]
-    pub train: Option<TrainTime>,
+    pub train: Option<TrainCost>,
     /// The evaluation.
     pub eval: EvalTime,
     /// The frame rate; absent unless it was measured.
@@ -105,9 +105,9 @@ pub struct GaussianCounts {
     pub dynamic: usize,
 }
 
-/// Training time.
+/// The cost of training.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct TrainTime {
+pub struct TrainCost {
     /// Seconds of all steps.
     pub seconds: f64,
     /// Optimiser steps of all stages.
@@ -115,6 +115,10 @@ pub struct TrainTime {
     /// Steps among them that changed nothing, because a number was not finite (`train.on_bad_step`).
     #[serde(skip_serializing_if = "is_zero", default)]
     pub skipped: usize,
+    /// The most resident memory of the process until the last step, in bytes; that of the last process if the run was
+    /// resumed. Absent where the system does not tell.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub peak_memory: Option<u64>,
 }
 
 /// Whether there is nothing to tell.
@@ -278,7 +282,7 @@ pub(crate) fn specimen(test: Scores) -> Results {
         training_views: None,
         refinement: None,
         gaussians: GaussianCounts { static_: Some(12), dynamic: 3 },
-        train: Some(TrainTime { seconds: 171.2, steps: 1400, skipped: 0 }),
+        train: Some(TrainCost { seconds: 171.2, steps: 1400, skipped: 0, peak_memory: Some(300 << 20) }),
         eval: EvalTime { seconds: 9.0 },
         speed: None,
         lpips: LpipsWeights::of(&Evaluator::without_lpips(Protocol::Mvfusion)),

@@ -290,6 +290,9 @@ fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Option<T> {
     run::read_json(path).ok()
 }
 
+/// Bytes of a mebibyte.
+const MEBIBYTE: f64 = (1_u64 << 20) as f64;
+
 /// All metrics of a run, by their names in grids.
 pub(super) fn metrics(results: &Results) -> BTreeMap<String, f64> {
     let short = |(name, value): (String, f64)| (name.strip_prefix("test.").unwrap_or(&name).to_owned(), value);
@@ -298,6 +301,7 @@ pub(super) fn metrics(results: &Results) -> BTreeMap<String, f64> {
     if let Some(train) = results.train {
         metrics.insert("train.seconds".into(), train.seconds);
         metrics.insert("train.ms_per_step".into(), 1e3 * train.seconds / train.steps.max(1) as f64);
+        metrics.extend(train.peak_memory.map(|bytes| ("train.peak_memory".to_owned(), bytes as f64 / MEBIBYTE)));
     }
     if let Some(speed) = results.speed {
         metrics.insert("speed.fps".into(), speed.fps);

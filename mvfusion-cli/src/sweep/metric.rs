@@ -31,7 +31,7 @@ static OF_VIEWS: LazyLock<[TableMetric; 8]> = LazyLock::new(|| {
 });
 
 /// Metrics of a run beside those of views.
-static OF_RUN: LazyLock<[TableMetric; 7]> = LazyLock::new(|| {
+static OF_RUN: LazyLock<[TableMetric; 8]> = LazyLock::new(|| {
     use Better::{Higher, Lower};
     let count = |name, label| TableMetric { is_count: true, ..metric(name, label, None, 0, Some(Lower)) };
     [
@@ -39,6 +39,7 @@ static OF_RUN: LazyLock<[TableMetric; 7]> = LazyLock::new(|| {
         count("gaussians.dynamic", "dynamic Gaussians"),
         metric("train.seconds", "training time", Some("s"), 0, Some(Lower)),
         metric("train.ms_per_step", "training step", Some("ms"), 1, Some(Lower)),
+        metric("train.peak_memory", "peak memory of training", Some("MiB"), 0, Some(Lower)),
         metric("eval.seconds", "evaluation time", Some("s"), 0, Some(Lower)),
         metric("speed.fps", "FPS", None, 1, Some(Higher)),
         metric("speed.fps_without_mfta", "FPS without MFTA", None, 1, Some(Higher)),
@@ -198,6 +199,7 @@ mod tests {
             ("gaussians.dynamic", "dynamic Gaussians \u{2193}"),
             ("train.seconds", "training time (s) \u{2193}"),
             ("train.ms_per_step", "training step (ms) \u{2193}"),
+            ("train.peak_memory", "peak memory of training (MiB) \u{2193}"),
             ("speed.fps", "FPS \u{2191}"),
             ("speed.fps_without_mfta", "FPS without MFTA \u{2191}"),
             ("some.new_metric", "some.new_metric"),

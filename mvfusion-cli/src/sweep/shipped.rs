@@ -25,6 +25,8 @@ pub const SHIPPED: &[Shipped] = shipped![
     "methods",
     "claim",
     "claim-small",
+    "readings",
+    "costs",
     "components",
     "components-small",
     "fusion-weights",

@@ -10,6 +10,7 @@ use anyhow::{Context, Error, Result};
 use clap::Args;
 use glam::{DMat3, DVec3};
 use image::{Rgb, RgbImage};
+use mvfusion_cli::memory;
 use mvfusion_data::motion::{MotionFilm, MotionHullOptions, MovingPixelsOptions, motion_hull};
 use mvfusion_data::{Camera, Capture, Picture, PointCloud, Scene, Truth, View};
 use rayon::prelude::*;
@@ -74,7 +75,7 @@ pub fn measure(arguments: &SeedingArguments, note: &mut impl FnMut(Row)) -> Resu
             threads: rayon::current_num_threads(),
             seconds: Seconds::Whole(seconds),
             pairs: None,
-            peak_bytes: peak(),
+            peak_bytes: memory::peak(),
         });
     };
     let started = Instant::now();
@@ -86,14 +87,6 @@ pub fn measure(arguments: &SeedingArguments, note: &mut impl FnMut(Row)) -> Resu
     let seconds = started.elapsed().as_secs_f64();
     row(format!("motion hull ({})", seeds.summary), seconds);
     Ok(())
-}
-
-/// The largest memory of this process so far, bytes; known on Linux only.
-fn peak() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
-    let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
-    Some(kibibytes << 10)
 }
 
 /// Starts a new measurement of the largest memory. Where the system does not let it, that of the film's making counts

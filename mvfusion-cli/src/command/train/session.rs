@@ -16,8 +16,8 @@ use super::watch::{CheckpointClock, Watch};
 use crate::device::OpenDevice;
 use crate::interrupt::{Interrupted, Signals, resume_command};
 use crate::progress::Verbosity;
-use crate::run::{self, MetricsLog, PicturesWriter, RunFolder, RunRecord, TrainTime};
-use crate::{atomic, config, report, table};
+use crate::run::{self, MetricsLog, PicturesWriter, RunFolder, RunRecord, TrainCost};
+use crate::{atomic, config, memory, report, table};
 
 /// How often a checkpoint is tried to be written, and the pause in between.
 const SAVE_ATTEMPTS: usize = 3;
@@ -48,7 +48,7 @@ impl Session {
         atomic::write(&self.folder.place(&[run::CONFIG])?, written.as_bytes())?;
 
         let trained = self.train();
-        let time = trained.inspect_err(|error| self.tell_what_is_kept(error))?;
+        let cost = trained.inspect_err(|error| self.tell_what_is_kept(error))?;
         self.save(run::FINAL)?;
         self.thin_out();
         if let Some(code) = self.signals.exit_code() {
@@ -56,9 +56,9 @@ impl Session {
         }
         // Nothing is lost by ending now: what follows can be done again from the final checkpoint.
         self.signals.end_at_once();
-        self.write_gaussians(time.steps)?;
+        self.write_gaussians(cost.steps)?;
         let mut words = Vec::new();
-        self.evaluate(time, sha256(written.as_bytes()), &mut words)?;
+        self.evaluate(cost, sha256(written.as_bytes()), &mut words)?;
         let finished = self.record.clone().finished();
         atomic::write_json(&self.folder.place(&[run::RECORD])?, &finished)?;
         self.folder.finish();
@@ -70,7 +70,7 @@ impl Session {
     }
 
     /// All remaining steps of all stages.
-    fn train(&mut self) -> anyhow::Result<TrainTime> {
+    fn train(&mut self) -> anyhow::Result<TrainCost> {
         let total = self.trainer.config().train.stages.total();
         let mut checkpoints = CheckpointClock::new(&self.config.scaled().train, self.trainer.state().completed);
         let mut watch = Watch::new(self, total);
@@ -100,7 +100,12 @@ impl Session {
         }
         watch.progress.finish();
         let state = self.trainer.state();
-        Ok(TrainTime { seconds: watch.elapsed(), steps: state.completed, skipped: state.bad_steps.total })
+        Ok(TrainCost {
+            seconds: watch.elapsed(),
+            steps: state.completed,
+            skipped: state.bad_steps.total,
+            peak_memory: memory::peak(),
+        })
     }
 
     /// Removes old checkpoints. One that stays is no reason to stop.
@@ -162,7 +167,7 @@ impl Session {
     }
 
     /// Scores the model, writes metrics and images, and prints the table.
-    fn evaluate(&self, time: TrainTime, config_sha256: String, out: &mut dyn Write) -> anyhow::Result<()> {
+    fn evaluate(&self, cost: TrainCost, config_sha256: String, out: &mut dyn Write) -> anyhow::Result<()> {
         let config = self.trainer.config();
         let pictures = PicturesWriter::new(self.folder.path(), &config.eval, self.scene.test.len());
         let trained = TrainedModel::from(self.trainer.state());
@@ -173,7 +178,7 @@ impl Session {
             config_sha256,
             evaluator: &self.evaluator,
             speed_frames: 0,
-            time: Some(time),
+            cost: Some(cost),
             device: &self.device.name,
         };
         let scored = scoring.score(Some(&pictures), self.verbosity)?;
