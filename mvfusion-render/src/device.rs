@@ -3,7 +3,7 @@
 use burn::tensor::{DType, Device};
 
 #[cfg(feature = "cube")]
-pub use found::{Card, Gpu, GpuError, fold_launches, gpus, imitate_hardware};
+pub use found::{Card, DeviceMemory, Gpu, GpuError, fold_launches, gpus, imitate_dirt, imitate_hardware, memory};
 
 /// Burn's pure-Rust CPU backend.
 #[cfg(feature = "flex")]
@@ -54,6 +54,7 @@ mod found {
     use burn::backend::DispatchDevice;
     use burn::tensor::{Device, DeviceType};
     use burn_cubecl::CubeDevice;
+    use cubecl::MemoryScope;
     #[cfg(feature = "wgpu")]
     use cubecl::wgpu::WgpuDeviceKind;
     use mvfusion_kernels::cube::MOST_BUFFERS;
@@ -91,6 +92,17 @@ mod found {
         pub adds_floats: bool,
     }
 
+    /// The memory that CubeCL's pools hold on a device.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub struct DeviceMemory {
+        /// Buffers in use.
+        pub slices: u64,
+        /// Bytes in use.
+        pub used: u64,
+        /// Bytes taken from the driver.
+        pub reserved: u64,
+    }
+
     /// A GPU that was found but cannot be used.
     #[derive(Debug, Clone, PartialEq, Eq, Error)]
     pub enum GpuError {
@@ -98,7 +110,7 @@ mod found {
         #[error("{0} was found, but its driver does not open it")]
         Closed(String),
         /// The GPU binds fewer buffers than the kernels need.
-        #[error("{label} binds {found} storage buffers to a kernel, and {needed} are needed", needed = MOST_BUFFERS)]
+        #[error("{label} binds {found} storage buffers of data to a kernel, and {needed} are needed", needed = MOST_BUFFERS)]
         Buffers {
             /// Name on the command line.
             label: String,
@@ -121,6 +133,13 @@ mod found {
         gpu::imitate_hardware(body)
     }
 
+    /// While `body` runs, fills this thread's new buffers with NaN, or -1 as integers. wgpu clears buffers, which other
+    /// runtimes do not. Results do not depend on it.
+    #[doc(hidden)]
+    pub fn imitate_dirt<T>(body: impl FnOnce() -> T) -> T {
+        gpu::imitate_dirt(body)
+    }
+
     /// The GPUs of all backends in this build. CUDA comes first, then wgpu with discrete before integrated GPUs and
     /// software last. No GPU is opened, because that takes time and GPU memory.
     pub fn gpus() -> &'static [Gpu] {
@@ -138,6 +157,12 @@ mod found {
     /// Bytes of the largest buffer of a device; `None` for a CPU, which has no such limit.
     pub(crate) fn buffer_limit(device: &Device) -> Option<u64> {
         Some(gpu::buffer_limit(&as_cube(&device.clone().inner())?.client()))
+    }
+
+    /// The memory of a device; `None` for a CPU.
+    pub fn memory(device: &Device) -> Option<DeviceMemory> {
+        let usage = as_cube(&device.clone().inner())?.client().memory_report(MemoryScope::Device).usage();
+        Some(DeviceMemory { slices: usage.number_allocs, used: usage.bytes_in_use, reserved: usage.bytes_reserved })
     }
 
     /// Whether a device can blend this many channels, forward and backward.
@@ -199,8 +224,8 @@ mod found {
             let opened = catch_unwind(AssertUnwindSafe(|| self.cube.client()));
             let client = opened.map_err(|_| GpuError::Closed(self.label()))?;
             let properties = client.properties();
-            // CubeCL reserves one of wgpu's bindings for scalars; our kernels get them as a uniform.
-            let bindings = properties.hardware.max_bindings.saturating_add(1);
+            // Without the one in which CubeCL passes numbers.
+            let bindings = properties.hardware.max_bindings;
             if bindings < MOST_BUFFERS {
                 return Err(GpuError::Buffers { label: self.label(), found: bindings });
             }

@@ -9,7 +9,7 @@ mod slurm;
 
 pub use backends::{Backend, backends, every_backend, gpu_backends, is_there};
 pub use checklist::{Checklist, Few, Tolerance};
-pub use numbers::{Array, gradient, numbers, tensor};
+pub use numbers::{Array, gradient, numbers, tensor, with_padded_rows};
 pub use ply::Ply;
 pub use slurm::Cluster;
 

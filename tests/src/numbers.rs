@@ -1,6 +1,16 @@
 //! Numbers on the host: arrays in double precision, and the way into and out of tensors.
 
+use std::cell::Cell;
+
 use burn::tensor::{DType, Device, Gradients, Tensor, TensorData};
+
+thread_local! {
+    /// Whether this thread's tensors have padded rows.
+    static PADDED: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Numbers that are none behind each padded row.
+const PADDING: usize = 3;
 
 /// Row-major numbers with their shape.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -93,8 +103,34 @@ impl Array {
 /// # Panics
 /// If the numbers do not fill the shape.
 pub fn tensor<const D: usize>(values: &[f64], shape: [usize; D], device: &Device, dtype: DType) -> Tensor<D> {
+    if PADDED.get() && D > 1 && shape[D - 1] > 0 {
+        return padded(values, shape, device, dtype);
+    }
     let data = TensorData::new(values.to_vec(), shape).convert_dtype(dtype);
     Tensor::from_data(data, (device, dtype))
+}
+
+/// While `body` runs, [`tensor`] makes tensors whose rows are part of longer ones, as some runtimes lay them out.
+pub fn with_padded_rows<T>(body: impl FnOnce() -> T) -> T {
+    /// Resets the switch, after a panic as well.
+    struct Reset;
+    impl Drop for Reset {
+        fn drop(&mut self) {
+            PADDED.set(false);
+        }
+    }
+    let _reset = Reset;
+    PADDED.set(true);
+    body()
+}
+
+fn padded<const D: usize>(values: &[f64], shape: [usize; D], device: &Device, dtype: DType) -> Tensor<D> {
+    let columns = shape[D - 1];
+    let mut wide = shape;
+    wide[D - 1] = columns + PADDING;
+    let rows = values.chunks(columns).flat_map(|row| row.iter().copied().chain([f64::NAN; PADDING]));
+    let data = TensorData::new(rows.collect::<Vec<_>>(), wide).convert_dtype(dtype);
+    Tensor::from_data(data, (device, dtype)).narrow(D - 1, 0, columns)
 }
 
 /// The numbers of a tensor, row-major, in double precision.

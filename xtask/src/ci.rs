@@ -10,8 +10,9 @@ use serde_json::Value;
 
 use crate::{deny, docs, torture};
 
-/// The feature set of the one test build: every CPU backend, the GPU through wgpu, and the decoder of videos.
-pub const TESTED: &str = "flex,ndarray,wgpu,h264";
+/// The feature set of the one test build: every CPU backend, the GPU through wgpu, the decoder of videos, and NVIDIA's
+/// compilers.
+pub const TESTED: &str = "flex,ndarray,wgpu,h264,ptx";
 
 /// Runs every check and stops at the first that fails.
 pub fn run() -> Result<()> {
@@ -20,6 +21,8 @@ pub fn run() -> Result<()> {
     timed("dependencies", deny::check)?;
     step("lint", &["clippy", "--workspace", "--all-targets", "--features", TESTED, "--", "--deny", "warnings"], &[])?;
     step("test", &["test", "--workspace", "--features", TESTED], &[])?;
+    #[cfg(feature = "ptx")]
+    timed("registers", crate::ptx::check)?;
     timed("examples", run_examples)?;
     timed("torture", torture::run_short)?;
     step(

@@ -5,6 +5,8 @@ mod ci;
 mod deny;
 mod docs;
 mod mutate;
+#[cfg(feature = "ptx")]
+mod ptx;
 mod results;
 mod splice;
 mod torture;
@@ -29,6 +31,9 @@ enum Chore {
     Bench(bench::BenchArguments),
     /// Gives every reader damaged files, 100 000 unless told otherwise.
     Mutate(mutate::MutateArguments),
+    /// Compiles every kernel for NVIDIA GPUs, without one, and counts registers, spills and shared memory.
+    #[cfg(feature = "ptx")]
+    Ptx(ptx::PtxArguments),
     /// Puts the table of a sweep into docs/results.md.
     Results(results::ResultsArguments),
     /// Kills, terminates, replaces and doubles trainings, and checks that none is lost.
@@ -41,6 +46,8 @@ fn main() -> anyhow::Result<()> {
         Chore::Docs(arguments) => docs::run(&arguments),
         Chore::Bench(arguments) => bench::run(&arguments),
         Chore::Mutate(arguments) => mutate::run(&arguments),
+        #[cfg(feature = "ptx")]
+        Chore::Ptx(arguments) => ptx::run(&arguments),
         Chore::Results(arguments) => results::run(&arguments),
         Chore::Torture(arguments) => torture::run(&arguments),
     }

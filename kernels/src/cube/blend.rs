@@ -15,9 +15,6 @@ use crate::splat::{MIN_ALPHA, alpha_plane, background_channels, plane_count, pla
 /// one iteration to the next.
 const AT_ONCE: usize = 2;
 
-/// An alpha that no Gaussian reaches.
-const CLOSED: f64 = 2.0;
-
 impl TileShare {
     /// The largest batch for blending on a device with `memory` bytes of shared memory per cube; `None` if even the
     /// smallest does not fit.
@@ -25,7 +22,7 @@ impl TileShare {
         [4 * WORD, 2 * WORD, WORD, WORD / 4]
             .into_iter()
             .map(|batch| Self { span, channels, batch })
-            .find(|share| share.bytes() + size_of::<u32>() <= memory)
+            .find(|share| share.bytes() + 3 * size_of::<u32>() <= memory)
     }
 }
 
@@ -53,16 +50,21 @@ pub fn blend(
     let mut staged = Shared::<[Four]>::new_slice(comptime!(share.batch * share.vectors()));
     let mut rows = Shared::<[u32]>::new_slice(comptime!(share.batch));
     let mut vote = Shared::<[u32]>::new_slice(1usize);
+    let mut range = Shared::<[u32]>::new_slice(2usize);
     let pixels = unit_pixels(width, share);
     if pixels.tile < tiles_along(width) * tiles_along(height) {
         let mut blended = nothing_blended(&pixels, width, height, share);
-        let mut open = is_any_open(&blended.least, share.span);
-        let begin = starts[pixels.tile as usize] as u32;
-        let end = starts[pixels.tile as usize + 1] as u32;
+        let mut open = is_any_open(&blended.last, share.span);
+        // Barriers depend on the range of the list, so the loads declare to the shader compiler that it is uniform.
+        if UNIT_POS == 0u32 {
+            range[0] = starts[pixels.tile as usize] as u32;
+            range[1] = starts[pixels.tile as usize + 1] as u32;
+        }
+        let begin = workgroup_uniform_load(&range[0]);
+        let end = workgroup_uniform_load(&range[1]);
         let mut at = begin;
         while at < end {
-            // Every unit with an open pixel sets the vote; all units read it after the next barrier. Further barriers
-            // depend on the vote, so the load declares to the shader compiler that it is uniform.
+            // Every unit with an open pixel sets the vote; all units read it after the next barrier, uniformly as well.
             if UNIT_POS == 0u32 {
                 vote[0] = 0u32;
             }
@@ -90,7 +92,7 @@ pub fn blend(
                         }
                     }
                     word += comptime!(WORD as u32);
-                    open = is_any_open(&blended.least, share.span);
+                    open = is_any_open(&blended.last, share.span);
                 }
                 at += count;
             } else {
@@ -103,7 +105,7 @@ pub fn blend(
             let left = blended.transmittance[p];
             let inside = is_inside(&pixels, p, width, height);
             transmittance[in_tiles(&pixels, p)] = select(inside, left, 0.0f32);
-            last[in_tiles(&pixels, p)] = blended.last[p];
+            last[in_tiles(&pixels, p)] = open_or_closed(blended.last[p]);
         }
         write_picture(&blended, &pixels, background, picture, width, height, share);
     }
@@ -116,10 +118,9 @@ struct Blended {
     sums: Array<f32>,
     /// The transmittance behind the Gaussians blended so far.
     transmittance: Array<f32>,
-    /// One plus the position of the last blended Gaussian in the tile's list.
+    /// One plus the position of the last blended Gaussian in the tile's list; the complement of that if the pixel is
+    /// finished or outside the image.
     last: Array<i32>,
-    /// Minimum alpha of a contribution; unreachable if the pixel is finished or outside the image.
-    least: Array<f32>,
 }
 
 #[cube]
@@ -127,7 +128,6 @@ fn nothing_blended(pixels: &UnitPixels, width: u32, height: u32, #[comptime] sha
     let mut sums = Array::<f32>::new(comptime!(share.span * share.channels));
     let mut transmittance = Array::<f32>::new(share.span);
     let mut last = Array::<i32>::new(share.span);
-    let mut least = Array::<f32>::new(share.span);
     #[unroll]
     for i in 0..comptime!(share.span * share.channels) {
         sums[i] = 0.0f32;
@@ -135,10 +135,9 @@ fn nothing_blended(pixels: &UnitPixels, width: u32, height: u32, #[comptime] sha
     #[unroll]
     for p in 0..share.span {
         transmittance[p] = 1.0f32;
-        last[p] = 0;
-        least[p] = select(is_inside(pixels, p, width, height), constant(MIN_ALPHA), constant(CLOSED));
+        last[p] = select(is_inside(pixels, p, width, height), 0i32, -1i32);
     }
-    Blended { sums, transmittance, last, least }
+    Blended { sums, transmittance, last }
 }
 
 /// Blends the tile's `number`-th Gaussian into the unit's pixels, without branches, so that all pixels are computed
@@ -160,7 +159,8 @@ fn composite_forward(
         let alpha = min(opacity * (-sigma).exp(), rules.alpha_clamp);
         let before = blended.transmittance[p];
         let after = before - before * alpha;
-        let seen = alpha >= blended.least[p];
+        let last = blended.last[p];
+        let seen = alpha >= constant(MIN_ALPHA) && last >= 0;
         let enough = after >= rules.stop;
         let added = seen && enough;
         let weight = select(added, alpha * before, 0.0f32);
@@ -169,8 +169,7 @@ fn composite_forward(
             blended.sums[comptime!(p * channels + channel)] += weight * splat.values[channel];
         }
         blended.transmittance[p] = select(added, after, before);
-        blended.last[p] = select(added, number, blended.last[p]);
-        blended.least[p] = select(seen && !enough, constant(CLOSED), blended.least[p]);
+        blended.last[p] = select(added, number, select(seen && !enough, !last, last));
     }
 }
 
@@ -209,13 +208,19 @@ fn write_picture(
     }
 }
 
+/// The count itself, whether the pixel is finished or not.
+#[cube]
+fn open_or_closed(last: i32) -> i32 {
+    max(last, !last)
+}
+
 /// Whether any pixel of the unit is unfinished.
 #[cube]
-fn is_any_open(least: &Array<f32>, #[comptime] span: usize) -> bool {
-    let mut lowest = constant(CLOSED);
+fn is_any_open(last: &Array<i32>, #[comptime] span: usize) -> bool {
+    let mut highest = last[0];
     #[unroll]
     for p in 0..span {
-        lowest = min(lowest, least[p]);
+        highest = max(highest, last[p]);
     }
-    lowest < constant(CLOSED)
+    highest >= 0
 }

@@ -83,8 +83,12 @@ pub fn look_up(
     }
 }
 
+/// Units that share the features of a point at a scale on a GPU. Neighbouring units then add to neighbouring numbers, and
+/// fewer of them to the same one.
+pub const GPU_LANES: usize = 16;
+
 /// The adjoints for the cotangent `v_found`. Those of the planes are added to `v_planes`. Those of the grid coordinates
-/// are written to `v_places` `[N, scales, 4]`, for each point and scale. A unit processes one point at one scale.
+/// are written to `v_places` `[N, scales, lanes, 4]`. A unit processes every `lanes`-th feature of one point at one scale.
 #[cube(launch_unchecked)]
 pub fn look_up_backward<S: AtomicSum>(
     planes: &[f32],
@@ -98,21 +102,24 @@ pub fn look_up_backward<S: AtomicSum>(
     count: u32,
     scales: u32,
     features: u32,
+    lanes: u32,
     time_step: u32,
 ) {
     let unit = ABSOLUTE_POS;
-    let (features, scales) = (features as usize, scales as usize);
-    if unit < count as usize * scales {
-        let scale = unit % scales;
-        let point = unit / scales;
+    let (features, scales, lanes) = (features as usize, scales as usize, lanes as usize);
+    if unit < count as usize * scales * lanes {
+        let row = unit / lanes;
+        let scale = row % scales;
+        let point = row / scales;
         let places = places_of(points, times, layout, &grid, point, scale, time_step);
         let mut v_place = Array::<f32>::new(AXES);
         #[unroll]
         for axis in 0..AXES {
             v_place[axis] = 0.0f32;
         }
-        for feature in 0..features {
-            let v = v_found[unit * features + feature];
+        let mut feature = unit % lanes;
+        while feature < features {
+            let v = v_found[row * features + feature];
             // Points that no image shows cost nothing.
             if v != 0.0f32 {
                 let mut values = Array::<f32>::new(PLANES);
@@ -150,6 +157,7 @@ pub fn look_up_backward<S: AtomicSum>(
                     v_place[comptime!(PAIRS[pair][1])] += v_sample * by_row[pair];
                 }
             }
+            feature += lanes;
         }
         #[unroll]
         for axis in 0..AXES {
@@ -158,9 +166,10 @@ pub fn look_up_backward<S: AtomicSum>(
     }
 }
 
-/// Sums the adjoints of the positions over the scales: `v_points` `[N, 3]` in world coordinates, `v_times` `[N]`.
+/// Sums the adjoints of the positions over the `parts` of a point, its scales and lanes: `v_points` `[N, 3]` in world
+/// coordinates, `v_times` `[N]`.
 #[cube(launch)]
-pub fn sum_places(v_places: &[f32], v_points: &mut [f32], v_times: &mut [f32], grid: GridBox, count: u32, scales: u32) {
+pub fn sum_places(v_places: &[f32], v_points: &mut [f32], v_times: &mut [f32], grid: GridBox, count: u32, parts: u32) {
     let point = ABSOLUTE_POS;
     if point < count as usize {
         let mut sums = Array::<f32>::new(AXES);
@@ -168,10 +177,10 @@ pub fn sum_places(v_places: &[f32], v_points: &mut [f32], v_times: &mut [f32], g
         for axis in 0..AXES {
             sums[axis] = 0.0f32;
         }
-        for scale in 0..scales as usize {
+        for part in 0..parts as usize {
             #[unroll]
             for axis in 0..AXES {
-                sums[axis] += v_places[(point * scales as usize + scale) * AXES + axis];
+                sums[axis] += v_places[(point * parts as usize + part) * AXES + axis];
             }
         }
         v_points[3 * point] = sums[0] * grid.slope.x;

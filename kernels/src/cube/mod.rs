@@ -10,12 +10,14 @@ pub mod attention;
 pub mod backward_kind;
 pub mod blend;
 pub mod blend_backward;
+pub mod catalogue;
 pub mod geometry;
 pub mod grid;
 pub mod maths;
 mod moments;
 pub mod objective;
 pub mod penalties;
+pub mod picture;
 pub mod product;
 pub mod project;
 pub mod project_backward;
@@ -27,8 +29,8 @@ pub mod tiles;
 pub mod view;
 pub mod window;
 
-/// Largest number of buffers that a kernel binds, in `project_backward`.
-pub const MOST_BUFFERS: u32 = 16;
+/// Largest number of buffers that a kernel takes, in `project_backward`. CubeCL binds one more, for numbers.
+pub const MOST_BUFFERS: u32 = 15;
 
 /// Units of a cube in all kernels except those for blending and products: one per pixel of a tile.
 pub const UNITS: usize = crate::splat::TILE_PIXELS;

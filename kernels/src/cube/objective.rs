@@ -10,7 +10,7 @@ mod cost;
 
 use cubecl::prelude::*;
 
-use self::blend::{Pixel, above, answers, masks_at, pixel_at, unit, write_gradients};
+use self::blend::{Pixel, above, answers, keep_masks, kept_masks, masks_at, pixel_at, unit, write_gradients};
 use self::cost::{Adjoint, add_colours, add_geometry, add_light, no_adjoint, order_of_depths, vary_depth};
 use super::UNITS;
 use crate::objective::DYNAMIC;
@@ -30,6 +30,8 @@ const EXPOSURE_COLUMNS: usize = 4;
 pub const PICTURES: usize = 3;
 /// Comparisons: those, and the structure term of both branches.
 pub const COMPARISONS: usize = 4;
+/// Planes of `prepared`: the cotangents of the comparisons' maps, and the masks valid, moving and around.
+pub const PREPARED: usize = COMPARISONS * COLOURS + 3;
 /// Sums of a cube: the loss, and the squared error.
 pub const SUMS: usize = 2;
 
@@ -118,8 +120,8 @@ pub struct ObjectiveWeights {
     pub inverse_extent: f32,
 }
 
-/// The pictures that are compared, `[PICTURES, 3, H, W]`, the photo beside each of them, and the cotangents of the maps,
-/// `[COMPARISONS, 3, H, W]`.
+/// The pictures that are compared, `[PICTURES, 3, H, W]`, the photo beside each of them, and `prepared`
+/// `[PREPARED, H, W]`: the cotangents of the maps, and the masks, so that `objective_finish` binds fewer buffers.
 #[cube(launch_unchecked)]
 pub fn objective_prepare(
     dynamic: &[f32],
@@ -131,7 +133,7 @@ pub fn objective_prepare(
     around: &[f32],
     pictures: &mut [f32],
     photos: &mut [f32],
-    v_maps: &mut [f32],
+    prepared: &mut [f32],
     weights: ObjectiveWeights,
     pixels: u32,
     #[comptime] kind: ObjectiveKind,
@@ -156,17 +158,18 @@ pub fn objective_prepare(
             for picture in 0..PICTURES {
                 photos[comptime!(picture * COLOURS + c) * plane + at] = photo[c * plane + at];
             }
-            v_maps[c * plane + at] = -v_dynamic;
-            v_maps[comptime!(COLOURS + c) * plane + at] = -v_lit;
-            v_maps[comptime!(2 * COLOURS + c) * plane + at] = -weights.composed_dssim;
-            v_maps[comptime!(3 * COLOURS + c) * plane + at] = v_structure;
+            prepared[c * plane + at] = -v_dynamic;
+            prepared[comptime!(COLOURS + c) * plane + at] = -v_lit;
+            prepared[comptime!(2 * COLOURS + c) * plane + at] = -weights.composed_dssim;
+            prepared[comptime!(3 * COLOURS + c) * plane + at] = v_structure;
         }
+        keep_masks(prepared, &masks, at, plane);
     }
 }
 
 /// Each cube's loss and squared error, `sums` `[cubes, SUMS]`, and with `kind.wanted` the gradients of both renders.
 ///
-/// `similarities` `[PICTURES, 3, H, W]` and `structures` `[3, H, W]` are the maps, `v_similar` and `v_structured` the
+/// `prepared` comes from `objective_prepare`. `similarities` `[PICTURES, 3, H, W]` and `structures` `[3, H, W]` are the maps, `v_similar` and `v_structured` the
 /// cotangents of the pictures through them. With an exposure, `v_exposed` `[6, H, W]` gets the cotangents of the exposed
 /// colours of both branches, summed over the copies.
 #[cube(launch_unchecked)]
@@ -175,10 +178,7 @@ pub fn objective_finish(
     static_: &[f32],
     exposure: &[f32],
     photo: &[f32],
-    valid: &[f32],
-    moving: &[f32],
-    around: &[f32],
-    v_maps: &[f32],
+    prepared: &[f32],
     similarities: &[f32],
     structures: &[f32],
     v_similar: &[f32],
@@ -201,7 +201,7 @@ pub fn objective_finish(
         let mut cost = 0.0f32;
         let mut squared_error = 0.0f32;
         if at < plane {
-            let masks = masks_at(valid, moving, around, at, kind);
+            let masks = kept_masks(prepared, at, plane, kind);
             let pixel = pixel_at(dynamic, static_, exposure, &masks, at, plane, kind);
             let mut v = no_adjoint();
             if comptime!(kind.geometry) {
@@ -217,7 +217,8 @@ pub fn objective_finish(
                 v_static_depth += varied.v_static;
             }
             cost += add_light(&mut v, &pixel, photo, &masks, &weights, at, plane, kind);
-            cost += add_comparisons(&mut v, v_maps, similarities, structures, v_similar, v_structured, at, plane, kind);
+            cost +=
+                add_comparisons(&mut v, prepared, similarities, structures, v_similar, v_structured, at, plane, kind);
             squared_error = squared_error_of(&pixel, photo, at, plane);
             if comptime!(kind.wanted) {
                 write_gradients(v_dynamic, v_static, v_exposed, exposure, &v, &pixel, &masks, at, plane, kind);
@@ -248,7 +249,7 @@ pub fn objective_finish(
 #[cube]
 fn add_comparisons(
     v: &mut Adjoint,
-    v_maps: &[f32],
+    prepared: &[f32],
     similarities: &[f32],
     structures: &[f32],
     v_similar: &[f32],
@@ -265,11 +266,11 @@ fn add_comparisons(
             for picture in 0..PICTURES {
                 // A difference is 1 - S, with a negative cotangent of S.
                 let from = comptime!(picture * COLOURS + c) * plane + at;
-                cost += v_maps[from] * (similarities[from] - 1.0f32);
+                cost += prepared[from] * (similarities[from] - 1.0f32);
             }
         }
         if comptime!(kind.structure) {
-            cost += v_maps[comptime!(PICTURES * COLOURS + c) * plane + at] * structures[c * plane + at];
+            cost += prepared[comptime!(PICTURES * COLOURS + c) * plane + at] * structures[c * plane + at];
         }
         if comptime!(kind.wanted && kind.similarity) {
             v.dynamic[c] += v_similar[c * plane + at];

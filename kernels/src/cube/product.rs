@@ -81,6 +81,13 @@ pub enum End {
     },
 }
 
+impl ProductPlan {
+    /// The plan for a GPU.
+    pub const GPU: Self = Self { units: 64, block: [8, 8] };
+    /// The plan for a driver that computes on the CPU: larger blocks, because reading a number costs as much as a product.
+    pub const SOFTWARE: Self = Self { units: 16, block: [16, 8] };
+}
+
 impl ProductKind {
     /// The kind for a result of this many columns. A tile has as many blocks across as down, or fewer for a narrow
     /// result.

@@ -16,9 +16,9 @@ use crate::splat::{MIN_COMPENSATION, PROJECTED_LEN, feature_count, gradient_reco
 /// Sums the records of each Gaussian in the order of its tiles and backpropagates the sum through the projection.
 ///
 /// `means` and `log_scales` are `[N, 3]`, `quaternions` `[N, 4]`, `opacity_logits` `[N]`, `coefficients`
-/// `[N, stored, 3]`; `records` come from `project`. `spans` `[N, 2]` has the start and the number of a Gaussian's
-/// entries in `slots`. An entry of `slots` is a row of `gradients` (of [`record_vectors`]). Each adjoint has the shape
-/// of its parameter; `v_features` is `[N, F]` and `statistic` `[N, 2]`.
+/// `[N, stored, 3]`; `records` come from `project`. `slots` `[2 N + pairs]` begins with the start and the number of each
+/// Gaussian's entries, and the entries follow. An entry is a row of `gradients` (of [`record_vectors`]). Each adjoint
+/// has the shape of its parameter; `v_features` is `[N, F]` and `statistic` `[N, 2]`.
 #[cube(launch_unchecked)]
 pub fn project_backward(
     means: &[f32],
@@ -27,7 +27,6 @@ pub fn project_backward(
     opacity_logits: &[f32],
     coefficients: &[f32],
     records: &[f32],
-    spans: &[i32],
     slots: &[i32],
     gradients: &[Four],
     v_means: &mut [f32],
@@ -52,10 +51,10 @@ pub fn project_backward(
         for vector in 0..vectors {
             sums[vector] = Four::new(0.0f32);
         }
-        let begin = spans[2 * index];
-        let pairs = spans[2 * index + 1];
-        for pair in begin..begin + pairs {
-            let from = slots[pair as usize] as usize * vectors;
+        let begin = slots[2 * index] as usize + 2 * count as usize;
+        let pairs = slots[2 * index + 1];
+        for pair in begin..begin + pairs as usize {
+            let from = slots[pair] as usize * vectors;
             #[unroll]
             for vector in 0..vectors {
                 sums[vector] += gradients[from + vector];

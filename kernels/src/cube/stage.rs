@@ -34,6 +34,13 @@ const HEAD: usize = 2;
 /// Bits per word in a row's list of Gaussians.
 pub(super) const WORD: usize = 32;
 
+/// Neighbouring pixels that a unit of a GPU blends. It reads each Gaussian once for all of them, and enough units
+/// remain.
+pub const GPU_SPAN: usize = 4;
+
+/// Preferred bytes of shared memory per cube on a GPU, so that several cubes are resident at once.
+pub const GPU_MEMORY: usize = 16 << 10;
+
 /// How a tile is divided among the units.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct TileShare {

@@ -187,7 +187,8 @@ pub fn counts_by_depth(ids: &[u32], touched: &[u32], visible: &[u32], counts: &m
 /// here, all on the edge of the ellipse. Missing pairs are assigned to a tile past the last; surplus pairs are dropped.
 ///
 /// `offsets` are the prefix sums of the counts by depth. `tiles`, `owners` and `numbers` have an entry for each pair:
-/// its tile, its Gaussian, and its own number, which the sort by tile carries along.
+/// its tile, its Gaussian, and its own number, which the sort by tile carries along. The positions are the head of the
+/// `slots` of [`list_pairs`].
 #[cube(launch)]
 pub fn emit_pairs(
     records: &[f32],
@@ -199,7 +200,7 @@ pub fn emit_pairs(
     tiles: &mut [u32],
     owners: &mut [u32],
     numbers: &mut [u32],
-    spans: &mut [i32],
+    slots: &mut [i32],
     view: View,
     #[comptime] square: bool,
 ) {
@@ -222,8 +223,8 @@ pub fn emit_pairs(
                 }
             }
         }
-        spans[2 * id] = i32::cast_from(begin);
-        spans[2 * id + 1] = i32::cast_from(at - begin);
+        slots[2 * id] = i32::cast_from(begin);
+        slots[2 * id + 1] = i32::cast_from(at - begin);
         while at < end {
             tiles[at as usize] = columns * tiles_along(view.height);
             owners[at as usize] = id as u32;
@@ -233,14 +234,15 @@ pub fn emit_pairs(
     }
 }
 
-/// The tile lists from the sorted pairs: Gaussians by tile and depth, and the position of each pair in the lists.
+/// The tile lists from the sorted pairs: Gaussians by tile and depth, and the position of each pair in the lists. The
+/// positions begin behind the `head` of `slots`.
 #[cube(launch)]
-pub fn list_pairs(owners: &[u32], numbers: &[u32], sorted: &mut [i32], slots: &mut [i32], pairs: u32) {
+pub fn list_pairs(owners: &[u32], numbers: &[u32], sorted: &mut [i32], slots: &mut [i32], pairs: u32, head: u32) {
     let place = ABSOLUTE_POS;
     if place < pairs as usize {
         let number = numbers[place] as usize;
         sorted[place] = i32::cast_from(owners[number]);
-        slots[number] = i32::cast_from(place as u32);
+        slots[head as usize + number] = i32::cast_from(place as u32);
     }
 }
 

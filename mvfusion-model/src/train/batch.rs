@@ -1,9 +1,10 @@
 //! The training views and their batches.
 
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use image::{GrayImage, RgbImage};
 use mvfusion_data::motion::MovingPixels;
 use mvfusion_data::{Decoded, PictureCache, Scene};
+use mvfusion_render::picture::planes;
 
 use super::{TrainingView, Visits};
 use crate::ModelError;
@@ -130,18 +131,12 @@ impl TrainingViews {
 
 /// An image as `[1, 3, H, W]` in `[0, 1]`.
 pub fn picture_tensor(picture: &RgbImage, device: &Device) -> Tensor<4> {
-    let (width, height) = (picture.width() as usize, picture.height() as usize);
-    let bytes = picture.as_raw();
-    let planes: Vec<f32> =
-        (0..3).flat_map(|channel| bytes.iter().skip(channel).step_by(3).map(|&byte| f32::from(byte) / 255.0)).collect();
-    Tensor::from_data(TensorData::new(planes, [1, 3, height, width]), &inner(device))
+    planes(picture.as_raw(), [picture.height() as usize, picture.width() as usize, 3], device)
 }
 
 /// A mask as `[1, 1, H, W]`: 1 where it is white.
 pub fn mask_tensor(mask: &GrayImage, device: &Device) -> Tensor<4> {
-    let values: Vec<f32> = mask.as_raw().iter().map(|&byte| f32::from(byte) / 255.0).collect();
-    let shape = [1, 1, mask.height() as usize, mask.width() as usize];
-    Tensor::from_data(TensorData::new(values, shape), &inner(device))
+    planes(mask.as_raw(), [mask.height() as usize, mask.width() as usize, 1], device)
 }
 
 fn inner(device: &Device) -> Device {

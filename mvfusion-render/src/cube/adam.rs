@@ -5,7 +5,7 @@ use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 use mvfusion_kernels::cube::adam::{AdamStepLaunch, adam};
 
-use super::gpu::{CUBE, Gpu, single};
+use super::gpu::{CUBE, Flat, Gpu, single};
 use crate::list::Floats;
 use crate::optim::AdamRule;
 use crate::optim::op::{AdamOps, AdamState};
@@ -47,10 +47,10 @@ fn learn(state: [&CubeTensor; 3], gradient: CubeTensor, rule: &AdamRule, step: u
         &gpu.client,
         gpu.units(count),
         CUBE,
-        value.into_buffer_arg(),
-        first.into_buffer_arg(),
-        second.into_buffer_arg(),
-        single(gradient).into_buffer_arg(),
+        value.flat(),
+        first.flat(),
+        second.flat(),
+        single(gradient).flat(),
         count as u32,
         AdamStepLaunch::new(beta1, rest1, beta2, rest2, rate, root, epsilon),
     );
@@ -59,5 +59,6 @@ fn learn(state: [&CubeTensor; 3], gradient: CubeTensor, rule: &AdamRule, step: u
 /// A tensor to modify in place: the tensor itself if it is not shared, otherwise a copy.
 fn own(tensor: CubeTensor) -> CubeTensor {
     let tensor = single(tensor);
-    if tensor.can_mut() { tensor } else { tensor.copy() }
+    // A runtime may pad the rows of a copy.
+    if tensor.can_mut() { tensor } else { single(tensor.copy()) }
 }

@@ -5,7 +5,7 @@ use burn::backend::tensor::FloatTensor;
 use burn_cubecl::CubeBackend;
 use mvfusion_kernels::cube::attention::{attention, attention_backward};
 
-use super::gpu::{CUBE, Gpu, single};
+use super::gpu::{CUBE, Flat, Gpu, single};
 use crate::attention::op::{Arguments, AttentionAdjoint, AttentionOps};
 
 impl AttentionOps for CubeBackend {
@@ -19,9 +19,9 @@ impl AttentionOps for CubeBackend {
                 &gpu.client,
                 gpu.units(rows * layout.queries * heads),
                 CUBE,
-                arguments.queries.into_buffer_arg(),
-                arguments.memory.into_buffer_arg(),
-                found.clone().into_buffer_arg(),
+                arguments.queries.flat(),
+                arguments.memory.flat(),
+                found.clone().flat(),
                 rows as u32,
                 layout.width as u32,
                 heads,
@@ -48,11 +48,11 @@ impl AttentionAdjoint for CubeBackend {
                 &gpu.client,
                 gpu.units(rows * heads),
                 CUBE,
-                single(arguments.queries).into_buffer_arg(),
-                single(arguments.memory).into_buffer_arg(),
-                single(v_found).into_buffer_arg(),
-                v_queries.into_buffer_arg(),
-                v_memory.into_buffer_arg(),
+                single(arguments.queries).flat(),
+                single(arguments.memory).flat(),
+                single(v_found).flat(),
+                v_queries.flat(),
+                v_memory.flat(),
                 rows as u32,
                 layout.width as u32,
                 heads,

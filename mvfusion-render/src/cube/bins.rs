@@ -6,7 +6,7 @@ use mvfusion_kernels::cube::tiles::{
 };
 
 use super::frame::{Frame, Projected};
-use super::gpu::CUBE;
+use super::gpu::{CUBE, Flat};
 use super::scan::{RunningSums, running_sums};
 use super::sort::{Keyed, sort};
 use crate::splat::SplatError;
@@ -21,7 +21,6 @@ pub(super) const PAIR_BYTES: u64 = 4;
 pub(super) struct Bins {
     pub sorted: CubeTensor,
     pub starts: CubeTensor,
-    pub spans: CubeTensor,
     pub slots: CubeTensor,
 }
 
@@ -40,14 +39,14 @@ impl Frame {
     /// the length of the lists must be read back.
     ///
     /// # Errors
-    /// If a buffer of `pair_bytes` per list entry is too large for the device, or the number of entries overflows an
-    /// index.
+    /// If a buffer of `pair_bytes` per list entry is too large for the device, the number of entries overflows an index,
+    /// or the device fails.
     pub fn bin(&self, projected: &Projected, pair_bytes: u64) -> Result<Bins, SplatError> {
         if self.count() == 0 {
             return Ok(self.no_bins());
         }
         let by_depth = self.sort_by_depth(projected);
-        match self.gpu.read(&by_depth.pairs.total) {
+        match self.gpu.read(&by_depth.pairs.total)? {
             0 => Ok(self.no_bins()),
             pairs => {
                 check_pairs(pairs, pair_bytes, self.gpu.buffer_limit())?;
@@ -63,8 +62,8 @@ impl Frame {
             &gpu.client,
             gpu.units(count),
             CUBE,
-            projected.touched.clone().into_buffer_arg(),
-            marks.clone().into_buffer_arg(),
+            projected.touched.clone().flat(),
+            marks.clone().flat(),
             count as u32,
         );
         let ranks = running_sums(gpu, &marks, count);
@@ -74,11 +73,11 @@ impl Frame {
             &gpu.client,
             gpu.units(count),
             CUBE,
-            projected.records.clone().into_buffer_arg(),
-            projected.touched.clone().into_buffer_arg(),
-            ranks.before.into_buffer_arg(),
-            by_index.keys.clone().into_buffer_arg(),
-            by_index.numbers.clone().into_buffer_arg(),
+            projected.records.clone().flat(),
+            projected.touched.clone().flat(),
+            ranks.before.flat(),
+            by_index.keys.clone().flat(),
+            by_index.numbers.clone().flat(),
             count as u32,
         );
         let ids = sort(gpu, by_index, &visible, count, DEPTH_BITS).numbers;
@@ -87,10 +86,10 @@ impl Frame {
             &gpu.client,
             gpu.units(count),
             CUBE,
-            ids.clone().into_buffer_arg(),
-            projected.touched.clone().into_buffer_arg(),
-            visible.clone().into_buffer_arg(),
-            counts.clone().into_buffer_arg(),
+            ids.clone().flat(),
+            projected.touched.clone().flat(),
+            visible.clone().flat(),
+            counts.clone().flat(),
             count as u32,
         );
         ByDepth { ids, visible, pairs: running_sums(gpu, &counts, count) }
@@ -100,47 +99,49 @@ impl Frame {
         let (gpu, count, tiles) = (&self.gpu, self.count(), self.view.tile_count());
         let unsorted = Keyed { keys: gpu.naturals(pairs), numbers: gpu.naturals(pairs) };
         let owners = gpu.naturals(pairs);
-        let spans = gpu.zeros([count, 2]);
+        let head = 2 * count;
+        let slots = gpu.zeros([head + pairs]);
         emit_pairs::launch(
             &gpu.client,
             gpu.units(count),
             CUBE,
-            projected.records.clone().into_buffer_arg(),
-            projected.radii.clone().into_buffer_arg(),
-            by_depth.ids.into_buffer_arg(),
-            projected.touched.clone().into_buffer_arg(),
-            by_depth.pairs.before.into_buffer_arg(),
-            by_depth.visible.into_buffer_arg(),
-            unsorted.keys.clone().into_buffer_arg(),
-            owners.clone().into_buffer_arg(),
-            unsorted.numbers.clone().into_buffer_arg(),
-            spans.clone().into_buffer_arg(),
+            projected.records.clone().flat(),
+            projected.radii.clone().flat(),
+            by_depth.ids.flat(),
+            projected.touched.clone().flat(),
+            by_depth.pairs.before.flat(),
+            by_depth.visible.flat(),
+            unsorted.keys.clone().flat(),
+            owners.clone().flat(),
+            unsorted.numbers.clone().flat(),
+            slots.clone().flat(),
             self.view(),
             self.is_square(),
         );
         let by_tile = sort(gpu, unsorted, &by_depth.pairs.total, pairs, bits_of(tiles + 1));
-        let (sorted, slots) = (gpu.integers([pairs]), gpu.integers([pairs]));
+        let sorted = gpu.integers([pairs]);
         list_pairs::launch(
             &gpu.client,
             gpu.units(pairs),
             CUBE,
-            owners.into_buffer_arg(),
-            by_tile.numbers.into_buffer_arg(),
-            sorted.clone().into_buffer_arg(),
-            slots.clone().into_buffer_arg(),
+            owners.flat(),
+            by_tile.numbers.flat(),
+            sorted.clone().flat(),
+            slots.clone().flat(),
             pairs as u32,
+            head as u32,
         );
         let starts = gpu.integers([tiles + 1]);
         find_starts::launch(
             &gpu.client,
             gpu.units(tiles + 1),
             CUBE,
-            by_tile.keys.into_buffer_arg(),
-            starts.clone().into_buffer_arg(),
+            by_tile.keys.flat(),
+            starts.clone().flat(),
             pairs as u32,
             tiles as u32,
         );
-        Bins { sorted, starts, spans, slots }
+        Bins { sorted, starts, slots }
     }
 
     /// The lists of an empty image.
@@ -149,8 +150,7 @@ impl Frame {
         Bins {
             sorted: gpu.integers([0]),
             starts: gpu.zeros([self.view.tile_count() + 1]),
-            spans: gpu.zeros([self.count(), 2]),
-            slots: gpu.integers([0]),
+            slots: gpu.zeros([2 * self.count()]),
         }
     }
 }

@@ -15,8 +15,12 @@ use cubecl::prelude::*;
 #[cfg(feature = "wgpu")]
 use cubecl::wgpu::WgpuDeviceKind;
 use mvfusion_kernels::cube::UNITS;
+use mvfusion_kernels::cube::grid::GPU_LANES;
 use mvfusion_kernels::cube::product::ProductPlan;
+use mvfusion_kernels::cube::stage::{GPU_MEMORY, GPU_SPAN};
 use mvfusion_kernels::splat::TILE;
+
+use crate::splat::SplatError;
 
 /// Largest number of cubes along one axis of a launch: the limit that WebGPU guarantees.
 pub(crate) const MAX_CUBES: u32 = 65_535;
@@ -27,17 +31,13 @@ thread_local! {
 
     /// Whether this thread treats every device as hardware without an atomic addition of floats; for tests.
     static IMITATES: Cell<bool> = const { Cell::new(false) };
+
+    /// Whether this thread fills new buffers with numbers that are none; for tests.
+    static DIRTY: Cell<bool> = const { Cell::new(false) };
 }
 
 /// The cube size of all kernels except those for blending and products.
 pub(super) const CUBE: CubeDim = CubeDim::new_1d(UNITS as u32);
-
-/// Neighbouring pixels that a unit of a GPU blends. It reads each Gaussian once for all of them, and enough units
-/// remain.
-const GPU_SPAN: usize = 4;
-
-/// Preferred bytes of shared memory per cube on a GPU, so that several cubes are resident at once.
-const GPU_MEMORY: usize = 16 << 10;
 
 /// How the pixels of a tile are divided among the units of a cube.
 #[derive(Clone, Copy, Debug)]
@@ -81,7 +81,8 @@ impl Gpu {
             "a buffer of {shape:?} needs {bytes} bytes, but this device binds {limit} at most: use fewer Gaussians or \
              smaller pictures, or take `--device cpu`"
         );
-        let handle = self.client.empty(bytes);
+        let handle =
+            if DIRTY.get() { self.client.create_from_slice(&vec![0xFF; bytes]) } else { self.client.empty(bytes) };
         CubeTensor::new_contiguous(self.client.clone(), self.device.clone(), shape, handle, dtype)
     }
 
@@ -118,12 +119,22 @@ impl Gpu {
 
     /// Integer zeros.
     pub fn zeros(&self, shape: impl Into<Shape>) -> CubeTensor {
-        CubeBackend::int_zeros(shape.into(), &self.device, IntDType::I32)
+        let shape = shape.into();
+        let flat = Shape::from([shape.num_elements()]);
+        self.shaped(CubeBackend::int_zeros(flat, &self.device, IntDType::I32), shape)
     }
 
     /// Float zeros.
     pub fn zero_floats(&self, shape: impl Into<Shape>) -> CubeTensor {
-        CubeBackend::float_zeros(shape.into(), &self.device, FloatDType::F32)
+        let shape = shape.into();
+        let flat = Shape::from([shape.num_elements()]);
+        self.shaped(CubeBackend::float_zeros(flat, &self.device, FloatDType::F32), shape)
+    }
+
+    /// A tensor of rank 1 in another shape. A runtime may pad the rows of tensors of higher rank, as CUDA's does; that
+    /// of rank 1 is always dense.
+    fn shaped(&self, flat: CubeTensor, shape: Shape) -> CubeTensor {
+        CubeTensor::new_contiguous(self.client.clone(), self.device.clone(), shape, flat.handle, flat.dtype)
     }
 
     /// The sum of the rows of `[rows, columns]`: `[columns]`.
@@ -137,23 +148,25 @@ impl Gpu {
         TilePlan::of(&self.device)
     }
 
-    /// How a matrix product is divided among units: in larger blocks on a CPU, for the same reason.
+    /// How a matrix product is divided among units.
     pub fn product_plan(&self) -> ProductPlan {
-        if computes_on_cpu(&self.device) {
-            ProductPlan { units: 16, block: [16, 8] }
-        } else {
-            ProductPlan { units: 64, block: [8, 8] }
-        }
+        if computes_on_cpu(&self.device) { ProductPlan::SOFTWARE } else { ProductPlan::GPU }
+    }
+
+    /// Units that share the features of a point in the adjoint of a look-up: one on a CPU, where they take turns.
+    pub fn lanes(&self, features: usize) -> usize {
+        if computes_on_cpu(&self.device) { 1 } else { features.clamp(1, GPU_LANES) }
     }
 
     /// Reads an integer from the device and waits for it.
     ///
-    /// # Panics
+    /// # Errors
     /// If the device fails.
-    pub fn read(&self, number: &CubeTensor) -> u32 {
-        let bytes = self.client.read_one_unchecked(number.handle.clone());
+    pub fn read(&self, number: &CubeTensor) -> Result<u32, SplatError> {
+        let bytes = self.client.read_one(number.handle.clone());
+        let bytes = bytes.map_err(|error| SplatError::Device(error.to_string()))?;
         // Proof: the buffer contains one value of four bytes.
-        u32::from_le_bytes(bytes[..4].try_into().expect("four bytes"))
+        Ok(u32::from_le_bytes(bytes[..4].try_into().expect("four bytes")))
     }
 
     /// A launch of `cubes` cubes, folded into two dimensions if necessary; there may be a few excess cubes.
@@ -168,7 +181,29 @@ impl Gpu {
     }
 }
 
-/// A tensor in the format of the kernels: single precision, row-major.
+/// A tensor as an argument of a kernel that indexes it flat.
+pub(super) trait Flat {
+    /// The buffer.
+    ///
+    /// # Panics
+    /// If the rows are not dense. Kernels would read the gaps, unchecked.
+    fn flat(self) -> BufferArg;
+}
+
+impl Flat for CubeTensor {
+    fn flat(self) -> BufferArg {
+        let meta = &self.meta;
+        assert!(
+            self.is_contiguous(),
+            "a kernel that indexes flat was given a tensor of shape {:?} with strides {:?}",
+            meta.shape(),
+            meta.strides()
+        );
+        self.into_buffer_arg()
+    }
+}
+
+/// A tensor in the format of the kernels: single precision, row-major, dense.
 pub(super) fn single(tensor: CubeTensor) -> CubeTensor {
     assert_eq!(tensor.dtype, DType::F32, "GPUs work in single precision here");
     into_contiguous(tensor)
@@ -226,6 +261,11 @@ pub(crate) fn limit_cubes<T>(limit: u32, body: impl FnOnce() -> T) -> T {
 /// See [`crate::device::imitate_hardware`].
 pub(crate) fn imitate_hardware<T>(body: impl FnOnce() -> T) -> T {
     with(&IMITATES, true, body)
+}
+
+/// See [`crate::device::imitate_dirt`].
+pub(crate) fn imitate_dirt<T>(body: impl FnOnce() -> T) -> T {
+    with(&DIRTY, true, body)
 }
 
 /// Runs `body` while a switch of this thread has a value; the switch is reset even after a panic.

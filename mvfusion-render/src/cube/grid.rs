@@ -10,7 +10,7 @@ use mvfusion_kernels::cube::atomic::{ExchangedSum, NativeSum};
 use mvfusion_kernels::cube::grid::{GridBoxLaunch, SCALE_LAYOUT, look_up, look_up_backward, sum_places};
 use mvfusion_kernels::cube::maths::TripleLaunch;
 
-use super::gpu::{CUBE, Gpu, adds_floats, single};
+use super::gpu::{CUBE, Flat, Gpu, adds_floats, single};
 use crate::grid::cpu::{lower_ends, slopes};
 use crate::grid::op::{GridAdjoint, GridOps, LookUp};
 use crate::grid::{GridBounds, GridLayout};
@@ -32,11 +32,11 @@ impl GridOps for CubeBackend {
                     &query.gpu.client,
                     query.gpu.units(query.count * layout.feature_count()),
                     CUBE,
-                    query.planes.clone().into_buffer_arg(),
-                    query.points.clone().into_buffer_arg(),
-                    query.times.clone().into_buffer_arg(),
-                    query.layout.clone().into_buffer_arg(),
-                    found.clone().into_buffer_arg(),
+                    query.planes.clone().flat(),
+                    query.points.clone().flat(),
+                    query.times.clone().flat(),
+                    query.layout.clone().flat(),
+                    found.clone().flat(),
                     query.grid(),
                     query.count as u32,
                     query.scales as u32,
@@ -62,7 +62,9 @@ impl GridAdjoint for CubeBackend {
         let planes = gpu.zero_floats(query.planes.shape());
         let (points, times) = (gpu.floats([count, 3]), gpu.floats([count, 1]));
         if count > 0 {
-            let v_places = gpu.floats([count * query.scales, 4]);
+            let lanes = gpu.lanes(query.features);
+            let parts = query.scales * lanes;
+            let v_places = gpu.floats([count * parts, 4]);
             let launch = if adds_floats(&gpu.client) {
                 look_up_backward::launch_unchecked::<NativeSum>
             } else {
@@ -72,19 +74,20 @@ impl GridAdjoint for CubeBackend {
             unsafe {
                 launch(
                     &gpu.client,
-                    gpu.units(count * query.scales),
+                    gpu.units(count * parts),
                     CUBE,
-                    query.planes.clone().into_buffer_arg(),
-                    query.points.clone().into_buffer_arg(),
-                    query.times.clone().into_buffer_arg(),
-                    query.layout.clone().into_buffer_arg(),
-                    single(v_features).into_buffer_arg(),
-                    planes.clone().into_buffer_arg(),
-                    v_places.clone().into_buffer_arg(),
+                    query.planes.clone().flat(),
+                    query.points.clone().flat(),
+                    query.times.clone().flat(),
+                    query.layout.clone().flat(),
+                    single(v_features).flat(),
+                    planes.clone().flat(),
+                    v_places.clone().flat(),
                     query.grid(),
                     count as u32,
                     query.scales as u32,
                     query.features as u32,
+                    lanes as u32,
                     query.time_step(),
                 );
             }
@@ -92,12 +95,12 @@ impl GridAdjoint for CubeBackend {
                 &gpu.client,
                 gpu.units(count),
                 CUBE,
-                v_places.into_buffer_arg(),
-                points.clone().into_buffer_arg(),
-                times.clone().into_buffer_arg(),
+                v_places.flat(),
+                points.clone().flat(),
+                times.clone().flat(),
                 query.grid(),
                 count as u32,
-                query.scales as u32,
+                parts as u32,
             );
         }
         let times = if times.shape() == time_shape {

@@ -9,7 +9,7 @@ use burn_cubecl::tensor::CubeTensor;
 use cubecl::CubeDim;
 use mvfusion_kernels::cube::product::{End, MatrixLayoutLaunch, ProductKind, ProductSizeLaunch, product};
 
-use super::gpu::{Gpu, single};
+use super::gpu::{Flat, Gpu, single};
 use crate::list::Floats;
 use crate::mlp::MlpLayout;
 use crate::mlp::cpu::Wanted;
@@ -231,11 +231,11 @@ impl Run {
                 &self.gpu.client,
                 self.gpu.cubes(tiles * depth.div_ceil(slab)),
                 CubeDim::new_1d(kind.units as u32),
-                of.left.clone().into_buffer_arg(),
-                of.right.clone().into_buffer_arg(),
-                of.bias.unwrap_or(of.right).clone().into_buffer_arg(),
-                of.gate.tensor.clone().into_buffer_arg(),
-                of.result.tensor.clone().into_buffer_arg(),
+                of.left.clone().flat(),
+                of.right.clone().flat(),
+                of.bias.unwrap_or(of.right).clone().flat(),
+                of.gate.tensor.clone().flat(),
+                of.result.tensor.clone().flat(),
                 ProductSizeLaunch::new(rows as u32, columns as u32, depth as u32, slab as u32),
                 of.left_layout,
                 of.right_layout,

@@ -11,6 +11,7 @@ mod grid;
 mod mlp;
 mod objective;
 mod penalties;
+mod picture;
 mod scan;
 pub(crate) mod shared_memory;
 mod sort;

@@ -7,12 +7,12 @@ use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 use mvfusion_kernels::cube::UNITS;
 use mvfusion_kernels::cube::objective::{
-    COMPARISONS, Normalisation, ObjectiveKind, ObjectiveWeightsLaunch, PICTURES, SUMS, objective_finish,
+    COMPARISONS, Normalisation, ObjectiveKind, ObjectiveWeightsLaunch, PICTURES, PREPARED, SUMS, objective_finish,
     objective_prepare,
 };
 use mvfusion_kernels::splat::COLOUR_CHANNELS;
 
-use super::gpu::{CUBE, Gpu, single};
+use super::gpu::{CUBE, Flat, Gpu, single};
 use crate::objective::op::{ObjectiveAdjoint, ObjectiveGradients, ObjectiveOps, ObjectivePlan, ObjectiveTensors};
 use crate::objective::{MaskNormalisation, ObjectiveTerms};
 use crate::window::Window;
@@ -95,25 +95,25 @@ impl Pass {
 
     fn run(self) -> (CubeTensor, ObjectiveGradients<CubeBackend>) {
         let [pictures, photos] = [(); 2].map(|()| self.planes(PICTURES * COLOUR_CHANNELS));
-        let v_maps = self.planes(COMPARISONS * COLOUR_CHANNELS);
-        self.prepare(&pictures, &photos, &v_maps);
+        let prepared = self.planes(PREPARED);
+        self.prepare(&pictures, &photos, &prepared);
         let terms = &self.plan.terms;
         let similar = self.kind.similarity.then(|| {
             let pair = Pair { a: pictures.clone(), b: photos };
-            self.compare(pair, &v_maps, [0, PICTURES], &terms.ssim, Similarity::Ssim)
+            self.compare(pair, &prepared, [0, PICTURES], &terms.ssim, Similarity::Ssim)
         });
         let structured = self.kind.structure.then(|| {
             let [a, b] = [0, 1].map(|picture| colours(&pictures, [picture, picture + 1]));
             let structure = [PICTURES, COMPARISONS];
-            self.compare(Pair { a, b }, &v_maps, structure, &terms.structure, Similarity::Structure)
+            self.compare(Pair { a, b }, &prepared, structure, &terms.structure, Similarity::Structure)
         });
         let [similar, structured] = [similar, structured].map(|compared| {
             compared.unwrap_or_else(|| Compared { map: self.gpu.floats([1]), v_picture: self.gpu.floats([1]) })
         });
-        self.finish(v_maps, similar, structured)
+        self.finish(prepared, similar, structured)
     }
 
-    fn prepare(&self, pictures: &CubeTensor, photos: &CubeTensor, v_maps: &CubeTensor) {
+    fn prepare(&self, pictures: &CubeTensor, photos: &CubeTensor, prepared: &CubeTensor) {
         let tensors = self.tensors.clone();
         // SAFETY: excess units do nothing, and the others read and write their own pixel; masks and exposure are read only
         // if they are there.
@@ -122,16 +122,16 @@ impl Pass {
                 &self.gpu.client,
                 self.gpu.units(self.pixels()),
                 CUBE,
-                tensors.dynamic.into_buffer_arg(),
-                tensors.static_.into_buffer_arg(),
-                tensors.exposure.into_buffer_arg(),
-                tensors.photo.into_buffer_arg(),
-                tensors.valid.into_buffer_arg(),
-                tensors.moving.into_buffer_arg(),
-                tensors.around.into_buffer_arg(),
-                pictures.clone().into_buffer_arg(),
-                photos.clone().into_buffer_arg(),
-                v_maps.clone().into_buffer_arg(),
+                tensors.dynamic.flat(),
+                tensors.static_.flat(),
+                tensors.exposure.flat(),
+                tensors.photo.flat(),
+                tensors.valid.flat(),
+                tensors.moving.flat(),
+                tensors.around.flat(),
+                pictures.clone().flat(),
+                photos.clone().flat(),
+                prepared.clone().flat(),
                 weights(&self.plan.terms, self.plan.size),
                 self.pixels() as u32,
                 self.kind,
@@ -139,11 +139,11 @@ impl Pass {
         }
     }
 
-    /// Compares two pictures. `comparisons` are the first of `v_maps`, and one past the last.
+    /// Compares two pictures. `comparisons` are the first of `prepared`, and one past the last.
     fn compare(
         &self,
         pair: Pair<CubeBackend>,
-        v_maps: &CubeTensor,
+        prepared: &CubeTensor,
         comparisons: [usize; 2],
         window: &Window,
         kind: Similarity,
@@ -153,14 +153,14 @@ impl Pass {
             return Compared { map, v_picture: self.gpu.floats([1]) };
         }
         let (map, slopes) = CubeBackend::window_similarity_tracked(pair.clone(), window.clone(), kind);
-        let v_map = colours(v_maps, comparisons);
+        let v_map = colours(prepared, comparisons);
         let v_pair = CubeBackend::window_similarity_backward(pair, slopes, v_map, window.clone());
         Compared { map, v_picture: v_pair.a }
     }
 
     fn finish(
         self,
-        v_maps: CubeTensor,
+        prepared: CubeTensor,
         similar: Compared,
         structured: Compared,
     ) -> (CubeTensor, ObjectiveGradients<CubeBackend>) {
@@ -179,22 +179,19 @@ impl Pass {
                 &gpu.client,
                 gpu.cubes(cubes),
                 CUBE,
-                tensors.dynamic.into_buffer_arg(),
-                tensors.static_.into_buffer_arg(),
-                tensors.exposure.into_buffer_arg(),
-                tensors.photo.into_buffer_arg(),
-                tensors.valid.into_buffer_arg(),
-                tensors.moving.into_buffer_arg(),
-                tensors.around.into_buffer_arg(),
-                v_maps.into_buffer_arg(),
-                similar.map.into_buffer_arg(),
-                structured.map.into_buffer_arg(),
-                similar.v_picture.into_buffer_arg(),
-                structured.v_picture.into_buffer_arg(),
-                sums.clone().into_buffer_arg(),
-                v_dynamic.clone().into_buffer_arg(),
-                v_static.clone().into_buffer_arg(),
-                v_exposed.clone().into_buffer_arg(),
+                tensors.dynamic.flat(),
+                tensors.static_.flat(),
+                tensors.exposure.flat(),
+                tensors.photo.flat(),
+                prepared.flat(),
+                similar.map.flat(),
+                structured.map.flat(),
+                similar.v_picture.flat(),
+                structured.v_picture.flat(),
+                sums.clone().flat(),
+                v_dynamic.clone().flat(),
+                v_static.clone().flat(),
+                v_exposed.clone().flat(),
                 weights(&self.plan.terms, self.plan.size),
                 height as u32,
                 width as u32,

@@ -6,7 +6,7 @@ use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 use mvfusion_kernels::cube::penalties::{PENALTY_BLOCK, TERMS, penalties, penalties_backward};
 
-use super::gpu::{CUBE, Gpu, single};
+use super::gpu::{CUBE, Flat, Gpu, single};
 use crate::grid::GridLayout;
 use crate::grid::regulariser::op::{PenaltyAdjoint, PenaltyOps};
 
@@ -22,9 +22,9 @@ impl PenaltyOps for CubeBackend {
                 &gpu.client,
                 gpu.cubes(cubes),
                 CUBE,
-                single(planes).into_buffer_arg(),
-                places(&gpu, &layout).into_buffer_arg(),
-                sums.clone().into_buffer_arg(),
+                single(planes).flat(),
+                places(&gpu, &layout).flat(),
+                sums.clone().flat(),
                 numbers as u32,
                 layout.features as u32,
                 cubes as u32,
@@ -49,10 +49,10 @@ impl PenaltyAdjoint for CubeBackend {
                 &gpu.client,
                 gpu.units(numbers),
                 CUBE,
-                single(planes).into_buffer_arg(),
-                places(&gpu, &layout).into_buffer_arg(),
-                single(v_terms).into_buffer_arg(),
-                v_planes.clone().into_buffer_arg(),
+                single(planes).flat(),
+                places(&gpu, &layout).flat(),
+                single(v_terms).flat(),
+                v_planes.clone().flat(),
                 numbers as u32,
                 layout.features as u32,
             );

@@ -3,7 +3,7 @@
 use burn_cubecl::tensor::CubeTensor;
 use mvfusion_kernels::cube::scan::{SCAN_BLOCK, scan_blocks, sum_blocks};
 
-use super::gpu::{CUBE, Gpu};
+use super::gpu::{CUBE, Flat, Gpu};
 
 /// Prefix sums of `[count]` integers.
 pub(super) struct RunningSums {
@@ -24,8 +24,8 @@ pub(super) fn running_sums(gpu: &Gpu, values: &CubeTensor, count: usize) -> Runn
             &gpu.client,
             gpu.cubes(blocks),
             CUBE,
-            values.clone().into_buffer_arg(),
-            sums.clone().into_buffer_arg(),
+            values.clone().flat(),
+            sums.clone().flat(),
             count as u32,
             blocks as u32,
         );
@@ -36,10 +36,10 @@ pub(super) fn running_sums(gpu: &Gpu, values: &CubeTensor, count: usize) -> Runn
         &gpu.client,
         gpu.cubes(blocks),
         CUBE,
-        values.clone().into_buffer_arg(),
-        offsets.into_buffer_arg(),
-        before.clone().into_buffer_arg(),
-        total.clone().into_buffer_arg(),
+        values.clone().flat(),
+        offsets.flat(),
+        before.clone().flat(),
+        total.clone().flat(),
         count as u32,
         blocks as u32,
         blocks == 1,

@@ -3,7 +3,7 @@
 use burn_cubecl::tensor::CubeTensor;
 use mvfusion_kernels::cube::sort::{DIGIT_BITS, DIGITS, SORT_BLOCK, count_digits, move_keys};
 
-use super::gpu::{CUBE, Gpu};
+use super::gpu::{CUBE, Flat, Gpu};
 use super::scan::running_sums;
 
 /// Keys, each with a number.
@@ -26,9 +26,9 @@ pub(super) fn sort(gpu: &Gpu, mut sorted: Keyed, total: &CubeTensor, capacity: u
                 &gpu.client,
                 gpu.cubes(blocks),
                 CUBE,
-                sorted.keys.clone().into_buffer_arg(),
-                total.clone().into_buffer_arg(),
-                counts.clone().into_buffer_arg(),
+                sorted.keys.clone().flat(),
+                total.clone().flat(),
+                counts.clone().flat(),
                 shift as u32,
                 blocks as u32,
             );
@@ -40,12 +40,12 @@ pub(super) fn sort(gpu: &Gpu, mut sorted: Keyed, total: &CubeTensor, capacity: u
                 &gpu.client,
                 gpu.cubes(blocks),
                 CUBE,
-                sorted.keys.clone().into_buffer_arg(),
-                sorted.numbers.clone().into_buffer_arg(),
-                total.clone().into_buffer_arg(),
-                offsets.into_buffer_arg(),
-                moved.keys.clone().into_buffer_arg(),
-                moved.numbers.clone().into_buffer_arg(),
+                sorted.keys.clone().flat(),
+                sorted.numbers.clone().flat(),
+                total.clone().flat(),
+                offsets.flat(),
+                moved.keys.clone().flat(),
+                moved.numbers.clone().flat(),
                 shift as u32,
                 blocks as u32,
             );

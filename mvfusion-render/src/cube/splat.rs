@@ -17,7 +17,7 @@ use mvfusion_kernels::splat::{PROJECTED_LEN, TILE_PIXELS, background_channels, p
 
 use super::bins::{Bins, PAIR_BYTES};
 use super::frame::{Frame, Projected};
-use super::gpu::{CUBE, single};
+use super::gpu::{CUBE, Flat, single};
 use super::shared_memory::fitting;
 use crate::splat::Statistic;
 use crate::splat::op::{SplatForward, SplatKernels, SplatOps, SplatOutput, SplatPlan, SplatPrimitives, SplatSaved};
@@ -81,10 +81,10 @@ impl Frame {
                 inputs.opacity_logits,
                 inputs.sh,
                 inputs.features,
-                projected.records.clone().into_buffer_arg(),
-                projected.radii.clone().into_buffer_arg(),
-                projected.largest.clone().into_buffer_arg(),
-                projected.touched.clone().into_buffer_arg(),
+                projected.records.clone().flat(),
+                projected.radii.clone().flat(),
+                projected.largest.clone().flat(),
+                projected.touched.clone().flat(),
                 self.view(),
                 count as u32,
                 self.sizes.coefficients as u32,
@@ -111,14 +111,14 @@ impl Frame {
                 &gpu.client,
                 gpu.cubes(tiles),
                 CubeDim::new_1d(share.units() as u32),
-                projected.records.clone().into_buffer_arg(),
+                projected.records.clone().flat(),
                 inputs.features,
                 inputs.background,
-                bins.sorted.clone().into_buffer_arg(),
-                bins.starts.clone().into_buffer_arg(),
-                picture.clone().into_buffer_arg(),
-                transmittance.clone().into_buffer_arg(),
-                last.clone().into_buffer_arg(),
+                bins.sorted.clone().flat(),
+                bins.starts.clone().flat(),
+                picture.clone().flat(),
+                transmittance.clone().flat(),
+                last.clone().flat(),
                 view.width as u32,
                 view.height as u32,
                 self.rules(),
@@ -131,7 +131,6 @@ impl Frame {
                 records: projected.records,
                 sorted: bins.sorted,
                 starts: bins.starts,
-                spans: bins.spans,
                 slots: bins.slots,
                 transmittance,
                 last,
@@ -165,16 +164,16 @@ impl Frame {
                 &gpu.client,
                 gpu.cubes(tiles),
                 CubeDim::new_1d(kind.share.units() as u32),
-                saved.records.clone().into_buffer_arg(),
+                saved.records.clone().flat(),
                 inputs.features,
                 inputs.background,
-                saved.sorted.clone().into_buffer_arg(),
-                saved.starts.clone().into_buffer_arg(),
-                saved.transmittance.clone().into_buffer_arg(),
-                saved.last.clone().into_buffer_arg(),
-                v_picture.into_buffer_arg(),
-                gradients.clone().into_buffer_arg(),
-                background.clone().into_buffer_arg(),
+                saved.sorted.clone().flat(),
+                saved.starts.clone().flat(),
+                saved.transmittance.clone().flat(),
+                saved.last.clone().flat(),
+                v_picture.flat(),
+                gradients.clone().flat(),
+                background.clone().flat(),
                 self.view.width as u32,
                 self.view.height as u32,
                 self.rules(),
@@ -195,8 +194,8 @@ impl Frame {
         let result = SplatTensors { background: gpu.sum_rows(background), ..room };
         if count > 0 {
             let (inputs, outputs) = (arguments(&self.tensors), arguments(&result));
-            // SAFETY: excess units do nothing, and the others read and write their own rows; `spans` and `slots` refer
-            // to rows of `gradients`.
+            // SAFETY: excess units do nothing, and the others read and write their own rows; `slots` refers to rows
+            // of `gradients`.
             unsafe {
                 project_backward::launch_unchecked(
                     &gpu.client,
@@ -207,10 +206,9 @@ impl Frame {
                     inputs.log_scales,
                     inputs.opacity_logits,
                     inputs.sh,
-                    saved.records.clone().into_buffer_arg(),
-                    saved.spans.clone().into_buffer_arg(),
-                    saved.slots.clone().into_buffer_arg(),
-                    gradients.into_buffer_arg(),
+                    saved.records.clone().flat(),
+                    saved.slots.clone().flat(),
+                    gradients.flat(),
                     outputs.means,
                     outputs.quaternions,
                     outputs.log_scales,
@@ -232,5 +230,5 @@ impl Frame {
 
 /// The tensors as kernel arguments.
 fn arguments(tensors: &SplatTensors<CubeTensor>) -> SplatTensors<BufferArg> {
-    tensors.each_ref().map(|tensor| tensor.clone().into_buffer_arg())
+    tensors.each_ref().map(|tensor| tensor.clone().flat())
 }

@@ -10,7 +10,7 @@ use mvfusion_kernels::cube::window::{
     moment_columns, similarity_rows,
 };
 
-use super::gpu::{CUBE, Gpu, single};
+use super::gpu::{CUBE, Flat, Gpu, single};
 use crate::window::Window;
 use crate::window::op::{Pair, SimilarityAdjoint, Slopes, WindowOps};
 use crate::window::similarity::{C1, C2, C3, STRUCTURE_MAX, Similarity};
@@ -26,9 +26,9 @@ impl WindowOps for CubeBackend {
                     &pass.gpu.client,
                     pass.gpu.units(pass.pixels()),
                     CUBE,
-                    single(images).into_buffer_arg(),
-                    pass.weights.clone().into_buffer_arg(),
-                    sums.clone().into_buffer_arg(),
+                    single(images).flat(),
+                    pass.weights.clone().flat(),
+                    sums.clone().flat(),
                     pass.size(),
                 );
             }
@@ -38,9 +38,9 @@ impl WindowOps for CubeBackend {
                     &pass.gpu.client,
                     pass.gpu.units(pass.pixels()),
                     CUBE,
-                    sums.into_buffer_arg(),
-                    pass.weights.clone().into_buffer_arg(),
-                    blurred.clone().into_buffer_arg(),
+                    sums.flat(),
+                    pass.weights.clone().flat(),
+                    blurred.clone().flat(),
                     pass.size(),
                 );
             }
@@ -92,10 +92,10 @@ impl SimilarityAdjoint for CubeBackend {
                     &pass.gpu.client,
                     pass.gpu.units(pass.pixels()),
                     CUBE,
-                    single(v_map).into_buffer_arg(),
-                    single(slopes).into_buffer_arg(),
-                    pass.weights.clone().into_buffer_arg(),
-                    sums.clone().into_buffer_arg(),
+                    single(v_map).flat(),
+                    single(slopes).flat(),
+                    pass.weights.clone().flat(),
+                    sums.clone().flat(),
                     pass.size(),
                 );
             }
@@ -105,12 +105,12 @@ impl SimilarityAdjoint for CubeBackend {
                     &pass.gpu.client,
                     pass.gpu.units(pass.pixels()),
                     CUBE,
-                    sums.into_buffer_arg(),
-                    single(pair.a).into_buffer_arg(),
-                    single(pair.b).into_buffer_arg(),
-                    pass.weights.clone().into_buffer_arg(),
-                    adjoints.a.clone().into_buffer_arg(),
-                    adjoints.b.clone().into_buffer_arg(),
+                    sums.flat(),
+                    single(pair.a).flat(),
+                    single(pair.b).flat(),
+                    pass.weights.clone().flat(),
+                    adjoints.a.clone().flat(),
+                    adjoints.b.clone().flat(),
                     pass.size(),
                 );
             }
@@ -169,10 +169,10 @@ impl Pass {
                 &self.gpu.client,
                 self.gpu.units(self.pixels()),
                 CUBE,
-                single(pair.a).into_buffer_arg(),
-                single(pair.b).into_buffer_arg(),
-                self.weights.clone().into_buffer_arg(),
-                sums.clone().into_buffer_arg(),
+                single(pair.a).flat(),
+                single(pair.b).flat(),
+                self.weights.clone().flat(),
+                sums.clone().flat(),
                 self.size(),
             );
         }
@@ -186,10 +186,10 @@ impl Pass {
                 &self.gpu.client,
                 self.gpu.units(self.pixels()),
                 CUBE,
-                sums.into_buffer_arg(),
-                self.weights.clone().into_buffer_arg(),
-                map.clone().into_buffer_arg(),
-                slopes.into_buffer_arg(),
+                sums.flat(),
+                self.weights.clone().flat(),
+                map.clone().flat(),
+                slopes.flat(),
                 self.size(),
                 SimilarityConstantsLaunch::new(C1 as f32, C2 as f32, C3 as f32, STRUCTURE_MAX as f32),
                 kind,

@@ -44,6 +44,9 @@ pub enum SplatError {
          smaller images"
     )]
     Pairs(u32),
+    /// The device failed, or was lost.
+    #[error("the device failed: {0}")]
+    Device(String),
     /// The camera has no pixels, or more than an index can count.
     #[error("the camera's image has {width} x {height} pixels")]
     Size {

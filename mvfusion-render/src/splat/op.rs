@@ -84,9 +84,8 @@ pub(crate) struct SplatSaved<B: Backend> {
     pub sorted: IntTensor<B>,
     /// `[tiles + 1]`, start of each tile in `sorted`.
     pub starts: IntTensor<B>,
-    /// `[N, 2]`, start and number of each Gaussian's entries in `slots`.
-    pub spans: IntTensor<B>,
-    /// `[intersections]`, positions in `sorted` by Gaussian and tile.
+    /// `[2 N + intersections]`: start and number of each Gaussian's positions, then the positions in `sorted`, by Gaussian
+    /// and tile. One buffer, because a GPU binds few.
     pub slots: IntTensor<B>,
     /// `[tiles, TILE_PIXELS]`, transmittance behind the last Gaussian.
     pub transmittance: FloatTensor<B>,
@@ -164,8 +163,7 @@ fn forward_on_host<B: HostBackend, T: Lane>(inputs: SplatPrimitives<B>, plan: Sp
             records: B::tensor(result.projections.records, [count, PROJECTED_LEN]),
             sorted: B::index_tensor(result.bins.sorted, [pairs]),
             starts: B::index_tensor(result.bins.starts, [tiles + 1]),
-            spans: B::index_tensor(result.bins.spans, [count, 2]),
-            slots: B::index_tensor(result.bins.slots, [pairs]),
+            slots: B::index_tensor(result.bins.slots, [2 * count + pairs]),
             transmittance: B::tensor(
                 result.blended.transmittance.into_flattened().into_flattened(),
                 [tiles, TILE_PIXELS],
@@ -187,12 +185,11 @@ fn backward_on_host<B: HostBackend, T: Lane>(
     let view = View::new(&plan.camera, &plan.settings);
     let (records, transmittance) = (B::values::<T>(saved.records), B::values::<T>(saved.transmittance));
     let (sorted, starts) = (B::indices(saved.sorted), B::indices(saved.starts));
-    let (spans, slots, last) = (B::indices(saved.spans), B::indices(saved.slots), B::indices(saved.last));
+    let (slots, last) = (B::indices(saved.slots), B::indices(saved.last));
     let saved = Saved {
         records: &records,
         sorted: &sorted,
         starts: &starts,
-        spans: &spans,
         slots: &slots,
         transmittance: &transmittance,
         last: &last,

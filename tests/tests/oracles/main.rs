@@ -5,10 +5,11 @@
 //! `oracle_metrics/metrics.json`. The project's own small oracle (`tests/oracles/own.npz`, made by `make.py` beside it)
 //! always runs, and so do hard inputs ([`hard`]). The report of a run is opened in a real browser ([`report`]), a
 //! sweep's cells are run by a real SLURM ([`cluster`]), and other files that the program writes are read by the readers
-//! of others ([`foreign`]).
+//! of others ([`foreign`]). The texts of the GPU kernels are counted, and compiled by a browser (`kernels`).
 #![recursion_limit = "256"]
 
 mod archive;
+mod browser;
 mod cameras;
 mod captures;
 mod clouds;
@@ -19,6 +20,8 @@ mod foreign;
 mod hard;
 mod hexplane;
 mod images;
+#[cfg(feature = "wgpu")]
+mod kernels;
 mod kinds;
 mod lenses;
 mod losses;
@@ -62,6 +65,8 @@ fn main() -> ExitCode {
     trials.extend(report::trials(root().as_deref()));
     trials.extend(cluster::trials());
     trials.extend(foreign::trials());
+    #[cfg(feature = "wgpu")]
+    trials.extend(kernels::trials());
     for backend in gpu_backends() {
         if is_there(backend) {
             trials.extend(training::trials(backend));

@@ -2,6 +2,8 @@
 
 mod amdahl;
 mod growth;
+#[cfg(feature = "cube")]
+mod launches;
 mod lpips;
 mod net;
 mod processor;
@@ -48,6 +50,9 @@ enum Subject {
     Net(net::NetArguments),
     /// A whole training step of each stage with two views.
     Step(step::StepArguments),
+    /// Launches by kernel and memory of a training step, counted on a GPU or a software driver.
+    #[cfg(feature = "cube")]
+    Launches(launches::LaunchArguments),
     /// LPIPS of a pair of pictures. Its metric does not depend on the weights, which are random here.
     Lpips(lpips::LpipsArguments),
     /// Moving pixels and the motion hull of a synthetic film, on the CPU.
@@ -116,6 +121,8 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
         Subject::Splat(subject) => splat::measure(subject, &devices, arguments.repeat, &mut note)?,
         Subject::Net(subject) => net::measure(subject, &devices, arguments.repeat, &mut note)?,
         Subject::Step(subject) => step::measure(subject, &devices, &arguments.threads, arguments.repeat, &mut note)?,
+        #[cfg(feature = "cube")]
+        Subject::Launches(subject) => launches::measure(subject, &devices)?,
         Subject::Lpips(subject) => lpips::measure(subject, &devices, arguments.repeat, &mut note)?,
         Subject::Seeding(subject) => seeding::measure(subject, &mut note)?,
     }

@@ -203,7 +203,7 @@ fn plot(vary: Option<Factor>, run: &Run, devices: &[Subjected], measured: &[Vec<
 
 /// The default method at these numbers of Gaussians, in one stage that never ends and in which nothing adds or removes
 /// any.
-fn config(run: &Run, stage: Stage) -> Config {
+pub(super) fn config(run: &Run, stage: Stage) -> Config {
     let steps = Stage::ALL.map(|other| if other == stage { NEVER } else { 0 });
     Config {
         init: InitConfig {

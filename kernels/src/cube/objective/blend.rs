@@ -3,7 +3,10 @@
 use cubecl::prelude::*;
 
 use super::cost::Adjoint;
-use super::{COLOURS, DYNAMIC_PLANES, EXPOSURE_COLUMNS, Normalisation, ObjectiveKind, ObjectiveWeights, STATIC_PLANES};
+use super::{
+    COLOURS, COMPARISONS, DYNAMIC_PLANES, EXPOSURE_COLUMNS, Normalisation, ObjectiveKind, ObjectiveWeights,
+    STATIC_PLANES,
+};
 use crate::objective::{
     BRIGHTNESS_KNEE, BRIGHTNESS_OFFSET, BRIGHTNESS_SLOPE, DYNAMIC, GEOMETRY_LEAN, MIN_GEOMETRY_NORMALISER, SHARE_GUARD,
 };
@@ -50,24 +53,52 @@ pub(super) fn masks_at(
     at: usize,
     #[comptime] kind: ObjectiveKind,
 ) -> PixelMasks {
-    let mut masks =
-        PixelMasks { valid: 1.0f32, moving: 0.0f32, around: 0.0f32, dynamic_region: 1.0f32, static_region: 1.0f32 };
+    let mut is_valid = 1.0f32;
+    let mut is_moving = 0.0f32;
+    let mut is_around = 0.0f32;
     if comptime!(kind.masked[0]) {
-        masks.valid = valid[at];
+        is_valid = valid[at];
     }
     if comptime!(kind.masked[1]) {
-        masks.moving = moving[at];
+        is_moving = moving[at];
     }
     if comptime!(kind.masked[2]) {
-        masks.around = around[at];
+        is_around = around[at];
     }
+    masks_of(is_valid, is_moving, is_around, kind)
+}
+
+#[cube]
+fn masks_of(valid: f32, moving: f32, around: f32, #[comptime] kind: ObjectiveKind) -> PixelMasks {
+    let mut masks = PixelMasks { valid, moving, around, dynamic_region: 1.0f32, static_region: 1.0f32 };
     if comptime!(kind.dynamic_region) {
-        masks.dynamic_region = masks.around;
+        masks.dynamic_region = around;
     }
     if comptime!(kind.static_region) {
-        masks.static_region = masks.valid - masks.around;
+        masks.static_region = valid - around;
     }
     masks
+}
+
+/// Writes the masks behind the cotangents of the maps.
+#[cube]
+pub(super) fn keep_masks(prepared: &mut [f32], masks: &PixelMasks, at: usize, plane: usize) {
+    let first = comptime!(COMPARISONS * COLOURS);
+    prepared[first * plane + at] = masks.valid;
+    prepared[comptime!(first + 1) * plane + at] = masks.moving;
+    prepared[comptime!(first + 2) * plane + at] = masks.around;
+}
+
+/// Reads what [`keep_masks()`] wrote.
+#[cube]
+pub(super) fn kept_masks(prepared: &[f32], at: usize, plane: usize, #[comptime] kind: ObjectiveKind) -> PixelMasks {
+    let first = comptime!(COMPARISONS * COLOURS);
+    masks_of(
+        prepared[first * plane + at],
+        prepared[comptime!(first + 1) * plane + at],
+        prepared[comptime!(first + 2) * plane + at],
+        kind,
+    )
 }
 
 /// The layers of a pixel and the shares of the branches.

@@ -1,14 +1,16 @@
 //! A training in progress, from the first step to the report.
 
 use std::io::Write;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, Instant};
 
+use anyhow::anyhow;
 use mvfusion_data::Scene;
 use mvfusion_data::write::gaussian_ply;
 use mvfusion_model::Config;
 use mvfusion_model::evaluation::Evaluator;
 use mvfusion_model::files::sha256;
-use mvfusion_model::train::{TrainedModel, Trainer};
+use mvfusion_model::train::{Losses, TrainedModel, Trainer};
 use tracing::{info, warn};
 
 use super::super::score::Scoring;
@@ -75,7 +77,7 @@ impl Session {
         let mut checkpoints = CheckpointClock::new(&self.config.scaled().train, self.trainer.state().completed);
         let mut watch = Watch::new(self, total);
         while let Some(position) = self.trainer.position() {
-            let Some(loss) = self.trainer.step()? else { break };
+            let Some(loss) = self.step()? else { break };
             // From the first step on there is something to lose.
             self.folder.keep();
             let done = self.trainer.state().completed;
@@ -106,6 +108,18 @@ impl Session {
             skipped: state.bad_steps.total,
             peak_memory: memory::peak(),
         })
+    }
+
+    /// The next step. A GPU's driver panics where it cannot go on, which is an error here.
+    fn step(&mut self) -> anyhow::Result<Option<Losses>> {
+        if self.device.buffer.is_none() {
+            return Ok(self.trainer.step()?);
+        }
+        let step = catch_unwind(AssertUnwindSafe(|| self.trainer.step()));
+        let name = &self.device.name;
+        Ok(step.map_err(|_| {
+            anyhow!("the device {name} failed, as told above. It may be out of memory, or lost to the driver")
+        })??)
     }
 
     /// Removes old checkpoints. One that stays is no reason to stop.

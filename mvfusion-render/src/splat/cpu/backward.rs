@@ -17,7 +17,6 @@ pub(crate) struct Saved<'a, T> {
     /// See [`super::tiles::Bins`].
     pub sorted: &'a [i32],
     pub starts: &'a [i32],
-    pub spans: &'a [i32],
     pub slots: &'a [i32],
     /// See [`super::blend::Blended`].
     pub transmittance: &'a [T],
@@ -41,7 +40,7 @@ pub(crate) fn backward<T: Lane>(
         statistic,
     };
     let blended = blend_backward(&source);
-    let index = RecordIndex { spans: saved.spans, slots: saved.slots };
+    let index = RecordIndex::of(saved.slots, cloud.len());
     let gradients = project_backward(cloud, view, records, index, &blended.records);
     SplatTensors { background: blended.background, ..gradients }
 }

@@ -23,8 +23,18 @@ const SUMMED: usize = MAX_LANES;
 /// The positions of each Gaussian's records, see [`super::tiles::Bins`].
 #[derive(Clone, Copy)]
 pub(crate) struct RecordIndex<'a> {
+    /// `[N, 2]`: start and number of each Gaussian's entries in `slots`.
     pub spans: &'a [i32],
+    /// Rows of the records.
     pub slots: &'a [i32],
+}
+
+impl<'a> RecordIndex<'a> {
+    /// The two parts of the `slots` of `count` Gaussians.
+    pub fn of(slots: &'a [i32], count: usize) -> Self {
+        let (spans, slots) = slots.split_at(2 * count);
+        Self { spans, slots }
+    }
 }
 
 /// Sums the records of each Gaussian in the order of its tiles and backpropagates the sum through the projection.

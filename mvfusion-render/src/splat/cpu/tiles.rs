@@ -23,9 +23,8 @@ pub(crate) struct Bins {
     pub sorted: Vec<i32>,
     /// Start of each tile's list in `sorted`, with one more entry for the end.
     pub starts: Vec<i32>,
-    /// `[N, 2]`: start and number of each Gaussian's entries in `slots`.
-    pub spans: Vec<i32>,
-    /// Positions in `sorted`, by Gaussian and within a Gaussian by tile.
+    /// The start and the number of each Gaussian's positions, then the positions in `sorted`, by Gaussian and within a
+    /// Gaussian by tile.
     pub slots: Vec<i32>,
 }
 
@@ -113,9 +112,9 @@ pub(crate) fn bin<T: Lane>(projections: &Projections<T>, view: &View<T>) -> Bins
     let total = starts[view.tile_count()] as usize;
 
     let (sorted, spans) = (atomics(total), atomics(projections.radii.len()));
-    let mut slots = vec![0i32; total];
+    let mut slots = vec![0i32; spans.len() + total];
+    let (head, mut rest) = slots.split_at_mut(spans.len());
     let mut jobs = Vec::with_capacity(chunks.len());
-    let mut rest = slots.as_mut_slice();
     for (chunk, ids) in chunks.into_iter().zip(order.chunks(chunk_len)) {
         let begin = total - rest.len();
         let (mine, others) = rest.split_at_mut(chunk.tiles.len());
@@ -126,7 +125,8 @@ pub(crate) fn bin<T: Lane>(projections: &Projections<T>, view: &View<T>) -> Bins
         fill_spans(&chunk, ids, begin, &spans);
         fill(chunk, ids, slots, &sorted);
     });
-    Bins { sorted: plain(sorted), starts, spans: plain(spans), slots }
+    head.copy_from_slice(&plain(spans));
+    Bins { sorted: plain(sorted), starts, slots }
 }
 
 fn atomics(count: usize) -> Vec<AtomicI32> {
@@ -298,10 +298,11 @@ mod tests {
             let keys: Vec<(f64, i32)> = list.iter().map(|&id| (depths[id as usize], id)).collect();
             assert!(keys.windows(2).all(|pair| pair[0] < pair[1]), "{keys:?}");
         }
-        for (id, span) in bins.spans.as_chunks::<2>().0.iter().enumerate() {
-            let slots = &bins.slots[span[0] as usize..(span[0] + span[1]) as usize];
+        let (spans, slots) = bins.slots.split_at(2 * depths.len());
+        for (id, span) in spans.as_chunks::<2>().0.iter().enumerate() {
+            let slots = &slots[span[0] as usize..(span[0] + span[1]) as usize];
             assert!(slots.iter().all(|&slot| bins.sorted[slot as usize] == id as i32) && slots.is_sorted());
         }
-        assert_eq!(bins.slots.len(), bins.sorted.len());
+        assert_eq!(slots.len(), bins.sorted.len());
     }
 }

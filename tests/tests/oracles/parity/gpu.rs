@@ -1,20 +1,22 @@
 //! What depends on the GPU, tried otherwise than by the GPU at hand.
 
-use anyhow::{Result, bail, ensure};
+use std::process::Command;
+
+use anyhow::{Context, Result, bail, ensure};
 use burn::tensor::{DType, Device};
 use glam::{DMat3, DVec3};
 use libtest_mimic::Trial;
 use mvfusion_data::Camera;
 use mvfusion_model::device::gpus;
-use mvfusion_render::device::{fold_launches, imitate_hardware};
+use mvfusion_render::device::{fold_launches, imitate_dirt, imitate_hardware};
 use mvfusion_render::grid::{GridBounds, look_up, regulariser::penalties};
 use mvfusion_render::mlp::{Layer, MlpLayout};
 use mvfusion_render::splat::{SplatError, SplatInputs, SplatRules, SplatSettings, Statistic, splat};
 use mvfusion_render::{attention, mlp};
-use mvfusion_tests::{gpu_backends, tensor};
+use mvfusion_tests::{gpu_backends, tensor, with_padded_rows};
 
-use super::ops::{adam_steps, layout, look_up_and_back, mlp_and_back};
-use super::pictures::SCENES;
+use super::ops::{CASES, adam_steps, layout, look_up_and_back, mlp_and_back};
+use super::pictures::{SCENES, render_twice};
 use super::{Pair, device};
 
 /// Trials for a backend of GPUs; none for another.
@@ -22,12 +24,40 @@ pub fn trials(pair: Pair) -> Vec<Trial> {
     if gpu_backends().iter().all(|gpu| gpu.name != pair.backend.name) {
         return Vec::new();
     }
-    vec![
+    let mut trials = vec![
         pair.trial("folded", move || folded(pair)),
         pair.trial("as_on_hardware", move || as_on_hardware(pair)),
+        pair.trial("dirty_buffers", move || imitate_dirt(|| compare_all(pair))),
+        pair.trial("padded_rows", move || with_padded_rows(|| compare_all(pair))),
+        pair.trial("twice", move || twice(pair)),
         pair.trial("lists_too_long", move || lists_too_long(pair)),
         pair.trial("double_precision", move || double_precision(pair)),
-    ]
+    ];
+    if is_llvmpipe(pair) {
+        trials.extend(
+            ["128", "256", "512"].map(|bits| pair.trial(&format!("lanes_of_{bits}_bits"), move || lanes(pair, bits))),
+        );
+    }
+    trials
+}
+
+/// Whether the GPU is Mesa's software driver.
+fn is_llvmpipe(pair: Pair) -> bool {
+    let card = gpus().iter().find(|gpu| gpu.backend == pair.backend.name).and_then(|gpu| gpu.card().ok());
+    card.is_some_and(|card| card.name.contains("llvmpipe"))
+}
+
+/// The driver with vectors of another length: other units run together, and the others in another order. It reads the
+/// length when it starts, so each trial is a process.
+fn lanes(pair: Pair, bits: &str) -> Result<()> {
+    for case in ["mlp", "look_up", "as_on_hardware"] {
+        let trial = format!("parity::{}::{case}", pair.backend.name);
+        let mut again = Command::new(std::env::current_exe()?);
+        let output = again.args(["--exact", &trial]).env("LP_NATIVE_VECTOR_WIDTH", bits).output()?;
+        let said = String::from_utf8_lossy(&output.stdout);
+        ensure!(output.status.success() && said.contains("1 passed"), "{trial} with {bits} bits: {said}");
+    }
+    Ok(())
 }
 
 /// Launches as where only four cubes fit along an axis.
@@ -52,11 +82,32 @@ fn as_on_hardware(pair: Pair) -> Result<()> {
             "thousand",
             "four_channels",
             "eight_channels",
+            "antialiased",
             "hostile",
             "twenty_thousand",
         ];
         compare_scenes(pair, &scenes)
     })
+}
+
+/// Every op, and small scenes.
+fn compare_all(pair: Pair) -> Result<()> {
+    CASES.iter().try_for_each(|&(name, case)| pair.compare(case).with_context(|| name))?;
+    compare_scenes(pair, &["none", "unseen", "one", "one_tile", "thousand", "hostile"])
+}
+
+/// What has no atomic additions gives the same bits again: a race would show.
+fn twice(pair: Pair) -> Result<()> {
+    let device = device(pair.backend);
+    for (name, case) in CASES.iter().filter(|(name, _)| *name != "look_up") {
+        let (first, second) = (case(&device)?, case(&device)?);
+        for ((what, first, _), (_, second, _)) in first.iter().zip(&second) {
+            let is_same = first.values.iter().zip(&second.values).all(|(a, b)| a.to_bits() == b.to_bits());
+            ensure!(is_same, "{name}: {what} differ");
+        }
+    }
+    let scenes = SCENES.iter().filter(|scene| ["thousand", "eight_channels", "twenty_thousand"].contains(&scene.name));
+    imitate_hardware(|| scenes.into_iter().try_for_each(|scene| render_twice(scene, &device)))
 }
 
 fn compare_scenes(pair: Pair, names: &[&str]) -> Result<()> {

@@ -244,6 +244,17 @@ fn render(scene: &Scene, device: &Device) -> Result<Rendered> {
     Ok(Rendered { picture: Array::of(picture.packed), radii, gradients: all })
 }
 
+/// Renders a scene twice, and compares every bit. No sum of the splat depends on the order in which units run.
+pub fn render_twice(scene: &Scene, device: &Device) -> Result<()> {
+    let (first, second) = (render(scene, device)?, render(scene, device)?);
+    let bits = |array: &Array| array.values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+    ensure!(bits(&first.picture) == bits(&second.picture), "the pictures differ");
+    for ((name, first), (_, second)) in first.gradients.iter().zip(&second.gradients) {
+        ensure!(bits(first) == bits(second), "the gradients of {name} differ");
+    }
+    Ok(())
+}
+
 /// Compares what two devices render of a scene, and what comes back.
 pub fn compare_pictures(scene: &Scene, device: &Device, reference: &Device) -> Result<()> {
     let (found, wanted) = (render(scene, device)?, render(scene, reference)?);

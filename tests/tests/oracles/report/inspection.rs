@@ -2,8 +2,6 @@
 
 use std::collections::BTreeSet;
 use std::path::Path;
-use std::thread;
-use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail, ensure};
 use base64::Engine;
@@ -11,16 +9,12 @@ use base64::engine::general_purpose::STANDARD;
 use image::RgbImage;
 use serde_json::{Value, json};
 
-use super::browser::Browser;
-use super::devtools::Connection;
+use crate::browser::devtools::Connection;
+use crate::browser::{Browser, open};
 
 /// Size of the window, and the width of a narrow one, CSS pixels.
 const WINDOW: [u32; 2] = [1280, 900];
 const NARROW: u32 = 390;
-
-/// A page may take so long to be loaded, and is asked so often.
-const PATIENCE: Duration = Duration::from_secs(60);
-const PAUSE: Duration = Duration::from_millis(20);
 
 /// Least number of colours (in steps of 16 levels) of a page that shows something.
 const COLOURS: usize = 40;
@@ -54,26 +48,6 @@ pub fn inspect(page: &Path, screenshot: Option<&Path>) -> Result<()> {
     fits_a_narrow_window(connection)?;
     // Last, because everything above may have left an error.
     nothing_was_reported(connection, &address)
-}
-
-/// Goes to a file's address, and waits until all of it is there.
-fn open(connection: &mut Connection, address: &str) -> Result<()> {
-    let answer = connection.call("Page.navigate", json!({"url": address}))?;
-    if let Some(error) = answer.get("errorText") {
-        bail!("{address} cannot be opened: {error}");
-    }
-    let until = Instant::now() + PATIENCE;
-    loop {
-        // The empty page before it is complete as well, and may go while it is asked, which is an error of no account.
-        let state = connection.evaluate("location.protocol === 'file:' && document.readyState === 'complete'");
-        if matches!(state, Ok(Value::Bool(true))) {
-            return Ok(());
-        }
-        if Instant::now() > until {
-            bail!("{address} was not loaded in time: {state:?}");
-        }
-        thread::sleep(PAUSE);
-    }
 }
 
 fn resize(connection: &mut Connection, width: u32) -> Result<()> {

@@ -4,8 +4,6 @@
 //! The trials, `report::browser::<what>`, train for a few steps with the program's own command and open what it wrote.
 //! They are ignored where no browser is found. Pages with a known fault show that each check can fail.
 
-mod browser;
-mod devtools;
 mod faults;
 mod inspection;
 
@@ -14,9 +12,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Result, ensure};
 use libtest_mimic::Trial;
 
+use crate::browser::Browser;
 use crate::tiny::{text, train};
 use crate::{failed, ignored};
-use browser::Browser;
 
 /// The real capture that is trained on, by its folder.
 const CAPTURE: &str = "panoptic_neu3d";

@@ -1,5 +1,7 @@
 //! A browser without a window, driven by the DevTools protocol through two pipes.
 
+pub mod devtools;
+
 use std::env;
 use std::ffi::{OsStr, OsString};
 use std::fs::File;
@@ -10,11 +12,11 @@ use std::sync::OnceLock;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result};
-use serde_json::json;
+use anyhow::{Context, Result, bail};
+use serde_json::{Value, json};
 use tempfile::TempDir;
 
-use super::devtools::Connection;
+use devtools::Connection;
 
 /// The variable that names the program.
 const PROGRAM: &str = "CHROME";
@@ -36,7 +38,10 @@ const SAID: &str = "stderr.txt";
 const VERSION: Duration = Duration::from_secs(30);
 const FAREWELL: Duration = Duration::from_secs(10);
 
-/// Time from one look at a process to the next.
+/// A page may take so long to be loaded.
+const LOADING: Duration = Duration::from_secs(60);
+
+/// Time from one look at a process or a page to the next.
 const PAUSE: Duration = Duration::from_millis(20);
 
 /// A running browser, ended when dropped.
@@ -71,6 +76,29 @@ impl Browser {
             .with_context(|| format!("cannot start {}", program.display()))?;
         let (input, output) = child.stdin.take().zip(child.stdout.take()).context("both pipes")?;
         Ok(Self { child, connection: Connection::new(input, output, said), _profile: profile })
+    }
+}
+
+/// Goes to a file's address, and waits until all of it is there.
+///
+/// # Errors
+/// If it cannot be opened, or does not load in time.
+pub fn open(connection: &mut Connection, address: &str) -> Result<()> {
+    let answer = connection.call("Page.navigate", json!({"url": address}))?;
+    if let Some(error) = answer.get("errorText") {
+        bail!("{address} cannot be opened: {error}");
+    }
+    let until = Instant::now() + LOADING;
+    loop {
+        // The empty page before it is complete as well, and may go while it is asked, which is an error of no account.
+        let state = connection.evaluate("location.protocol === 'file:' && document.readyState === 'complete'");
+        if matches!(state, Ok(Value::Bool(true))) {
+            return Ok(());
+        }
+        if Instant::now() > until {
+            bail!("{address} was not loaded in time: {state:?}");
+        }
+        thread::sleep(PAUSE);
     }
 }
 
@@ -132,6 +160,9 @@ fn command(program: &Path, profile: &Path) -> Command {
         "--disable-component-update",
         "--hide-scrollbars",
         "--force-device-scale-factor=1",
+        // WebGPU on the CPU.
+        "--enable-unsafe-webgpu",
+        "--use-webgpu-adapter=swiftshader",
     ]);
     let mut folder = OsString::from("--user-data-dir=");
     folder.push(profile);
