@@ -4,6 +4,7 @@ mod bench;
 mod ci;
 mod deny;
 mod docs;
+mod gpu;
 mod mutate;
 #[cfg(feature = "ptx")]
 mod ptx;
@@ -29,6 +30,8 @@ enum Chore {
     Docs(docs::DocsArguments),
     /// Times the ops on this machine.
     Bench(bench::BenchArguments),
+    /// Packs what a machine with a GPU is asked, or runs it there.
+    Gpu(gpu::GpuArguments),
     /// Gives every reader damaged files, 100 000 unless told otherwise.
     Mutate(mutate::MutateArguments),
     /// Compiles every kernel for NVIDIA GPUs, without one, and counts registers, spills and shared memory.
@@ -45,6 +48,7 @@ fn main() -> anyhow::Result<()> {
         Chore::Ci => ci::run(),
         Chore::Docs(arguments) => docs::run(&arguments),
         Chore::Bench(arguments) => bench::run(&arguments),
+        Chore::Gpu(arguments) => gpu::run(&arguments),
         Chore::Mutate(arguments) => mutate::run(&arguments),
         #[cfg(feature = "ptx")]
         Chore::Ptx(arguments) => ptx::run(&arguments),

@@ -163,13 +163,13 @@ impl<'a> LayerRenderer<'a> {
         let features = (!features.is_empty()).then(|| Tensor::cat(features, 1));
         let settings = self.context.splat_settings(self.model.dynamic.sh_degree, false);
         let dynamic = moved.splat(features, None, camera, &settings, self.context.behind)?;
-        let static_ = self.model.static_picture(camera, None, self.context)?;
+        let static_ = self.model.static_picture(camera, self.context)?;
         Ok(Seen::new(dynamic.main(), static_.map(|picture| picture.main()), first_heat))
     }
 
     /// Only the static branch.
     fn without_moment(&self, camera: &Camera) -> Result<Seen, ModelError> {
-        let static_ = self.model.static_picture(camera, None, self.context)?.ok_or(ModelError::Layer {
+        let static_ = self.model.static_picture(camera, self.context)?.ok_or(ModelError::Layer {
             layer: Layer::Static.name(),
             reason: "without a moment only the static branch can be shown, and the model has none",
         })?;

@@ -26,21 +26,31 @@ impl AliveRows {
     /// # Errors
     /// If the device fails to return values.
     pub fn of(gaussians: &Gaussians, time: f64) -> Result<Option<Self>, ModelError> {
-        if gaussians.time_centres.is_none() {
-            return Ok(None);
+        // Proof: there is an entry for each time.
+        Self::of_all(gaussians, &[time]).map(|mut all| all.pop().expect("one"))
+    }
+
+    /// The same for several times. It waits for the device once.
+    ///
+    /// # Errors
+    /// If the device fails to return values.
+    pub fn of_all(gaussians: &Gaussians, times: &[f64]) -> Result<Vec<Option<Self>>, ModelError> {
+        if gaussians.time_centres.is_none() || times.is_empty() {
+            return Ok(vec![None; times.len()]);
         }
-        let logits: Vec<f32> = tensors::read(gaussians.alive_logits(time))?;
-        let mut rows: Vec<usize> = (0..logits.len()).filter(|&row| logits[row] > LEAST_LOGIT).collect();
-        // Ops do not accept an empty tensor.
-        if rows.is_empty() {
-            rows.push(0);
-        }
-        let count = logits.len();
-        if rows.len() == count {
-            return Ok(None);
-        }
-        let rows = tensors::rows_like(&rows, &gaussians.means.val());
-        Ok(Some(Self { rows, count }))
+        let logits = Tensor::cat(times.iter().map(|&time| gaussians.alive_logits(time)).collect(), 1);
+        let logits: Vec<f32> = tensors::read(logits)?;
+        let count = logits.len() / times.len();
+        let alive_at = |index: usize| {
+            let logit = |row: usize| logits[row * times.len() + index];
+            let mut rows: Vec<usize> = (0..count).filter(|&row| logit(row) > LEAST_LOGIT).collect();
+            // Ops do not accept an empty tensor.
+            if rows.is_empty() {
+                rows.push(0);
+            }
+            (rows.len() < count).then(|| Self { rows: tensors::rows_like(&rows, &gaussians.means.val()), count })
+        };
+        Ok((0..times.len()).map(alive_at).collect())
     }
 
     /// The rows, ascending.

@@ -6,7 +6,7 @@ use burn::module::{Module, Param, ParamId};
 use burn::tensor::{DType, Device, Int, Tensor, TensorData, activation::sigmoid};
 use mvfusion_data::{Camera, GaussianCloud, Lifetime};
 use mvfusion_render::profile::{Part, measure};
-use mvfusion_render::splat::{self, SplatInputs, SplatPicture, SplatSettings};
+use mvfusion_render::splat::{self, SplatFrame, SplatInputs, SplatPicture, SplatSettings};
 use serde::{Deserialize, Serialize};
 
 use crate::model::mask::MaskChannel;
@@ -358,6 +358,20 @@ impl RawGaussians {
         settings: &SplatSettings,
         behind: Behind,
     ) -> Result<SplatPicture, splat::SplatError> {
+        let frame = self.into_frame(features, probe, camera, settings, behind);
+        // Proof: there is a picture for each frame.
+        splat_frames(vec![frame]).map(|mut pictures| pictures.pop().expect("one"))
+    }
+
+    /// The frame that [`RawGaussians::splat`] renders, to be rendered together with others.
+    pub(crate) fn into_frame(
+        self,
+        features: Option<Tensor<2>>,
+        probe: Option<Tensor<2>>,
+        camera: &Camera,
+        settings: &SplatSettings,
+        behind: Behind,
+    ) -> SplatFrame {
         let width = features.as_ref().map_or(0, |features| features.dims()[1]);
         let masks = self.mask_logits.as_ref().map_or([].as_slice(), |_| &behind.masks);
         let others = std::iter::repeat(&FEATURE_BACKGROUND);
@@ -373,7 +387,7 @@ impl RawGaussians {
             features,
             background,
         };
-        measure(Part::SplatForward, || splat::splat(inputs, probe, camera, settings))
+        SplatFrame { inputs, probe, camera: *camera, settings: *settings }
     }
 
     /// The values of an attribute in the layout of [`Gaussians`].
@@ -425,4 +439,9 @@ pub(crate) fn attribute_tensor(values: Vec<f64>, columns: usize, device: &Device
     let rows = values.len() / columns.max(1);
     let data = TensorData::new(values, [rows, columns]).convert_dtype(dtype);
     Tensor::from_data(data, (device, dtype))
+}
+
+/// Renders frames together.
+pub(crate) fn splat_frames(frames: Vec<SplatFrame>) -> Result<Vec<SplatPicture>, splat::SplatError> {
+    measure(Part::SplatForward, || splat::splat_all(frames))
 }

@@ -12,13 +12,13 @@ pub mod rows;
 use burn::module::Module;
 use burn::tensor::Tensor;
 use mvfusion_data::Camera;
-use mvfusion_render::splat::{SplatPicture, SplatRules, SplatSettings, Statistic};
+use mvfusion_render::splat::{SplatFrame, SplatPicture, SplatRules, SplatSettings, Statistic};
 
 use crate::ModelError;
 use crate::config::MotionConfig;
 use crate::model::alive::AliveRows;
 use crate::model::exposure::Exposures;
-use crate::model::gaussians::{Behind, Gaussians, RawGaussians};
+use crate::model::gaussians::{Behind, Gaussians, RawGaussians, splat_frames};
 use crate::model::motion::{MotionCache, MotionRefinement, RefinedFeature, RefinementConfig, Substitutes};
 use crate::model::network::DeformationNetwork;
 use crate::timeline::Timeline;
@@ -226,36 +226,82 @@ impl Model {
         probes: Option<&Probes>,
         context: &RenderContext,
     ) -> Result<BranchPictures, ModelError> {
-        let alive = AliveRows::of(&self.dynamic, time)?;
-        let moved = self.rows_at(alive.as_ref(), time, level, context);
-        let mut foreground = moved.foreground_probability();
+        // Proof: there are pictures for each view.
+        self.render_all(&[(*camera, time)], level, probes, context).map(|mut views| views.pop().expect("one"))
+    }
+
+    /// Renders the branches from several cameras, each at its time. The device is waited for as often as for one.
+    ///
+    /// # Errors
+    /// If the splat op rejects its input.
+    pub fn render_all(
+        &self,
+        views: &[(Camera, f64)],
+        level: DeformationLevel,
+        probes: Option<&Probes>,
+        context: &RenderContext,
+    ) -> Result<Vec<BranchPictures>, ModelError> {
+        let times: Vec<f64> = views.iter().map(|&(_, time)| time).collect();
+        let alive = AliveRows::of_all(&self.dynamic, &times)?;
+        let (mut frames, mut foregrounds) = (Vec::new(), Vec::new());
+        for ((camera, time), alive) in views.iter().zip(&alive) {
+            let (frame, foreground) = self.dynamic_frame(camera, *time, alive.as_ref(), level, probes, context);
+            frames.push(frame);
+            foregrounds.push(foreground);
+            frames.extend(self.static_frame(camera, probes.map(|probes| probes.static_.clone()), context));
+        }
+        let mut pictures = splat_frames(frames)?.into_iter();
+        let views = alive.into_iter().zip(foregrounds).map(|(alive, foreground)| {
+            // Proof: each view has a dynamic frame, and a static one if the model has that branch.
+            let mut dynamic = pictures.next().expect("a dynamic picture");
+            let static_ = self.static_.as_ref().and_then(|_| pictures.next());
+            if let Some(alive) = &alive {
+                dynamic.radii = alive.among_all_int(dynamic.radii);
+            }
+            BranchPictures { dynamic, static_, foreground }
+        });
+        Ok(views.collect())
+    }
+
+    /// The frame of the dynamic branch, and the foreground probability of all its Gaussians.
+    fn dynamic_frame(
+        &self,
+        camera: &Camera,
+        time: f64,
+        alive: Option<&AliveRows>,
+        level: DeformationLevel,
+        probes: Option<&Probes>,
+        context: &RenderContext,
+    ) -> (SplatFrame, Option<Tensor<2>>) {
+        let moved = self.rows_at(alive, time, level, context);
+        let foreground = moved.foreground_probability();
         let features = moved.mask_features();
         let settings = context.splat_settings(self.dynamic.sh_degree, context.mask_gradient);
-        let probe = probes.map(|probes| match &alive {
+        let probe = probes.map(|probes| match alive {
             Some(alive) => probes.dynamic.clone().select(0, alive.rows().clone()),
             None => probes.dynamic.clone(),
         });
-        let mut dynamic = moved.splat(features, probe, camera, &settings, context.behind)?;
-        if let Some(alive) = &alive {
-            dynamic.radii = alive.among_all_int(dynamic.radii);
-            foreground = foreground.map(|probability| alive.among_all(probability));
-        }
+        let foreground = match alive {
+            Some(alive) => foreground.map(|probability| alive.among_all(probability)),
+            None => foreground,
+        };
+        (moved.into_frame(features, probe, camera, &settings, context.behind), foreground)
+    }
 
-        let static_ = self.static_picture(camera, probes.map(|p| p.static_.clone()), context)?;
-        Ok(BranchPictures { dynamic, static_, foreground })
+    /// The frame of the static branch, if there is one.
+    fn static_frame(&self, camera: &Camera, probe: Option<Tensor<2>>, context: &RenderContext) -> Option<SplatFrame> {
+        let branch = self.static_.as_ref()?;
+        let settings = context.splat_settings(branch.sh_degree, false);
+        Some(branch.canonical().into_frame(None, probe, camera, &settings, context.behind))
     }
 
     /// Renders the static branch, if there is one.
     pub(crate) fn static_picture(
         &self,
         camera: &Camera,
-        probe: Option<Tensor<2>>,
         context: &RenderContext,
     ) -> Result<Option<SplatPicture>, ModelError> {
-        let Some(branch) = &self.static_ else { return Ok(None) };
-        let settings = context.splat_settings(branch.sh_degree, false);
-        let still = branch.canonical();
-        Ok(Some(still.splat(None, probe, camera, &settings, context.behind)?))
+        Ok(splat_frames(self.static_frame(camera, None, context).into_iter().collect())?.pop())
     }
 }
 

@@ -23,12 +23,14 @@ impl Trainer {
         let model = &self.state.model;
         let level = position.stage.level(self.config.model.deformation);
         let probes = position.densifies(&self.config.densify).then(|| Probes::new(&model.dynamic));
-        let render = |&view: &usize| {
-            let photo = self.photos.get(view);
-            model.render(&photo.camera, photo.time, level, probes.as_ref(), &self.context)
-        };
-        let rendered = views.iter().map(render).collect::<Result<Vec<_>, _>>()?;
+        // The photos are on their way while the views are rendered.
         let batch = measure(Part::Photos, || self.photos.stack(views, &self.device))?;
+        let moment = |&view: &usize| {
+            let view = self.photos.get(view);
+            (view.camera, view.time)
+        };
+        let moments: Vec<_> = views.iter().map(moment).collect();
+        let rendered = model.render_all(&moments, level, probes.as_ref(), &self.context)?;
         let (shown, exposure) = (views.to_vec(), self.exposure(views));
         Ok(RenderedBatch { batch, views: RenderedViews { rendered, exposure }, shown, probes })
     }

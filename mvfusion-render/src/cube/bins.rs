@@ -35,18 +35,20 @@ struct ByDepth {
 }
 
 impl Frame {
-    /// Lists the Gaussians of each tile by depth. This is the only place where the host waits for the device, because
-    /// the length of the lists must be read back.
+    /// Lists the Gaussians of each tile by depth. `pairs` waits for the length of the lists. This is the only place where
+    /// the host waits for the device.
     ///
     /// # Errors
     /// If a buffer of `pair_bytes` per list entry is too large for the device, the number of entries overflows an index,
     /// or the device fails.
-    pub fn bin(&self, projected: &Projected, pair_bytes: u64) -> Result<Bins, SplatError> {
-        if self.count() == 0 {
-            return Ok(self.no_bins());
-        }
+    pub fn bin(
+        &self,
+        projected: &Projected,
+        pairs: impl FnOnce() -> Result<u32, SplatError>,
+        pair_bytes: u64,
+    ) -> Result<Bins, SplatError> {
         let by_depth = self.sort_by_depth(projected);
-        match self.gpu.read(&by_depth.pairs.total)? {
+        match pairs()? {
             0 => Ok(self.no_bins()),
             pairs => {
                 check_pairs(pairs, pair_bytes, self.gpu.buffer_limit())?;

@@ -20,6 +20,7 @@ pub(super) struct Frame {
 }
 
 /// Projected Gaussians.
+#[derive(Clone)]
 pub(super) struct Projected {
     /// `[N, PROJECTED_LEN]`.
     pub records: CubeTensor,

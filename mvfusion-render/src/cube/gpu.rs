@@ -20,8 +20,6 @@ use mvfusion_kernels::cube::product::ProductPlan;
 use mvfusion_kernels::cube::stage::{GPU_MEMORY, GPU_SPAN};
 use mvfusion_kernels::splat::TILE;
 
-use crate::splat::SplatError;
-
 /// Largest number of cubes along one axis of a launch: the limit that WebGPU guarantees.
 pub(crate) const MAX_CUBES: u32 = 65_535;
 
@@ -156,17 +154,6 @@ impl Gpu {
     /// Units that share the features of a point in the adjoint of a look-up: one on a CPU, where they take turns.
     pub fn lanes(&self, features: usize) -> usize {
         if computes_on_cpu(&self.device) { 1 } else { features.clamp(1, GPU_LANES) }
-    }
-
-    /// Reads an integer from the device and waits for it.
-    ///
-    /// # Errors
-    /// If the device fails.
-    pub fn read(&self, number: &CubeTensor) -> Result<u32, SplatError> {
-        let bytes = self.client.read_one(number.handle.clone());
-        let bytes = bytes.map_err(|error| SplatError::Device(error.to_string()))?;
-        // Proof: the buffer contains one value of four bytes.
-        Ok(u32::from_le_bytes(bytes[..4].try_into().expect("four bytes")))
     }
 
     /// A launch of `cubes` cubes, folded into two dimensions if necessary; there may be a few excess cubes.

@@ -16,4 +16,5 @@ mod scan;
 pub(crate) mod shared_memory;
 mod sort;
 mod splat;
+pub(crate) mod totals;
 mod window;

@@ -1,6 +1,8 @@
 //! The splat op: projection, sorting, blending, and their gradients. CPU twin: `splat/cpu/forward.rs` and
 //! `backward.rs`.
 
+use std::sync::Arc;
+
 use burn::backend::TensorMetadata;
 use burn::backend::tensor::FloatTensor;
 use burn_cubecl::CubeBackend;
@@ -18,20 +20,42 @@ use mvfusion_kernels::splat::{PROJECTED_LEN, TILE_PIXELS, background_channels, p
 use super::bins::{Bins, PAIR_BYTES};
 use super::frame::{Frame, Projected};
 use super::gpu::{CUBE, Flat, single};
+use super::scan::total;
 use super::shared_memory::fitting;
+use super::totals::Totals;
 use crate::splat::Statistic;
-use crate::splat::op::{SplatForward, SplatKernels, SplatOps, SplatOutput, SplatPlan, SplatPrimitives, SplatSaved};
+use crate::splat::op::{
+    Prepared, SplatBatch, SplatForward, SplatKernels, SplatOps, SplatOutput, SplatPlan, SplatPrimitives, SplatSaved,
+};
 use crate::splat::tensors::SplatTensors;
 
+/// What a frame keeps from its projection to its rendering.
+struct PreparedFrame {
+    projected: Projected,
+    /// The length of its lists, and its index among others.
+    totals: Arc<Totals>,
+    index: usize,
+}
+
 impl SplatOps for CubeBackend {
-    fn splat(inputs: SplatPrimitives<Self>, plan: SplatPlan) -> SplatOutput<Self> {
-        forward(inputs, &plan, PAIR_BYTES).output
+    fn prepare(inputs: SplatPrimitives<Self>, plan: SplatPlan, batch: SplatBatch) -> Prepared {
+        let frame = Frame::new(inputs, &plan);
+        if frame.count() == 0 {
+            return Prepared::default();
+        }
+        let projected = frame.project();
+        let index = batch.totals.announce(&total(&frame.gpu, &projected.touched, frame.count()));
+        Prepared::new(PreparedFrame { projected, totals: batch.totals, index })
+    }
+
+    fn splat(inputs: SplatPrimitives<Self>, plan: SplatPlan, prepared: Prepared) -> SplatOutput<Self> {
+        forward(inputs, &plan, &prepared, PAIR_BYTES).output
     }
 }
 
 impl SplatKernels for CubeBackend {
-    fn splat_forward(inputs: SplatPrimitives<Self>, plan: SplatPlan) -> SplatForward<Self> {
-        forward(inputs, &plan, PAIR_BYTES.max(record_bytes(plan.sizes.channels()) as u64))
+    fn splat_forward(inputs: SplatPrimitives<Self>, plan: SplatPlan, prepared: Prepared) -> SplatForward<Self> {
+        forward(inputs, &plan, &prepared, PAIR_BYTES.max(record_bytes(plan.sizes.channels()) as u64))
     }
 
     fn splat_backward(
@@ -48,10 +72,21 @@ impl SplatKernels for CubeBackend {
 }
 
 /// Renders. The largest buffer will have `pair_bytes` per pair of a Gaussian and a tile.
-fn forward(inputs: SplatPrimitives<CubeBackend>, plan: &SplatPlan, pair_bytes: u64) -> SplatForward<CubeBackend> {
+fn forward(
+    inputs: SplatPrimitives<CubeBackend>,
+    plan: &SplatPlan,
+    prepared: &Prepared,
+    pair_bytes: u64,
+) -> SplatForward<CubeBackend> {
     let frame = Frame::new(inputs, plan);
-    let projected = frame.project();
-    let (bins, refused) = match frame.bin(&projected, pair_bytes) {
+    let (projected, bins) = match prepared.of::<PreparedFrame>() {
+        Some(PreparedFrame { projected, totals, index }) => {
+            (projected.clone(), frame.bin(projected, || totals.get(*index), pair_bytes))
+        }
+        // Nothing is prepared of no Gaussians.
+        None => (frame.project(), Ok(frame.no_bins())),
+    };
+    let (bins, refused) = match bins {
         Ok(bins) => (bins, None),
         Err(error) => (frame.no_bins(), Some(error)),
     };

@@ -7,7 +7,7 @@ use burn::backend::{Autodiff, Backend};
 
 use crate::profile::{self, Part};
 
-use super::op::{SplatKernels, SplatOps, SplatOutput, SplatPlan, SplatPrimitives, SplatSaved};
+use super::op::{Prepared, SplatBatch, SplatKernels, SplatOps, SplatOutput, SplatPlan, SplatPrimitives, SplatSaved};
 use super::tensors::{SplatTensors, TENSORS};
 
 /// The op's backward step.
@@ -42,19 +42,23 @@ impl<B: SplatKernels> Backward<B, TENSORS> for SplatBackward {
 }
 
 impl<B: SplatKernels, C: CheckpointStrategy> SplatOps for Autodiff<B, C> {
-    fn splat(inputs: SplatPrimitives<Self>, plan: SplatPlan) -> SplatOutput<Self> {
+    fn prepare(inputs: SplatPrimitives<Self>, plan: SplatPlan, batch: SplatBatch) -> Prepared {
+        B::prepare(inputs.map(|tensor| tensor.into_primitive()), plan, batch)
+    }
+
+    fn splat(inputs: SplatPrimitives<Self>, plan: SplatPlan, prepared: Prepared) -> SplatOutput<Self> {
         let nodes = inputs.each_ref().map(|tensor| tensor.node()).into_array();
         let preparation = SplatBackward.prepare::<C>(nodes).compute_bound().stateful();
         let inputs = inputs.map(|tensor| tensor.into_primitive());
         match preparation {
             OpsKind::Tracked(preparation) => {
-                let forward = B::splat_forward(inputs.clone(), plan);
+                let forward = B::splat_forward(inputs.clone(), plan, prepared);
                 let state = SplatState { inputs, saved: forward.saved, plan, part: profile::current() };
                 let SplatOutput { picture, radii, refused } = forward.output;
                 SplatOutput { picture: preparation.finish(state, picture), radii, refused }
             }
             OpsKind::UnTracked(preparation) => {
-                let SplatOutput { picture, radii, refused } = B::splat(inputs, plan);
+                let SplatOutput { picture, radii, refused } = B::splat(inputs, plan, prepared);
                 SplatOutput { picture: preparation.finish(picture), radii, refused }
             }
         }

@@ -27,7 +27,7 @@ pub use error::SplatError;
 pub use settings::{Antialias, ClampGradient, Extent, SplatRules, SplatSettings, Statistic, Stop, TangentClamp};
 
 use crate::device::{blends, buffer_limit, takes};
-use op::{SplatOps, SplatPlan};
+use op::{SplatBatch, SplatOps, SplatPlan};
 use tensors::{SplatSizes, SplatTensors};
 
 /// Raw parameters of `N` Gaussians, all with the same dtype (`f32`, or `f64` on CPU backends) and on the same device.
@@ -100,27 +100,69 @@ impl SplatPicture {
     }
 }
 
-/// Renders Gaussians (METHOD §8).
-///
-/// `probe` is a leaf with `require_grad` of shape `[1, 2]`, or rows selected from one, `[N, 2]`. After the backward
-/// pass, it has the gradient `[N, 2]` of the `main` image with respect to the projected centres. The unit is normalised
-/// device coordinates: the gradient per pixel times half the image's width and height. Several calls with one probe add
-/// up. [`SplatSettings::statistic`] selects the channels.
+/// An image to render.
+#[derive(Clone, Debug)]
+pub struct SplatFrame {
+    /// The Gaussians.
+    pub inputs: SplatInputs,
+    /// A leaf with `require_grad` of shape `[1, 2]`, or rows selected from one, `[N, 2]`. After the backward pass, it has
+    /// the gradient `[N, 2]` of the `main` image with respect to the projected centres. The unit is normalised device
+    /// coordinates: the gradient per pixel times half the image's width and height. Several frames with one probe add
+    /// up. [`SplatSettings::statistic`] selects the channels.
+    pub probe: Option<Tensor<2>>,
+    /// The camera.
+    pub camera: Camera,
+    /// The rules.
+    pub settings: SplatSettings,
+}
+
+/// Renders Gaussians (METHOD §8). `probe` is that of a [`SplatFrame`].
 ///
 /// # Errors
 /// If shapes or dtypes do not match, the degree is above 3, the near plane is behind the camera, or the camera has no
-/// pixels. On a GPU, also if there are too many features, or if the image, coefficients, projected Gaussians or tile
-/// lists do not fit into a buffer.
+/// pixels. On a GPU, also if there are too many features, if the image, coefficients, projected Gaussians or tile lists
+/// do not fit into a buffer, or if the device fails.
 pub fn splat(
     inputs: SplatInputs,
     probe: Option<Tensor<2>>,
     camera: &Camera,
     settings: &SplatSettings,
 ) -> Result<SplatPicture, SplatError> {
+    let frame = SplatFrame { inputs, probe, camera: *camera, settings: *settings };
+    // Proof: there is a picture for each frame.
+    splat_all(vec![frame]).map(|mut pictures| pictures.pop().expect("one"))
+}
+
+/// Renders several frames. A GPU is waited for once, because it tells the lengths of all tile lists together.
+///
+/// # Errors
+/// As [`splat`].
+pub fn splat_all(frames: Vec<SplatFrame>) -> Result<Vec<SplatPicture>, SplatError> {
+    let batch = SplatBatch::default();
+    let prepare = |frame: SplatFrame| {
+        let (primitives, plan) = checked(frame)?;
+        let prepared = <Dispatch as SplatOps>::prepare(primitives.clone(), plan, batch.clone());
+        Ok((primitives, plan, prepared))
+    };
+    let prepared = frames.into_iter().map(prepare).collect::<Result<Vec<_>, SplatError>>()?;
+    batch.start();
+    let render = |(primitives, plan, prepared)| {
+        let output = <Dispatch as SplatOps>::splat(primitives, plan, prepared);
+        if let Some(error) = output.refused {
+            return Err(error);
+        }
+        Ok(SplatPicture { packed: Tensor::from_dispatch(output.picture), radii: Tensor::from_dispatch(output.radii) })
+    };
+    prepared.into_iter().map(render).collect()
+}
+
+/// The op's arguments for a frame.
+fn checked(frame: SplatFrame) -> Result<(SplatTensors<DispatchTensor>, SplatPlan), SplatError> {
+    let SplatFrame { inputs, probe, camera, settings } = frame;
     let (device, dtype) = (inputs.means.device(), inputs.means.dtype());
-    let (tensors, sizes) = check(inputs, probe, camera, settings)?;
+    let (tensors, sizes) = check(inputs, probe, &camera, &settings)?;
     if let Some(limit) = buffer_limit(&device) {
-        check_buffers(sizes, camera, limit)?;
+        check_buffers(sizes, &camera, limit)?;
     }
     if !blends(&device, sizes.channels()) {
         return Err(SplatError::Features(sizes.features));
@@ -128,13 +170,7 @@ pub fn splat(
     // A placeholder replaces missing tensors and features without channels, because no device binds an empty buffer.
     let tensors = SplatTensors { features: tensors.features.filter(|_| sizes.features > 0), ..tensors };
     let stand_in = || Tensor::<2>::zeros([1, 2], (&device, dtype)).into_dispatch();
-    let primitives = tensors.map(|tensor| tensor.unwrap_or_else(stand_in));
-    let plan = SplatPlan { camera: *camera, settings: *settings, sizes };
-    let output = <Dispatch as SplatOps>::splat(primitives, plan);
-    if let Some(error) = output.refused {
-        return Err(error);
-    }
-    Ok(SplatPicture { packed: Tensor::from_dispatch(output.picture), radii: Tensor::from_dispatch(output.radii) })
+    Ok((tensors.map(|tensor| tensor.unwrap_or_else(stand_in)), SplatPlan { camera, settings, sizes }))
 }
 
 /// Checks the arguments. Returns the tensors and their sizes; `features` and `probe` may be missing.

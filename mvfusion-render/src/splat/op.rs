@@ -1,5 +1,8 @@
 //! The splat op as a Burn backend extension: the traits, and their implementation for the CPU backends.
 
+use std::any::Any;
+use std::sync::Arc;
+
 use burn::backend::tensor::{FloatTensor, IntTensor};
 use burn::backend::{
     Backend, BackendTensor, Dispatch, DispatchAutodiffContext, DispatchTensor, DispatchTensorKind, ExtensionType,
@@ -16,6 +19,8 @@ use super::cpu::view::View;
 use super::error::SplatError;
 use super::settings::{SplatSettings, Statistic};
 use super::tensors::{SplatSizes, SplatTensors};
+#[cfg(feature = "cube")]
+use crate::cube::totals::Totals;
 use crate::host::HostBackend;
 use crate::real::with_real;
 
@@ -62,6 +67,37 @@ impl<B: Backend> ExtensionType<B> for SplatPrimitives<B> {
     }
 }
 
+/// What frames that are rendered together share.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct SplatBatch {
+    /// The lengths of their tile lists.
+    #[cfg(feature = "cube")]
+    pub totals: Arc<Totals>,
+}
+
+impl SplatBatch {
+    /// Called when all frames are prepared.
+    pub fn start(&self) {
+        #[cfg(feature = "cube")]
+        self.totals.start();
+    }
+}
+
+/// What a backend keeps of a frame from its preparation to its rendering. A CPU keeps nothing.
+#[derive(Clone, Default)]
+pub(crate) struct Prepared(Option<Arc<dyn Any + Send + Sync>>);
+
+#[cfg(feature = "cube")]
+impl Prepared {
+    pub fn new(frame: impl Any + Send + Sync) -> Self {
+        Self(Some(Arc::new(frame)))
+    }
+
+    pub fn of<T: Any>(&self) -> Option<&T> {
+        self.0.as_ref()?.downcast_ref()
+    }
+}
+
 /// The output of the op.
 #[derive(ExtensionType, Clone, Debug)]
 pub(crate) struct SplatOutput<B: Backend> {
@@ -103,14 +139,18 @@ pub(crate) struct SplatForward<B: Backend> {
 /// The op, with and without autodiff.
 #[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"), Autodiff)]
 pub(crate) trait SplatOps: Backend {
-    /// Renders.
-    fn splat(#[extension_type] inputs: SplatPrimitives<Self>, plan: SplatPlan) -> SplatOutput<Self>;
+    /// Starts what is needed of a frame before the lengths of its lists are known.
+    fn prepare(#[extension_type] inputs: SplatPrimitives<Self>, plan: SplatPlan, batch: SplatBatch) -> Prepared;
+
+    /// Renders what was prepared with the same arguments.
+    fn splat(#[extension_type] inputs: SplatPrimitives<Self>, plan: SplatPlan, prepared: Prepared)
+    -> SplatOutput<Self>;
 }
 
 /// The two passes of the op, which `Autodiff` combines; only on backends without autodiff.
 pub(crate) trait SplatKernels: SplatOps {
     /// Renders, and saves the state for the backward pass.
-    fn splat_forward(inputs: SplatPrimitives<Self>, plan: SplatPlan) -> SplatForward<Self>;
+    fn splat_forward(inputs: SplatPrimitives<Self>, plan: SplatPlan, prepared: Prepared) -> SplatForward<Self>;
 
     /// Backpropagates the cotangent of the packed image to the inputs. The gradient of the probe, `[N, 2]`, is the
     /// statistic. If there is a probe, `statistic` selects its channels.
@@ -124,13 +164,17 @@ pub(crate) trait SplatKernels: SplatOps {
 }
 
 impl<B: HostBackend> SplatOps for B {
-    fn splat(inputs: SplatPrimitives<Self>, plan: SplatPlan) -> SplatOutput<Self> {
-        Self::splat_forward(inputs, plan).output
+    fn prepare(_: SplatPrimitives<Self>, _: SplatPlan, _: SplatBatch) -> Prepared {
+        Prepared::default()
+    }
+
+    fn splat(inputs: SplatPrimitives<Self>, plan: SplatPlan, prepared: Prepared) -> SplatOutput<Self> {
+        Self::splat_forward(inputs, plan, prepared).output
     }
 }
 
 impl<B: HostBackend> SplatKernels for B {
-    fn splat_forward(inputs: SplatPrimitives<Self>, plan: SplatPlan) -> SplatForward<Self> {
+    fn splat_forward(inputs: SplatPrimitives<Self>, plan: SplatPlan, _: Prepared) -> SplatForward<Self> {
         with_real!(inputs.means.dtype(), T => forward_on_host::<B, T>(inputs, plan))
     }
 

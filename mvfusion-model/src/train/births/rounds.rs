@@ -186,7 +186,7 @@ impl Trainer {
     /// A training view and the render of the static branch.
     fn beside_static_branch(&self, index: usize) -> Result<Compared, ModelError> {
         let camera = &self.photos.get(index).camera;
-        let picture = self.state.model.plain().static_picture(camera, None, &self.context)?;
+        let picture = self.state.model.plain().static_picture(camera, &self.context)?;
         // Proof: `Config::has_births` requires a static branch.
         let layers = picture.expect("the model has a static branch").main();
         let depths = in_front(&known_depths(layers.depth, layers.alpha)?);
