@@ -1,6 +1,7 @@
 //! Small helpers for Burn's tensors.
 
 use burn::tensor::{Element, Int, Tensor, TensorData};
+use mvfusion_render::device::is_gpu;
 
 use crate::ModelError;
 
@@ -20,6 +21,14 @@ pub fn rows_like<const L: usize>(rows: &[usize], like: &Tensor<L>) -> Tensor<1, 
     let rows: Vec<i32> = rows.iter().map(|&row| row as i32).collect();
     let count = rows.len();
     Tensor::from_data(TensorData::new(rows, [count]), &like.device().inner())
+}
+
+/// Rows of a GPU's chunk for one of a CPU, whose memory is smaller and which gains nothing from longer launches.
+const GPU_CHUNK: usize = 8;
+
+/// The rows of a chunk of `chunk` rows on a CPU, on the device of `like`.
+pub fn rows_at_once<const D: usize>(chunk: usize, like: &Tensor<D>) -> usize {
+    chunk.max(1) * if is_gpu(&like.device().inner()) { GPU_CHUNK } else { 1 }
 }
 
 /// The values of a tensor, row-major. Waits for the device.

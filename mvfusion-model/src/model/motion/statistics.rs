@@ -70,8 +70,9 @@ impl Trajectories<'_> {
             velocities: Vec::new(),
             knot_times: knots.iter().map(|&k| times[k]).collect(),
         };
-        for first in (0..count).step_by(self.config.chunk.max(1)) {
-            let chunk = self.config.chunk.max(1).min(count - first);
+        let step = tensors::rows_at_once(self.config.chunk, means);
+        for first in (0..count).step_by(step) {
+            let chunk = step.min(count - first);
             let records = self.record(means.clone().narrow(0, first, chunk), &times)?;
             let path = |i| self.path(&records, i, chunk, first + i, &times);
             let rows: Vec<_> = (0..chunk).into_par_iter().map(|i| summary.of(&path(i))).collect();
@@ -110,19 +111,17 @@ impl Trajectories<'_> {
 
     /// The records of a chunk `[n, 3]` at every time, sample by sample: `[samples * n * 6]`.
     fn record(&self, means: Tensor<2>, times: &[f64]) -> Result<Vec<f32>, ModelError> {
-        let mut records = Vec::with_capacity(times.len() * means.dims()[0] * RECORD);
-        for &time in times {
+        let record = |&time: &f64| {
             let feature = self.network.feature(means.clone(), tensors::scalar_like(&means, time));
             let geometry = self.network.heads.geometry(feature);
             let displacement = geometry.clone().narrow(1, 0, 3) / self.unit();
             let log_scale = geometry.clone().narrow(1, 3, 3);
             let rotation = geometry.narrow(1, 6, 4);
             let isotropic = log_scale.clone().mean_dim(1);
-            let record =
-                Tensor::cat(vec![displacement, length(rotation), isotropic.clone(), length(log_scale - isotropic)], 1);
-            records.extend(tensors::read::<2, f32>(record)?);
-        }
-        Ok(records)
+            Tensor::cat(vec![displacement, length(rotation), isotropic.clone(), length(log_scale - isotropic)], 1)
+        };
+        // The device is waited for once.
+        tensors::read(Tensor::cat(times.iter().map(record).collect(), 0))
     }
 }
 

@@ -58,7 +58,7 @@ impl TokenMaker<'_> {
     /// The tokens of the points and times that `tokens` names for a range of Gaussians.
     fn in_chunks(&self, tokens: impl Fn(usize, usize) -> (Tensor<2>, Tensor<2>), local: Tensor<2>) -> Tensor<3> {
         let [count, keys] = local.dims();
-        let step = self.chunk.max(1);
+        let step = tensors::rows_at_once(self.chunk, &local);
         let chunks: Vec<Tensor<3>> = (0..count)
             .step_by(step)
             .map(|first| {
