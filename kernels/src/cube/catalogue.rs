@@ -268,9 +268,9 @@ impl Catalogue<'_> {
                 add!(self, Unchecked, kind.units, variant, product::Product, [_ _ _ _ _ _ _ _ _ _ _], kind);
             }
         }
-        let (heads, columns, keys) = (4, 32, 2);
-        add!(self, Checked, UNITS, "", attention::Attention, [_ _ _ _ _], heads, columns, keys);
-        add!(self, Checked, UNITS, "", attention_backward::AttentionBackward, [_ _ _ _ _ _ _], heads, columns, keys);
+        let (heads, queries, keys) = (4, 1, 2);
+        add!(self, Checked, UNITS, "", attention::Attention, [_ _ _ _ _], heads, queries, keys);
+        add!(self, Checked, UNITS, "", attention_backward::AttentionBackward, [_ _ _ _ _ _ _], heads, queries, keys);
         add!(self, Checked, UNITS, "", adam::Adam, [_ _ _ _ _ _]);
     }
 
