@@ -27,6 +27,7 @@ use super::picture::unpack;
 use super::product::{End, MatrixLayoutCompilationArg, ProductKind, ProductPlan, ProductSizeCompilationArg, product};
 use super::project::project;
 use super::project_backward::project_backward;
+use super::records::sum_pieces;
 use super::scan::{scan_blocks, sum_blocks};
 use super::sort::{count_digits, move_keys};
 use super::stage::{GPU_MEMORY, GPU_SPAN, TileShare};
@@ -207,8 +208,10 @@ impl Catalogue<'_> {
             let variant = format!("{channels} channels");
             add!(
                 self, Unchecked, UNITS, variant, project_backward::ProjectBackward,
-                [_ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _], channels, kind
+                [_ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _], true, channels, kind
             );
+            let variant = format!("{channels} channels");
+            add!(self, Unchecked, UNITS, variant, sum_pieces::SumPieces, [_ _ _ _], channels);
         }
     }
 

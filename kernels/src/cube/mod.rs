@@ -21,6 +21,7 @@ pub mod picture;
 pub mod product;
 pub mod project;
 pub mod project_backward;
+pub mod records;
 pub mod scan;
 pub mod sh;
 pub mod sort;

@@ -3,10 +3,11 @@
 
 use cubecl::prelude::*;
 
-use super::backward_kind::{record_numbers, record_vectors};
+use super::backward_kind::record_numbers;
 use super::geometry::{Geometry, Matrix, Quaternion, compensation, geometry_of};
 use super::maths::{Pair, Triple, constant, dot, multiplied, scaled, sigmoid, sum};
 use super::project::direction;
+use super::records::sum_of_records;
 use super::sh;
 use super::stage::{FOUR, Four};
 use super::view::{ProjectionKind, View};
@@ -17,7 +18,7 @@ use crate::splat::{MIN_COMPENSATION, PROJECTED_LEN, feature_count, gradient_reco
 ///
 /// `means` and `log_scales` are `[N, 3]`, `quaternions` `[N, 4]`, `opacity_logits` `[N]`, `coefficients`
 /// `[N, stored, 3]`; `records` come from `project`. `slots` `[2 N + pairs]` begins with the start and the number of each
-/// Gaussian's entries, and the entries follow. An entry is a row of `gradients` (of [`record_vectors`]). Each adjoint
+/// Gaussian's entries, and the entries follow. An entry is a row of `gradients` (of [`record_vectors`](super::backward_kind::record_vectors)). Each adjoint
 /// has the shape of its parameter; `v_features` is `[N, F]` and `statistic` `[N, 2]`.
 #[cube(launch_unchecked)]
 pub fn project_backward(
@@ -38,28 +39,17 @@ pub fn project_backward(
     statistic: &mut [f32],
     view: View,
     count: u32,
+    pairs: u32,
     stored: u32,
+    #[comptime] pieced: bool,
     #[comptime] channels: usize,
     #[comptime] kind: ProjectionKind,
 ) {
     let index = ABSOLUTE_POS;
     if index < count as usize {
-        let vectors = comptime!(record_vectors(channels));
         let feature_count = comptime!(feature_count(channels));
-        let mut sums = Array::<Four>::new(vectors);
-        #[unroll]
-        for vector in 0..vectors {
-            sums[vector] = Four::new(0.0f32);
-        }
-        let begin = slots[2 * index] as usize + 2 * count as usize;
-        let pairs = slots[2 * index + 1];
-        for pair in begin..begin + pairs as usize {
-            let from = slots[pair] as usize * vectors;
-            #[unroll]
-            for vector in 0..vectors {
-                sums[vector] += gradients[from + vector];
-            }
-        }
+        let (begin, own) = (slots[2 * index] as u32, slots[2 * index + 1] as u32);
+        let sums = sum_of_records(slots, gradients, begin, begin + own, 2u32 * count, pairs, pieced, channels);
         let mut record = Array::<f32>::new(comptime!(record_numbers(channels)));
         #[unroll]
         for field in 0..comptime!(record_numbers(channels)) {
@@ -67,7 +57,7 @@ pub fn project_backward(
         }
 
         let first = index * stored as usize;
-        if pairs > 0 {
+        if own > 0u32 {
             let geometry = geometry_of(means, quaternions, log_scales, index, &view);
             let logit = opacity_logits[index];
             let opacity = sigmoid(logit);

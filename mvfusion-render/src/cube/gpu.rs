@@ -156,6 +156,11 @@ impl Gpu {
         if computes_on_cpu(&self.device) { 1 } else { features.clamp(1, GPU_LANES) }
     }
 
+    /// Whether the records of a Gaussian are summed in pieces first: not on a CPU, where no unit waits for another.
+    pub fn sums_pieces(&self) -> bool {
+        !computes_on_cpu(&self.device)
+    }
+
     /// A launch of `cubes` cubes, folded into two dimensions if necessary; there may be a few excess cubes.
     pub fn cubes(&self, cubes: usize) -> CubeCount {
         let [x, y] = fold(cubes, LIMIT.get());

@@ -9,11 +9,14 @@ use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::CubeDim;
 use cubecl::prelude::BufferArg;
-use mvfusion_kernels::cube::backward_kind::{BlendBackwardKind, CountedChannels, record_bytes, record_numbers};
+use mvfusion_kernels::cube::backward_kind::{
+    BlendBackwardKind, CountedChannels, record_bytes, record_numbers, record_vectors,
+};
 use mvfusion_kernels::cube::blend::blend;
 use mvfusion_kernels::cube::blend_backward::blend_backward;
 use mvfusion_kernels::cube::project::project;
 use mvfusion_kernels::cube::project_backward::project_backward;
+use mvfusion_kernels::cube::records::{PIECE, piece_count, sum_pieces};
 use mvfusion_kernels::cube::stage::TileShare;
 use mvfusion_kernels::splat::{PROJECTED_LEN, TILE_PIXELS, background_channels, plane_count};
 
@@ -55,7 +58,9 @@ impl SplatOps for CubeBackend {
 
 impl SplatKernels for CubeBackend {
     fn splat_forward(inputs: SplatPrimitives<Self>, plan: SplatPlan, prepared: Prepared) -> SplatForward<Self> {
-        forward(inputs, &plan, &prepared, PAIR_BYTES.max(record_bytes(plan.sizes.channels()) as u64))
+        // Each piece of records has one of its own.
+        let record = record_bytes(plan.sizes.channels()) as u64;
+        forward(inputs, &plan, &prepared, PAIR_BYTES.max(record + record.div_ceil(PIECE as u64)))
     }
 
     fn splat_backward(
@@ -189,8 +194,9 @@ impl Frame {
         let kind =
             fitting(gpu.tile_plan(), |span, memory| BlendBackwardKind::fitting(span, channels, statistic, memory))
                 .expect("the channels fit");
+        let pairs = saved.sorted.shape()[0];
         // At least one row: the kernel reads and writes whole vectors, so it needs a buffer of at least one.
-        let gradients = gpu.floats([saved.sorted.shape()[0].max(1), record_numbers(channels)]);
+        let gradients = gpu.floats([(pairs + piece_count(pairs)).max(1), record_numbers(channels)]);
         let background = gpu.floats([tiles, background_channels(channels)]);
         let inputs = arguments(&self.tensors);
         // SAFETY: as in the forward pass; the gradients have a row for each entry of the lists.
@@ -228,6 +234,26 @@ impl Frame {
         let room = self.sizes.shapes().map(|shape| gpu.floats(shape));
         let result = SplatTensors { background: gpu.sum_rows(background), ..room };
         if count > 0 {
+            let (pairs, head) = (saved.sorted.shape()[0], 2 * count);
+            let is_pieced = gpu.sums_pieces();
+            let pieces = piece_count(pairs);
+            if is_pieced && pieces > 0 {
+                let vectors = record_vectors(self.channels());
+                // SAFETY: excess units do nothing; `slots` has a position for each pair behind its head, and `gradients` a
+                // row for each pair and piece.
+                unsafe {
+                    sum_pieces::launch_unchecked(
+                        &gpu.client,
+                        gpu.units(pieces * vectors),
+                        CUBE,
+                        saved.slots.clone().flat(),
+                        gradients.clone().flat(),
+                        head as u32,
+                        pairs as u32,
+                        self.channels(),
+                    );
+                }
+            }
             let (inputs, outputs) = (arguments(&self.tensors), arguments(&result));
             // SAFETY: excess units do nothing, and the others read and write their own rows; `slots` refers to rows
             // of `gradients`.
@@ -253,7 +279,9 @@ impl Frame {
                     outputs.probe,
                     self.view(),
                     count as u32,
+                    pairs as u32,
                     self.sizes.coefficients as u32,
+                    is_pieced,
                     self.channels(),
                     self.kind(),
                 );
