@@ -152,14 +152,14 @@ fn write(path: &Path, text: &str) -> Result<()> {
     fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }
 
-/// Packs a folder by the system's `tar`.
+/// Packs a folder by the system's `tar`. Programs of this size need the smaller format.
 fn archive(folder: &Path) -> Result<PathBuf> {
-    let archive = folder.with_extension("tar.gz");
+    let archive = folder.with_extension("tar.xz");
     let name = folder.file_name().context("the folder has a name")?;
     let parent = folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let status = Command::new("tar")
         .arg("--create")
-        .arg("--gzip")
+        .arg("--xz")
         .arg("--file")
         .arg(&archive)
         .arg("--directory")
