@@ -41,6 +41,7 @@
 //! | [`attention`] | multi-head attention of a few queries to a few keys, for every row |
 //! | [`window`] | Gaussian blur and SSIM |
 //! | [`objective`] | blends both branches and computes the losses over pixels with their gradients |
+//! | [`scales`] | the cost of large and of elongated Gaussians |
 //! | [`picture`] | unpacks images of bytes |
 //! | [`columns`] | takes the columns of a matrix apart |
 //! | [`optim`] | a step of Adam, for many parameters at once |
@@ -74,6 +75,7 @@ pub mod objective;
 pub mod optim;
 pub mod picture;
 pub mod profile;
+pub mod scales;
 pub mod splat;
 pub mod window;
 

@@ -28,9 +28,11 @@ use super::product::{End, MatrixLayoutCompilationArg, ProductKind, ProductPlan, 
 use super::project::project;
 use super::project_backward::project_backward;
 use super::records::sum_pieces;
+use super::scales::{ScaleRuleCompilationArg, scale_cost, scale_cost_backward};
 use super::scan::{scan_blocks, sum_blocks};
 use super::sort::{count_digits, move_keys};
 use super::stage::{GPU_MEMORY, GPU_SPAN, TileShare};
+use super::sums::{SumPlan, sum_rows};
 use super::tiles::{collect_visible, counts_by_depth, emit_pairs, find_starts, list_pairs, mark_visible};
 use super::view::{BlendRulesCompilationArg, ProjectionKind, ViewCompilationArg};
 use super::window::{
@@ -44,6 +46,9 @@ const CHANNELS: [usize; 2] = [4, 7];
 
 /// Columns of the networks' layers at the paper's setting: heads, hidden layers.
 const COLUMNS: [usize; 2] = [4, 128];
+
+/// Columns whose rows are summed: a background, the parameters of a network.
+const SUMS: [usize; 2] = [4, 128];
 
 /// A kernel that can be compiled.
 pub struct Kernel {
@@ -142,6 +147,7 @@ arguments! {
     GridBoxCompilationArg { max, min, slope }
     AdamStepCompilationArg { beta1, rest1, beta2, rest2, rate, root, epsilon }
     MatrixLayoutCompilationArg { first, row, column }
+    ScaleRuleCompilationArg { large, large_above, spiky, spiky_above }
     ProductSizeCompilationArg { rows, columns, depth, slab }
     SimilarityConstantsCompilationArg { c1, c2, c3, structure_max }
     PlaneSizeCompilationArg { planes, height, width }
@@ -262,6 +268,8 @@ impl Catalogue<'_> {
         add!(self, Checked, UNITS, "", sum_places::SumPlaces, [_ _ _ _ _ _]);
         add!(self, Unchecked, UNITS, "", penalties::Penalties, [_ _ _ _ _ _]);
         add!(self, Unchecked, UNITS, "", penalties_backward::PenaltiesBackward, [_ _ _ _ _ _]);
+        add!(self, Unchecked, UNITS, "", scale_cost::ScaleCost, [_ _ _ _ _]);
+        add!(self, Unchecked, UNITS, "", scale_cost_backward::ScaleCostBackward, [_ _ _ _ _]);
         let ends = [
             ("a layer", End::Layer { rectified: true }),
             ("a last layer", End::Layer { rectified: false }),
@@ -270,10 +278,15 @@ impl Catalogue<'_> {
         ];
         for columns in COLUMNS {
             for (name, end) in ends {
-                let kind = ProductKind::new(ProductPlan::GPU, columns, end == End::Slabs, end);
+                let kind = ProductKind::new(ProductPlan::of_gpu(columns), columns, end == End::Slabs, end);
                 let variant = format!("{name} of {columns} columns");
                 add!(self, Unchecked, kind.units, variant, product::Product, [_ _ _ _ _ _ _ _ _ _ _], kind);
             }
+        }
+        for columns in SUMS {
+            let variant = format!("{columns} columns");
+            let across = SumPlan::new(1, columns).across;
+            add!(self, Unchecked, UNITS, variant, sum_rows::SumRows, [_ _ _ _ _ _], across);
         }
         let (heads, queries, keys) = (4, 1, 2);
         add!(self, Checked, UNITS, "", attention::Attention, [_ _ _ _ _], heads, queries, keys);

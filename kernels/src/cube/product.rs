@@ -8,8 +8,8 @@ use cubecl::prelude::*;
 
 use super::stage::{FOUR, Four};
 
-/// Columns of the depth that a cube processes between barriers.
-const STRIDE: usize = 4;
+/// Bytes of shared memory that every device has.
+const SHARED: usize = 16 << 10;
 
 /// The position of a matrix in its buffer: row r, column c is at `first + row r + column c`.
 #[derive(CubeType, CubeLaunch, Clone, Copy)]
@@ -38,10 +38,13 @@ pub struct ProductSize {
 /// How a product is divided among the units.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ProductPlan {
-    /// Units of a cube: a power of four.
+    /// Units of a cube: a power of two.
     pub units: usize,
     /// Rows and columns of the result that a unit computes: multiples of four.
     pub block: [usize; 2],
+    /// Columns of the depth that a cube processes between barriers, a power of two from four: fewer where they would not
+    /// fit into shared memory.
+    pub stride: usize,
 }
 
 /// Compile-time parameters of a product.
@@ -55,6 +58,8 @@ pub struct ProductKind {
     pub block_columns: usize,
     /// Blocks of a tile along a row.
     pub across: usize,
+    /// Columns of the depth that a cube processes between barriers.
+    pub stride: usize,
     /// Whether negative values of the left matrix count as zero.
     pub rectified: bool,
     /// The operation on the result.
@@ -82,10 +87,17 @@ pub enum End {
 }
 
 impl ProductPlan {
-    /// The plan for a GPU.
-    pub const GPU: Self = Self { units: 64, block: [8, 8] };
+    /// The plan for a GPU. Sixteen neighbours of a row are read together, as much as memory delivers at once.
+    pub const GPU: Self = Self { units: 64, block: [8, 8], stride: 16 };
+    /// The plan for a GPU and at most eight columns, as the heads have: reading is all of the work, so many small cubes.
+    pub const GPU_NARROW: Self = Self { units: 32, block: [4, 4], stride: 16 };
     /// The plan for a driver that computes on the CPU: larger blocks, because reading a number costs as much as a product.
-    pub const SOFTWARE: Self = Self { units: 16, block: [16, 8] };
+    pub const SOFTWARE: Self = Self { units: 16, block: [16, 8], stride: 4 };
+
+    /// The plan for a GPU and a result of this many columns.
+    pub const fn of_gpu(columns: usize) -> Self {
+        if columns <= 2 * Self::GPU_NARROW.block[1] { Self::GPU_NARROW } else { Self::GPU }
+    }
 }
 
 impl ProductKind {
@@ -94,7 +106,36 @@ impl ProductKind {
     pub fn new(plan: ProductPlan, columns: usize, rectified: bool, end: End) -> Self {
         let [block_rows, block_columns] = plan.block;
         let across = columns.div_ceil(block_columns).next_power_of_two().min(plan.units.isqrt());
-        Self { units: plan.units, block_rows, block_columns, across, rectified, end }
+        let kind = Self { units: plan.units, block_rows, block_columns, across, stride: plan.stride, rectified, end };
+        let strides = std::iter::successors(Some(kind), |kind| Some(Self { stride: kind.stride / 2, ..*kind }));
+        // Proof: four columns of the largest tile fit.
+        strides.take_while(|kind| kind.stride >= FOUR).find(|kind| kind.shared_bytes() <= SHARED).expect("a tile fits")
+    }
+
+    /// Bytes of shared memory.
+    const fn shared_bytes(&self) -> usize {
+        self.stride * (self.left_pitch() + self.right_pitch()) * FOUR * size_of::<f32>()
+    }
+
+    /// Vectors from one column of the depth to the next in shared memory. One is left out, so that units that write
+    /// neighbouring columns use different banks.
+    const fn left_pitch(&self) -> usize {
+        self.tile_rows() / FOUR + 1
+    }
+
+    /// The same for the right matrix.
+    const fn right_pitch(&self) -> usize {
+        self.tile_columns() / FOUR + 1
+    }
+
+    /// Whether values of the left matrix that are neighbours in memory are neighbours in the depth.
+    const fn left_along_depth(&self) -> bool {
+        !matches!(self.end, End::Slabs)
+    }
+
+    /// The same for the right matrix.
+    const fn right_along_depth(&self) -> bool {
+        matches!(self.end, End::Adjoint { .. })
     }
 
     /// Rows of a tile.
@@ -133,11 +174,13 @@ pub fn product(
     #[comptime] kind: ProductKind,
 ) {
     let (tile_rows, tile_columns) = comptime!((kind.tile_rows() as u32, kind.tile_columns() as u32));
-    let (row_fours, column_fours) = comptime!((kind.tile_rows() / FOUR, kind.tile_columns() / FOUR));
+    let (left_pitch, right_pitch) = comptime!((kind.left_pitch(), kind.right_pitch()));
+    let (left_tasks, right_tasks) =
+        comptime!((kind.stride * kind.tile_rows() / FOUR, kind.stride * kind.tile_columns() / FOUR));
     let fours = comptime!(kind.fours());
     let sums_right = comptime!(kind.end == End::Slabs);
-    let mut lefts = Shared::<[Four]>::new_slice(comptime!(STRIDE * kind.tile_rows() / FOUR));
-    let mut rights = Shared::<[Four]>::new_slice(comptime!(STRIDE * kind.tile_columns() / FOUR));
+    let mut lefts = Shared::<[Four]>::new_slice(comptime!(kind.stride * kind.left_pitch()));
+    let mut rights = Shared::<[Four]>::new_slice(comptime!(kind.stride * kind.right_pitch()));
 
     let tiles_across = (size.columns + (tile_columns - 1u32)) / tile_columns;
     let tiles_down = (size.rows + (tile_rows - 1u32)) / tile_rows;
@@ -162,48 +205,55 @@ pub fn product(
         }
         let mut depth = slab * size.slab;
         while depth < slab_end {
-            let mut task = UNIT_POS as usize;
-            while task < comptime!(STRIDE * kind.tile_rows() / FOUR) {
-                let (step, four) = (task % STRIDE, task / STRIDE);
-                let row = first_row + (four * FOUR) as u32;
-                lefts[step * row_fours + four] =
-                    left_four(left, &left_layout, row, depth + step as u32, slab_end, &size, kind);
-                task += comptime!(kind.units);
+            #[unroll]
+            for turn in 0..comptime!(left_tasks.div_ceil(kind.units)) {
+                let task = UNIT_POS as usize + comptime!(turn * kind.units);
+                if comptime!(left_tasks % kind.units == 0) || task < left_tasks {
+                    let (step, four) = place_of(task, left_tasks, kind.stride, comptime!(kind.left_along_depth()));
+                    let row = first_row + (four * FOUR) as u32;
+                    lefts[step * left_pitch + four] =
+                        left_four(left, &left_layout, row, depth + step as u32, slab_end, &size, kind);
+                }
             }
-            let mut task = UNIT_POS as usize;
-            while task < comptime!(STRIDE * kind.tile_columns() / FOUR) {
-                let (step, four) = (task % STRIDE, task / STRIDE);
-                let column = first_column + (four * FOUR) as u32;
-                rights[step * column_fours + four] =
-                    right_four(right, &right_layout, depth + step as u32, column, slab_end, &size);
-                task += comptime!(kind.units);
+            #[unroll]
+            for turn in 0..comptime!(right_tasks.div_ceil(kind.units)) {
+                let task = UNIT_POS as usize + comptime!(turn * kind.units);
+                if comptime!(right_tasks % kind.units == 0) || task < right_tasks {
+                    let (step, four) = place_of(task, right_tasks, kind.stride, comptime!(kind.right_along_depth()));
+                    let column = first_column + (four * FOUR) as u32;
+                    rights[step * right_pitch + four] =
+                        right_four(right, &right_layout, depth + step as u32, column, slab_end, &size);
+                }
             }
             sync_cube();
-            #[unroll]
-            for step in 0..STRIDE {
-                let mut own = Array::<Four>::new(fours);
+            for part in 0..comptime!(kind.stride / FOUR) {
                 #[unroll]
-                for i in 0..fours {
-                    own[i] = rights[step * column_fours + across * fours + i];
-                    if sums_right {
-                        right_sums[i] += own[i];
-                    }
-                }
-                #[unroll]
-                for quarter in 0..comptime!(kind.block_rows / FOUR) {
-                    let rows = lefts[step * row_fours + down * comptime!(kind.block_rows / FOUR) + quarter];
+                for in_part in 0..FOUR {
+                    let step = part * FOUR + in_part;
+                    let mut own = Array::<Four>::new(fours);
                     #[unroll]
-                    for part in 0..FOUR {
-                        let row = Four::new(rows.extract(part));
+                    for i in 0..fours {
+                        own[i] = rights[step * right_pitch + across * fours + i];
+                        if sums_right {
+                            right_sums[i] += own[i];
+                        }
+                    }
+                    #[unroll]
+                    for quarter in 0..comptime!(kind.block_rows / FOUR) {
+                        let rows = lefts[step * left_pitch + down * comptime!(kind.block_rows / FOUR) + quarter];
                         #[unroll]
-                        for i in 0..fours {
-                            sums[comptime!((FOUR * quarter + part) * kind.fours() + i)] += row * own[i];
+                        for part in 0..FOUR {
+                            let row = Four::new(rows.extract(part));
+                            #[unroll]
+                            for i in 0..fours {
+                                sums[comptime!((FOUR * quarter + part) * kind.fours() + i)] += row * own[i];
+                            }
                         }
                     }
                 }
             }
             sync_cube();
-            depth += comptime!(STRIDE as u32);
+            depth += comptime!(kind.stride as u32);
         }
 
         let slab_first = (slab * slab_stride) as usize;
@@ -227,6 +277,18 @@ pub fn product(
             }
         }
     }
+}
+
+/// The step of the depth and the four of a task of loading: neighbouring units read neighbouring memory.
+#[cube]
+fn place_of(
+    task: usize,
+    #[comptime] tasks: usize,
+    #[comptime] stride: usize,
+    #[comptime] along_depth: bool,
+) -> (usize, usize) {
+    let fours = comptime!(tasks / stride);
+    if comptime!(along_depth) { (task % stride, task / stride) } else { (task / fours, task % fours) }
 }
 
 /// The value to write for the sum `value`, at a row and a column that contain `before`.

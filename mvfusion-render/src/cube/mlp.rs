@@ -16,9 +16,15 @@ use crate::mlp::cpu::Wanted;
 use crate::mlp::layout::LinearLayout;
 use crate::mlp::op::{Adjoints, Arguments, MlpAdjoint, MlpOps};
 
-/// Rows that a cube sums for the adjoint of a weight. More rows mean fewer partial sums, fewer rows mean more parallel
-/// slabs.
-const SLAB: usize = 1024;
+/// Rows that a cube sums at least for the adjoint of a weight, and most slabs of rows. More rows mean fewer partial sums,
+/// more slabs mean more parallel cubes.
+const LEAST_SLAB: usize = 256;
+const MOST_SLABS: usize = 128;
+
+/// Rows that a cube sums for the adjoint of a weight.
+fn slab(rows: usize) -> usize {
+    rows.div_ceil(MOST_SLABS).max(LEAST_SLAB)
+}
 
 impl MlpOps for CubeBackend {
     fn mlp_forward(input: FloatTensor<Self>, parameters: Floats<Self>, layout: MlpLayout) -> FloatTensor<Self> {
@@ -53,7 +59,8 @@ impl MlpAdjoint for CubeBackend {
         }
         let v_outputs = single(v_outputs);
         let v_input = wanted.input.then(|| Matrix::of(run.gpu.floats(run.input.tensor.shape())));
-        let shares = wanted.parameters.then(|| run.gpu.floats([run.rows.div_ceil(SLAB), layout.parameters()]));
+        let shares =
+            wanted.parameters.then(|| run.gpu.floats([run.rows.div_ceil(slab(run.rows)), layout.parameters()]));
         let mut column = 0;
         for (number, chain) in layout.layers().iter().enumerate() {
             let hidden = run.hidden(chain);
@@ -220,8 +227,8 @@ impl Run {
         if rows == 0 {
             return;
         }
-        let kind = ProductKind::new(self.gpu.product_plan(), columns, of.rectified, of.end);
-        let slab = if of.end == End::Slabs { SLAB } else { depth };
+        let kind = ProductKind::new(self.gpu.product_plan(columns), columns, of.rectified, of.end);
+        let slab = if of.end == End::Slabs { slab(depth) } else { depth };
         let tiles = rows.div_ceil(kind.tile_rows()) * columns.div_ceil(kind.tile_columns());
         let slab_stride = of.result.tensor.shape()[1];
         // SAFETY: rows, columns and depth are those of the matrices, and the kernel neither reads nor writes beyond

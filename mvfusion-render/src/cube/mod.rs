@@ -12,6 +12,7 @@ mod mlp;
 mod objective;
 mod penalties;
 mod picture;
+mod scales;
 mod scan;
 pub(crate) mod shared_memory;
 mod sort;

@@ -21,11 +21,12 @@ const LOADERS: [&str; 2] = ["/usr/lib/x86_64-linux-gnu/libvulkan.so.1", "/usr/li
 
 /// Starts the list, with the loader beside it, and NVIDIA's driver where no other is known.
 const RUN: &str = r#"#!/bin/sh
-# Asks the GPU of this machine everything, and writes results/gpu.json and results/gpu.md.
+# Asks the GPU of this machine everything, and writes results/gpu.json and results/gpu.md. If the driver's file is
+# elsewhere, name it in VK_DRIVER_FILES.
 here="$(cd "$(dirname "$0")" && pwd)"
 export LD_LIBRARY_PATH="$here/lib${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}"
 export MVFUSION_ORACLES="$here/data"
-if ! ls /usr/share/vulkan/icd.d/*.json /etc/vulkan/icd.d/*.json >/dev/null 2>&1; then
+if [ -z "$VK_DRIVER_FILES" ] && ! ls /usr/share/vulkan/icd.d/*.json /etc/vulkan/icd.d/*.json >/dev/null 2>&1; then
     export VK_DRIVER_FILES="$here/lib/nvidia_icd.json" VK_ICD_FILENAMES="$here/lib/nvidia_icd.json"
 fi
 exec "$here/xtask" gpu run --programs "$here" "$@"
@@ -64,8 +65,8 @@ pub(super) fn run(arguments: &PackArguments) -> Result<()> {
     }
     make_room(out)?;
     let built = [
-        build(arguments, &["build", "--workspace", "--bins"])?,
-        build(arguments, &["test", "--workspace", "--no-run"])?,
+        build(arguments, &["build", "--workspace", "--bin", "mvfusion", "--bin", "xtask"])?,
+        build(arguments, &["test", "--workspace", "--test", "oracles", "--no-run"])?,
     ];
     for folder in ["", "lib", "data"] {
         fs::create_dir_all(out.join(folder)).with_context(|| format!("cannot make {}", out.join(folder).display()))?;
@@ -152,12 +153,14 @@ fn write(path: &Path, text: &str) -> Result<()> {
     fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }
 
-/// Packs a folder by the system's `tar`. Programs of this size need the smaller format.
+/// Packs a folder by the system's `tar`. Programs of this size need the smaller format, and a dictionary of the size of
+/// all three programs, which share most of their code.
 fn archive(folder: &Path) -> Result<PathBuf> {
     let archive = folder.with_extension("tar.xz");
     let name = folder.file_name().context("the folder has a name")?;
     let parent = folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let status = Command::new("tar")
+        .env("XZ_OPT", "--lzma2=preset=6,dict=192MiB")
         .arg("--create")
         .arg("--xz")
         .arg("--file")

@@ -2,8 +2,9 @@
 //! the terms over pixels by [`objective`](mvfusion_render::objective).
 
 use burn::tensor::Tensor;
+use mvfusion_render::scales::{self, ScaleRule};
 
-use super::terms::{dssim, entropy, l1, large, spiky};
+use super::terms::{dssim, entropy, l1, scale_rule};
 use super::{LossContext, Pictures};
 use crate::model::composition::within;
 
@@ -46,11 +47,10 @@ pub(super) fn light_picture_loss(pictures: &Pictures, context: &LossContext<'_>)
 /// The terms that bound the size and the elongation of the Gaussians, from the log-scales of both branches, `[N, 3]`
 /// each; `None` if none has a weight.
 pub(crate) fn scale_loss(log_scales: [Tensor<2>; 2], context: &LossContext<'_>) -> Option<Tensor<1>> {
-    let (config, spiky_due) = (context.config, context.schedule.spiky());
-    let terms = log_scales.into_iter().flat_map(|log_scales| {
-        let large = (config.large > 0.0).then(|| large(log_scales.clone(), context.extent) * config.large);
-        let spiky = (config.spiky > 0.0 && spiky_due).then(|| spiky(log_scales) * config.spiky);
-        [large, spiky]
-    });
-    terms.flatten().reduce(|sum, term| sum + term)
+    let config = context.config;
+    let spiky = if context.schedule.spiky() { config.spiky } else { 0.0 };
+    let rule = ScaleRule { large: config.large, spiky, ..scale_rule(context.extent) };
+    let is_due = rule.large > 0.0 || rule.spiky > 0.0;
+    let [dynamic, static_] = log_scales;
+    is_due.then(|| scales::cost(dynamic, rule) + scales::cost(static_, rule))
 }

@@ -4,6 +4,7 @@
 
 use burn::tensor::Tensor;
 use mvfusion_render::objective::constants::ENTROPY_GUARD;
+use mvfusion_render::scales::{self, ScaleRule};
 use mvfusion_render::window::{self, Window};
 
 /// Scale ratio above which a Gaussian counts as spiky.
@@ -71,11 +72,15 @@ pub fn entropy(mask: Tensor<4>) -> Tensor<1> {
 
 /// How much the longest axis of each Gaussian (log-scales `[N, 3]`) exceeds a tenth of the extent.
 pub fn large(log_scales: Tensor<2>, extent: f64) -> Tensor<1> {
-    (log_scales.max_dim(1).exp() - LARGE_SHARE * extent).clamp_min(0.0).mean()
+    scales::cost(log_scales, ScaleRule { large: 1.0, ..scale_rule(extent) })
 }
 
 /// How much the ratio of longest to shortest axis exceeds five.
 pub fn spiky(log_scales: Tensor<2>) -> Tensor<1> {
-    let ratio = (log_scales.clone().max_dim(1) - log_scales.min_dim(1)).exp();
-    (ratio - SPIKY_RATIO).clamp_min(0.0).mean()
+    scales::cost(log_scales, ScaleRule { spiky: 1.0, ..scale_rule(1.0) })
+}
+
+/// What counts as large and as spiky in a scene of this extent, without weights.
+pub(super) fn scale_rule(extent: f64) -> ScaleRule {
+    ScaleRule { large: 0.0, large_above: LARGE_SHARE * extent, spiky: 0.0, spiky_above: SPIKY_RATIO }
 }

@@ -5,6 +5,7 @@ use burn::tensor::{DType, Device, Tensor};
 use mvfusion_render::grid::{GridBounds, GridLayout, look_up, regulariser::penalties};
 use mvfusion_render::mlp::{Layer, MlpLayout};
 use mvfusion_render::optim::{AdamMoments, AdamRule, adam_step};
+use mvfusion_render::scales::{self, ScaleRule};
 use mvfusion_render::window::{Window, blur, ssim_map, structure_map};
 use mvfusion_render::{attention, columns, mlp};
 use mvfusion_tests::{Array, Tolerance, gradient};
@@ -25,9 +26,10 @@ pub type Outcome = Vec<(String, Array, Tolerance)>;
 pub type Case = fn(&Device) -> Result<Outcome>;
 
 /// All of them, by name.
-pub const CASES: [(&str, Case); 12] = [
+pub const CASES: [(&str, Case); 13] = [
     ("look_up", look_up_and_back),
     ("penalties", penalties_and_back),
+    ("scales", scales_and_back),
     ("mlp", mlp_and_back),
     ("attention", attention_and_back),
     ("columns", columns_and_back),
@@ -75,10 +77,24 @@ fn penalties_and_back(device: &Device) -> Result<Outcome> {
     Ok(vec![("terms".into(), Array::of(all), SUMS), ("planes".into(), gradient(&planes, &gradients), SUMS)])
 }
 
+pub fn scales_and_back(device: &Device) -> Result<Outcome> {
+    let rule = ScaleRule { large: 3.0, large_above: 0.5, spiky: 2.0, spiky_above: 4.0 };
+    let mut outcome = Vec::new();
+    // So many that partial sums of cubes are summed by several cubes.
+    for count in [0, 1, 700, 200_001] {
+        let log_scales = uniform([count, 3], [-3.0, 1.0], 6, device);
+        let found = scales::cost(log_scales.clone(), rule);
+        let gradients = weighed(&found, 7).backward();
+        outcome.push((format!("cost of {count}"), Array::of(found), SUMS));
+        outcome.push((format!("log-scales of {count}"), gradient(&log_scales, &gradients), SUMS));
+    }
+    Ok(outcome)
+}
+
 pub fn mlp_and_back(device: &Device) -> Result<Outcome> {
     let mut outcome = Vec::new();
     for rectified in [false, true] {
-        let layout = MlpLayout { inputs: 13, rectified, chains: vec![vec![20, 17, 3], vec![4], vec![9, 1]] };
+        let layout = MlpLayout { inputs: 13, rectified, chains: vec![vec![20, 17, 3], vec![4], vec![70, 1]] };
         let input = normal([1003, 13], 1.0, 11, device);
         let parameters = normal([layout.parameters()], 0.3, 12, device);
         let found = mlp::forward(input.clone(), Layer::all_of(&parameters, &layout), &layout)?;
