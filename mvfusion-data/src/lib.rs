@@ -45,6 +45,7 @@ mod error;
 pub mod files;
 pub mod inspect;
 pub mod motion;
+pub mod preview;
 pub mod readers;
 mod scene;
 mod video;
