@@ -36,6 +36,8 @@ Examples:
           a video, with the preset neu3d at full length
   mvfusion train --data ~/scenes/flame_steak --set train.scale=0.05
           the same video with a twentieth of the steps
+  mvfusion train --view
+          the built-in video, with a page on which the training can be watched
   mvfusion train --set model.deformation=false --out runs/still
           a baseline without deformation
   mvfusion train --config runs/quickstart-0/config.toml --seed 1
@@ -192,6 +194,27 @@ Examples:
   mvfusion render runs/quickstart-0 --views orbit --time 0.5 --layers composed
   mvfusion render runs/quickstart-0 --views still --camera cam00 --format exr
   mvfusion render runs/quickstart-0 --layers motion --motion-weights 1,0,0";
+
+/// `mvfusion view --help`, above the options.
+#[cfg(feature = "viewer")]
+pub const VIEW: &str = "\
+Serve a page that shows a trained run, and print its address. The page renders on this machine, on the run's device, so \
+it also works over ssh; it needs no network. Ctrl-C ends the server.
+
+Orbit, pan, zoom and fly; play the time; compare with the photos of the training and held-out cameras; look at the \
+branches, the mask, the depth and the motion. The address in the browser holds the view, so that it can be shared. \
+Camera paths made there are files for `mvfusion render --views FILE.json`. docs/viewer.md explains the page.";
+
+/// `mvfusion view --help`, below the options.
+#[cfg(feature = "viewer")]
+pub const VIEW_MORE: &str = "\
+Examples:
+  mvfusion view runs/quickstart-0
+          http://127.0.0.1:8420/, for this machine alone
+  mvfusion view runs/quickstart-0 --port 0
+          at any free port
+  mvfusion view runs/quickstart-0 --host 0.0.0.0
+          for other machines, which need the token in the printed address";
 
 /// `mvfusion restore --help`.
 pub const RESTORE: &str = "\

@@ -154,6 +154,12 @@ impl Pace {
         self.marked = (now, done);
     }
 
+    /// Leaves out some time that has passed, such as a pause.
+    pub fn exclude(&mut self, time: Duration) {
+        self.started += time;
+        self.marked.0 += time;
+    }
+
     /// Steps per second between the last two marks.
     pub fn steps_per_second(&self) -> f64 {
         self.steps_per_second

@@ -4,7 +4,7 @@ use std::io;
 
 use image::codecs::jpeg::JpegEncoder;
 use image::imageops::{self, FilterType};
-use image::{ExtendedColorType, RgbImage};
+use image::{ExtendedColorType, GrayImage, RgbImage};
 
 /// An image as a JPEG file. `quality` goes from 1 to 100.
 ///
@@ -24,6 +24,11 @@ pub fn resized(picture: &RgbImage, width: u32, height: u32) -> RgbImage {
         true => picture.clone(),
         false => imageops::resize(picture, width, height, FilterType::Triangle),
     }
+}
+
+/// A mask in another size; each pixel is one of the mask's.
+pub fn resized_mask(mask: &GrayImage, width: u32, height: u32) -> GrayImage {
+    imageops::resize(mask, width, height, FilterType::Nearest)
 }
 
 #[cfg(test)]

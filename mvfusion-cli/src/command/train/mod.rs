@@ -1,5 +1,10 @@
 //! `mvfusion train`.
 
+#[cfg(feature = "viewer")]
+mod live;
+#[cfg(not(feature = "viewer"))]
+#[path = "no_live.rs"]
+mod live;
 mod session;
 mod watch;
 
@@ -35,10 +40,12 @@ const RUNS: &str = "runs";
 /// file cannot be written. [`Interrupted`](crate::interrupt::Interrupted) after a signal, once the run is saved.
 pub fn train(args: &TrainArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let signals = Signals::watch().context("cannot watch for signals")?;
-    match &args.resume {
-        Some(run) => resumed(args, run, signals, verbosity)?.run(out),
-        None => begun(args, signals, verbosity)?.run(out),
-    }
+    let door = live::open_door(args)?;
+    let session = match &args.resume {
+        Some(run) => resumed(args, run, signals, verbosity)?,
+        None => begun(args, signals, verbosity)?,
+    };
+    session.watched(door)?.run(out)
 }
 
 /// A training that begins.
@@ -85,7 +92,8 @@ fn begun(args: &TrainArgs, signals: Signals, verbosity: Verbosity) -> anyhow::Re
     let folder = plan.create()?;
     let record = RunRecord::begin(resolved.preset.name, &scene, config.seed, &device.name).initialised(weights);
     let log = MetricsLog::create(&folder.place(&[run::METRICS])?)?;
-    Ok(Session { config, record, device, scene, trainer, evaluator, folder, log, elapsed: 0.0, signals, verbosity })
+    let (elapsed, live) = (0.0, None);
+    Ok(Session { config, record, device, scene, trainer, evaluator, folder, log, elapsed, signals, verbosity, live })
 }
 
 /// Refuses what does not fit into the memory, unless `--force-memory` is given.
@@ -155,7 +163,8 @@ fn resumed(args: &TrainArgs, path: &Path, signals: Signals, verbosity: Verbosity
     }
     let (log, elapsed) = MetricsLog::resume(&folder.place(&[run::METRICS])?, step)?;
     let record = record.continued(step);
-    Ok(Session { config, record, device, scene, trainer, evaluator, folder, log, elapsed, signals, verbosity })
+    let live = None;
+    Ok(Session { config, record, device, scene, trainer, evaluator, folder, log, elapsed, signals, verbosity, live })
 }
 
 /// The device on which a run goes on: its own, unless another one is asked for, or this machine does not have it.

@@ -1,0 +1,134 @@
+//! The address that the server listens at, and how a person gets there.
+
+use std::io::{self, ErrorKind};
+use std::net::{IpAddr, SocketAddr, TcpListener, ToSocketAddrs};
+
+use anyhow::{Context, anyhow};
+
+use super::guard::Guard;
+use crate::failure::UsageError;
+
+/// The port unless another one is asked for.
+pub const PORT: u16 = 8420;
+/// The host unless another one is asked for: this machine alone.
+pub const HOST: &str = "127.0.0.1";
+
+/// Random bytes of a token.
+const TOKEN_BYTES: usize = 16;
+
+/// A socket that listens, before anything is served.
+#[derive(Debug)]
+pub struct Listening {
+    /// The socket.
+    pub socket: TcpListener,
+    /// Who may ask.
+    pub guard: Guard,
+    /// The address for a browser.
+    pub address: String,
+    port: u16,
+    is_local: bool,
+}
+
+impl Listening {
+    /// Listens at a port of a host; port 0 stands for any free one. A host other than this machine gets a random token.
+    ///
+    /// # Errors
+    /// If the host is unknown or the port is taken, with what to do.
+    pub fn at(host: &str, port: u16) -> anyhow::Result<Self> {
+        let found = (host, port).to_socket_addrs().ok().and_then(|mut found| found.next());
+        let place = found.ok_or_else(|| {
+            UsageError::new(format!("--host {host}: no such host. Give an address of this machine, such as 0.0.0.0."))
+        })?;
+        let socket = TcpListener::bind(place).map_err(|error| refusal(&error, host, port))?;
+        socket.set_nonblocking(true).context("cannot set up the socket of the viewer")?;
+        let place = socket.local_addr().context("cannot ask for the port of the viewer")?;
+        let is_local = place.ip().is_loopback();
+        let machine = gethostname::gethostname().to_string_lossy().into_owned();
+        let guard = match is_local {
+            true => Guard::local(),
+            false => Guard::with_token(token()?, [machine.clone(), host.to_owned()]),
+        };
+        let address = format!("http://{}{}/", shown(host, place, &machine), guard.base());
+        Ok(Self { socket, guard, address, port: place.port(), is_local })
+    }
+
+    /// The lines that tell how to get there.
+    pub fn lines(&self) -> Vec<(&'static str, String)> {
+        let mut lines = vec![("viewer", self.address.clone())];
+        if self.is_local {
+            let machine = gethostname::gethostname().to_string_lossy().into_owned();
+            let user = std::env::var("USER").map_or(String::new(), |user| format!("{user}@"));
+            let port = self.port;
+            lines.push(("from elsewhere", format!("ssh -L {port}:{HOST}:{port} {user}{machine}, then that address")));
+        } else {
+            lines.push(("note", "whoever knows this address can look; it is not encrypted".to_owned()));
+        }
+        lines
+    }
+}
+
+/// The host and port in an address. All addresses of a machine are shown as its name.
+fn shown(host: &str, place: SocketAddr, machine: &str) -> String {
+    let port = place.port();
+    match place.ip() {
+        ip if ip.is_unspecified() => format!("{machine}:{port}"),
+        IpAddr::V6(ip) if host.parse::<IpAddr>().is_ok() => format!("[{ip}]:{port}"),
+        _ => format!("{host}:{port}"),
+    }
+}
+
+fn refusal(error: &io::Error, host: &str, port: u16) -> anyhow::Error {
+    match error.kind() {
+        ErrorKind::AddrInUse => anyhow!(
+            "port {port} of {host} is taken, perhaps by another viewer. Give another one with --port N (--view=N with \
+             `train`), or 0 for any free one."
+        ),
+        ErrorKind::AddrNotAvailable => {
+            UsageError::new(format!("--host {host} is no address of this machine. Give 0.0.0.0 for all of them.")).into()
+        }
+        ErrorKind::PermissionDenied => anyhow!("port {port} needs more rights. Give one above 1023 with --port N."),
+        _ => anyhow!("cannot listen at port {port} of {host}: {error}. Give another one with --port N."),
+    }
+}
+
+/// A random token.
+fn token() -> anyhow::Result<String> {
+    let mut bytes = [0; TOKEN_BYTES];
+    getrandom::fill(&mut bytes).map_err(|error| anyhow!("the system gives no random numbers: {error}"))?;
+    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_taken_port_is_told_with_what_to_do() {
+        let first = Listening::at(HOST, 0).expect("a free port");
+        let error = Listening::at(HOST, first.port).expect_err("taken").to_string();
+        assert!(error.contains(&first.port.to_string()) && error.contains("--port N") && error.contains("0"), "{error}");
+    }
+
+    #[test]
+    fn this_machine_alone_needs_no_token_and_a_tunnel_is_told() {
+        let listening = Listening::at(HOST, 0).expect("a free port");
+        let port = listening.port;
+        assert_eq!(listening.address, format!("http://127.0.0.1:{port}/"));
+        assert!(listening.lines()[1].1.starts_with(&format!("ssh -L {port}:127.0.0.1:{port} ")));
+    }
+
+    #[test]
+    fn other_machines_need_a_token_that_is_new_each_time() {
+        let [a, b] = [(); 2].map(|()| Listening::at("0.0.0.0", 0).expect("a free port"));
+        let token = |listening: &Listening| listening.guard.base();
+        assert_eq!(token(&a).len(), 1 + 2 * TOKEN_BYTES);
+        assert_ne!(token(&a), token(&b));
+        assert!(a.address.ends_with(&format!("{}/", token(&a))) && !a.address.contains("0.0.0.0"), "{}", a.address);
+    }
+
+    #[test]
+    fn an_unknown_host_is_a_wrong_command_line() {
+        let error = Listening::at("no.such.host.invalid", 0).expect_err("refused");
+        assert!(error.is::<UsageError>() && error.to_string().contains("0.0.0.0"), "{error}");
+    }
+}

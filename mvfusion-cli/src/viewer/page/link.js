@@ -1,0 +1,94 @@
+// The conversation with the server: at most one picture is asked for at a time, and a lost connection comes back.
+
+/** Pauses before the next attempts to connect, milliseconds; the last one is repeated. */
+const PAUSES = [300, 700, 1500, 3000];
+
+/**
+ * @typedef {object} Hearer
+ * @property {() => void} opened
+ * @property {() => void} closed
+ * @property {(facts: any, jpeg: Blob) => void} frame
+ * @property {(status: any) => void} status
+ * @property {(reason: string) => void} refused
+ */
+
+export class Link {
+  /** @param {Hearer} hearer */
+  constructor(hearer) {
+    this.hearer = hearer;
+    /** @type {WebSocket | undefined} */
+    this.socket = undefined;
+    this.attempts = 0;
+    this.next = 0;
+    /** The request that is not answered yet, and when it was sent. @type {{ id: number, sent: number } | undefined} */
+    this.waiting = undefined;
+  }
+
+  /** Whether a picture can be asked for. */
+  get isFree() {
+    return this.socket?.readyState === WebSocket.OPEN && !this.waiting;
+  }
+
+  connect() {
+    const address = new URL('socket', location.href);
+    address.protocol = address.protocol.replace('http', 'ws');
+    address.hash = '';
+    const socket = new WebSocket(address);
+    socket.binaryType = 'arraybuffer';
+    socket.addEventListener('open', () => {
+      this.attempts = 0;
+      this.hearer.opened();
+    });
+    socket.addEventListener('message', (event) => this.#hear(event.data));
+    socket.addEventListener('close', () => {
+      this.waiting = undefined;
+      this.hearer.closed();
+      const pause = PAUSES[Math.min(this.attempts, PAUSES.length - 1)];
+      this.attempts += 1;
+      setTimeout(() => this.connect(), pause);
+    });
+    this.socket = socket;
+  }
+
+  /** Asks for a picture. @param {object} request */
+  ask(request) {
+    this.next += 1;
+    this.waiting = { id: this.next, sent: performance.now() };
+    this.#say({ type: 'frame', id: this.next, ...request });
+  }
+
+  /** Gives an order: `pause`, `go_on` or `checkpoint`. @param {string} type */
+  order(type) {
+    if (this.socket?.readyState === WebSocket.OPEN) this.#say({ type });
+  }
+
+  /** @param {object} message */
+  #say(message) {
+    this.socket?.send(JSON.stringify(message));
+  }
+
+  /** @param {string | ArrayBuffer} data */
+  #hear(data) {
+    if (typeof data === 'string') {
+      const message = JSON.parse(data);
+      if (message.type === 'status') this.hearer.status(message);
+      if (message.type === 'refused') {
+        this.#answered(message.id);
+        this.hearer.refused(message.reason);
+      }
+      return;
+    }
+    const length = new DataView(data).getUint32(0, true);
+    const facts = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
+    facts.roundTrip = this.#answered(facts.id);
+    this.hearer.frame(facts, new Blob([new Uint8Array(data, 4 + length)], { type: 'image/jpeg' }));
+  }
+
+  /** Milliseconds that an answer took. @param {number | undefined} id */
+  #answered(id) {
+    if (!this.waiting || id !== this.waiting.id) return undefined;
+    const took = performance.now() - this.waiting.sent;
+    this.waiting = undefined;
+    return took;
+  }
+}

@@ -1,0 +1,87 @@
+// A camera path: keys with a pose, a field of view and a time, and smooth frames between them.
+
+import { Pose } from './pose.js';
+import { add, mix, scale, subtract } from './vector.js';
+
+/** @typedef {import('./vector.js').Vector} Vector */
+/** @typedef {{ pose: Pose, fov: number, time: number }} Key */
+
+/** Frames per second of a saved path. */
+export const FPS = 30;
+
+/**
+ * The camera between the keys.
+ * @param {Key[]} keys
+ * @param {number} at in keys from the first: 1.5 is halfway from the second to the third
+ * @returns {Key}
+ */
+export function between(keys, at) {
+  const index = Math.max(0, Math.min(keys.length - 2, Math.floor(at)));
+  const share = Math.max(0, Math.min(1, at - index));
+  const key = (/** @type {number} */ i) => keys[Math.max(0, Math.min(keys.length - 1, i))];
+  const [a, b] = [key(index), key(index + 1)];
+  const number = (/** @type {'fov' | 'time'} */ name) => a[name] + (b[name] - a[name]) * share;
+  const curve = (/** @type {(key: Key) => Vector} */ value) =>
+    catmullRom([-1, 0, 1, 2].map((step) => value(key(index + step))), share);
+  // Both ends of an axis are kept, and the axes between them are made orthogonal again.
+  const axis = (/** @type {'forward' | 'down'} */ name) => mix(a.pose[name], b.pose[name], smooth(share));
+  const distance = a.pose.distance + (b.pose.distance - a.pose.distance) * share;
+  const pose = new Pose(curve((each) => each.pose.position), axis('forward'), axis('down'), distance);
+  return { pose, fov: number('fov'), time: number('time') };
+}
+
+/** @param {number} share */
+const smooth = (share) => share * share * (3 - 2 * share);
+
+/** A smooth curve through the two middle ones of four points. @param {Vector[]} points @param {number} t */
+function catmullRom([p0, p1, p2, p3], t) {
+  const [a, b] = [scale(subtract(p2, p0), 0.5), scale(subtract(p3, p1), 0.5)];
+  const [t2, t3] = [t * t, t * t * t];
+  const ends = add(scale(p1, 2 * t3 - 3 * t2 + 1), scale(p2, -2 * t3 + 3 * t2));
+  return add(ends, add(scale(a, t3 - 2 * t2 + t), scale(b, t3 - t2)));
+}
+
+/**
+ * The file of a path, in the format of nerfstudio's viewer. The keys are kept in it, so that it can be opened again.
+ * @param {Key[]} keys
+ * @param {number} seconds from one key to the next
+ * @param {[number, number]} size
+ */
+export function toFile(keys, seconds, [width, height]) {
+  const steps = Math.max(1, Math.round(seconds * FPS));
+  const count = keys.length === 1 ? 1 : (keys.length - 1) * steps + 1;
+  const frames = Array.from({ length: count }, (_, index) => (keys.length === 1 ? keys[0] : between(keys, index / steps)));
+  const entry = ({ pose, fov, time }) => ({ camera_to_world: matrix(pose), fov, aspect: width / height, render_time: time });
+  return {
+    camera_type: 'perspective',
+    render_width: width,
+    render_height: height,
+    fps: FPS,
+    seconds: count / FPS,
+    camera_path: frames.map(entry),
+    mvfusion_keys: { seconds, keys: keys.map((key) => ({ ...entry(key), distance: key.pose.distance })) },
+  };
+}
+
+/**
+ * The keys of such a file; of a file without keys, its frames.
+ * @param {any} file
+ * @returns {{ seconds: number, keys: Key[] }}
+ */
+export function fromFile(file) {
+  const { seconds, keys } = file.mvfusion_keys ?? { seconds: 1 / (file.fps ?? FPS), keys: file.camera_path };
+  const key = (/** @type {any} */ entry) => {
+    const m = entry.camera_to_world;
+    if (!Array.isArray(m) || m.length !== 16 || !(entry.fov > 0)) throw new Error('an entry has no pose');
+    const column = (/** @type {number} */ c) => /** @type {Vector} */ ([m[c], m[4 + c], m[8 + c]]);
+    const pose = new Pose(column(3), scale(column(2), -1), scale(column(1), -1), entry.distance ?? 1);
+    return { pose, fov: entry.fov, time: entry.render_time ?? 0 };
+  };
+  return { seconds, keys: keys.map(key) };
+}
+
+/** Camera to world by rows, in axes of OpenGL: right, up, backwards. @param {Pose} pose */
+function matrix(pose) {
+  const row = (/** @type {number} */ i) => [pose.right[i], -pose.down[i], -pose.forward[i], pose.position[i]];
+  return [...row(0), ...row(1), ...row(2), 0, 0, 0, 1];
+}

@@ -1,0 +1,308 @@
+// The viewer's page: what is shown, what is asked of the server, and when.
+
+import { read, write } from './address.js';
+import { Curves } from './chart.js';
+import { listen } from './controls.js';
+import { element } from './dom.js';
+import { Link } from './link.js';
+import { Panel } from './panel.js';
+import { Picture, loadPoints } from './picture.js';
+import { Pose } from './pose.js';
+import { unit } from './vector.js';
+
+/** @typedef {import('./vector.js').Vector} Vector */
+/** @typedef {{ set: 'train' | 'test', index: number }} ViewId */
+
+/**
+ * Everything that a picture depends on.
+ * @typedef {object} State
+ * @property {Pose} pose
+ * @property {number} fov vertical, degrees
+ * @property {number | null} time `null` for the static scene alone
+ * @property {string} layer
+ * @property {boolean} mfta
+ * @property {string} background
+ * @property {string} up
+ * @property {number} largest longest side of a picture, pixels
+ * @property {ViewId | undefined} view the view whose camera is shown, until it is moved
+ * @property {number | undefined} split where its photo ends
+ * @property {boolean} frusta
+ * @property {boolean} points
+ */
+
+/** Nothing has moved for so long: the picture may be sharp. Milliseconds. */
+const QUIET = 160;
+/** While something moves, a picture shall not take longer than this; it gets smaller or larger. Milliseconds. */
+const AIM = [40, 85];
+/** Pixels of a picture while something moves: the least, and the first guess. */
+const LEAST_PIXELS = 160 * 90;
+const FIRST_PIXELS = 480 * 270;
+const QUALITY = { moving: 60, still: 92 };
+
+export class Viewer {
+  /** @param {any} scene */
+  constructor(scene) {
+    this.scene = scene;
+    /** @type {State} */
+    this.state = { ...this.start(), ...read(location.hash, scene) };
+    this.status = /** @type {any} */ (undefined);
+    this.facts = /** @type {any} */ (undefined);
+    this.pixels = FIRST_PIXELS;
+    // Something has changed that no picture shows yet; the newest picture is as good as it gets.
+    [this.isChanged, this.isSharp] = [true, false];
+    this.changedAt = 0;
+    this.frames = 0;
+    this.picture = new Picture(element('picture'));
+    this.curves = new Curves(element('loss'), element('psnr'));
+    this.panel = new Panel(this);
+    this.link = new Link({
+      opened: () => this.#opened(),
+      closed: () => this.#closed(),
+      frame: (facts, jpeg) => this.#frame(facts, jpeg),
+      status: (status) => this.#status(status),
+      refused: (reason) => this.#refused(reason),
+    });
+    listen(this.picture.canvas, this.#moves());
+    new ResizeObserver(() => this.picture.fit() && this.change({})).observe(this.picture.canvas);
+    addEventListener('hashchange', () => this.change(read(location.hash, scene)));
+    this.picture.fit();
+    this.#loadPhoto();
+    this.#loadPoints();
+    this.panel.show();
+    this.link.connect();
+  }
+
+  /** The view that the page begins with: the first held-out camera, looked at freely. @returns {State} */
+  start() {
+    const { scene } = this;
+    const view = scene.test[0] ?? scene.train[0];
+    const camera = scene.cameras[view[1]];
+    return {
+      pose: this.poseOf(camera), fov: fovOf(camera), time: view[2], layer: 'composed', mfta: true, background: 'run',
+      up: 'scene', largest: scene.training ? 640 : 1280, view: undefined, split: undefined, frusta: false, points: false,
+    };
+  }
+
+  /** @param {any} camera */
+  poseOf(camera) {
+    const pose = Pose.of(camera.position, camera.rotation, 1);
+    const ahead = [0, 1, 2].map((i) => (this.scene.target[i] - camera.position[i]) * pose.forward[i]);
+    const distance = ahead.reduce((a, b) => a + b);
+    return Pose.of(camera.position, camera.rotation, distance > 0 ? distance : this.scene.extent || 1);
+  }
+
+  /** The up direction that is chosen. @returns {Vector} */
+  get up() {
+    const { up } = this.state;
+    if (up === 'scene') return unit(this.scene.up);
+    const sign = up[0] === '-' ? -1 : 1;
+    return /** @type {Vector} */ (['x', 'y', 'z'].map((axis) => (axis === up[1] ? sign : 0)));
+  }
+
+  /** Ratio of width to height of the picture: the photo's at its camera, otherwise the window's. */
+  get aspect() {
+    const camera = this.camera;
+    return camera ? camera.width / camera.height : this.picture.canvas.width / this.picture.canvas.height;
+  }
+
+  /** The camera of the view that is shown. */
+  get camera() {
+    const { view } = this.state;
+    return view && this.scene.cameras[this.scene[view.set][view.index][1]];
+  }
+
+  /** Changes what is shown. @param {Partial<State>} change */
+  change(change) {
+    const before = this.state;
+    this.state = { ...before, ...change };
+    if (change.up && change.up !== before.up) this.state.pose = this.state.pose.upright(this.up);
+    if (this.state.view !== before.view) this.#loadPhoto();
+    if (this.state.points && !before.points) this.#loadPoints();
+    [this.isChanged, this.isSharp] = [true, false];
+    this.changedAt = performance.now();
+    this.panel.show();
+    this.draw();
+    this.#remember();
+    this.#pump();
+  }
+
+  /** Moves the camera, which leaves the camera of a view. @param {Pose} pose */
+  move(pose) {
+    this.change({ pose, view: undefined, split: undefined });
+  }
+
+  /** Goes to the camera of a view, at its time. @param {ViewId} view */
+  jump(view) {
+    const [, index, time] = this.scene[view.set][view.index];
+    const camera = this.scene.cameras[index];
+    const isClean = this.scene.clean_test && view.set === 'test';
+    this.change({ view, pose: this.poseOf(camera), fov: fovOf(camera), time: isClean ? null : time });
+  }
+
+  draw() {
+    const { pose, fov } = this.state;
+    const camera = this.camera;
+    const focal = 0.5 / Math.tan((fov * Math.PI) / 360);
+    const free = { position: pose.position, rows: pose.rows, fx: focal, fy: focal, cx: this.aspect / 2, cy: 0.5 };
+    const own = camera && {
+      position: camera.position, rows: camera.rotation, fx: camera.fx / camera.height, fy: camera.fy / camera.height,
+      cx: camera.cx / camera.height, cy: camera.cy / camera.height,
+    };
+    this.picture.split = this.state.split;
+    const points = this.state.points ? this.points : undefined;
+    this.picture.draw(this.aspect, own ?? free, { scene: this.scene, points, frusta: this.state.frusta });
+  }
+
+  #moves() {
+    const radians = () => Math.PI / Math.max(200, this.picture.canvas.clientHeight);
+    const world = () => (2 * this.state.pose.distance * Math.tan((this.state.fov * Math.PI) / 360)) / this.picture.canvas.clientHeight;
+    return {
+      orbit: (/** @type {number} */ x, /** @type {number} */ y) => this.move(this.state.pose.orbited(x * radians(), y * radians(), this.up)),
+      pan: (/** @type {number} */ x, /** @type {number} */ y) => this.move(this.state.pose.shifted(-x * world(), -y * world(), 0)),
+      look: (/** @type {number} */ x, /** @type {number} */ y) => this.move(this.state.pose.looked(x * radians(), y * radians(), this.up)),
+      zoom: (/** @type {number} */ factor) => this.move(this.state.pose.zoomed(factor)),
+      fly: (/** @type {number} */ right, /** @type {number} */ down, /** @type {number} */ forward, /** @type {number} */ seconds) => {
+        const by = 0.5 * (this.scene.extent || 1) * this.panel.flight * seconds;
+        this.move(this.state.pose.shifted(right * by, down * by, forward * by));
+      },
+      press: (/** @type {string} */ key) => this.panel.press(key),
+    };
+  }
+
+  /** Asks for the next picture, if one is wanted and none is on its way. */
+  #pump() {
+    if (!this.link.isFree || this.status?.activity === 'scores') return;
+    const isQuiet = performance.now() - this.changedAt >= QUIET;
+    const isTraining = this.status?.activity === 'trains';
+    const isOld = this.facts && this.facts.step !== this.status?.step;
+    if (this.isChanged && !(isQuiet && !isTraining)) {
+      this.isChanged = false;
+      this.#ask('moving');
+    } else if (!isQuiet) {
+      setTimeout(() => this.#pump(), QUIET);
+    } else if (isTraining ? isOld || this.isChanged : !this.isSharp) {
+      [this.isChanged, this.isSharp] = [false, true];
+      this.#ask(isTraining ? 'moving' : 'still');
+    }
+  }
+
+  /** @param {'moving' | 'still'} kind */
+  #ask(kind) {
+    const { pose, fov, time, layer, mfta, background, view } = this.state;
+    const place = view ? { view } : { pose: { position: pose.position, rotation: pose.rows, fov } };
+    this.asked = kind;
+    this.link.ask({
+      ...place, size: this.#size(kind), time, layer, mfta: mfta && kind === 'still', quality: QUALITY[kind],
+      background: background === 'run' ? null : Number(background),
+    });
+  }
+
+  /** Width and height of a picture. @param {'moving' | 'still'} kind @returns {[number, number]} */
+  #size(kind) {
+    const { aspect } = this;
+    const place = this.picture.place(aspect);
+    const camera = this.camera;
+    let height = place.height;
+    // A photo's own size is as good as it gets, and the one to compare with.
+    if (camera && kind === 'still') height = camera.height;
+    height = Math.min(height, this.state.largest / Math.max(1, aspect), Math.sqrt(this.scene.most_pixels / aspect));
+    if (kind === 'moving') height = Math.min(height, Math.sqrt(this.pixels / aspect));
+    return [Math.max(16, Math.floor(height * aspect)), Math.max(16, Math.floor(height))];
+  }
+
+  /** @param {any} facts @param {Blob} jpeg */
+  async #frame(facts, jpeg) {
+    this.facts = facts;
+    this.frames += 1;
+    const number = this.frames;
+    const asked = this.asked;
+    this.#adapt(facts);
+    // The next one is on its way while this one is decoded.
+    this.#pump();
+    await this.picture.take(jpeg, () => number === this.frames);
+    this.draw();
+    this.panel.tell(facts);
+    Object.assign(document.body.dataset, {
+      frames: number, step: facts.step, sharp: asked === 'still' && !this.isChanged, width: facts.width,
+    });
+  }
+
+  /** Fits the size of moving pictures to the time that they take. @param {any} facts */
+  #adapt(facts) {
+    if (facts.roundTrip === undefined || this.asked === 'still' || this.status?.activity === 'trains') return;
+    if (facts.roundTrip > AIM[1]) this.pixels = Math.max(LEAST_PIXELS, this.pixels * 0.75);
+    if (facts.roundTrip < AIM[0]) this.pixels = Math.min(this.scene.most_pixels, this.pixels * 1.15);
+  }
+
+  #opened() {
+    document.body.dataset.link = 'open';
+    [this.isChanged, this.isSharp] = [true, false];
+    this.panel.say('');
+    this.panel.linked(true);
+    this.#pump();
+  }
+
+  async #closed() {
+    if (document.body.dataset.link === 'open') {
+      this.panel.say(this.status?.activity === 'scores'
+        ? `The training is done. “mvfusion view ${this.scene.run}” shows its result.`
+        : 'The connection is lost. Trying again …');
+    }
+    document.body.dataset.link = 'closed';
+    this.panel.linked(false);
+    // Another run may be served at the same place.
+    const scene = await fetch('scene.json').then((answer) => answer.json()).catch(() => undefined);
+    if (scene && (scene.run !== this.scene.run || scene.training !== this.scene.training)) location.reload();
+  }
+
+  /** @param {any} status */
+  #status(status) {
+    // A training that pauses can be looked at more closely.
+    if (status.activity !== this.status?.activity) this.isSharp = false;
+    this.status = status;
+    this.curves.add(status.curves);
+    this.panel.train(status);
+    this.#pump();
+  }
+
+  /** @param {string} reason */
+  #refused(reason) {
+    this.panel.say(reason, 6000);
+    // The same would be refused again; the next change asks anew.
+    [this.isChanged, this.isSharp] = [false, true];
+  }
+
+  #loadPhoto() {
+    const { view } = this.state;
+    this.picture.photo = undefined;
+    if (!view) return;
+    const photo = new Image();
+    photo.addEventListener('load', () => this.draw());
+    photo.src = `photo/${view.set}/${view.index}`;
+    this.picture.photo = photo;
+  }
+
+  async #loadPoints() {
+    if (!this.state.points || this.points || this.scene.points === 0) return;
+    this.points = await loadPoints(this.scene.points);
+    this.draw();
+  }
+
+  /** Puts the view into the address, not more often than browsers allow. */
+  #remember() {
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => history.replaceState(null, '', `#${write(this.state)}`), 200);
+  }
+}
+
+/** Vertical field of view in degrees. @param {any} camera */
+function fovOf(camera) {
+  return (360 / Math.PI) * Math.atan(camera.height / (2 * camera.fy));
+}
+
+fetch('scene.json').then((answer) => answer.json()).then((scene) => {
+  globalThis.viewer = new Viewer(scene);
+}).catch((error) => {
+  element('notice').hidden = false;
+  element('notice').textContent = `The scene could not be loaded: ${error.message}. Reload the page.`;
+});

@@ -1,0 +1,214 @@
+//! The server: a thread of its own, which never computes on the device.
+
+use std::sync::Arc;
+use std::thread::JoinHandle;
+
+use anyhow::Context;
+use axum::body::Bytes;
+use axum::extract::ws::WebSocketUpgrade;
+use axum::extract::{Path, Request, State};
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::middleware::{Next, from_fn_with_state};
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use axum::{Router, serve};
+use tokio::sync::oneshot;
+
+use super::address::Listening;
+use super::board::Board;
+use super::connection::Bounded;
+use super::desk::Desk;
+use super::guard::{Asked, Guard};
+use super::photos::Photos;
+use super::protocol::{LONGEST_MESSAGE, Limits, ViewId, ViewSet};
+use super::session;
+
+/// The page.
+pub(super) const PAGE: &str = include_str!("page/index.html");
+const STYLE: &str = "text/css; charset=utf-8";
+const SCRIPT: &str = "text/javascript; charset=utf-8";
+
+/// The other files of the page: name, kind, text. They are part of the program, so that it needs no other file.
+pub(super) const FILES: [(&str, &str, &str); 14] = [
+    ("viewer.css", STYLE, include_str!("page/viewer.css")),
+    ("address.js", SCRIPT, include_str!("page/address.js")),
+    ("chart.js", SCRIPT, include_str!("page/chart.js")),
+    ("controls.js", SCRIPT, include_str!("page/controls.js")),
+    ("dom.js", SCRIPT, include_str!("page/dom.js")),
+    ("editor.js", SCRIPT, include_str!("page/editor.js")),
+    ("link.js", SCRIPT, include_str!("page/link.js")),
+    ("panel.js", SCRIPT, include_str!("page/panel.js")),
+    ("path.js", SCRIPT, include_str!("page/path.js")),
+    ("picture.js", SCRIPT, include_str!("page/picture.js")),
+    ("player.js", SCRIPT, include_str!("page/player.js")),
+    ("pose.js", SCRIPT, include_str!("page/pose.js")),
+    ("vector.js", SCRIPT, include_str!("page/vector.js")),
+    ("viewer.js", SCRIPT, include_str!("page/viewer.js")),
+];
+
+/// Threads that decode photos.
+const HELPERS: usize = 1;
+
+/// What all requests share.
+#[derive(Debug)]
+pub struct Hall {
+    /// Where requests are left.
+    pub desk: Arc<Desk>,
+    /// What all pages are told.
+    pub board: Arc<Board>,
+    /// The facts of the scene, as JSON.
+    pub facts: Bytes,
+    /// The points of the scene.
+    pub points: Bytes,
+    /// Its photos.
+    pub photos: Photos,
+    /// What is granted.
+    pub limits: Limits,
+    /// Who may ask.
+    pub guard: Guard,
+}
+
+/// A running server. It ends when it is dropped.
+#[derive(Debug)]
+pub struct Server {
+    stop: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Server {
+    /// Serves at a socket.
+    ///
+    /// # Errors
+    /// If the system refuses the thread.
+    pub fn start(listening: Listening, hall: Hall) -> anyhow::Result<Self> {
+        let runtime = tokio::runtime::Builder::new_current_thread()
+            .enable_io()
+            .enable_time()
+            .max_blocking_threads(HELPERS)
+            .build()
+            .context("cannot start the server of the viewer")?;
+        let (stop, stopped) = oneshot::channel();
+        let work = move || {
+            runtime.block_on(async {
+                let serving = async {
+                    let socket = tokio::net::TcpListener::from_std(listening.socket)?;
+                    serve(Bounded::new(socket), router(Arc::new(hall))).await
+                };
+                tokio::select! {
+                    ended = serving => if let Err(error) = ended {
+                        tracing::warn!("the viewer has ended: {error}");
+                    },
+                    _ = stopped => {}
+                }
+            });
+            // Conversations end here, and a photo that is being decoded is not waited for.
+            runtime.shutdown_background();
+        };
+        let thread = std::thread::Builder::new().name("viewer".to_owned()).spawn(work);
+        Ok(Self { stop: Some(stop), thread: Some(thread.context("cannot start a thread for the viewer")?) })
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        if let Some(stop) = self.stop.take() {
+            // A server that has ended by itself does not hear it.
+            let _ = stop.send(());
+        }
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn router(hall: Arc<Hall>) -> Router {
+    let base = hall.guard.base();
+    let at = |path: &str| format!("{base}/{path}");
+    let page = Router::new().route(&at(""), get(|| async { text("text/html; charset=utf-8", PAGE) }));
+    let file = |router: Router<_>, (name, kind, contents)| {
+        router.route(&at(name), get(move || async move { text(kind, contents) }))
+    };
+    FILES
+        .into_iter()
+        .fold(page, file)
+        .route(&at("scene.json"), get(facts))
+        .route(&at("points.bin"), get(points))
+        .route(&at("photo/{set}/{index}"), get(photo))
+        .route(&at("socket"), get(socket))
+        .layer(from_fn_with_state(Arc::clone(&hall), guarded))
+        .with_state(hall)
+}
+
+/// Lets a request pass if the guard agrees, and adds the headers that keep other pages out.
+async fn guarded(State(hall): State<Arc<Hall>>, request: Request, next: Next) -> Response {
+    let of = |name| request.headers().get(name).and_then(|value: &HeaderValue| value.to_str().ok());
+    let host = of(header::HOST);
+    let asked = Asked {
+        method: request.method().as_str(),
+        path: request.uri().path(),
+        host,
+        // A header that is no text is not ours.
+        origin: request.headers().get(header::ORIGIN).map(|value| value.to_str().unwrap_or_default()),
+    };
+    let checked = hall.guard.check(&asked);
+    let policy = format!(
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self' \
+         ws://{}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+        host.filter(|_| checked.is_ok()).unwrap_or("localhost")
+    );
+    let mut response = match checked {
+        Ok(()) => next.run(request).await,
+        Err(refusal) => {
+            let status = StatusCode::from_u16(refusal.status()).unwrap_or(StatusCode::FORBIDDEN);
+            (status, refusal.sentence()).into_response()
+        }
+    };
+    let headers = response.headers_mut();
+    for (name, value) in [
+        (header::CACHE_CONTROL, "no-store"),
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::REFERRER_POLICY, "no-referrer"),
+        (header::HeaderName::from_static("cross-origin-resource-policy"), "same-origin"),
+    ] {
+        headers.insert(name, HeaderValue::from_static(value));
+    }
+    if let Ok(policy) = HeaderValue::from_str(&policy) {
+        headers.insert(header::CONTENT_SECURITY_POLICY, policy);
+    }
+    response
+}
+
+fn text(kind: &'static str, text: &'static str) -> Response {
+    ([(header::CONTENT_TYPE, kind)], text).into_response()
+}
+
+async fn facts(State(hall): State<Arc<Hall>>) -> Response {
+    ([(header::CONTENT_TYPE, "application/json")], hall.facts.clone()).into_response()
+}
+
+async fn points(State(hall): State<Arc<Hall>>) -> Response {
+    ([(header::CONTENT_TYPE, "application/octet-stream")], hall.points.clone()).into_response()
+}
+
+async fn photo(State(hall): State<Arc<Hall>>, Path((set, index)): Path<(String, usize)>) -> Response {
+    let set = match set.as_str() {
+        "train" => ViewSet::Train,
+        "test" => ViewSet::Test,
+        _ => return StatusCode::NOT_FOUND.into_response(),
+    };
+    match hall.photos.jpeg(ViewId { set, index }).await {
+        Some(Ok(jpeg)) => ([(header::CONTENT_TYPE, "image/jpeg")], jpeg).into_response(),
+        Some(Err(reason)) => (StatusCode::INTERNAL_SERVER_ERROR, reason).into_response(),
+        None => StatusCode::NOT_FOUND.into_response(),
+    }
+}
+
+async fn socket(State(hall): State<Arc<Hall>>, upgrade: WebSocketUpgrade) -> Response {
+    let Some(client) = hall.desk.join() else {
+        return (StatusCode::SERVICE_UNAVAILABLE, "Too many pages are open. Close one of them.").into_response();
+    };
+    upgrade
+        .max_message_size(LONGEST_MESSAGE)
+        .max_frame_size(LONGEST_MESSAGE)
+        .on_upgrade(move |socket| session::run(socket, hall, client))
+}

@@ -1,0 +1,131 @@
+//! The conversation with one page over its WebSocket.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::ws::{Message as Packet, WebSocket};
+use serde::Serialize;
+use tokio::sync::watch;
+use tokio::time::{interval, timeout};
+
+use super::board::{CurvePoint, Status};
+use super::desk::Client;
+use super::frame::Answer;
+use super::protocol::Message;
+use super::server::Hall;
+
+/// A page that takes nothing for so long is given up.
+const PATIENCE: Duration = Duration::from_secs(30);
+/// Time between two pings, which keep the connection open.
+const PING: Duration = Duration::from_secs(20);
+/// So many malformed messages of a page are answered. The others are dropped.
+const MOST_COMPLAINTS: usize = 20;
+
+/// What the page is told in words.
+#[derive(Serialize)]
+#[serde(tag = "type", rename_all = "snake_case")]
+enum Said<'a> {
+    /// The state, and the points of the curves since the last time.
+    Status {
+        #[serde(flatten)]
+        status: &'a Status,
+        curves: Vec<CurvePoint>,
+    },
+    /// There is no picture.
+    Refused {
+        #[serde(skip_serializing_if = "Option::is_none")]
+        id: Option<u64>,
+        reason: &'a str,
+    },
+}
+
+/// Talks with a page until it leaves.
+pub async fn run(mut socket: WebSocket, hall: Arc<Hall>, mut client: Client) {
+    let mut session = Session { status: hall.board.follow(), told: None, complaints: 0, hall };
+    session.status.mark_changed();
+    let mut ping = interval(PING);
+    loop {
+        let packet = tokio::select! {
+            received = socket.recv() => {
+                let Some(Ok(packet)) = received else { break };
+                match packet {
+                    Packet::Text(text) => session.hear(&text, &client),
+                    Packet::Close(_) => break,
+                    Packet::Binary(_) => session.complain("messages are text"),
+                    // The library answers pings itself.
+                    Packet::Ping(_) | Packet::Pong(_) => None,
+                }
+            }
+            changed = client.answers.changed() => {
+                if changed.is_err() {
+                    break;
+                }
+                newest(&mut client)
+            }
+            changed = session.status.changed() => {
+                if changed.is_err() {
+                    break;
+                }
+                session.tell()
+            }
+            _ = ping.tick() => Some(Packet::Ping(Vec::new().into())),
+        };
+        let Some(packet) = packet else { continue };
+        // While a page takes nothing, nothing is read either, so nothing piles up.
+        if !matches!(timeout(PATIENCE, socket.send(packet)).await, Ok(Ok(()))) {
+            break;
+        }
+    }
+}
+
+/// What is known of a page.
+struct Session {
+    hall: Arc<Hall>,
+    status: watch::Receiver<Status>,
+    /// The step of the last point that it has.
+    told: Option<usize>,
+    complaints: usize,
+}
+
+impl Session {
+    /// Does what a message asks for, or answers what is wrong with it.
+    fn hear(&mut self, text: &str, client: &Client) -> Option<Packet> {
+        match Message::parse(text, &self.hall.limits) {
+            Ok(Message::Frame(request)) => client.ask(request),
+            Ok(Message::Pause) => client.order_pause(true),
+            Ok(Message::GoOn) => client.order_pause(false),
+            Ok(Message::Checkpoint) => client.order_checkpoint(),
+            Err(reason) => return self.complain(&reason),
+        }
+        None
+    }
+
+    fn complain(&mut self, reason: &str) -> Option<Packet> {
+        self.complaints += 1;
+        if self.complaints > MOST_COMPLAINTS {
+            return None;
+        }
+        said(&Said::Refused { id: None, reason })
+    }
+
+    /// The state and the new points.
+    fn tell(&mut self) -> Option<Packet> {
+        let curves = self.hall.board.points_after(self.told);
+        self.told = curves.last().map(|point| point.0).or(self.told);
+        let status = self.status.borrow_and_update().clone();
+        said(&Said::Status { status: &status, curves })
+    }
+}
+
+/// The newest answer.
+fn newest(client: &mut Client) -> Option<Packet> {
+    match client.answers.borrow_and_update().clone()? {
+        Answer::Frame(bytes) => Some(Packet::Binary(bytes)),
+        Answer::Refused { id, reason } => said(&Said::Refused { id: Some(id), reason: &reason }),
+    }
+}
+
+fn said(said: &Said<'_>) -> Option<Packet> {
+    // Numbers and names always become JSON; if they did not, silence would be right.
+    Some(Packet::Text(serde_json::to_string(said).ok()?.into()))
+}
