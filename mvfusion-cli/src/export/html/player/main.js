@@ -1,0 +1,255 @@
+// The player: its state, its frames, its address, and its interface for other scripts.
+
+/** Training times in a second of the film at speed 1, and its least length in seconds. */
+const MOMENTS_PER_SECOND = 30;
+const LEAST_SECONDS = 2;
+/** Most pixels of the image. */
+const MOST_PIXELS = 3e6;
+/** A frame that takes longer, in milliseconds, is drawn with fewer pixels while something moves. */
+const SLOW = 50;
+/** So long after the last motion, in milliseconds, the image is drawn with all pixels. */
+const STILL = 250;
+
+/** Plays a scene in a canvas. */
+class Player {
+  /**
+   * @param {HTMLCanvasElement} canvas
+   * @param {HTMLFormElement} form
+   * @param {object} scene
+   * @param {Branch[]} branches
+   */
+  constructor(canvas, form, scene, branches) {
+    Object.assign(this, { canvas, form, scene, isPlaying: false, speed: 1, loops: true, layer: LAYERS[0] });
+    // A camera that is shown exactly; the share of the pixels along a side that are drawn.
+    Object.assign(this, { fixed: null, sharpness: 1, movedAt: -Infinity, drawnAt: null });
+    // Whether the order belongs to another camera or time; whether the image does.
+    Object.assign(this, { isSorting: false, isStale: true, isDirty: true });
+    this.renderer = new Renderer(canvas, scene, branches);
+    this.orbit = new Orbit(scene.target, scene.up);
+    this.orbit.take(scene.cameras[0]);
+    this.time = scene.cameras[0].time ?? scene.span[0];
+    followPointers(canvas, this.orbit, () => this.moved());
+    connectControls(form, this);
+    new ResizeObserver(() => this.changed()).observe(canvas);
+    canvas.addEventListener('webglcontextlost', event => {
+      event.preventDefault();
+      say('The graphics driver has dropped the scene. It comes back as soon as the driver allows.');
+    });
+    canvas.addEventListener('webglcontextrestored', () => {
+      this.renderer.create();
+      say('');
+      this.changed();
+    });
+    const frame = now => {
+      this.frame(now);
+      requestAnimationFrame(frame);
+    };
+    requestAnimationFrame(frame);
+  }
+
+  /** The camera of the next image. */
+  get camera() {
+    if (this.fixed) return this.fixed;
+    const ratio = Math.min(2, devicePixelRatio || 1) * this.sharpness;
+    const pixels = this.canvas.clientWidth * this.canvas.clientHeight * ratio ** 2;
+    const scale = ratio * Math.min(1, Math.sqrt(MOST_PIXELS / Math.max(1, pixels)));
+    const side = length => Math.max(1, Math.round(scale * length));
+    return this.orbit.camera(side(this.canvas.clientWidth), side(this.canvas.clientHeight));
+  }
+
+  /** What is shown is no longer what should be. */
+  changed() {
+    Object.assign(this, { isStale: true, isDirty: true });
+  }
+
+  /** The reader has moved the camera. */
+  moved() {
+    if (this.fixed) Object.assign(this.canvas.style, { width: '', height: '' });
+    Object.assign(this, { fixed: null, movedAt: performance.now() });
+    this.changed();
+    clearTimeout(this.noting);
+    this.noting = setTimeout(() => this.note(), STILL);
+  }
+
+  /** One frame of the browser. */
+  frame(now) {
+    if (this.isPlaying && this.playedAt !== undefined) this.advance((now - this.playedAt) / 1000);
+    this.playedAt = this.isPlaying ? now : undefined;
+    this.adapt(now);
+    if (this.isStale && !this.isSorting) this.sort();
+    if (!this.isDirty) return;
+    this.isDirty = false;
+    this.renderer.draw(this.camera, this.time, this.layer);
+    showState(this.form, this);
+  }
+
+  /** Fewer pixels while something moves too slowly, all of them when it stands still. */
+  adapt(now) {
+    const isMoving = this.isPlaying || now - this.movedAt < STILL;
+    const took = this.drawnAt === null ? 0 : now - this.drawnAt;
+    this.drawnAt = isMoving ? now : null;
+    const wanted = !isMoving ? 1 : took > SLOW ? Math.max(0.4, 0.8 * this.sharpness) : this.sharpness;
+    if (wanted !== this.sharpness && !this.fixed) {
+      this.sharpness = wanted;
+      this.isDirty = true;
+    }
+  }
+
+  /** Sorts for the present camera and time; the image follows when that is done. */
+  async sort() {
+    this.isStale = false;
+    this.isSorting = true;
+    try {
+      await this.renderer.sort(this.camera, this.time);
+    } finally {
+      this.isSorting = false;
+      this.isDirty = true;
+    }
+  }
+
+  advance(seconds) {
+    const [first, last] = this.scene.span;
+    const length = Math.max(LEAST_SECONDS, this.scene.moments / MOMENTS_PER_SECOND);
+    let time = this.time + (this.speed * seconds * (last - first)) / length;
+    if (time > last) {
+      time = this.loops ? first + ((time - first) % (last - first)) : last;
+      if (!this.loops) this.play(false);
+    }
+    this.time = time;
+    this.changed();
+  }
+
+  /** @param {boolean} isPlaying */
+  play(isPlaying) {
+    const [first, last] = this.scene.span;
+    if (isPlaying && this.time >= last) this.time = first;
+    this.isPlaying = isPlaying && last > first;
+    this.isDirty = true;
+    if (!isPlaying) this.note();
+  }
+
+  /** @param {number} time */
+  setTime(time) {
+    const [first, last] = this.scene.span;
+    this.time = Math.min(last, Math.max(first, time));
+    this.changed();
+    clearTimeout(this.noting);
+    this.noting = setTimeout(() => this.note(), STILL);
+  }
+
+  /** @param {string} layer one of LAYERS */
+  setLayer(layer) {
+    if (LAYERS.includes(layer)) this.layer = layer;
+    this.isDirty = true;
+    this.note();
+  }
+
+  /** @param {number} index of a camera of the scene */
+  jump(index) {
+    const camera = this.scene.cameras[index];
+    this.orbit.take(camera);
+    if (camera.time !== null) this.setTime(camera.time);
+    this.moved();
+  }
+
+  /**
+   * Shows an image of exactly this camera, one pixel for each of its pixels, until a reader moves it.
+   * @param {Camera} camera
+   */
+  setCamera(camera) {
+    this.orbit.take(camera);
+    this.fixed = { ...camera };
+    Object.assign(this.canvas.style, { width: `${camera.width}px`, height: `${camera.height}px` });
+    this.changed();
+  }
+
+  /** The image as it is for the present camera and time. */
+  async pixels() {
+    await this.renderer.sort(this.camera, this.time);
+    this.renderer.draw(this.camera, this.time, this.layer);
+    return this.renderer.read();
+  }
+
+  /** Keeps the state in the address. */
+  note() {
+    const state = new URLSearchParams({ time: +this.time.toFixed(4), pose: this.orbit.toString() });
+    if (this.layer !== LAYERS[0]) state.set('layer', this.layer);
+    // Some hosts of embedded pages forbid it.
+    try {
+      history.replaceState(null, '', `#${decodeURIComponent(state)}`);
+    } catch { /* The address stays as it was. */ }
+  }
+
+  /** Takes the state from the address: what follows the question mark, then what follows the hash sign. */
+  readAddress() {
+    const wanted = new URLSearchParams(`${location.search.slice(1)}&${location.hash.slice(1)}`);
+    // The last one counts.
+    const value = name => wanted.getAll(name).at(-1);
+    const { cameras } = this.scene;
+    const named = cameras.findIndex(({ name }) => name === value('camera'));
+    const index = named >= 0 ? named : Number(value('camera') ?? NaN);
+    if (cameras[index]) this.jump(index);
+    const matrix = value('matrix')?.split(',').map(Number) ?? [];
+    if (matrix.length === 12 && matrix.every(Number.isFinite)) {
+      const part = columns => [0, 4, 8].flatMap(row => columns.map(column => matrix[row + column]));
+      this.orbit.take({ ...cameras[0], rotation: part([0, 1, 2]), translation: part([3]) });
+    }
+    if (value('pose')) this.orbit.parse(value('pose'));
+    if (Number.isFinite(Number(value('time') ?? NaN))) this.setTime(Number(value('time')));
+    if (LAYERS.includes(value('layer'))) this.layer = value('layer');
+    if (Number(value('speed')) > 0) this.speed = Number(value('speed'));
+    if (value('loop')) this.loops = value('loop') !== '0';
+    const size = /^(\d+)x(\d+)$/.exec(value('size') ?? '')?.slice(1).map(Number);
+    if (size && Math.min(...size) > 0) this.setCamera(this.orbit.camera(...size));
+    this.form.hidden = value('ui') === '0';
+    if (value('play') === '1') this.play(true);
+    this.changed();
+  }
+}
+
+/** Shows a message over the image; an empty one hides it. */
+function say(text) {
+  const message = document.getElementById('message');
+  message.textContent = text;
+  message.hidden = !text;
+}
+
+/** Unpacks the page and starts the player. */
+async function start() {
+  if (typeof DecompressionStream === 'undefined') {
+    throw new Unsupported('This browser cannot unpack the scene: it has no DecompressionStream. Try a current version.');
+  }
+  const scene = JSON.parse(document.getElementById('scene').textContent);
+  const packed = document.getElementById('gaussians');
+  const planes = await unpack(packed.textContent);
+  // The text is of no use any more.
+  packed.remove();
+  const branches = decodeBranches([scene.static, scene.dynamic].filter(Boolean), planes);
+  const player = new Player(document.getElementById('view'), document.getElementById('controls'), scene, branches);
+  player.readAddress();
+  addEventListener('hashchange', () => player.readAddress());
+  await player.sort();
+  say('');
+  return player;
+}
+
+/**
+ * For scripts of pages that embed this one, and for tests.
+ * @property {Promise<void>} ready resolves when the scene is shown, rejects where it cannot be
+ */
+const mvfusion = { ready: start().then(player => Object.assign(mvfusion, {
+  player,
+  /** @param {Camera} camera */
+  setCamera: camera => player.setCamera(camera),
+  /** @param {number} time */
+  setTime: time => player.setTime(time),
+  /** @param {string} layer */
+  setLayer: layer => player.setLayer(layer),
+  /** @returns {Promise<ImageData>} of the present camera and time */
+  pixels: () => player.pixels(),
+})).then(() => {}) };
+window.mvfusion = mvfusion;
+mvfusion.ready.catch(error => {
+  say(error instanceof Unsupported ? error.message : `The scene cannot be shown: ${error.message}`);
+  if (!(error instanceof Unsupported)) console.error(error);
+});

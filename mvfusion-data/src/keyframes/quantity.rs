@@ -1,0 +1,91 @@
+//! What a Gaussian consists of, and the steps of its numbers.
+
+use serde::{Deserialize, Serialize};
+
+use crate::rest_width;
+
+/// Whole numbers stay within this bound, so that the difference of two of them does not overflow.
+const LARGEST: f64 = (1 << 29) as f64;
+
+/// An attribute of a Gaussian as it is stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Quantity {
+    /// The centre, in world units. Its step depends on the scene.
+    Mean,
+    /// Natural logarithms of the standard deviations along the axes.
+    LogScale,
+    /// A unit quaternion w, x, y, z. Its sign is that of the smallest change from the keyframe before.
+    Rotation,
+    /// The opacity in `[0, 1]`.
+    Opacity,
+    /// The probabilities of the mask in `[0, 1]`: static, brightness, dynamic.
+    Mask,
+    /// The constant colour coefficients.
+    Base,
+    /// The higher colour coefficients, channels fastest. They do not change over time.
+    Rest,
+}
+
+/// Evenly spaced numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Grid {
+    /// The number that zero stands for.
+    pub offset: f64,
+    /// The distance of two neighbours.
+    pub step: f64,
+}
+
+impl Quantity {
+    /// All quantities, in the order of files.
+    pub const ALL: [Self; 7] =
+        [Self::Mean, Self::LogScale, Self::Rotation, Self::Opacity, Self::Mask, Self::Base, Self::Rest];
+
+    /// Numbers of a Gaussian at one time.
+    pub fn columns(self, sh_degree: usize) -> usize {
+        match self {
+            Self::Mean | Self::LogScale | Self::Mask | Self::Base => 3,
+            Self::Rotation => 4,
+            Self::Opacity => 1,
+            Self::Rest => rest_width(sh_degree),
+        }
+    }
+
+    /// Whether it has a value at each keyframe.
+    pub fn moves(self) -> bool {
+        self != Self::Rest
+    }
+
+    /// Whether neighbours in space have similar values, so that the difference to the Gaussian before is stored.
+    pub fn is_smooth_in_space(self) -> bool {
+        self == Self::Mean
+    }
+}
+
+impl Grid {
+    /// The numbers of a quantity; `position_step` is the step of centres. Halves of the steps bound the errors: 0.8 % of
+    /// a size, 0.2 degrees of a rotation, half an 8-bit level of opacities and masks, a quarter level of base colours.
+    pub fn of(quantity: Quantity, position_step: f64) -> Self {
+        let (offset, step) = match quantity {
+            Quantity::Mean => (0.0, position_step),
+            Quantity::LogScale | Quantity::Rest => (0.0, 1.0 / 64.0),
+            Quantity::Rotation => (0.0, 1.0 / 255.0),
+            // Around the middle, so that the whole numbers fit into a byte.
+            Quantity::Opacity | Quantity::Mask => (128.0 / 255.0, 1.0 / 255.0),
+            Quantity::Base => (0.0, 1.0 / 128.0),
+        };
+        Self { offset, step }
+    }
+
+    /// The nearest whole number. A number that is not finite becomes zero.
+    pub fn quantise(self, value: f64) -> i32 {
+        let steps = ((value - self.offset) / self.step).round();
+        // NaN becomes 0.
+        steps.clamp(-LARGEST, LARGEST) as i32
+    }
+
+    /// The value of a whole number.
+    pub fn value(self, whole: i32) -> f64 {
+        self.offset + self.step * f64::from(whole)
+    }
+}

@@ -1,0 +1,76 @@
+//! Fewer keyframes, colour coefficients and Gaussians.
+
+use super::order::morton_order;
+use super::{Grid, Keyframes, Quantity, Track};
+
+impl Keyframes {
+    /// These Gaussians alone, with every `stride`-th keyframe and the last, and without the colour coefficients above a
+    /// degree. Neighbours in space become neighbours in the lists.
+    ///
+    /// Where a Gaussian cannot be seen, because it is transparent at a keyframe and at both neighbours, its other values
+    /// repeat the ones before (or the first ones after). They cost next to nothing then.
+    pub fn reduced(&self, rows: &[usize], stride: usize, sh_degree: usize) -> Self {
+        let last = self.times.len().saturating_sub(1);
+        let chosen: Vec<usize> = (0..self.times.len()).filter(|k| k % stride.max(1) == 0 || *k == last).collect();
+        let sh_degree = sh_degree.min(self.sh_degree);
+        let rows = self.in_space(rows);
+        let track = |track: &Track| {
+            let keyframes: &[usize] = if track.quantity.moves() { &chosen } else { &[0] };
+            let column = |column: &Vec<i32>| {
+                keyframes.iter().flat_map(|k| rows.iter().map(|row| column[k * self.count + row])).collect()
+            };
+            let width = track.quantity.columns(sh_degree);
+            Track { columns: track.columns[..width].iter().map(column).collect(), ..track.clone_empty() }
+        };
+        let mut reduced = Self {
+            count: rows.len(),
+            sh_degree,
+            times: chosen.iter().map(|&k| self.times[k]).collect(),
+            tracks: self.tracks.iter().map(track).collect(),
+        };
+        reduced.hold_unseen();
+        reduced
+    }
+
+    /// Rows along a curve through space, by their centres at the first keyframe.
+    fn in_space(&self, rows: &[usize]) -> Vec<usize> {
+        let Some(means) = self.track(Quantity::Mean) else { return rows.to_vec() };
+        let centres: Vec<[i32; 3]> =
+            rows.iter().map(|&row| [0, 1, 2].map(|axis| means.columns[axis][row])).collect();
+        morton_order(&centres).into_iter().map(|place| rows[place]).collect()
+    }
+
+    /// Repeats values where they do not matter.
+    fn hold_unseen(&mut self) {
+        let (count, keyframes) = (self.count, self.times.len());
+        let least = Grid::of(Quantity::Opacity, 0.0).quantise(0.0);
+        let opacities = self.column(Quantity::Opacity).to_vec();
+        let is_opaque = |k: usize, row: usize| opacities[k * count + row] > least;
+        let is_seen =
+            |k: usize, row: usize| (k.saturating_sub(1)..=(k + 1).min(keyframes - 1)).any(|k| is_opaque(k, row));
+        let held = |track: &&mut Track| track.quantity.moves() && track.quantity != Quantity::Opacity;
+        for row in 0..count {
+            let seen: Vec<bool> = (0..keyframes).map(|k| is_seen(k, row)).collect();
+            let Some(first) = seen.iter().position(|&seen| seen) else { continue };
+            for track in self.tracks.iter_mut().filter(held) {
+                for column in &mut track.columns {
+                    let mut value = column[first * count + row];
+                    for (k, &seen) in seen.iter().enumerate() {
+                        let own = &mut column[k * count + row];
+                        if seen {
+                            value = *own;
+                        }
+                        *own = value;
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl Track {
+    /// The same track without values.
+    fn clone_empty(&self) -> Self {
+        Self { quantity: self.quantity, grid: self.grid, columns: Vec::new() }
+    }
+}
