@@ -2,18 +2,23 @@
 
 use std::io::Write;
 
+use bytesize::ByteSize;
 use mvfusion_data::GaussianCloud;
 use mvfusion_data::write::gaussian_ply;
+use mvfusion_model::ModelError;
 use mvfusion_model::train::final_level;
 
 use crate::args::{ExportArgs, ExportFormat};
 use crate::atomic;
-use crate::export::{self, Exporter, InriaModel, Moment};
+use crate::export::moving::{Clock, MovingFile, Samples};
+use crate::export::{self, Exporter, Fidelity, InriaModel, Moment};
 use crate::progress::{Progress, Verbosity};
 use crate::run::{Existing, MasksRequest, OpenRun, RunFolder, RunPlan, RunRequest};
 
 /// Width of the first column.
 const LABEL: usize = 16;
+/// Default maximum number of samples of a `.4dgs` file.
+const MOST_SAMPLES: usize = 60;
 
 /// Writes a run's Gaussians and cameras for other programs.
 ///
@@ -21,6 +26,9 @@ const LABEL: usize = 16;
 /// If the run is not complete, its data are missing, the folder is not empty, the device fails, or a file cannot be
 /// written.
 pub fn export(args: &ExportArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
+    if args.page.html.is_some() {
+        return super::export_page::export_page(args, verbosity, out);
+    }
     let existing = if args.force { Existing::Replace } else { Existing::Keep };
     let plan = RunPlan::for_contents(&args.out, existing, export::CONTENTS)?;
     let data = args.data.as_deref();
@@ -28,7 +36,7 @@ pub fn export(args: &ExportArgs, verbosity: Verbosity, out: &mut dyn Write) -> a
     let run = OpenRun::open(&request, verbosity)?;
     let exporter = exporter(args, &run, verbosity);
     let mut folder = plan.create()?;
-    Session { args, run: &run, exporter, folder: &folder }.write(verbosity, out)?;
+    Session { args, run: &run, exporter, folder: &folder, verbosity }.write(out)?;
     folder.finish();
     Ok(())
 }
@@ -45,65 +53,141 @@ struct Session<'a> {
     run: &'a OpenRun,
     exporter: Exporter,
     folder: &'a RunFolder,
+    verbosity: Verbosity,
 }
 
 impl Session<'_> {
-    fn write(&self, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
+    fn write(&self, out: &mut dyn Write) -> anyhow::Result<()> {
         export::write_cameras(&self.run.scene, &self.folder.place(&[export::CAMERAS])?)?;
-        let wanted = |format| self.args.format.contains(&format);
-        if wanted(ExportFormat::Ply) {
+        if self.wants(ExportFormat::Ply) {
             self.write_branches(out)?;
         }
-        // These formats show the scene at one time. Canonical Gaussians do not belong to any time.
-        let moment = Moment::At(self.args.time.unwrap_or(0.0));
-        if wanted(ExportFormat::Splat) {
-            let gaussians = self.exporter.scene(moment)?;
-            export::write_splat(&gaussians, &self.folder.place(&[export::SPLAT])?)?;
-            tell(out, export::SPLAT, &gaussians)?;
+        if [ExportFormat::Splat, ExportFormat::Inria, ExportFormat::Glb].into_iter().any(|format| self.wants(format)) {
+            self.write_still(out)?;
         }
-        if wanted(ExportFormat::Inria) {
-            let gaussians = &self.exporter.scene(moment)?;
-            let OpenRun { config, scene, trained, .. } = self.run;
-            let model = InriaModel { gaussians, scene, config, steps: trained.steps };
-            export::write_inria(&model, self.folder)?;
-            tell(out, "point_cloud", gaussians)?;
+        if self.wants(ExportFormat::Moving) {
+            self.write_moving(out)?;
         }
         if let Some(frames) = self.args.frames {
-            self.write_frames(frames.get(), verbosity)?;
-            writeln!(out, "{:LABEL$}{frames}", export::FRAMES)?;
+            self.write_frames(frames.get(), out)?;
         }
         writeln!(out, "{:LABEL$}{}", "written to", self.folder.path().display())?;
         Ok(())
     }
 
+    fn wants(&self, format: ExportFormat) -> bool {
+        self.args.format.contains(&format)
+    }
+
     /// The Gaussians of each branch, in separate files.
     fn write_branches(&self, out: &mut dyn Write) -> anyhow::Result<()> {
         let moment = self.args.time.map_or(Moment::Canonical, Moment::At);
-        let static_ = self.exporter.static_()?.map(|gaussians| (export::STATIC, gaussians));
-        for (name, gaussians) in static_.into_iter().chain([(export::DYNAMIC, self.exporter.dynamic(moment)?)]) {
-            atomic::write(&self.folder.place(&[name])?, &gaussian_ply(&gaussians))?;
-            tell(out, name, &gaussians)?;
+        self.write_static(out)?;
+        let gaussians = self.exporter.dynamic(moment)?;
+        atomic::write(&self.folder.place(&[export::DYNAMIC])?, &gaussian_ply(&gaussians))?;
+        tell(out, export::DYNAMIC, &gaussians)
+    }
+
+    /// The static Gaussians, if there are any.
+    fn write_static(&self, out: &mut dyn Write) -> anyhow::Result<()> {
+        let Some(gaussians) = self.exporter.static_()? else { return Ok(()) };
+        atomic::write(&self.folder.place(&[export::STATIC])?, &gaussian_ply(&gaussians))?;
+        tell(out, export::STATIC, &gaussians)
+    }
+
+    /// The formats that show both branches at one time. Canonical Gaussians do not belong to any time.
+    fn write_still(&self, out: &mut dyn Write) -> anyhow::Result<()> {
+        let time = self.args.time.unwrap_or(0.0);
+        let gaussians = &self.exporter.scene(Moment::At(time))?;
+        if self.wants(ExportFormat::Splat) {
+            export::write_splat(gaussians, &self.folder.place(&[export::SPLAT])?)?;
+            tell(out, export::SPLAT, gaussians)?;
         }
-        Ok(())
+        if self.wants(ExportFormat::Inria) {
+            let OpenRun { config, scene, trained, .. } = self.run;
+            let model = InriaModel { gaussians, scene, config, steps: trained.steps };
+            export::write_inria(&model, self.folder)?;
+            tell(out, "point_cloud", gaussians)?;
+        }
+        if self.wants(ExportFormat::Glb) {
+            let bytes = export::encode_glb(gaussians, &self.run.scene, time)?;
+            atomic::write(&self.folder.place(&[export::GLB])?, &bytes)?;
+            writeln!(out, "{:LABEL$}{} Gaussians, {}", export::GLB, gaussians.len(), size(bytes.len()))?;
+        }
+        let loss = self.fidelity(Some(time))?.loss(|_| Ok(gaussians.clone()))?;
+        Ok(writeln!(out, "{:LABEL$}{loss}", "PSNR")?)
+    }
+
+    /// The whole scene in motion.
+    fn write_moving(&self, out: &mut dyn Write) -> anyhow::Result<()> {
+        let clock = Clock::of(&self.exporter.context.timeline);
+        let count = self.args.samples.map_or(clock.frames().min(MOST_SAMPLES), usize::from);
+        let mut progress = Progress::new("samples", 2 * count + 1, self.verbosity);
+        let static_ = self.exporter.static_()?;
+        let scene_at = |time: f64| -> Result<GaussianCloud, ModelError> {
+            let dynamic = self.exporter.dynamic_without_masks(Moment::At(time))?;
+            progress.advance();
+            Ok(match &static_ {
+                Some(static_) => static_.clone().joined(dynamic),
+                None => dynamic,
+            })
+        };
+        let eyes = export::eyes(&self.run.scene);
+        let samples = Samples::take(count, clock, self.args.precision, &eyes, scene_at)?;
+        progress.finish();
+        let path = self.folder.place(&[export::MOVING])?;
+        let bytes = samples.encode()?;
+        atomic::write(&path, &bytes)?;
+        let (gaussians, size) = (samples.gaussians(), size(bytes.len()));
+        writeln!(out, "{:LABEL$}{gaussians} Gaussians at {count} times, {size}", export::MOVING)?;
+        // The file as others will read it, not what was meant to be in it.
+        let mut file = MovingFile::open(&path)?;
+        let found = file.check(&samples)?;
+        writeln!(out, "{:LABEL$}{}", "error bound", file.bounds())?;
+        writeln!(out, "{:LABEL$}{found}", "largest error")?;
+        let loss = self.fidelity(None)?.loss(|time| file.cloud_at(clock.second(time)))?;
+        Ok(writeln!(out, "{:LABEL$}{loss}", "PSNR")?)
     }
 
     /// The whole scene at evenly spaced times.
-    fn write_frames(&self, frames: usize, verbosity: Verbosity) -> anyhow::Result<()> {
+    fn write_frames(&self, frames: usize, out: &mut dyn Write) -> anyhow::Result<()> {
+        let is_shared = self.args.shared_static && self.exporter.model.static_.is_some();
+        let scene_at = |time: f64| match is_shared {
+            true => self.exporter.dynamic_without_masks(Moment::At(time)),
+            false => self.exporter.scene(Moment::At(time)),
+        };
+        if is_shared && !self.wants(ExportFormat::Ply) {
+            self.write_static(out)?;
+        }
         let last = self.exporter.context.timeline.times().last().copied().unwrap_or(0.0);
-        let mut progress = Progress::new("frames", frames, verbosity);
-        for (frame, time) in export::frame_times(frames, last).into_iter().enumerate() {
-            let gaussians = self.exporter.scene(Moment::At(time))?;
-            atomic::write(
-                &self.folder.place(&[export::FRAMES, &export::frame_name(frame)])?,
-                &gaussian_ply(&gaussians),
-            )?;
+        let times = export::frame_times(frames, last);
+        let first = gaussian_ply(&scene_at(times[0])?);
+        // All frames have as many Gaussians, so they are equally large.
+        let (each, all) = (size(first.len()), size(first.len() * frames));
+        writeln!(out, "{:LABEL$}{frames} files of {each}, {all} in all", export::FRAMES)?;
+        out.flush()?;
+        let mut progress = Progress::new("frames", frames, self.verbosity);
+        for (frame, time) in times.into_iter().enumerate() {
+            let bytes = if frame == 0 { first.clone() } else { gaussian_ply(&scene_at(time)?) };
+            atomic::write(&self.folder.place(&[export::FRAMES, &export::frame_name(frame)])?, &bytes)?;
             progress.advance();
         }
         progress.finish();
-        Ok(())
+        let loss = self.fidelity(None)?.loss(|time| Ok(self.exporter.scene(Moment::At(time))?))?;
+        Ok(writeln!(out, "{:LABEL$}{loss}", "PSNR")?)
+    }
+
+    /// The renders that exported Gaussians are compared with.
+    fn fidelity(&self, time: Option<f64>) -> anyhow::Result<Fidelity<'_>> {
+        Fidelity::new(&self.exporter, &self.run.scene, &self.run.device, time)
     }
 }
 
-fn tell(out: &mut dyn Write, name: &str, gaussians: &GaussianCloud) -> std::io::Result<()> {
-    writeln!(out, "{name:LABEL$}{} Gaussians", gaussians.len())
+fn tell(out: &mut dyn Write, name: &str, gaussians: &GaussianCloud) -> anyhow::Result<()> {
+    Ok(writeln!(out, "{name:LABEL$}{} Gaussians", gaussians.len())?)
+}
+
+/// A number of bytes, in the units of disks.
+fn size(bytes: usize) -> String {
+    ByteSize(bytes as u64).display().si().to_string()
 }

@@ -5,6 +5,7 @@ use std::path::Path;
 use mvfusion_data::GaussianCloud;
 use mvfusion_model::model::gaussians::SH_C0;
 
+use super::activated::{opacity, unit_quaternion};
 use crate::atomic;
 
 /// Bytes of a Gaussian.
@@ -28,26 +29,15 @@ fn encode(gaussians: &GaussianCloud) -> Vec<u8> {
         let sizes = gaussians.log_scales[index].map(f32::exp);
         bytes.extend(gaussians.means[index].into_iter().chain(sizes).flat_map(f32::to_le_bytes));
         bytes.extend(gaussians.sh_dc[index].map(|dc| byte(255.0 * (0.5 + SH_C0 * f64::from(dc)))));
-        bytes.push(byte(255.0 * opacity(gaussians, index)));
-        bytes.extend(unit(gaussians.quaternions[index]).map(|part| byte(128.0 * part + 128.0)));
+        bytes.push(byte(255.0 * opacity(gaussians.opacity_logits[index])));
+        bytes.extend(unit_quaternion(gaussians.quaternions[index]).map(|part| byte(128.0 * part + 128.0)));
     }
     bytes
 }
 
 /// Volume times opacity.
 fn weight(gaussians: &GaussianCloud, index: usize) -> f64 {
-    gaussians.log_scales[index].map(f64::from).iter().sum::<f64>().exp() * opacity(gaussians, index)
-}
-
-fn opacity(gaussians: &GaussianCloud, index: usize) -> f64 {
-    1.0 / (1.0 + f64::from(-gaussians.opacity_logits[index]).exp())
-}
-
-/// A rotation as a unit quaternion. A zero quaternion becomes the identity.
-fn unit(quaternion: [f32; 4]) -> [f64; 4] {
-    let parts = quaternion.map(f64::from);
-    let length = parts.iter().map(|part| part * part).sum::<f64>().sqrt();
-    if length > 0.0 { parts.map(|part| part / length) } else { [1.0, 0.0, 0.0, 0.0] }
+    gaussians.log_scales[index].map(f64::from).iter().sum::<f64>().exp() * opacity(gaussians.opacity_logits[index])
 }
 
 fn byte(value: f64) -> u8 {

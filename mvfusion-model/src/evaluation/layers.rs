@@ -200,8 +200,8 @@ impl<'a> LayerRenderer<'a> {
     }
 
     /// A layer in 8 bits. Colours, mask and alpha are unchanged. Depths become grey by their inverse (near is white).
-    /// Motion becomes a heat map of the root, from black through red and yellow to white, which is the 98 % quantile of
-    /// the dynamic Gaussians.
+    /// Motion becomes a heat map of the root, from black to pale yellow, which is the 98 % quantile of the dynamic
+    /// Gaussians.
     ///
     /// # Errors
     /// If the device fails to return the values.

@@ -1,6 +1,7 @@
 //! Evaluation on held-out views: render, compare, average.
 
 mod cloud;
+mod blended_clouds;
 mod evaluate;
 mod evaluator;
 mod heat;
@@ -17,6 +18,7 @@ mod speed;
 mod tone;
 
 pub use cloud::cloud_picture;
+pub use blended_clouds::{blended_picture, contributions};
 pub use evaluate::{Split, evaluate};
 pub use evaluator::{Evaluator, Pair, Regions, ViewMetrics};
 pub use heat::{MotionLayers, heat_colours};

@@ -9,6 +9,7 @@ use mvfusion_render::profile::{Part, measure};
 use mvfusion_render::splat::{self, SplatFrame, SplatInputs, SplatPicture, SplatSettings};
 use serde::{Deserialize, Serialize};
 
+use crate::model::composition::brightness;
 use crate::model::mask::MaskChannel;
 use crate::model::network::Offsets;
 use crate::model::rows::{PerGaussian, RowMap};
@@ -307,20 +308,33 @@ impl RawGaussians {
     /// Foreground probability of each Gaussian: `clamp(u_d / (u_d + u_s)) * opacity`, `[N, 1]` (METHOD §1.4).
     pub fn foreground_probability(&self) -> Option<Tensor<2>> {
         let probabilities = sigmoid(self.mask_logits.clone()?.inner());
-        let [static_, dynamic] = [MaskChannel::Static, MaskChannel::Dynamic].map(|channel| channel.of(&probabilities));
-        let share = dynamic.clone() / (dynamic + static_ + 1e-6);
-        Some(share.clamp(1e-9, 1.0 - 1e-9) * sigmoid(self.opacity_logits.clone().inner()))
+        Some(foreground_share(&probabilities) * sigmoid(self.opacity_logits.clone().inner()))
     }
 
-    /// The same Gaussians for viewers without masks. The foreground share of a Gaussian's mask weights its opacity
-    /// ([`RawGaussians::foreground_probability`]), so regions that the mask assigns to the static branch fade. This
-    /// equals the blending of the branches where opaque Gaussians with equal masks cover a pixel. The brightness
-    /// control of the static branch is lost.
+    /// The same Gaussians for viewers without masks, which blend all Gaussians front to back.
+    ///
+    /// Alone and opaque, a Gaussian with the foreground share `d` and the brightness factor `l` leaves `(1 - d) l` of
+    /// the static branch visible and adds `d` times its colour (METHOD §1.3). A viewer does the same with an opacity of
+    /// `1 - (1 - d) l` and that colour over this opacity, so Gaussians that only darken the static branch become black
+    /// and translucent. This equals the blending of the branches where opaque Gaussians with equal masks cover a pixel.
+    /// Factors above 1 are taken as 1, because a Gaussian cannot brighten what is behind it.
     pub fn without_masks(self) -> Self {
-        let Some(probability) = self.foreground_probability() else { return self };
-        let opacity = probability.clamp(OPACITY_MARGIN, 1.0 - OPACITY_MARGIN);
-        let logits = opacity.clone().log() - (-opacity + 1.0).log();
-        Self { opacity_logits: logits, mask_logits: None, ..self }
+        let Some(logits) = &self.mask_logits else { return self };
+        let probabilities = sigmoid(logits.clone());
+        let light = brightness(MaskChannel::Brightness.of(&probabilities)).clamp_max(1.0);
+        let share = foreground_share(&probabilities);
+        let hidden = -(-share.clone() + 1.0) * light + 1.0;
+        let opacity = (sigmoid(self.opacity_logits) * hidden.clone()).clamp(OPACITY_MARGIN, 1.0 - OPACITY_MARGIN);
+        let opacity_logits = opacity.clone().log() - (-opacity + 1.0).log();
+        // `hidden` is at least `share`, which is positive.
+        let dim: Tensor<3> = (share / hidden).unsqueeze_dim(2);
+        let [_, coefficients, _] = self.sh.dims();
+        let constant = self.sh.clone().narrow(1, 0, 1) * dim.clone() + (dim.clone() - 1.0) * (0.5 / SH_C0);
+        let mut sh = vec![constant];
+        if coefficients > 1 {
+            sh.push(self.sh.narrow(1, 1, coefficients - 1) * dim);
+        }
+        Self { opacity_logits, sh: Tensor::cat(sh, 1), mask_logits: None, ..self }
     }
 
     /// The values of these Gaussians, for a file.
@@ -419,6 +433,12 @@ impl RawGaussians {
             mask_logits: self.mask_logits.map(|logits| logits.select(0, rows.clone())),
         }
     }
+}
+
+/// Share of the foreground in the mask probabilities of each Gaussian: `[N, 1]` (METHOD §1.4).
+fn foreground_share(probabilities: &Tensor<2>) -> Tensor<2> {
+    let [static_, dynamic] = [MaskChannel::Static, MaskChannel::Dynamic].map(|channel| channel.of(probabilities));
+    (dynamic.clone() / (dynamic + static_ + 1e-6)).clamp(1e-9, 1.0 - 1e-9)
 }
 
 /// Values plus offsets, if there are any.
