@@ -33,4 +33,4 @@ pub use sweep::sweep;
 pub use synth::synth;
 pub use train::train;
 #[cfg(feature = "viewer")]
-pub use view::view;
+pub use view::{view, view_until};

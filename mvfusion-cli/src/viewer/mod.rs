@@ -1,6 +1,6 @@
 //! The live viewer: a local server with one page, for a trained run and for one that trains.
 //!
-//! A thread of its own ([`server`]) talks with the pages and computes nothing. Their requests lie on the [`desk`] until
+//! A thread of its own (`server.rs`) talks with the pages and computes nothing. Their requests lie on the [`desk`] until
 //! the thread that owns the device takes them: the main thread, which either has nothing else to do (`mvfusion view`)
 //! or trains (`mvfusion train --view`). The CPU ops need that thread, because it is part of the pool. What it renders
 //! ([`painter`]) goes back as a JPEG file ([`frame`]). What all pages are told stands on the [`board`].
@@ -16,11 +16,12 @@ pub mod desk;
 pub mod facts;
 pub mod frame;
 pub mod guard;
+mod hall;
 pub mod moments;
 pub mod painter;
 mod photos;
 pub mod protocol;
-pub mod server;
+mod server;
 mod session;
 #[cfg(test)]
 mod tests;
@@ -34,9 +35,10 @@ use address::Listening;
 use board::{Board, Status};
 use desk::Desk;
 use facts::RunFacts;
+use hall::Hall;
 use painter::Painter;
 use photos::Photos;
-use server::{Hall, Server};
+use server::Server;
 
 /// A viewer that is served. It ends when it is dropped.
 #[derive(Debug)]

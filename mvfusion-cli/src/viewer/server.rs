@@ -4,7 +4,6 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 
 use anyhow::Context;
-use axum::body::Bytes;
 use axum::extract::ws::WebSocketUpgrade;
 use axum::extract::{Path, Request, State};
 use axum::http::{HeaderValue, StatusCode, header};
@@ -15,12 +14,10 @@ use axum::{Router, serve};
 use tokio::sync::oneshot;
 
 use super::address::Listening;
-use super::board::Board;
 use super::connection::Bounded;
-use super::desk::Desk;
-use super::guard::{Asked, Guard};
-use super::photos::Photos;
-use super::protocol::{LONGEST_MESSAGE, Limits, ViewId, ViewSet};
+use super::guard::Asked;
+use super::hall::Hall;
+use super::protocol::{LONGEST_MESSAGE, ViewId, ViewSet};
 use super::session;
 
 /// The page.
@@ -48,25 +45,6 @@ pub(super) const FILES: [(&str, &str, &str); 14] = [
 
 /// Threads that decode photos.
 const HELPERS: usize = 1;
-
-/// What all requests share.
-#[derive(Debug)]
-pub struct Hall {
-    /// Where requests are left.
-    pub desk: Arc<Desk>,
-    /// What all pages are told.
-    pub board: Arc<Board>,
-    /// The facts of the scene, as JSON.
-    pub facts: Bytes,
-    /// The points of the scene.
-    pub points: Bytes,
-    /// Its photos.
-    pub photos: Photos,
-    /// What is granted.
-    pub limits: Limits,
-    /// Who may ask.
-    pub guard: Guard,
-}
 
 /// A running server. It ends when it is dropped.
 #[derive(Debug)]

@@ -11,8 +11,8 @@ use tokio::time::{interval, timeout};
 use super::board::{CurvePoint, Status};
 use super::desk::Client;
 use super::frame::Answer;
+use super::hall::Hall;
 use super::protocol::Message;
-use super::server::Hall;
 
 /// A page that takes nothing for so long is given up.
 const PATIENCE: Duration = Duration::from_secs(30);

@@ -29,6 +29,7 @@ mod metrics;
 mod network;
 mod own;
 mod parity;
+mod player;
 mod refinement;
 mod report;
 mod schedule;
@@ -37,6 +38,7 @@ mod statistics;
 mod tiny;
 mod training;
 mod variants;
+mod viewer;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -63,6 +65,8 @@ fn main() -> ExitCode {
     }
     trials.extend(captures::trials(root().as_deref()));
     trials.extend(report::trials(root().as_deref()));
+    trials.extend(player::trials());
+    trials.extend(viewer::trials());
     trials.extend(cluster::trials());
     trials.extend(foreign::trials());
     #[cfg(feature = "wgpu")]
