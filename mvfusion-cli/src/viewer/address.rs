@@ -25,8 +25,8 @@ pub struct Listening {
     pub guard: Guard,
     /// The address for a browser.
     pub address: String,
-    port: u16,
-    is_local: bool,
+    pub(super) port: u16,
+    pub(super) is_local: bool,
 }
 
 impl Listening {
@@ -84,7 +84,8 @@ fn refusal(error: &io::Error, host: &str, port: u16) -> anyhow::Error {
              `train`), or 0 for any free one."
         ),
         ErrorKind::AddrNotAvailable => {
-            UsageError::new(format!("--host {host} is no address of this machine. Give 0.0.0.0 for all of them.")).into()
+            UsageError::new(format!("--host {host} is no address of this machine. Give 0.0.0.0 for all of them."))
+                .into()
         }
         ErrorKind::PermissionDenied => anyhow!("port {port} needs more rights. Give one above 1023 with --port N."),
         _ => anyhow!("cannot listen at port {port} of {host}: {error}. Give another one with --port N."),
@@ -106,7 +107,10 @@ mod tests {
     fn a_taken_port_is_told_with_what_to_do() {
         let first = Listening::at(HOST, 0).expect("a free port");
         let error = Listening::at(HOST, first.port).expect_err("taken").to_string();
-        assert!(error.contains(&first.port.to_string()) && error.contains("--port N") && error.contains("0"), "{error}");
+        assert!(
+            error.contains(&first.port.to_string()) && error.contains("--port N") && error.contains("0"),
+            "{error}"
+        );
     }
 
     #[test]

@@ -156,8 +156,8 @@ impl Drop for Client {
 
 #[cfg(test)]
 mod tests {
-    use super::super::protocol::tests::{LIMITS, request};
     use super::super::protocol::Message;
+    use super::super::protocol::tests::{LIMITS, request};
     use super::*;
 
     fn wanted(id: u64) -> Box<FrameRequest> {

@@ -249,8 +249,7 @@ pub(super) mod tests {
 
     #[test]
     fn orders_have_no_contents() {
-        for (name, order) in
-            [("pause", Message::Pause), ("go_on", Message::GoOn), ("checkpoint", Message::Checkpoint)]
+        for (name, order) in [("pause", Message::Pause), ("go_on", Message::GoOn), ("checkpoint", Message::Checkpoint)]
         {
             assert_eq!(parse(&json!({"type": name})), Ok(order));
         }

@@ -15,7 +15,7 @@ use tokio::sync::oneshot;
 
 use super::address::Listening;
 use super::connection::Bounded;
-use super::guard::Asked;
+use super::guard::{Asked, Refusal};
 use super::hall::Hall;
 use super::protocol::{LONGEST_MESSAGE, ViewId, ViewSet};
 use super::session;
@@ -103,7 +103,7 @@ fn router(hall: Arc<Hall>) -> Router {
     let base = hall.guard.base();
     let at = |path: &str| format!("{base}/{path}");
     let page = Router::new().route(&at(""), get(|| async { text("text/html; charset=utf-8", PAGE) }));
-    let file = |router: Router<_>, (name, kind, contents)| {
+    let file = |router: Router<_>, (name, kind, contents): (&str, &'static str, &'static str)| {
         router.route(&at(name), get(move || async move { text(kind, contents) }))
     };
     FILES
@@ -119,21 +119,7 @@ fn router(hall: Arc<Hall>) -> Router {
 
 /// Lets a request pass if the guard agrees, and adds the headers that keep other pages out.
 async fn guarded(State(hall): State<Arc<Hall>>, request: Request, next: Next) -> Response {
-    let of = |name| request.headers().get(name).and_then(|value: &HeaderValue| value.to_str().ok());
-    let host = of(header::HOST);
-    let asked = Asked {
-        method: request.method().as_str(),
-        path: request.uri().path(),
-        host,
-        // A header that is no text is not ours.
-        origin: request.headers().get(header::ORIGIN).map(|value| value.to_str().unwrap_or_default()),
-    };
-    let checked = hall.guard.check(&asked);
-    let policy = format!(
-        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self' \
-         ws://{}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
-        host.filter(|_| checked.is_ok()).unwrap_or("localhost")
-    );
+    let (checked, policy) = checked(&hall, &request);
     let mut response = match checked {
         Ok(()) => next.run(request).await,
         Err(refusal) => {
@@ -154,6 +140,27 @@ async fn guarded(State(hall): State<Arc<Hall>>, request: Request, next: Next) ->
         headers.insert(header::CONTENT_SECURITY_POLICY, policy);
     }
     response
+}
+
+/// What the guard says, and the policy of content for the answer.
+fn checked(hall: &Hall, request: &Request) -> (Result<(), Refusal>, String) {
+    let headers = request.headers();
+    let host = headers.get(header::HOST).and_then(|value| value.to_str().ok());
+    let asked = Asked {
+        method: request.method().as_str(),
+        path: request.uri().path(),
+        host,
+        // A header that is no text is not ours.
+        origin: headers.get(header::ORIGIN).map(|value| value.to_str().unwrap_or_default()),
+    };
+    let checked = hall.guard.check(&asked);
+    // Some browsers do not count sockets as of the same origin.
+    let own = host.filter(|_| checked.is_ok()).unwrap_or("localhost");
+    let policy = format!(
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self' \
+         ws://{own}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    );
+    (checked, policy)
 }
 
 fn text(kind: &'static str, text: &'static str) -> Response {

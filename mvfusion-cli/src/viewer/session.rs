@@ -3,10 +3,11 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use axum::body::Bytes;
 use axum::extract::ws::{Message as Packet, WebSocket};
 use serde::Serialize;
-use tokio::sync::watch;
-use tokio::time::{interval, timeout};
+use tokio::sync::watch::{self, error::RecvError};
+use tokio::time::{Instant, interval, sleep_until, timeout};
 
 use super::board::{CurvePoint, Status};
 use super::desk::Client;
@@ -18,6 +19,8 @@ use super::protocol::Message;
 const PATIENCE: Duration = Duration::from_secs(30);
 /// Time between two pings, which keep the connection open.
 const PING: Duration = Duration::from_secs(20);
+/// Shortest time between two words about the state.
+const NEWS: Duration = Duration::from_millis(100);
 /// So many malformed messages of a page are answered. The others are dropped.
 const MOST_COMPLAINTS: usize = 20;
 
@@ -41,7 +44,7 @@ enum Said<'a> {
 
 /// Talks with a page until it leaves.
 pub async fn run(mut socket: WebSocket, hall: Arc<Hall>, mut client: Client) {
-    let mut session = Session { status: hall.board.follow(), told: None, complaints: 0, hall };
+    let mut session = Session { status: hall.board.follow(), told: None, next: Instant::now(), complaints: 0, hall };
     session.status.mark_changed();
     let mut ping = interval(PING);
     loop {
@@ -62,13 +65,13 @@ pub async fn run(mut socket: WebSocket, hall: Arc<Hall>, mut client: Client) {
                 }
                 newest(&mut client)
             }
-            changed = session.status.changed() => {
+            changed = session.news() => {
                 if changed.is_err() {
                     break;
                 }
                 session.tell()
             }
-            _ = ping.tick() => Some(Packet::Ping(Vec::new().into())),
+            _ = ping.tick() => Some(Packet::Ping(Bytes::new())),
         };
         let Some(packet) = packet else { continue };
         // While a page takes nothing, nothing is read either, so nothing piles up.
@@ -84,6 +87,8 @@ struct Session {
     status: watch::Receiver<Status>,
     /// The step of the last point that it has.
     told: Option<usize>,
+    /// When it may be told again.
+    next: Instant,
     complaints: usize,
 }
 
@@ -108,8 +113,15 @@ impl Session {
         said(&Said::Refused { id: None, reason })
     }
 
+    /// Waits for a change of the state. A fast training changes it hundreds of times a second.
+    async fn news(&mut self) -> Result<(), RecvError> {
+        sleep_until(self.next).await;
+        self.status.changed().await
+    }
+
     /// The state and the new points.
     fn tell(&mut self) -> Option<Packet> {
+        self.next = Instant::now() + NEWS;
         let curves = self.hall.board.points_after(self.told);
         self.told = curves.last().map(|point| point.0).or(self.told);
         let status = self.status.borrow_and_update().clone();

@@ -32,7 +32,8 @@ impl Running {
     fn start(guard: Guard) -> Self {
         let listening = Listening { guard, ..Listening::at("127.0.0.1", 0).expect("a free port") };
         let host = listening.socket.local_addr().expect("an address").to_string();
-        let viewer = Viewer::start(listening, &facts::tests::scene(), &facts::tests::run_facts(), board::tests::status());
+        let viewer =
+            Viewer::start(listening, &facts::tests::scene(), &facts::tests::run_facts(), board::tests::status());
         Self { viewer: viewer.expect("started"), host }
     }
 
@@ -70,7 +71,9 @@ impl Running {
         }
         match tungstenite::client(request, self.connect()) {
             Ok((socket, _)) => Ok(socket),
-            Err(tungstenite::HandshakeError::Failure(tungstenite::Error::Http(answer))) => Err(answer.status().as_u16()),
+            Err(tungstenite::HandshakeError::Failure(tungstenite::Error::Http(answer))) => {
+                Err(answer.status().as_u16())
+            }
             Err(other) => panic!("{other}"),
         }
     }
@@ -193,7 +196,8 @@ fn ten_thousand_malformed_messages_are_answered_or_dropped_and_the_next_good_one
     let running = local();
     let mut page = running.page("/socket", None).expect("open");
     let mut other = running.page("/socket", None).expect("open");
-    let bad = ["", "{", "null", "[]", "{\"type\":\"frame\"}", "{\"type\":\"frame\",\"id\":-1}", "\u{0}\u{ffff}", "{\"a\":"];
+    let bad =
+        ["", "{", "null", "[]", "{\"type\":\"frame\"}", "{\"type\":\"frame\",\"id\":-1}", "\u{0}\u{ffff}", "{\"a\":"];
     let deep = "[".repeat(4000);
     for index in 0..10_000 {
         let text = if index % 100 == 99 { deep.as_str() } else { bad[index % bad.len()] };
@@ -220,7 +224,8 @@ fn a_message_that_is_too_long_ends_its_conversation_alone() {
         let mut page = running.page("/socket", None).expect("open");
         // The server may close before all of it is sent.
         let _ = page.send(Message::text("x".repeat(size)));
-        let end = std::iter::from_fn(|| Some(page.read())).find(|read| !matches!(read, Ok(Message::Text(_) | Message::Ping(_))));
+        let end = std::iter::from_fn(|| Some(page.read()))
+            .find(|read| !matches!(read, Ok(Message::Text(_) | Message::Ping(_))));
         assert!(matches!(end, Some(Err(_) | Ok(Message::Close(_)))), "{end:?}");
     }
     wait_for("seats come back", || running.viewer.desk.pages() == 0);

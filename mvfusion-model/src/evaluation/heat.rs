@@ -70,10 +70,10 @@ impl MotionLayers {
 
     /// The values of a motion layer.
     pub(super) fn heat(&self, layer: Layer) -> Result<&Heat, ModelError> {
-        self.heats.iter().find(|heat| heat.layer == layer).ok_or(ModelError::Layer {
-            layer: layer.name(),
-            reason: "it has not been measured yet in this training",
-        })
+        self.heats
+            .iter()
+            .find(|heat| heat.layer == layer)
+            .ok_or(ModelError::Layer { layer: layer.name(), reason: "it has not been measured yet in this training" })
     }
 }
 

@@ -8,7 +8,6 @@ use mvfusion_model::train::Trainer;
 use super::session::Session;
 use super::watch::Watch;
 use crate::args::TrainArgs;
-use crate::progress::Verbosity;
 use crate::run::{self, MetricsLine};
 use crate::viewer::Viewer;
 use crate::viewer::address::Listening;

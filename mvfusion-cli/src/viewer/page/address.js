@@ -37,8 +37,9 @@ export function write(state) {
  */
 export function read(hash, scene) {
   const found = new URLSearchParams(hash.replace(/^#/, ''));
+  if (found.size === 0) return {};
   /** @type {Partial<import('./viewer.js').State>} */
-  const state = {};
+  const state = { view: undefined, split: undefined };
   const vector = (/** @type {string} */ key) => {
     const values = (found.get(key) ?? '').split(',').map(Number);
     return values.length === 3 && values.every(Number.isFinite) ? /** @type {[number, number, number]} */ (values) : undefined;

@@ -223,8 +223,20 @@ pub fn path() -> Result<()> {
     ensure!((times[0] - 0.25).abs() < 1e-3 && (times[6] - 0.75).abs() < 1e-3, "the times are {times:?}");
     let out = folder.path().join("film");
     let said = mvfusion(&[
-        "render", text(run()?)?, "--views", text(&path)?, "--layers", "composed", "--format", "png", "--size", "64x48",
-        "--out", text(&out)?, "--device", "cpu",
+        "render",
+        text(run()?)?,
+        "--views",
+        text(&path)?,
+        "--layers",
+        "composed",
+        "--format",
+        "png",
+        "--size",
+        "64x48",
+        "--out",
+        text(&out)?,
+        "--device",
+        "cpu",
     ])?;
     ensure!(said.contains("7 at 64x48"), "{said}");
     Ok(())

@@ -6,8 +6,8 @@ use std::thread::JoinHandle;
 use anyhow::{Context, Result, anyhow, ensure};
 use serde_json::Value;
 
-use super::page::Page;
 use super::free_port;
+use super::page::Page;
 use crate::tiny::train;
 
 /// Enough steps to be looked at.
@@ -63,7 +63,9 @@ pub fn advances() -> Result<()> {
     ensure!(file.is_file(), "{} is not there", file.display());
     page.reports_nothing(&training.address())?;
     page.click("pause")?;
-    page.wait(&format!("document.body.dataset.activity === 'trains' && Number(document.body.dataset.step) > {paused}"))?;
+    page.wait(&format!(
+        "document.body.dataset.activity === 'trains' && Number(document.body.dataset.step) > {paused}"
+    ))?;
     drop(page);
     training.end().map(drop)
 }

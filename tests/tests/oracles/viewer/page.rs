@@ -197,7 +197,8 @@ impl Page {
                 "Runtime.consoleAPICalled" => Some(parameters["args"].to_string()),
                 "Network.requestWillBeSent" => {
                     let asked = parameters["request"]["url"].as_str()?;
-                    let is_own = asked.starts_with(address) || ["data:", "blob:", "about:"].iter().any(|kind| asked.starts_with(kind));
+                    let is_own = asked.starts_with(address)
+                        || ["data:", "blob:", "about:"].iter().any(|kind| asked.starts_with(kind));
                     (!is_own).then(|| format!("the page asks for {asked}"))
                 }
                 _ => None,
