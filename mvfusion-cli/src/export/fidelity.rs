@@ -4,7 +4,7 @@ use std::fmt;
 
 use image::RgbImage;
 use mvfusion_data::{Camera, GaussianCloud, Scene, View};
-use mvfusion_model::evaluation::{Layer, LayerRenderer, cloud_picture, psnr};
+use mvfusion_model::evaluation::{Layer, LayerRenderer, blended_picture, psnr};
 use mvfusion_model::model::RenderContext;
 use mvfusion_model::timeline::spread;
 
@@ -71,7 +71,8 @@ impl<'a> Fidelity<'a> {
     pub fn loss(&self, mut cloud_at: impl FnMut(f64) -> anyhow::Result<GaussianCloud>) -> anyhow::Result<Loss> {
         let mut ratios = Vec::new();
         for Reference { camera, time, composed } in &self.references {
-            let picture = cloud_picture(&cloud_at(*time)?, camera, self.context, &self.device.device)?;
+            // As one cloud without masks, which is how other programs see it.
+            let picture = blended_picture(None, &cloud_at(*time)?, camera, self.context, &self.device.device)?;
             ratios.extend(psnr(&picture, composed));
         }
         let mean = (!ratios.is_empty()).then(|| ratios.iter().sum::<f64>() / ratios.len() as f64);

@@ -3,7 +3,7 @@
 //! The JSON is written by hand. The crate `gltf-json` knows a closed list of vertex attributes, and those of the extension
 //! are not in it.
 
-use glam::{DMat3, DVec3};
+use glam::DMat3;
 use mvfusion_data::{GaussianCloud, Scene, View};
 use mvfusion_model::model::gaussians::SH_C0;
 use mvfusion_model::model::harmonics::rotated;

@@ -175,7 +175,8 @@ mod tests {
             let layers = folder.path().join("renders/test").join(layer);
             std::fs::create_dir_all(&layers).expect("made");
             for view in 0..views {
-                let level = |x: u32, y: u32, k: u32| if noise { x * x * k + y * y * 31 + x * y * 7 } else { view as u32 };
+                let level =
+                    |x: u32, y: u32, k: u32| if noise { x * x * k + y * y * 31 + x * y * 7 } else { view as u32 };
                 let picture = RgbImage::from_fn(side, side, |x, y| Rgb([1, 5, 9].map(|k| level(x, y, k) as u8)));
                 picture.save(layers.join(format!("{view:05}.png"))).expect("saved");
             }

@@ -99,7 +99,11 @@ fn trace(frames: &[FilmFrame]) -> Markup {
     let high = known.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let [width, height] = TRACE;
     let axis = Axis::linear(known.iter().copied()).with_room(0.1);
-    let plot = Frame { x: Axis::linear([0.0, frames.len() as f64 - 1.0].into_iter()), y: axis, edges: [0.0, 0.0, width, height] };
+    let plot = Frame {
+        x: Axis::linear([0.0, frames.len() as f64 - 1.0].into_iter()),
+        y: axis,
+        edges: [0.0, 0.0, width, height],
+    };
     let points = frames.iter().enumerate().map(|(index, frame)| {
         let psnr = frame.psnr.filter(|psnr| psnr.is_finite())?;
         Some([plot.right(index as f64), plot.down(psnr)])

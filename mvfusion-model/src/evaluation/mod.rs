@@ -1,6 +1,5 @@
 //! Evaluation on held-out views: render, compare, average.
 
-mod cloud;
 mod blended_clouds;
 mod evaluate;
 mod evaluator;
@@ -17,7 +16,6 @@ mod scores;
 mod speed;
 mod tone;
 
-pub use cloud::cloud_picture;
 pub use blended_clouds::{blended_picture, contributions};
 pub use evaluate::{Split, evaluate};
 pub use evaluator::{Evaluator, Pair, Regions, ViewMetrics};

@@ -92,9 +92,8 @@ impl Samples {
     /// Leaves out the Gaussians that no sample shows, as far as its grid resolves.
     fn drop_unseen(&mut self) {
         let least = 0.5 * steps(self.precision.profile(), 1.0).alpha;
-        let is_seen = |index: usize| {
-            self.samples.iter().any(|sample| f64::from(sample.gaussians.colors[4 * index + 3]) > least)
-        };
+        let is_seen =
+            |index: usize| self.samples.iter().any(|sample| f64::from(sample.gaussians.colors[4 * index + 3]) > least);
         let seen: Vec<usize> = (0..self.gaussians()).filter(|&index| is_seen(index)).collect();
         for sample in &mut self.samples {
             let old = std::mem::take(&mut sample.gaussians);
@@ -151,7 +150,11 @@ impl Path {
             ids: (0..count as i64).collect(),
             gaussians: GaussianSet {
                 positions: self.begin.as_flattened().to_vec(),
-                scales: middle.log_scales.iter().flat_map(|scales| scales.map(|log| log.exp().max(LEAST_SCALE))).collect(),
+                scales: middle
+                    .log_scales
+                    .iter()
+                    .flat_map(|scales| scales.map(|log| log.exp().max(LEAST_SCALE)))
+                    .collect(),
                 rotations: middle.quaternions.iter().flat_map(rotation).collect(),
                 colors: colours.into_iter().zip(opacities).flat_map(colour).collect(),
                 motions: self.begin.iter().zip(&self.next).flat_map(velocity).collect(),

@@ -104,7 +104,10 @@ fn the_cameras_of_a_glb_file_see_what_the_held_out_cameras_see() {
     let [x, y] = [seen.x / (tan * lens["aspectRatio"].as_f64().expect("a ratio")), seen.y / tan];
     let pixel = [(x / -seen.z + 1.0) / 2.0 * view.width as f64, (1.0 - y / -seen.z) / 2.0 * view.height as f64];
     let wanted = view.project(point).expect("in front of the camera");
-    let off = [pixel[0] - (wanted.x - view.cx + view.width as f64 / 2.0), pixel[1] - (wanted.y - view.cy + view.height as f64 / 2.0)];
+    let off = [
+        pixel[0] - (wanted.x - view.cx + view.width as f64 / 2.0),
+        pixel[1] - (wanted.y - view.cy + view.height as f64 / 2.0),
+    ];
     assert!(off.iter().all(|off| off.abs() < 1e-6), "{off:?}");
 }
 

@@ -1,12 +1,10 @@
-//! The section that shows where the cameras stand: from above and from the side.
+//! A plot of cameras: what is to the right and upwards, and where things are drawn.
 
-use colorgrad::Gradient;
 use glam::DVec3;
 use maud::{Markup, html};
 use mvfusion_model::timeline::spread;
 
-use super::files::RunFiles;
-use super::snippet::notice;
+use super::time_colours::TimeColours;
 use crate::drawing::{Axis, Frame, path, shown};
 use crate::run::{SceneCamera, SceneFile};
 
@@ -15,71 +13,22 @@ const SIZE: [f64; 2] = [480.0, 400.0];
 /// Left, top, right and bottom of the part with the cameras.
 const EDGES: [f64; 4] = [46.0, 14.0, 470.0, 368.0];
 /// Maximum number of cameras that are drawn of each kind.
-const MOST_CAMERAS: usize = 200;
+pub(super) const MOST_CAMERAS: usize = 200;
 /// Depth of a drawn camera, as a share of the plot's range.
 const DEPTH: f64 = 0.06;
 /// Desired number of ticks of each axis.
 const TICKS: usize = 5;
-/// Steps of the colours of time.
-const COLOURS: usize = 6;
-/// The part of the colour map that is visible on light and on dark ground.
-const MAP: [f32; 2] = [0.1, 0.85];
-/// Share of the whole time below which a camera's views count as one moment.
-const MOMENT: f64 = 0.5;
 
 /// What is drawn to the right and upwards.
-struct Projection {
-    title: &'static str,
-    right: DVec3,
-    up: DVec3,
-    names: [&'static str; 2],
-}
-
-/// The whole section.
-pub(super) fn rig(files: &RunFiles) -> Markup {
-    match &files.scene {
-        Ok(scene) if !scene.cameras.is_empty() => drawn(scene),
-        Ok(_) => html! { p.note { "The scene has no cameras." } },
-        Err(missing) => notice(missing),
-    }
-}
-
-fn drawn(scene: &SceneFile) -> Markup {
-    let [right, up, forward] = axes(scene);
-    let plots = [
-        Projection { title: "From above", right, up: forward, names: ["right", "forward"] },
-        Projection { title: "From the side", right: forward, up, names: ["forward", "up"] },
-    ];
-    let timed = TimeColours::of(scene);
-    let count = |is_held_out: bool| scene.cameras.iter().filter(|camera| camera.is_held_out == is_held_out).count();
-    let (training, held_out) = (count(false), count(true));
-    html! {
-        p.note {
-            (training) " training and " (held_out) " held-out cameras, in units of the scene. Up is what the training \
-            cameras call up on average, forward is where they look. The circle is the scene\u{2019}s extent"
-            @if scene.points.is_some() { ", the dashed box holds 96 % of the initial points along each axis" }
-            "."
-            @if training.max(held_out) > MOST_CAMERAS { " Of each kind, " (MOST_CAMERAS) " are drawn." }
-        }
-        p.rig-key {
-            span.key.c0 { "training" } span.key.c1 { "held out (filled)" }
-            @if let Some(timed) = &timed { (timed.legend()) }
-        }
-        div.charts.rig { @for plot in &plots { (plot.draw(scene, timed.as_ref())) } }
-    }
-}
-
-/// Right, up and forward of the training cameras on average.
-fn axes(scene: &SceneFile) -> [DVec3; 3] {
-    let sum = |axis: usize| -> DVec3 {
-        let training = scene.cameras.iter().filter(|camera| !camera.is_held_out);
-        training.map(|camera| camera.views as f64 * DVec3::from_array(camera.axes[axis])).sum()
-    };
-    let up = (-sum(1)).try_normalize().unwrap_or(DVec3::NEG_Y);
-    let look = sum(2);
-    // Where cameras stand all around, any level direction will do.
-    let forward = (look - up * look.dot(up)).try_normalize().unwrap_or_else(|| up.any_orthonormal_vector());
-    [forward.cross(up), up, forward]
+pub(super) struct Projection {
+    /// Where the plot looks from.
+    pub title: &'static str,
+    /// To the right.
+    pub right: DVec3,
+    /// Upwards.
+    pub up: DVec3,
+    /// Names of both.
+    pub names: [&'static str; 2],
 }
 
 impl Projection {
@@ -87,7 +36,8 @@ impl Projection {
         [point.dot(self.right), point.dot(self.up)]
     }
 
-    fn draw(&self, scene: &SceneFile, timed: Option<&TimeColours>) -> Markup {
+    /// The plot as a figure.
+    pub fn draw(&self, scene: &SceneFile, timed: Option<&TimeColours>) -> Markup {
         let centre = self.place(DVec3::from_array(scene.centre));
         let corners: Vec<[f64; 2]> = scene.points.map_or(Vec::new(), |points| self.corners(points));
         let places = scene.cameras.iter().map(|camera| self.place(DVec3::from_array(camera.position)));
@@ -153,6 +103,10 @@ impl Projection {
         };
         let base = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(corner);
         let tip = at(self.place(centre));
+        // Numbers of a damaged file may be beyond all bounds.
+        if !base.iter().chain([&tip]).flatten().all(|coordinate| coordinate.is_finite()) {
+            return html! {};
+        }
         let rays: String = base.iter().map(|&corner| path([Some(tip), Some(corner)])).collect();
         let kind = if camera.is_held_out { "camera held" } else { "camera" };
         let colour = timed.and_then(|timed| timed.of_camera(camera));
@@ -193,9 +147,8 @@ fn closed(points: &[[f64; 2]]) -> String {
 /// The convex hull of points, by the monotone chain of Andrew.
 fn hull(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     points.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
-    let turns_left = |a: [f64; 2], b: [f64; 2], c: [f64; 2]| {
-        (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) > 0.0
-    };
+    let turns_left =
+        |a: [f64; 2], b: [f64; 2], c: [f64; 2]| (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) > 0.0;
     let chain = |points: &mut dyn Iterator<Item = [f64; 2]>| {
         let mut chain: Vec<[f64; 2]> = Vec::new();
         for point in points {
@@ -214,84 +167,9 @@ fn hull(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     lower
 }
 
-/// The colours of times, where cameras have moments of their own.
-struct TimeColours {
-    range: [f64; 2],
-}
-
-impl TimeColours {
-    /// The colours of a scene; `None` if its cameras film the same moments.
-    fn of(scene: &SceneFile) -> Option<Self> {
-        let times = scene.cameras.iter().flat_map(|camera| camera.times);
-        let range = times.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], time| [low.min(time), high.max(time)]);
-        let whole = range[1] - range[0];
-        let timed = Self { range };
-        let moments = scene.cameras.iter().filter(|camera| timed.of_camera(camera).is_some()).count();
-        (whole > 0.0 && 2 * moments > scene.cameras.len()).then_some(timed)
-    }
-
-    /// The colour of a camera that looks at one moment.
-    fn of_camera(&self, camera: &SceneCamera) -> Option<String> {
-        let [first, last] = self.range;
-        let [begin, end] = camera.times;
-        let is_moment = end - begin < MOMENT * (last - first);
-        is_moment.then(|| colour((0.5 * (begin + end) - first) / (last - first)))
-    }
-
-    fn legend(&self) -> Markup {
-        let colours: Vec<String> = (0..COLOURS).map(|step| colour(step as f64 / (COLOURS - 1) as f64)).collect();
-        html! {
-            span.ramp {
-                (format!("time {:.2}", self.range[0]))
-                span style=(format!("background: linear-gradient(to right, {})", colours.join(", "))) {}
-                (format!("{:.2}", self.range[1]))
-            }
-        }
-    }
-}
-
-/// A colour of the map plasma of Matplotlib, whose steps look equally large.
-fn colour(share: f64) -> String {
-    let [low, high] = MAP;
-    let [r, g, b, _] = colorgrad::preset::plasma().at(low + (high - low) * share as f32).to_rgba8();
-    format!("#{r:02x}{g:02x}{b:02x}")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn camera(name: &str, position: [f64; 3], times: [f64; 2], is_held_out: bool) -> SceneCamera {
-        let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-        SceneCamera { name: name.into(), is_held_out, position, axes, half_size: [0.5, 0.4], times, views: 3 }
-    }
-
-    fn scene(times: [[f64; 2]; 2]) -> SceneFile {
-        SceneFile {
-            extent: 2.0,
-            centre: [0.0; 3],
-            points: Some([[-1.0, -1.0, 2.0], [1.0, 1.0, 4.0]]),
-            cameras: vec![camera("a", [-1.0, 0.0, 0.0], times[0], false), camera("<b>", [1.0, 0.0, 0.0], times[1], true)],
-            held_out: Vec::new(),
-        }
-    }
-
-    #[test]
-    fn cameras_are_seen_from_above_and_from_the_side() {
-        let page = drawn(&scene([[0.0, 1.0]; 2])).into_string();
-        assert_eq!(page.matches("<svg").count(), 2);
-        assert_eq!((page.matches("class=\"camera\"").count(), page.matches("class=\"camera held\"").count()), (2, 2));
-        assert!(page.contains("1 training and 1 held-out cameras") && page.contains("&lt;b&gt;"), "{page}");
-        assert!(!page.contains("NaN") && !page.contains("inf") && !page.contains("class=\"ramp\""), "{page}");
-        assert_eq!(axes(&scene([[0.0, 1.0]; 2])), [DVec3::X, DVec3::NEG_Y, DVec3::Z]);
-    }
-
-    #[test]
-    fn moments_have_colours_and_a_legend() {
-        let page = drawn(&scene([[0.0, 0.0], [0.5, 0.5]])).into_string();
-        assert!(page.contains("class=\"ramp\"") && page.contains("time 0.00"), "{page}");
-        assert!(page.contains(&format!("--curve: {}", colour(0.0))) && page.contains(&colour(1.0)), "{page}");
-    }
 
     #[test]
     fn both_axes_have_one_scale() {
