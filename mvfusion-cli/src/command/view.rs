@@ -14,7 +14,7 @@ use crate::viewer::Viewer;
 use crate::viewer::address::Listening;
 use crate::viewer::board::{Activity, Status};
 use crate::viewer::facts::RunFacts;
-use crate::viewer::painter::{MotionSource, Painter, Shown};
+use crate::viewer::painter::{MotionSource, Painter, Shown, lacking};
 
 /// Time from one look at the signals to the next, while nobody asks for anything.
 const PATIENCE: Duration = Duration::from_millis(200);
@@ -57,14 +57,16 @@ pub fn view_until(
         background: context.behind.grey,
     };
     let lines = listening.lines();
-    let mut painter = Painter::new(Shown { model, level, step }, context, run.scene.clone(), source);
+    let lacking = lacking(&model, level, source);
+    let mut painter = Painter::new(context, run.scene.clone(), source);
+    painter.show(step, || Shown { model, level, step });
     let status = Status {
         activity: Activity::Shows,
         step,
         total: run.config.train.stages.total(),
         stage: None,
         steps_per_second: None,
-        lacking: painter.lacking(),
+        lacking,
         saved: None,
     };
     let viewer = Viewer::start(listening, &run.scene, &facts, status)?;

@@ -1,5 +1,6 @@
 //! Renders what pages ask for, with a model that may change. It uses no random numbers and changes no model.
 
+use anyhow::Context;
 use image::{GrayImage, RgbImage};
 use mvfusion_data::{Camera, Scene, View, preview};
 use mvfusion_model::config::FusionWeights;
@@ -17,6 +18,9 @@ const CACHE: usize = 256 << 20;
 /// Training views whose depths give the common scale of depth pictures, and their longest side in pixels.
 const DEPTH_VIEWS: usize = 6;
 const DEPTH_SIDE: usize = 160;
+
+/// Why there is no picture while no model is shown.
+const NOTHING: &str = "there is no model to show now; ask again";
 
 /// Where motion layers come from.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,7 +45,8 @@ pub struct Shown {
 /// Renders pictures for pages.
 #[derive(Debug)]
 pub struct Painter {
-    shown: Shown,
+    /// `None` between two steps of a training, which may then change its tensors in place.
+    shown: Option<Shown>,
     /// The model without temporal attention, if that makes a difference.
     cheap: Option<Model>,
     context: RenderContext,
@@ -64,27 +69,27 @@ struct Photo {
 }
 
 impl Painter {
-    /// A painter of a model of a scene.
-    pub fn new(shown: Shown, context: RenderContext, scene: Scene, source: MotionSource) -> Self {
-        let cheap = shown.model.without_mfta(shown.level);
+    /// A painter of models of a scene, none of which is shown yet.
+    pub fn new(context: RenderContext, scene: Scene, source: MotionSource) -> Self {
         let moments = MomentCache::new(CACHE);
-        Self { shown, cheap, context, source, motion: None, depths: None, moments, scene, photo: None }
+        Self { shown: None, cheap: None, context, source, motion: None, depths: None, moments, scene, photo: None }
     }
 
-    /// Shows another model from now on, unless it is of the same step.
-    pub fn renew(&mut self, step: usize, shown: impl FnOnce() -> Shown) {
-        if self.shown.step == step {
+    /// Shows a model from now on, unless that of the same step is shown.
+    pub fn show(&mut self, step: usize, shown: impl FnOnce() -> Shown) {
+        if self.shown.as_ref().is_some_and(|shown| shown.step == step) {
             return;
         }
-        self.shown = shown();
-        self.cheap = self.shown.model.without_mfta(self.shown.level);
-        (self.motion, self.depths) = (None, None);
-        self.moments.clear();
+        self.forget();
+        let shown = shown();
+        self.cheap = shown.model.without_mfta(shown.level);
+        self.shown = Some(shown);
     }
 
-    /// The layers that the model cannot show, each with the reason.
-    pub fn lacking(&self) -> Vec<(&'static str, &'static str)> {
-        lacking(&self.shown.model, self.shown.level, self.source)
+    /// Lets go of the model, and of everything that was made from it.
+    pub fn forget(&mut self) {
+        (self.shown, self.cheap, self.motion, self.depths) = (None, None, None, None);
+        self.moments.clear();
     }
 
     /// Answers a request.
@@ -104,7 +109,7 @@ impl Painter {
         watch.lap();
         let behind = Behind { grey: request.background.unwrap_or(self.context.behind.grey), ..self.context.behind };
         let context = RenderContext { behind, ..self.context.clone() };
-        let Shown { model, level, step } = &self.shown;
+        let Shown { model, level, step } = self.shown.as_ref().context(NOTHING)?;
         let renderer = LayerRenderer::with_motion(model, *level, &context, &[request.layer], &motion)?;
         let renderer = renderer.with_depths(depths);
         let mut rendered = match &moment {
@@ -158,7 +163,7 @@ impl Painter {
         if let Some(moment) = self.moments.get(key) {
             return Ok(moment);
         }
-        let Shown { model, level, .. } = &self.shown;
+        let Shown { model, level, .. } = self.shown.as_ref().context(NOTHING)?;
         let model = if mfta { model } else { self.cheap.as_ref().unwrap_or(model) };
         let moment = model.moment(time, *level, &self.context)?;
         self.moments.keep(key, moment.clone(), moment.bytes());
@@ -173,7 +178,7 @@ impl Painter {
         if let Some(motion) = &self.motion {
             return Ok(motion.clone());
         }
-        let model = &self.shown.model;
+        let model = &self.shown.as_ref().context(NOTHING)?.model;
         let motion = match self.source {
             MotionSource::Measured(weights) => MotionLayers::measure(model, &self.context, weights)?,
             MotionSource::Training => MotionLayers::as_trained(model)?,
@@ -189,7 +194,7 @@ impl Painter {
         if let Some(depths) = self.depths {
             return Ok(depths);
         }
-        let Shown { model, level, .. } = &self.shown;
+        let Shown { model, level, .. } = self.shown.as_ref().context(NOTHING)?;
         let small = |camera: &Camera| {
             let share = (DEPTH_SIDE as f64 / camera.width.max(camera.height) as f64).min(1.0);
             let side = |side: usize| ((side as f64 * share) as usize).max(1);
@@ -274,7 +279,9 @@ mod tests {
         while trainer.step().expect("a step").is_some() {}
         let (level, step) = (trainer.final_level(), trainer.state().completed);
         let shown = Shown { model: trainer.state().model.plain(), level, step };
-        Painter::new(shown, trainer.render_context().clone(), scene, source)
+        let mut painter = Painter::new(trainer.render_context().clone(), scene, source);
+        painter.show(step, || shown);
+        painter
     }
 
     fn measured() -> MotionSource {
@@ -331,7 +338,8 @@ mod tests {
             let (facts, _) = painted(&mut painter, &[("layer", json!(layer.name()))]).expect("a picture");
             assert_eq!(facts.get("scale").is_some(), layer.is_motion() || layer == Layer::Depth, "{layer}");
         }
-        assert!(painter.lacking().is_empty());
+        let Shown { model, level, .. } = painter.shown.as_ref().expect("a model");
+        assert_eq!(lacking(model, *level, measured()), []);
         let (facts, _) = painted(&mut painter, &[("time", Value::Null)]).expect("the static branch");
         assert_eq!(facts["gaussians"]["alive"].as_u64(), Some(0));
     }
@@ -340,7 +348,8 @@ mod tests {
     #[cfg(feature = "flex")]
     fn a_training_shows_what_it_has_measured_and_tells_what_it_has_not() {
         let mut painter = painter(MotionSource::Training);
-        let names: Vec<&str> = painter.lacking().into_iter().map(|(name, _)| name).collect();
+        let Shown { model, level, .. } = painter.shown.as_ref().expect("a model");
+        let names: Vec<&str> = lacking(model, *level, painter.source).into_iter().map(|(name, _)| name).collect();
         assert_eq!(names, ["position_variance", "rotation_variance", "scale_variance"]);
         painted(&mut painter, &[("layer", json!("motion"))]).expect("a picture");
         let error = painted(&mut painter, &[("layer", json!("scale_variance"))]).expect_err("refused");
@@ -352,11 +361,13 @@ mod tests {
     fn another_model_is_taken_only_if_its_step_is_another_one() {
         let mut painter = painter(MotionSource::Training);
         painted(&mut painter, &[]).expect("a picture");
-        let (step, key) = (painter.shown.step, MomentKey::new(0.5, false));
-        painter.renew(step, || panic!("the model is the same"));
+        let (shown, key) = (painter.shown.clone().expect("a model"), MomentKey::new(0.5, false));
+        painter.show(shown.step, || panic!("the model is the same"));
         assert!(painter.moments.get(key).is_some());
-        let next = Shown { step: step + 1, ..painter.shown.clone() };
-        painter.renew(step + 1, || next);
+        let next = Shown { step: shown.step + 1, ..shown.clone() };
+        painter.show(next.step, || next);
         assert!(painter.moments.get(key).is_none(), "moments of the old model are forgotten");
+        painter.forget();
+        assert!(painted(&mut painter, &[]).is_err_and(|error| error.contains("no model")));
     }
 }

@@ -2,6 +2,7 @@
 
 use std::time::{Duration, Instant};
 
+use mvfusion_model::model::DeformationLevel;
 use mvfusion_model::profile;
 use mvfusion_model::train::Trainer;
 
@@ -14,7 +15,7 @@ use crate::viewer::address::Listening;
 use crate::viewer::board::{Activity, Status};
 use crate::viewer::budget::Budget;
 use crate::viewer::facts::RunFacts;
-use crate::viewer::painter::{MotionSource, Painter, Shown};
+use crate::viewer::painter::{MotionSource, Painter, Shown, lacking};
 
 /// Time from one look at signals and orders to the next, during a pause.
 const PATIENCE: Duration = Duration::from_millis(100);
@@ -52,10 +53,9 @@ impl Live {
         let Some(listening) = door else { return Ok(None) };
         let lines = listening.lines();
         let Session { trainer, scene, folder, verbosity, .. } = session;
-        let source = MotionSource::Training;
-        let painter = Painter::new(shown(trainer), trainer.render_context().clone(), scene.clone(), source);
+        let painter = Painter::new(trainer.render_context().clone(), scene.clone(), MotionSource::Training);
         let facts = facts(trainer, folder.path());
-        let viewer = Viewer::start(listening, scene, &facts, status(trainer, &painter))?;
+        let viewer = Viewer::start(listening, scene, &facts, status(trainer))?;
         lines.iter().for_each(|(name, line)| verbosity.note(&format!("{:7} {line}", format!("{name}:"))));
         let now = Instant::now();
         Ok(Some(Self { viewer, painter, budget: Budget::default(), told: now, ended: now }))
@@ -87,11 +87,12 @@ impl Live {
             self.paint(trainer, Duration::ZERO);
             self.budget.spend(started.elapsed());
         }
+        self.painter.forget();
     }
 
     fn paint(&mut self, trainer: &Trainer, patience: Duration) {
         let (viewer, painter) = (&self.viewer, &mut self.painter);
-        painter.renew(trainer.state().completed, || shown(trainer));
+        painter.show(trainer.state().completed, || shown(trainer));
         // Its time belongs to no part of a step.
         profile::uncounted(|| viewer.serve_next(painter, patience));
     }
@@ -99,7 +100,7 @@ impl Live {
     /// Tells the pages the step, and which layers there are.
     fn tell(&mut self, trainer: &Trainer) {
         self.told = Instant::now();
-        let new = status(trainer, &self.painter);
+        let new = status(trainer);
         self.viewer.board.change(|status| {
             let (stage, steps_per_second, saved) = (new.stage.or(status.stage), status.steps_per_second, &status.saved);
             *status = Status { stage, steps_per_second, saved: saved.clone(), activity: status.activity, ..new };
@@ -144,6 +145,7 @@ impl Session {
             }
             live.paint(&self.trainer, PATIENCE);
         }
+        live.painter.forget();
         if live.viewer.board.activity() == Activity::Pauses {
             live.viewer.board.change(|status| status.activity = Activity::Trains);
         }
@@ -155,9 +157,13 @@ impl Session {
 
 /// What a page is shown: the model after the last step, at the level of the next one.
 fn shown(trainer: &Trainer) -> Shown {
+    Shown { model: trainer.state().model.plain(), level: level(trainer), step: trainer.state().completed }
+}
+
+/// The level of deformation of the next step.
+fn level(trainer: &Trainer) -> DeformationLevel {
     let deformation = trainer.config().model.deformation;
-    let level = trainer.position().map_or(trainer.final_level(), |position| position.stage.level(deformation));
-    Shown { model: trainer.state().model.plain(), level, step: trainer.state().completed }
+    trainer.position().map_or(trainer.final_level(), |position| position.stage.level(deformation))
 }
 
 fn facts<'a>(trainer: &Trainer, run: &'a std::path::Path) -> RunFacts<'a> {
@@ -169,14 +175,14 @@ fn facts<'a>(trainer: &Trainer, run: &'a std::path::Path) -> RunFacts<'a> {
     }
 }
 
-fn status(trainer: &Trainer, painter: &Painter) -> Status {
+fn status(trainer: &Trainer) -> Status {
     Status {
         activity: Activity::Trains,
         step: trainer.state().completed,
         total: trainer.config().train.stages.total(),
         stage: trainer.position().map(|position| position.stage.name()),
         steps_per_second: None,
-        lacking: painter.lacking(),
+        lacking: lacking(&trainer.state().model, level(trainer), MotionSource::Training),
         saved: None,
     }
 }

@@ -11,7 +11,7 @@ use super::page::Page;
 use crate::tiny::train;
 
 /// Enough steps to be looked at.
-const STAGES: &str = "train.stages={geometry=400, deformation=400, refinement=400}";
+const STAGES: &str = "train.stages={geometry=1200, deformation=1200, refinement=1200}";
 
 /// A training of the tiny model that is served.
 struct Training {
