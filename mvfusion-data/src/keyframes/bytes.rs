@@ -150,7 +150,7 @@ fn column(track: &TrackLayout, planes: &[u8], count: usize) -> Vec<i32> {
     let mut column = vec![0i32; numbers];
     let mut first = 0;
     for row in 0..count {
-        let mut value = if track.chained { first } else { 0 };
+        let mut value: i32 = if track.chained { first } else { 0 };
         for k in 0..track.keyframes {
             let place = row * track.keyframes + k;
             let byte = |byte: usize| u32::from(planes[byte * numbers + place]) << (8 * byte);

@@ -17,7 +17,8 @@ impl Keyframes {
         let track = |track: &Track| {
             let keyframes: &[usize] = if track.quantity.moves() { &chosen } else { &[0] };
             let column = |column: &Vec<i32>| {
-                keyframes.iter().flat_map(|k| rows.iter().map(|row| column[k * self.count + row])).collect()
+                let at = |k: &usize| &column[k * self.count..(k + 1) * self.count];
+                keyframes.iter().flat_map(|k| rows.iter().map(|&row| at(k)[row])).collect()
             };
             let width = track.quantity.columns(sh_degree);
             Track { columns: track.columns[..width].iter().map(column).collect(), ..track.clone_empty() }

@@ -1,7 +1,7 @@
 //! The Gaussians of a run at keyframes, and what each of them contributes to the training views.
 
 use mvfusion_data::keyframes::{Keyframes, KeyframesBuilder};
-use mvfusion_data::{GaussianCloud, View};
+use mvfusion_data::{Camera, GaussianCloud, View};
 use mvfusion_model::evaluation::contributions;
 use mvfusion_model::timeline::spread;
 
@@ -10,8 +10,13 @@ use crate::export::{Exporter, Moment};
 use crate::progress::{Progress, Verbosity};
 use crate::run::OpenRun;
 
-/// Training views in which contributions are measured.
-const VIEWS: usize = 32;
+/// Training views in which the contributions of static Gaussians are measured, and least number for dynamic ones.
+const VIEWS: usize = 48;
+/// Least number of views of each keyframe, because a Gaussian may live only then.
+const VIEWS_OF_KEYFRAME: usize = 3;
+/// Longest side of the images in which contributions are measured. Gaussians that are smaller than their pixels seem
+/// larger then, so that none is taken for too faint.
+const LONGEST_SIDE: usize = 320;
 /// Gaussians and views that determine the step of the centres.
 const STEP_SAMPLES: usize = 2000;
 /// Quantile of the pixel sizes, from the smallest, of which the step is a fraction.
@@ -44,11 +49,11 @@ impl Source {
     /// # Errors
     /// If the device fails.
     pub fn of(run: &OpenRun, exporter: &Exporter, verbosity: Verbosity) -> anyhow::Result<Self> {
-        let degree = |cloud: GaussianCloud, degree: usize| cloud.at_degree(degree);
         let model = &exporter.model;
-        let still = exporter.static_()?.map(|cloud| degree(cloud, model.static_.as_ref().map_or(0, |b| b.sh_degree)));
+        let static_degree = model.static_.as_ref().map_or(0, |branch| branch.sh_degree);
+        let still = exporter.static_()?.map(|cloud| cloud.at_degree(static_degree));
         let at = |time: f64| -> anyhow::Result<GaussianCloud> {
-            Ok(degree(exporter.dynamic(Moment::At(time))?, model.dynamic.sh_degree))
+            Ok(exporter.dynamic(Moment::At(time))?.at_degree(model.dynamic.sh_degree))
         };
         let times = exporter.context.timeline.times();
         let first = at(times[0])?;
@@ -56,33 +61,29 @@ impl Source {
         let chosen = spread(times.len(), (MOST_STATES / first.len().max(1)).max(2));
         let mut progress = Progress::new("keyframes", chosen.len(), verbosity);
         let mut builder = KeyframesBuilder::new(&first, step);
-        for index in chosen {
-            builder.push(times[index], &at(times[index])?);
+        let mut strength = Strength::new(run, exporter, first.len());
+        for (place, &index) in chosen.iter().enumerate() {
+            let cloud = at(times[index])?;
+            builder.push(times[index], &cloud);
+            let views: Vec<&View> = run.scene.train.iter().filter(|view| view.time == times[index]).collect();
+            let count = VIEWS_OF_KEYFRAME.max(VIEWS.div_ceil(chosen.len())).min(views.len());
+            // Evenly spaced, beginning with another one at each keyframe.
+            let views = (0..count).map(|number| views[(place + number * views.len() / count) % views.len()]);
+            strength.measure(&cloud, views)?;
             progress.advance();
         }
         progress.finish();
-        let keyframes = builder.finish();
+        let dynamic = Branch::new(builder.finish(), strength.largest);
 
-        let views: Vec<&View> = spread(run.scene.train.len(), VIEWS).into_iter().map(|i| &run.scene.train[i]).collect();
-        let mut progress = Progress::new("contributions", views.len(), verbosity);
-        let mut sums = [vec![0.0; still.as_ref().map_or(0, GaussianCloud::len)], vec![0.0; keyframes.count()]];
-        for view in views {
-            let moving = at(view.time)?;
-            for (sums, cloud) in sums.iter_mut().zip([still.as_ref(), Some(&moving)]) {
-                let Some(cloud) = cloud else { continue };
-                let found = contributions(cloud, &view.camera, &exporter.context, &run.device.device)?;
-                sums.iter_mut().zip(found).for_each(|(largest, found)| *largest = f32::max(*largest, found));
-            }
-            progress.advance();
-        }
-        progress.finish();
-        let [of_static, of_dynamic] = sums;
-        let static_ = still.map(|cloud| {
+        let static_ = still.map(|cloud| -> anyhow::Result<Branch> {
             let mut builder = KeyframesBuilder::new(&cloud, step);
             builder.push(times[0], &cloud);
-            Branch::new(builder.finish(), of_static)
+            let mut strength = Strength::new(run, exporter, cloud.len());
+            let train = &run.scene.train;
+            strength.measure(&cloud, spread(train.len(), VIEWS).into_iter().map(|index| &train[index]))?;
+            Ok(Branch::new(builder.finish(), strength.largest))
         });
-        Ok(Self { static_, dynamic: Branch::new(keyframes, of_dynamic) })
+        Ok(Self { static_: static_.transpose()?, dynamic })
     }
 
     /// The reductions to try, in order.
@@ -110,6 +111,33 @@ impl Branch {
             rows.push(0);
         }
         Self { keyframes, rows, contributions }
+    }
+}
+
+/// Measures what the Gaussians of a branch contribute to views.
+struct Strength<'a> {
+    run: &'a OpenRun,
+    exporter: &'a Exporter,
+    /// Largest contribution of each Gaussian to a view so far.
+    largest: Vec<f32>,
+}
+
+impl<'a> Strength<'a> {
+    fn new(run: &'a OpenRun, exporter: &'a Exporter, count: usize) -> Self {
+        Self { run, exporter, largest: vec![0.0; count] }
+    }
+
+    fn measure<'v>(&mut self, cloud: &GaussianCloud, views: impl Iterator<Item = &'v View>) -> anyhow::Result<()> {
+        for view in views {
+            let Camera { width, height, .. } = view.camera;
+            let shrunk = (LONGEST_SIDE as f64 / width.max(height) as f64).min(1.0);
+            let side = |pixels: usize| ((shrunk * pixels as f64).round() as usize).max(1);
+            let camera = view.camera.resized(side(width), side(height));
+            let area = (width * height) as f32 / (camera.width * camera.height) as f32;
+            let found = contributions(cloud, &camera, &self.exporter.context, &self.run.device.device)?;
+            self.largest.iter_mut().zip(found).for_each(|(largest, found)| *largest = largest.max(area * found));
+        }
+        Ok(())
     }
 }
 
