@@ -36,6 +36,7 @@
 //! | [`inspect`] | what is wrong with a scene |
 //! | [`motion`] | what moves in the images of still cameras |
 //! | [`camera_path`] | cameras for rendering |
+//! | [`keyframes`] | moving Gaussians as few bytes |
 //! | `video` | decoding and encoding of videos |
 //! | [`files`] | opening files whose content is not trusted |
 
@@ -44,6 +45,7 @@ pub mod camera_path;
 mod error;
 pub mod files;
 pub mod inspect;
+pub mod keyframes;
 pub mod motion;
 pub mod preview;
 pub mod readers;
