@@ -11,7 +11,7 @@ use mvfusion_model::train::final_level;
 use crate::args::{ExportArgs, ExportFormat};
 use crate::atomic;
 use crate::export::moving::{Clock, MovingFile, Samples};
-use crate::export::{self, Exporter, Fidelity, InriaModel, Moment};
+use crate::export::{self, Exporter, Fidelity, InriaModel, Loss, Moment};
 use crate::progress::{Progress, Verbosity};
 use crate::run::{Existing, MasksRequest, OpenRun, RunFolder, RunPlan, RunRequest};
 
@@ -99,9 +99,14 @@ impl Session<'_> {
     fn write_still(&self, out: &mut dyn Write) -> anyhow::Result<()> {
         let time = self.args.time.unwrap_or(0.0);
         let gaussians = &self.exporter.scene(Moment::At(time))?;
+        let fidelity = self.fidelity(Some(time))?;
         if self.wants(ExportFormat::Splat) {
             export::write_splat(gaussians, &self.folder.place(&[export::SPLAT])?)?;
             tell(out, export::SPLAT, gaussians)?;
+            tell_loss(out, fidelity.loss(|_| Ok(gaussians.clone().at_degree(0)))?)?;
+        }
+        if !self.wants(ExportFormat::Inria) && !self.wants(ExportFormat::Glb) {
+            return Ok(());
         }
         if self.wants(ExportFormat::Inria) {
             let OpenRun { config, scene, trained, .. } = self.run;
@@ -114,8 +119,7 @@ impl Session<'_> {
             atomic::write(&self.folder.place(&[export::GLB])?, &bytes)?;
             writeln!(out, "{:LABEL$}{} Gaussians, {}", export::GLB, gaussians.len(), size(bytes.len()))?;
         }
-        let loss = self.fidelity(Some(time))?.loss(|_| Ok(gaussians.clone()))?;
-        Ok(writeln!(out, "{:LABEL$}{loss}", "PSNR")?)
+        tell_loss(out, fidelity.loss(|_| Ok(gaussians.clone()))?)
     }
 
     /// The whole scene in motion.
@@ -145,8 +149,7 @@ impl Session<'_> {
         let found = file.check(&samples)?;
         writeln!(out, "{:LABEL$}{}", "error bound", file.bounds())?;
         writeln!(out, "{:LABEL$}{found}", "largest error")?;
-        let loss = self.fidelity(None)?.loss(|time| file.cloud_at(clock.second(time)))?;
-        Ok(writeln!(out, "{:LABEL$}{loss}", "PSNR")?)
+        tell_loss(out, self.fidelity(None)?.loss(|time| file.cloud_at(clock.second(time)))?)
     }
 
     /// The whole scene at evenly spaced times.
@@ -173,8 +176,7 @@ impl Session<'_> {
             progress.advance();
         }
         progress.finish();
-        let loss = self.fidelity(None)?.loss(|time| Ok(self.exporter.scene(Moment::At(time))?))?;
-        Ok(writeln!(out, "{:LABEL$}{loss}", "PSNR")?)
+        tell_loss(out, self.fidelity(None)?.loss(|time| Ok(self.exporter.scene(Moment::At(time))?))?)
     }
 
     /// The renders that exported Gaussians are compared with.
@@ -185,6 +187,11 @@ impl Session<'_> {
 
 fn tell(out: &mut dyn Write, name: &str, gaussians: &GaussianCloud) -> anyhow::Result<()> {
     Ok(writeln!(out, "{name:LABEL$}{} Gaussians", gaussians.len())?)
+}
+
+/// What the last file costs.
+fn tell_loss(out: &mut dyn Write, loss: Loss) -> anyhow::Result<()> {
+    Ok(writeln!(out, "{:LABEL$}{loss}", "PSNR")?)
 }
 
 /// A number of bytes, in the units of disks.

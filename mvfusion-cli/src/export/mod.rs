@@ -42,7 +42,18 @@ pub const FRAMES: &str = "frames";
 /// Everything that an export writes at the top level of its folder.
 pub const CONTENTS: Contents = Contents {
     what: "export",
-    entries: &[STATIC, DYNAMIC, SPLAT, GLB, MOVING, FRAMES, CAMERAS, inria::POINT_CLOUD, inria::SETTINGS, inria::POINTS],
+    entries: &[
+        STATIC,
+        DYNAMIC,
+        SPLAT,
+        GLB,
+        MOVING,
+        FRAMES,
+        CAMERAS,
+        inria::POINT_CLOUD,
+        inria::SETTINGS,
+        inria::POINTS,
+    ],
     foreign: &[],
     // An export can be made again: what waits is dropped by the next one that is complete.
     is_complete: |_| false,

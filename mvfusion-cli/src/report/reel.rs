@@ -110,6 +110,7 @@ fn trace(frames: &[FilmFrame]) -> Markup {
     });
     html! {
         @if known.len() > 1 {
+            p.note.scale { "PSNR of the composed render, " (number(low, 2)) " to " (number(high, 2)) " dB" }
             div.trace {
                 svg viewBox=(format!("0 0 {width} {height}")) preserveAspectRatio="none" role="img"
                     aria-label=(format!("PSNR of the composed render over the film, {low:.2} to {high:.2} dB")) {
@@ -117,7 +118,6 @@ fn trace(frames: &[FilmFrame]) -> Markup {
                 }
                 span.now {}
             }
-            p.note.scale { "PSNR of the composed render, " (number(low, 2)) " to " (number(high, 2)) " dB" }
         }
     }
 }

@@ -39,5 +39,5 @@ pub use record::{InitialWeights, Resumption, RunRecord, SceneRecord};
 pub use replacements::{PsnrChanges, Replaced, Replacements};
 #[cfg(test)]
 pub(crate) use results::specimen;
-pub use scene_file::{HeldOutView, SceneCamera, SceneFile};
 pub use results::{EvalTime, GaussianCounts, LpipsWeights, PerView, RenderSpeed, Results, TrainCost};
+pub use scene_file::{HeldOutView, SceneCamera, SceneFile};

@@ -1,7 +1,7 @@
 //! The container `.4dgs` for moving Gaussians, through the crate `fourdgs`: samples of the scene in time, of which every
 //! sixteenth is stored in full and the others as differences.
 //!
-//! The format interpolates centres on straight lines from sample to sample; sizes, rotations, opacities and colours stay
+//! Centres move on straight lines during a sample, through their places in its middle; sizes, rotations, opacities and colours stay
 //! the same for the time of a sample. Colours do not depend on the direction. All numbers are rounded to grids whose
 //! spacing is twice the error that a [`Precision`] allows.
 

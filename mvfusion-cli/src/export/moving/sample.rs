@@ -121,7 +121,7 @@ fn rows(values: &[f32], width: usize, chosen: &[usize]) -> Vec<f32> {
     chosen.iter().flat_map(|&row| &values[width * row..width * (row + 1)]).copied().collect()
 }
 
-/// The way of all Gaussians during a sample.
+/// Where all Gaussians are at the ends of a sample.
 struct Path {
     /// First and last second.
     start: f64,
@@ -132,11 +132,19 @@ struct Path {
 }
 
 impl Path {
-    /// The sample in which Gaussians go this way and otherwise are as in the middle.
+    /// The sample in which Gaussians are as in the middle, and move at the mean velocity between the ends.
     fn sample(&self, middle: &GaussianCloud, eyes: &[DVec3], lasting: f64) -> Sample {
         let seconds = (self.end - self.start) as f32;
-        let velocity =
-            |(begin, next): (&[f32; 3], &[f32; 3])| [0, 1, 2].map(|axis| (next[axis] - begin[axis]) / seconds);
+        let velocities: Vec<[f32; 3]> = self
+            .begin
+            .iter()
+            .zip(&self.next)
+            .map(|(begin, next)| [0, 1, 2].map(|axis| (next[axis] - begin[axis]) / seconds))
+            .collect();
+        // Through the place in the middle, where everything else is right as well; on a bend, the chord would miss it.
+        let place = |(middle, velocity): (&[f32; 3], &[f32; 3])| {
+            [0, 1, 2].map(|axis| middle[axis] - 0.5 * seconds * velocity[axis])
+        };
         let rotation = |&quaternion: &[f32; 4]| {
             let [w, x, y, z] = unit_quaternion(quaternion);
             [x, y, z, w].map(|part| part as f32)
@@ -149,7 +157,7 @@ impl Path {
             t0: self.start,
             ids: (0..count as i64).collect(),
             gaussians: GaussianSet {
-                positions: self.begin.as_flattened().to_vec(),
+                positions: middle.means.iter().zip(&velocities).flat_map(place).collect(),
                 scales: middle
                     .log_scales
                     .iter()
@@ -157,7 +165,7 @@ impl Path {
                     .collect(),
                 rotations: middle.quaternions.iter().flat_map(rotation).collect(),
                 colors: colours.into_iter().zip(opacities).flat_map(colour).collect(),
-                motions: self.begin.iter().zip(&self.next).flat_map(velocity).collect(),
+                motions: velocities.into_flattened(),
                 mu_t: vec![self.start as f32; count],
                 sigma_t: vec![lasting as f32; count],
                 // Without windows, all Gaussians exist for the whole film.

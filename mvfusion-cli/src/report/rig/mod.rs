@@ -24,8 +24,8 @@ pub(super) fn rig(files: &RunFiles) -> Markup {
 fn drawn(scene: &SceneFile) -> Markup {
     let [right, up, forward] = axes(scene);
     let plots = [
-        Projection { title: "From above", right, up: forward, names: ["right", "forward"] },
-        Projection { title: "From the side", right: forward, up, names: ["forward", "up"] },
+        Projection { title: "From above", right, up: forward, names: ["right \u{2192}", "forward \u{2191}"] },
+        Projection { title: "From the side", right: forward, up, names: ["forward \u{2192}", "up \u{2191}"] },
     ];
     let timed = TimeColours::of(scene);
     let count = |is_held_out: bool| scene.cameras.iter().filter(|camera| camera.is_held_out == is_held_out).count();
@@ -39,8 +39,11 @@ fn drawn(scene: &SceneFile) -> Markup {
             @if training.max(held_out) > MOST_CAMERAS { " Of each kind, " (MOST_CAMERAS) " are drawn." }
         }
         p.rig-key {
-            span.key.c0 { "training" } span.key.c1 { "held out (filled)" }
-            @if let Some(timed) = &timed { (timed.legend()) }
+            @match &timed {
+                // The colours tell the time, so the kinds differ in their areas alone.
+                Some(timed) => { "outlined: training, filled: held out" (timed.legend()) },
+                None => { span.key.c0 { "training" } span.key.c1 { "held out (filled)" } },
+            }
         }
         div.charts.rig { @for plot in &plots { (plot.draw(scene, timed.as_ref())) } }
     }

@@ -17,7 +17,7 @@ pub(super) const MOST_CAMERAS: usize = 200;
 /// Depth of a drawn camera, as a share of the plot's range.
 const DEPTH: f64 = 0.06;
 /// Desired number of ticks of each axis.
-const TICKS: usize = 5;
+const TICKS: usize = 8;
 
 /// What is drawn to the right and upwards.
 pub(super) struct Projection {
@@ -49,7 +49,7 @@ impl Projection {
         let [x, y] = at(centre);
         html! {
             figure.chart {
-                figcaption { b { (self.title) } " (" (self.names[0]) " to the right, " (self.names[1]) " upwards)" }
+                figcaption { b { (self.title) } " (" (self.names[0]) ", " (self.names[1]) ")" }
                 svg viewBox=(format!("0 0 {} {}", SIZE[0], SIZE[1])) role="img"
                     aria-label=(format!("the cameras of the scene {}", self.title.to_lowercase())) {
                     @for tick in frame.x.ticks(TICKS) {
