@@ -20,9 +20,9 @@ pub struct PageArgs {
     pub html: Option<Option<PathBuf>>,
     /// Largest size of the HTML file
     ///
-    /// Until it fits, these are left out, in this order: every other keyframe, as long as 12 are left; the highest
-    /// degree of the colours; a fifth of the Gaussians, those that contribute least to the training views, and with
-    /// every third fifth every other keyframe.
+    /// Until it fits, these are left out, in this order: half of the precision; twice a fifth of the Gaussians, those
+    /// that contribute least to the training views; every other keyframe, as long as 12 are left; the highest degree of
+    /// the colours and a fifth of the Gaussians in turn; more Gaussians and keyframes.
     #[arg(long, value_name = "SIZE", default_value_t = DEFAULT_SIZE, requires = "html")]
     pub size: ByteSize,
 }

@@ -1,7 +1,7 @@
 //! Moving Gaussians at keyframes, as whole multiples of steps, for files that must be small.
 //!
 //! [`KeyframesBuilder`] takes the Gaussians of one branch at ascending times and quantises them ([`Quantity`] has the
-//! steps). [`Keyframes::reduced`] leaves out keyframes, colour coefficients and Gaussians. [`encode`] turns branches
+//! steps). [`Keyframes::reduced`] leaves out keyframes, colour coefficients, Gaussians and precision. [`encode`] turns branches
 //! into compressed bytes and a [`BranchLayout`] each, which describes them; [`decode`] is its inverse.
 //!
 //! Between two keyframes, everything is interpolated linearly ([`Keyframes::at`]): centres, logarithms of scales,
@@ -18,6 +18,7 @@ mod reduce;
 pub use builder::KeyframesBuilder;
 pub use bytes::{BranchLayout, DecodeError, TrackLayout, decode, encode};
 pub use quantity::{Grid, Quantity};
+pub use reduce::Reduction;
 
 /// The quantised Gaussians of one branch at its keyframes. A static branch has one keyframe.
 #[derive(Clone, Debug, PartialEq)]
@@ -57,9 +58,14 @@ impl Keyframes {
     /// The Gaussians that are not transparent at every keyframe, in ascending order.
     pub fn visible_rows(&self) -> Vec<usize> {
         let opacities = self.column(Quantity::Opacity);
-        let least = Grid::of(Quantity::Opacity, 0.0).quantise(0.0);
+        let least = self.transparent();
         let is_visible = |row: &usize| opacities.iter().skip(*row).step_by(self.count.max(1)).any(|&o| o > least);
         (0..self.count).filter(is_visible).collect()
+    }
+
+    /// The whole number of the opacity 0.
+    fn transparent(&self) -> i32 {
+        self.track(Quantity::Opacity).map_or(0, |track| track.grid.quantise(0.0))
     }
 
     /// The track of a quantity, if the branch has it.

@@ -77,6 +77,11 @@ impl Grid {
         Self { offset, step }
     }
 
+    /// The same numbers with larger steps.
+    pub fn coarser(self, times: f64) -> Self {
+        Self { step: times * self.step, ..self }
+    }
+
     /// The nearest whole number. A number that is not finite becomes zero.
     pub fn quantise(self, value: f64) -> i32 {
         let steps = ((value - self.offset) / self.step).round();

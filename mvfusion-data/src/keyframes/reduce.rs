@@ -1,15 +1,27 @@
-//! Fewer keyframes, colour coefficients and Gaussians.
+//! Fewer keyframes, colour coefficients and Gaussians, and larger steps.
 
 use super::order::morton_order;
 use super::{Grid, Keyframes, Quantity, Track};
 
+/// What is left of keyframes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reduction {
+    /// Steps are this many times as large. At least 1.
+    pub coarseness: u32,
+    /// Every how many-th keyframe is kept. At least 1. The last one always is.
+    pub stride: usize,
+    /// Degree of the spherical harmonics.
+    pub sh_degree: usize,
+}
+
 impl Keyframes {
-    /// These Gaussians alone, with every `stride`-th keyframe and the last, and without the colour coefficients above a
-    /// degree. Neighbours in space become neighbours in the lists.
+    /// These Gaussians alone, after a reduction. Neighbours in space become neighbours in the lists.
     ///
     /// Where a Gaussian cannot be seen, because it is transparent at a keyframe and at both neighbours, its other values
     /// repeat the ones before (or the first ones after). They cost next to nothing then.
-    pub fn reduced(&self, rows: &[usize], stride: usize, sh_degree: usize) -> Self {
+    pub fn reduced(&self, rows: &[usize], reduction: Reduction) -> Self {
+        let Reduction { coarseness, stride, sh_degree } = reduction;
+        let times_larger = f64::from(coarseness.max(1));
         let last = self.times.len().saturating_sub(1);
         let chosen: Vec<usize> = (0..self.times.len()).filter(|k| k % stride.max(1) == 0 || *k == last).collect();
         let sh_degree = sh_degree.min(self.sh_degree);
@@ -18,10 +30,14 @@ impl Keyframes {
             let keyframes: &[usize] = if track.quantity.moves() { &chosen } else { &[0] };
             let column = |column: &Vec<i32>| {
                 let at = |k: &usize| &column[k * self.count..(k + 1) * self.count];
-                keyframes.iter().flat_map(|k| rows.iter().map(|&row| at(k)[row])).collect()
+                // From the values, because an offset is no multiple of a step.
+                let grid = track.grid.coarser(times_larger);
+                let whole = |whole: i32| grid.quantise(track.grid.value(whole));
+                keyframes.iter().flat_map(|k| rows.iter().map(|&row| whole(at(k)[row]))).collect()
             };
             let width = track.quantity.columns(sh_degree);
-            Track { columns: track.columns[..width].iter().map(column).collect(), ..track.clone_empty() }
+            let columns = track.columns[..width].iter().map(column).collect();
+            Track { quantity: track.quantity, grid: track.grid.coarser(times_larger), columns }
         };
         let mut reduced = Self {
             count: rows.len(),
@@ -44,7 +60,7 @@ impl Keyframes {
     /// Repeats values where they do not matter.
     fn hold_unseen(&mut self) {
         let (count, keyframes) = (self.count, self.times.len());
-        let least = Grid::of(Quantity::Opacity, 0.0).quantise(0.0);
+        let least = self.transparent();
         let opacities = self.column(Quantity::Opacity).to_vec();
         let is_opaque = |k: usize, row: usize| opacities[k * count + row] > least;
         let is_seen =
@@ -69,9 +85,16 @@ impl Keyframes {
     }
 }
 
-impl Track {
-    /// The same track without values.
-    fn clone_empty(&self) -> Self {
-        Self { quantity: self.quantity, grid: self.grid, columns: Vec::new() }
+impl Keyframes {
+    /// Adds to the constant colour coefficients of each Gaussian, at all keyframes.
+    pub fn shift_base(&mut self, shifts: &[[f32; 3]]) {
+        for track in self.tracks.iter_mut().filter(|track| track.quantity == Quantity::Base) {
+            let grid = track.grid;
+            for (channel, column) in track.columns.iter_mut().enumerate() {
+                for (whole, shift) in column.iter_mut().zip(shifts.iter().cycle()) {
+                    *whole = grid.quantise(grid.value(*whole) + f64::from(shift[channel]));
+                }
+            }
+        }
     }
 }

@@ -37,6 +37,10 @@ fn keyframes(count: usize, sh_degree: usize, times: &[f64]) -> Keyframes {
     builder.finish()
 }
 
+fn to(stride: usize, sh_degree: usize) -> Reduction {
+    Reduction { coarseness: 1, stride, sh_degree }
+}
+
 fn sigmoid(logit: f32) -> f32 {
     1.0 / (1.0 + (-logit).exp())
 }
@@ -101,7 +105,7 @@ fn a_flipped_quaternion_does_not_turn_on_the_way() {
 fn bytes_bring_back_every_number() {
     let moving = keyframes(300, 1, &[0.0, 0.5, 0.75]);
     let rows: Vec<usize> = (0..40).collect();
-    let still = keyframes(40, 3, &[0.0]).reduced(&rows, 1, 3);
+    let still = keyframes(40, 3, &[0.0]).reduced(&rows, to(1, 3));
     let (layouts, bytes) = encode(&[&still, &moving]).expect("packed");
     assert_eq!(decode(&layouts, &bytes).expect("unpacked"), [still, moving]);
     let text = serde_json::to_string(&layouts).expect("JSON");
@@ -112,7 +116,7 @@ fn bytes_bring_back_every_number() {
 
 #[test]
 fn no_gaussians_have_few_bytes() {
-    let nothing = keyframes(4, 1, &[0.0, 1.0]).reduced(&[], 1, 1);
+    let nothing = keyframes(4, 1, &[0.0, 1.0]).reduced(&[], to(1, 1));
     let (layouts, bytes) = encode(&[&nothing]).expect("packed");
     assert_eq!((decode(&layouts, &bytes).expect("unpacked"), nothing.at(0.5).len()), (vec![nothing], 0));
 }
@@ -122,7 +126,7 @@ fn fewer_keyframes_keep_the_first_and_the_last() {
     let times: Vec<f64> = (0..8).map(|k| f64::from(k) / 8.0).collect();
     let frames = keyframes(30, 3, &times);
     let all: Vec<usize> = (0..30).collect();
-    let fewer = frames.reduced(&all, 3, 1);
+    let fewer = frames.reduced(&all, to(3, 1));
     assert_eq!((fewer.times(), fewer.sh_degree(), fewer.count()), (&[0.0, 0.375, 0.75, 0.875][..], 1, 30));
     let mut xs = [fewer.at(0.375), frames.at(0.375)].map(|cloud| cloud.means.iter().map(|mean| mean[0]).collect::<Vec<_>>());
     xs.iter_mut().for_each(|xs| xs.sort_by(f32::total_cmp));
@@ -140,8 +144,34 @@ fn what_cannot_be_seen_keeps_still_and_what_never_can_is_told() {
     }
     let frames = builder.finish();
     assert_eq!(frames.visible_rows(), [0]);
-    let held = frames.reduced(&[0], 1, 0);
+    let held = frames.reduced(&[0], to(1, 0));
     let x: Vec<f32> = (0..6).map(|k| held.at(f64::from(k) / 8.0).means[0][0]).collect();
     // Seen at the keyframe 2, and on the way from 1 and to 3.
     assert!(x[0] == x[1] && x[1] < x[2] && x[2] < x[3] && x[3] == x[4] && x[4] == x[5], "{x:?}");
+}
+
+#[test]
+fn larger_steps_make_larger_errors_and_fewer_bytes() {
+    let frames = keyframes(200, 1, &[0.0, 0.5, 1.0]);
+    let all: Vec<usize> = (0..200).collect();
+    let fine = frames.reduced(&all, to(1, 1));
+    let coarse = frames.reduced(&all, Reduction { coarseness: 4, ..to(1, 1) });
+    let means = [&fine, &coarse].map(|frames| frames.at(0.5).means.concat());
+    assert_close(means[1].clone(), means[0].clone(), 2.0 * STEP as f32 + 1e-5, "centre");
+    let sizes = [&fine, &coarse].map(|frames| encode(&[frames]).expect("packed").1.len());
+    assert!(10 * sizes[1] < 9 * sizes[0], "{sizes:?} bytes");
+    assert!(coarse.at(0.5).opacity_logits.iter().all(|&logit| (-20.0..=20.0).contains(&logit)));
+}
+
+#[test]
+fn base_colours_are_shifted_at_every_keyframe() {
+    let mut frames = keyframes(3, 0, &[0.0, 1.0]);
+    let before = [0.0, 1.0].map(|time| frames.at(time).sh_dc);
+    let shifts = [[0.5, 0.0, -0.25], [0.0; 3], [1.0, 1.0, 1.0]];
+    frames.shift_base(&shifts);
+    for (time, before) in [0.0, 1.0].into_iter().zip(before) {
+        for ((after, before), shift) in frames.at(time).sh_dc.iter().zip(before).zip(shifts) {
+            assert_close(*after, [0, 1, 2].map(|channel| before[channel] + shift[channel]), 1e-5, "colour");
+        }
+    }
 }

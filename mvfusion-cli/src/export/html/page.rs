@@ -86,7 +86,7 @@ fn controls() -> maud::Markup {
                 }
             }
             button type="button" name="reset" title="First camera (R)" { "reset" }
-            button type="button" name="full" title="Full screen (F)" aria-label="Full screen" { "\u{26f6}" }
+            button type="button" name="full" title="Full screen (F)" { "full" }
         }
     }
 }

@@ -26,7 +26,7 @@ function statesAt({ count, tracks }, k) {
   if (tracks.mask) {
     // Three bytes in a float, which are whole numbers up to 2^24.
     const { columns, offset, step } = tracks.mask;
-    const byte = whole => Math.round(255 * (offset + step * whole));
+    const byte = whole => Math.min(255, Math.max(0, Math.round(255 * (offset + step * whole))));
     for (let row = 0; row < count; row++) {
       const [static_, brightness, dynamic] = columns.map(column => byte(column[k * count + row]));
       states[width * row + 7] = static_ + 256 * brightness + 65536 * dynamic;
