@@ -3,7 +3,7 @@
 use std::fmt;
 
 use image::RgbImage;
-use mvfusion_data::{Camera, GaussianCloud, Scene, View};
+use mvfusion_data::{Camera, GaussianCloud, View};
 use mvfusion_model::evaluation::{Layer, LayerRenderer, blended_picture, psnr};
 use mvfusion_model::model::RenderContext;
 use mvfusion_model::timeline::spread;
@@ -41,21 +41,20 @@ pub struct Loss {
 }
 
 impl<'a> Fidelity<'a> {
-    /// Renders some held-out views, or training views if there are none: the distinct cameras at `time`, or each view at
-    /// its own time.
+    /// Renders some of the views: the distinct cameras at `time`, or each view at its own time.
     ///
     /// # Errors
     /// If the device fails.
     pub fn new(
         exporter: &'a Exporter,
-        scene: &Scene,
+        views: &[View],
         device: &'a OpenDevice,
         time: Option<f64>,
     ) -> anyhow::Result<Self> {
         let Exporter { model, level, context } = exporter;
         let renderer = LayerRenderer::new(model, *level, context, &[Layer::Composed], context.motion.weights)?;
         let mut references = Vec::new();
-        for (camera, time) in views(scene, time) {
+        for (camera, time) in chosen(views, time) {
             let rendered = renderer.render(&camera, time)?;
             // Proof: one layer was asked for.
             let composed = renderer.picture(rendered.first().expect("the composed layer"))?;
@@ -81,8 +80,7 @@ impl<'a> Fidelity<'a> {
 }
 
 /// The cameras and times to compare.
-fn views(scene: &Scene, time: Option<f64>) -> Vec<(Camera, f64)> {
-    let views: &[View] = if scene.test.is_empty() { &scene.train } else { &scene.test };
+fn chosen(views: &[View], time: Option<f64>) -> Vec<(Camera, f64)> {
     let mut found: Vec<(Camera, f64)> = Vec::new();
     for view in views {
         let one = (view.camera, time.unwrap_or(view.time));
@@ -124,10 +122,10 @@ mod tests {
                 cameras.push(view.camera);
             }
         });
-        let still = views(&scene, Some(0.5));
+        let still = chosen(&scene.test, Some(0.5));
         assert_eq!(still.len(), cameras.len().min(MOST_VIEWS));
         assert!(still.iter().all(|(_, time)| *time == 0.5));
-        let film = views(&scene, None);
+        let film = chosen(&scene.test, None);
         assert_eq!(film.len(), scene.test.len().min(MOST_VIEWS));
         assert_eq!(film[0].1, scene.test[0].time);
     }

@@ -13,7 +13,7 @@ const RECORD: usize = 32;
 
 /// Writes Gaussians as records: centre and scales as floats, colour and opacity as bytes, rotation w, x, y, z as bytes
 /// around 128. The most visible Gaussians come first, because viewers draw a file while it loads. Only the constant
-/// colour is kept.
+/// colour is written.
 ///
 /// # Errors
 /// If the file cannot be written.

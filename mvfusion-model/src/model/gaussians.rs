@@ -130,6 +130,16 @@ pub struct Behind {
     pub masks: [f64; 3],
 }
 
+/// What becomes of the brightness control of the static branch without masks ([`RawGaussians::without_masks`]).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shadows {
+    /// Gaussians that darken the static branch hide more of it. Right for shadows; where the control is only noise, the
+    /// noise of all Gaussians in front of each other adds up.
+    Kept,
+    /// The control is left out.
+    Dropped,
+}
+
 /// Raw attributes as tensors for rendering, canonical or deformed.
 #[derive(Clone, Debug)]
 pub struct RawGaussians {
@@ -315,13 +325,17 @@ impl RawGaussians {
     ///
     /// Alone and opaque, a Gaussian with the foreground share `d` and the brightness factor `l` leaves `(1 - d) l` of
     /// the static branch visible and adds `d` times its colour (METHOD §1.3). A viewer does the same with an opacity of
-    /// `1 - (1 - d) l` and that colour over this opacity, so Gaussians that only darken the static branch become black
-    /// and translucent. This equals the blending of the branches where opaque Gaussians with equal masks cover a pixel.
-    /// Factors above 1 are taken as 1, because a Gaussian cannot brighten what is behind it.
-    pub fn without_masks(self) -> Self {
+    /// `1 - (1 - d) l` and that colour over this opacity. This equals the blending of the branches where one opaque
+    /// Gaussian, or several with equal masks, cover a pixel. Behind translucent ones, errors multiply.
+    ///
+    /// `l` is 1 without shadows, and at most 1 with them, because a Gaussian cannot brighten what is behind it.
+    pub fn without_masks(self, shadows: Shadows) -> Self {
         let Some(logits) = &self.mask_logits else { return self };
         let probabilities = sigmoid(logits.clone());
-        let light = brightness(MaskChannel::Brightness.of(&probabilities)).clamp_max(1.0);
+        let light = match shadows {
+            Shadows::Kept => brightness(MaskChannel::Brightness.of(&probabilities)).clamp_max(1.0),
+            Shadows::Dropped => MaskChannel::Brightness.of(&probabilities).ones_like(),
+        };
         let share = foreground_share(&probabilities);
         let hidden = -(-share.clone() + 1.0) * light + 1.0;
         let opacity = (sigmoid(self.opacity_logits) * hidden.clone()).clamp(OPACITY_MARGIN, 1.0 - OPACITY_MARGIN);
@@ -464,4 +478,62 @@ pub(crate) fn attribute_tensor(values: Vec<f64>, columns: usize, device: &Device
 /// Renders frames together.
 pub(crate) fn splat_frames(frames: Vec<SplatFrame>) -> Result<Vec<SplatPicture>, splat::SplatError> {
     measure(Part::SplatForward, || splat::splat_all(frames))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_support::{for_each_device, values};
+
+    /// Tolerance for rounding in single precision, and for the margin of opacities.
+    const ROUNDING: f64 = 1e-5;
+
+    /// One opaque Gaussian with a colour coefficient of 0.4 and these mask probabilities.
+    fn masked(probabilities: [f64; 3], device: &Device) -> RawGaussians {
+        let logit = |share: f64| (share / (1.0 - share)).ln() as f32;
+        let row = |numbers: Vec<f32>| {
+            let width = numbers.len();
+            Tensor::<2>::from_data(TensorData::new(numbers, [1, width]), device)
+        };
+        RawGaussians {
+            means: row(vec![0.0; 3]),
+            sh: row(vec![0.4; 12]).reshape([1, 4, 3]),
+            opacity_logits: row(vec![30.0]),
+            log_scales: row(vec![0.0; 3]),
+            quaternions: row(vec![1.0, 0.0, 0.0, 0.0]),
+            mask_logits: Some(row(probabilities.map(logit).to_vec())),
+        }
+    }
+
+    #[test]
+    fn without_masks_a_gaussian_hides_and_adds_what_the_blend_does() {
+        for_each_device(|device| {
+            for (probabilities, shadows, light) in [
+                ([0.3, 0.4, 0.6], Shadows::Kept, 0.9),
+                ([0.3, 0.4, 0.6], Shadows::Dropped, 1.0),
+                ([0.3, 0.9, 0.6], Shadows::Kept, 1.0),
+                ([0.98, 0.1, 0.02], Shadows::Kept, 0.6),
+            ] {
+                let share = probabilities[2] / (probabilities[0] + probabilities[2]);
+                let folded = masked(probabilities, &device).without_masks(shadows);
+                assert!(folded.mask_logits.is_none());
+                let opacity = values(sigmoid(folded.opacity_logits))[0];
+                assert!((1.0 - opacity - (1.0 - share) * light).abs() < ROUNDING, "{probabilities:?}: {opacity}");
+                let sh = values(folded.sh);
+                // The constant colour and the higher coefficients, each times the opacity.
+                let added = [(0.5 + SH_C0 * sh[0]) * opacity, sh[3] * opacity];
+                let wanted = [(0.5 + SH_C0 * 0.4) * share, 0.4 * share];
+                assert!(added.iter().zip(wanted).all(|(a, b)| (a - b).abs() < ROUNDING), "{added:?}, not {wanted:?}");
+            }
+        });
+    }
+
+    #[test]
+    fn gaussians_without_masks_stay_as_they_are() {
+        for_each_device(|device| {
+            let plain = RawGaussians { mask_logits: None, ..masked([0.5; 3], &device) };
+            let same = plain.clone().without_masks(Shadows::Kept);
+            assert_eq!(values(same.opacity_logits), values(plain.opacity_logits));
+        });
+    }
 }

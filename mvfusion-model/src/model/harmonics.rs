@@ -4,6 +4,8 @@ use glam::{DMat3, DQuat, DVec3};
 use mvfusion_data::GaussianCloud;
 use mvfusion_render::splat::sh_basis;
 
+use super::gaussians::SH_C0;
+
 /// Colour channels.
 const CHANNELS: usize = 3;
 /// Coefficients up to degree 3.
@@ -72,6 +74,13 @@ fn harmonics_matrix(rotation: DMat3) -> [[f64; COEFFICIENTS]; COEFFICIENTS] {
         }
     }
     matrix
+}
+
+/// The same Gaussians with one colour each ([`mean_colours`]), at degree 0.
+pub fn without_directions(cloud: GaussianCloud, eyes: &[DVec3]) -> GaussianCloud {
+    let coefficient = |level: f32| ((f64::from(level) - 0.5) / SH_C0) as f32;
+    let sh_dc = mean_colours(&cloud, eyes).into_iter().map(|colour| colour.map(coefficient)).collect();
+    GaussianCloud { sh_degree: 0, sh_dc, sh_rest: Vec::new(), ..cloud }
 }
 
 /// The colour of each Gaussian as the mean of its colours from `eyes`, in `[0, 1]`, for formats whose colours do not
@@ -178,5 +187,8 @@ mod tests {
         let each = eyes.map(|eye| mean_colours(&cloud, &[eye])[0][1]);
         let both = mean_colours(&cloud, &eyes)[0][1];
         assert!(f64::from(both - 0.5 * (each[0] + each[1])).abs() < ROUNDING);
+        let flat = without_directions(cloud, &eyes);
+        assert_eq!(flat.sh_degree, 0);
+        assert!(f64::from(mean_colours(&flat, &[])[0][1] - both).abs() < ROUNDING);
     }
 }
