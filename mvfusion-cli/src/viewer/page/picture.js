@@ -65,6 +65,8 @@ export class Picture {
       context.drawImage(photo, x, y, width, height);
       context.restore();
       stroke(context, [[line, y], [line, y + height]], '#fff', 2);
+      label(context, 'photo', [line - 8, y], 'right');
+      label(context, 'render', [line + 8, y], 'left');
     }
     const { fx, fy, cx, cy } = camera;
     const placed = { ...camera, fx: fx * height, fy: fy * height, cx: x + cx * height, cy: y + cy * height };
@@ -118,6 +120,16 @@ export class Picture {
     canvas.getContext('2d')?.drawImage(this.bitmap, 0, 0);
     return canvas.convertToBlob({ type });
   }
+}
+
+/** @param {CanvasRenderingContext2D} context @param {string} text @param {number[]} at @param {CanvasTextAlign} align */
+function label(context, text, [x, y], align) {
+  const size = 13 * Math.min(devicePixelRatio || 1, 2);
+  Object.assign(context, { font: `600 ${size}px system-ui, sans-serif`, textAlign: align, textBaseline: 'top' });
+  // Readable on any photo.
+  Object.assign(context, { fillStyle: '#fff', strokeStyle: '#000', lineWidth: 3, lineJoin: 'round' });
+  context.strokeText(text, x, y + 8);
+  context.fillText(text, x, y + 8);
 }
 
 /** @param {CanvasRenderingContext2D} context @param {number[][]} line @param {string} colour @param {number} width */
