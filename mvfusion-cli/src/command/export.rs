@@ -6,7 +6,6 @@ use bytesize::ByteSize;
 use mvfusion_data::GaussianCloud;
 use mvfusion_data::write::gaussian_ply;
 use mvfusion_model::ModelError;
-use mvfusion_model::model::gaussians::Shadows;
 use mvfusion_model::model::harmonics::without_directions;
 use mvfusion_model::train::final_level;
 
@@ -38,7 +37,7 @@ pub fn export(args: &ExportArgs, verbosity: Verbosity, out: &mut dyn Write) -> a
     let run = OpenRun::open(&request, verbosity)?;
     let exporter = exporter(args, &run, verbosity);
     let mut folder = plan.create()?;
-    Session { args, run: &run, exporter, folder: &folder, verbosity, shadows: Shadows::Dropped }.write(out)?;
+    Session { args, run: &run, exporter, folder: &folder, verbosity }.write(out)?;
     folder.finish();
     Ok(())
 }
@@ -56,22 +55,15 @@ struct Session<'a> {
     exporter: Exporter,
     folder: &'a RunFolder,
     verbosity: Verbosity,
-    /// What becomes of the brightness control in files with both branches.
-    shadows: Shadows,
 }
 
 impl Session<'_> {
-    fn write(mut self, out: &mut dyn Write) -> anyhow::Result<()> {
+    fn write(&self, out: &mut dyn Write) -> anyhow::Result<()> {
         export::write_cameras(&self.run.scene, &self.folder.place(&[export::CAMERAS])?)?;
         if self.wants(ExportFormat::Ply) {
             self.write_branches(out)?;
         }
-        let still = [ExportFormat::Splat, ExportFormat::Inria, ExportFormat::Glb];
-        let is_still = still.into_iter().any(|format| self.wants(format));
-        if is_still || self.wants(ExportFormat::Moving) || self.args.frames.is_some() {
-            self.shadows = self.better_shadows(out)?;
-        }
-        if is_still {
+        if [ExportFormat::Splat, ExportFormat::Inria, ExportFormat::Glb].into_iter().any(|format| self.wants(format)) {
             self.write_still(out)?;
         }
         if self.wants(ExportFormat::Moving) {
@@ -86,23 +78,6 @@ impl Session<'_> {
 
     fn wants(&self, format: ExportFormat) -> bool {
         self.args.format.contains(&format)
-    }
-
-    /// What brings both branches in one cloud closer to their blend, on training views: with shadows, or without.
-    fn better_shadows(&self, out: &mut dyn Write) -> anyhow::Result<Shadows> {
-        if self.exporter.model.static_.is_none() {
-            return Ok(Shadows::Dropped);
-        }
-        let fidelity = Fidelity::new(&self.exporter, &self.run.scene.train, &self.run.device, None)?;
-        let psnr = |shadows| -> anyhow::Result<f64> {
-            let loss = fidelity.loss(|time| Ok(self.exporter.scene(Moment::At(time), shadows)?))?;
-            Ok(loss.psnr.unwrap_or(f64::INFINITY))
-        };
-        let (kept, dropped) = (psnr(Shadows::Kept)?, psnr(Shadows::Dropped)?);
-        let (shadows, word) =
-            if kept > dropped { (Shadows::Kept, "kept") } else { (Shadows::Dropped, "dropped") };
-        writeln!(out, "{:LABEL$}{word} ({kept:.2} dB with, {dropped:.2} dB without, on training views)", "shadows")?;
-        Ok(shadows)
     }
 
     /// The Gaussians of each branch, in separate files.
@@ -124,7 +99,7 @@ impl Session<'_> {
     /// The formats that show both branches at one time. Canonical Gaussians do not belong to any time.
     fn write_still(&self, out: &mut dyn Write) -> anyhow::Result<()> {
         let time = self.args.time.unwrap_or(0.0);
-        let gaussians = &self.exporter.scene(Moment::At(time), self.shadows)?;
+        let gaussians = &self.exporter.scene(Moment::At(time))?;
         let fidelity = self.fidelity(Some(time))?;
         if self.wants(ExportFormat::Splat) {
             // The format has no other colours than constant ones.
@@ -157,7 +132,7 @@ impl Session<'_> {
         let mut progress = Progress::new("samples", 2 * count + 1, self.verbosity);
         let static_ = self.exporter.static_()?;
         let scene_at = |time: f64| -> Result<GaussianCloud, ModelError> {
-            let dynamic = self.exporter.dynamic_without_masks(Moment::At(time), self.shadows)?;
+            let dynamic = self.exporter.dynamic_without_masks(Moment::At(time))?;
             progress.advance();
             Ok(match &static_ {
                 Some(static_) => static_.clone().joined(dynamic),
@@ -184,8 +159,8 @@ impl Session<'_> {
     fn write_frames(&self, frames: usize, out: &mut dyn Write) -> anyhow::Result<()> {
         let is_shared = self.args.shared_static && self.exporter.model.static_.is_some();
         let scene_at = |time: f64| match is_shared {
-            true => self.exporter.dynamic_without_masks(Moment::At(time), self.shadows),
-            false => self.exporter.scene(Moment::At(time), self.shadows),
+            true => self.exporter.dynamic_without_masks(Moment::At(time)),
+            false => self.exporter.scene(Moment::At(time)),
         };
         if is_shared && !self.wants(ExportFormat::Ply) {
             self.write_static(out)?;
@@ -204,7 +179,7 @@ impl Session<'_> {
             progress.advance();
         }
         progress.finish();
-        let whole = |time: f64| Ok(self.exporter.scene(Moment::At(time), self.shadows)?);
+        let whole = |time: f64| Ok(self.exporter.scene(Moment::At(time))?);
         tell_loss(out, self.fidelity(None)?.loss(whole)?)
     }
 

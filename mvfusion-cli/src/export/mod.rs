@@ -20,7 +20,7 @@ pub use splat::write_splat;
 use glam::DVec3;
 use mvfusion_data::{GaussianCloud, Scene};
 use mvfusion_model::ModelError;
-use mvfusion_model::model::gaussians::{Gaussians, RawGaussians, Shadows};
+use mvfusion_model::model::gaussians::{Gaussians, RawGaussians};
 use mvfusion_model::model::{DeformationLevel, Model, RenderContext};
 use mvfusion_model::timeline::spread;
 
@@ -106,16 +106,16 @@ impl Exporter {
     ///
     /// # Errors
     /// If reading them from the device fails.
-    pub fn dynamic_without_masks(&self, moment: Moment, shadows: Shadows) -> Result<GaussianCloud, ModelError> {
-        in_use(&self.model.dynamic, self.dynamic_at(moment).without_masks(shadows).to_cloud()?)
+    pub fn dynamic_without_masks(&self, moment: Moment) -> Result<GaussianCloud, ModelError> {
+        in_use(&self.model.dynamic, self.dynamic_at(moment).without_masks().to_cloud()?)
     }
 
     /// The Gaussians of both branches, the static ones first, for viewers without mask support.
     ///
     /// # Errors
     /// If reading them from the device fails.
-    pub fn scene(&self, moment: Moment, shadows: Shadows) -> Result<GaussianCloud, ModelError> {
-        let dynamic = self.dynamic_without_masks(moment, shadows)?;
+    pub fn scene(&self, moment: Moment) -> Result<GaussianCloud, ModelError> {
+        let dynamic = self.dynamic_without_masks(moment)?;
         Ok(match self.static_()? {
             Some(static_) => static_.joined(dynamic),
             None => dynamic,

@@ -130,16 +130,6 @@ pub struct Behind {
     pub masks: [f64; 3],
 }
 
-/// What becomes of the brightness control of the static branch without masks ([`RawGaussians::without_masks`]).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Shadows {
-    /// Gaussians that darken the static branch hide more of it. Right for shadows; where the control is only noise, the
-    /// noise of all Gaussians in front of each other adds up.
-    Kept,
-    /// The control is left out.
-    Dropped,
-}
-
 /// Raw attributes as tensors for rendering, canonical or deformed.
 #[derive(Clone, Debug)]
 pub struct RawGaussians {
@@ -328,16 +318,14 @@ impl RawGaussians {
     /// `1 - (1 - d) l` and that colour over this opacity. This equals the blending of the branches where one opaque
     /// Gaussian, or several with equal masks, cover a pixel. Behind translucent ones, errors multiply.
     ///
-    /// `l` is 1 without shadows, and at most 1 with them, because a Gaussian cannot brighten what is behind it.
-    pub fn without_masks(self, shadows: Shadows) -> Self {
+    /// `l` is taken as at most 1, because a Gaussian cannot brighten what is behind it.
+    pub fn without_masks(self) -> Self {
         let Some(logits) = &self.mask_logits else { return self };
         let probabilities = sigmoid(logits.clone());
-        let light = match shadows {
-            Shadows::Kept => brightness(MaskChannel::Brightness.of(&probabilities)).clamp_max(1.0),
-            Shadows::Dropped => MaskChannel::Brightness.of(&probabilities).ones_like(),
-        };
+        let light = brightness(MaskChannel::Brightness.of(&probabilities)).clamp_max(1.0);
         let share = foreground_share(&probabilities);
-        let hidden = -(-share.clone() + 1.0) * light + 1.0;
+        // 1 - (1 - d) l without the cancellation that would make it 0 for small shares.
+        let hidden = share.clone() + (-share.clone() + 1.0) * (-light + 1.0);
         let opacity = (sigmoid(self.opacity_logits) * hidden.clone()).clamp(OPACITY_MARGIN, 1.0 - OPACITY_MARGIN);
         let opacity_logits = opacity.clone().log() - (-opacity + 1.0).log();
         // `hidden` is at least `share`, which is positive.
@@ -508,14 +496,14 @@ mod tests {
     #[test]
     fn without_masks_a_gaussian_hides_and_adds_what_the_blend_does() {
         for_each_device(|device| {
-            for (probabilities, shadows, light) in [
-                ([0.3, 0.4, 0.6], Shadows::Kept, 0.9),
-                ([0.3, 0.4, 0.6], Shadows::Dropped, 1.0),
-                ([0.3, 0.9, 0.6], Shadows::Kept, 1.0),
-                ([0.98, 0.1, 0.02], Shadows::Kept, 0.6),
+            for (probabilities, light) in [
+                ([0.3, 0.4, 0.6], 0.9),
+                ([0.3, 0.9, 0.6], 1.0),
+                ([0.98, 0.1, 0.02], 0.6),
+                ([0.999_999, 0.5, 1e-9], 1.0),
             ] {
                 let share = probabilities[2] / (probabilities[0] + probabilities[2]);
-                let folded = masked(probabilities, &device).without_masks(shadows);
+                let folded = masked(probabilities, &device).without_masks();
                 assert!(folded.mask_logits.is_none());
                 let opacity = values(sigmoid(folded.opacity_logits))[0];
                 assert!((1.0 - opacity - (1.0 - share) * light).abs() < ROUNDING, "{probabilities:?}: {opacity}");
@@ -532,7 +520,7 @@ mod tests {
     fn gaussians_without_masks_stay_as_they_are() {
         for_each_device(|device| {
             let plain = RawGaussians { mask_logits: None, ..masked([0.5; 3], &device) };
-            let same = plain.clone().without_masks(Shadows::Kept);
+            let same = plain.clone().without_masks();
             assert_eq!(values(same.opacity_logits), values(plain.opacity_logits));
         });
     }

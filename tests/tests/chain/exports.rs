@@ -199,8 +199,7 @@ fn a_moment_is_the_deformed_model_with_or_without_attention() {
 #[test]
 fn a_sequence_has_the_frames_that_were_asked_for_and_begins_at_time_zero() {
     let run = Run::new(config());
-    let said = run.export_saying("sequence", |args| args.frames = std::num::NonZeroUsize::new(3));
-    let out = run.place.path().join("sequence");
+    let out = run.export("sequence", |args| args.frames = std::num::NonZeroUsize::new(3));
     assert_eq!(names(&out.join("frames")), ["frame0001.ply", "frame0002.ply", "frame0003.ply"]);
     let context = run.trainer.render_context();
     let last = *context.timeline.times().last().expect("a time");
@@ -211,7 +210,7 @@ fn a_sequence_has_the_frames_that_were_asked_for_and_begins_at_time_zero() {
         let border = static_.means.dims()[0];
         assert_holds(&frame, 0..border, &static_);
         assert_opacities(&frame, 0..border, &static_);
-        assert_without_masks(&frame, border..frame.rows.len(), &dynamic, has_shadows(&said));
+        assert_without_masks(&frame, border..frame.rows.len(), &dynamic);
     }
 }
 
@@ -228,22 +227,16 @@ fn a_sequence_may_share_its_static_gaussians_and_says_its_size_first() {
     let static_ = parse(&out.join("static.ply"));
     assert_holds(&static_, 0..static_.rows.len(), &run.static_());
     let frame = parse(&out.join("frames/frame0001.ply"));
-    assert_without_masks(&frame, 0..frame.rows.len(), &run.moved(&run.model(), 0.0), has_shadows(&said));
+    assert_without_masks(&frame, 0..frame.rows.len(), &run.moved(&run.model(), 0.0));
     let bytes = fs::metadata(out.join("frames/frame0002.ply")).expect("there").len();
     let kilobytes = |bytes: u64| format!("{:.1} kB", bytes as f64 / 1000.0);
     let words = format!("frames          2 files of {}, {} in all", kilobytes(bytes), kilobytes(2 * bytes));
     assert!(said.contains(&words) && said.contains(" dB against `mvfusion render`"), "{said}");
 }
 
-/// Whether the export found that shadows bring its files closer to the blend of the branches.
-fn has_shadows(said: &str) -> bool {
-    let found = said.lines().find_map(|line| line.strip_prefix("shadows")).expect("shadows are decided on");
-    found.trim_start().starts_with("kept")
-}
-
 /// Rows whose masks are folded into opacities and colours: alone and opaque, a Gaussian hides as much of the static
-/// branch as the blend of the branches does, and adds as much of its own colour. Brightness counts `with_shadows`.
-fn assert_without_masks(ply: &Ply, rows: Range<usize>, gaussians: &RawGaussians, with_shadows: bool) {
+/// branch as the blend of the branches does, and adds as much of its own colour.
+fn assert_without_masks(ply: &Ply, rows: Range<usize>, gaussians: &RawGaussians) {
     assert_shapes(ply, &rows, gaussians);
     let sigmoid = |logit: f64| 1.0 / (1.0 + (-logit).exp());
     let logits = numbers(gaussians.opacity_logits.clone());
@@ -256,8 +249,7 @@ fn assert_without_masks(ply: &Ply, rows: Range<usize>, gaussians: &RawGaussians,
     let hidden = |index: usize| {
         let control = mask(index, MaskChannel::Brightness);
         let brightness = 0.5 + control + 36.0 * (control - 0.75).max(0.0);
-        let light = if with_shadows { brightness.min(1.0) } else { 1.0 };
-        1.0 - (1.0 - share(index)) * light
+        1.0 - (1.0 - share(index)) * brightness.min(1.0)
     };
     let opacities = found(ply, "opacity", &rows);
     for (index, (&found, &own)) in opacities.iter().zip(&logits).enumerate() {
