@@ -1,7 +1,7 @@
 //! The format glTF 2.0 (binary) with the extension `KHR_gaussian_splatting` of Khronos.
 //!
-//! The JSON is written by hand. The crate `gltf-json` knows a closed list of vertex attributes, and those of the extension
-//! are not in it.
+//! The JSON is written by hand. The crate `gltf-json` knows a closed list of vertex attributes, and those of the
+//! extension are not in it.
 
 use glam::DMat3;
 use mvfusion_data::{GaussianCloud, Scene, View};
@@ -15,7 +15,7 @@ use super::axes::{camera_pose, to_gltf};
 /// Name of the extension, and beginning of the names of its attributes.
 const EXTENSION: &str = "KHR_gaussian_splatting";
 
-/// Numbers in the header: the file's, the container's version, and the two kinds of chunks, padded with spaces or zeros.
+/// Numbers in the header: of the format, its version, and the two kinds of chunks, padded with spaces or zeros.
 const MAGIC: u32 = 0x4654_6c67;
 const VERSION: u32 = 2;
 const JSON_CHUNK: (u32, u8) = (0x4e4f_534a, b' ');
@@ -32,8 +32,8 @@ const MOST_CAMERAS: usize = 32;
 /// Share of the scene's extent at which the cameras begin to see.
 const NEAR: f64 = 0.001;
 
-/// Gaussians of one instant as a file. They are turned to the axes of glTF: y is up, and the training cameras look along
-/// -z. Units are those of the scene. The distinct held-out cameras are nodes.
+/// Gaussians of one instant as a file. They are turned to the axes of glTF: y is up, and the training cameras look
+/// along -z. Units are those of the scene. The distinct held-out cameras are nodes.
 ///
 /// # Errors
 /// If the file would exceed the 4 GiB of the format.

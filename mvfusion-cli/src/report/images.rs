@@ -1,5 +1,5 @@
-//! The sections with single views: sliders, branch decomposition, heat maps. The page contains each image once. The script
-//! copies it to other places (`data-copy`).
+//! The sections with single views: sliders, branch decomposition, heat maps. The page contains each image once. The
+//! script copies it to other places (`data-copy`).
 
 use maud::{Markup, html};
 use mvfusion_model::evaluation::{Layer, heat_colours};
@@ -217,7 +217,8 @@ fn picture(found: &Found<Embedded>, id: Option<&str>, alt: &str) -> Markup {
 /// The colours of the heat maps, from nothing to the 0.98 quantile.
 fn colour_bar() -> Markup {
     html! {
-        div.colours role="img" aria-label="colours from black (none) through purple and orange to pale yellow (0.98 quantile)" {
+        div.colours role="img"
+            aria-label="colours from black (none) through purple and orange to pale yellow (0.98 quantile)" {
             svg viewBox="0 0 400 34" {
                 defs {
                     linearGradient id="heat" {

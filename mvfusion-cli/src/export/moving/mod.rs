@@ -1,9 +1,9 @@
-//! The container `.4dgs` for moving Gaussians, through the crate `fourdgs`: samples of the scene in time, of which every
-//! sixteenth is stored in full and the others as differences.
+//! The container `.4dgs` for moving Gaussians, through the crate `fourdgs`: samples of the scene in time, of which
+//! every sixteenth is stored in full and the others as differences.
 //!
-//! Centres move on straight lines during a sample, through their places in its middle; sizes, rotations, opacities and colours stay
-//! the same for the time of a sample. Colours do not depend on the direction. All numbers are rounded to grids whose
-//! spacing is twice the error that a [`Precision`] allows.
+//! Centres move on straight lines during a sample, through their places in its middle. Sizes, rotations, opacities and
+//! colours stay the same for the time of a sample. Colours do not depend on the direction. All numbers are rounded to
+//! grids whose spacing is twice the error that a [`Precision`] allows.
 
 mod clock;
 mod read;

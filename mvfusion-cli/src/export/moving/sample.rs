@@ -12,8 +12,8 @@ use super::clock::Clock;
 use super::{KEYFRAME_EVERY, Precision};
 use crate::export::activated::{opacity, unit_quaternion};
 
-/// Duration of a Gaussian in lengths of the film: so long that it does not fade by itself. The writer of the crate takes
-/// no infinite ones.
+/// Duration of a Gaussian in lengths of the film: so long that it does not fade by itself. The writer of the crate
+/// takes no infinite ones.
 const LASTING: f64 = 1000.0;
 
 /// Least size of a Gaussian; the crate takes smaller ones for this one.
@@ -29,9 +29,9 @@ pub struct Samples {
 }
 
 impl Samples {
-    /// Takes `count` samples of equal length. `cloud_at` has the Gaussians at a time of the model, always the same number
-    /// in the same order. Colours are the means of those that are seen from `eyes`. Gaussians whose opacity is rounded to
-    /// zero in every sample are left out.
+    /// Takes `count` samples of equal length. `cloud_at` has the Gaussians at a time of the model, always the same
+    /// number in the same order. Colours are the means of those that are seen from `eyes`. Gaussians whose opacity is
+    /// rounded to zero in every sample are left out.
     ///
     /// # Errors
     /// If the Gaussians cannot be had.

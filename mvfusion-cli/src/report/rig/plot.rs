@@ -63,7 +63,9 @@ impl Projection {
                         text.tick x=(left - 6.0) y=(y) text-anchor="end" dominant-baseline="middle" { (tick.label) }
                     }
                     circle.extent cx=(shown(x)) cy=(shown(y)) r=(shown(scene.extent * scale)) {}
-                    @if !corners.is_empty() { path.box d=(closed(&corners.iter().map(|&c| at(c)).collect::<Vec<_>>())) {} }
+                    @if !corners.is_empty() {
+                        path.box d=(closed(&corners.iter().map(|&corner| at(corner)).collect::<Vec<_>>())) {}
+                    }
                     @for is_held_out in [false, true] {
                         @let kind: Vec<&SceneCamera> =
                             scene.cameras.iter().filter(|camera| camera.is_held_out == is_held_out).collect();
