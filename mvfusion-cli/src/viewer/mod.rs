@@ -1,7 +1,7 @@
 //! The live viewer: a local server with one page, for a trained run and for one that trains.
 //!
-//! A thread of its own (`server.rs`) talks with the pages and computes nothing. Their requests lie on the [`desk`] until
-//! the thread that owns the device takes them: the main thread, which either has nothing else to do (`mvfusion view`)
+//! A thread of its own (`server.rs`) talks with the pages and computes nothing. Their requests lie on the [`desk`]
+//! until the thread that owns the device takes them: the main thread, which either has nothing else to do (`mvfusion view`)
 //! or trains (`mvfusion train --view`). The CPU ops need that thread, because it is part of the pool. What it renders
 //! ([`painter`]) goes back as a JPEG file ([`frame`]). What all pages are told stands on the [`board`].
 //!

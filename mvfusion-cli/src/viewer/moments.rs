@@ -49,8 +49,8 @@ impl<T: Clone> MomentCache<T> {
         Some(entry.moment.clone())
     }
 
-    /// Keeps a moment, and forgets those that were not used for longest until all fit. One that is larger than the whole
-    /// budget is not kept.
+    /// Keeps a moment, and forgets those that were not used for longest until all fit. One that is larger than the
+    /// whole budget is not kept.
     pub fn keep(&mut self, key: MomentKey, moment: T, bytes: usize) {
         self.forget(key);
         if bytes > self.budget {

@@ -26,7 +26,7 @@ const STYLE: &str = "text/css; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// The other files of the page: name, kind, text. They are part of the program, so that it needs no other file.
-pub(super) const FILES: [(&str, &str, &str); 14] = [
+pub(super) const FILES: [(&str, &str, &str); 15] = [
     ("viewer.css", STYLE, include_str!("page/viewer.css")),
     ("address.js", SCRIPT, include_str!("page/address.js")),
     ("chart.js", SCRIPT, include_str!("page/chart.js")),
@@ -34,6 +34,7 @@ pub(super) const FILES: [(&str, &str, &str); 14] = [
     ("dom.js", SCRIPT, include_str!("page/dom.js")),
     ("editor.js", SCRIPT, include_str!("page/editor.js")),
     ("link.js", SCRIPT, include_str!("page/link.js")),
+    ("moves.js", SCRIPT, include_str!("page/moves.js")),
     ("panel.js", SCRIPT, include_str!("page/panel.js")),
     ("path.js", SCRIPT, include_str!("page/path.js")),
     ("picture.js", SCRIPT, include_str!("page/picture.js")),

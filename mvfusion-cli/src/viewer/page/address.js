@@ -42,7 +42,8 @@ export function read(hash, scene) {
   const state = { view: undefined, split: undefined };
   const vector = (/** @type {string} */ key) => {
     const values = (found.get(key) ?? '').split(',').map(Number);
-    return values.length === 3 && values.every(Number.isFinite) ? /** @type {[number, number, number]} */ (values) : undefined;
+    if (values.length !== 3 || !values.every(Number.isFinite)) return undefined;
+    return /** @type {[number, number, number]} */ (values);
   };
   const number = (/** @type {string} */ key, /** @type {number} */ low, /** @type {number} */ high) => {
     const text = found.get(key);
@@ -58,7 +59,7 @@ export function read(hash, scene) {
   put('time', found.get('t') === 'none' ? null : number('t', 0, 1));
   put('split', number('split', 0, 1));
   put('largest', number('side', 16, 16384));
-  put('layer', scene.layers.map((/** @type {any} */ layer) => layer.name).find((/** @type {string} */ name) => name === found.get('layer')));
+  put('layer', scene.layers.find((/** @type {any} */ layer) => layer.name === found.get('layer'))?.name);
   put('background', ['run', '0', '0.5', '1'].find((name) => name === found.get('back')));
   put('up', ['scene', '+x', '-x', '+y', '-y', '+z', '-z'].find((name) => name === found.get('up')));
   if (found.has('mfta')) state.mfta = found.get('mfta') === '1';

@@ -9,8 +9,16 @@ export class Curves {
   /** @param {HTMLCanvasElement} loss @param {HTMLCanvasElement} psnr */
   constructor(loss, psnr) {
     this.charts = [
-      { canvas: loss, value: (/** @type {Point} */ point) => Math.log10(Math.max(point[1], 1e-9)), text: (/** @type {number} */ v) => (10 ** v).toPrecision(2) },
-      { canvas: psnr, value: (/** @type {Point} */ point) => point[2] ?? NaN, text: (/** @type {number} */ v) => v.toFixed(1) },
+      {
+        canvas: loss,
+        value: (/** @type {Point} */ point) => Math.log10(Math.max(point[1], 1e-9)),
+        text: (/** @type {number} */ value) => (10 ** value).toPrecision(2),
+      },
+      {
+        canvas: psnr,
+        value: (/** @type {Point} */ point) => point[2] ?? NaN,
+        text: (/** @type {number} */ value) => value.toFixed(1),
+      },
     ];
     /** @type {Point[]} */
     this.points = [];

@@ -50,8 +50,11 @@ function catmullRom([p0, p1, p2, p3], t) {
 export function toFile(keys, seconds, [width, height]) {
   const steps = Math.max(1, Math.round(seconds * FPS));
   const count = keys.length === 1 ? 1 : (keys.length - 1) * steps + 1;
-  const frames = Array.from({ length: count }, (_, index) => (keys.length === 1 ? keys[0] : between(keys, index / steps)));
-  const entry = ({ pose, fov, time }) => ({ camera_to_world: matrix(pose), fov, aspect: width / height, render_time: time });
+  const frame = (/** @type {number} */ index) => (keys.length === 1 ? keys[0] : between(keys, index / steps));
+  const frames = Array.from({ length: count }, (_, index) => frame(index));
+  const aspect = width / height;
+  const entry = (/** @type {Key} */ { pose, fov, time }) =>
+    ({ camera_to_world: matrix(pose), fov, aspect, render_time: time });
   return {
     camera_type: 'perspective',
     render_width: width,

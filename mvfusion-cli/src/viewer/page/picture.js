@@ -25,7 +25,8 @@ export class Picture {
   /** Fits the canvas to its place on the page. Returns whether its size has changed. */
   fit() {
     const dense = Math.min(devicePixelRatio || 1, 2);
-    const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight].map((side) => Math.max(1, Math.round(side * dense)));
+    const { clientWidth, clientHeight } = this.canvas;
+    const [width, height] = [clientWidth, clientHeight].map((side) => Math.max(1, Math.round(side * dense)));
     if (this.canvas.width === width && this.canvas.height === height) return false;
     Object.assign(this.canvas, { width, height });
     return true;
@@ -122,7 +123,12 @@ export class Picture {
   }
 }
 
-/** @param {CanvasRenderingContext2D} context @param {string} text @param {number[]} at @param {CanvasTextAlign} align */
+/**
+ * @param {CanvasRenderingContext2D} context
+ * @param {string} text
+ * @param {number[]} at
+ * @param {CanvasTextAlign} align
+ */
 function label(context, text, [x, y], align) {
   const size = 13 * Math.min(devicePixelRatio || 1, 2);
   Object.assign(context, { font: `600 ${size}px system-ui, sans-serif`, textAlign: align, textBaseline: 'top' });
@@ -141,7 +147,10 @@ function stroke(context, line, colour, width) {
   context.stroke();
 }
 
-/** Points of the scene: positions, then colours. @typedef {{ count: number, places: Float32Array, colours: Uint8Array }} Points */
+/**
+ * Points of the scene.
+ * @typedef {{ count: number, places: Float32Array, colours: Uint8Array }} Points
+ */
 
 /** @param {number} count @returns {Promise<Points>} */
 export async function loadPoints(count) {

@@ -5,6 +5,7 @@ import { Curves } from './chart.js';
 import { listen } from './controls.js';
 import { element } from './dom.js';
 import { Link } from './link.js';
+import { movesOf } from './moves.js';
 import { Panel } from './panel.js';
 import { Picture, loadPoints } from './picture.js';
 import { Pose } from './pose.js';
@@ -62,7 +63,7 @@ export class Viewer {
       status: (status) => this.#status(status),
       refused: (reason) => this.#refused(reason),
     });
-    listen(this.picture.canvas, this.#moves());
+    listen(this.picture.canvas, movesOf(this));
     new ResizeObserver(() => this.picture.fit() && this.change({})).observe(this.picture.canvas);
     addEventListener('hashchange', () => this.change(read(location.hash, scene)));
     this.picture.fit();
@@ -79,7 +80,8 @@ export class Viewer {
     const camera = scene.cameras[view[1]];
     return {
       pose: this.poseOf(camera), fov: fovOf(camera), time: view[2], layer: 'composed', mfta: true, background: 'run',
-      up: 'scene', largest: scene.training ? 640 : 1280, view: undefined, split: undefined, frusta: false, points: false,
+      up: 'scene', largest: scene.training ? 640 : 1280, view: undefined, split: undefined, frusta: false,
+      points: false,
     };
   }
 
@@ -151,22 +153,6 @@ export class Viewer {
     this.picture.split = this.state.split;
     const points = this.state.points ? this.points : undefined;
     this.picture.draw(this.aspect, own ?? free, { scene: this.scene, points, frusta: this.state.frusta });
-  }
-
-  #moves() {
-    const radians = () => Math.PI / Math.max(200, this.picture.canvas.clientHeight);
-    const world = () => (2 * this.state.pose.distance * Math.tan((this.state.fov * Math.PI) / 360)) / this.picture.canvas.clientHeight;
-    return {
-      orbit: (/** @type {number} */ x, /** @type {number} */ y) => this.move(this.state.pose.orbited(x * radians(), y * radians(), this.up)),
-      pan: (/** @type {number} */ x, /** @type {number} */ y) => this.move(this.state.pose.shifted(-x * world(), -y * world(), 0)),
-      look: (/** @type {number} */ x, /** @type {number} */ y) => this.move(this.state.pose.looked(x * radians(), y * radians(), this.up)),
-      zoom: (/** @type {number} */ factor) => this.move(this.state.pose.zoomed(factor)),
-      fly: (/** @type {number} */ right, /** @type {number} */ down, /** @type {number} */ forward, /** @type {number} */ seconds) => {
-        const by = 0.5 * (this.scene.extent || 1) * this.panel.flight * seconds;
-        this.move(this.state.pose.shifted(right * by, down * by, forward * by));
-      },
-      press: (/** @type {string} */ key) => this.panel.press(key),
-    };
   }
 
   /** Asks for the next picture, if one is wanted and none is on its way. */

@@ -1,0 +1,114 @@
+//! Pictures of a model that was trained for a few steps.
+
+use mvfusion_data::{BuiltinOptions, builtin};
+use mvfusion_model::config::{Config, GridConfig, ModelConfig, StageConfig, TrainConfig};
+use mvfusion_model::train::Trainer;
+use serde_json::{Value, json};
+
+use super::super::protocol::tests::request;
+use super::super::protocol::{Limits, Message};
+use super::*;
+
+/// A painter of a model that passed through all stages.
+fn painter(source: MotionSource) -> Painter {
+    let scene = builtin::builtin(&BuiltinOptions { width: 32, height: 24, frames: 3, ..Default::default() });
+    let train = TrainConfig { stages: StageConfig::of([2, 2, 2]), ..TrainConfig::default() };
+    let grid = GridConfig { features: 2, resolution: [4; 4], multipliers: vec![1], ..GridConfig::default() };
+    let model = ModelConfig { width: 8, grid, ..ModelConfig::default() };
+    let config = Config { train, model, ..Config::default() };
+    let device = crate::device::open("cpu").expect("this build has a CPU device").device;
+    let mut trainer = Trainer::new(config, &scene, &device).expect("a trainer");
+    while trainer.step().expect("a step").is_some() {}
+    let (level, step) = (trainer.final_level(), trainer.state().completed);
+    let shown = Shown { model: trainer.state().model.plain(), level, step };
+    let mut painter = Painter::new(trainer.render_context().clone(), scene, source);
+    painter.show(step, || shown);
+    painter
+}
+
+fn measured() -> MotionSource {
+    MotionSource::Measured(Config::default().motion.weights)
+}
+
+/// The facts of a picture and its JPEG, for a request with these changes.
+fn painted(painter: &mut Painter, changes: &[(&str, Value)]) -> Result<(Value, Vec<u8>), String> {
+    let mut message = request(1);
+    message["size"] = json!([32, 24]);
+    message["pose"] = Value::Null;
+    message["view"] = json!({"set": "test", "index": 0});
+    changes.iter().for_each(|(key, value)| message[key] = value.clone());
+    let limits = Limits { pixels: 10_000, train: painter.scene.train.len(), test: painter.scene.test.len() };
+    let Ok(Message::Frame(request)) = Message::parse(&message.to_string(), &limits) else { panic!("a request") };
+    match painter.answer(&request) {
+        Answer::Refused { reason, .. } => Err(reason),
+        Answer::Frame(bytes) => {
+            let (length, rest) = bytes.split_first_chunk().expect("a length");
+            let (facts, jpeg) = rest.split_at(u32::from_le_bytes(*length) as usize);
+            Ok((serde_json::from_slice(facts).expect("JSON"), jpeg.to_vec()))
+        }
+    }
+}
+
+#[test]
+#[cfg(feature = "flex")]
+fn a_time_that_was_seen_needs_no_networks_and_gives_the_same_picture() {
+    let mut painter = painter(measured());
+    let (_, first) = painted(&mut painter, &[("mfta", json!(true))]).expect("a picture");
+    let key = MomentKey::new(0.5, true);
+    assert!(painter.moments.get(key).is_some());
+    let (facts, again) = painted(&mut painter, &[("mfta", json!(true))]).expect("a picture");
+    assert!(first == again && facts["ms"]["deform"].as_f64() < facts["ms"]["splat"].as_f64(), "{facts}");
+    assert!(painter.moments.get(MomentKey::new(0.5, false)).is_none(), "without attention, it is another moment");
+}
+
+#[test]
+#[cfg(feature = "flex")]
+fn a_composed_view_is_compared_with_its_photo_and_a_layer_is_not() {
+    let mut painter = painter(measured());
+    let psnr = |facts: &Value| facts.get("psnr").and_then(Value::as_f64);
+    let (facts, _) = painted(&mut painter, &[]).expect("a picture");
+    assert!(psnr(&facts).is_some_and(|psnr| (3.0..60.0).contains(&psnr)), "{facts}");
+    let (facts, _) = painted(&mut painter, &[("layer", json!("mask"))]).expect("a picture");
+    assert_eq!(psnr(&facts), None);
+}
+
+#[test]
+#[cfg(feature = "flex")]
+fn every_layer_is_painted_and_depth_and_motion_tell_their_scale() {
+    let mut painter = painter(measured());
+    for layer in Layer::ALL {
+        let (facts, _) = painted(&mut painter, &[("layer", json!(layer.name()))]).expect("a picture");
+        assert_eq!(facts.get("scale").is_some(), layer.is_motion() || layer == Layer::Depth, "{layer}");
+    }
+    let Shown { model, level, .. } = painter.shown.as_ref().expect("a model");
+    assert_eq!(lacking(model, *level, measured()), []);
+    let (facts, _) = painted(&mut painter, &[("time", Value::Null)]).expect("the static branch");
+    assert_eq!(facts["gaussians"]["alive"].as_u64(), Some(0));
+}
+
+#[test]
+#[cfg(feature = "flex")]
+fn a_training_shows_what_it_has_measured_and_tells_what_it_has_not() {
+    let mut painter = painter(MotionSource::Training);
+    let Shown { model, level, .. } = painter.shown.as_ref().expect("a model");
+    let names: Vec<&str> = lacking(model, *level, painter.source).into_iter().map(|(name, _)| name).collect();
+    assert_eq!(names, ["position_variance", "rotation_variance", "scale_variance"]);
+    painted(&mut painter, &[("layer", json!("motion"))]).expect("a picture");
+    let error = painted(&mut painter, &[("layer", json!("scale_variance"))]).expect_err("refused");
+    assert!(error.contains("scale_variance"), "{error}");
+}
+
+#[test]
+#[cfg(feature = "flex")]
+fn another_model_is_taken_only_if_its_step_is_another_one() {
+    let mut painter = painter(MotionSource::Training);
+    painted(&mut painter, &[]).expect("a picture");
+    let (shown, key) = (painter.shown.clone().expect("a model"), MomentKey::new(0.5, false));
+    painter.show(shown.step, || panic!("the model is the same"));
+    assert!(painter.moments.get(key).is_some());
+    let next = Shown { step: shown.step + 1, ..shown.clone() };
+    painter.show(next.step, || next);
+    assert!(painter.moments.get(key).is_none(), "moments of the old model are forgotten");
+    painter.forget();
+    assert!(painted(&mut painter, &[]).is_err_and(|error| error.contains("no model")));
+}
