@@ -73,7 +73,7 @@ pub const FAULTS: [Fault; 10] = [
         name: "a_film_without_pictures_is_noticed",
         from: "data-kind=\"composed\"",
         to: "data-kind=\"none\"",
-        complaint: "shows no picture",
+        complaint: "were not loaded",
     },
     Fault {
         name: "a_film_that_stands_still_is_noticed",
