@@ -19,6 +19,9 @@ use crate::child;
 /// What the server may hold beyond what it held before, with the pictures and steps of the training, bytes.
 const LIMIT: usize = 48 << 20;
 
+/// So many steps must follow.
+const STEPS: u64 = 20;
+
 /// How long anything may take.
 const PATIENCE: Duration = Duration::from_secs(60);
 
@@ -107,10 +110,10 @@ fn a_hostile_page_stops_no_training_and_takes_no_memory() {
         // What was told meanwhile waits in the socket; later steps follow.
         let until = Instant::now() + PATIENCE;
         let mut now = step(&mut watcher);
-        while now < before + 50 && Instant::now() < until {
+        while now < before + STEPS && Instant::now() < until {
             now = step(&mut watcher);
         }
-        assert!(now >= before + 50, "the training stands at step {now}, and stood at {before}");
+        assert!(now >= before + STEPS, "the training stands at step {now}, and stood at {before}");
         let mut answer = String::new();
         let mut other = connect(port);
         write!(other, "GET / HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n").expect("sent");
