@@ -1,10 +1,10 @@
 //! Whole numbers as compressed bytes, and back.
 //!
 //! Each column of each track is stored Gaussian by Gaussian, its keyframes in order. A number is stored as the
-//! difference to the keyframe before. At the first keyframe, it is stored as it is, or as the difference to the Gaussian
-//! before if the quantity is smooth in space. Differences `d` become `2 d` if they are not negative and `-2 d - 1`
-//! otherwise, so that small ones have small numbers. All lowest bytes of a column come first, then all second bytes, and
-//! so on. The result is a zlib stream.
+//! difference to the keyframe before. At the first keyframe, it is stored as it is, or as the difference to the
+//! Gaussian before if the quantity is smooth in space. Differences `d` become `2 d` if they are not negative and
+//! `-2 d - 1` otherwise, so that small ones have small numbers. All lowest bytes of a column come first, then all
+//! second bytes, and so on. The result is a zlib stream.
 
 use std::io::{Read, Write};
 

@@ -19,6 +19,8 @@ impl Keyframes {
     /// The Gaussians at a time. Before the first keyframe and after the last, they stand still.
     pub fn at(&self, time: f64) -> GaussianCloud {
         let moment = self.moment(time);
+        let opacities = self.rows(Quantity::Opacity, moment).unwrap_or_default();
+        let masks = self.rows(Quantity::Mask, moment);
         let rest = self.track(Quantity::Rest);
         let width = rest_width(self.sh_degree);
         let coefficient = |index: usize| {
@@ -29,10 +31,10 @@ impl Keyframes {
             means: self.rows(Quantity::Mean, moment).unwrap_or_default(),
             sh_dc: self.rows(Quantity::Base, moment).unwrap_or_default(),
             sh_rest: (0..self.count * width).map(coefficient).collect(),
-            opacity_logits: self.rows(Quantity::Opacity, moment).unwrap_or_default().iter().map(|&[o]| logit(o)).collect(),
+            opacity_logits: opacities.into_iter().map(|[opacity]| logit(opacity)).collect(),
             log_scales: self.rows(Quantity::LogScale, moment).unwrap_or_default(),
             quaternions: self.rotations(moment),
-            mask_logits: self.rows(Quantity::Mask, moment).map(|masks| masks.iter().map(|row| row.map(logit)).collect()),
+            mask_logits: masks.map(|masks| masks.into_iter().map(|row| row.map(logit)).collect()),
             lifetimes: None,
         }
     }

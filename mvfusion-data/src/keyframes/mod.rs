@@ -1,8 +1,8 @@
 //! Moving Gaussians at keyframes, as whole multiples of steps, for files that must be small.
 //!
 //! [`KeyframesBuilder`] takes the Gaussians of one branch at ascending times and quantises them ([`Quantity`] has the
-//! steps). [`Keyframes::reduced`] leaves out keyframes, colour coefficients, Gaussians and precision. [`encode`] turns branches
-//! into compressed bytes and a [`BranchLayout`] each, which describes them; [`decode`] is its inverse.
+//! steps). [`Keyframes::reduced`] leaves out keyframes, colour coefficients, Gaussians and precision. [`encode`] turns
+//! branches into compressed bytes and a [`BranchLayout`] each, which describes them; [`decode`] is its inverse.
 //!
 //! Between two keyframes, everything is interpolated linearly ([`Keyframes::at`]): centres, logarithms of scales,
 //! opacities, mask probabilities, base colours, and quaternions, which a renderer normalises. The higher colour
@@ -34,8 +34,8 @@ pub struct Keyframes {
 struct Track {
     quantity: Quantity,
     grid: Grid,
-    /// A list for each column of the quantity: keyframe by keyframe, then Gaussian by Gaussian. A quantity that does not
-    /// move has one keyframe.
+    /// A list for each column of the quantity: keyframe by keyframe, then Gaussian by Gaussian. A quantity that does
+    /// not move has one keyframe.
     columns: Vec<Vec<i32>>,
 }
 

@@ -1,12 +1,12 @@
 //! Fewer keyframes, colour coefficients and Gaussians, and larger steps.
 
 use super::order::morton_order;
-use super::{Grid, Keyframes, Quantity, Track};
+use super::{Keyframes, Quantity, Track};
 
 /// What is left of keyframes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reduction {
-    /// Steps are this many times as large. At least 1.
+    /// Steps are this many times as large, except those of opacities and masks. At least 1.
     pub coarseness: u32,
     /// Every how many-th keyframe is kept. At least 1. The last one always is.
     pub stride: usize,
@@ -17,27 +17,25 @@ pub struct Reduction {
 impl Keyframes {
     /// These Gaussians alone, after a reduction. Neighbours in space become neighbours in the lists.
     ///
-    /// Where a Gaussian cannot be seen, because it is transparent at a keyframe and at both neighbours, its other values
-    /// repeat the ones before (or the first ones after). They cost next to nothing then.
+    /// Where a Gaussian cannot be seen, because it is transparent at a keyframe and at both neighbours, its other
+    /// values repeat the ones before (or the first ones after). They cost next to nothing then.
     pub fn reduced(&self, rows: &[usize], reduction: Reduction) -> Self {
         let Reduction { coarseness, stride, sh_degree } = reduction;
-        let times_larger = f64::from(coarseness.max(1));
         let last = self.times.len().saturating_sub(1);
         let chosen: Vec<usize> = (0..self.times.len()).filter(|k| k % stride.max(1) == 0 || *k == last).collect();
         let sh_degree = sh_degree.min(self.sh_degree);
         let rows = self.in_space(rows);
         let track = |track: &Track| {
+            let grid = if track.quantity.may_be_coarse() { track.grid.coarser(coarseness) } else { track.grid };
             let keyframes: &[usize] = if track.quantity.moves() { &chosen } else { &[0] };
             let column = |column: &Vec<i32>| {
                 let at = |k: &usize| &column[k * self.count..(k + 1) * self.count];
-                // From the values, because an offset is no multiple of a step.
-                let grid = track.grid.coarser(times_larger);
                 let whole = |whole: i32| grid.quantise(track.grid.value(whole));
                 keyframes.iter().flat_map(|k| rows.iter().map(|&row| whole(at(k)[row]))).collect()
             };
             let width = track.quantity.columns(sh_degree);
             let columns = track.columns[..width].iter().map(column).collect();
-            Track { quantity: track.quantity, grid: track.grid.coarser(times_larger), columns }
+            Track { quantity: track.quantity, grid, columns }
         };
         let mut reduced = Self {
             count: rows.len(),
@@ -52,8 +50,7 @@ impl Keyframes {
     /// Rows along a curve through space, by their centres at the first keyframe.
     fn in_space(&self, rows: &[usize]) -> Vec<usize> {
         let Some(means) = self.track(Quantity::Mean) else { return rows.to_vec() };
-        let centres: Vec<[i32; 3]> =
-            rows.iter().map(|&row| [0, 1, 2].map(|axis| means.columns[axis][row])).collect();
+        let centres: Vec<[i32; 3]> = rows.iter().map(|&row| [0, 1, 2].map(|axis| means.columns[axis][row])).collect();
         morton_order(&centres).into_iter().map(|place| rows[place]).collect()
     }
 

@@ -35,7 +35,9 @@ pub fn blended_picture(
     let composed = match (static_, dynamic.features) {
         (Some(static_), Some(mask)) => {
             let static_ = splat(static_)?.colour.unsqueeze_dim(0);
-            BranchRenders { dynamic: colour, static_, mask: mask.unsqueeze_dim(0) }.compose(Blending::Evaluation).composed
+            BranchRenders { dynamic: colour, static_, mask: mask.unsqueeze_dim(0) }
+                .compose(Blending::Evaluation)
+                .composed
         }
         _ => colour,
     };
@@ -104,7 +106,8 @@ mod tests {
         let rendered = renderer.render(&camera, 0.4).expect("rendered");
         let wanted = renderer.picture(&rendered[0]).expect("read");
 
-        let dynamic = model.dynamic_at(0.4, level, context).to_cloud().expect("read").zero_above(model.dynamic.sh_degree);
+        let dynamic =
+            model.dynamic_at(0.4, level, context).to_cloud().expect("read").zero_above(model.dynamic.sh_degree);
         let static_ = model.static_.as_ref().expect("a static branch").to_cloud().expect("read");
         let found = blended_picture(Some(&static_), &dynamic, &camera, context, &device::flex()).expect("rendered");
         let off = found.as_raw().iter().zip(wanted.as_raw()).map(|(a, b)| a.abs_diff(*b)).max();

@@ -9,9 +9,9 @@
 //! | `quality.rs` | the page's Gaussians compared with the model |
 //! | `player/` | the player: WebGL2 in plain JavaScript |
 //!
-//! The player blends the branches as the evaluation does (METHOD §1.3) and splats by the rules of the rasteriser (METHOD
-//! §8), with two differences: a Gaussian ends where its alpha falls below 1/255 and not at the border of a tile, and a
-//! pixel is never finished early.
+//! The player blends the branches as the evaluation does (METHOD §1.3) and splats by the rules of the rasteriser
+//! (METHOD §8), with two differences: a Gaussian ends where its alpha falls below 1/255 and not at the border of a
+//! tile, and a pixel is never finished early.
 
 mod budget;
 mod page;
@@ -19,7 +19,7 @@ mod quality;
 mod scene;
 mod source;
 
-pub use budget::Reduction;
+pub use budget::Cut;
 pub use quality::Quality;
 
 use std::path::Path;
@@ -39,7 +39,7 @@ pub struct Page {
     /// Bytes of the file.
     pub bytes: u64,
     /// What was left out.
-    pub reduction: Reduction,
+    pub cut: Cut,
     /// Number of keyframes.
     pub keyframes: usize,
     /// Number of static and dynamic Gaussians in the file.
@@ -60,8 +60,8 @@ pub fn write_page(
     verbosity: Verbosity,
 ) -> anyhow::Result<Page> {
     let source = Source::of(run, exporter, verbosity)?;
-    for reduction in source.reductions() {
-        let packed = Packed::new(&source, reduction)?;
+    for cut in source.cuts() {
+        let packed = Packed::new(&source, cut)?;
         let html = page::page(&scene::describe(run, exporter, &packed), &packed.bytes)?;
         if html.len() as u64 > budget {
             continue;
@@ -73,9 +73,12 @@ pub fn write_page(
         let [.., dynamic] = packed.layouts.as_slice() else { bail!("a page without Gaussians") };
         return Ok(Page {
             bytes: html.len() as u64,
-            reduction,
+            cut,
             keyframes: dynamic.times.len(),
-            gaussians: [packed.layouts.len().checked_sub(2).map_or(0, |first| packed.layouts[first].count), dynamic.count],
+            gaussians: [
+                packed.layouts.len().checked_sub(2).map_or(0, |first| packed.layouts[first].count),
+                dynamic.count,
+            ],
             quality,
         });
     }
@@ -93,8 +96,8 @@ struct Packed {
 }
 
 impl Packed {
-    fn new(source: &Source, reduction: Reduction) -> anyhow::Result<Self> {
-        let branches = source.reduced(reduction);
+    fn new(source: &Source, cut: Cut) -> anyhow::Result<Self> {
+        let branches = source.after(cut);
         let branches: Vec<&Keyframes> = branches.iter().collect();
         let (layouts, bytes) = encode(&branches).context("cannot compress the Gaussians")?;
         Ok(Self { layouts, bytes })

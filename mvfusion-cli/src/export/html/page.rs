@@ -28,6 +28,10 @@ const SHADERS: [(&str, &str); 4] = [
     ("blend-fragment", include_str!("player/blend.frag.glsl")),
 ];
 
+/// Speeds to choose from, and what they are called.
+const SPEEDS: [(&str, &str); 4] =
+    [("0.25", "\u{bc}\u{d7}"), ("0.5", "\u{bd}\u{d7}"), ("1", "1\u{d7}"), ("2", "2\u{d7}")];
+
 /// The page of a scene with these compressed Gaussians.
 pub(super) fn page(scene: &SceneDescription, gaussians: &[u8]) -> anyhow::Result<String> {
     // `<` could end the element; JSON has another way to write it.
@@ -73,7 +77,7 @@ fn controls() -> maud::Markup {
             output name="shown" {}
             label title="Speed" {
                 select name="speed" aria-label="Speed" {
-                    @for (value, text) in [("0.25", "\u{bc}\u{d7}"), ("0.5", "\u{bd}\u{d7}"), ("1", "1\u{d7}"), ("2", "2\u{d7}")] {
+                    @for (value, text) in SPEEDS {
                         option value=(value) selected[value == "1"] { (text) }
                     }
                 }

@@ -22,8 +22,8 @@ pub struct Quality {
 }
 
 impl Quality {
-    /// Compares `branches` with the model at views that are spread over the held-out ones, or over the training views of
-    /// a photo collection, whose held-out photos have no trained time.
+    /// Compares `branches` with the model at views that are spread over the held-out ones, or over the training views
+    /// of a photo collection, whose held-out photos have no trained time.
     ///
     /// # Errors
     /// If the device fails.

@@ -63,7 +63,8 @@ impl CameraDescription {
         let camera = &view.camera;
         let rows = [0, 1, 2].map(|row| camera.rotation.row(row).to_array());
         let is_photo = capture == Capture::Photos;
-        let name = if is_photo { &view.name } else { view.name.rsplit_once('/').map_or(&*view.name, |(camera, _)| camera) };
+        let name =
+            if is_photo { &view.name } else { view.name.rsplit_once('/').map_or(&*view.name, |(camera, _)| camera) };
         Self {
             name: name.to_owned(),
             width: camera.width,

@@ -1,12 +1,15 @@
 //! The Gaussians of a run at keyframes, and what each of them contributes to the training views.
 
-use mvfusion_data::keyframes::{Keyframes, KeyframesBuilder};
+use glam::DVec3;
+use mvfusion_data::keyframes::{Keyframes, KeyframesBuilder, Reduction};
 use mvfusion_data::{Camera, GaussianCloud, View};
 use mvfusion_model::evaluation::contributions;
+use mvfusion_model::model::gaussians::SH_C0;
+use mvfusion_model::model::harmonics::mean_colours;
 use mvfusion_model::timeline::spread;
 
-use super::budget::{self, Reduction, strongest};
-use crate::export::{Exporter, Moment};
+use super::budget::{Cut, cuts, strongest};
+use crate::export::{Exporter, Moment, eyes};
 use crate::progress::{Progress, Verbosity};
 use crate::run::OpenRun;
 
@@ -41,6 +44,8 @@ struct Branch {
 pub(super) struct Source {
     static_: Option<Branch>,
     dynamic: Branch,
+    /// Centres of training cameras.
+    eyes: Vec<DVec3>,
 }
 
 impl Source {
@@ -83,23 +88,36 @@ impl Source {
             strength.measure(&cloud, spread(train.len(), VIEWS).into_iter().map(|index| &train[index]))?;
             Ok(Branch::new(builder.finish(), strength.largest))
         });
-        Ok(Self { static_: static_.transpose()?, dynamic })
+        Ok(Self { static_: static_.transpose()?, dynamic, eyes: eyes(&run.scene) })
     }
 
-    /// The reductions to try, in order.
-    pub fn reductions(&self) -> Vec<Reduction> {
+    /// The cuts to try, in order.
+    pub fn cuts(&self) -> Vec<Cut> {
         let branches = self.static_.iter().chain([&self.dynamic]);
         let degree = branches.map(|branch| branch.keyframes.sh_degree()).max().unwrap_or(0);
-        budget::reductions(self.dynamic.keyframes.times().len(), degree)
+        cuts(self.dynamic.keyframes.times().len(), degree)
     }
 
-    /// The branches after a reduction, the static one first if there is one.
-    pub fn reduced(&self, reduction: Reduction) -> Vec<Keyframes> {
-        let Reduction { stride, sh_degree, share } = reduction;
-        let reduced = |branch: &Branch| {
-            branch.keyframes.reduced(&strongest(&branch.rows, &branch.contributions, share), stride, sh_degree)
-        };
-        self.static_.iter().chain([&self.dynamic]).map(reduced).collect()
+    /// The branches after a cut, the static one first if there is one.
+    pub fn after(&self, cut: Cut) -> Vec<Keyframes> {
+        self.static_.iter().chain([&self.dynamic]).map(|branch| self.branch_after(branch, cut)).collect()
+    }
+
+    /// A branch after a cut. Constant colours take over the mean, over the training cameras, of the colours that are
+    /// left out.
+    fn branch_after(&self, branch: &Branch, cut: Cut) -> Keyframes {
+        let rows = strongest(&branch.rows, &branch.contributions, cut.share);
+        let mut reduced = branch.keyframes.reduced(&rows, cut.reduction);
+        let sh_degree = branch.keyframes.sh_degree();
+        if reduced.sh_degree() < sh_degree {
+            let whole = branch.keyframes.reduced(&rows, Reduction { sh_degree, ..cut.reduction });
+            let start = whole.times().first().copied().unwrap_or(0.0);
+            let seen = |frames: &Keyframes| mean_colours(&frames.at(start), &self.eyes);
+            let shift = |(all, left): ([f32; 3], [f32; 3])| [0, 1, 2].map(|c| (all[c] - left[c]) / SH_C0 as f32);
+            let shifts: Vec<[f32; 3]> = seen(&whole).into_iter().zip(seen(&reduced)).map(shift).collect();
+            reduced.shift_base(&shifts);
+        }
+        reduced
     }
 }
 
@@ -149,7 +167,7 @@ fn position_step<'a>(run: &OpenRun, near: f64, clouds: impl Iterator<Item = &'a 
     for cloud in clouds {
         for (place, index) in spread(cloud.len(), STEP_SAMPLES).into_iter().enumerate() {
             let camera = &train[place * train.len() / STEP_SAMPLES].camera;
-            let centre = glam::DVec3::from_array(cloud.means[index].map(f64::from));
+            let centre = DVec3::from_array(cloud.means[index].map(f64::from));
             let depth = camera.to_camera(centre).z;
             let is_inside = camera.project(centre).is_some_and(|pixel| {
                 (0.0..camera.width as f64).contains(&pixel.x) && (0.0..camera.height as f64).contains(&pixel.y)

@@ -29,7 +29,8 @@ fn between<'a>(text: &'a str, before: &str, after: &str) -> &'a str {
 fn read(path: &Path) -> (Value, Vec<Keyframes>) {
     let html = fs::read_to_string(path).expect("read");
     let scene: Value =
-        serde_json::from_str(between(&html, r#"<script type="application/json" id="scene">"#, "</script>")).expect("JSON");
+        serde_json::from_str(between(&html, r#"<script type="application/json" id="scene">"#, "</script>"))
+            .expect("JSON");
     let gaussians = between(&html, r#"<script type="text/plain" id="gaussians">"#, "</script>");
     let layouts: Vec<BranchLayout> = ["static", "dynamic"]
         .into_iter()
@@ -71,7 +72,8 @@ fn a_page_holds_the_gaussians_of_each_keyframe_up_to_half_a_step() {
     // The order is another one, and those that cannot be seen are missing.
     let cloud: GaussianCloud = dynamic.at(time);
     for mean in &cloud.means {
-        let is_near = |row: &[f64]| row.iter().zip(mean).all(|(a, b)| (a - f64::from(*b)).abs() <= 0.5 * step + ROUNDING);
+        let is_near =
+            |row: &[f64]| row.iter().zip(mean).all(|(a, b)| (a - f64::from(*b)).abs() <= 0.5 * step + ROUNDING);
         assert!(means.chunks(3).any(is_near), "{mean:?} is no Gaussian of the run");
     }
     assert_eq!(cloud.mask_logits.expect("masks").len(), dynamic.count());

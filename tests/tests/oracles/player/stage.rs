@@ -110,7 +110,8 @@ impl Stage {
                 "Network.requestWillBeSent" => {
                     let asked = parameters["request"]["url"].as_str().unwrap_or_default();
                     let is_own = asked.starts_with(&address) || asked == "about:blank";
-                    (!is_own && !asked.starts_with("data:") && !asked.starts_with("blob:")).then(|| format!("asks for {asked}"))
+                    (!is_own && !asked.starts_with("data:") && !asked.starts_with("blob:"))
+                        .then(|| format!("asks for {asked}"))
                 }
                 _ => None,
             }

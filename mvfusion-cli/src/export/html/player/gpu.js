@@ -11,8 +11,8 @@ class Unsupported extends Error {}
 function contextOf(canvas) {
   const gl = canvas.getContext('webgl2', { alpha: false, antialias: false, depth: false });
   if (gl) return gl;
-  throw new Unsupported('This browser offers no WebGL 2. Try a current version of Chrome, Firefox, Edge or Safari, and '
-    + 'check that hardware acceleration is switched on.');
+  throw new Unsupported('This browser offers no WebGL 2. Try a current version of Chrome, Firefox, Edge or Safari, '
+    + 'and check that hardware acceleration is switched on.');
 }
 
 /**
@@ -22,8 +22,8 @@ function contextOf(canvas) {
 function allowHalfFloats(gl) {
   const names = ['EXT_color_buffer_float', 'EXT_color_buffer_half_float'];
   if (names.some(name => gl.getExtension(name)) || gl.isContextLost()) return;
-  throw new Unsupported('This graphics driver cannot draw into half-float textures, which the blend of the two branches '
-    + 'needs. Try another browser or another device.');
+  throw new Unsupported('This graphics driver cannot draw into half-float textures, which the blend of the two '
+    + 'branches needs. Try another browser or another device.');
 }
 
 /**

@@ -217,7 +217,7 @@ function say(text) {
 /** Unpacks the page and starts the player. */
 async function start() {
   if (typeof DecompressionStream === 'undefined') {
-    throw new Unsupported('This browser cannot unpack the scene: it has no DecompressionStream. Try a current version.');
+    throw new Unsupported('This browser cannot unpack the scene: it has no DecompressionStream. Try a newer version.');
   }
   const scene = JSON.parse(document.getElementById('scene').textContent);
   const packed = document.getElementById('gaussians');
