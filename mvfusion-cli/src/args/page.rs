@@ -20,9 +20,9 @@ pub struct PageArgs {
     pub html: Option<Option<PathBuf>>,
     /// Largest size of the HTML file
     ///
-    /// Until it fits, these are left out, in this order: precision, twice; a fifth of the Gaussians, those that
-    /// contribute least to the training views; the highest degree of the colours; every other keyframe, as long as 12
-    /// are left; more Gaussians and degrees in turn; more Gaussians and keyframes.
+    /// Until it fits, these are left out, in this order: keyframes between training times; precision, twice; a fifth of
+    /// the Gaussians, those that contribute least to the training views; the highest degree of the colours; every other
+    /// keyframe, as long as 12 are left; more Gaussians and degrees in turn; more Gaussians and keyframes.
     #[arg(long, value_name = "SIZE", default_value_t = DEFAULT_SIZE, requires = "html")]
     pub size: ByteSize,
 }

@@ -35,7 +35,7 @@ pub fn export_page(args: &ExportArgs, verbosity: Verbosity, out: &mut dyn Write)
     let size = |bytes: u64| ByteSize(bytes).display().si();
     writeln!(out, "{:LABEL$}{} of {}", "size", size(page.bytes), size(args.page.size.as_u64()))?;
     writeln!(out, "{:LABEL$}{static_} static, {dynamic} dynamic", "Gaussians")?;
-    writeln!(out, "{:LABEL$}{} of {moments} training times", "keyframes", page.keyframes)?;
+    writeln!(out, "{:LABEL$}{} for {moments} training times", "keyframes", page.keyframes)?;
     writeln!(out, "{:LABEL$}{}", "SH degree", page.cut.reduction.sh_degree)?;
     let (mean, worst, views) = (page.quality.mean(), page.quality.worst(), page.quality.views.len());
     writeln!(out, "{:LABEL$}{mean:.2} dB, worst {worst:.2} dB, {views} views against `mvfusion render`", "PSNR")?;

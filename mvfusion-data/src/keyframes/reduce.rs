@@ -83,12 +83,13 @@ impl Keyframes {
 }
 
 impl Keyframes {
-    /// Adds to the constant colour coefficients of each Gaussian, at all keyframes.
-    pub fn shift_base(&mut self, shifts: &[[f32; 3]]) {
+    /// Adds to the constant colour coefficients of each Gaussian at a keyframe.
+    pub fn shift_base(&mut self, keyframe: usize, shifts: &[[f32; 3]]) {
+        let first = keyframe * self.count;
         for track in self.tracks.iter_mut().filter(|track| track.quantity == Quantity::Base) {
             let grid = track.grid;
             for (channel, column) in track.columns.iter_mut().enumerate() {
-                for (whole, shift) in column.iter_mut().zip(shifts.iter().cycle()) {
+                for (whole, shift) in column.iter_mut().skip(first).zip(shifts) {
                     *whole = grid.quantise(grid.value(*whole) + f64::from(shift[channel]));
                 }
             }

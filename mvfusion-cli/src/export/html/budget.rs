@@ -1,6 +1,10 @@
-//! What is left out of a page until it is small enough.
+//! What a page has of a scene, and what is left out of it until it is small enough.
 
 use mvfusion_data::keyframes::Reduction;
+use mvfusion_model::timeline::spread;
+
+/// Most dynamic Gaussians times keyframes, which bounds the memory of the player: about 40 bytes of each.
+const MOST_STATES: usize = 4_000_000;
 
 /// Fewest keyframes before the degree of the colours is lowered.
 const KEYFRAMES_BEFORE_COLOURS: usize = 12;
@@ -20,14 +24,40 @@ pub struct Cut {
     pub share: f64,
 }
 
+/// Times of keyframes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct KeyframeTimes {
+    /// The times, ascending.
+    pub times: Vec<f64>,
+    /// Every how many-th of them is a training time.
+    pub trained: usize,
+}
+
+/// The times of the keyframes of so many dynamic Gaussians: the training times, or as many of them as the player can
+/// hold; and the middle between each two of them, if it can hold these as well.
+pub fn keyframe_times(training_times: &[f64], gaussians: usize) -> KeyframeTimes {
+    let most = (MOST_STATES / gaussians.max(1)).max(2);
+    let times: Vec<f64> = spread(training_times.len(), most).into_iter().map(|index| training_times[index]).collect();
+    if times.len() < training_times.len() || times.len() < 2 || 2 * times.len() - 1 > most {
+        return KeyframeTimes { times, trained: 1 };
+    }
+    let middles = times.windows(2).flat_map(|pair| [pair[0], 0.5 * (pair[0] + pair[1])]);
+    KeyframeTimes { times: middles.chain(times.last().copied()).collect(), trained: 2 }
+}
+
 /// All cuts, from the one that leaves out nothing to the smallest page. What costs little PSNR for its bytes comes
-/// first: steps of twice and of four times the size; a fifth of the Gaussians; the highest degree of the colours; half
-/// of the keyframes, as long as twelve are left; then, in turn, a fifth of the Gaussians and the highest degree, down
-/// to constant colours; then a fifth of the Gaussians and, at every third such step, half of the keyframes.
-pub fn cuts(keyframes: usize, sh_degree: usize) -> Vec<Cut> {
-    let left = |stride: usize| keyframes.saturating_sub(1) / stride + 1;
+/// first: keyframes between training times; steps of twice and of four times the size; a fifth of the Gaussians; the
+/// highest degree of the colours; half of the keyframes, as long as twelve are left; then, in turn, a fifth of the
+/// Gaussians and the highest degree, down to constant colours; then a fifth of the Gaussians and, at every third such
+/// step, half of the keyframes.
+pub fn cuts(keyframes: &KeyframeTimes, sh_degree: usize) -> Vec<Cut> {
+    let left = |stride: usize| keyframes.times.len().saturating_sub(1) / stride + 1;
     let mut cut = Cut { reduction: Reduction { coarseness: 1, stride: 1, sh_degree }, share: 1.0 };
     let mut all = vec![cut];
+    if keyframes.trained > 1 {
+        cut.reduction.stride = keyframes.trained;
+        all.push(cut);
+    }
     for coarseness in [2, 4] {
         cut.reduction.coarseness = coarseness;
         all.push(cut);
@@ -77,7 +107,7 @@ mod tests {
 
     #[test]
     fn precision_goes_first_then_faint_gaussians_colours_and_keyframes() {
-        let all = cuts(100, 3);
+        let all = cuts(&KeyframeTimes { times: vec![0.0; 100], trained: 1 }, 3);
         assert_eq!(all[0], Cut { reduction: Reduction { coarseness: 1, stride: 1, sh_degree: 3 }, share: 1.0 });
         let first = |number: usize, of: fn(&Cut) -> usize| all.iter().take(number).map(of).collect::<Vec<_>>();
         assert_eq!(first(4, |cut| cut.reduction.coarseness as usize), [1, 2, 4, 4]);
@@ -94,7 +124,18 @@ mod tests {
 
     #[test]
     fn a_still_scene_keeps_its_one_keyframe() {
-        assert!(cuts(1, 0).iter().all(|cut| cut.reduction.stride == 1));
+        assert!(cuts(&keyframe_times(&[0.5], 10), 0).iter().all(|cut| cut.reduction.stride == 1));
+    }
+
+    #[test]
+    fn keyframes_between_training_times_are_there_if_there_is_room_and_go_first() {
+        let refined = keyframe_times(&[0.0, 0.5, 0.75], 1000);
+        assert_eq!(refined, KeyframeTimes { times: vec![0.0, 0.25, 0.5, 0.625, 0.75], trained: 2 });
+        assert_eq!(cuts(&refined, 3)[1].reduction, Reduction { coarseness: 1, stride: 2, sh_degree: 3 });
+        let full = keyframe_times(&[0.0, 0.5, 0.75], MOST_STATES / 4);
+        assert_eq!(full, KeyframeTimes { times: vec![0.0, 0.5, 0.75], trained: 1 });
+        assert_eq!(keyframe_times(&[0.0, 0.5, 0.75], MOST_STATES).times, [0.0, 0.75]);
+        assert_eq!(keyframe_times(&[0.25], 7), KeyframeTimes { times: vec![0.25], trained: 1 });
     }
 
     #[test]

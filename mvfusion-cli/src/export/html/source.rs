@@ -8,7 +8,7 @@ use mvfusion_model::model::gaussians::SH_C0;
 use mvfusion_model::model::harmonics::mean_colours;
 use mvfusion_model::timeline::spread;
 
-use super::budget::{Cut, cuts, strongest};
+use super::budget::{Cut, KeyframeTimes, cuts, keyframe_times, strongest};
 use crate::export::{Exporter, Moment, eyes};
 use crate::progress::{Progress, Verbosity};
 use crate::run::OpenRun;
@@ -28,8 +28,6 @@ const NEAR_QUANTILE: f64 = 0.05;
 const STEPS_IN_PIXEL: f64 = 32.0;
 /// A Gaussian that contributes less than an 8-bit level of one pixel to every measured view is left out.
 const FAINTEST: f32 = 1.0 / 255.0;
-/// Most dynamic Gaussians times keyframes, which bounds the memory of the player: 34 bytes of each.
-const MOST_STATES: usize = 4_000_000;
 
 /// The Gaussians of a branch with what each of them contributes.
 struct Branch {
@@ -44,6 +42,8 @@ struct Branch {
 pub(super) struct Source {
     static_: Option<Branch>,
     dynamic: Branch,
+    /// Times of the keyframes of the dynamic branch.
+    times: KeyframeTimes,
     /// Centres of training cameras.
     eyes: Vec<DVec3>,
 }
@@ -63,22 +63,26 @@ impl Source {
         let times = exporter.context.timeline.times();
         let first = at(times[0])?;
         let step = position_step(run, exporter.context.near, still.iter().chain([&first]));
-        let chosen = spread(times.len(), (MOST_STATES / first.len().max(1)).max(2));
-        let mut progress = Progress::new("keyframes", chosen.len(), verbosity);
+        let (chosen, eyes) = (keyframe_times(times, first.len()), eyes(&run.scene));
+        let mut progress = Progress::new("keyframes", chosen.times.len(), verbosity);
         let mut builder = KeyframesBuilder::new(&first, step);
         let mut strength = Strength::new(run, exporter, first.len());
-        for (place, &index) in chosen.iter().enumerate() {
-            let cloud = at(times[index])?;
-            builder.push(times[index], &cloud);
-            let views: Vec<&View> = run.scene.train.iter().filter(|view| view.time == times[index]).collect();
-            let count = VIEWS_OF_KEYFRAME.max(VIEWS.div_ceil(chosen.len())).min(views.len());
+        let mut colours = Vec::new();
+        for (place, &time) in chosen.times.iter().enumerate() {
+            let cloud = at(time)?;
+            builder.push(time, &cloud);
+            colours.push(mean_colours(&cloud, &eyes));
+            let views: Vec<&View> = run.scene.train.iter().filter(|view| view.time == time).collect();
+            let count = VIEWS_OF_KEYFRAME.max(VIEWS.div_ceil(times.len())).min(views.len());
             // Evenly spaced, beginning with another one at each keyframe.
             let views = (0..count).map(|number| views[(place + number * views.len() / count) % views.len()]);
             strength.measure(&cloud, views)?;
             progress.advance();
         }
         progress.finish();
-        let dynamic = Branch::new(builder.finish(), strength.largest);
+        let mut keyframes = builder.finish();
+        keep_colours(&mut keyframes, &colours, &eyes);
+        let dynamic = Branch::new(keyframes, strength.largest);
 
         let static_ = still.map(|cloud| -> anyhow::Result<Branch> {
             let mut builder = KeyframesBuilder::new(&cloud, step);
@@ -88,14 +92,14 @@ impl Source {
             strength.measure(&cloud, spread(train.len(), VIEWS).into_iter().map(|index| &train[index]))?;
             Ok(Branch::new(builder.finish(), strength.largest))
         });
-        Ok(Self { static_: static_.transpose()?, dynamic, eyes: eyes(&run.scene) })
+        Ok(Self { static_: static_.transpose()?, dynamic, times: chosen, eyes })
     }
 
     /// The cuts to try, in order.
     pub fn cuts(&self) -> Vec<Cut> {
         let branches = self.static_.iter().chain([&self.dynamic]);
         let degree = branches.map(|branch| branch.keyframes.sh_degree()).max().unwrap_or(0);
-        cuts(self.dynamic.keyframes.times().len(), degree)
+        cuts(&self.times, degree)
     }
 
     /// The branches after a cut, the static one first if there is one.
@@ -113,9 +117,9 @@ impl Source {
             let whole = branch.keyframes.reduced(&rows, Reduction { sh_degree, ..cut.reduction });
             let start = whole.times().first().copied().unwrap_or(0.0);
             let seen = |frames: &Keyframes| mean_colours(&frames.at(start), &self.eyes);
-            let shift = |(all, left): ([f32; 3], [f32; 3])| [0, 1, 2].map(|c| (all[c] - left[c]) / SH_C0 as f32);
-            let shifts: Vec<[f32; 3]> = seen(&whole).into_iter().zip(seen(&reduced)).map(shift).collect();
-            reduced.shift_base(&shifts);
+            // What is left out is the same at all keyframes.
+            let shifts = shifts(&seen(&whole), &seen(&reduced));
+            (0..reduced.times().len()).for_each(|keyframe| reduced.shift_base(keyframe, &shifts));
         }
         reduced
     }
@@ -130,6 +134,21 @@ impl Branch {
         }
         Self { keyframes, rows, contributions }
     }
+}
+
+/// Shifts the constant colours at each keyframe so that each Gaussian has the mean colour of `wanted` there, over the
+/// training cameras. The higher coefficients, which are the same at all keyframes, would give it another one.
+fn keep_colours(keyframes: &mut Keyframes, wanted: &[Vec<[f32; 3]>], eyes: &[DVec3]) {
+    for (keyframe, wanted) in wanted.iter().enumerate() {
+        let found = mean_colours(&keyframes.at(keyframes.times()[keyframe]), eyes);
+        keyframes.shift_base(keyframe, &shifts(wanted, &found));
+    }
+}
+
+/// The shifts of constant coefficients that turn colours into others.
+fn shifts(wanted: &[[f32; 3]], found: &[[f32; 3]]) -> Vec<[f32; 3]> {
+    let shift = |(wanted, found): (&[f32; 3], &[f32; 3])| [0, 1, 2].map(|c| (wanted[c] - found[c]) / SH_C0 as f32);
+    wanted.iter().zip(found).map(shift).collect()
 }
 
 /// Measures what the Gaussians of a branch contribute to views.
