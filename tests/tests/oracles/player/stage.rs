@@ -12,11 +12,11 @@ use serde_json::{Value, json};
 use crate::browser::devtools::Connection;
 use crate::browser::{Browser, open};
 
-/// An expression that becomes the page's pixels, in base64.
-const PIXELS: &str = "mvfusion.pixels().then(({ data }) => {
+/// An expression that becomes the width and height of the page's image and its pixels in base64.
+const PIXELS: &str = "mvfusion.pixels().then(({ data, width, height }) => {
     let text = '';
     for (let i = 0; i < data.length; i += 0x8000) text += String.fromCharCode(...data.subarray(i, i + 0x8000));
-    return btoa(text);
+    return [width, height, btoa(text)];
 })";
 
 /// An open page.
@@ -85,10 +85,9 @@ impl Stage {
     /// # Errors
     /// If the page fails.
     pub fn pixels(&mut self) -> Result<RgbImage> {
-        let size = self.connection().evaluate("[mvfusion.player.camera.width, mvfusion.player.camera.height]")?;
-        let side = |index: usize| size[index].as_u64().context("a size").map(|side| side as u32);
-        let pixels = self.connection().evaluate(PIXELS)?;
-        let pixels = STANDARD.decode(pixels.as_str().context("pixels")?)?;
+        let found = self.connection().evaluate(PIXELS)?;
+        let side = |index: usize| found[index].as_u64().context("a size").map(|side| side as u32);
+        let pixels = STANDARD.decode(found[2].as_str().context("pixels")?)?;
         let picture = RgbaImage::from_raw(side(0)?, side(1)?, pixels).context("pixels of that size")?;
         Ok(DynamicImage::from(picture).into_rgb8())
     }

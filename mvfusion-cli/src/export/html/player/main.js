@@ -165,8 +165,10 @@ class Player {
 
   /** The image as it is for the present camera and time. */
   async pixels() {
-    await this.renderer.sort(this.camera, this.time);
-    this.renderer.draw(this.camera, this.time, this.layer);
+    this.sharpness = 1;
+    const { camera, time, layer } = this;
+    await this.renderer.sort(camera, time);
+    this.renderer.draw(camera, time, layer);
     return this.renderer.read();
   }
 
