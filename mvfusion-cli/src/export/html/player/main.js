@@ -122,7 +122,8 @@ class Player {
   /** @param {boolean} isPlaying */
   play(isPlaying) {
     const [first, last] = this.scene.span;
-    if (isPlaying && this.time >= last) this.time = first;
+    // The slider rounds the last time.
+    if (isPlaying && this.time > last - 1e-6) this.time = first;
     this.isPlaying = isPlaying && last > first;
     this.isDirty = true;
     if (!isPlaying) this.note();
