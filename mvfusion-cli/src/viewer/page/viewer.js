@@ -122,6 +122,7 @@ export class Viewer {
     if (this.state.points && !before.points) this.#loadPoints();
     [this.isChanged, this.isSharp] = [true, false];
     this.changedAt = performance.now();
+    document.body.dataset.sharp = 'false';
     this.panel.show();
     this.draw();
     this.#remember();

@@ -87,6 +87,8 @@ pub fn layers() -> Result<()> {
     let (_server, mut page) = opened()?;
     let names = page.ask("[...document.getElementById('layer').options].filter(o => !o.disabled).map(o => o.value)")?;
     let names: Vec<String> = serde_json::from_value(names)?;
+    // In the middle, where something moves.
+    page.set("time", "0.5")?;
     ensure!(names.len() == 12, "the layers are {names:?}");
     let mut seen: Vec<(String, Vec<u8>)> = Vec::new();
     for name in names {

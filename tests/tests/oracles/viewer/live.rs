@@ -1,17 +1,23 @@
 //! The viewer of a training.
 
+use std::net::TcpStream;
 use std::path::Path;
 use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, anyhow, ensure};
 use serde_json::Value;
+use tungstenite::Message;
 
 use super::free_port;
 use super::page::Page;
 use crate::tiny::train;
 
-/// Enough steps to be looked at.
-const STAGES: &str = "train.stages={geometry=1200, deformation=1200, refinement=1200}";
+/// Few steps: the training pauses until a browser is there.
+const STAGES: &str = "train.stages={geometry=100, deformation=100, refinement=100}";
+
+/// How long anything may take.
+const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A training of the tiny model that is served.
 struct Training {
@@ -23,6 +29,7 @@ impl Training {
     fn start(run: &Path, stages: &'static str) -> Result<Self> {
         let (run, port) = (run.to_owned(), free_port()?);
         let thread = std::thread::spawn(move || train(&run, &["--set", stages, &format!("--view={port}")]));
+        pause(port)?;
         Ok(Self { port, thread })
     }
 
@@ -35,12 +42,38 @@ impl Training {
     }
 }
 
+/// Orders a pause as soon as the training is served.
+fn pause(port: u16) -> Result<()> {
+    let until = Instant::now() + PATIENCE;
+    let stream = loop {
+        match TcpStream::connect(("127.0.0.1", port)) {
+            Ok(stream) => break stream,
+            Err(error) => ensure!(Instant::now() < until, "the training is not served: {error}"),
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    };
+    let opened = tungstenite::client(format!("ws://127.0.0.1:{port}/socket"), stream);
+    let (mut socket, _) = opened.map_err(|error| anyhow!("{error}"))?;
+    socket.send(Message::text("{\"type\":\"pause\"}"))?;
+    // It is told that the training pauses before it leaves.
+    loop {
+        if let Message::Text(text) = socket.read()?
+            && text.contains("\"pauses\"")
+        {
+            return Ok(());
+        }
+        ensure!(Instant::now() < until, "the training does not pause");
+    }
+}
+
 /// Step and picture follow the training, which pauses, saves a checkpoint, and goes on.
 pub fn advances() -> Result<()> {
     let folder = tempfile::tempdir()?;
     let run = folder.path().join("run");
     let training = Training::start(&run, STAGES)?;
     let mut page = Page::open(&training.address())?;
+    page.wait("document.body.dataset.activity === 'pauses'")?;
+    page.click("pause")?;
     page.wait("Number(document.body.dataset.frames) > 2 && viewer.curves.points.length > 3")?;
     let step = |page: &mut Page| -> Result<u64> {
         let step = page.ask("Number(document.body.dataset.step)")?;
@@ -52,7 +85,7 @@ pub fn advances() -> Result<()> {
     page.wait("document.body.dataset.activity === 'pauses' && document.body.dataset.sharp === 'true'")?;
     let paused = page.ask("Number(document.body.dataset.trained)")?;
     // What is on its way arrives, and nothing changes any more; the picture can be looked at.
-    std::thread::sleep(std::time::Duration::from_millis(600));
+    std::thread::sleep(Duration::from_millis(600));
     page.drag([80.0, 10.0])?;
     page.picture()?;
     ensure!(page.ask("Number(document.body.dataset.trained)")? == paused, "the training does not pause");
@@ -64,7 +97,7 @@ pub fn advances() -> Result<()> {
     page.reports_nothing(&training.address())?;
     page.click("pause")?;
     page.wait(&format!(
-        "document.body.dataset.activity === 'trains' && Number(document.body.dataset.step) > {paused}"
+        "document.body.dataset.activity !== 'pauses' && Number(document.body.dataset.trained) > {paused}"
     ))?;
     drop(page);
     training.end().map(drop)
@@ -79,14 +112,16 @@ pub fn is_the_same() -> Result<()> {
     for layer in ["static", "mask", "depth", "composed"] {
         page.set("layer", layer)?;
         page.wait(&format!("viewer.facts?.layer === '{layer}'"))?;
+        page.picture()?;
     }
     page.click("pause")?;
+    page.wait("document.body.dataset.activity === 'trains' && Number(document.body.dataset.step) > 20")?;
+    page.click("pause")?;
     page.wait("document.body.dataset.activity === 'pauses'")?;
-    page.picture()?;
     page.click("checkpoint")?;
     page.wait("!document.getElementById('saved').hidden")?;
     page.click("pause")?;
-    page.wait("document.body.dataset.activity === 'trains'")?;
+    page.wait("document.body.dataset.activity !== 'pauses'")?;
     training.end()?;
     train(&alone, &["--set", STAGES])?;
     let hash = |run: &Path| -> Result<Value> {

@@ -86,6 +86,8 @@ impl Page {
 
     /// Waits for a sharp picture, and returns it in a small size: levels of red, green and blue.
     pub fn picture(&mut self) -> Result<Vec<u8>> {
+        // Moves of the pointer are handled with the next frames.
+        self.ask("new Promise(resolve => requestAnimationFrame(() => requestAnimationFrame(() => resolve(true))))")?;
         self.wait(IS_SHARP)?;
         let [width, height] = SMALL;
         let levels = self.ask(&format!(
