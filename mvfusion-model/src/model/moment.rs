@@ -50,18 +50,16 @@ impl Moment {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "flex"))]
 mod tests {
     use mvfusion_data::{BuiltinOptions, builtin};
 
-    use super::*;
     use crate::config::{Config, TrainConfig};
     use crate::device;
     use crate::evaluation::{Layer, LayerRenderer};
     use crate::train::Trainer;
 
     #[test]
-    #[cfg(feature = "flex")]
     fn a_moment_renders_like_its_time_from_every_camera() {
         let scene = builtin::builtin(&BuiltinOptions { width: 32, height: 24, frames: 3, ..Default::default() });
         let train = TrainConfig { scale: 0.0005, ..TrainConfig::default() };
