@@ -178,6 +178,7 @@ export class Viewer {
     const { pose, fov, time, layer, mfta, background, view } = this.state;
     const place = view ? { view } : { pose: { position: pose.position, rotation: pose.rows, fov } };
     this.asked = kind;
+    document.body.dataset.sharp = 'false';
     this.link.ask({
       ...place, size: this.#size(kind), time, layer, mfta: mfta && kind === 'still', quality: QUALITY[kind],
       background: background === 'run' ? null : Number(background),
@@ -202,7 +203,8 @@ export class Viewer {
     this.facts = facts;
     this.frames += 1;
     const number = this.frames;
-    const asked = this.asked;
+    // Before the next one is asked for: what has changed meanwhile is not in this one.
+    const isSharp = this.asked === 'still' && !this.isChanged;
     this.#adapt(facts);
     // The next one is on its way while this one is decoded.
     this.#pump();
@@ -210,7 +212,7 @@ export class Viewer {
     this.draw();
     this.panel.tell(facts);
     Object.assign(document.body.dataset, {
-      frames: number, step: facts.step, sharp: asked === 'still' && !this.isChanged, width: facts.width,
+      frames: number, step: facts.step, sharp: isSharp && !this.isChanged, width: facts.width,
     });
   }
 
