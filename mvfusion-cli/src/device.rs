@@ -1,5 +1,9 @@
 //! Devices, selected by their names on the command line.
 
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use anyhow::anyhow;
 use mvfusion_model::Device;
 
 use crate::failure::UsageError;
@@ -17,6 +21,32 @@ pub struct OpenDevice {
     pub buffer: Option<u64>,
     /// Whether its tensors are in the memory of the machine: a CPU, or a software driver.
     pub computes_on_host: bool,
+}
+
+impl OpenDevice {
+    /// Does work on the device. A GPU's driver panics where it cannot go on, which is an error here.
+    ///
+    /// # Errors
+    /// Those of the work, and what a GPU's driver says.
+    pub fn guarded<T>(&self, work: impl FnOnce() -> anyhow::Result<T>) -> anyhow::Result<T> {
+        match self.buffer {
+            Some(_) => caught(&self.name, work),
+            None => work(),
+        }
+    }
+}
+
+fn caught<T>(name: &str, work: impl FnOnce() -> anyhow::Result<T>) -> anyhow::Result<T> {
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
+        let said = words(panic.as_ref());
+        Err(anyhow!("the work on {name} stopped: {said}. The device may be out of memory, or lost to its driver"))
+    })
+}
+
+/// What a panic says.
+fn words(panic: &(dyn Any + Send)) -> &str {
+    let text = panic.downcast_ref::<String>().map(String::as_str);
+    text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("no reason was given")
 }
 
 /// How to build with GPU support.
@@ -305,6 +335,14 @@ mod tests {
         for name in ["tpu", "wgpu:first", "cpu:0", ""] {
             assert!(refusal(name).contains("auto, cpu, flex"), "{name}");
         }
+    }
+
+    #[test]
+    fn the_panic_of_a_driver_becomes_an_error() {
+        let error = caught("wgpu:0", || -> anyhow::Result<()> { panic!("{} is lost", "the device") });
+        let text = error.expect_err("it panicked").to_string();
+        assert!(text.contains("wgpu:0 stopped: the device is lost"), "{text}");
+        assert_eq!(caught("wgpu:0", || Ok(3)).expect("no panic"), 3);
     }
 
     #[test]

@@ -38,8 +38,7 @@ fn train(weight: f64) -> Result<f32, ModelError> {
         let rendered = trainer.render_batch(&views, &position)?;
         let mut losses = trainer.losses(&rendered, &position)?;
         losses.total = losses.total + elongation(&trainer.state().model.dynamic) * weight;
-        trainer.check_loss(&rendered, &losses, &position)?;
-        let gradients = trainer.backward(rendered, losses.total, &position);
+        let gradients = trainer.backward(rendered, losses, &position)?;
         let rates = trainer.rates(&position);
         trainer.update(gradients, &rates, &position)?;
         trainer.finish_step(&position)?;

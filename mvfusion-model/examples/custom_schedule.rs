@@ -47,13 +47,13 @@ fn main() -> Result<(), ModelError> {
         let views: Vec<usize> = in_turn.by_ref().take(batch_size).collect();
         let rendered = trainer.render_batch(&views, &position)?;
         let losses = trainer.losses(&rendered, &position)?;
-        trainer.check_loss(&rendered, &losses, &position)?;
-        let gradients = trainer.backward(rendered, losses.total, &position);
+        let squared_error = losses.squared_error.clone();
+        let gradients = trainer.backward(rendered, losses, &position)?;
         let rates = schedule(trainer.rates(&position), &position);
         trainer.update(gradients, &rates, &position)?;
         trainer.finish_step(&position)?;
         if position.ends_stage() {
-            let error = losses.squared_error.into_scalar::<f32>();
+            let error = squared_error.into_scalar::<f32>();
             println!("{:>11}: PSNR of the last batch {:.2} dB", position.stage.name(), -10.0 * error.log10());
         }
     }

@@ -1,6 +1,9 @@
 //! Small helpers for Burn's tensors.
 
-use burn::tensor::{Element, Int, Tensor, TensorData};
+use std::pin::Pin;
+use std::task::{Context, Poll, Waker};
+
+use burn::tensor::{Element, Int, Tensor, TensorData, read_sync};
 use mvfusion_render::device::is_gpu;
 
 use crate::ModelError;
@@ -37,4 +40,37 @@ pub fn rows_at_once<const D: usize>(chunk: usize, like: &Tensor<D>) -> usize {
 /// If the device fails to return values.
 pub fn read<const D: usize, E: Element>(tensor: Tensor<D>) -> Result<Vec<E>, ModelError> {
     tensor.try_into_vec_as::<E>().map_err(|error| ModelError::Device(error.to_string()))
+}
+
+/// A tensor of one value on its way to the host.
+pub enum Reading {
+    /// It is there.
+    Done(Result<f32, ModelError>),
+    /// The device has not computed it yet.
+    Pending(Pin<Box<dyn Future<Output = Result<f32, ModelError>>>>),
+}
+
+impl Reading {
+    /// Starts to read. The device does not wait for it, and what is launched later does not delay it.
+    pub fn start(tensor: Tensor<1>) -> Self {
+        let mut reading = Box::pin(async move {
+            tensor.try_into_scalar_async::<f32>().await.map_err(|error| ModelError::Device(error.to_string()))
+        });
+        // The first poll sends the request. Nobody needs to be woken, because `wait` polls until the answer is there.
+        match reading.as_mut().poll(&mut Context::from_waker(Waker::noop())) {
+            Poll::Ready(value) => Self::Done(value),
+            Poll::Pending => Self::Pending(reading),
+        }
+    }
+
+    /// The value. Waits for the device.
+    ///
+    /// # Errors
+    /// If the device fails to return it.
+    pub fn wait(self) -> Result<f32, ModelError> {
+        match self {
+            Self::Done(value) => value,
+            Self::Pending(reading) => read_sync(reading),
+        }
+    }
 }

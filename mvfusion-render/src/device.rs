@@ -3,7 +3,7 @@
 use burn::tensor::{DType, Device};
 
 #[cfg(feature = "cube")]
-pub use found::{Card, DeviceMemory, Gpu, GpuError, fold_launches, gpus, imitate_dirt, imitate_hardware, memory};
+pub use found::{Card, Gpu, GpuError, fold_launches, gpus, imitate_dirt, imitate_hardware};
 
 /// Burn's pure-Rust CPU backend.
 #[cfg(feature = "flex")]
@@ -54,7 +54,6 @@ mod found {
     use burn::backend::DispatchDevice;
     use burn::tensor::{Device, DeviceType};
     use burn_cubecl::CubeDevice;
-    use cubecl::MemoryScope;
     #[cfg(feature = "wgpu")]
     use cubecl::wgpu::WgpuDeviceKind;
     use mvfusion_kernels::cube::MOST_BUFFERS;
@@ -92,17 +91,6 @@ mod found {
         pub adds_floats: bool,
     }
 
-    /// The memory that CubeCL's pools hold on a device.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-    pub struct DeviceMemory {
-        /// Buffers in use.
-        pub slices: u64,
-        /// Bytes in use.
-        pub used: u64,
-        /// Bytes taken from the driver.
-        pub reserved: u64,
-    }
-
     /// A GPU that was found but cannot be used.
     #[derive(Debug, Clone, PartialEq, Eq, Error)]
     pub enum GpuError {
@@ -110,7 +98,7 @@ mod found {
         #[error("{0} was found, but its driver does not open it")]
         Closed(String),
         /// The GPU binds fewer buffers than the kernels need.
-        #[error("{label} binds {found} storage buffers of data to a kernel, and {needed} are needed", needed = MOST_BUFFERS)]
+        #[error("{label} binds {found} storage buffers to a kernel, and {needed} are needed", needed = MOST_BUFFERS)]
         Buffers {
             /// Name on the command line.
             label: String,
@@ -157,12 +145,6 @@ mod found {
     /// Bytes of the largest buffer of a device; `None` for a CPU, which has no such limit.
     pub(crate) fn buffer_limit(device: &Device) -> Option<u64> {
         Some(gpu::buffer_limit(&as_cube(&device.clone().inner())?.client()))
-    }
-
-    /// The memory of a device; `None` for a CPU.
-    pub fn memory(device: &Device) -> Option<DeviceMemory> {
-        let usage = as_cube(&device.clone().inner())?.client().memory_report(MemoryScope::Device).usage();
-        Some(DeviceMemory { slices: usage.number_allocs, used: usage.bytes_in_use, reserved: usage.bytes_reserved })
     }
 
     /// Whether a device can blend this many channels, forward and backward.

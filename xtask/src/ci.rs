@@ -23,6 +23,8 @@ pub fn run() -> Result<()> {
     step("test", &["test", "--workspace", "--features", TESTED], &[])?;
     #[cfg(feature = "ptx")]
     timed("registers", crate::ptx::check)?;
+    #[cfg(not(feature = "ptx"))]
+    eprintln!("== registers: skipped, because this build has not the feature `ptx`");
     timed("examples", run_examples)?;
     timed("torture", torture::run_short)?;
     step(
@@ -32,7 +34,7 @@ pub fn run() -> Result<()> {
     )?;
     step("check the default features", &["check", "--workspace"], &[])?;
     // CubeCL's build script fetches an LLVM for CUDA, unless it is told that only documentation, or a check, is wanted.
-    let features = ["check", "--workspace", "--no-default-features", "--features", "ndarray,cuda,vulkan,metal"];
+    let features = ["check", "--workspace", "--no-default-features", "--features", "ndarray,cuda-cpp,vulkan,metal"];
     step("check cuda, vulkan and metal, and ndarray without flex", &features, &[("DOCS_RS", "1")])
 }
 

@@ -4,16 +4,12 @@ use cubecl::prelude::*;
 
 use super::maths::constant;
 use super::stage::{
-    Four, Staged, TileShare, UnitPixels, WORD, in_picture, in_tiles, is_inside, met_by_row, stage_batch, staged_at,
-    unit_pixels,
+    Four, GPU_SPAN, Staged, TileShare, UnitPixels, WORD, in_picture, in_tiles, is_inside, met_by_row, stage_batch,
+    staged_at, unit_pixels,
 };
 use super::tiles::tiles_along;
 use super::view::BlendRules;
 use crate::splat::{MIN_ALPHA, alpha_plane, background_channels, plane_count, plane_of_channel};
-
-/// Gaussians that a unit blends per iteration. A driver that computes on the CPU copies the sums of every pixel from
-/// one iteration to the next.
-const AT_ONCE: usize = 2;
 
 impl TileShare {
     /// The largest batch for blending on a device with `memory` bytes of shared memory per cube; `None` if even the
@@ -23,6 +19,12 @@ impl TileShare {
             .into_iter()
             .map(|batch| Self { span, channels, batch })
             .find(|share| share.bytes() + 3 * size_of::<u32>() <= memory)
+    }
+
+    /// Gaussians that a unit blends per iteration. A software driver, whose units have many pixels, copies the sums of
+    /// all of them from one iteration to the next. On a GPU, a second Gaussian costs registers.
+    const fn at_once(&self) -> usize {
+        if self.span > GPU_SPAN { 2 } else { 1 }
     }
 }
 
@@ -81,7 +83,7 @@ pub fn blend(
                     let mut met = met_by_row(&rows, word, count, pixels.row);
                     while met != 0u32 {
                         #[unroll]
-                        for _ in 0..AT_ONCE {
+                        for _ in 0..comptime!(share.at_once()) {
                             let there = select(met == 0u32, 0.0f32, 1.0f32);
                             // If none is left, any staged Gaussian, with an opacity of zero.
                             let k = min(word + met.trailing_zeros(), count - 1u32);
@@ -105,7 +107,7 @@ pub fn blend(
             let left = blended.transmittance[p];
             let inside = is_inside(&pixels, p, width, height);
             transmittance[in_tiles(&pixels, p)] = select(inside, left, 0.0f32);
-            last[in_tiles(&pixels, p)] = open_or_closed(blended.last[p]);
+            last[in_tiles(&pixels, p)] = number_of(blended.last[p]);
         }
         write_picture(&blended, &pixels, background, picture, width, height, share);
     }
@@ -160,7 +162,7 @@ fn composite_forward(
         let before = blended.transmittance[p];
         let after = before - before * alpha;
         let last = blended.last[p];
-        let seen = alpha >= constant(MIN_ALPHA) && last >= 0;
+        let seen = alpha >= constant(MIN_ALPHA) && is_open(last);
         let enough = after >= rules.stop;
         let added = seen && enough;
         let weight = select(added, alpha * before, 0.0f32);
@@ -208,9 +210,15 @@ fn write_picture(
     }
 }
 
-/// The count itself, whether the pixel is finished or not.
+/// Whether a pixel with this `last` takes more Gaussians.
 #[cube]
-fn open_or_closed(last: i32) -> i32 {
+fn is_open(last: i32) -> bool {
+    last >= 0
+}
+
+/// The number in `last`, whether the pixel is finished or not.
+#[cube]
+fn number_of(last: i32) -> i32 {
     max(last, !last)
 }
 
@@ -222,5 +230,5 @@ fn is_any_open(last: &Array<i32>, #[comptime] span: usize) -> bool {
     for p in 0..span {
         highest = max(highest, last[p]);
     }
-    highest >= 0
+    is_open(highest)
 }

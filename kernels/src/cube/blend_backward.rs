@@ -54,6 +54,8 @@ pub fn blend_backward(
         let used = largest_of_units(largest_last(&taken, share), &mut lasts);
 
         let begin = starts[pixels.tile as usize] as u32;
+        // First, so that no register keeps the end of the list meanwhile.
+        write_zeros(gradients, begin + used, starts[pixels.tile as usize + 1] as u32, kind);
         let batch = comptime!(kind.share.batch as u32);
         let batches = (used + (batch - 1u32)) / batch;
         for turn in 0..batches {
@@ -76,8 +78,6 @@ pub fn blend_backward(
             write_records(&staged, &totals, count, begin + first, gradients, kind);
             sync_cube();
         }
-        let end = starts[pixels.tile as usize + 1];
-        write_zeros(gradients, begin + used, end as u32, kind);
     }
 }
 

@@ -96,7 +96,7 @@ impl Target {
             max_vector_size: 4,
             cube_mma_reserved_shared_memory: 0,
         };
-        let name = "a GPU that is not here".to_owned();
+        let name = "a described GPU".to_owned();
         let identity = DeviceIdentity { fingerprint: name.clone(), name, physical: None };
         let memory = MemoryDeviceProperties::new(u64::MAX, 256);
         let mut device = DeviceProperties::new(Features::default(), memory, hardware, TimingMethod::Device, identity);
@@ -237,12 +237,15 @@ impl Catalogue<'_> {
             // Proof: few channels fit into this much memory.
             let share = TileShare::fitting(GPU_SPAN, channels, GPU_MEMORY).expect("the channels fit");
             add!(self, Unchecked, share.units(), variant, blend::Blend, [_ _ _ _ _ _ _ _ _ _ _], share);
-            let statistic = Some(CountedChannels::ColourAndDepth);
-            let kind = BlendBackwardKind::fitting(GPU_SPAN, channels, statistic, GPU_MEMORY).expect("the channels fit");
-            add!(
-                self, Unchecked, kind.share.units(), variant, blend_backward::BlendBackward,
-                [_ _ _ _ _ _ _ _ _ _ _ _ _], kind
-            );
+            for (statistic, word) in [(Some(CountedChannels::ColourAndDepth), ""), (None, " without statistic")] {
+                let kind = BlendBackwardKind::fitting(GPU_SPAN, channels, statistic, GPU_MEMORY);
+                let kind = kind.expect("the channels fit");
+                let variant = format!("{channels} channels{word}");
+                add!(
+                    self, Unchecked, kind.share.units(), variant, blend_backward::BlendBackward,
+                    [_ _ _ _ _ _ _ _ _ _ _ _ _], kind
+                );
+            }
         }
     }
 
@@ -261,6 +264,7 @@ impl Catalogue<'_> {
         add!(self, Unchecked, UNITS, "", penalties_backward::PenaltiesBackward, [_ _ _ _ _ _]);
         let ends = [
             ("a layer", End::Layer { rectified: true }),
+            ("a last layer", End::Layer { rectified: false }),
             ("an adjoint", End::Adjoint { gated: true, added: true }),
             ("slabs", End::Slabs),
         ];
@@ -281,8 +285,12 @@ impl Catalogue<'_> {
         add!(self, Unchecked, UNITS, "", blur_columns::BlurColumns, [_ _ _ _]);
         add!(self, Unchecked, UNITS, "", blur_rows::BlurRows, [_ _ _ _]);
         add!(self, Unchecked, UNITS, "", moment_columns::MomentColumns, [_ _ _ _ _]);
-        for (variant, kind) in [("SSIM", SimilarityKind::Ssim), ("structure", SimilarityKind::Structure)] {
-            add!(self, Unchecked, UNITS, variant, similarity_rows::SimilarityRows, [_ _ _ _ _ _], kind, true);
+        for (variant, kind, tracked) in [
+            ("SSIM", SimilarityKind::Ssim, true),
+            ("SSIM without gradient", SimilarityKind::Ssim, false),
+            ("structure", SimilarityKind::Structure, true),
+        ] {
+            add!(self, Unchecked, UNITS, variant, similarity_rows::SimilarityRows, [_ _ _ _ _ _], kind, tracked);
         }
         add!(self, Unchecked, UNITS, "", adjoint_columns::AdjointColumns, [_ _ _ _ _]);
         add!(self, Unchecked, UNITS, "", adjoint_rows::AdjointRows, [_ _ _ _ _ _ _]);
@@ -293,14 +301,15 @@ impl Catalogue<'_> {
             let variant = format!("{channels} channels");
             add!(self, Checked, UNITS, variant, unpack::Unpack, [_ _ _], channels);
         }
-        for geometry in [true, false] {
-            let variant = if geometry { "first stage" } else { "later stages" };
+        for (geometry, masked, variant) in
+            [(true, true, "first stage"), (false, true, "later stages"), (false, false, "later stages without masks")]
+        {
             let kind = ObjectiveKind {
                 normalisation: if geometry { Normalisation::Geometry } else { Normalisation::Deformation },
                 exposed: true,
-                masked: [true; 3],
-                dynamic_region: true,
-                static_region: true,
+                masked: [masked; 3],
+                dynamic_region: masked,
+                static_region: masked,
                 geometry,
                 geometry_mean: false,
                 depth_back_detached: false,

@@ -30,8 +30,6 @@ const EXPOSURE_COLUMNS: usize = 4;
 pub const PICTURES: usize = 3;
 /// Comparisons: those, and the structure term of both branches.
 pub const COMPARISONS: usize = 4;
-/// Planes of `prepared`: the cotangents of the comparisons' maps, and the masks valid, moving and around.
-pub const PREPARED: usize = COMPARISONS * COLOURS + 3;
 /// Sums of a cube: the loss, and the squared error.
 pub const SUMS: usize = 2;
 
@@ -75,6 +73,18 @@ pub struct ObjectiveKind {
     pub structure: bool,
     /// Whether gradients are wanted.
     pub wanted: bool,
+}
+
+impl ObjectiveKind {
+    /// Planes of `prepared`: the cotangents of the comparisons' maps, and the masks that there are.
+    pub fn prepared(&self) -> usize {
+        self.mask_plane(self.masked.len())
+    }
+
+    /// The plane of `prepared` with a mask.
+    fn mask_plane(&self, mask: usize) -> usize {
+        COMPARISONS * COLOURS + self.masked[..mask].iter().filter(|&&is_there| is_there).count()
+    }
 }
 
 /// The weights of the terms, divided by the number of values in their means.
@@ -121,7 +131,8 @@ pub struct ObjectiveWeights {
 }
 
 /// The pictures that are compared, `[PICTURES, 3, H, W]`, the photo beside each of them, and `prepared`
-/// `[PREPARED, H, W]`: the cotangents of the maps, and the masks, so that `objective_finish` binds fewer buffers.
+/// `[planes, H, W]` (see [`ObjectiveKind::prepared`]): the cotangents of the maps, and the masks, so that
+/// `objective_finish` binds fewer buffers.
 #[cube(launch_unchecked)]
 pub fn objective_prepare(
     dynamic: &[f32],
@@ -163,15 +174,15 @@ pub fn objective_prepare(
             prepared[comptime!(2 * COLOURS + c) * plane + at] = -weights.composed_dssim;
             prepared[comptime!(3 * COLOURS + c) * plane + at] = v_structure;
         }
-        keep_masks(prepared, &masks, at, plane);
+        keep_masks(prepared, &masks, at, plane, kind);
     }
 }
 
 /// Each cube's loss and squared error, `sums` `[cubes, SUMS]`, and with `kind.wanted` the gradients of both renders.
 ///
-/// `prepared` comes from `objective_prepare`. `similarities` `[PICTURES, 3, H, W]` and `structures` `[3, H, W]` are the maps, `v_similar` and `v_structured` the
-/// cotangents of the pictures through them. With an exposure, `v_exposed` `[6, H, W]` gets the cotangents of the exposed
-/// colours of both branches, summed over the copies.
+/// `prepared` comes from `objective_prepare`. `similarities` `[PICTURES, 3, H, W]` and `structures` `[3, H, W]` are the
+/// maps, `v_similar` and `v_structured` the cotangents of the pictures through them. With an exposure, `v_exposed`
+/// `[6, H, W]` gets the cotangents of the exposed colours of both branches, summed over the copies.
 #[cube(launch_unchecked)]
 pub fn objective_finish(
     dynamic: &[f32],

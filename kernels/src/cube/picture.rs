@@ -19,7 +19,8 @@ pub fn unpack(words: &[u32], planes: &mut [f32], pixels: u32, #[comptime] channe
         for channel in 0..channels {
             let at = pixel * channels + channel;
             let byte = (words[at / BYTES] >> (8u32 * (at % BYTES) as u32)) & 255u32;
-            planes[channel * plane + pixel] = f32::cast_from(byte) / WHITE;
+            // A shader may divide inexactly, and masks compare with 1.
+            planes[channel * plane + pixel] = select(byte == 255u32, 1.0f32, f32::cast_from(byte) / WHITE);
         }
     }
 }

@@ -18,8 +18,8 @@ use crate::splat::{MIN_COMPENSATION, PROJECTED_LEN, feature_count, gradient_reco
 ///
 /// `means` and `log_scales` are `[N, 3]`, `quaternions` `[N, 4]`, `opacity_logits` `[N]`, `coefficients`
 /// `[N, stored, 3]`; `records` come from `project`. `slots` `[2 N + pairs]` begins with the start and the number of each
-/// Gaussian's entries, and the entries follow. An entry is a row of `gradients` (of [`record_vectors`](super::backward_kind::record_vectors)). Each adjoint
-/// has the shape of its parameter; `v_features` is `[N, F]` and `statistic` `[N, 2]`.
+/// Gaussian's entries, and the entries follow. An entry is a row of `gradients`, of `record_vectors` vectors. Each
+/// adjoint has the shape of its parameter; `v_features` is `[N, F]` and `statistic` `[N, 2]`.
 #[cube(launch_unchecked)]
 pub fn project_backward(
     means: &[f32],

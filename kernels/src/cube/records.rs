@@ -17,9 +17,8 @@ pub const fn piece_count(records: usize) -> usize {
     records / PIECE
 }
 
-/// Sums the records of each piece. `slots` are those of [`project_backward`](super::project_backward), whose positions begin
-/// at `head`. `gradients` has a row for each of the `pairs`, and behind them one for each piece. A unit sums a vector of a
-/// piece.
+/// Sums the records of each piece. `slots` are those of `project_backward`, whose positions begin at `head`. `gradients`
+/// has a row for each of the `pairs`, and behind them one for each piece. A unit sums a vector of a piece.
 #[cube(launch_unchecked)]
 pub fn sum_pieces(slots: &[i32], gradients: &mut [Four], head: u32, pairs: u32, #[comptime] channels: usize) {
     let vectors = comptime!(record_vectors(channels));

@@ -188,7 +188,7 @@ pub fn counts_by_depth(ids: &[u32], touched: &[u32], visible: &[u32], counts: &m
 ///
 /// `offsets` are the prefix sums of the counts by depth. `tiles`, `owners` and `numbers` have an entry for each pair:
 /// its tile, its Gaussian, and its own number, which the sort by tile carries along. The positions are the head of the
-/// `slots` of [`list_pairs`].
+/// `slots` of [`list_pairs()`].
 #[cube(launch)]
 pub fn emit_pairs(
     records: &[f32],

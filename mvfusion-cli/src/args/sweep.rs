@@ -86,6 +86,9 @@ pub struct SweepRunArgs {
     /// Train only the cells of these scenes
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub scenes: Vec<String>,
+    /// Train only the cells of this variant; may be repeated
+    #[arg(long = "variant", value_name = "NAME")]
+    pub variants: Vec<String>,
     /// Train only the cells of these seeds
     #[arg(long, value_name = "N", value_delimiter = ',')]
     pub seeds: Vec<u64>,

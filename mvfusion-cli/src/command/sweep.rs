@@ -205,15 +205,19 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Checks that the scenes and seeds of `--scenes` and `--seeds` exist.
+    /// Checks that the selected scenes, variants and seeds exist.
     fn check_choice(&self) -> Result<(), UsageError> {
         let cells = &self.plan.index.cells;
-        let stray = self.args.scenes.iter().find(|name| !cells.iter().any(|cell| cell.scene == **name));
-        if let Some(scene) = stray {
-            let known: BTreeSet<&str> = cells.iter().map(|cell| cell.scene.as_str()).collect();
+        let named = |option, what, names: &[String], of: fn(&Cell) -> &str| {
+            let Some(name) = names.iter().find(|name| !cells.iter().any(|cell| of(cell) == **name)) else {
+                return Ok(());
+            };
+            let known: BTreeSet<String> = cells.iter().map(|cell| format!("`{}`", of(cell))).collect();
             let known = known.into_iter().collect::<Vec<_>>().join(", ");
-            return Err(UsageError::new(format!("--scenes: the grid has no scene `{scene}`; it has {known}.")));
-        }
+            Err(UsageError::new(format!("{option}: the grid has no {what} `{name}`; it has {known}.")))
+        };
+        named("--scenes", "scene", &self.args.scenes, |cell| &cell.scene)?;
+        named("--variant", "variant", &self.args.variants, |cell| &cell.variant)?;
         match self.args.seeds.iter().find(|seed| !cells.iter().any(|cell| cell.seed == **seed)) {
             Some(seed) => Err(UsageError::new(format!("--seeds: the grid has no seed {seed}."))),
             None => Ok(()),
@@ -264,8 +268,9 @@ impl<'a> Session<'a> {
     }
 
     fn is_chosen(&self, cell: &Cell) -> bool {
-        let (scenes, seeds) = (&self.args.scenes, &self.args.seeds);
-        (scenes.is_empty() || scenes.contains(&cell.scene)) && (seeds.is_empty() || seeds.contains(&cell.seed))
+        let SweepRunArgs { scenes, variants, seeds, .. } = self.args;
+        let is_in = |names: &[String], name| names.is_empty() || names.contains(name);
+        is_in(scenes, &cell.scene) && is_in(variants, &cell.variant) && (seeds.is_empty() || seeds.contains(&cell.seed))
     }
 
     /// The selected cells that have not finished.

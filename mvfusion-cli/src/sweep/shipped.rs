@@ -26,6 +26,7 @@ pub const SHIPPED: &[Shipped] = shipped![
     "claim",
     "claim-small",
     "readings",
+    "convergence",
     "costs",
     "components",
     "components-small",

@@ -358,7 +358,7 @@ fn shipped_grids_are_listed_and_shown_as_they_are() {
 }
 
 #[test]
-fn scenes_and_seeds_choose_cells_that_there_are() {
+fn scenes_variants_and_seeds_choose_cells_that_there_are() {
     let other = "[[scenes]]\nname = \"other\"\nset = { scene.kind = \"casual\" }\n[[variants]]";
     let ground = Ground::new(&TINY.replacen("[[variants]]", other, 1));
     let shown = |more: &[&str]| {
@@ -370,8 +370,9 @@ fn scenes_and_seeds_choose_cells_that_there_are() {
         (cells, sum)
     };
     assert_eq!(shown(&[]).0.len(), 8);
-    let choices: [(&[&str], &[&str]); 3] = [
+    let choices: [(&[&str], &[&str]); 4] = [
         (&["--scenes", "other"], &["other"]),
+        (&["--variant", "w/o MFTA"], &["w/o MFTA"]),
         (&["--seeds", "2"], &["seed 2"]),
         (&["--scenes", "video", "--seeds", "1"], &["video", "seed 1"]),
     ];
@@ -382,7 +383,12 @@ fn scenes_and_seeds_choose_cells_that_there_are() {
         assert!(sum.starts_with(&format!("{} cells to do", cells.len())), "{more:?}: {sum}");
     }
     assert_eq!(shown(&["--scenes", "video,other", "--seeds", "1,2"]).0.len(), 8);
-    for (more, word) in [(["--scenes", "vidoe"], "`vidoe`; it has other, video"), (["--seeds", "3"], "no seed 3")] {
+    assert_eq!(shown(&["--variant", "full", "--variant", "w/o MFTA"]).0.len(), 8);
+    for (more, word) in [
+        (["--scenes", "vidoe"], "`vidoe`; it has `other`, `video`"),
+        (["--variant", "w/o"], "`w/o`; it has `full`, `w/o MFTA`"),
+        (["--seeds", "3"], "no seed 3"),
+    ] {
         let output = ground.sweep(&[["--dry-run"].as_slice(), more.as_slice()].concat());
         assert_eq!(output.status.code(), Some(USAGE), "{more:?}");
         assert!(text(&output.stderr).contains(word), "{more:?}: {}", text(&output.stderr));

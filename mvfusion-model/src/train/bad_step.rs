@@ -6,11 +6,12 @@ use serde::{Deserialize, Serialize};
 
 use super::finite::Findings;
 use super::parameters::Sink;
+use super::rendered::PlainRenders;
 use super::{BranchGradients, Losses, Position, RenderedBatch, StepGradients, Trainer};
+use crate::ModelError;
 use crate::model::Model;
 use crate::model::gaussians::Attribute;
 use crate::parameter_path::ParameterPath;
-use crate::{ModelError, tensors};
 
 /// Number of skipped steps in a row after which training ends: the numbers no longer recover.
 pub const MOST_BAD_STEPS: usize = 10;
@@ -25,17 +26,15 @@ pub struct BadSteps {
 }
 
 impl Trainer {
-    /// Rejects a non-finite loss before it damages the parameters.
-    ///
-    /// # Errors
-    /// [`ModelError::NotFinite`] with the parameter or render at fault.
-    pub fn check_loss(&self, rendered: &RenderedBatch, losses: &Losses, position: &Position) -> Result<(), ModelError> {
-        let total: Vec<f32> = tensors::read(losses.total.clone().inner())?;
-        if total.iter().all(|loss| loss.is_finite()) {
-            return Ok(());
-        }
-        let found = self.picture_findings(rendered).first_bad()?.unwrap_or_else(|| "the loss".to_owned());
-        Err(self.not_finite(found, &rendered.shown, position)?)
+    /// The error for a loss that is not finite, with the parameter or render at fault.
+    pub(super) fn bad_loss(
+        &self,
+        renders: PlainRenders,
+        shown: &[usize],
+        position: &Position,
+    ) -> Result<ModelError, ModelError> {
+        let found = self.findings(renders).first_bad()?.unwrap_or_else(|| "the loss".to_owned());
+        self.not_finite(found, shown, position)
     }
 
     /// Rejects a non-finite parameter. A Gaussian with a non-finite centre is culled, so the loss may still be finite.
@@ -50,7 +49,7 @@ impl Trainer {
     }
 
     /// Learns from a step unless its loss, or a gradient, is not finite: then nothing changes but the counts. Waits for
-    /// the device once, as [`Trainer::check_loss`] does.
+    /// the device once.
     ///
     /// # Errors
     /// [`ModelError::BadSteps`] after [`MOST_BAD_STEPS`] such steps in a row.
@@ -60,10 +59,10 @@ impl Trainer {
         losses: Losses,
         position: &Position,
     ) -> Result<(), ModelError> {
-        let mut findings = self.picture_findings(&rendered);
+        let mut findings = self.findings(rendered.plain());
         findings.take("the loss".to_owned(), losses.total.clone().inner());
         let shown = rendered.shown.clone();
-        let gradients = self.backward(rendered, losses.total, position);
+        let gradients = self.gradients(rendered, losses.total, position);
         gradients.add_to(&mut findings, &self.state.model);
         match findings.first_bad()? {
             Some(found) => {
@@ -87,8 +86,8 @@ impl Trainer {
         Ok(())
     }
 
-    fn picture_findings(&self, rendered: &RenderedBatch) -> Findings {
-        rendered.findings(|view| self.photos.describe(&[view]))
+    fn findings(&self, renders: PlainRenders) -> Findings {
+        renders.findings(|view| self.photos.describe(&[view]))
     }
 
     /// The error for a step in which `found` is not finite. A parameter that is not finite either is the cause.

@@ -51,11 +51,25 @@ impl RenderedBatch {
         self.views.has_static().then(|| self.views.composition().mask)
     }
 
+    /// The renders alone, for [`Trainer::bad_loss`](super::Trainer).
+    pub(super) fn plain(&self) -> PlainRenders {
+        let views = self.views.rendered.iter().zip(&self.shown);
+        PlainRenders { views: views.map(|(rendered, &view)| (view, packed(rendered).collect())).collect() }
+    }
+}
+
+/// The renders of a batch without autodiff, so that they outlive the backward pass.
+pub(super) struct PlainRenders {
+    /// Each view's index and its branches with all their layers.
+    views: Vec<(usize, Vec<(&'static str, Tensor<4>)>)>,
+}
+
+impl PlainRenders {
     /// The findings for all renders. `describe` names a training view.
-    pub(super) fn findings(&self, describe: impl Fn(usize) -> String) -> Findings {
+    pub fn findings(self, describe: impl Fn(usize) -> String) -> Findings {
         let mut findings = Findings::default();
-        for (rendered, &view) in self.views.rendered.iter().zip(&self.shown) {
-            for (branch, picture) in packed(rendered) {
+        for (view, branches) in self.views {
+            for (branch, picture) in branches {
                 findings.take(format!("the picture of the {branch} branch for {}", describe(view)), picture);
             }
         }

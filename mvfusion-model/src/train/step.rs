@@ -2,6 +2,7 @@
 
 use burn::tensor::Tensor;
 use burn::tensor::activation::sigmoid;
+use mvfusion_render::device::is_gpu;
 use mvfusion_render::grid;
 use mvfusion_render::profile::{Part, measure};
 
@@ -23,14 +24,16 @@ impl Trainer {
         let model = &self.state.model;
         let level = position.stage.level(self.config.model.deformation);
         let probes = position.densifies(&self.config.densify).then(|| Probes::new(&model.dynamic));
-        // The photos are on their way while the views are rendered.
-        let batch = measure(Part::Photos, || self.photos.stack(views, &self.device))?;
+        let photos = || measure(Part::Photos, || self.photos.stack(views, &self.device));
+        // A GPU gets the photos while it renders. On a CPU, they may still be decoded meanwhile.
+        let early = is_gpu(&self.device.clone().inner()).then(photos).transpose()?;
         let moment = |&view: &usize| {
             let view = self.photos.get(view);
             (view.camera, view.time)
         };
         let moments: Vec<_> = views.iter().map(moment).collect();
         let rendered = model.render_all(&moments, level, probes.as_ref(), &self.context)?;
+        let batch = early.map_or_else(photos, Ok)?;
         let (shown, exposure) = (views.to_vec(), self.exposure(views));
         Ok(RenderedBatch { batch, views: RenderedViews { rendered, exposure }, shown, probes })
     }

@@ -106,8 +106,7 @@ impl Trainer {
         let found = losses.detached();
         match self.config.train.on_bad_step {
             BadStepRule::Stop => {
-                self.check_loss(&rendered, &losses, &position)?;
-                let gradients = self.backward(rendered, losses.total, &position);
+                let gradients = self.backward(rendered, losses, &position)?;
                 self.update(gradients, &self.rates(&position), &position)?;
             }
             BadStepRule::Skip => self.learn_or_skip(rendered, losses, &position)?,

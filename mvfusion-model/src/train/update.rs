@@ -4,9 +4,10 @@ use burn::tensor::{Gradients, Tensor};
 use mvfusion_render::profile::{Part, measure};
 
 use super::turn::BranchTurn;
-use super::{BranchGradients, Position, RenderedBatch, Stage, Trainer};
+use super::{BranchGradients, Losses, Position, RenderedBatch, Stage, Trainer};
 use crate::ModelError;
 use crate::model::motion::{Lifetimes, MotionCache, Trajectories};
+use crate::tensors::Reading;
 use crate::train::optim::Rates;
 
 /// The gradients of a step.
@@ -21,8 +22,27 @@ pub struct StepGradients {
 
 impl Trainer {
     /// The gradients of a loss with respect to all parameters. With gradient accumulation, the loss is divided by the
-    /// number of steps.
-    pub fn backward(&self, rendered: RenderedBatch, loss: Tensor<1>, position: &Position) -> StepGradients {
+    /// number of steps. Waits for the loss, but only when the device has received the whole backward pass.
+    ///
+    /// # Errors
+    /// [`ModelError::NotFinite`] for a loss that is not finite, with the parameter or render at fault.
+    pub fn backward(
+        &self,
+        rendered: RenderedBatch,
+        losses: Losses,
+        position: &Position,
+    ) -> Result<StepGradients, ModelError> {
+        let loss = Reading::start(losses.total.clone().inner());
+        let (shown, renders) = (rendered.shown.clone(), rendered.plain());
+        let gradients = self.gradients(rendered, losses.total, position);
+        match loss.wait()?.is_finite() {
+            true => Ok(gradients),
+            false => Err(self.bad_loss(renders, &shown, position)?),
+        }
+    }
+
+    /// [`Trainer::backward`] without the check.
+    pub(super) fn gradients(&self, rendered: RenderedBatch, loss: Tensor<1>, position: &Position) -> StepGradients {
         let RenderedBatch { views, probes, batch: _, shown: _ } = rendered;
         let (dynamic, static_) = (views.dynamic_visibility(), views.static_visibility());
         let mut gradients = measure(Part::BackwardRest, || (loss / self.accumulation(position) as f64).backward());

@@ -30,9 +30,12 @@ thread_local! {
     /// Whether this thread treats every device as hardware without an atomic addition of floats; for tests.
     static IMITATES: Cell<bool> = const { Cell::new(false) };
 
-    /// Whether this thread fills new buffers with numbers that are none; for tests.
+    /// Whether this thread fills new buffers with NaN; for tests.
     static DIRTY: Cell<bool> = const { Cell::new(false) };
 }
+
+/// Largest buffer of the sums of a look-up's units, in bytes.
+const MOST_LANE_SUMS: usize = 128 << 20;
 
 /// The cube size of all kernels except those for blending and products.
 pub(super) const CUBE: CubeDim = CubeDim::new_1d(UNITS as u32);
@@ -151,9 +154,14 @@ impl Gpu {
         if computes_on_cpu(&self.device) { ProductPlan::SOFTWARE } else { ProductPlan::GPU }
     }
 
-    /// Units that share the features of a point in the adjoint of a look-up: one on a CPU, where they take turns.
-    pub fn lanes(&self, features: usize) -> usize {
-        if computes_on_cpu(&self.device) { 1 } else { features.clamp(1, GPU_LANES) }
+    /// Units that share the features of a point in the adjoint of a look-up of `rows` points and scales: one on a CPU,
+    /// where they take turns, and fewer than [`GPU_LANES`] if the buffer of their sums would be too large.
+    pub fn lanes(&self, features: usize, rows: usize) -> usize {
+        if computes_on_cpu(&self.device) {
+            return 1;
+        }
+        let most = MOST_LANE_SUMS / (rows * size_of::<[f32; 4]>()).max(1);
+        features.min(most).clamp(1, GPU_LANES)
     }
 
     /// Whether the records of a Gaussian are summed in pieces first: not on a CPU, where no unit waits for another.

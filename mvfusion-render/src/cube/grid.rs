@@ -62,7 +62,7 @@ impl GridAdjoint for CubeBackend {
         let planes = gpu.zero_floats(query.planes.shape());
         let (points, times) = (gpu.floats([count, 3]), gpu.floats([count, 1]));
         if count > 0 {
-            let lanes = gpu.lanes(query.features);
+            let lanes = gpu.lanes(query.features, count * query.scales);
             let parts = query.scales * lanes;
             let v_places = gpu.floats([count * parts, 4]);
             let launch = if adds_floats(&gpu.client) {

@@ -7,7 +7,7 @@ use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 use mvfusion_kernels::cube::UNITS;
 use mvfusion_kernels::cube::objective::{
-    COMPARISONS, Normalisation, ObjectiveKind, ObjectiveWeightsLaunch, PICTURES, PREPARED, SUMS, objective_finish,
+    COMPARISONS, Normalisation, ObjectiveKind, ObjectiveWeightsLaunch, PICTURES, SUMS, objective_finish,
     objective_prepare,
 };
 use mvfusion_kernels::splat::COLOUR_CHANNELS;
@@ -95,7 +95,7 @@ impl Pass {
 
     fn run(self) -> (CubeTensor, ObjectiveGradients<CubeBackend>) {
         let [pictures, photos] = [(); 2].map(|()| self.planes(PICTURES * COLOUR_CHANNELS));
-        let prepared = self.planes(PREPARED);
+        let prepared = self.planes(self.kind.prepared());
         self.prepare(&pictures, &photos, &prepared);
         let terms = &self.plan.terms;
         let similar = self.kind.similarity.then(|| {

@@ -34,6 +34,7 @@ use crate::splat::tensors::SplatTensors;
 
 /// What a frame keeps from its projection to its rendering.
 struct PreparedFrame {
+    frame: Frame,
     projected: Projected,
     /// The length of its lists, and its index among others.
     totals: Arc<Totals>,
@@ -48,7 +49,7 @@ impl SplatOps for CubeBackend {
         }
         let projected = frame.project();
         let index = batch.totals.announce(&total(&frame.gpu, &projected.touched, frame.count()));
-        Prepared::new(PreparedFrame { projected, totals: batch.totals, index })
+        Prepared::new(PreparedFrame { frame, projected, totals: batch.totals, index })
     }
 
     fn splat(inputs: SplatPrimitives<Self>, plan: SplatPlan, prepared: Prepared) -> SplatOutput<Self> {
@@ -83,13 +84,17 @@ fn forward(
     prepared: &Prepared,
     pair_bytes: u64,
 ) -> SplatForward<CubeBackend> {
-    let frame = Frame::new(inputs, plan);
-    let (projected, bins) = match prepared.of::<PreparedFrame>() {
-        Some(PreparedFrame { projected, totals, index }) => {
-            (projected.clone(), frame.bin(projected, || totals.get(*index), pair_bytes))
+    let empty;
+    let (frame, projected, bins) = match prepared.of::<PreparedFrame>() {
+        Some(PreparedFrame { frame, projected, totals, index }) => {
+            (frame, projected.clone(), frame.bin(projected, || totals.get(*index), pair_bytes))
         }
         // Nothing is prepared of no Gaussians.
-        None => (frame.project(), Ok(frame.no_bins())),
+        None => {
+            empty = Frame::new(inputs, plan);
+            assert_eq!(empty.count(), 0, "a frame with Gaussians is prepared before it is rendered");
+            (&empty, empty.project(), Ok(empty.no_bins()))
+        }
     };
     let (bins, refused) = match bins {
         Ok(bins) => (bins, None),

@@ -1,6 +1,7 @@
 //! Numbers of several frames that the host needs, read from the device at once.
 
 use std::fmt::{self, Debug, Formatter};
+use std::future::poll_fn;
 use std::mem;
 use std::pin::Pin;
 use std::sync::{Mutex, PoisonError};
@@ -82,7 +83,11 @@ impl State {
         let Some(client) = client.take() else { return };
         let handles = mem::take(handles);
         let mut reading: Reading = Box::pin(async move {
-            let bytes = client.read_async(handles).await.map_err(|error| SplatError::Device(error.to_string()))?;
+            let reading = client.read_async(handles);
+            // CUDA's reading waits when it is polled, so it is not polled at once.
+            let mut is_asked = false;
+            poll_fn(|_| if mem::replace(&mut is_asked, true) { Poll::Ready(()) } else { Poll::Pending }).await;
+            let bytes = reading.await.map_err(|error| SplatError::Device(error.to_string()))?;
             // Proof: each buffer contains one value of four bytes.
             Ok(bytes.iter().map(|number| u32::from_le_bytes(number[..4].try_into().expect("four bytes"))).collect())
         });

@@ -48,7 +48,7 @@ mod tests {
     }
 
     #[test]
-    fn the_words_of_a_gpu_hold_the_same_bytes() {
+    fn words_hold_the_same_bytes() {
         // Seven bytes are not whole words.
         let bytes: Vec<u8> = (0..=255).chain(0..7).collect();
         for_each_device(|device| {

@@ -44,6 +44,9 @@ pub enum SplatError {
          smaller images"
     )]
     Pairs(u32),
+    /// Frames that are rendered together are on different devices.
+    #[error("frame {0} is on another device than frame 0: render frames of one device together")]
+    Devices(usize),
     /// The device failed, or was lost.
     #[error("the device failed: {0}")]
     Device(String),

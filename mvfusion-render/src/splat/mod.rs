@@ -139,11 +139,16 @@ pub fn splat(
     splat_all(vec![frame]).map(|mut pictures| pictures.pop().expect("one"))
 }
 
-/// Renders several frames. A GPU is waited for once, because it tells the lengths of all tile lists together.
+/// Renders several frames of one device. A GPU is waited for once, because it tells the lengths of all tile lists
+/// together.
 ///
 /// # Errors
-/// As [`splat`].
+/// As [`splat`], or if the frames are on different devices.
 pub fn splat_all(frames: Vec<SplatFrame>) -> Result<Vec<SplatPicture>, SplatError> {
+    let devices = frames.iter().map(|frame| frame.inputs.means.device());
+    if let Some(other) = devices.clone().position(|device| Some(device) != devices.clone().next()) {
+        return Err(SplatError::Devices(other));
+    }
     let batch = SplatBatch::default();
     let prepare = |frame: SplatFrame| {
         let (primitives, plan) = checked(frame)?;

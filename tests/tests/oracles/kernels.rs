@@ -1,17 +1,24 @@
 //! The kernels' texts for WebGPU: within the limits of every adapter that is accepted, and in order by WGSL's own rules,
 //! which the checks of wgpu are weaker than.
 
+use std::collections::BTreeSet;
+use std::sync::{Arc, Mutex, PoisonError};
+
 use anyhow::{Context, Result, anyhow, ensure};
+use burn::tensor::Device;
 use cubecl::Compiler;
 use cubecl::ir::features::AtomicUsage;
+use cubecl::logging::{LaunchObservation, LaunchObserver};
 use cubecl::prelude::*;
 use cubecl::wgpu::WgslCompiler;
 use libtest_mimic::Trial;
 use mvfusion_kernels::cube::catalogue::{Target, catalogue};
 use mvfusion_kernels::cube::{MOST_BUFFERS, UNITS};
+use mvfusion_tests::gpu_backends;
 use serde_json::{Value, json};
 
 use crate::browser::{Browser, open};
+use crate::training::losses;
 use crate::{failed, ignored};
 
 /// Bytes of shared memory that WebGPU guarantees.
@@ -60,18 +67,27 @@ pub fn trials() -> Vec<Trial> {
             None => ignored(name, "no browser was found: set CHROME, or install chromium".to_owned()),
         }
     };
+    let complete = "kernels::catalogue_is_complete";
     vec![
+        match gpu_backends().first() {
+            Some(&gpu) => Trial::test(complete, move || catalogue_is_complete(&(gpu.device)()).map_err(failed)),
+            None => ignored(complete.to_owned(), "no GPU was found, not even a software driver".to_owned()),
+        },
         Trial::test("kernels::limits", || limits().map_err(failed)),
         browser("browser", compiled_by_a_browser),
         browser("browser_finds_faults", a_browser_finds_faults),
     ]
 }
 
+/// An adapter that adds floats atomically.
+fn target() -> Target {
+    Target::new(|device| {
+        device.register_atomic_type_usage(Type::atomic(f32::elem_type_native()), AtomicUsage::all());
+    })
+}
+
 /// The texts of all kernels.
 fn texts() -> Result<Vec<Text>> {
-    let target = Target::new(|device| {
-        device.register_atomic_type_usage(Type::atomic(f32::elem_type_native()), AtomicUsage::all());
-    });
     let text = |kernel: mvfusion_kernels::cube::catalogue::Kernel| {
         let name = kernel.label();
         let shader = WgslCompiler
@@ -79,7 +95,7 @@ fn texts() -> Result<Vec<Text>> {
             .map_err(|error| anyhow!("CubeCL does not compile {name}: {error:?}"))?;
         Ok(Text { name, units: kernel.units, shared_memory: shader.shared_memory_size, wgsl: shader.to_string() })
     };
-    catalogue(&target).into_iter().map(text).collect()
+    catalogue(&target()).into_iter().map(text).collect()
 }
 
 fn limits() -> Result<()> {
@@ -94,6 +110,38 @@ fn limits() -> Result<()> {
     }
     ensure!(most == BINDINGS, "at most {most} buffers are bound, so `MOST_BUFFERS` refuses adapters without need");
     Ok(())
+}
+
+/// Names of launched kernels.
+#[derive(Default)]
+struct Launched(Mutex<BTreeSet<&'static str>>);
+
+impl LaunchObserver for Launched {
+    fn launched(&self, kernel: &'static str) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(kernel);
+    }
+}
+
+/// What a training launches is in the catalogue, so that no kernel escapes the other trials.
+fn catalogue_is_complete(device: &Device) -> Result<()> {
+    let launched = Arc::new(Launched::default());
+    let observation = LaunchObservation::new(launched.clone());
+    losses(device)?;
+    drop(observation);
+    let known: BTreeSet<&str> = catalogue(&target()).iter().map(|kernel| kernel.name).collect();
+    let launched = launched.0.lock().unwrap_or_else(PoisonError::into_inner);
+    let ours: BTreeSet<&str> = launched.iter().filter_map(|name| own_name(name)).collect();
+    ensure!(ours.len() > 20, "a training launches more kernels than {ours:?}");
+    let missing: Vec<&&str> = ours.difference(&known).collect();
+    ensure!(missing.is_empty(), "not in the catalogue: {missing:?}");
+    Ok(())
+}
+
+/// The function of a kernel of this project, whose type stands in a module of the function's name.
+fn own_name(path: &str) -> Option<&str> {
+    let path = path.split('<').next()?;
+    let is_ours = path.starts_with("mvfusion_kernels::");
+    path.rsplit("::").nth(1).filter(|_| is_ours)
 }
 
 /// What a browser says of the texts, by name.

@@ -111,7 +111,7 @@ pub fn config(branches: Branches, stages: StageConfig) -> Config {
 }
 
 /// The losses of twenty steps through all stages.
-fn losses(device: &Device) -> Result<Vec<f64>> {
+pub fn losses(device: &Device) -> Result<Vec<f64>> {
     let stages = StageConfig::of([6, 6, 8]);
     let mut trainer = Trainer::new(config(Branches::Both, stages), &scene(), device)?;
     let mut losses = Vec::new();

@@ -9,7 +9,7 @@ use clap::Args;
 use cubecl::config::{TypeNameFormatLevel, type_name_format};
 use cubecl::logging::{LaunchObservation, LaunchObserver};
 use mvfusion_model::train::{Stage, Trainer};
-use mvfusion_render::device::{DeviceMemory, memory};
+use mvfusion_render::device::is_gpu;
 
 use super::Subjected;
 use super::growth::Run;
@@ -46,12 +46,14 @@ impl LaunchObserver for Counter {
 /// What a stage's steps asked for, and the memory after them.
 struct Counted {
     launches: BTreeMap<String, usize>,
-    memory: DeviceMemory,
+    /// Buffers in use, and bytes taken from the driver.
+    slices: u64,
+    reserved: u64,
 }
 
 /// Counts the steps of every stage on the first GPU, and prints them.
 pub fn measure(arguments: &LaunchArguments, devices: &[Subjected]) -> Result<()> {
-    let gpu = devices.iter().find(|subject| memory(&subject.device).is_some());
+    let gpu = devices.iter().find(|subject| is_gpu(&subject.device));
     let gpu = gpu.context("there is no GPU, not even a software driver, so there is nothing to count")?;
     ensure!(arguments.steps > 0, "--steps must be at least 1");
     let run = Run::new(&arguments.scene, arguments.still);
@@ -64,13 +66,13 @@ pub fn measure(arguments: &LaunchArguments, devices: &[Subjected]) -> Result<()>
         let observation = LaunchObservation::new(counter.clone());
         steps(arguments.steps)?;
         drop(observation);
-        let memory = memory(&gpu.device).context("a GPU knows its memory")?;
+        let usage = gpu.device.memory_pool_usage().context("a GPU knows its memory")?;
         let counts = counter.0.lock().unwrap_or_else(PoisonError::into_inner);
         let mut launches: BTreeMap<String, usize> = BTreeMap::new();
         for (name, count) in counts.iter() {
             *launches.entry(type_name_format(name, TypeNameFormatLevel::Short)).or_default() += count;
         }
-        Ok(Counted { launches, memory })
+        Ok(Counted { launches, slices: usage.number_allocs, reserved: usage.bytes_reserved })
     });
     let counted = counted.into_iter().collect::<Result<Vec<_>>>()?;
     print(&run, &gpu.name, arguments.steps, &counted);
@@ -96,6 +98,6 @@ fn print(run: &Run, device: &str, steps: usize, counted: &[Counted]) {
     for (name, _) in names {
         row(&format!("`{name}`"), &|stage| a_step(stage.launches.get(name).copied().unwrap_or(0)));
     }
-    row("live slices of the pools", &|stage| stage.memory.slices.to_string());
-    row("reserved memory", &|stage| format!("{} MiB", stage.memory.reserved >> 20));
+    row("live slices of the pools", &|stage| stage.slices.to_string());
+    row("reserved memory", &|stage| format!("{} MiB", stage.reserved >> 20));
 }

@@ -194,10 +194,12 @@ fn devices(names: &[String]) -> Result<Vec<Subjected>> {
     if names.is_empty() {
         return Ok(there);
     }
-    let known: Vec<String> = there.iter().map(|device| device.name.clone()).collect();
     for name in names {
-        if !known.iter().any(|known| is_called(known, name)) {
-            bail!("there is no device `{name}`; there are: {}", known.join(", "));
+        if !there.iter().any(|device| is_called(&device.name, name)) {
+            let known = there.iter().map(|device| device.name.clone());
+            #[cfg(any(feature = "wgpu", feature = "cuda"))]
+            let known = known.chain(device::gpus().iter().map(|gpu| gpu.label()));
+            bail!("there is no device `{name}`; there are: {}", known.collect::<Vec<_>>().join(", "));
         }
     }
     there.retain(|device| names.iter().any(|name| is_called(&device.name, name)));

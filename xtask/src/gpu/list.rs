@@ -15,6 +15,19 @@ pub(super) enum Program {
     Machine(&'static str),
 }
 
+/// What an entry must come to, as far as this chore can tell. The rest is for people: [`Entry::look_for`].
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Goal {
+    /// It ends with the exit status 0.
+    End,
+    /// So it does, and at least one test has run.
+    Tests,
+    /// `mvfusion devices` lists the device of this name. Only a rehearsal takes a software driver.
+    Device { name: String, rehearsal: bool },
+    /// Its training has written a checkpoint. Then it is killed on purpose.
+    Checkpoint,
+}
+
 /// One question.
 #[derive(Clone, Debug)]
 pub(super) struct Entry {
@@ -26,8 +39,20 @@ pub(super) struct Entry {
     pub environment: Vec<(&'static str, &'static str)>,
     /// It is ended after this time.
     pub limit: Duration,
-    /// What passes, in words.
-    pub passes: &'static str,
+    pub goal: Goal,
+    /// What the reader of the answer should look for.
+    pub look_for: &'static str,
+}
+
+/// The arguments before the name of what an entry makes.
+const MAKERS: [&str; 3] = ["--json", "--out", "synth"];
+
+impl Entry {
+    /// The file or folder that it makes within the folder of the results.
+    pub(super) fn makes(&self) -> Option<&str> {
+        let pair = self.arguments.windows(2).find(|pair| MAKERS.contains(&pair[0].as_str()))?;
+        Some(pair[1].as_str())
+    }
 }
 
 /// The sizes of the benchmarks: the quickstart, the paper's pictures, the paper's Gaussians.
@@ -36,6 +61,10 @@ const NETS: &str = "4000,30000,90000";
 
 /// The seeds of the trainings on the GPU and on the CPU.
 const SEEDS: [u64; 3] = [11, 12, 13];
+
+/// The training that is killed has one checkpoint before its end: after these of its 3300 steps, in the last stage,
+/// where there is most to bring back. `train.scale` shortens this number with the stages.
+const CHECKPOINT: usize = 2000;
 
 /// Small sizes for a rehearsal on a software driver.
 const SMALL_SPLATS: &str = "2000@160x120";
@@ -46,13 +75,14 @@ pub(super) fn list(device: &str, rehearsal: bool) -> Vec<Entry> {
     let (splats, nets) = if rehearsal { (SMALL_SPLATS, SMALL_NETS) } else { (SPLATS, NETS) };
     let repeat = if rehearsal { "1" } else { "15" };
     let backend = device.split(':').next().unwrap_or(device);
-    let entry = |name, program, arguments: &str, minutes: u64, passes| Entry {
+    let entry = |name, program: Program, arguments: &str, minutes: u64, look_for| Entry {
         name,
         program,
         arguments: arguments.split_whitespace().map(str::to_owned).collect(),
         environment: Vec::new(),
         limit: Duration::from_secs(60 * minutes),
-        passes,
+        goal: if program == Program::Oracles { Goal::Tests } else { Goal::End },
+        look_for,
     };
     let with = |entry: Entry, environment: &[(&'static str, &'static str)]| Entry {
         environment: environment.to_vec(),
@@ -60,9 +90,10 @@ pub(super) fn list(device: &str, rehearsal: bool) -> Vec<Entry> {
     };
     let bench = |what: &str| format!("bench {what} --devices {device} --repeat {repeat}");
     let step = if rehearsal { "1000@160x120 --static 2000" } else { "30000@1352x1014 --static 300000" };
+    let devices = entry("devices", Program::Mvfusion, "devices", 2, "the card and its limits");
     let mut list = vec![
-        entry("card", Program::Machine("nvidia-smi"), "", 1, "names the card and its driver"),
-        entry("devices", Program::Mvfusion, "devices", 2, "the device is no software driver"),
+        entry("card", Program::Machine("nvidia-smi"), "", 1, "the card and its driver"),
+        Entry { goal: Goal::Device { name: device.to_owned(), rehearsal }, ..devices },
         entry("parity", Program::Oracles, &format!("parity::{backend}"), 10, "every op agrees with flex"),
         entry(
             "splat",
@@ -75,10 +106,10 @@ pub(super) fn list(device: &str, rehearsal: bool) -> Vec<Entry> {
         entry("step", Program::Xtask, &bench(&format!("step --scene {step} --json step.json")), 10, "30 ms refined"),
         entry("launches", Program::Xtask, &format!("bench launches --devices {device} --scene {step}"), 5, "counts"),
     ];
-    for tasks in ["32", "128"] {
-        let name = if tasks == "32" { "step-32-tasks" } else { "step-128-tasks" };
-        let again = entry(name, Program::Xtask, &bench(&format!("step --scene {step}")), 5, "times");
-        list.push(with(again, &[("CUBECL_WGPU_MAX_TASKS", if tasks == "32" { "32" } else { "128" })]));
+    for (name, tasks) in [("step-32-tasks", "32"), ("step-128-tasks", "128")] {
+        let again =
+            entry(name, Program::Xtask, &bench(&format!("step --scene {step}")), 5, "times below those of step");
+        list.push(with(again, &[("CUBECL_WGPU_MAX_TASKS", tasks)]));
     }
     list.push(with(
         entry(
@@ -92,41 +123,44 @@ pub(super) fn list(device: &str, rehearsal: bool) -> Vec<Entry> {
     ));
     list.push(entry("oracles", Program::Oracles, &format!("oracle::{backend}"), 10, "as on flex, within tolerances"));
     list.push(entry("training", Program::Oracles, &format!("training::{backend}"), 10, "losses agree, memory stays"));
-    let scale = if rehearsal { "0.01" } else { "1" };
+    let train = |arguments: &str| {
+        let scale = if rehearsal { "0.01" } else { "1" };
+        format!("train {arguments} --set train.scale={scale}")
+    };
     for (seed, [on_gpu, on_cpu]) in SEEDS.into_iter().zip([
         ["train-11-gpu", "train-11-flex"],
         ["train-12-gpu", "train-12-flex"],
         ["train-13-gpu", "train-13-flex"],
     ]) {
         for (name, device) in [(on_gpu, device), (on_cpu, "flex")] {
-            let arguments = format!("train --device {device} --seed {seed} --out {name} --set train.scale={scale}");
+            let arguments = train(&format!("--device {device} --seed {seed} --out {name}"));
             list.push(entry(name, Program::Mvfusion, &arguments, 10, "PSNR within the spread of seeds"));
         }
         if rehearsal {
             break;
         }
     }
-    let size = if rehearsal { "160 120" } else { "1352 1014" };
-    let (width, height) = size.split_once(' ').unwrap_or((size, size));
-    list.push(entry(
-        "train-large",
-        Program::Mvfusion,
-        &format!(
-            "train --device {device} --seed 11 --out train-large --set train.scale=0.02 --set scene.width={width} \
-             --set scene.height={height} --set eval.pictures=false"
-        ),
-        10,
-        "it ends",
-    ));
-    let frames = if rehearsal { 3 } else { 300 };
-    list.push(entry(
-        "speed",
-        Program::Mvfusion,
-        &format!("eval train-large --device {device} --speed-frames {frames}"),
-        5,
-        "200 frames a second, with and without MFTA",
-    ));
-    list.push(entry("resume", Program::Xtask, "torture kill-defaults terminate --short", 10, "no run is lost"));
+    // The built-in scene has one size unless it is read from files. The buffers of software drivers are too small for
+    // the paper's preset.
+    let (size, preset, scale, frames) =
+        if rehearsal { ("160x120", "quickstart", 0.01, 3) } else { ("1352x1014", "neu3d", 0.02, 300) };
+    let scene = format!("synth large-scene --layout neu3d --size {size} --frames 8");
+    let large = format!(
+        "train --data large-scene --preset {preset} --device {device} --seed 11 --out train-large \
+         --set train.scale={scale} --set eval.pictures=false"
+    );
+    let speed = format!("eval train-large --device {device} --speed-frames {frames}");
+    let killed =
+        train(&format!("--device {device} --seed 11 --out killed --set train.checkpoint_interval={CHECKPOINT}"));
+    let killed = entry("killed", Program::Mvfusion, &killed, 10, "its pace up to the checkpoint");
+    let resumed = format!("train --resume killed --device {device}");
+    list.extend([
+        entry("large-scene", Program::Mvfusion, &scene, 10, "the next entry can read it"),
+        entry("train-large", Program::Mvfusion, &large, 10, "steps a second"),
+        entry("speed", Program::Mvfusion, &speed, 5, "200 frames a second, with and without MFTA"),
+        Entry { goal: Goal::Checkpoint, ..killed },
+        entry("resumed", Program::Mvfusion, &resumed, 10, "it goes on from its last checkpoint, to a PSNR as above"),
+    ]);
     list
 }
 
@@ -134,15 +168,65 @@ pub(super) fn list(device: &str, rehearsal: bool) -> Vec<Entry> {
 mod tests {
     use std::collections::BTreeSet;
 
+    use clap::Parser;
+    use mvfusion_cli::args::Command;
+    use mvfusion_cli::{Cli, config};
+
     use super::*;
+
+    fn lists() -> [Vec<Entry>; 2] {
+        [false, true].map(|rehearsal| list("wgpu:0", rehearsal))
+    }
 
     #[test]
     fn names_differ_and_serve_as_file_names() {
-        for rehearsal in [false, true] {
-            let list = list("wgpu:0", rehearsal);
+        for list in lists() {
             let names: BTreeSet<&str> = list.iter().map(|entry| entry.name).collect();
             assert_eq!(names.len(), list.len());
             assert!(names.iter().all(|name| name.chars().all(|c| c.is_ascii_alphanumeric() || c == '-')));
+        }
+    }
+
+    #[test]
+    fn the_programs_know_all_arguments_and_keys() {
+        for entry in lists().iter().flatten() {
+            let name = entry.name;
+            let words = ["program"].into_iter().chain(entry.arguments.iter().map(String::as_str));
+            match entry.program {
+                Program::Mvfusion => {
+                    let cli = Cli::try_parse_from(words).unwrap_or_else(|error| panic!("{name}: {error}"));
+                    let Command::Train(args) = cli.command else { continue };
+                    let resolved = config::resolve(&args.sources, args.data.as_deref());
+                    let train = resolved.unwrap_or_else(|error| panic!("{name}: {error:#}")).config.scaled().train;
+                    if entry.goal == Goal::Checkpoint {
+                        let (first, total) = (train.checkpoint_interval.0, train.stages.total());
+                        assert!((1..total).contains(&first), "{name}: after step {first} of {total}");
+                    }
+                }
+                // A build without GPUs counts no launches.
+                Program::Xtask if name == "launches" && !cfg!(feature = "cube") => {}
+                Program::Xtask => {
+                    crate::Arguments::try_parse_from(words).unwrap_or_else(|error| panic!("{name}: {error}"));
+                }
+                Program::Oracles | Program::Machine(_) => {}
+            }
+        }
+    }
+
+    #[test]
+    fn an_entry_reads_what_an_earlier_one_made() {
+        for list in lists() {
+            let mut made: BTreeSet<&str> = BTreeSet::new();
+            for entry in &list {
+                for pair in entry.arguments.windows(2) {
+                    let reads = ["--data", "--resume", "eval"].contains(&pair[0].as_str());
+                    assert!(!reads || made.contains(pair[1].as_str()), "{}: {}", entry.name, pair[1]);
+                }
+                if let Some(name) = entry.makes() {
+                    assert!(made.insert(name), "{name} is made twice");
+                }
+            }
+            assert!(["step.json", "train-large", "large-scene", "killed"].iter().all(|&name| made.contains(name)));
         }
     }
 }

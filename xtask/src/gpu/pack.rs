@@ -31,6 +31,9 @@ fi
 exec "$here/xtask" gpu run --programs "$here" "$@"
 "#;
 
+/// The words of [`RUN`] by which a folder of this chore is known.
+const MARK: &str = "gpu run --programs";
+
 const NVIDIA: &str =
     r#"{"file_format_version": "1.0.0", "ICD": {"library_path": "libGLX_nvidia.so.0", "api_version": "1.3.0"}}"#;
 
@@ -38,9 +41,10 @@ const NVIDIA: &str =
 #[derive(Debug, Args)]
 pub struct PackArguments {
     /// Folder with the oracles.
+    // Without them, nearly every oracle would be ignored there.
     #[arg(long, value_name = "DIR")]
-    oracles: Option<PathBuf>,
-    /// Folder to make; the archive lies beside it.
+    oracles: PathBuf,
+    /// Folder to make, in the place of an earlier one; the archive lies beside it.
     #[arg(long, default_value = "target/gpu")]
     out: PathBuf,
     /// Features of the programs.
@@ -54,6 +58,11 @@ pub struct PackArguments {
 /// Builds and packs.
 pub(super) fn run(arguments: &PackArguments) -> Result<()> {
     let out = &arguments.out;
+    for name in ORACLES {
+        let folder = arguments.oracles.join(name);
+        ensure!(folder.is_dir(), "there is no folder {}", folder.display());
+    }
+    make_room(out)?;
     let built = [
         build(arguments, &["build", "--workspace", "--bins"])?,
         build(arguments, &["test", "--workspace", "--no-run"])?,
@@ -61,25 +70,35 @@ pub(super) fn run(arguments: &PackArguments) -> Result<()> {
     for folder in ["", "lib", "data"] {
         fs::create_dir_all(out.join(folder)).with_context(|| format!("cannot make {}", out.join(folder).display()))?;
     }
+    // First, so that the folder is known as ours even if what follows fails.
+    write(&out.join("run.sh"), RUN)?;
     for program in ["mvfusion", "xtask", "oracles"] {
         let path = built.iter().find_map(|built| program_of(built, program));
         let path = path.with_context(|| format!("cargo did not build `{program}`"))?;
         copy(&path, &out.join(program))?;
     }
     for name in ORACLES {
-        if let Some(oracles) = &arguments.oracles {
-            copy_folder(&oracles.join(name), &out.join("data").join(name))?;
-        }
+        copy_folder(&arguments.oracles.join(name), &out.join("data").join(name))?;
     }
     if let Some(loader) = LOADERS.iter().map(Path::new).find(|path| path.exists()) {
         copy(loader, &out.join("lib/libvulkan.so.1"))?;
     }
     write(&out.join("lib/nvidia_icd.json"), NVIDIA)?;
-    write(&out.join("run.sh"), RUN)?;
     let archive = archive(out)?;
     let bytes = fs::metadata(&archive)?.len();
     say(&format!("{}: {:.1} MiB\n", archive.display(), bytes as f64 / f64::from(1 << 20)));
     ensure!(bytes <= LARGEST, "the archive has {bytes} bytes, {LARGEST} at most");
+    Ok(())
+}
+
+/// Removes an earlier folder of this chore, because all that lies in the folder is packed. Another one must be empty.
+fn make_room(out: &Path) -> Result<()> {
+    if fs::read_to_string(out.join("run.sh")).is_ok_and(|text| text.contains(MARK)) {
+        return fs::remove_dir_all(out).with_context(|| format!("cannot remove {}", out.display()));
+    }
+    let is_empty = |folder: &Path| Ok::<_, std::io::Error>(fs::read_dir(folder)?.next().is_none());
+    let is_free = !out.exists() || is_empty(out).with_context(|| format!("cannot list {}", out.display()))?;
+    ensure!(is_free, "{} is not empty, and this chore has not made it: name another folder", out.display());
     Ok(())
 }
 
@@ -133,14 +152,14 @@ fn write(path: &Path, text: &str) -> Result<()> {
     fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }
 
-/// Packs a folder by the system's `tar`.
+/// Packs a folder by the system's `tar`. Programs of this size need the smaller format.
 fn archive(folder: &Path) -> Result<PathBuf> {
-    let archive = folder.with_extension("tar.gz");
+    let archive = folder.with_extension("tar.xz");
     let name = folder.file_name().context("the folder has a name")?;
     let parent = folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let status = Command::new("tar")
         .arg("--create")
-        .arg("--gzip")
+        .arg("--xz")
         .arg("--file")
         .arg(&archive)
         .arg("--directory")
@@ -149,4 +168,25 @@ fn archive(folder: &Path) -> Result<PathBuf> {
         .status();
     ensure!(status.context("cannot start tar")?.success(), "tar failed");
     Ok(archive)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_folder_of_this_chore_makes_room() {
+        assert!(RUN.contains(MARK));
+        let parent = tempfile::tempdir().expect("a folder");
+        let out = parent.path().join("gpu");
+        make_room(&out).expect("there is none");
+        fs::create_dir(&out).expect("made");
+        make_room(&out).expect("it is empty");
+        fs::write(out.join("run.sh"), "#!/bin/sh\n").expect("written");
+        let error = make_room(&out).expect_err("it belongs to somebody else").to_string();
+        assert!(error.contains("not empty"), "{error}");
+        fs::write(out.join("run.sh"), RUN).expect("written");
+        make_room(&out).expect("it is ours");
+        assert!(!out.exists());
+    }
 }

@@ -3,10 +3,7 @@
 use cubecl::prelude::*;
 
 use super::cost::Adjoint;
-use super::{
-    COLOURS, COMPARISONS, DYNAMIC_PLANES, EXPOSURE_COLUMNS, Normalisation, ObjectiveKind, ObjectiveWeights,
-    STATIC_PLANES,
-};
+use super::{COLOURS, DYNAMIC_PLANES, EXPOSURE_COLUMNS, Normalisation, ObjectiveKind, ObjectiveWeights, STATIC_PLANES};
 use crate::objective::{
     BRIGHTNESS_KNEE, BRIGHTNESS_OFFSET, BRIGHTNESS_SLOPE, DYNAMIC, GEOMETRY_LEAN, MIN_GEOMETRY_NORMALISER, SHARE_GUARD,
 };
@@ -80,25 +77,42 @@ fn masks_of(valid: f32, moving: f32, around: f32, #[comptime] kind: ObjectiveKin
     masks
 }
 
-/// Writes the masks behind the cotangents of the maps.
+/// Writes the masks that there are behind the cotangents of the maps.
 #[cube]
-pub(super) fn keep_masks(prepared: &mut [f32], masks: &PixelMasks, at: usize, plane: usize) {
-    let first = comptime!(COMPARISONS * COLOURS);
-    prepared[first * plane + at] = masks.valid;
-    prepared[comptime!(first + 1) * plane + at] = masks.moving;
-    prepared[comptime!(first + 2) * plane + at] = masks.around;
+pub(super) fn keep_masks(
+    prepared: &mut [f32],
+    masks: &PixelMasks,
+    at: usize,
+    plane: usize,
+    #[comptime] kind: ObjectiveKind,
+) {
+    if comptime!(kind.masked[0]) {
+        prepared[comptime!(kind.mask_plane(0)) * plane + at] = masks.valid;
+    }
+    if comptime!(kind.masked[1]) {
+        prepared[comptime!(kind.mask_plane(1)) * plane + at] = masks.moving;
+    }
+    if comptime!(kind.masked[2]) {
+        prepared[comptime!(kind.mask_plane(2)) * plane + at] = masks.around;
+    }
 }
 
 /// Reads what [`keep_masks()`] wrote.
 #[cube]
 pub(super) fn kept_masks(prepared: &[f32], at: usize, plane: usize, #[comptime] kind: ObjectiveKind) -> PixelMasks {
-    let first = comptime!(COMPARISONS * COLOURS);
-    masks_of(
-        prepared[first * plane + at],
-        prepared[comptime!(first + 1) * plane + at],
-        prepared[comptime!(first + 2) * plane + at],
-        kind,
-    )
+    let mut valid = 1.0f32;
+    let mut moving = 0.0f32;
+    let mut around = 0.0f32;
+    if comptime!(kind.masked[0]) {
+        valid = prepared[comptime!(kind.mask_plane(0)) * plane + at];
+    }
+    if comptime!(kind.masked[1]) {
+        moving = prepared[comptime!(kind.mask_plane(1)) * plane + at];
+    }
+    if comptime!(kind.masked[2]) {
+        around = prepared[comptime!(kind.mask_plane(2)) * plane + at];
+    }
+    masks_of(valid, moving, around, kind)
 }
 
 /// The layers of a pixel and the shares of the branches.

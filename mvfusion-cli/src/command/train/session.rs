@@ -1,16 +1,14 @@
 //! A training in progress, from the first step to the report.
 
 use std::io::Write;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, Instant};
 
-use anyhow::anyhow;
 use mvfusion_data::Scene;
 use mvfusion_data::write::gaussian_ply;
 use mvfusion_model::Config;
 use mvfusion_model::evaluation::Evaluator;
 use mvfusion_model::files::sha256;
-use mvfusion_model::train::{Losses, TrainedModel, Trainer};
+use mvfusion_model::train::{TrainedModel, Trainer};
 use tracing::{info, warn};
 
 use super::super::score::Scoring;
@@ -69,9 +67,11 @@ impl Session {
         }
         // Nothing is lost by ending now: what follows can be done again from the final checkpoint.
         self.signals.end_at_once();
-        self.write_gaussians(cost.steps)?;
         let mut words = Vec::new();
-        self.evaluate(cost, sha256(written.as_bytes()), &mut words)?;
+        self.device.guarded(|| {
+            self.write_gaussians(cost.steps)?;
+            self.evaluate(cost, sha256(written.as_bytes()), &mut words)
+        })?;
         let finished = self.record.clone().finished();
         atomic::write_json(&self.folder.place(&[run::RECORD])?, &finished)?;
         self.folder.finish();
@@ -88,7 +88,8 @@ impl Session {
         let mut checkpoints = CheckpointClock::new(&self.config.scaled().train, self.trainer.state().completed);
         let mut watch = Watch::new(self, total);
         while let Some(position) = self.trainer.position() {
-            let Some(loss) = self.step()? else { break };
+            let step = self.device.guarded(|| Ok(self.trainer.step()?));
+            let Some(loss) = step? else { break };
             // From the first step on there is something to lose.
             self.folder.keep();
             let done = self.trainer.state().completed;
@@ -123,18 +124,6 @@ impl Session {
             skipped: state.bad_steps.total,
             peak_memory: memory::peak(),
         })
-    }
-
-    /// The next step. A GPU's driver panics where it cannot go on, which is an error here.
-    fn step(&mut self) -> anyhow::Result<Option<Losses>> {
-        if self.device.buffer.is_none() {
-            return Ok(self.trainer.step()?);
-        }
-        let step = catch_unwind(AssertUnwindSafe(|| self.trainer.step()));
-        let name = &self.device.name;
-        Ok(step.map_err(|_| {
-            anyhow!("the device {name} failed, as told above. It may be out of memory, or lost to the driver")
-        })??)
     }
 
     /// Removes old checkpoints. One that stays is no reason to stop.

@@ -2,6 +2,7 @@
 //! the velocities.
 
 use burn::tensor::{Tensor, TensorData};
+use mvfusion_render::device::is_gpu;
 use rayon::prelude::*;
 
 use super::Lifetimes;
@@ -19,6 +20,9 @@ pub const VELOCITY_WIDTH: usize = 3;
 
 /// Values recorded per Gaussian and sample: position (3), rotation magnitude, isotropic and anisotropic log-scale.
 const RECORD: usize = 6;
+
+/// Largest number of recorded values that a GPU is asked for at once: 64 MiB of floats.
+const MOST_RECORDS: usize = 16 << 20;
 
 /// Sampling and statistics of trajectories.
 #[derive(Clone, Debug)]
@@ -120,8 +124,13 @@ impl Trajectories<'_> {
             let isotropic = log_scale.clone().mean_dim(1);
             Tensor::cat(vec![displacement, length(rotation), isotropic.clone(), length(log_scale - isotropic)], 1)
         };
-        // The device is waited for once.
-        tensors::read(Tensor::cat(times.iter().map(record).collect(), 0))
+        // A GPU is waited for once a group, and a CPU needs no group.
+        let group = match is_gpu(&means.device()) {
+            true => (MOST_RECORDS / (means.dims()[0] * RECORD).max(1)).max(1),
+            false => 1,
+        };
+        let groups = times.chunks(group).map(|times| tensors::read(Tensor::cat(times.iter().map(record).collect(), 0)));
+        Ok(groups.collect::<Result<Vec<Vec<f32>>, _>>()?.concat())
     }
 }
 

@@ -3,6 +3,7 @@
 #[cfg(any(feature = "wgpu", feature = "cuda"))]
 mod gpu;
 mod ops;
+mod photos;
 mod pictures;
 
 use anyhow::{Result, ensure};

@@ -9,13 +9,14 @@ use mvfusion_render::window::{Window, blur, ssim_map, structure_map};
 use mvfusion_render::{attention, columns, mlp};
 use mvfusion_tests::{Array, Tolerance, gradient};
 
+use super::photos::{objective_and_back, unpacked};
 use super::{normal, uniform, weighed};
 
 /// Sums of some thousand numbers in another order.
 const SUMS: Tolerance = Tolerance::of_largest(2e-5);
 
 /// Through SSIM's nearly equal moments.
-const MOMENTS: Tolerance = Tolerance::of_largest(5e-4);
+pub const MOMENTS: Tolerance = Tolerance::of_largest(5e-4);
 
 /// Named numbers that an op gives, and how far they may be off.
 pub type Outcome = Vec<(String, Array, Tolerance)>;
@@ -24,7 +25,7 @@ pub type Outcome = Vec<(String, Array, Tolerance)>;
 pub type Case = fn(&Device) -> Result<Outcome>;
 
 /// All of them, by name.
-pub const CASES: [(&str, Case); 10] = [
+pub const CASES: [(&str, Case); 12] = [
     ("look_up", look_up_and_back),
     ("penalties", penalties_and_back),
     ("mlp", mlp_and_back),
@@ -34,6 +35,8 @@ pub const CASES: [(&str, Case); 10] = [
     ("ssim", ssim_and_back),
     ("structure", structure_and_back),
     ("adam", adam_steps),
+    ("unpack", unpacked),
+    ("objective", objective_and_back),
     ("nothing", nothing),
 ];
 

@@ -1,7 +1,11 @@
 //! `cargo xtask ptx`: the kernels as NVIDIA's compilers see them, without a GPU.
 //!
 //! CubeCL writes CUDA C++, as its runtime for CUDA does. NVRTC makes PTX of it, and `ptxas` the machine code, of which it
-//! tells registers, spills and the stack.
+//! tells registers and spills. `nvdisasm` shows where the spills are. `ptxas` spills a few words before a loop and loads
+//! them behind it where one more group of threads then fits into a multiprocessor, which is a gain; a spill within a loop
+//! is a loss.
+
+mod sass;
 
 use std::collections::BTreeSet;
 use std::env;
@@ -23,15 +27,19 @@ use crate::docs;
 use crate::splice::splice;
 
 /// The packages that a toolkit consists of, from PyPI.
-const PACKAGES: &str = "nvidia-cuda-nvrtc-cu12 nvidia-cuda-nvcc-cu12 nvidia-cuda-runtime-cu12 nvidia-cuda-cccl-cu12";
+const PACKAGES: &str = "nvidia-cuda-nvrtc-cu12 nvidia-cuda-nvcc-cu12 nvidia-cuda-runtime-cu12 nvidia-cuda-cccl-cu12 \
+                        nvidia-cuda-nvdisasm";
 
 /// The architectures: A100, RTX 4090, H100. CUDA's runtime of CubeCL asks for the last one by this name, too.
 const ARCHITECTURES: [&str; 3] = ["sm_80", "sm_89", "sm_90a"];
 
-/// The kernels whose registers are limited, so that eight warps of each kind fit into a multiprocessor.
+/// The kernels whose registers are limited, so that sixteen warps fit into the 65,536 registers of a multiprocessor.
 const LIMITED: [&str; 3] = ["blend", "blend_backward", "product"];
 /// Their limit.
 const MOST_REGISTERS: usize = 128;
+
+/// Bytes that a kernel may spill outside of its loops.
+const MOST_SPILLED: usize = 32;
 
 /// Where the dynamic linker looks for NVRTC.
 const LIBRARIES: &str = "LD_LIBRARY_PATH";
@@ -43,11 +51,11 @@ const END: &str = "<!-- end of registers -->";
 
 /// Compiles every kernel for NVIDIA GPUs, without one.
 ///
-/// Prints registers, spills and shared memory by architecture. A kernel that spills, or a blending kernel or product
-/// with more than 128 registers, is an error.
+/// Prints registers, spills and shared memory by architecture. A kernel that spills within a loop, or more than 32 bytes,
+/// is an error, and so is a blending kernel or product with more than 128 registers.
 ///
 /// The toolkit is a folder made by `pip install --no-deps --target DIR nvidia-cuda-nvrtc-cu12 nvidia-cuda-nvcc-cu12
-/// nvidia-cuda-runtime-cu12 nvidia-cuda-cccl-cu12`.
+/// nvidia-cuda-runtime-cu12 nvidia-cuda-cccl-cu12 nvidia-cuda-nvdisasm`.
 #[derive(Debug, Args)]
 pub struct PtxArguments {
     /// Folder of the toolkit.
@@ -65,10 +73,10 @@ pub struct PtxArguments {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Usage {
     registers: usize,
-    /// Bytes of the stack.
-    stack: usize,
     /// Bytes of spilled registers, stored and loaded.
     spills: [usize; 2],
+    /// Instructions within loops that access them.
+    spills_in_loops: usize,
 }
 
 /// A kernel on all architectures.
@@ -128,8 +136,13 @@ fn faults(compiled: &Compiled) -> Vec<String> {
     let name = compiled.kernel.label();
     let is_limited = LIMITED.contains(&compiled.kernel.name);
     let of = |(usage, architecture): (&Usage, &str)| {
-        if usage.spills != [0; 2] {
-            Some(format!("{name} spills {} bytes of registers on {architecture}", usage.spills[0]))
+        if usage.spills_in_loops > 0 {
+            Some(format!(
+                "{name} accesses spilled registers {} times within loops on {architecture}",
+                usage.spills_in_loops
+            ))
+        } else if usage.spills.iter().any(|&bytes| bytes > MOST_SPILLED) {
+            Some(format!("{name} spills {} bytes on {architecture}; {MOST_SPILLED} at most", usage.spills[0]))
         } else if is_limited && usage.registers > MOST_REGISTERS {
             Some(format!("{name} takes {} registers on {architecture}; {MOST_REGISTERS} at most", usage.registers))
         } else {
@@ -141,7 +154,7 @@ fn faults(compiled: &Compiled) -> Vec<String> {
 
 fn table(compiled: &[Compiled]) -> String {
     let mut text = format!(
-        "| kernel | units | shared memory | registers ({}) | spills | stack |\n|---|---|---|---|---|---|\n",
+        "| kernel | units | shared memory | registers ({}) | spills outside loops |\n|---|---|---|---|---|\n",
         ARCHITECTURES.join(", ")
     );
     for Compiled { kernel, shared_memory, usages } in compiled {
@@ -154,14 +167,13 @@ fn table(compiled: &[Compiled]) -> String {
         // Proof: writing to a string does not fail.
         writeln!(
             text,
-            "| `{}`{} | {} | {} B | {} | {} B | {} B |",
+            "| `{}`{} | {} | {} B | {} | {} B |",
             kernel.name,
             if kernel.variant.is_empty() { String::new() } else { format!(", {}", kernel.variant) },
             kernel.units,
             shared_memory,
             all(&|usage| usage.registers),
             all(&|usage| usage.spills[0]),
-            all(&|usage| usage.stack),
         )
         .expect("a string");
     }
@@ -173,6 +185,7 @@ struct Toolkit {
     /// Folder of NVRTC.
     libraries: PathBuf,
     ptxas: PathBuf,
+    nvdisasm: PathBuf,
     includes: Vec<String>,
 }
 
@@ -191,7 +204,8 @@ impl Toolkit {
         };
         let includes = ["cuda_runtime/include", "cuda_cccl/include"];
         let includes = includes.into_iter().map(|path| Ok(part(path)?.display().to_string())).collect::<Result<_>>()?;
-        Ok(Self { libraries: part("cuda_nvrtc/lib")?, ptxas: part("cuda_nvcc/bin/ptxas")?, includes })
+        let (ptxas, nvdisasm) = (part("cuda_nvcc/bin/ptxas")?, part("cu13/bin/nvdisasm")?);
+        Ok(Self { libraries: part("cuda_nvrtc/lib")?, ptxas, nvdisasm, includes })
     }
 
     /// Whether this process finds NVRTC.
@@ -240,14 +254,28 @@ impl Toolkit {
     }
 
     fn assemble(&self, ptx: &Path, architecture: &str) -> Result<Usage> {
+        let machine_code = ptx.with_extension("cubin");
         let mut ptxas = Command::new(&self.ptxas);
-        ptxas.args(["-v", "--gpu-name", architecture, "--output-file"]).arg(ptx.with_extension("cubin")).arg(ptx);
+        ptxas.args(["-v", "--gpu-name", architecture, "--output-file"]).arg(&machine_code).arg(ptx);
         let output = ptxas.stdin(Stdio::null()).output().context("cannot start ptxas")?;
         let said = String::from_utf8_lossy(&output.stderr);
         if !output.status.success() {
             bail!("ptxas refuses it: {said}");
         }
-        usage_of(&said).with_context(|| format!("ptxas does not tell the registers: {said}"))
+        let usage = usage_of(&said).with_context(|| format!("ptxas does not tell the registers: {said}"))?;
+        match usage.spills {
+            [0, 0] => Ok(usage),
+            _ => Ok(Usage { spills_in_loops: sass::spills_in_loops(&self.disassembled(&machine_code)?), ..usage }),
+        }
+    }
+
+    fn disassembled(&self, machine_code: &Path) -> Result<String> {
+        let mut nvdisasm = Command::new(&self.nvdisasm);
+        let output = nvdisasm.arg("-c").arg(machine_code).stdin(Stdio::null()).output();
+        let output = output.context("cannot start nvdisasm")?;
+        let said = String::from_utf8_lossy(&output.stderr);
+        ensure!(output.status.success(), "nvdisasm refuses {}: {said}", machine_code.display());
+        Ok(String::from_utf8_lossy(&output.stdout).into_owned())
     }
 }
 
@@ -265,8 +293,8 @@ fn usage_of(said: &str) -> Option<Usage> {
     };
     Some(Usage {
         registers: before(" registers")?,
-        stack: before(" bytes stack frame")?,
         spills: [before(" bytes spill stores")?, before(" bytes spill loads")?],
+        spills_in_loops: 0,
     })
 }
 
@@ -281,7 +309,7 @@ mod tests {
                     ptxas info    : Function properties for blend\n    \
                     16 bytes stack frame, 8 bytes spill stores, 4 bytes spill loads\n\
                     ptxas info    : Used 72 registers, used 1 barriers, 16 bytes cumulative stack size, 424 bytes cmem[0]\n";
-        assert_eq!(usage_of(said), Some(Usage { registers: 72, stack: 16, spills: [8, 4] }));
+        assert_eq!(usage_of(said), Some(Usage { registers: 72, spills: [8, 4], spills_in_loops: 0 }));
         assert_eq!(usage_of("ptxas fatal"), None);
     }
 }
