@@ -77,6 +77,8 @@ pub fn view_until(
     verbosity.note("Open the address in a browser. Ctrl-C ends the viewer.");
     while !is_over() {
         viewer.serve_next(&mut painter, PATIENCE);
+        // Nothing trains here, so orders are dropped.
+        viewer.desk.orders();
     }
     Ok(())
 }

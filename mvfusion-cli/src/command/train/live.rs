@@ -136,9 +136,14 @@ impl Session {
             }
             if orders.checkpoint {
                 let name = run::step_file(self.trainer.state().completed);
-                self.save(&name)?;
-                self.thin_out();
-                live.viewer.board.change(|status| status.saved = Some(name));
+                match self.save(&name) {
+                    Ok(()) => {
+                        self.thin_out();
+                        live.viewer.board.change(|status| status.saved = Some(name));
+                    }
+                    // What a page orders must not end a training.
+                    Err(error) => tracing::warn!("the ordered checkpoint is not written: {error:#}"),
+                }
             }
             if !is_paused || self.signals.exit_code().is_some() {
                 break;

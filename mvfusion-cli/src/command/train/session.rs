@@ -56,7 +56,7 @@ impl Session {
         atomic::write(&self.folder.place(&[run::CONFIG])?, written.as_bytes())?;
 
         let trained = self.train();
-        if let Some(live) = &self.live {
+        if let (Some(live), Ok(_), None) = (&self.live, &trained, self.signals.exit_code()) {
             live.score();
         }
         let cost = trained.inspect_err(|error| self.tell_what_is_kept(error))?;

@@ -73,7 +73,8 @@ export class Link {
       const message = JSON.parse(data);
       if (message.type === 'status') this.hearer.status(message);
       if (message.type === 'refused') {
-        this.#answered(message.id);
+        // A request that could not be read has no number, and is the one that waits.
+        this.#answered(message.id ?? this.waiting?.id);
         this.hearer.refused(message.reason);
       }
       return;

@@ -223,7 +223,10 @@ export class Viewer {
     if (facts.roundTrip < AIM[0]) this.pixels = Math.min(this.scene.most_pixels, this.pixels * 1.15);
   }
 
-  #opened() {
+  async #opened() {
+    // Another run may be served at the same place.
+    const scene = await fetch('scene.json').then((answer) => answer.json()).catch(() => undefined);
+    if (scene && (scene.run !== this.scene.run || scene.training !== this.scene.training)) return location.reload();
     document.body.dataset.link = 'open';
     [this.isChanged, this.isSharp] = [true, false];
     this.panel.say('');
@@ -231,7 +234,7 @@ export class Viewer {
     this.#pump();
   }
 
-  async #closed() {
+  #closed() {
     if (document.body.dataset.link === 'open') {
       this.panel.say(this.status?.activity === 'scores'
         ? `The training is done. “mvfusion view ${this.scene.run}” shows its result.`
@@ -239,9 +242,6 @@ export class Viewer {
     }
     document.body.dataset.link = 'closed';
     this.panel.linked(false);
-    // Another run may be served at the same place.
-    const scene = await fetch('scene.json').then((answer) => answer.json()).catch(() => undefined);
-    if (scene && (scene.run !== this.scene.run || scene.training !== this.scene.training)) location.reload();
   }
 
   /** @param {any} status */
@@ -257,8 +257,9 @@ export class Viewer {
   /** @param {string} reason */
   #refused(reason) {
     this.panel.say(reason, 6000);
-    // The same would be refused again; the next change asks anew.
-    [this.isChanged, this.isSharp] = [false, true];
+    // The same would be refused again. What has changed meanwhile, or changes next, asks anew.
+    if (!this.isChanged) this.isSharp = true;
+    this.#pump();
   }
 
   #loadPhoto() {
