@@ -82,7 +82,7 @@ for (const film of document.querySelectorAll('figure.film')) {
   button.addEventListener('click', toggle);
   range.addEventListener('input', () => { stop(); move(); });
   range.addEventListener('keydown', event => {
-    if (event.key === ' ') { event.preventDefault(); toggle(); }
+    if (event.key === ' ') { event.preventDefault(); if (!event.repeat) toggle(); }
   });
   for (const screen of screens) {
     screen.querySelector('select').addEventListener('change', event => {

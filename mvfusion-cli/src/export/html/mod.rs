@@ -85,7 +85,7 @@ pub fn write_page(
     bail!(
         "the scene does not fit into {}, even with two keyframes, constant colours and a hundredth of its Gaussians. \
          Use a larger --size.",
-        bytesize::ByteSize(budget)
+        bytesize::ByteSize(budget).display().si()
     )
 }
 

@@ -119,7 +119,7 @@ class Orbit {
   /** The pose as short text: centre, quaternion, distance of the point ahead, half of the height at depth 1. */
   toString() {
     const numbers = [...this.eye, ...quaternionOf(this.rotation), this.distance, this.half[1]];
-    return numbers.map(number => +number.toFixed(4)).join(',');
+    return numbers.map(number => +number.toPrecision(7)).join(',');
   }
 
   /**

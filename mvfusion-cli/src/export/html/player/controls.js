@@ -36,7 +36,7 @@ function followPointers(canvas, orbit, moved) {
     } else if (event.shiftKey || event.buttons > 1) {
       orbit.pan(x, y);
     } else {
-      orbit.orbit(TURN * x, -TURN * y);
+      orbit.orbit(-TURN * x, -TURN * y);
     }
     moved();
   });
@@ -92,7 +92,8 @@ function connectControls(form, player) {
     f: full,
   };
   player.canvas.addEventListener('keydown', event => {
-    const key = event.ctrlKey || event.metaKey || event.altKey ? null : keys[event.key];
+    const name = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    const key = event.ctrlKey || event.metaKey || event.altKey ? null : keys[name];
     if (!key) return;
     event.preventDefault();
     key();
