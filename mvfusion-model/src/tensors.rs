@@ -51,7 +51,8 @@ pub enum Reading {
 }
 
 impl Reading {
-    /// Starts to read. The device does not wait for it, and what is launched later does not delay it.
+    /// Starts to read. The device does not wait for it, and what is launched later does not delay it. CUDA's reading
+    /// waits here already.
     pub fn start(tensor: Tensor<1>) -> Self {
         let mut reading = Box::pin(async move {
             tensor.try_into_scalar_async::<f32>().await.map_err(|error| ModelError::Device(error.to_string()))

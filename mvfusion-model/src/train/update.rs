@@ -22,7 +22,7 @@ pub struct StepGradients {
 
 impl Trainer {
     /// The gradients of a loss with respect to all parameters. With gradient accumulation, the loss is divided by the
-    /// number of steps. Waits for the loss, but only when the device has received the whole backward pass.
+    /// number of steps. Waits for the loss: on wgpu after the launch of the backward pass, on CUDA before it.
     ///
     /// # Errors
     /// [`ModelError::NotFinite`] for a loss that is not finite, with the parameter or render at fault.

@@ -52,6 +52,7 @@ impl Frame {
             0 => Ok(self.no_bins()),
             pairs => {
                 check_pairs(pairs, pair_bytes, self.gpu.buffer_limit())?;
+                // Before the pairs, `slots` has two numbers for each Gaussian.
                 check_pairs(pairs.saturating_add(2 * self.count() as u32), PAIR_BYTES, self.gpu.buffer_limit())?;
                 Ok(self.sort_by_tile(projected, by_depth, pairs as usize))
             }

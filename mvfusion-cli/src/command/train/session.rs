@@ -147,11 +147,11 @@ impl Session {
         let path = self.folder.place(&[run::CHECKPOINTS, name])?;
         let started = Instant::now();
         let mut attempt = 1;
-        while let Err(error) = self.trainer.state().save(&path) {
+        while let Err(error) = self.device.guarded(|| Ok(self.trainer.state().save(&path)?)) {
             if attempt == SAVE_ATTEMPTS {
-                return Err(error.into());
+                return Err(error);
             }
-            warn!("{error}; attempt {attempt} of {SAVE_ATTEMPTS}");
+            warn!("{error:#}; attempt {attempt} of {SAVE_ATTEMPTS}");
             std::thread::sleep(SAVE_PAUSE);
             attempt += 1;
         }
