@@ -6,6 +6,7 @@ use axum::body::Bytes;
 use image::RgbImage;
 use mvfusion_data::preview;
 use serde::Serialize;
+use serde_json::Value;
 
 /// The answer to a request.
 #[derive(Clone, Debug)]
@@ -130,10 +131,15 @@ impl Answer {
     }
 }
 
+/// The facts and the JPEG file of a frame; `None` if the bytes are no frame.
+pub fn parts(frame: &[u8]) -> Option<(Value, &[u8])> {
+    let (length, rest) = frame.split_first_chunk()?;
+    let (facts, jpeg) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
+    Some((serde_json::from_slice(facts).ok()?, jpeg))
+}
+
 #[cfg(test)]
 mod tests {
-    use serde_json::Value;
-
     use super::*;
 
     #[test]
@@ -154,9 +160,8 @@ mod tests {
         let Answer::Frame(bytes) = Answer::frame(facts, &RgbImage::new(32, 16), 80).expect("encoded") else {
             panic!("a frame")
         };
-        let (length, rest) = bytes.split_first_chunk().expect("a length");
-        let (facts, jpeg) = rest.split_at(u32::from_le_bytes(*length) as usize);
-        let facts: Value = serde_json::from_slice(facts).expect("JSON");
+        let (facts, jpeg) = parts(&bytes).expect("a frame");
+        assert!(parts(&bytes[..20]).is_none() && parts(&[]).is_none());
         assert_eq!((facts["id"].as_u64(), facts["gaussians"]["static"].as_u64()), (Some(9), Some(5)));
         assert_eq!((facts["scale"]["kind"].as_str(), facts.get("psnr")), (Some("heat"), None));
         assert_eq!(image::load_from_memory(jpeg).expect("decoded").into_rgb8().dimensions(), (32, 16));

@@ -2,7 +2,7 @@
 
 use anyhow::Context;
 use image::{GrayImage, RgbImage};
-use mvfusion_data::{Camera, Scene, View, preview};
+use mvfusion_data::{Camera, Capture, Scene, View, preview};
 use mvfusion_model::config::FusionWeights;
 use mvfusion_model::evaluation::{DepthRange, Layer, LayerRenderer, LayerScale, MotionLayers, masked_psnr, psnr};
 use mvfusion_model::model::gaussians::Behind;
@@ -18,6 +18,8 @@ const CACHE: usize = 256 << 20;
 /// Training views whose depths give the common scale of depth pictures, and their longest side in pixels.
 const DEPTH_VIEWS: usize = 6;
 const DEPTH_SIDE: usize = 160;
+/// Times that differ by less are the same. Addresses of the page keep six digits.
+const SAME_TIME: f64 = 1e-6;
 
 /// Why there is no picture while no model is shown.
 const NOTHING: &str = "there is no model to show now; ask again";
@@ -135,7 +137,7 @@ impl Painter {
             mfta,
             gaussians,
             ms: FrameTimes { deform, splat, read, encode: 0.0 },
-            psnr: self.psnr(request, &picture)?,
+            psnr: self.psnr(request, &picture),
             scale: scale.map(ShownScale::from),
         };
         Answer::frame(facts, &picture, request.quality)
@@ -207,22 +209,37 @@ impl Painter {
         Ok(*self.depths.insert(renderer.with_depths_of(frames)?.depths()))
     }
 
-    /// PSNR against the photo, for a composed picture from the camera of a view.
-    fn psnr(&mut self, request: &FrameRequest, picture: &RgbImage) -> anyhow::Result<Option<f64>> {
-        let Place::View(view) = request.place else { return Ok(None) };
-        if request.layer != Layer::Composed {
-            return Ok(None);
+    /// PSNR against the photo, for a composed picture of what the photo shows: from its camera, at its time, and with
+    /// the background of the run.
+    fn psnr(&mut self, request: &FrameRequest, picture: &RgbImage) -> Option<f64> {
+        let Place::View(view) = request.place else { return None };
+        let is_own_background = request.background.is_none_or(|grey| grey == self.context.behind.grey);
+        if request.layer != Layer::Composed || !is_own_background || !self.is_time_of(view, request.time) {
+            return None;
         }
         let size = picture.dimensions();
         let photo = match self.photo.take().filter(|photo| photo.view == view && photo.picture.dimensions() == size) {
             Some(photo) => photo,
-            None => self.photo(view, size)?,
+            // A photo that cannot be read is no reason to show no picture.
+            None => self.photo(view, size).inspect_err(|error| tracing::warn!("{error:#}")).ok()?,
         };
         let Photo { picture: photo, mask, .. } = self.photo.insert(photo);
-        Ok(match mask {
+        match mask {
             Some(mask) => masked_psnr(picture, photo, mask),
             None => psnr(picture, photo),
-        })
+        }
+    }
+
+    /// Whether the photo of a view shows this time. Held-out photos of a photo collection show the static scene alone.
+    fn is_time_of(&self, id: ViewId, time: Option<f64>) -> bool {
+        let photo = match (self.scene.capture, id.set) {
+            (Capture::Photos, ViewSet::Test) => None,
+            _ => Some(self.view(id).time),
+        };
+        match (photo, time) {
+            (Some(photo), Some(time)) => (photo - time).abs() < SAME_TIME,
+            (photo, time) => photo == time,
+        }
     }
 
     fn photo(&self, id: ViewId, (width, height): (u32, u32)) -> anyhow::Result<Photo> {

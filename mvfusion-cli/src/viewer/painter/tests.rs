@@ -5,6 +5,7 @@ use mvfusion_model::config::{Config, GridConfig, ModelConfig, StageConfig, Train
 use mvfusion_model::train::Trainer;
 use serde_json::{Value, json};
 
+use super::super::frame::parts;
 use super::super::protocol::tests::request;
 use super::super::protocol::{Limits, Message};
 use super::*;
@@ -42,9 +43,8 @@ fn painted(painter: &mut Painter, changes: &[(&str, Value)]) -> Result<(Value, V
     match painter.answer(&request) {
         Answer::Refused { reason, .. } => Err(reason),
         Answer::Frame(bytes) => {
-            let (length, rest) = bytes.split_first_chunk().expect("a length");
-            let (facts, jpeg) = rest.split_at(u32::from_le_bytes(*length) as usize);
-            Ok((serde_json::from_slice(facts).expect("JSON"), jpeg.to_vec()))
+            let (facts, jpeg) = parts(&bytes).expect("a frame");
+            Ok((facts, jpeg.to_vec()))
         }
     }
 }
@@ -53,23 +53,34 @@ fn painted(painter: &mut Painter, changes: &[(&str, Value)]) -> Result<(Value, V
 #[cfg(feature = "flex")]
 fn a_time_that_was_seen_needs_no_networks_and_gives_the_same_picture() {
     let mut painter = painter(measured());
-    let (_, first) = painted(&mut painter, &[("mfta", json!(true))]).expect("a picture");
-    let key = MomentKey::new(0.5, true);
-    assert!(painter.moments.get(key).is_some());
-    let (facts, again) = painted(&mut painter, &[("mfta", json!(true))]).expect("a picture");
-    assert!(first == again && facts["ms"]["deform"].as_f64() < facts["ms"]["splat"].as_f64(), "{facts}");
+    let with_mfta = [("mfta", json!(true))];
+    let (_, first) = painted(&mut painter, &with_mfta).expect("a picture");
+    assert!(painter.moments.get(MomentKey::new(0.5, true)).is_some());
     assert!(painter.moments.get(MomentKey::new(0.5, false)).is_none(), "without attention, it is another moment");
+    // Without motion, a new moment would be another one.
+    painter.shown.as_mut().expect("a model").model.motion = None;
+    let (_, again) = painted(&mut painter, &with_mfta).expect("a picture");
+    assert!(first == again, "the picture is not that of the cached moment");
+    painter.moments.clear();
+    let (_, new) = painted(&mut painter, &with_mfta).expect("a picture");
+    assert!(first != new, "the networks have no effect, so nothing was tested");
 }
 
 #[test]
 #[cfg(feature = "flex")]
-fn a_composed_view_is_compared_with_its_photo_and_a_layer_is_not() {
+fn only_what_the_photo_of_a_view_shows_is_compared_with_it() {
     let mut painter = painter(measured());
     let psnr = |facts: &Value| facts.get("psnr").and_then(Value::as_f64);
-    let (facts, _) = painted(&mut painter, &[]).expect("a picture");
+    let time = painter.scene.test[0].time;
+    let (facts, _) = painted(&mut painter, &[("time", json!(time))]).expect("a picture");
     assert!(psnr(&facts).is_some_and(|psnr| (3.0..60.0).contains(&psnr)), "{facts}");
-    let (facts, _) = painted(&mut painter, &[("layer", json!("mask"))]).expect("a picture");
-    assert_eq!(psnr(&facts), None);
+    // An address keeps six digits.
+    let (facts, _) = painted(&mut painter, &[("time", json!(time + 4e-7))]).expect("a picture");
+    assert!(psnr(&facts).is_some(), "{facts}");
+    for change in [("layer", json!("mask")), ("background", json!(0.75)), ("time", json!(time + 0.01))] {
+        let (facts, _) = painted(&mut painter, &[("time", json!(time)), change]).expect("a picture");
+        assert_eq!(psnr(&facts), None, "{facts}");
+    }
 }
 
 #[test]
