@@ -13,6 +13,9 @@ pub const PORT: u16 = 8420;
 /// The host unless another one is asked for: this machine alone.
 pub const HOST: &str = "127.0.0.1";
 
+/// How to give another port.
+const OPTION: &str = "--port N (--view=N with `train`)";
+
 /// Random bytes of a token.
 const TOKEN_BYTES: usize = 16;
 
@@ -25,8 +28,8 @@ pub struct Listening {
     pub guard: Guard,
     /// The address for a browser.
     pub address: String,
-    pub(super) port: u16,
-    pub(super) is_local: bool,
+    /// Where it listens.
+    pub(super) place: SocketAddr,
 }
 
 impl Listening {
@@ -42,24 +45,29 @@ impl Listening {
         let socket = TcpListener::bind(place).map_err(|error| refusal(&error, host, port))?;
         socket.set_nonblocking(true).context("cannot set up the socket of the viewer")?;
         let place = socket.local_addr().context("cannot ask for the port of the viewer")?;
-        let is_local = place.ip().is_loopback();
         let machine = gethostname::gethostname().to_string_lossy().into_owned();
-        let guard = match is_local {
+        let guard = match place.ip().is_loopback() {
             true => Guard::local(),
             false => Guard::with_token(token()?, [machine.clone(), host.to_owned()]),
         };
         let address = format!("http://{}{}/", shown(host, place, &machine), guard.base());
-        Ok(Self { socket, guard, address, port: place.port(), is_local })
+        Ok(Self { socket, guard, address, place })
+    }
+
+    /// The port.
+    pub fn port(&self) -> u16 {
+        self.place.port()
     }
 
     /// The lines that tell how to get there.
     pub fn lines(&self) -> Vec<(&'static str, String)> {
         let mut lines = vec![("viewer", self.address.clone())];
-        if self.is_local {
+        if self.place.ip().is_loopback() {
             let machine = gethostname::gethostname().to_string_lossy().into_owned();
             let user = std::env::var("USER").map_or(String::new(), |user| format!("{user}@"));
-            let port = self.port;
-            lines.push(("from elsewhere", format!("ssh -L {port}:{HOST}:{port} {user}{machine}, then that address")));
+            let (port, place) = (self.port(), self.place);
+            let tunnel = format!("ssh -L {port}:{place} {user}{machine}, then http://{HOST}:{port}/");
+            lines.push(("from elsewhere", tunnel));
         } else {
             lines.push(("note", "whoever knows this address can look; it is not encrypted".to_owned()));
         }
@@ -67,11 +75,13 @@ impl Listening {
     }
 }
 
-/// The host and port in an address. All addresses of a machine are shown as its name.
+/// The host and port in an address. All addresses of a machine are shown as its name. One that only this machine
+/// reaches is shown as a number: without a token, the guard knows no names but `localhost`.
 fn shown(host: &str, place: SocketAddr, machine: &str) -> String {
     let port = place.port();
     match place.ip() {
         ip if ip.is_unspecified() => format!("{machine}:{port}"),
+        ip if ip.is_loopback() => place.to_string(),
         IpAddr::V6(ip) if host.parse::<IpAddr>().is_ok() => format!("[{ip}]:{port}"),
         _ => format!("{host}:{port}"),
     }
@@ -80,15 +90,15 @@ fn shown(host: &str, place: SocketAddr, machine: &str) -> String {
 fn refusal(error: &io::Error, host: &str, port: u16) -> anyhow::Error {
     match error.kind() {
         ErrorKind::AddrInUse => anyhow!(
-            "port {port} of {host} is taken, perhaps by another viewer. Give another one with --port N (--view=N with \
-             `train`), or 0 for any free one."
+            "port {port} of {host} is taken, perhaps by another viewer. Give another one with {OPTION}; 0 takes any \
+             free one."
         ),
         ErrorKind::AddrNotAvailable => {
             UsageError::new(format!("--host {host} is no address of this machine. Give 0.0.0.0 for all of them."))
                 .into()
         }
-        ErrorKind::PermissionDenied => anyhow!("port {port} needs more rights. Give one above 1023 with --port N."),
-        _ => anyhow!("cannot listen at port {port} of {host}: {error}. Give another one with --port N."),
+        ErrorKind::PermissionDenied => anyhow!("port {port} needs more rights. Give one above 1023 with {OPTION}."),
+        _ => anyhow!("cannot listen at port {port} of {host}: {error}. Give another one with {OPTION}."),
     }
 }
 
@@ -101,24 +111,39 @@ fn token() -> anyhow::Result<String> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::guard::Asked;
     use super::*;
 
     #[test]
     fn a_taken_port_is_told_with_what_to_do() {
         let first = Listening::at(HOST, 0).expect("a free port");
-        let error = Listening::at(HOST, first.port).expect_err("taken").to_string();
-        assert!(
-            error.contains(&first.port.to_string()) && error.contains("--port N") && error.contains("0"),
-            "{error}"
-        );
+        let error = Listening::at(HOST, first.port()).expect_err("taken").to_string();
+        let port = first.port().to_string();
+        assert!(error.contains(&port) && error.contains("--port N") && error.contains("--view=N"), "{error}");
     }
 
     #[test]
     fn this_machine_alone_needs_no_token_and_a_tunnel_is_told() {
         let listening = Listening::at(HOST, 0).expect("a free port");
-        let port = listening.port;
+        let port = listening.port();
         assert_eq!(listening.address, format!("http://127.0.0.1:{port}/"));
         assert!(listening.lines()[1].1.starts_with(&format!("ssh -L {port}:127.0.0.1:{port} ")));
+    }
+
+    #[test]
+    fn a_name_of_this_machine_alone_is_told_as_a_number_that_the_guard_lets_pass() {
+        let mut hosts = vec!["localhost"];
+        if cfg!(target_os = "linux") {
+            hosts.push("127.0.1.1");
+        }
+        for host in hosts {
+            let listening = Listening::at(host, 0).expect("a free port");
+            let place = listening.socket.local_addr().expect("an address").to_string();
+            assert_eq!(listening.address, format!("http://{place}/"));
+            let asked = Asked { method: "GET", path: "/", host: Some(&place), origin: None };
+            assert_eq!(listening.guard.check(&asked), Ok(()), "{host}");
+            assert!(listening.lines()[1].1.contains(&format!(":{place} ")), "{:?}", listening.lines());
+        }
     }
 
     #[test]

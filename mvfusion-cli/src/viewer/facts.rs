@@ -88,7 +88,7 @@ pub fn limits(scene: &Scene) -> Limits {
 /// The facts as JSON.
 ///
 /// # Errors
-/// If a number of the scene is not finite.
+/// If the facts cannot be written as JSON.
 pub fn facts(scene: &Scene, run: &RunFacts<'_>) -> anyhow::Result<Bytes> {
     let vantage = Vantage::of(scene);
     let mut cameras: Vec<&Camera> = Vec::new();

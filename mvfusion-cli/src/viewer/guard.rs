@@ -110,7 +110,7 @@ impl Guard {
 /// A host without its port.
 fn name_of(host: &str) -> &str {
     match host.rsplit_once(':') {
-        Some((name, port)) if !port.contains(']') && !name.is_empty() => name,
+        Some((name, port)) if !name.is_empty() && port.bytes().all(|byte| byte.is_ascii_digit()) => name,
         _ => host,
     }
 }
@@ -145,7 +145,15 @@ mod tests {
 
     #[test]
     fn a_name_that_was_bound_to_this_address_later_is_refused() {
-        for host in ["evil.example:8420", "localhost.evil.example", "192.168.0.7:8420", "", ":8420", "0.0.0.0:1"] {
+        for host in [
+            "evil.example:8420",
+            "localhost.evil.example",
+            "192.168.0.7:8420",
+            "",
+            ":8420",
+            "0.0.0.0:1",
+            "localhost:1; script-src *",
+        ] {
             assert_eq!(Guard::local().check(&Asked { host: Some(host), ..GET }), Err(Refusal::Host), "{host}");
         }
         assert_eq!(Guard::local().check(&Asked { host: None, ..GET }), Err(Refusal::Host));
