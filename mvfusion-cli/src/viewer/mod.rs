@@ -26,6 +26,7 @@ mod session;
 #[cfg(test)]
 mod tests;
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -35,6 +36,7 @@ use address::Listening;
 use board::{Board, Status};
 use desk::Desk;
 use facts::RunFacts;
+use frame::Answer;
 use hall::Hall;
 use painter::Painter;
 use photos::Photos;
@@ -72,7 +74,17 @@ impl Viewer {
     /// Renders the next request, if one comes in time.
     pub fn serve_next(&self, painter: &mut Painter, patience: Duration) -> bool {
         let Some((seat, request)) = self.desk.take(patience) else { return false };
-        self.desk.answer(seat, painter.answer(&request));
+        self.desk.answer(seat, answered(request.id, || painter.answer(&request)));
         true
     }
+}
+
+/// An answer, or a refusal where the render panics: for want of memory, a GPU's driver does. Whoever watches must not
+/// end a training.
+fn answered(id: u64, render: impl FnOnce() -> Answer) -> Answer {
+    // A painter has nothing half-done: it keeps a moment or a photo when it is complete.
+    catch_unwind(AssertUnwindSafe(render)).unwrap_or_else(|_| {
+        let reason = "the render failed, perhaps for want of memory; the terminal says more. Try a smaller image";
+        Answer::Refused { id, reason: reason.to_owned() }
+    })
 }

@@ -26,7 +26,7 @@ const STYLE: &str = "text/css; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// The other files of the page: name, kind, text. They are part of the program, so that it needs no other file.
-pub(super) const FILES: [(&str, &str, &str); 15] = [
+pub(super) const FILES: [(&str, &str, &str); 17] = [
     ("viewer.css", STYLE, include_str!("page/viewer.css")),
     ("address.js", SCRIPT, include_str!("page/address.js")),
     ("chart.js", SCRIPT, include_str!("page/chart.js")),
@@ -37,9 +37,11 @@ pub(super) const FILES: [(&str, &str, &str); 15] = [
     ("moves.js", SCRIPT, include_str!("page/moves.js")),
     ("panel.js", SCRIPT, include_str!("page/panel.js")),
     ("path.js", SCRIPT, include_str!("page/path.js")),
+    ("photo.js", SCRIPT, include_str!("page/photo.js")),
     ("picture.js", SCRIPT, include_str!("page/picture.js")),
     ("player.js", SCRIPT, include_str!("page/player.js")),
     ("pose.js", SCRIPT, include_str!("page/pose.js")),
+    ("state.js", SCRIPT, include_str!("page/state.js")),
     ("vector.js", SCRIPT, include_str!("page/vector.js")),
     ("viewer.js", SCRIPT, include_str!("page/viewer.js")),
 ];
@@ -125,7 +127,8 @@ async fn guarded(State(hall): State<Arc<Hall>>, request: Request, next: Next) ->
         Ok(()) => next.run(request).await,
         Err(refusal) => {
             let status = StatusCode::from_u16(refusal.status()).unwrap_or(StatusCode::FORBIDDEN);
-            (status, refusal.sentence()).into_response()
+            // Whoever is refused keeps no connection.
+            (status, [(header::CONNECTION, "close")], refusal.sentence()).into_response()
         }
     };
     let headers = response.headers_mut();
@@ -184,17 +187,19 @@ async fn photo(State(hall): State<Arc<Hall>>, Path((set, index)): Path<(String, 
     };
     match hall.photos.jpeg(ViewId { set, index }).await {
         Some(Ok(jpeg)) => ([(header::CONTENT_TYPE, "image/jpeg")], jpeg).into_response(),
-        Some(Err(reason)) => (StatusCode::INTERNAL_SERVER_ERROR, reason).into_response(),
+        Some(Err(reason)) => {
+            tracing::warn!("a photo cannot be shown: {reason}");
+            (StatusCode::INTERNAL_SERVER_ERROR, reason).into_response()
+        }
         None => StatusCode::NOT_FOUND.into_response(),
     }
 }
 
 async fn socket(State(hall): State<Arc<Hall>>, upgrade: WebSocketUpgrade) -> Response {
-    let Some(client) = hall.desk.join() else {
-        return (StatusCode::SERVICE_UNAVAILABLE, "Too many pages are open. Close one of them.").into_response();
-    };
-    upgrade
-        .max_message_size(LONGEST_MESSAGE)
-        .max_frame_size(LONGEST_MESSAGE)
-        .on_upgrade(move |socket| session::run(socket, hall, client))
+    let upgrade = upgrade.max_message_size(LONGEST_MESSAGE).max_frame_size(LONGEST_MESSAGE);
+    match hall.desk.join() {
+        Some(client) => upgrade.on_upgrade(move |socket| session::run(socket, hall, client)),
+        // Browsers hide the status of a refused socket from the page, but not the reason of a closed one.
+        None => upgrade.on_upgrade(session::turn_away),
+    }
 }

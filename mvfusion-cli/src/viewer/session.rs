@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Bytes;
-use axum::extract::ws::{Message as Packet, WebSocket};
+use axum::extract::ws::{CloseFrame, Message as Packet, WebSocket, close_code};
 use serde::Serialize;
 use tokio::sync::watch::{self, error::RecvError};
 use tokio::time::{Instant, interval, sleep_until, timeout};
@@ -17,6 +17,10 @@ use super::protocol::Message;
 
 /// A page that takes nothing for so long is given up.
 const PATIENCE: Duration = Duration::from_secs(30);
+/// A page that is turned away has so long to close its side.
+const FAREWELL: Duration = Duration::from_secs(5);
+/// What it is told. The reason of a closed socket has at most 123 bytes.
+pub(super) const TOO_MANY: &str = "Too many pages are open. Close one of them.";
 /// Time between two pings, which keep the connection open.
 const PING: Duration = Duration::from_secs(20);
 /// Shortest time between two words about the state.
@@ -40,6 +44,19 @@ enum Said<'a> {
         id: Option<u64>,
         reason: &'a str,
     },
+}
+
+/// Closes the conversation with a page for which there is no place, and says why.
+pub async fn turn_away(mut socket: WebSocket) {
+    let frame = CloseFrame { code: close_code::AGAIN, reason: TOO_MANY.into() };
+    let farewell = async {
+        if socket.send(Packet::Close(Some(frame))).await.is_ok() {
+            // The other side confirms. A connection that were dropped before might lose the reason.
+            while let Some(Ok(_)) = socket.recv().await {}
+        }
+    };
+    // A page that does not confirm is dropped all the same.
+    let _ = timeout(FAREWELL, farewell).await;
 }
 
 /// Talks with a page until it leaves.

@@ -1,4 +1,6 @@
-//! The server as other programs see it: what it serves, what it refuses, and what cannot make it grow.
+//! The server as other programs see it: what it serves, and what it refuses.
+
+mod bounds;
 
 use std::collections::BTreeSet;
 use std::io::{Read, Write};
@@ -10,13 +12,11 @@ use tungstenite::client::IntoClientRequest;
 use tungstenite::{Message, WebSocket};
 
 use super::address::Listening;
-use super::connection::MOST_CONNECTIONS;
-use super::desk::MOST_PAGES;
 use super::frame::Answer;
 use super::guard::Guard;
 use super::protocol::tests::request;
 use super::server::{FILES, PAGE};
-use super::{Viewer, board, facts};
+use super::{Viewer, answered, board, facts};
 
 /// How long an answer may take.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -39,9 +39,11 @@ impl Running {
 
     /// The status and the whole answer of a request with further headers.
     fn ask(&self, method: &str, path: &str, headers: &[(&str, &str)]) -> (u16, String) {
-        let mut lines = format!("{method} {path} HTTP/1.1\r\nConnection: close\r\n");
-        if !headers.iter().any(|(name, _)| *name == "Host") {
-            lines += &format!("Host: {}\r\n", self.host);
+        let mut lines = format!("{method} {path} HTTP/1.1\r\n");
+        for (name, usual) in [("Host", self.host.as_str()), ("Connection", "close")] {
+            if !headers.iter().any(|(given, _)| *given == name) {
+                lines += &format!("{name}: {usual}\r\n");
+            }
         }
         headers.iter().for_each(|(name, value)| lines += &format!("{name}: {value}\r\n"));
         let mut stream = self.connect();
@@ -146,7 +148,10 @@ fn only_get_of_the_own_name_and_origin_is_served() {
     for method in ["POST", "PUT", "DELETE", "OPTIONS", "PATCH"] {
         assert_eq!(running.ask(method, "/", &[]).0, 405, "{method}");
     }
-    assert_eq!(running.status("/", &[("Host", "evil.example")]), 403);
+    // Whoever is refused keeps no connection, whatever it asked for.
+    let kept = [("Host", "evil.example"), ("Connection", "keep-alive")];
+    let (status, answer) = running.ask("GET", "/", &kept);
+    assert!(status == 403 && answer.to_lowercase().contains("connection: close"), "{answer}");
     assert_eq!(running.status("/scene.json", &[("Origin", "https://evil.example")]), 403);
     let own = format!("http://{}", running.host);
     assert_eq!(running.status("/scene.json", &[("Origin", &own)]), 200);
@@ -192,93 +197,9 @@ fn a_page_is_told_the_state_and_gets_the_picture_that_it_asks_for() {
 }
 
 #[test]
-fn ten_thousand_malformed_messages_are_answered_or_dropped_and_the_next_good_one_counts() {
-    let running = local();
-    let mut page = running.page("/socket", None).expect("open");
-    let mut other = running.page("/socket", None).expect("open");
-    let bad =
-        ["", "{", "null", "[]", "{\"type\":\"frame\"}", "{\"type\":\"frame\",\"id\":-1}", "\u{0}\u{ffff}", "{\"a\":"];
-    let deep = "[".repeat(4000);
-    for index in 0..10_000 {
-        let text = if index % 100 == 99 { deep.as_str() } else { bad[index % bad.len()] };
-        let packet = if index % 10 == 7 { Message::binary(text.as_bytes().to_vec()) } else { Message::text(text) };
-        page.send(packet).expect("sent");
-    }
-    page.send(Message::text(request(4).to_string())).expect("sent");
-    assert_eq!(running.viewer.desk.take(PATIENCE).map(|(_, wanted)| wanted.id), Some(4));
-    assert!(!running.viewer.desk.is_asked());
-    // The answers are few, and end.
-    running.viewer.board.change(|status| status.step = 99);
-    let complaints = std::iter::from_fn(|| Some(hear(&mut page))).take_while(|said| said["step"].as_u64() != Some(99));
-    let complaints = complaints.filter(|said| said["type"] == "refused").count();
-    assert!((1..=20).contains(&complaints), "{complaints}");
-    // Another page has not noticed.
-    other.send(Message::text(request(5).to_string())).expect("sent");
-    assert_eq!(running.viewer.desk.take(PATIENCE).map(|(_, wanted)| wanted.id), Some(5));
-}
-
-#[test]
-fn a_message_that_is_too_long_ends_its_conversation_alone() {
-    let running = local();
-    for size in [5_000, 1 << 20] {
-        let mut page = running.page("/socket", None).expect("open");
-        // The server may close before all of it is sent.
-        let _ = page.send(Message::text("x".repeat(size)));
-        let end = std::iter::from_fn(|| Some(page.read()))
-            .find(|read| !matches!(read, Ok(Message::Text(_) | Message::Ping(_))));
-        assert!(matches!(end, Some(Err(_) | Ok(Message::Close(_)))), "{end:?}");
-    }
-    wait_for("seats come back", || running.viewer.desk.pages() == 0);
-    assert_eq!(running.status("/", &[]), 200);
-}
-
-#[test]
-fn two_hundred_connections_take_their_places_and_no_more() {
-    let running = local();
-    let connections: Vec<TcpStream> = (0..200).map(|_| running.connect()).collect();
-    // Those beyond the bound are closed at once: reading them ends.
-    let is_closed = |stream: &mut &TcpStream| {
-        stream.set_nonblocking(true).expect("set");
-        match stream.read(&mut [0]) {
-            Ok(count) => count == 0,
-            Err(error) => error.kind() != std::io::ErrorKind::WouldBlock,
-        }
-    };
-    let open = || connections.iter().filter(|stream| !is_closed(&mut &**stream)).count();
-    wait_for("the excess is closed", || open() <= MOST_CONNECTIONS);
-    assert_eq!(open(), MOST_CONNECTIONS);
-    drop(connections);
-    let page_is_served = || {
-        let mut stream = running.connect();
-        let asked = write!(stream, "GET / HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n\r\n", running.host);
-        let mut answer = String::new();
-        asked.is_ok() && stream.read_to_string(&mut answer).is_ok() && answer.starts_with("HTTP/1.1 200")
-    };
-    wait_for("places come back", page_is_served);
-}
-
-#[test]
-fn there_are_only_so_many_pages() {
-    let running = local();
-    let pages: Vec<_> = (0..MOST_PAGES).map(|_| running.page("/socket", None).expect("open")).collect();
-    assert_eq!(running.page("/socket", None).err(), Some(503));
-    drop(pages);
-    wait_for("seats come back", || running.viewer.desk.pages() == 0);
-    assert!(running.page("/socket", None).is_ok());
-}
-
-#[test]
-fn a_page_that_reads_nothing_stops_neither_the_others_nor_the_server() {
-    let running = local();
-    let lazy = running.page("/socket", None).expect("open");
-    let mut keen = running.page("/socket", None).expect("open");
-    for step in 0..2000 {
-        running.viewer.board.add((step, 0.5, None));
-        running.viewer.board.change(|status| status.step = step);
-    }
-    while hear(&mut keen)["step"].as_u64() != Some(1999) {}
-    assert_eq!(running.status("/", &[]), 200);
-    drop(lazy);
+fn a_render_that_panics_is_a_refusal() {
+    let answer = answered(7, || panic!("a test"));
+    assert!(matches!(answer, Answer::Refused { id: 7, reason } if reason.contains("memory")));
 }
 
 #[test]

@@ -12,7 +12,7 @@ const short = (value) => String(Number(value.toPrecision(DIGITS)));
 const list = (values) => values.map(short).join(',');
 
 /**
- * @param {import('./viewer.js').State} state
+ * @param {import('./state.js').State} state
  * @returns {string}
  */
 export function write(state) {
@@ -24,6 +24,8 @@ export function write(state) {
     view: state.view ? `${state.view.set}/${state.view.index}` : '',
     split: state.split === undefined ? '' : short(state.split),
     over: [state.frusta && 'frusta', state.points && 'points'].filter(Boolean).join(','),
+    pace: state.pace === 1 ? '' : short(state.pace), loop: state.loop ? '' : '0',
+    fly: state.speed === 0 ? '' : short(state.speed),
   };
   const parts = Object.entries(values).filter(([, value]) => value !== '');
   return parts.map(([key, value]) => `${key}=${value.replace(/\+/g, '%2B')}`).join('&');
@@ -33,12 +35,12 @@ export function write(state) {
  * What an address says; what it does not say, or says wrongly, is left out.
  * @param {string} hash
  * @param {any} scene
- * @returns {Partial<import('./viewer.js').State>}
+ * @returns {Partial<import('./state.js').State>}
  */
 export function read(hash, scene) {
   const found = new URLSearchParams(hash.replace(/^#/, ''));
   if (found.size === 0) return {};
-  /** @type {Partial<import('./viewer.js').State>} */
+  /** @type {Partial<import('./state.js').State>} */
   const state = { view: undefined, split: undefined };
   const vector = (/** @type {string} */ key) => {
     const values = (found.get(key) ?? '').split(',').map(Number);
@@ -65,6 +67,8 @@ export function read(hash, scene) {
   if (found.has('mfta')) state.mfta = found.get('mfta') === '1';
   const over = (found.get('over') ?? '').split(',');
   Object.assign(state, { frusta: over.includes('frusta'), points: over.includes('points') });
+  const pace = [0.25, 0.5, 1, 2, 4].find((value) => value === Number(found.get('pace'))) ?? 1;
+  Object.assign(state, { pace, loop: found.get('loop') !== '0', speed: number('fly', -2, 2) ?? 0 });
   const [set, index] = (found.get('view') ?? '').split('/');
   if ((set === 'train' || set === 'test') && scene[set][Number(index)]) state.view = { set, index: Number(index) };
   return state;

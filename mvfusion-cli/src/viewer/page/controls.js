@@ -8,6 +8,8 @@
  * @property {(x: number, y: number) => void} look
  * @property {(factor: number) => void} zoom
  * @property {(right: number, down: number, forward: number, seconds: number) => void} fly
+ * @property {(x: number) => boolean} isAtLine whether the line between photo and render is there
+ * @property {(x: number) => void} moveLine
  * @property {(key: string) => boolean} press whether the key meant something
  */
 
@@ -16,8 +18,14 @@ const FLIGHT = {
   KeyW: [0, 0, 1], KeyS: [0, 0, -1], KeyA: [-1, 0, 0], KeyD: [1, 0, 0], KeyQ: [0, 1, 0], KeyE: [0, -1, 0],
 };
 
-/** A notch of the wheel zooms by this much. */
-const NOTCH = 1.0015;
+/** A pixel of the wheel zooms by this factor. */
+const ZOOM = 1.0015;
+/** Keys that are known by their place: on many layouts, their characters need a second key. */
+const PLACES = /** @type {Record<string, string>} */ ({ BracketLeft: '[', BracketRight: ']' });
+/** What letters are written in, or chosen with. */
+const WRITTEN = 'select, textarea, input:not([type="range"], [type="checkbox"], [type="file"])';
+/** What the space bar presses. */
+const PRESSED = 'button, summary, input[type="checkbox"], input[type="file"]';
 
 /** @param {HTMLElement} element @param {Moves} moves */
 export function listen(element, moves) {
@@ -25,7 +33,7 @@ export function listen(element, moves) {
   element.addEventListener('wheel', (event) => {
     event.preventDefault();
     const lines = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 33 : 1;
-    moves.zoom(NOTCH ** Math.max(-500, Math.min(500, event.deltaY * lines)));
+    moves.zoom(ZOOM ** Math.max(-500, Math.min(500, event.deltaY * lines)));
   }, { passive: false });
   element.addEventListener('contextmenu', (event) => event.preventDefault());
   keyboard(moves);
@@ -35,7 +43,10 @@ export function listen(element, moves) {
 function pointers(element, moves) {
   /** The pointers that are down, by their number. @type {Map<number, { x: number, y: number }>} */
   const down = new Map();
+  /** The pointer that holds the line between photo and render. @type {number | undefined} */
+  let grip;
   element.addEventListener('pointerdown', (event) => {
+    if (down.size === 0 && event.button === 0 && moves.isAtLine(event.offsetX)) grip = event.pointerId;
     element.setPointerCapture(event.pointerId);
     element.focus({ preventScroll: true });
     down.set(event.pointerId, { x: event.clientX, y: event.clientY });
@@ -43,7 +54,14 @@ function pointers(element, moves) {
   });
   element.addEventListener('pointermove', (event) => {
     const last = down.get(event.pointerId);
-    if (!last) return;
+    if (!last) {
+      element.classList.toggle('line', moves.isAtLine(event.offsetX));
+      return;
+    }
+    if (grip !== undefined) {
+      if (event.pointerId === grip) moves.moveLine(event.offsetX);
+      return;
+    }
     const here = { x: event.clientX, y: event.clientY };
     const by = /** @type {[number, number]} */ ([here.x - last.x, here.y - last.y]);
     if (down.size === 1) {
@@ -56,7 +74,10 @@ function pointers(element, moves) {
     }
     down.set(event.pointerId, here);
   });
-  const up = (/** @type {PointerEvent} */ event) => down.delete(event.pointerId);
+  const up = (/** @type {PointerEvent} */ event) => {
+    down.delete(event.pointerId);
+    if (event.pointerId === grip) grip = undefined;
+  };
   for (const name of /** @type {const} */ (['pointerup', 'pointercancel', 'lostpointercapture'])) {
     element.addEventListener(name, up);
   }
@@ -84,8 +105,9 @@ function keyboard(moves) {
     requestAnimationFrame(step);
   };
   addEventListener('keydown', (event) => {
-    const isWriting = event.target instanceof Element && event.target.closest('input, select, textarea, button');
-    if (isWriting || event.ctrlKey || event.metaKey || event.altKey) return;
+    const isIn = (/** @type {string} */ kinds) => event.target instanceof Element && event.target.closest(kinds);
+    if (isIn(WRITTEN) || (event.key === ' ' && isIn(PRESSED))) return;
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
     if (event.code in FLIGHT) {
       if (held.size === 0) {
         last = performance.now();
@@ -93,7 +115,7 @@ function keyboard(moves) {
       }
       held.add(event.code);
       event.preventDefault();
-    } else if (moves.press(event.key)) {
+    } else if (moves.press(PLACES[event.code] ?? event.key)) {
       event.preventDefault();
     }
   });

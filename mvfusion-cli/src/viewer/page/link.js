@@ -2,11 +2,13 @@
 
 /** Pauses before the next attempts to connect, milliseconds; the last one is repeated. */
 const PAUSES = [300, 700, 1500, 3000];
+/** The code of a server that has no place for this page now. */
+const AGAIN = 1013;
 
 /**
  * @typedef {object} Hearer
  * @property {() => void} opened
- * @property {() => void} closed
+ * @property {(reason: string) => void} closed
  * @property {(facts: any, jpeg: Blob) => void} frame
  * @property {(status: any) => void} status
  * @property {(reason: string) => void} refused
@@ -24,9 +26,13 @@ export class Link {
     this.waiting = undefined;
   }
 
+  get isOpen() {
+    return this.socket?.readyState === WebSocket.OPEN;
+  }
+
   /** Whether a picture can be asked for. */
   get isFree() {
-    return this.socket?.readyState === WebSocket.OPEN && !this.waiting;
+    return this.isOpen && !this.waiting;
   }
 
   connect() {
@@ -35,14 +41,15 @@ export class Link {
     address.hash = '';
     const socket = new WebSocket(address);
     socket.binaryType = 'arraybuffer';
-    socket.addEventListener('open', () => {
+    socket.addEventListener('open', () => this.hearer.opened());
+    socket.addEventListener('message', (event) => {
+      // Not when it opens: a server without a place for this page opens it too, to say so.
       this.attempts = 0;
-      this.hearer.opened();
+      this.#hear(event.data);
     });
-    socket.addEventListener('message', (event) => this.#hear(event.data));
-    socket.addEventListener('close', () => {
+    socket.addEventListener('close', (event) => {
       this.waiting = undefined;
-      this.hearer.closed();
+      this.hearer.closed(event.code === AGAIN ? event.reason : '');
       const pause = PAUSES[Math.min(this.attempts, PAUSES.length - 1)];
       this.attempts += 1;
       setTimeout(() => this.connect(), pause);
@@ -59,7 +66,7 @@ export class Link {
 
   /** Gives an order: `pause`, `go_on` or `checkpoint`. @param {string} type */
   order(type) {
-    if (this.socket?.readyState === WebSocket.OPEN) this.#say({ type });
+    if (this.isOpen) this.#say({ type });
   }
 
   /** @param {object} message */

@@ -2,6 +2,8 @@
 
 /** Speed of flight in extents of the scene a second. */
 const FLIGHT = 0.5;
+/** The line between photo and render is grabbed from so near, pixels of the page. */
+const GRIP = 10;
 
 /**
  * @param {import('./viewer.js').Viewer} viewer
@@ -24,6 +26,15 @@ export function movesOf(viewer) {
     fly: (right, down, forward, seconds) => {
       const by = FLIGHT * (viewer.scene.extent || 1) * viewer.panel.flight * seconds;
       viewer.move(viewer.state.pose.shifted(right * by, down * by, forward * by));
+    },
+    isAtLine: (x) => {
+      const { split, view } = viewer.state;
+      const { left, width } = viewer.picture.span(viewer.aspect);
+      return view !== undefined && split !== undefined && Math.abs(x - left - split * width) <= GRIP;
+    },
+    moveLine: (x) => {
+      const { left, width } = viewer.picture.span(viewer.aspect);
+      viewer.keep({ split: Math.max(0, Math.min(1, (x - left) / width)) });
     },
     press: (key) => viewer.panel.press(key),
   };

@@ -4,6 +4,7 @@ import { write } from './address.js';
 import { download, element } from './dom.js';
 import { PathEditor } from './editor.js';
 import { Player } from './player.js';
+import { beginning } from './state.js';
 
 /** @typedef {import('./viewer.js').Viewer} Viewer */
 
@@ -28,7 +29,7 @@ export class Panel {
 
   /** Factor of the speed of flight. */
   get flight() {
-    return 2 ** element('speed').valueAsNumber;
+    return 2 ** this.viewer.state.speed;
   }
 
   /** Shows the state in the controls. */
@@ -45,6 +46,7 @@ export class Panel {
     element('points').checked = state.points;
     element('fov').value = String(state.fov);
     element('degrees').textContent = `${state.fov.toFixed(0)}°`;
+    element('speed').value = String(state.speed);
     element('pace-of-flight').textContent = `${this.flight.toPrecision(2)}×`;
     element('up').value = state.up;
     element('views').value = state.view ? `${state.view.set}/${state.view.index}` : '';
@@ -52,7 +54,7 @@ export class Panel {
     element('compare').checked = hasSplit;
     element('split').hidden = !hasSplit;
     if (hasSplit) element('split').value = String(state.split);
-    this.player.show(state.time);
+    this.player.show(state);
     document.body.dataset.view = state.view ? scene[state.view.set][state.view.index][0] : '';
   }
 
@@ -94,16 +96,16 @@ export class Panel {
     const time = (/** @type {number} */ value) => `${value.toFixed(1)} ms`;
     const rows = [
       ['Picture', `${facts.width} × ${facts.height}`],
-      ['Pictures a second', rate],
+      ['FPS', rate],
       ['Static Gaussians', gaussians.static.toLocaleString('en')],
       ['Dynamic Gaussians', `${gaussians.alive.toLocaleString('en')} of ${gaussians.dynamic.toLocaleString('en')}`],
       ['Step', facts.step.toLocaleString('en')],
       ['MFTA', facts.mfta ? 'on' : 'off'],
       ['Networks', ms.deform < 0.05 ? 'cached' : time(ms.deform)],
       ['Splats', time(ms.splat)],
-      ['To pixels', time(ms.read)],
-      ['To JPEG', time(ms.encode)],
-      ['From question to answer', facts.roundTrip === undefined ? '–' : time(facts.roundTrip)],
+      ['Read back', time(ms.read)],
+      ['JPEG', time(ms.encode)],
+      ['Latency', facts.roundTrip === undefined ? '–' : time(facts.roundTrip)],
       ['PSNR of this view', facts.psnr === undefined ? '–' : `${facts.psnr.toFixed(2)} dB`],
     ];
     const row = (/** @type {string[]} */ [name, value]) => {
@@ -119,7 +121,7 @@ export class Panel {
 
   /** Shows the state of the training. @param {any} status */
   train(status) {
-    const words = { shows: 'trained', trains: 'training', pauses: 'paused', scores: 'done, now scored' };
+    const words = { shows: 'trained', trains: 'training', pauses: 'paused', scores: 'done, evaluating' };
     const rate = status.steps_per_second ? `, ${status.steps_per_second.toFixed(1)} steps/s` : '';
     const stage = status.stage ? `, ${status.stage}` : '';
     element('progress').textContent =
@@ -147,7 +149,7 @@ export class Panel {
     on('frusta', 'change', (box) => viewer.change({ frusta: box.checked }));
     on('points', 'change', (box) => viewer.change({ points: box.checked }));
     on('fov', 'input', (range) => viewer.change({ fov: range.valueAsNumber, view: undefined, split: undefined }));
-    on('speed', 'input', () => this.show());
+    on('speed', 'input', (range) => viewer.keep({ speed: range.valueAsNumber }));
     on('up', 'change', (select) => viewer.change({ up: select.value }));
     on('views', 'change', (select) => select.value && this.#jump(select.value));
     on('before', 'click', () => this.#step(-1));
@@ -158,7 +160,7 @@ export class Panel {
       viewer.state.split = range.valueAsNumber;
       viewer.draw();
     });
-    on('split', 'change', (range) => viewer.change({ split: range.valueAsNumber }));
+    on('split', 'change', (range) => viewer.keep({ split: range.valueAsNumber }));
     on('reset', 'click', () => this.#reset());
     on('share', 'click', () => this.#share());
     on('png', 'click', () => this.#save('image/png', 'png'));
@@ -202,7 +204,7 @@ export class Panel {
   }
 
   #reset() {
-    const { pose, fov, up, view, split } = this.viewer.start();
+    const { pose, fov, up, view, split } = beginning(this.viewer.scene);
     this.viewer.change({ pose, fov, up, view, split });
   }
 
@@ -218,6 +220,10 @@ export class Panel {
 
   /** @param {'image/png' | 'image/jpeg'} type @param {string} ending */
   async #save(type, ending) {
+    // What moves is small and compressed.
+    this.player.stop();
+    this.editor.stop();
+    await this.viewer.still();
     const { state, picture } = this.viewer;
     const file = await picture.saved(type);
     const time = state.time === null ? '' : `-${state.time.toFixed(3)}`;

@@ -8,6 +8,10 @@ import { add, mix, scale, subtract } from './vector.js';
 
 /** Frames per second of a saved path. */
 export const FPS = 30;
+/** Allowed fields of view, degrees. */
+const FIELDS_OF_VIEW = /** @type {[number, number]} */ ([1, 170]);
+/** Largest coordinate. */
+const FARTHEST = 1e9;
 
 /**
  * The camera between the keys.
@@ -41,6 +45,12 @@ function catmullRom([p0, p1, p2, p3], t) {
   return add(ends, add(scale(a, t3 - 2 * t2 + t), scale(b, t3 - t2)));
 }
 
+/** Frames from one key to the next. @param {number} seconds */
+const stepsOf = (seconds) => Math.max(1, Math.round(seconds * FPS));
+
+/** Frames of a path. @param {number} keys @param {number} seconds from one key to the next */
+export const count = (keys, seconds) => (keys > 1 ? (keys - 1) * stepsOf(seconds) + 1 : keys);
+
 /**
  * The file of a path, in the format of nerfstudio's viewer. The keys are kept in it, so that it can be opened again.
  * @param {Key[]} keys
@@ -48,10 +58,9 @@ function catmullRom([p0, p1, p2, p3], t) {
  * @param {[number, number]} size
  */
 export function toFile(keys, seconds, [width, height]) {
-  const steps = Math.max(1, Math.round(seconds * FPS));
-  const count = keys.length === 1 ? 1 : (keys.length - 1) * steps + 1;
+  const steps = stepsOf(seconds);
   const frame = (/** @type {number} */ index) => (keys.length === 1 ? keys[0] : between(keys, index / steps));
-  const frames = Array.from({ length: count }, (_, index) => frame(index));
+  const frames = Array.from({ length: count(keys.length, seconds) }, (_, index) => frame(index));
   const aspect = width / height;
   const entry = (/** @type {Key} */ { pose, fov, time }) =>
     ({ camera_to_world: matrix(pose), fov, aspect, render_time: time });
@@ -60,27 +69,37 @@ export function toFile(keys, seconds, [width, height]) {
     render_width: width,
     render_height: height,
     fps: FPS,
-    seconds: count / FPS,
+    seconds: frames.length / FPS,
     camera_path: frames.map(entry),
     mvfusion_keys: { seconds, keys: keys.map((key) => ({ ...entry(key), distance: key.pose.distance })) },
   };
 }
 
+/** @param {unknown} value @param {number} low @param {number} high */
+const lies = (value, low, high) => typeof value === 'number' && value >= low && value <= high;
+
 /**
- * The keys of such a file; of a file without keys, its frames.
+ * The keys of such a file; of a file without keys, its frames. What is wrong with it is an error.
  * @param {any} file
  * @returns {{ seconds: number, keys: Key[] }}
  */
 export function fromFile(file) {
-  const { seconds, keys } = file.mvfusion_keys ?? { seconds: 1 / (file.fps ?? FPS), keys: file.camera_path };
-  const key = (/** @type {any} */ entry) => {
-    const m = entry.camera_to_world;
-    if (!Array.isArray(m) || m.length !== 16 || !(entry.fov > 0)) throw new Error('an entry has no pose');
+  const found = file?.mvfusion_keys ?? { seconds: 1 / (file?.fps ?? FPS), keys: file?.camera_path };
+  if (!Array.isArray(found.keys) || found.keys.length === 0) throw new Error('it lists no cameras');
+  const key = (/** @type {any} */ entry, /** @type {number} */ index) => {
+    const wrong = (/** @type {string} */ what) => new Error(`camera ${index}: ${what}`);
+    const m = entry?.camera_to_world;
+    const isMatrix = Array.isArray(m) && m.length === 16 && m.every((value) => lies(value, -FARTHEST, FARTHEST));
+    if (!isMatrix) throw wrong(`its camera_to_world must be 16 numbers up to ${FARTHEST}`);
+    if (!lies(entry.fov, ...FIELDS_OF_VIEW)) throw wrong(`its fov must lie in ${FIELDS_OF_VIEW.join(' to ')} degrees`);
+    const time = entry.render_time ?? entry.time ?? 0;
+    if (!lies(time, 0, 1)) throw wrong('its render_time must lie in 0 to 1');
     const column = (/** @type {number} */ c) => /** @type {Vector} */ ([m[c], m[4 + c], m[8 + c]]);
-    const pose = new Pose(column(3), scale(column(2), -1), scale(column(1), -1), entry.distance ?? 1);
-    return { pose, fov: entry.fov, time: entry.render_time ?? 0 };
+    const distance = lies(entry.distance, 0, FARTHEST) ? entry.distance : 1;
+    return { pose: new Pose(column(3), scale(column(2), -1), scale(column(1), -1), distance), fov: entry.fov, time };
   };
-  return { seconds, keys: keys.map(key) };
+  const seconds = lies(found.seconds, 1e-3, 3600) ? found.seconds : 1 / FPS;
+  return { seconds, keys: found.keys.map(key) };
 }
 
 /** Camera to world by rows, in axes of OpenGL: right, up, backwards. @param {Pose} pose */

@@ -20,6 +20,8 @@ export class Picture {
     this.photo = undefined;
     /** Where the photo ends, as a share of the width; `undefined` without one. @type {number | undefined} */
     this.split = undefined;
+    /** What is said of the photo. */
+    this.caption = 'photo';
   }
 
   /** Fits the canvas to its place on the page. Returns whether its size has changed. */
@@ -39,12 +41,27 @@ export class Picture {
     return { x: (width - shown[0]) / 2, y: (height - shown[1]) / 2, width: shown[0], height: shown[1] };
   }
 
-  /** Takes a picture, unless a newer one was taken meanwhile. @param {Blob} file @param {() => boolean} isNewest */
+  /** The same rectangle from left to right, in pixels of the page. @param {number} aspect */
+  span(aspect) {
+    const { x, width } = this.place(aspect);
+    const dense = this.canvas.width / Math.max(1, this.canvas.clientWidth);
+    return { left: x / dense, width: width / dense };
+  }
+
+  /**
+   * Takes a picture, unless a newer one has come meanwhile. Whether it was taken.
+   * @param {Blob} file
+   * @param {() => boolean} isNewest
+   */
   async take(file, isNewest) {
     const bitmap = await createImageBitmap(file);
-    if (!isNewest()) return bitmap.close();
+    if (!isNewest()) {
+      bitmap.close();
+      return false;
+    }
     this.bitmap?.close();
     [this.bitmap, this.file] = [bitmap, file];
+    return true;
   }
 
   /**
@@ -66,7 +83,7 @@ export class Picture {
       context.drawImage(photo, x, y, width, height);
       context.restore();
       stroke(context, [[line, y], [line, y + height]], '#fff', 2);
-      label(context, 'photo', [line - 8, y], 'right');
+      label(context, this.caption, [line - 8, y], 'right');
       label(context, 'render', [line + 8, y], 'left');
     }
     const { fx, fy, cx, cy } = camera;

@@ -26,11 +26,15 @@ export class Player {
       this.#go(slider.valueAsNumber);
     });
     element('play').addEventListener('click', () => this.toggle());
+    element('pace').addEventListener('change', () => viewer.keep({ pace: Number(element('pace').value) }));
+    element('loop').addEventListener('change', () => viewer.keep({ loop: element('loop').checked }));
     element('play').disabled = slider.disabled;
   }
 
-  /** @param {number | null} time */
-  show(time) {
+  /** @param {import('./state.js').State} state */
+  show({ time, pace, loop }) {
+    element('pace').value = String(pace);
+    element('loop').checked = loop;
     if (time !== null) element('time').value = String(time);
     element('moment').textContent = time === null ? 'no time' : time.toFixed(3);
   }
@@ -38,6 +42,8 @@ export class Player {
   toggle() {
     if (this.isPlaying) return this.stop();
     if (this.first === this.last) return;
+    // Both would set the time in turns.
+    this.viewer.panel.editor.stop();
     this.isPlaying = true;
     this.#mark();
     const at = this.viewer.state.time ?? this.first;
@@ -46,9 +52,11 @@ export class Player {
     let before = performance.now();
     const step = (/** @type {number} */ now) => {
       if (!this.isPlaying) return;
-      this.share += ((now - before) / 1000 / this.seconds) * Number(element('pace').value);
+      const { pace, loop } = this.viewer.state;
+      // The time of the first frame may lie before the click.
+      this.share += (Math.max(0, now - before) / 1000 / this.seconds) * pace;
       before = now;
-      if (this.share >= 1 && !element('loop').checked) {
+      if (this.share >= 1 && !loop) {
         this.stop();
         return this.#go(this.last);
       }

@@ -7,29 +7,15 @@ import { element } from './dom.js';
 import { Link } from './link.js';
 import { movesOf } from './moves.js';
 import { Panel } from './panel.js';
+import { Photo } from './photo.js';
 import { Picture, loadPoints } from './picture.js';
-import { Pose } from './pose.js';
+import { beginning, fovOf, poseOf } from './state.js';
 import { unit } from './vector.js';
 
 /** @typedef {import('./vector.js').Vector} Vector */
-/** @typedef {{ set: 'train' | 'test', index: number }} ViewId */
-
-/**
- * Everything that a picture depends on.
- * @typedef {object} State
- * @property {Pose} pose
- * @property {number} fov vertical, degrees
- * @property {number | null} time `null` for the static scene alone
- * @property {string} layer
- * @property {boolean} mfta
- * @property {string} background
- * @property {string} up
- * @property {number} largest longest side of a picture, pixels
- * @property {ViewId | undefined} view the view whose camera is shown, until it is moved
- * @property {number | undefined} split where its photo ends
- * @property {boolean} frusta
- * @property {boolean} points
- */
+/** @typedef {import('./pose.js').Pose} Pose */
+/** @typedef {import('./state.js').State} State */
+/** @typedef {import('./state.js').ViewId} ViewId */
 
 /** Nothing has moved for so long: the picture may be sharp. Milliseconds. */
 const QUIET = 160;
@@ -39,13 +25,15 @@ const AIM = [40, 85];
 const LEAST_PIXELS = 160 * 90;
 const FIRST_PIXELS = 480 * 270;
 const QUALITY = { moving: 60, still: 92 };
+/** How long a sharp picture is waited for before what is there is saved. Milliseconds. */
+const PATIENCE = 10_000;
 
 export class Viewer {
   /** @param {any} scene */
   constructor(scene) {
     this.scene = scene;
     /** @type {State} */
-    this.state = { ...this.start(), ...read(location.hash, scene) };
+    this.state = { ...beginning(scene), ...read(location.hash, scene) };
     this.status = /** @type {any} */ (undefined);
     this.facts = /** @type {any} */ (undefined);
     this.pixels = FIRST_PIXELS;
@@ -54,11 +42,12 @@ export class Viewer {
     this.changedAt = 0;
     this.frames = 0;
     this.picture = new Picture(element('picture'));
+    this.photo = new Photo(this);
     this.curves = new Curves(element('loss'), element('psnr'));
     this.panel = new Panel(this);
     this.link = new Link({
       opened: () => this.#opened(),
-      closed: () => this.#closed(),
+      closed: (reason) => this.#closed(reason),
       frame: (facts, jpeg) => this.#frame(facts, jpeg),
       status: (status) => this.#status(status),
       refused: (reason) => this.#refused(reason),
@@ -67,30 +56,10 @@ export class Viewer {
     new ResizeObserver(() => this.picture.fit() && this.change({})).observe(this.picture.canvas);
     addEventListener('hashchange', () => this.change(read(location.hash, scene)));
     this.picture.fit();
-    this.#loadPhoto();
+    this.photo.load();
     this.#loadPoints();
     this.panel.show();
     this.link.connect();
-  }
-
-  /** The view that the page begins with: the first held-out camera, looked at freely. @returns {State} */
-  start() {
-    const { scene } = this;
-    const view = scene.test[0] ?? scene.train[0];
-    const camera = scene.cameras[view[1]];
-    return {
-      pose: this.poseOf(camera), fov: fovOf(camera), time: view[2], layer: 'composed', mfta: true, background: 'run',
-      up: 'scene', largest: scene.training ? 640 : 1280, view: undefined, split: undefined, frusta: false,
-      points: false,
-    };
-  }
-
-  /** @param {any} camera */
-  poseOf(camera) {
-    const pose = Pose.of(camera.position, camera.rotation, 1);
-    const ahead = [0, 1, 2].map((i) => (this.scene.target[i] - camera.position[i]) * pose.forward[i]);
-    const distance = ahead.reduce((a, b) => a + b);
-    return Pose.of(camera.position, camera.rotation, distance > 0 ? distance : this.scene.extent || 1);
   }
 
   /** The up direction that is chosen. @returns {Vector} */
@@ -117,8 +86,10 @@ export class Viewer {
   change(change) {
     const before = this.state;
     this.state = { ...before, ...change };
-    if (change.up && change.up !== before.up) this.state.pose = this.state.pose.upright(this.up);
-    if (this.state.view !== before.view) this.#loadPhoto();
+    // A pose that comes with its up direction, from an address, keeps its roll.
+    if (change.up && change.up !== before.up && !change.pose) this.state.pose = this.state.pose.upright(this.up);
+    const hasPhoto = (/** @type {State} */ state) => state.split !== undefined;
+    if (this.state.view !== before.view || hasPhoto(this.state) !== hasPhoto(before)) this.photo.load();
     if (this.state.points && !before.points) this.#loadPoints();
     [this.isChanged, this.isSharp] = [true, false];
     this.changedAt = performance.now();
@@ -129,6 +100,14 @@ export class Viewer {
     this.#pump();
   }
 
+  /** Changes what no rendered picture depends on. @param {Partial<State>} change */
+  keep(change) {
+    Object.assign(this.state, change);
+    this.panel.show();
+    this.draw();
+    this.#remember();
+  }
+
   /** Moves the camera, which leaves the camera of a view. @param {Pose} pose */
   move(pose) {
     this.change({ pose, view: undefined, split: undefined });
@@ -136,10 +115,8 @@ export class Viewer {
 
   /** Goes to the camera of a view, at its time. @param {ViewId} view */
   jump(view) {
-    const [, index, time] = this.scene[view.set][view.index];
-    const camera = this.scene.cameras[index];
-    const isClean = this.scene.clean_test && view.set === 'test';
-    this.change({ view, pose: this.poseOf(camera), fov: fovOf(camera), time: isClean ? null : time });
+    const camera = this.scene.cameras[this.scene[view.set][view.index][1]];
+    this.change({ view, pose: poseOf(this.scene, camera), fov: fovOf(camera), time: this.photo.timeOf(view) });
   }
 
   draw() {
@@ -152,8 +129,19 @@ export class Viewer {
       cx: camera.cx / camera.height, cy: camera.cy / camera.height,
     };
     this.picture.split = this.state.split;
+    this.picture.caption = this.photo.caption;
     const points = this.state.points ? this.points : undefined;
+    const { left, width } = this.picture.span(this.aspect);
+    Object.assign(element('split').style, { left: `${left}px`, width: `${width}px` });
     this.picture.draw(this.aspect, own ?? free, { scene: this.scene, points, frusta: this.state.frusta });
+  }
+
+  /** Waits for a sharp picture of what stands still. While a training runs there is none. */
+  async still() {
+    const until = performance.now() + PATIENCE;
+    const isOver = () => document.body.dataset.sharp === 'true' || performance.now() > until
+      || document.body.dataset.link !== 'open' || ['trains', 'scores'].includes(this.status?.activity);
+    while (!isOver()) await new Promise((resolve) => setTimeout(resolve, 30));
   }
 
   /** Asks for the next picture, if one is wanted and none is on its way. */
@@ -208,7 +196,8 @@ export class Viewer {
     this.#adapt(facts);
     // The next one is on its way while this one is decoded.
     this.#pump();
-    await this.picture.take(jpeg, () => number === this.frames);
+    // Decoded later than a newer one, it is dropped with its facts.
+    if (!(await this.picture.take(jpeg, () => number === this.frames))) return;
     this.draw();
     this.panel.tell(facts);
     Object.assign(document.body.dataset, {
@@ -226,6 +215,8 @@ export class Viewer {
   async #opened() {
     // Another run may be served at the same place.
     const scene = await fetch('scene.json').then((answer) => answer.json()).catch(() => undefined);
+    // It may have closed meanwhile, for want of a place.
+    if (!this.link.isOpen) return;
     if (scene && (scene.run !== this.scene.run || scene.training !== this.scene.training)) return location.reload();
     document.body.dataset.link = 'open';
     [this.isChanged, this.isSharp] = [true, false];
@@ -234,11 +225,16 @@ export class Viewer {
     this.#pump();
   }
 
-  #closed() {
-    if (document.body.dataset.link === 'open') {
+  /** @param {string} reason why the server has closed the connection, if it says so */
+  #closed(reason) {
+    if (reason) {
+      this.panel.say(reason);
+    } else if (document.body.dataset.link === 'open') {
       this.panel.say(this.status?.activity === 'scores'
         ? `The training is done. “mvfusion view ${this.scene.run}” shows its result.`
         : 'The connection is lost. Trying again …');
+    } else if (document.body.dataset.link === undefined) {
+      this.panel.say('The server does not answer. Trying again …');
     }
     document.body.dataset.link = 'closed';
     this.panel.linked(false);
@@ -262,16 +258,6 @@ export class Viewer {
     this.#pump();
   }
 
-  #loadPhoto() {
-    const { view } = this.state;
-    this.picture.photo = undefined;
-    if (!view) return;
-    const photo = new Image();
-    photo.addEventListener('load', () => this.draw());
-    photo.src = `photo/${view.set}/${view.index}`;
-    this.picture.photo = photo;
-  }
-
   async #loadPoints() {
     if (!this.state.points || this.points || this.scene.points === 0) return;
     this.points = await loadPoints(this.scene.points);
@@ -283,11 +269,6 @@ export class Viewer {
     clearTimeout(this.timer);
     this.timer = setTimeout(() => history.replaceState(null, '', `#${write(this.state)}`), 200);
   }
-}
-
-/** Vertical field of view in degrees. @param {any} camera */
-function fovOf(camera) {
-  return (360 / Math.PI) * Math.atan(camera.height / (2 * camera.fy));
 }
 
 fetch('scene.json').then((answer) => answer.json()).then((scene) => {
