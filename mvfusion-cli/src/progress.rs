@@ -99,6 +99,16 @@ impl Progress {
         self.message = message;
     }
 
+    /// Prints a line above the progress.
+    #[cfg_attr(not(feature = "viewer"), allow(dead_code, reason = "only pages order what is noted"))]
+    pub(crate) fn note(&self, line: &str) {
+        match &self.style {
+            Style::Bar(bar) => bar.println(line),
+            Style::Lines { .. } => print_line(line),
+            Style::Silent => {}
+        }
+    }
+
     /// Ends the display. The last state stays as a line.
     pub fn finish(&self) {
         match &self.style {

@@ -33,4 +33,6 @@ pub use sweep::sweep;
 pub use synth::synth;
 pub use train::train;
 #[cfg(feature = "viewer")]
+pub use train::train_in_thread;
+#[cfg(feature = "viewer")]
 pub use view::{view, view_until};

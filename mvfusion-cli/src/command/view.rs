@@ -25,21 +25,22 @@ const PATIENCE: Duration = Duration::from_millis(200);
 /// If the port is taken, the run has no checkpoint, its scene is missing, or the device does not exist.
 pub fn view(args: &ViewArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let signals = Signals::watch().context("cannot watch for signals")?;
-    view_until(args, verbosity, out, || signals.exit_code().is_some())
+    // First, because it is quick to fail.
+    let listening = Listening::at(&args.host, args.port)?;
+    view_until(args, listening, verbosity, out, || signals.exit_code().is_some())
 }
 
-/// The same until `is_over`, which is asked several times a second.
+/// The same at a socket that listens already, until `is_over`, which is asked several times a second.
 ///
 /// # Errors
 /// As [`view`].
 pub fn view_until(
     args: &ViewArgs,
+    listening: Listening,
     verbosity: Verbosity,
     out: &mut dyn Write,
     is_over: impl Fn() -> bool,
 ) -> anyhow::Result<()> {
-    // First, because it is quick to fail.
-    let listening = Listening::at(&args.host, args.port)?;
     let request = RunRequest {
         run: &args.run,
         data: args.data.as_deref(),

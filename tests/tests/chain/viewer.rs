@@ -1,17 +1,18 @@
 //! A training that is watched by a hostile page: it goes on, and its memory stays bounded.
 
 use std::io::{Read, Write};
-use std::net::{TcpListener, TcpStream};
+use std::net::TcpStream;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use clap::Parser;
 use mvfusion_cli::args::Command;
+use mvfusion_cli::interrupt::Signals;
 use mvfusion_cli::progress::Verbosity;
+use mvfusion_cli::viewer::address::{HOST, Listening};
 use mvfusion_cli::{Cli, command};
-use mvfusion_tests::SMALL_MODEL;
-use serde_json::{Value, json};
-use tungstenite::{Message, WebSocket};
+use mvfusion_tests::{SMALL_MODEL, ViewerClient};
+use serde_json::json;
 
 use crate::allocations::peak_during;
 use crate::child;
@@ -26,44 +27,24 @@ const STEPS: u64 = 20;
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Trains a small model for longer than the test lasts.
-fn train(run: &Path, port: u16) {
-    let (out, view) = (run.to_str().expect("a path that is text"), format!("--view={port}"));
+fn train(run: &Path, viewer: Listening) {
+    let out = run.to_str().expect("a path that is text");
     let settings = ["train.stages={geometry=1000000, deformation=0, refinement=0}", "train.log_interval=1"];
     let settings = settings.iter().chain(&SMALL_MODEL).flat_map(|setting| ["--set", setting]);
-    let line = ["mvfusion", "train", "--device", "cpu", "--out", out, &view].into_iter().chain(settings);
+    let line = ["mvfusion", "train", "--device", "cpu", "--out", out].into_iter().chain(settings);
     let Command::Train(args) = Cli::try_parse_from(line).expect("a command line").command else { panic!("train") };
     // Ends with the process.
-    let _ = command::train(&args, Verbosity::Silent, &mut Vec::new());
+    let _ = command::train_in_thread(&args, Signals::default(), Some(viewer), Verbosity::Silent, &mut Vec::new());
 }
 
 fn connect(port: u16) -> TcpStream {
-    let until = Instant::now() + PATIENCE;
-    loop {
-        match TcpStream::connect(("127.0.0.1", port)) {
-            Ok(stream) => {
-                stream.set_read_timeout(Some(PATIENCE)).expect("set");
-                return stream;
-            }
-            Err(error) => assert!(Instant::now() < until, "the viewer does not answer: {error}"),
-        }
-        std::thread::sleep(Duration::from_millis(50));
-    }
+    let stream = TcpStream::connect((HOST, port)).expect("connected");
+    stream.set_read_timeout(Some(PATIENCE)).expect("set");
+    stream
 }
 
-fn page(port: u16) -> WebSocket<TcpStream> {
-    tungstenite::client(format!("ws://127.0.0.1:{port}/socket"), connect(port)).expect("a conversation").0
-}
-
-/// The step of the next state that a page is told.
-fn step(page: &mut WebSocket<TcpStream>) -> u64 {
-    loop {
-        if let Message::Text(text) = page.read().expect("a message") {
-            let said: Value = serde_json::from_str(&text).expect("JSON");
-            if let Some(step) = said["step"].as_u64() {
-                return step;
-            }
-        }
-    }
+fn page(port: u16) -> ViewerClient {
+    ViewerClient::open(port).expect("a conversation")
 }
 
 /// Everything that a page, or another program, should not do.
@@ -81,12 +62,12 @@ fn assault(port: u16) {
             // Sound ones, too, and many more than can be rendered.
             _ => request.to_string(),
         };
-        rude.send(Message::text(text)).expect("sent");
+        rude.send(text).expect("sent");
     }
     for _ in 0..20 {
         let mut long = page(port);
-        // The server may close before all of it is sent.
-        let _ = long.send(Message::text("x".repeat(4 << 20)));
+        // The server may close before all of it is sent, or have no place while those before are still being closed.
+        let _ = long.send("x".repeat(4 << 20));
         drop(long);
     }
     let connections: Vec<TcpStream> = (0..200).map(|_| connect(port)).collect();
@@ -102,16 +83,18 @@ fn a_hostile_page_stops_no_training_and_takes_no_memory() {
     if let Some(report) = child::report_path() {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let run = folder.path().join("run");
-        let port = TcpListener::bind("127.0.0.1:0").and_then(|free| free.local_addr()).expect("a free port").port();
-        std::thread::spawn(move || train(&run, port));
+        let viewer = Listening::at(HOST, 0).expect("a free port");
+        let port = viewer.port();
+        std::thread::spawn(move || train(&run, viewer));
         let mut watcher = page(port);
-        let before = step(&mut watcher);
+        let mut step = || watcher.step().expect("a state");
+        let before = step();
         let ((), peak) = peak_during(|| assault(port));
         // What was told meanwhile waits in the socket; later steps follow.
         let until = Instant::now() + PATIENCE;
-        let mut now = step(&mut watcher);
+        let mut now = step();
         while now < before + STEPS && Instant::now() < until {
-            now = step(&mut watcher);
+            now = step();
         }
         assert!(now >= before + STEPS, "the training stands at step {now}, and stood at {before}");
         let mut answer = String::new();

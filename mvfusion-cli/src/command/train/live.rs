@@ -9,6 +9,7 @@ use mvfusion_model::train::Trainer;
 use super::session::Session;
 use super::watch::Watch;
 use crate::args::TrainArgs;
+use crate::progress::print_line;
 use crate::run::{self, MetricsLine};
 use crate::viewer::Viewer;
 use crate::viewer::address::Listening;
@@ -52,11 +53,12 @@ impl Live {
     pub(super) fn start(door: Door, session: &Session) -> anyhow::Result<Option<Self>> {
         let Some(listening) = door else { return Ok(None) };
         let lines = listening.lines();
-        let Session { trainer, scene, folder, verbosity, .. } = session;
+        let Session { trainer, scene, folder, .. } = session;
         let painter = Painter::new(trainer.render_context().clone(), scene.clone(), MotionSource::Training);
         let facts = facts(trainer, folder.path());
         let viewer = Viewer::start(listening, scene, &facts, status(trainer))?;
-        lines.iter().for_each(|(name, line)| verbosity.note(&format!("{:7} {line}", format!("{name}:"))));
+        // With `--quiet`, too: the token is written nowhere else.
+        lines.iter().for_each(|(name, line)| print_line(&format!("{:7} {line}", format!("{name}:"))));
         let now = Instant::now();
         Ok(Some(Self { viewer, painter, budget: Budget::default(), told: now, ended: now }))
     }
@@ -123,6 +125,15 @@ impl Session {
         served
     }
 
+    /// Tells the terminal of a pause: the page that ordered it may be gone, and the training waits all the same.
+    fn note_pause(&self, watch: &Watch, is_paused: bool) {
+        let step = self.trainer.state().completed;
+        watch.progress.note(&match is_paused {
+            true => format!("note:   a page pauses the training after step {step}. Go on there, or end it with Ctrl-C"),
+            false => format!("note:   a page lets the training go on after step {step}"),
+        });
+    }
+
     fn obey(&mut self, live: &mut Live, watch: &mut Watch) -> anyhow::Result<()> {
         let started = Instant::now();
         let mut is_paused = false;
@@ -132,7 +143,11 @@ impl Session {
                 is_paused = pause;
                 let activity = if pause { Activity::Pauses } else { Activity::Trains };
                 live.tell(&self.trainer);
-                live.viewer.board.change(|status| status.activity = activity);
+                live.viewer.board.change(|status| {
+                    // A training that stands still has no speed.
+                    (status.activity, status.steps_per_second) = (activity, None);
+                });
+                self.note_pause(watch, pause);
             }
             if orders.checkpoint {
                 let name = run::step_file(self.trainer.state().completed);

@@ -27,6 +27,8 @@ use crate::interrupt::Signals;
 use crate::memory::MemoryRule;
 use crate::progress::Verbosity;
 use crate::run::{self, Checkpoint, Existing, InitialWeights, MetricsLog, RunFolder, RunPlan, RunRecord};
+#[cfg(feature = "viewer")]
+use crate::viewer::address::Listening;
 use crate::{memory, scene};
 use session::Session;
 
@@ -41,6 +43,31 @@ const RUNS: &str = "runs";
 pub fn train(args: &TrainArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let signals = Signals::watch().context("cannot watch for signals")?;
     let door = live::open_door(args)?;
+    trained(args, signals, door, verbosity, out)
+}
+
+/// The same in a thread of a program: with signals of its own, and a viewer at a socket that listens already.
+///
+/// # Errors
+/// As [`train`].
+#[cfg(feature = "viewer")]
+pub fn train_in_thread(
+    args: &TrainArgs,
+    signals: Signals,
+    viewer: Option<Listening>,
+    verbosity: Verbosity,
+    out: &mut dyn Write,
+) -> anyhow::Result<()> {
+    trained(args, signals, viewer, verbosity, out)
+}
+
+fn trained(
+    args: &TrainArgs,
+    signals: Signals,
+    door: live::Door,
+    verbosity: Verbosity,
+    out: &mut dyn Write,
+) -> anyhow::Result<()> {
     let session = match &args.resume {
         Some(run) => resumed(args, run, signals, verbosity)?,
         None => begun(args, signals, verbosity)?,

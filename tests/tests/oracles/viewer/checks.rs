@@ -3,6 +3,8 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
+use mvfusion_cli::viewer::desk::MOST_PAGES;
+use mvfusion_tests::ViewerClient;
 use serde_json::json;
 
 use super::page::{Page, WINDOW, difference};
@@ -37,7 +39,7 @@ pub fn loads() -> Result<()> {
     server.end()
 }
 
-/// Orbit, zoom and flight change the picture, and a reset brings the first one back.
+/// Orbit, zoom and flight, by mouse, keys and touch, change the picture, and a reset brings the first one back.
 pub fn moves() -> Result<()> {
     let (_server, mut page) = opened()?;
     let first = page.picture()?;
@@ -53,8 +55,18 @@ pub fn moves() -> Result<()> {
     changed(&mut page, "a drag")?;
     page.wheel(-400.0)?;
     changed(&mut page, "the wheel")?;
+    // Letters fly after a slider was moved, too.
+    page.ask("document.getElementById('time').focus()")?;
     page.hold("KeyD", 400)?;
     changed(&mut page, "a key of flight")?;
+    page.touch(&[[[0.0, 0.0], [90.0, 20.0]]])?;
+    changed(&mut page, "a finger")?;
+    let distance = |page: &mut Page| page.ask("viewer.state.pose.distance")?.as_f64().context("a distance");
+    let far = distance(&mut page)?;
+    page.touch(&[[[-60.0, 0.0], [-120.0, 10.0]], [[60.0, 0.0], [120.0, 10.0]]])?;
+    changed(&mut page, "a pinch")?;
+    let near = distance(&mut page)?;
+    ensure!(near < 0.7 * far, "fingers twice as far apart change the distance from {far} to {near}");
     page.click("reset")?;
     let again = page.picture()?;
     ensure!(difference(&first, &again) < SAME, "the first view is not restored by a reset");
@@ -114,6 +126,7 @@ pub fn split() -> Result<()> {
     ensure!(psnr > 5.0 && psnr < 60.0, "the PSNR is {psnr}");
     let place = [0.3, 0.5];
     let render = page.canvas_at(place)?;
+    ensure!(page.ask("viewer.picture.photo === undefined")? == true, "the photo is loaded before it is shown");
     page.set("compare", "true")?;
     page.wait("viewer.picture.photo?.complete && viewer.picture.photo.naturalWidth > 0")?;
     page.set("split", "1")?;
@@ -138,7 +151,17 @@ pub fn split() -> Result<()> {
     page.set("split", "0")?;
     let again = page.canvas_at(place)?;
     ensure!(far(render, again) < 8, "without the photo it is {again:?}, and was {render:?}");
-    // A drag leaves the photo's camera.
+    // The line can be dragged.
+    page.set("split", "0.5")?;
+    page.drag([60.0, 0.0])?;
+    page.wait("viewer.state.split > 0.52 && viewer.state.view?.index === 2")?;
+    // At another time, there is no PSNR, and the photo says its time.
+    page.set("time", "0.11")?;
+    page.picture()?;
+    let psnr = page.ask("[viewer.facts.psnr ?? null, viewer.picture.caption]")?;
+    ensure!(psnr[0].is_null() && psnr[1].as_str().is_some_and(|text| text.starts_with("photo at ")), "{psnr}");
+    // A drag elsewhere leaves the photo's camera.
+    page.set("split", "0")?;
     page.drag([60.0, 0.0])?;
     page.picture()?;
     ensure!(page.ask("viewer.state.view === undefined")? == true, "the view is left");
@@ -152,14 +175,22 @@ pub fn address() -> Result<()> {
     page.set("time", "0.4")?;
     page.set("layer", "dynamic")?;
     page.set("background", "1")?;
+    for (id, value) in [("pace", "2"), ("loop", "false"), ("speed", "1")] {
+        page.set(id, value)?;
+    }
     let picture = page.picture()?;
-    page.wait("location.hash.includes('layer=dynamic') && location.hash.includes('t=0.4')")?;
+    page.wait("['layer=dynamic', 't=0.4', 'fly=1'].every(part => location.hash.includes(part))")?;
     let shared = page.ask("location.href")?.as_str().context("an address")?.to_owned();
     drop(page);
     let mut other = Page::open(&shared)?;
     let again = other.picture()?;
     ensure!(difference(&picture, &again) < SAME, "the view is another one");
     ensure!(other.ask("document.getElementById('layer').value")? == "dynamic", "the layer is not restored");
+    let speeds = other.ask("[viewer.state.pace, viewer.state.loop, viewer.state.speed]")?;
+    ensure!(speeds == json!([2, false, 1]), "the speeds are {speeds}");
+    // A pose keeps its roll, also if the up direction comes with it.
+    other.ask("location.hash = 'p=0,0,-3&f=0,0,1&d=1,0,0&r=3&up=-y&t=0.4'")?;
+    other.wait("viewer.state.up === '-y' && Math.abs(viewer.state.pose.down[0] - 1) < 1e-6")?;
     // A broken address is not an error.
     other.go(&format!("{}#p=1,2&layer=gt&t=7&view=test/9999&fov=x", server.address()))?;
     other.ask("location.reload()")?;
@@ -178,7 +209,15 @@ pub fn two_pages() -> Result<()> {
     let (a, b) = (first.picture()?, second.picture()?);
     ensure!(difference(&a, &b) > 0.1, "both pages show the same");
     first.reports_nothing(&server.address())?;
-    second.reports_nothing(&server.address())
+    second.reports_nothing(&server.address())?;
+    // A page for which there is no place says so, and comes in when there is one.
+    second.ask("viewer.link.connect = () => {}, viewer.link.socket.close()")?;
+    second.wait("document.body.dataset.link === 'closed'")?;
+    let others = (1..MOST_PAGES).map(|_| ViewerClient::open(server.port)).collect::<Result<Vec<_>>>()?;
+    second.ask("delete viewer.link.connect, viewer.link.connect()")?;
+    second.wait("document.getElementById('notice').textContent.startsWith('Too many pages')")?;
+    drop(others);
+    second.wait("document.body.dataset.link === 'open' && document.getElementById('notice').hidden")
 }
 
 /// The page says that the server is gone, and goes on when it is back.
@@ -188,7 +227,7 @@ pub fn restart() -> Result<()> {
     let port = server.port;
     server.end()?;
     page.wait("document.body.dataset.link === 'closed' && !document.getElementById('notice').hidden")?;
-    let _again = Server::at(port)?;
+    let _again = Server::of(run()?, port)?;
     page.wait("document.body.dataset.link === 'open' && document.getElementById('notice').hidden")?;
     page.drag([80.0, 0.0])?;
     let after = page.picture()?;
@@ -216,6 +255,26 @@ pub fn path() -> Result<()> {
             return file.text();
         })()",
     )?;
+    // It can be opened again, and what is no path is refused with a sentence.
+    let opened = page.ask(&format!(
+        "(async () => {{
+            const {{ fromFile }} = await import(new URL('path.js', location.href));
+            const refused = [null, [], {{}}, {{ camera_path: [] }}, {{ camera_path: [{{}}] }}];
+            const saved = {};
+            for (const [key, value] of [['fov', '60'], ['fov', 175], ['render_time', 2], ['camera_to_world', [1]]]) {{
+                const entry = {{ ...saved.camera_path[0], [key]: value }};
+                refused.push({{ camera_path: [entry] }});
+            }}
+            const words = refused.map(file => {{
+                try {{ return fromFile(file) && 'opened'; }} catch (error) {{ return error.message; }}
+            }});
+            return [fromFile(saved).keys.length, words];
+        }})()",
+        saved.as_str().context("a file")?
+    ))?;
+    let (keys, words): (usize, Vec<String>) = serde_json::from_value(opened)?;
+    let is_told = |words: &String| words.contains("must") || words.contains("lists no cameras");
+    ensure!(keys == 2 && words.iter().all(is_told), "{keys} keys, and {words:?}");
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("fly.json");
     std::fs::write(&path, saved.as_str().context("a file")?)?;

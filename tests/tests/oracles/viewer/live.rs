@@ -1,77 +1,99 @@
 //! The viewer of a training.
 
-use std::net::TcpStream;
 use std::path::Path;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, anyhow, ensure};
-use serde_json::Value;
-use tungstenite::Message;
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use clap::Parser;
+use mvfusion_cli::args::Command;
+use mvfusion_cli::interrupt::{Interrupted, Signals};
+use mvfusion_cli::progress::Verbosity;
+use mvfusion_cli::viewer::address::{HOST, Listening};
+use mvfusion_cli::{Cli, command};
+use mvfusion_tests::ViewerClient;
 
-use super::free_port;
+use super::Server;
 use super::page::Page;
-use crate::tiny::train;
+use crate::tiny::training;
 
-/// Few steps: the training pauses until a browser is there.
-const STAGES: &str = "train.stages={geometry=100, deformation=100, refinement=100}";
+/// The training outlasts the trial, which ends it, however slow the browser is. A checkpoint is kept that was written
+/// when all stages were passed.
+const SETTINGS: [&str; 6] = [
+    "--set",
+    "train.stages={geometry=40, deformation=40, refinement=1000000}",
+    "--set",
+    "train.checkpoint_interval=150",
+    "--set",
+    "train.keep_checkpoints=1000",
+];
+const KEPT: &str = "checkpoints/step_150.safetensors";
 
 /// How long anything may take.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// A training of the tiny model that is served.
+/// A training of the tiny model in a thread, interrupted when dropped.
 struct Training {
-    port: u16,
-    thread: JoinHandle<Result<String>>,
+    signals: Signals,
+    thread: Option<JoinHandle<Result<()>>>,
 }
 
 impl Training {
-    fn start(run: &Path, stages: &'static str) -> Result<Self> {
-        let (run, port) = (run.to_owned(), free_port()?);
-        let thread = std::thread::spawn(move || train(&run, &["--set", stages, &format!("--view={port}")]));
-        pause(port)?;
-        Ok(Self { port, thread })
+    fn start(run: &Path, viewer: Option<Listening>) -> Result<Self> {
+        let line = training(run, &SETTINGS)?;
+        let Command::Train(args) = Cli::try_parse_from(["mvfusion"].iter().chain(&line))?.command else {
+            bail!("another command")
+        };
+        let signals = Signals::default();
+        let given = signals.clone();
+        let thread = std::thread::spawn(move || {
+            command::train_in_thread(&args, given, viewer, Verbosity::Silent, &mut Vec::new())
+        });
+        Ok(Self { signals, thread: Some(thread) })
     }
 
-    fn address(&self) -> String {
-        format!("http://127.0.0.1:{}/", self.port)
+    /// One that is served, and pauses after a step.
+    fn paused(run: &Path) -> Result<(Self, u16)> {
+        let viewer = Listening::at(HOST, 0)?;
+        let port = viewer.port();
+        let training = Self::start(run, Some(viewer))?;
+        let mut page = ViewerClient::open(port)?;
+        page.send("{\"type\":\"pause\"}")?;
+        // It is told that the training pauses before it leaves.
+        page.wait_for(|status| status["activity"] == "pauses")?;
+        Ok((training, port))
     }
 
-    fn end(self) -> Result<String> {
-        self.thread.join().map_err(|_| anyhow!("the training has panicked"))?
+    /// Interrupts it, and checks that nothing else has ended it.
+    fn end(mut self) -> Result<()> {
+        self.signals.raise();
+        let thread = self.thread.take().context("a thread")?;
+        match thread.join().map_err(|_| anyhow!("the training has panicked"))? {
+            Err(error) if error.is::<Interrupted>() => Ok(()),
+            other => bail!("the training ended by itself: {other:?}"),
+        }
     }
 }
 
-/// Orders a pause as soon as the training is served.
-fn pause(port: u16) -> Result<()> {
-    let until = Instant::now() + PATIENCE;
-    let stream = loop {
-        match TcpStream::connect(("127.0.0.1", port)) {
-            Ok(stream) => break stream,
-            Err(error) => ensure!(Instant::now() < until, "the training is not served: {error}"),
+impl Drop for Training {
+    fn drop(&mut self) {
+        self.signals.raise();
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
         }
-        std::thread::sleep(Duration::from_millis(20));
-    };
-    let opened = tungstenite::client(format!("ws://127.0.0.1:{port}/socket"), stream);
-    let (mut socket, _) = opened.map_err(|error| anyhow!("{error}"))?;
-    socket.send(Message::text("{\"type\":\"pause\"}"))?;
-    // It is told that the training pauses before it leaves.
-    loop {
-        if let Message::Text(text) = socket.read()?
-            && text.contains("\"pauses\"")
-        {
-            return Ok(());
-        }
-        ensure!(Instant::now() < until, "the training does not pause");
     }
+}
+
+fn address(port: u16) -> String {
+    format!("http://{HOST}:{port}/")
 }
 
 /// Step and picture follow the training, which pauses, saves a checkpoint, and goes on.
 pub fn advances() -> Result<()> {
     let folder = tempfile::tempdir()?;
     let run = folder.path().join("run");
-    let training = Training::start(&run, STAGES)?;
-    let mut page = Page::open(&training.address())?;
+    let (training, port) = Training::paused(&run)?;
+    let mut page = Page::open(&address(port))?;
     page.wait("document.body.dataset.activity === 'pauses'")?;
     page.click("pause")?;
     page.wait("Number(document.body.dataset.frames) > 2 && viewer.curves.points.length > 3")?;
@@ -94,21 +116,25 @@ pub fn advances() -> Result<()> {
     let paused = paused.as_f64().context("a step")? as u64;
     let file = run.join("checkpoints").join(format!("step_{paused}.safetensors"));
     ensure!(file.is_file(), "{} is not there", file.display());
-    page.reports_nothing(&training.address())?;
+    page.reports_nothing(&address(port))?;
     page.click("pause")?;
     page.wait(&format!(
         "document.body.dataset.activity !== 'pauses' && Number(document.body.dataset.trained) > {paused}"
     ))?;
-    drop(page);
-    training.end().map(drop)
+    // What is served at the same place next is another thing, and the page notices.
+    training.end()?;
+    let _server = Server::of(&run, port)?;
+    page.wait("globalThis.viewer?.scene.training === false && document.body.dataset.link === 'open'")?;
+    ensure!(page.ask("document.getElementById('training').hidden")? == true, "the page still shows a training");
+    page.picture().map(drop)
 }
 
-/// The parameters of a training that was watched, paused and saved are those of one that nobody watched.
+/// A training that was watched, paused and saved has the same state, to the bit, as one that nobody watched.
 pub fn is_the_same() -> Result<()> {
     let folder = tempfile::tempdir()?;
     let [watched, alone] = ["watched", "alone"].map(|name| folder.path().join(name));
-    let training = Training::start(&watched, STAGES)?;
-    let mut page = Page::open(&training.address())?;
+    let (training, port) = Training::paused(&watched)?;
+    let mut page = Page::open(&address(port))?;
     for layer in ["static", "mask", "depth", "composed"] {
         page.set("layer", layer)?;
         page.wait(&format!("viewer.facts?.layer === '{layer}'"))?;
@@ -121,14 +147,16 @@ pub fn is_the_same() -> Result<()> {
     page.click("checkpoint")?;
     page.wait("!document.getElementById('saved').hidden")?;
     page.click("pause")?;
-    page.wait("document.body.dataset.activity !== 'pauses'")?;
+    page.wait("Number(document.body.dataset.trained) > 150")?;
     training.end()?;
-    train(&alone, &["--set", STAGES])?;
-    let hash = |run: &Path| -> Result<Value> {
-        let results: Value = serde_json::from_slice(&std::fs::read(run.join("results.json"))?)?;
-        Ok(results["params_sha256"].clone())
-    };
-    let (watched, alone) = (hash(&watched)?, hash(&alone)?);
-    ensure!(watched.is_string() && watched == alone, "watched {watched}, alone {alone}");
+    let training = Training::start(&alone, None)?;
+    let until = Instant::now() + PATIENCE;
+    while !alone.join(KEPT).is_file() {
+        ensure!(Instant::now() < until, "the training alone writes no checkpoint");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    training.end()?;
+    let [watched, alone] = [watched, alone].map(|run| std::fs::read(run.join(KEPT)));
+    ensure!(watched? == alone?, "the checkpoints differ");
     Ok(())
 }

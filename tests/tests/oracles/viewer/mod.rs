@@ -7,7 +7,6 @@ mod checks;
 mod live;
 mod page;
 
-use std::net::TcpListener;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -18,6 +17,7 @@ use clap::Parser;
 use libtest_mimic::Trial;
 use mvfusion_cli::args::Command;
 use mvfusion_cli::progress::Verbosity;
+use mvfusion_cli::viewer::address::{HOST, Listening};
 use mvfusion_cli::{Cli, command};
 use tempfile::TempDir;
 
@@ -72,11 +72,6 @@ fn run() -> Result<&'static Path> {
     Ok(PATH.get_or_init(|| folder.path().join("run")))
 }
 
-/// A port that is free now.
-fn free_port() -> Result<u16> {
-    Ok(TcpListener::bind("127.0.0.1:0")?.local_addr()?.port())
-}
-
 /// A server of a run, ended when dropped.
 struct Server {
     port: u16,
@@ -85,21 +80,26 @@ struct Server {
 }
 
 impl Server {
-    /// Serves the run at a free port.
+    /// Serves the run that all trials look at, at any port.
     fn start() -> Result<Self> {
-        Self::at(free_port()?)
+        Self::of(run()?, 0)
     }
 
-    /// Serves the run at this port.
-    fn at(port: u16) -> Result<Self> {
-        let (run, number) = (text(run()?)?.to_owned(), port.to_string());
+    /// Serves a run at a port.
+    fn of(run: &Path, port: u16) -> Result<Self> {
+        let run = text(run)?.to_owned();
+        // What listens can be connected to before it is served.
+        let listening = Listening::at(HOST, port)?;
+        let port = listening.port();
         let is_over = Arc::new(AtomicBool::new(false));
         let over = Arc::clone(&is_over);
         let thread = std::thread::spawn(move || {
-            let line = ["mvfusion", "view", &run, "--port", &number, "--device", "cpu"];
-            let Command::View(args) = Cli::try_parse_from(line)?.command else { return Err(anyhow!("another command")) };
+            let line = ["mvfusion", "view", &run, "--device", "cpu"];
+            let Command::View(args) = Cli::try_parse_from(line)?.command else {
+                return Err(anyhow!("another command"));
+            };
             let mut said = Vec::new();
-            command::view_until(&args, Verbosity::Silent, &mut said, || over.load(Ordering::Relaxed))
+            command::view_until(&args, listening, Verbosity::Silent, &mut said, || over.load(Ordering::Relaxed))
         });
         Ok(Self { port, is_over, thread: Some(thread) })
     }

@@ -43,15 +43,9 @@ impl Page {
 
     /// Goes to another address.
     pub fn go(&mut self, address: &str) -> Result<()> {
-        // The server may need a moment to begin.
-        let until = Instant::now() + PATIENCE;
-        loop {
-            let answer = self.connection().call("Page.navigate", json!({"url": address}))?;
-            match answer.get("errorText") {
-                None => break,
-                Some(error) if Instant::now() > until => bail!("{address} cannot be opened: {error}"),
-                Some(_) => thread::sleep(PAUSE),
-            }
+        let answer = self.connection().call("Page.navigate", json!({"url": address}))?;
+        if let Some(error) = answer.get("errorText") {
+            bail!("{address} cannot be opened: {error}");
         }
         self.wait("document.body?.dataset.link === 'open'")
     }
@@ -155,9 +149,25 @@ impl Page {
         self.mouse("mouseWheel", middle, json!({"deltaX": 0, "deltaY": by}))
     }
 
+    /// Moves fingers over the picture, each from one place to another, in pixels from its middle.
+    pub fn touch(&mut self, fingers: &[[[f64; 2]; 2]]) -> Result<()> {
+        let middle = self.middle()?;
+        for part in 0..=4 {
+            let share = f64::from(part) / 4.0;
+            let points = fingers.iter().enumerate().map(|(id, [from, to])| {
+                let [x, y] = [0, 1].map(|axis| middle[axis] + from[axis] + share * (to[axis] - from[axis]));
+                json!({"x": x, "y": y, "id": id})
+            });
+            let kind = if part == 0 { "touchStart" } else { "touchMove" };
+            let event = json!({"type": kind, "touchPoints": points.collect::<Vec<_>>()});
+            self.connection().call("Input.dispatchTouchEvent", event)?;
+        }
+        let event = json!({"type": "touchEnd", "touchPoints": []});
+        self.connection().call("Input.dispatchTouchEvent", event).map(drop)
+    }
+
     /// Holds a key of flight for a moment.
     pub fn hold(&mut self, code: &str, milliseconds: u64) -> Result<()> {
-        self.ask("document.getElementById('picture').focus()")?;
         let key = code.trim_start_matches("Key").to_lowercase();
         self.connection().call("Input.dispatchKeyEvent", json!({"type": "keyDown", "code": code, "key": key}))?;
         thread::sleep(Duration::from_millis(milliseconds));
