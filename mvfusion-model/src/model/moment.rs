@@ -52,32 +52,60 @@ impl Moment {
 
 #[cfg(all(test, feature = "flex"))]
 mod tests {
+    use burn::tensor::{Tensor, TensorData};
     use mvfusion_data::{BuiltinOptions, builtin};
 
-    use crate::config::{Config, TrainConfig};
-    use crate::device;
-    use crate::evaluation::{Layer, LayerRenderer};
+    use super::*;
+    use crate::config::{Config, ModelConfig, TrainConfig};
+    use crate::evaluation::{Layer, LayerRenderer, RenderedLayer};
     use crate::train::Trainer;
+    use crate::{device, tensors};
+
+    /// Sums over other numbers of rows are rounded differently.
+    const ROUNDING: f32 = 1e-4;
+
+    /// A short life around one of two times.
+    fn with_lifetimes(model: &mut Model) {
+        let means = model.dynamic.means.val();
+        let count = model.dynamic.count();
+        let column = |value: fn(usize) -> f32| -> Tensor<2> {
+            let values: Vec<f32> = (0..count).map(value).collect();
+            tensors::from_data_like(TensorData::new(values, [count, 1]), &means)
+        };
+        let (centres, durations) = (column(|row| if row % 3 == 0 { 0.9 } else { 0.4 }), column(|_| -3.0));
+        let dynamic = &mut model.dynamic;
+        dynamic.time_centres = dynamic.time_centres.take().map(|old| old.map(|_| centres));
+        dynamic.log_durations = dynamic.log_durations.take().map(|old| old.map(|_| durations));
+    }
 
     #[test]
-    fn a_moment_renders_like_its_time_from_every_camera() {
+    fn a_moment_renders_like_all_gaussians_though_it_holds_only_those_that_are_alive() {
         let scene = builtin::builtin(&BuiltinOptions { width: 32, height: 24, frames: 3, ..Default::default() });
         let train = TrainConfig { scale: 0.0005, ..TrainConfig::default() };
-        let config = Config { train, ..Config::default() }.scaled();
+        let model = ModelConfig { lifetime: true, ..ModelConfig::default() };
+        let config = Config { train, model, ..Config::default() }.scaled();
         let mut trainer = Trainer::new(config, &scene, &device::flex()).expect("trainer");
         while trainer.step().expect("step").is_some() {}
-        let (model, context) = (trainer.state().model.plain(), trainer.render_context());
-        let (level, layers) = (trainer.final_level(), [Layer::Composed, Layer::Mask, Layer::Depth]);
-        let weights = context.motion.weights;
-        let renderer = LayerRenderer::new(&model, level, context, &layers, weights).expect("renderer");
+        let (mut model, context) = (trainer.state().model.plain(), trainer.render_context());
+        with_lifetimes(&mut model);
+        let (level, layers) = (trainer.final_level(), [Layer::Composed, Layer::Mask, Layer::Depth, Layer::Motion]);
+        let renderer = LayerRenderer::new(&model, level, context, &layers, context.motion.weights).expect("renderer");
         let moment = model.moment(0.4, level, context).expect("moment");
-        assert!(moment.bytes() > 0);
+        let (alive, count) = (moment.gaussians().means.dims()[0], model.dynamic.count());
+        assert!(moment.bytes() > 0 && alive > 0 && alive < count, "{alive} of {count}");
+        let all = Moment { gaussians: model.dynamic_at(0.4, level, context), alive: None };
         for view in &scene.test[..2] {
-            let values = |rendered: Vec<crate::evaluation::RenderedLayer>| {
+            let values = |rendered: Vec<RenderedLayer>| {
                 rendered.iter().map(|layer| layer.pixels().expect("pixels")).collect::<Vec<_>>()
             };
-            let fresh = values(renderer.render(&view.camera, 0.4).expect("rendered"));
             let kept = values(renderer.render_moment(&view.camera, &moment).expect("rendered"));
+            let whole = values(renderer.render_moment(&view.camera, &all).expect("rendered"));
+            for ((layer, kept), whole) in layers.iter().zip(&kept).zip(&whole) {
+                let largest = whole.iter().fold(0.0f32, |largest, value| largest.max(value.abs()));
+                let off = kept.iter().zip(whole).fold(0.0f32, |off, (kept, whole)| off.max((kept - whole).abs()));
+                assert!(largest > 0.0 && off <= ROUNDING * largest, "{}, {layer}: {off} of {largest}", view.name);
+            }
+            let fresh = values(renderer.render(&view.camera, 0.4).expect("rendered"));
             assert!(fresh == kept, "{}", view.name);
         }
     }
