@@ -150,7 +150,7 @@ mod tests {
 
     use super::*;
 
-    /// A run's folder with pictures of these layers, and strips, of so many views.
+    /// A run's folder with pictures of these layers, and strips, of this many views.
     fn run(layers: &[&str], views: usize, strips: &[usize]) -> (tempfile::TempDir, RunFiles) {
         let folder = tempfile::tempdir().expect("folder");
         let save = |path: std::path::PathBuf| {

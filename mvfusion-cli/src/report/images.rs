@@ -188,7 +188,7 @@ fn row(view: &AlbumView, pictures: &[ViewPicture]) -> Markup {
     }
 }
 
-/// Columns of so many equal tiles, so that the rows are as full as they can be: nine are five and four, not eight and
+/// Columns of this many equal tiles, so that the rows are as full as they can be: nine are five and four, not eight and
 /// one.
 fn columns(tiles: usize) -> usize {
     tiles.div_ceil(tiles.div_ceil(MOST_COLUMNS).max(1)).max(1)

@@ -17,7 +17,6 @@ mod modules;
 mod page;
 mod picture;
 mod record;
-mod reel;
 mod rig;
 mod scores;
 mod snippet;

@@ -7,9 +7,9 @@ use sha2::{Digest, Sha256};
 
 use super::album::Album;
 use super::files::RunFiles;
-use super::film::Film;
+use super::film::{self, Film};
 use super::picture::QUALITY;
-use super::{head, images, modules, record, reel, rig, scores, training};
+use super::{head, images, modules, record, rig, scores, training};
 
 const STYLE: &str = include_str!("report.css");
 const SCRIPT: &str = include_str!("report.js");
@@ -28,7 +28,7 @@ struct Section {
 const SECTIONS: [Section; 10] = [
     Section { anchor: "metrics", title: "Metrics", body: |files, _, _| scores::scores(files) },
     Section { anchor: "training", title: "Training", body: |files, _, _| training::training(files) },
-    Section { anchor: "film", title: "Over time", body: |files, _, film| reel::reel(files, film) },
+    Section { anchor: "film", title: "Over time", body: |files, _, film| film::section(files, film) },
     Section { anchor: "sliders", title: "Comparison", body: |files, album, _| images::sliders(files, album) },
     Section { anchor: "layers", title: "Branch decomposition", body: |files, album, _| images::layers(files, album) },
     Section { anchor: "motion", title: "Motion", body: |files, album, _| images::heat_maps(files, album) },

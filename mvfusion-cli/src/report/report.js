@@ -27,7 +27,7 @@ for (const film of document.querySelectorAll('figure.film')) {
   const frames = [...film.querySelectorAll('.frames li')];
   const range = film.querySelector('.moment');
   const button = film.querySelector('.play');
-  const told = film.querySelector('.told');
+  const caption = film.querySelector('.caption');
   const screens = [...film.querySelectorAll('.screen')];
   const FRAME_MS = 1000 / 15;
   let clock = 0;
@@ -47,9 +47,9 @@ for (const film of document.querySelectorAll('figure.film')) {
     if (source) picture.src = wanted; else picture.removeAttribute('src');
   };
   const move = () => {
-    told.value = frames[range.value].dataset.told;
+    caption.value = frames[range.value].dataset.caption;
     film.style.setProperty('--at', range.value / (frames.length - 1));
-    range.setAttribute('aria-valuetext', told.value);
+    range.setAttribute('aria-valuetext', caption.value);
     return Promise.all(screens.map(show));
   };
   const go = index => {

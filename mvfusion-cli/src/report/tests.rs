@@ -69,7 +69,7 @@ fn run(text: &str) -> tempfile::TempDir {
     folder
 }
 
-/// A scene of one camera that looks at so many times.
+/// A scene of one camera that looks at this many times.
 fn scene(text: &str, views: usize) -> SceneFile {
     let camera = SceneCamera {
         name: text.to_owned(),
@@ -294,12 +294,12 @@ fn a_film_has_every_view_in_every_layer_with_its_time_and_its_score() {
     }
     write(folder.path(), "scene.json", json(&scene("kitchen", 3)));
     let page = html(folder.path()).expect("a page");
-    assert_eq!(count(&page, "<li data-told="), 3);
+    assert_eq!(count(&page, "<li data-caption="), 3);
     for (words, times) in [
         ("<data class=\"composed\" value=\"data:image/jpeg", 3),
         ("<data class=\"static\"", 1),
-        ("data-told=\"kitchen \u{b7} time 0.000 \u{b7} 27.34 dB\"", 1),
-        ("data-told=\"00002 \u{b7} time 0.500\"", 1),
+        ("data-caption=\"kitchen \u{b7} time 0.000 \u{b7} 27.34 dB\"", 1),
+        ("data-caption=\"00002 \u{b7} time 0.500\"", 1),
         ("max=\"2\"", 1),
         ("data-kind=\"gt\"", 1),
     ] {

@@ -61,8 +61,8 @@ fn becomes_true(connection: &mut Connection, expression: &str) -> Result<bool> {
 
 fn keys_move(connection: &mut Connection) -> Result<()> {
     let place = connection.evaluate(&format!("{}.getBoundingClientRect().toJSON()", picture(0)))?;
-    let (before, told) = (view(connection, &place)?, "document.querySelector('.told').value");
-    let words = connection.evaluate(told)?;
+    let (before, caption) = (view(connection, &place)?, "document.querySelector('.caption').value");
+    let words = connection.evaluate(caption)?;
     let source = connection.evaluate(&format!("{}.src", picture(0)))?;
     connection.evaluate("document.querySelector('.moment').focus({ preventScroll: true })")?;
     for kind in ["rawKeyDown", "keyUp"] {
@@ -72,7 +72,7 @@ fn keys_move(connection: &mut Connection) -> Result<()> {
     let last = number(connection, "+document.querySelector('.moment').max")?;
     ensure!(frame(connection)? == last, "the key End moves the film to {}, not {last}", frame(connection)?);
     ensure!(becomes_true(connection, &format!("{}.src !== {source}", picture(0)))?, "the last frame is not shown");
-    ensure!(connection.evaluate(told)? != words, "the caption stays {words}");
+    ensure!(connection.evaluate(caption)? != words, "the caption stays {words}");
     let line = number(connection, "+getComputedStyle(document.querySelector('figure.film')).getPropertyValue('--at')")?;
     ensure!(line == 1.0, "the line over the curve stands at {line}");
     // What moves is elsewhere at another time.

@@ -3,11 +3,11 @@
 use maud::{Markup, html};
 use mvfusion_model::evaluation::Layer;
 
-use super::album::without_layers;
-use super::files::RunFiles;
-use super::film::{Film, FilmFrame};
-use super::snippet::{notice, number};
+use super::{Film, FilmFrame};
 use crate::drawing::{Axis, Frame, path};
+use crate::report::album::without_layers;
+use crate::report::files::RunFiles;
+use crate::report::snippet::{notice, number};
 use crate::run::PictureKind;
 
 /// The first choices of the two screens.
@@ -16,7 +16,7 @@ const FIRST: [PictureKind; 2] = [PictureKind::GroundTruth, PictureKind::Model(La
 const TRACE: [f64; 2] = [1000.0, 60.0];
 
 /// The whole section.
-pub(super) fn reel(files: &RunFiles, film: &Film) -> Markup {
+pub(in crate::report) fn section(files: &RunFiles, film: &Film) -> Markup {
     html! {
         @if film.frames.len() < 2 {
             @if film.frames.is_empty() { (notice(&without_layers(files))) }
@@ -54,11 +54,11 @@ fn figure(film: &Film) -> Markup {
                 button.play type="button" aria-pressed="false" { "Play" }
                 input.moment type="range" min="0" max=(last) step="1" value="0" autocomplete="off"
                     aria-label="held-out view, by time";
-                output.told { (told(&film.frames[0])) }
+                output.caption { (caption(&film.frames[0])) }
             }
             ol.frames hidden {
                 @for frame in &film.frames {
-                    li data-told=(told(frame)) {
+                    li data-caption=(caption(frame)) {
                         @for (kind, uri) in &frame.images { data class=(kind.folder()) value=(uri) {} }
                     }
                 }
@@ -85,7 +85,7 @@ fn choice(film: &Film, chosen: PictureKind, side: &str) -> Markup {
 }
 
 /// A frame in words.
-fn told(frame: &FilmFrame) -> String {
+fn caption(frame: &FilmFrame) -> String {
     let time = frame.time.map(|time| format!("time {time:.3}"));
     let psnr = frame.psnr.map(|psnr| format!("{} dB", number(psnr, 2)));
     let parts = std::iter::once(frame.name.clone()).chain(time).chain(psnr);

@@ -1,5 +1,7 @@
 //! The film of a report: the held-out views in several layers, in the order of their times, as small images.
 
+mod section;
+
 use std::path::Path;
 
 use base64::Engine;
@@ -15,6 +17,8 @@ use rayon::prelude::*;
 use super::album::{names, view_name};
 use super::files::RunFiles;
 use crate::run::{self, MOST_OF_PICTURE, PictureKind};
+
+pub(super) use section::section;
 
 /// The layers of a film, in the order of its choices.
 const KINDS: [PictureKind; 7] = [
@@ -168,7 +172,7 @@ mod tests {
     use super::*;
     use crate::run::{HeldOutView, SceneCamera, SceneFile};
 
-    /// A run with so many views in two layers, whose times run backwards.
+    /// A run with this many views in two layers, whose times run backwards.
     fn run(views: usize, side: u32, noise: bool) -> tempfile::TempDir {
         let folder = tempfile::tempdir().expect("folder");
         for layer in ["gt", "composed"] {
