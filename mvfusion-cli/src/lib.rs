@@ -44,6 +44,7 @@ pub mod export;
 pub mod failure;
 mod help;
 pub mod interrupt;
+mod level_axes;
 pub mod lock;
 mod logs;
 pub mod memory;

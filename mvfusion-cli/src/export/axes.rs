@@ -3,16 +3,14 @@
 use glam::{DMat3, DQuat, DVec3};
 use mvfusion_data::{Camera, Scene};
 
+use crate::level_axes::level_axes;
+
 /// The rotation from the scene's world to the axes of glTF. Up is the mean of what the training cameras call up, and -z
 /// is where they look on average, as far as this is level.
 pub fn to_gltf(scene: &Scene) -> DMat3 {
     // The rows of a camera's rotation are right, down and forward in the world.
     let sum = |row: usize| scene.train.iter().map(|view| view.camera.rotation.row(row)).sum::<DVec3>();
-    let up = (-sum(1)).try_normalize().unwrap_or(DVec3::NEG_Y);
-    // Where cameras stand all around, or look straight up or down, any level direction will do.
-    let level = |direction: DVec3| (direction - up * direction.dot(up)).try_normalize();
-    let forward = level(sum(2)).unwrap_or_else(|| up.any_orthonormal_vector());
-    let right = forward.cross(up);
+    let [right, up, forward] = level_axes(sum(1), sum(2));
     DMat3::from_cols(right, up, -forward).transpose()
 }
 

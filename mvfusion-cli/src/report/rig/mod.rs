@@ -8,6 +8,7 @@ use maud::{Markup, html};
 
 use super::files::RunFiles;
 use super::snippet::notice;
+use crate::level_axes::level_axes;
 use crate::run::SceneFile;
 use plot::{MOST_CAMERAS, Projection};
 use time_colours::TimeColours;
@@ -55,11 +56,7 @@ fn axes(scene: &SceneFile) -> [DVec3; 3] {
         let training = scene.cameras.iter().filter(|camera| !camera.is_held_out);
         training.map(|camera| camera.views as f64 * DVec3::from_array(camera.axes[axis])).sum()
     };
-    let up = (-sum(1)).try_normalize().unwrap_or(DVec3::NEG_Y);
-    let look = sum(2);
-    // Where cameras stand all around, any level direction will do.
-    let forward = (look - up * look.dot(up)).try_normalize().unwrap_or_else(|| up.any_orthonormal_vector());
-    [forward.cross(up), up, forward]
+    level_axes(sum(1), sum(2))
 }
 
 #[cfg(test)]
