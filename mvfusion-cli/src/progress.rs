@@ -100,7 +100,7 @@ impl Progress {
     }
 
     /// Prints a line above the progress.
-    #[cfg_attr(not(feature = "viewer"), allow(dead_code, reason = "only pages order what is noted"))]
+    #[cfg_attr(not(feature = "viewer"), allow(dead_code, reason = "only pages ask for what is noted"))]
     pub(crate) fn note(&self, line: &str) {
         match &self.style {
             Style::Bar(bar) => bar.println(line),

@@ -11,13 +11,13 @@ use crate::interrupt::Signals;
 use crate::progress::Verbosity;
 use crate::run::{MasksRequest, OpenRun, RunRequest};
 use crate::viewer::Viewer;
-use crate::viewer::address::Listening;
-use crate::viewer::board::{Activity, Status};
+use crate::viewer::address::BoundSocket;
 use crate::viewer::facts::RunFacts;
-use crate::viewer::painter::{MotionSource, Painter, Shown, lacking};
+use crate::viewer::renderer::{FrameRenderer, MotionSource, Shown, unavailable_layers};
+use crate::viewer::status::{Activity, Status};
 
 /// Time from one look at the signals to the next, while nobody asks for anything.
-const PATIENCE: Duration = Duration::from_millis(200);
+const TIMEOUT: Duration = Duration::from_millis(200);
 
 /// Serves the page of a trained run until a signal comes.
 ///
@@ -26,8 +26,8 @@ const PATIENCE: Duration = Duration::from_millis(200);
 pub fn view(args: &ViewArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let signals = Signals::watch().context("cannot watch for signals")?;
     // First, because it is quick to fail.
-    let listening = Listening::at(&args.host, args.port)?;
-    view_until(args, listening, verbosity, out, || signals.exit_code().is_some())
+    let socket = BoundSocket::bind(&args.host, args.port)?;
+    view_until(args, socket, verbosity, out, || signals.exit_code().is_some())
 }
 
 /// The same at a socket that listens already, until `is_over`, which is asked several times a second.
@@ -36,7 +36,7 @@ pub fn view(args: &ViewArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyho
 /// As [`view`].
 pub fn view_until(
     args: &ViewArgs,
-    listening: Listening,
+    socket: BoundSocket,
     verbosity: Verbosity,
     out: &mut dyn Write,
     is_over: impl Fn() -> bool,
@@ -57,29 +57,29 @@ pub fn view_until(
         has_mfta: model.without_mfta(level).is_some(),
         background: context.behind.grey,
     };
-    let lines = listening.lines();
-    let lacking = lacking(&model, level, source);
-    let mut painter = Painter::new(context, run.scene.clone(), source);
-    painter.show(step, || Shown { model, level, step });
+    let lines = socket.lines();
+    let unavailable = unavailable_layers(&model, level, source);
+    let mut renderer = FrameRenderer::new(context, run.scene.clone(), source);
+    renderer.show(step, || Shown { model, level, step });
     let status = Status {
         activity: Activity::Shows,
         step,
         total: run.config.train.stages.total(),
         stage: None,
         steps_per_second: None,
-        lacking,
+        unavailable,
         saved: None,
     };
-    let viewer = Viewer::start(listening, &run.scene, &facts, status)?;
+    let viewer = Viewer::start(socket, &run.scene, &facts, status)?;
     for (name, line) in lines {
         writeln!(out, "{name:16}{line}")?;
     }
     out.flush()?;
     verbosity.note("Open the address in a browser. Ctrl-C ends the viewer.");
     while !is_over() {
-        viewer.serve_next(&mut painter, PATIENCE);
-        // Nothing trains here, so orders are dropped.
-        viewer.desk.orders();
+        viewer.serve_next(&mut renderer, TIMEOUT);
+        // Nothing trains here, so commands are dropped.
+        viewer.requests.take_commands();
     }
     Ok(())
 }

@@ -19,11 +19,11 @@ const OPTION: &str = "--port N (--view=N with `train`)";
 /// Random bytes of a token.
 const TOKEN_BYTES: usize = 16;
 
-/// A socket that listens, before anything is served.
+/// A bound socket that listens, before anything is served.
 #[derive(Debug)]
-pub struct Listening {
+pub struct BoundSocket {
     /// The socket.
-    pub socket: TcpListener,
+    pub listener: TcpListener,
     /// Who may ask.
     pub guard: Guard,
     /// The address for a browser.
@@ -32,26 +32,26 @@ pub struct Listening {
     pub(super) place: SocketAddr,
 }
 
-impl Listening {
+impl BoundSocket {
     /// Listens at a port of a host; port 0 stands for any free one. A host other than this machine gets a random token.
     ///
     /// # Errors
     /// If the host is unknown or the port is taken, with what to do.
-    pub fn at(host: &str, port: u16) -> anyhow::Result<Self> {
+    pub fn bind(host: &str, port: u16) -> anyhow::Result<Self> {
         let found = (host, port).to_socket_addrs().ok().and_then(|mut found| found.next());
         let place = found.ok_or_else(|| {
             UsageError::new(format!("--host {host}: no such host. Give an address of this machine, such as 0.0.0.0."))
         })?;
-        let socket = TcpListener::bind(place).map_err(|error| refusal(&error, host, port))?;
-        socket.set_nonblocking(true).context("cannot set up the socket of the viewer")?;
-        let place = socket.local_addr().context("cannot ask for the port of the viewer")?;
+        let listener = TcpListener::bind(place).map_err(|error| refusal(&error, host, port))?;
+        listener.set_nonblocking(true).context("cannot set up the socket of the viewer")?;
+        let place = listener.local_addr().context("cannot ask for the port of the viewer")?;
         let machine = gethostname::gethostname().to_string_lossy().into_owned();
         let guard = match place.ip().is_loopback() {
             true => Guard::local(),
             false => Guard::with_token(token()?, [machine.clone(), host.to_owned()]),
         };
         let address = format!("http://{}{}/", shown(host, place, &machine), guard.base());
-        Ok(Self { socket, guard, address, place })
+        Ok(Self { listener, guard, address, place })
     }
 
     /// The port.
@@ -111,23 +111,23 @@ fn token() -> anyhow::Result<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::guard::Asked;
+    use super::super::guard::RequestHead;
     use super::*;
 
     #[test]
     fn a_taken_port_is_told_with_what_to_do() {
-        let first = Listening::at(HOST, 0).expect("a free port");
-        let error = Listening::at(HOST, first.port()).expect_err("taken").to_string();
+        let first = BoundSocket::bind(HOST, 0).expect("a free port");
+        let error = BoundSocket::bind(HOST, first.port()).expect_err("taken").to_string();
         let port = first.port().to_string();
         assert!(error.contains(&port) && error.contains("--port N") && error.contains("--view=N"), "{error}");
     }
 
     #[test]
     fn this_machine_alone_needs_no_token_and_a_tunnel_is_told() {
-        let listening = Listening::at(HOST, 0).expect("a free port");
-        let port = listening.port();
-        assert_eq!(listening.address, format!("http://127.0.0.1:{port}/"));
-        assert!(listening.lines()[1].1.starts_with(&format!("ssh -L {port}:127.0.0.1:{port} ")));
+        let socket = BoundSocket::bind(HOST, 0).expect("a free port");
+        let port = socket.port();
+        assert_eq!(socket.address, format!("http://127.0.0.1:{port}/"));
+        assert!(socket.lines()[1].1.starts_with(&format!("ssh -L {port}:127.0.0.1:{port} ")));
     }
 
     #[test]
@@ -137,19 +137,19 @@ mod tests {
             hosts.push("127.0.1.1");
         }
         for host in hosts {
-            let listening = Listening::at(host, 0).expect("a free port");
-            let place = listening.socket.local_addr().expect("an address").to_string();
-            assert_eq!(listening.address, format!("http://{place}/"));
-            let asked = Asked { method: "GET", path: "/", host: Some(&place), origin: None };
-            assert_eq!(listening.guard.check(&asked), Ok(()), "{host}");
-            assert!(listening.lines()[1].1.contains(&format!(":{place} ")), "{:?}", listening.lines());
+            let socket = BoundSocket::bind(host, 0).expect("a free port");
+            let place = socket.listener.local_addr().expect("an address").to_string();
+            assert_eq!(socket.address, format!("http://{place}/"));
+            let head = RequestHead { method: "GET", path: "/", host: Some(&place), origin: None };
+            assert_eq!(socket.guard.check(&head), Ok(()), "{host}");
+            assert!(socket.lines()[1].1.contains(&format!(":{place} ")), "{:?}", socket.lines());
         }
     }
 
     #[test]
     fn other_machines_need_a_token_that_is_new_each_time() {
-        let [a, b] = [(); 2].map(|()| Listening::at("0.0.0.0", 0).expect("a free port"));
-        let token = |listening: &Listening| listening.guard.base();
+        let [a, b] = [(); 2].map(|()| BoundSocket::bind("0.0.0.0", 0).expect("a free port"));
+        let token = |socket: &BoundSocket| socket.guard.base();
         assert_eq!(token(&a).len(), 1 + 2 * TOKEN_BYTES);
         assert_ne!(token(&a), token(&b));
         assert!(a.address.ends_with(&format!("{}/", token(&a))) && !a.address.contains("0.0.0.0"), "{}", a.address);
@@ -157,7 +157,7 @@ mod tests {
 
     #[test]
     fn an_unknown_host_is_a_wrong_command_line() {
-        let error = Listening::at("no.such.host.invalid", 0).expect_err("refused");
+        let error = BoundSocket::bind("no.such.host.invalid", 0).expect_err("refused");
         assert!(error.is::<UsageError>() && error.to_string().contains("0.0.0.0"), "{error}");
     }
 }

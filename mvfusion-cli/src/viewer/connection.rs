@@ -19,59 +19,59 @@ pub const MOST_CONNECTIONS: usize = 64;
 /// have come. Otherwise, whoever sends one byte now and then could hold all places.
 const FIRST_REQUEST: Duration = Duration::from_secs(10);
 /// Later, a connection over which nothing has come for so long is closed. Pages answer a ping more often.
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 /// Pause after the system has refused a connection, for lack of descriptors for example.
 const PAUSE: Duration = Duration::from_millis(200);
 
 /// A socket that accepts a bounded number of connections, and drops what exceeds it.
-pub struct Bounded {
-    socket: TcpListener,
-    places: Arc<Semaphore>,
+pub struct LimitedListener {
+    listener: TcpListener,
+    permits: Arc<Semaphore>,
 }
 
-impl Bounded {
-    /// A bound for a socket.
-    pub fn new(socket: TcpListener) -> Self {
-        Self { socket, places: Arc::new(Semaphore::new(MOST_CONNECTIONS)) }
+impl LimitedListener {
+    /// A limit for a socket.
+    pub fn new(listener: TcpListener) -> Self {
+        Self { listener, permits: Arc::new(Semaphore::new(MOST_CONNECTIONS)) }
     }
 }
 
-impl Listener for Bounded {
+impl Listener for LimitedListener {
     type Io = Connection;
     type Addr = SocketAddr;
 
     async fn accept(&mut self) -> (Connection, SocketAddr) {
         loop {
-            let Ok((stream, address)) = self.socket.accept().await else {
+            let Ok((stream, address)) = self.listener.accept().await else {
                 sleep(PAUSE).await;
                 continue;
             };
             // Frames are small and awaited. Where the option is missing, they are only later.
             let _ = stream.set_nodelay(true);
-            if let Ok(place) = Arc::clone(&self.places).try_acquire_owned() {
-                return (Connection::new(stream, FIRST_REQUEST, place), address);
+            if let Ok(permit) = Arc::clone(&self.permits).try_acquire_owned() {
+                return (Connection::new(stream, FIRST_REQUEST, permit), address);
             }
         }
     }
 
     fn local_addr(&self) -> io::Result<SocketAddr> {
-        self.socket.local_addr()
+        self.listener.local_addr()
     }
 }
 
-/// A connection that has a place.
+/// A connection with its permit.
 pub struct Connection {
     stream: TcpStream,
     /// When the connection is closed.
     deadline: Pin<Box<Sleep>>,
     /// Whether the first request was answered. The server writes nothing before.
     is_answered: bool,
-    _place: OwnedSemaphorePermit,
+    _permit: OwnedSemaphorePermit,
 }
 
 impl Connection {
-    fn new(stream: TcpStream, first_request: Duration, place: OwnedSemaphorePermit) -> Self {
-        Self { stream, deadline: Box::pin(sleep(first_request)), is_answered: false, _place: place }
+    fn new(stream: TcpStream, first_request: Duration, permit: OwnedSemaphorePermit) -> Self {
+        Self { stream, deadline: Box::pin(sleep(first_request)), is_answered: false, _permit: permit }
     }
 }
 
@@ -82,7 +82,7 @@ impl AsyncRead for Connection {
         }
         if let Poll::Ready(read) = Pin::new(&mut self.stream).poll_read(cx, buffer) {
             if self.is_answered {
-                self.deadline.as_mut().reset(Instant::now() + PATIENCE);
+                self.deadline.as_mut().reset(Instant::now() + TIMEOUT);
             }
             return Poll::Ready(read);
         }
@@ -95,7 +95,7 @@ impl AsyncWrite for Connection {
     fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
         if !self.is_answered {
             self.is_answered = true;
-            self.deadline.as_mut().reset(Instant::now() + PATIENCE);
+            self.deadline.as_mut().reset(Instant::now() + TIMEOUT);
         }
         Pin::new(&mut self.stream).poll_write(cx, bytes)
     }
@@ -127,8 +127,8 @@ mod tests {
             let address = listener.local_addr().expect("an address");
             let mut client = std::net::TcpStream::connect(address).expect("connected");
             let (stream, _) = listener.accept().await.expect("accepted");
-            let place = Arc::new(Semaphore::new(1)).acquire_owned().await.expect("a place");
-            let mut connection = Connection::new(stream, SHORT, place);
+            let permit = Arc::new(Semaphore::new(1)).acquire_owned().await.expect("a permit");
+            let mut connection = Connection::new(stream, SHORT, permit);
             if is_answered {
                 let write = poll_fn(|cx| Pin::new(&mut connection).poll_write(cx, ANSWER));
                 write.await.expect("written");

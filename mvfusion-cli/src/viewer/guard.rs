@@ -46,9 +46,9 @@ impl Refusal {
     }
 }
 
-/// What the guard looks at.
+/// The parts of a request that the guard looks at.
 #[derive(Clone, Copy, Debug)]
-pub struct Asked<'a> {
+pub struct RequestHead<'a> {
     /// Method of HTTP.
     pub method: &'a str,
     /// The path, from its first slash.
@@ -80,16 +80,16 @@ impl Guard {
     ///
     /// # Errors
     /// If it is refused.
-    pub fn check(&self, asked: &Asked<'_>) -> Result<(), Refusal> {
-        let host = asked.host.filter(|host| self.is_own(host)).ok_or(Refusal::Host)?;
-        if !asked.origin.is_none_or(|origin| is_same(origin, host)) {
+    pub fn check(&self, head: &RequestHead<'_>) -> Result<(), Refusal> {
+        let host = head.host.filter(|host| self.is_own(host)).ok_or(Refusal::Host)?;
+        if !head.origin.is_none_or(|origin| is_same(origin, host)) {
             return Err(Refusal::Origin);
         }
-        let segment = asked.path.strip_prefix('/').and_then(|path| path.split('/').next()).unwrap_or_default();
+        let segment = head.path.strip_prefix('/').and_then(|path| path.split('/').next()).unwrap_or_default();
         if !self.token.as_ref().is_none_or(|token| are_equal(token, segment)) {
             return Err(Refusal::Token);
         }
-        if asked.method == "GET" { Ok(()) } else { Err(Refusal::Method) }
+        if head.method == "GET" { Ok(()) } else { Err(Refusal::Method) }
     }
 
     /// Whether a host, with or without a port, names this machine. Any port will do, because a tunnel has its own.
@@ -130,7 +130,8 @@ fn are_equal(a: &str, b: &str) -> bool {
 mod tests {
     use super::*;
 
-    const GET: Asked<'static> = Asked { method: "GET", path: "/", host: Some("127.0.0.1:8420"), origin: None };
+    const GET: RequestHead<'static> =
+        RequestHead { method: "GET", path: "/", host: Some("127.0.0.1:8420"), origin: None };
 
     fn foreign() -> Guard {
         Guard::with_token("secret".to_owned(), ["Workstation".to_owned()])
@@ -139,7 +140,7 @@ mod tests {
     #[test]
     fn this_machine_is_known_by_its_usual_names_and_any_port() {
         for host in ["127.0.0.1:8420", "localhost:9000", "LOCALHOST", "[::1]:8420", "127.0.0.1"] {
-            assert_eq!(Guard::local().check(&Asked { host: Some(host), ..GET }), Ok(()), "{host}");
+            assert_eq!(Guard::local().check(&RequestHead { host: Some(host), ..GET }), Ok(()), "{host}");
         }
     }
 
@@ -154,14 +155,14 @@ mod tests {
             "0.0.0.0:1",
             "localhost:1; script-src *",
         ] {
-            assert_eq!(Guard::local().check(&Asked { host: Some(host), ..GET }), Err(Refusal::Host), "{host}");
+            assert_eq!(Guard::local().check(&RequestHead { host: Some(host), ..GET }), Err(Refusal::Host), "{host}");
         }
-        assert_eq!(Guard::local().check(&Asked { host: None, ..GET }), Err(Refusal::Host));
+        assert_eq!(Guard::local().check(&RequestHead { host: None, ..GET }), Err(Refusal::Host));
     }
 
     #[test]
     fn pages_of_other_servers_are_refused() {
-        let with = |origin| Guard::local().check(&Asked { origin: Some(origin), ..GET });
+        let with = |origin| Guard::local().check(&RequestHead { origin: Some(origin), ..GET });
         assert_eq!(with("http://127.0.0.1:8420"), Ok(()));
         for origin in ["https://evil.example", "null", "http://127.0.0.1:8421", "file://", ""] {
             assert_eq!(with(origin), Err(Refusal::Origin), "{origin}");
@@ -170,7 +171,7 @@ mod tests {
 
     #[test]
     fn without_the_token_nothing_is_served() {
-        let with = |path| foreign().check(&Asked { path, host: Some("192.168.0.7:8420"), ..GET });
+        let with = |path| foreign().check(&RequestHead { path, host: Some("192.168.0.7:8420"), ..GET });
         assert_eq!((with("/secret/"), with("/secret/viewer.js")), (Ok(()), Ok(())));
         for path in ["/", "/viewer.js", "/secre/", "/secret2/", "//secret/", "/other/secret/"] {
             assert_eq!(with(path), Err(Refusal::Token), "{path}");
@@ -180,7 +181,7 @@ mod tests {
 
     #[test]
     fn a_reachable_machine_is_known_by_its_own_name_and_numbers() {
-        let with = |host| foreign().check(&Asked { path: "/secret/", host: Some(host), ..GET });
+        let with = |host| foreign().check(&RequestHead { path: "/secret/", host: Some(host), ..GET });
         for host in ["workstation:8420", "WORKSTATION.lab.example", "10.0.0.3:8420", "[fe80::1]:8420", "localhost:1"] {
             assert_eq!(with(host), Ok(()), "{host}");
         }
@@ -190,7 +191,7 @@ mod tests {
     #[test]
     fn only_get_exists() {
         for method in ["POST", "PUT", "DELETE", "HEAD", "OPTIONS", "CONNECT"] {
-            assert_eq!(Guard::local().check(&Asked { method, ..GET }), Err(Refusal::Method), "{method}");
+            assert_eq!(Guard::local().check(&RequestHead { method, ..GET }), Err(Refusal::Method), "{method}");
         }
     }
 }

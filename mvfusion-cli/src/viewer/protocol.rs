@@ -36,8 +36,8 @@ pub enum Message {
 pub struct FrameRequest {
     /// Number of the request, which the answer bears.
     pub id: u64,
-    /// From where.
-    pub place: Place,
+    /// The camera.
+    pub camera: CameraChoice,
     /// Width and height in pixels.
     pub size: (usize, usize),
     /// Time in `[0, 1]`; `None` for the static branch alone.
@@ -52,9 +52,9 @@ pub struct FrameRequest {
     pub quality: u8,
 }
 
-/// Where a picture is seen from.
+/// The camera of a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Place {
+pub enum CameraChoice {
     /// Any pose.
     Pose(Camera),
     /// The camera of a view, whose photo it is compared with.
@@ -91,21 +91,21 @@ pub struct Limits {
     pub test: usize,
 }
 
-/// A message as it is written.
+/// A message before it is checked.
 #[derive(Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case")]
-enum Written {
-    Frame(Box<WrittenRequest>),
+enum RawMessage {
+    Frame(Box<RawRequest>),
     Pause,
     GoOn,
     Checkpoint,
 }
 
-/// A request as it is written.
+/// A request before it is checked.
 #[derive(Deserialize)]
-struct WrittenRequest {
+struct RawRequest {
     id: u64,
-    pose: Option<WrittenPose>,
+    pose: Option<RawPose>,
     view: Option<ViewId>,
     size: [usize; 2],
     time: Option<f64>,
@@ -117,7 +117,7 @@ struct WrittenRequest {
 
 /// A pose as in the `cameras.json` of 3DGS: camera-to-world by rows, in OpenCV axes.
 #[derive(Deserialize)]
-struct WrittenPose {
+struct RawPose {
     position: [f64; 3],
     rotation: [[f64; 3]; 3],
     /// Vertical field of view in degrees.
@@ -133,17 +133,17 @@ impl Message {
         if text.len() > LONGEST_MESSAGE {
             return Err(format!("the message has {} bytes, more than {LONGEST_MESSAGE}", text.len()));
         }
-        let written: Written = serde_json::from_str(text).map_err(|error| format!("not a message: {error}"))?;
-        Ok(match written {
-            Written::Frame(request) => Self::Frame(Box::new(request.check(limits)?)),
-            Written::Pause => Self::Pause,
-            Written::GoOn => Self::GoOn,
-            Written::Checkpoint => Self::Checkpoint,
+        let raw: RawMessage = serde_json::from_str(text).map_err(|error| format!("not a message: {error}"))?;
+        Ok(match raw {
+            RawMessage::Frame(request) => Self::Frame(Box::new(request.check(limits)?)),
+            RawMessage::Pause => Self::Pause,
+            RawMessage::GoOn => Self::GoOn,
+            RawMessage::Checkpoint => Self::Checkpoint,
         })
     }
 }
 
-impl WrittenRequest {
+impl RawRequest {
     fn check(self, limits: &Limits) -> Result<FrameRequest, String> {
         let [width, height] = self.size;
         let sides = LEAST_SIDE..=LONGEST_SIDE;
@@ -156,14 +156,14 @@ impl WrittenRequest {
         }
         let [least, most] = QUALITIES;
         let layer = Layer::of_name(&self.layer).ok_or_else(|| format!("there is no layer `{:.40}`", self.layer))?;
-        let place = match (self.pose, self.view) {
-            (Some(pose), None) => Place::Pose(pose.camera(width, height)?),
-            (None, Some(view)) => Place::View(view.check(limits)?),
+        let camera = match (self.pose, self.view) {
+            (Some(pose), None) => CameraChoice::Pose(pose.camera(width, height)?),
+            (None, Some(view)) => CameraChoice::View(view.check(limits)?),
             _ => return Err("a request has either a pose or a view".to_owned()),
         };
         Ok(FrameRequest {
             id: self.id,
-            place,
+            camera,
             size: (width, height),
             time: self.time,
             layer,
@@ -185,7 +185,7 @@ impl ViewId {
     }
 }
 
-impl WrittenPose {
+impl RawPose {
     fn camera(&self, width: usize, height: usize) -> Result<Camera, String> {
         let axes = DMat3::from_cols_array_2d(&self.rotation).transpose();
         let off = axes * axes.transpose() - DMat3::IDENTITY;
@@ -227,7 +227,7 @@ pub(super) mod tests {
     #[test]
     fn a_pose_becomes_a_camera_with_its_field_of_view() {
         let Ok(Message::Frame(request)) = parse(&request(7)) else { panic!("a request") };
-        let Place::Pose(camera) = request.place else { panic!("a pose") };
+        let CameraChoice::Pose(camera) = request.camera else { panic!("a pose") };
         assert_eq!((request.id, request.size, request.layer), (7, (320, 180), Layer::Composed));
         assert!((camera.field_of_view().y.to_degrees() - 60.0).abs() < 1e-9);
         assert!(camera.centre().distance(DVec3::new(0.0, 0.0, -3.0)) < 1e-12);
@@ -242,16 +242,17 @@ pub(super) mod tests {
             parse(&message)
         };
         let Ok(Message::Frame(found)) = with("test", 1) else { panic!("a request") };
-        assert_eq!(found.place, Place::View(ViewId { set: ViewSet::Test, index: 1 }));
+        assert_eq!(found.camera, CameraChoice::View(ViewId { set: ViewSet::Test, index: 1 }));
         assert!(with("test", 2).is_err_and(|error| error.contains("2 such views")));
         assert!(with("gt", 0).is_err());
     }
 
     #[test]
-    fn orders_have_no_contents() {
-        for (name, order) in [("pause", Message::Pause), ("go_on", Message::GoOn), ("checkpoint", Message::Checkpoint)]
+    fn commands_have_no_contents() {
+        for (name, command) in
+            [("pause", Message::Pause), ("go_on", Message::GoOn), ("checkpoint", Message::Checkpoint)]
         {
-            assert_eq!(parse(&json!({"type": name})), Ok(order));
+            assert_eq!(parse(&json!({"type": name})), Ok(command));
         }
     }
 

@@ -13,12 +13,12 @@ use axum::routing::get;
 use axum::{Router, serve};
 use tokio::sync::oneshot;
 
-use super::address::Listening;
-use super::connection::Bounded;
-use super::guard::{Asked, Refusal};
-use super::hall::Hall;
+use super::address::BoundSocket;
+use super::connection::LimitedListener;
+use super::conversation;
+use super::guard::{Refusal, RequestHead};
 use super::protocol::{LONGEST_MESSAGE, ViewId, ViewSet};
-use super::session;
+use super::server_state::ServerState;
 
 /// The page.
 pub(super) const PAGE: &str = include_str!("page/index.html");
@@ -47,7 +47,7 @@ pub(super) const FILES: [(&str, &str, &str); 17] = [
 ];
 
 /// Threads that decode photos.
-const HELPERS: usize = 1;
+const PHOTO_THREADS: usize = 1;
 
 /// A running server. It ends when it is dropped.
 #[derive(Debug)]
@@ -61,19 +61,19 @@ impl Server {
     ///
     /// # Errors
     /// If the system refuses the thread.
-    pub fn start(listening: Listening, hall: Hall) -> anyhow::Result<Self> {
+    pub fn start(socket: BoundSocket, state: ServerState) -> anyhow::Result<Self> {
         let runtime = tokio::runtime::Builder::new_current_thread()
             .enable_io()
             .enable_time()
-            .max_blocking_threads(HELPERS)
+            .max_blocking_threads(PHOTO_THREADS)
             .build()
             .context("cannot start the server of the viewer")?;
         let (stop, stopped) = oneshot::channel();
         let work = move || {
             runtime.block_on(async {
                 let serving = async {
-                    let socket = tokio::net::TcpListener::from_std(listening.socket)?;
-                    serve(Bounded::new(socket), router(Arc::new(hall))).await
+                    let socket = tokio::net::TcpListener::from_std(socket.listener)?;
+                    serve(LimitedListener::new(socket), router(Arc::new(state))).await
                 };
                 tokio::select! {
                     ended = serving => if let Err(error) = ended {
@@ -93,7 +93,7 @@ impl Server {
 impl Drop for Server {
     fn drop(&mut self) {
         if let Some(stop) = self.stop.take() {
-            // A server that has ended by itself does not hear it.
+            // A server that has ended by itself needs no word.
             let _ = stop.send(());
         }
         if let Some(thread) = self.thread.take() {
@@ -102,8 +102,8 @@ impl Drop for Server {
     }
 }
 
-fn router(hall: Arc<Hall>) -> Router {
-    let base = hall.guard.base();
+fn router(state: Arc<ServerState>) -> Router {
+    let base = state.guard.base();
     let at = |path: &str| format!("{base}/{path}");
     let page = Router::new().route(&at(""), get(|| async { text("text/html; charset=utf-8", PAGE) }));
     let file = |router: Router<_>, (name, kind, contents): (&str, &'static str, &'static str)| {
@@ -116,13 +116,13 @@ fn router(hall: Arc<Hall>) -> Router {
         .route(&at("points.bin"), get(points))
         .route(&at("photo/{set}/{index}"), get(photo))
         .route(&at("socket"), get(socket))
-        .layer(from_fn_with_state(Arc::clone(&hall), guarded))
-        .with_state(hall)
+        .layer(from_fn_with_state(Arc::clone(&state), guarded))
+        .with_state(state)
 }
 
 /// Lets a request pass if the guard agrees, and adds the headers that keep other pages out.
-async fn guarded(State(hall): State<Arc<Hall>>, request: Request, next: Next) -> Response {
-    let (checked, policy) = checked(&hall, &request);
+async fn guarded(State(state): State<Arc<ServerState>>, request: Request, next: Next) -> Response {
+    let (checked, policy) = checked(&state, &request);
     let mut response = match checked {
         Ok(()) => next.run(request).await,
         Err(refusal) => {
@@ -147,17 +147,17 @@ async fn guarded(State(hall): State<Arc<Hall>>, request: Request, next: Next) ->
 }
 
 /// What the guard says, and the policy of content for the answer.
-fn checked(hall: &Hall, request: &Request) -> (Result<(), Refusal>, String) {
+fn checked(state: &ServerState, request: &Request) -> (Result<(), Refusal>, String) {
     let headers = request.headers();
     let host = headers.get(header::HOST).and_then(|value| value.to_str().ok());
-    let asked = Asked {
+    let head = RequestHead {
         method: request.method().as_str(),
         path: request.uri().path(),
         host,
         // A header that is no text is not ours.
         origin: headers.get(header::ORIGIN).map(|value| value.to_str().unwrap_or_default()),
     };
-    let checked = hall.guard.check(&asked);
+    let checked = state.guard.check(&head);
     // Some browsers do not count sockets as of the same origin.
     let own = host.filter(|_| checked.is_ok()).unwrap_or("localhost");
     let policy = format!(
@@ -171,21 +171,21 @@ fn text(kind: &'static str, text: &'static str) -> Response {
     ([(header::CONTENT_TYPE, kind)], text).into_response()
 }
 
-async fn facts(State(hall): State<Arc<Hall>>) -> Response {
-    ([(header::CONTENT_TYPE, "application/json")], hall.facts.clone()).into_response()
+async fn facts(State(state): State<Arc<ServerState>>) -> Response {
+    ([(header::CONTENT_TYPE, "application/json")], state.facts.clone()).into_response()
 }
 
-async fn points(State(hall): State<Arc<Hall>>) -> Response {
-    ([(header::CONTENT_TYPE, "application/octet-stream")], hall.points.clone()).into_response()
+async fn points(State(state): State<Arc<ServerState>>) -> Response {
+    ([(header::CONTENT_TYPE, "application/octet-stream")], state.points.clone()).into_response()
 }
 
-async fn photo(State(hall): State<Arc<Hall>>, Path((set, index)): Path<(String, usize)>) -> Response {
+async fn photo(State(state): State<Arc<ServerState>>, Path((set, index)): Path<(String, usize)>) -> Response {
     let set = match set.as_str() {
         "train" => ViewSet::Train,
         "test" => ViewSet::Test,
         _ => return StatusCode::NOT_FOUND.into_response(),
     };
-    match hall.photos.jpeg(ViewId { set, index }).await {
+    match state.photos.jpeg(ViewId { set, index }).await {
         Some(Ok(jpeg)) => ([(header::CONTENT_TYPE, "image/jpeg")], jpeg).into_response(),
         Some(Err(reason)) => {
             tracing::warn!("a photo cannot be shown: {reason}");
@@ -195,11 +195,11 @@ async fn photo(State(hall): State<Arc<Hall>>, Path((set, index)): Path<(String, 
     }
 }
 
-async fn socket(State(hall): State<Arc<Hall>>, upgrade: WebSocketUpgrade) -> Response {
+async fn socket(State(state): State<Arc<ServerState>>, upgrade: WebSocketUpgrade) -> Response {
     let upgrade = upgrade.max_message_size(LONGEST_MESSAGE).max_frame_size(LONGEST_MESSAGE);
-    match hall.desk.join() {
-        Some(client) => upgrade.on_upgrade(move |socket| session::run(socket, hall, client)),
+    match state.requests.connect() {
+        Some(client) => upgrade.on_upgrade(move |socket| conversation::run(socket, state, client)),
         // Browsers hide the status of a refused socket from the page, but not the reason of a closed one.
-        None => upgrade.on_upgrade(session::turn_away),
+        None => upgrade.on_upgrade(conversation::turn_away),
     }
 }

@@ -11,15 +11,15 @@ use serde_json::Value;
 use tungstenite::client::IntoClientRequest;
 use tungstenite::{Message, WebSocket};
 
-use super::address::Listening;
+use super::address::BoundSocket;
 use super::frame::Answer;
 use super::guard::Guard;
 use super::protocol::tests::request;
 use super::server::{FILES, PAGE};
-use super::{Viewer, answered, board, facts};
+use super::{Viewer, answered, facts, status};
 
 /// How long an answer may take.
-const PATIENCE: Duration = Duration::from_secs(20);
+const TIMEOUT: Duration = Duration::from_secs(20);
 
 /// A running server.
 struct Running {
@@ -30,10 +30,9 @@ struct Running {
 
 impl Running {
     fn start(guard: Guard) -> Self {
-        let listening = Listening { guard, ..Listening::at("127.0.0.1", 0).expect("a free port") };
-        let host = listening.socket.local_addr().expect("an address").to_string();
-        let viewer =
-            Viewer::start(listening, &facts::tests::scene(), &facts::tests::run_facts(), board::tests::status());
+        let socket = BoundSocket { guard, ..BoundSocket::bind("127.0.0.1", 0).expect("a free port") };
+        let host = socket.listener.local_addr().expect("an address").to_string();
+        let viewer = Viewer::start(socket, &facts::tests::scene(), &facts::tests::run_facts(), status::tests::status());
         Self { viewer: viewer.expect("started"), host }
     }
 
@@ -61,7 +60,7 @@ impl Running {
 
     fn connect(&self) -> TcpStream {
         let stream = TcpStream::connect(&self.host).expect("connected");
-        stream.set_read_timeout(Some(PATIENCE)).expect("set");
+        stream.set_read_timeout(Some(TIMEOUT)).expect("set");
         stream
     }
 
@@ -86,7 +85,7 @@ fn local() -> Running {
 }
 
 /// The next message in words.
-fn hear(page: &mut WebSocket<TcpStream>) -> Value {
+fn receive(page: &mut WebSocket<TcpStream>) -> Value {
     loop {
         if let Message::Text(text) = page.read().expect("a message") {
             return serde_json::from_str(&text).expect("JSON");
@@ -96,7 +95,7 @@ fn hear(page: &mut WebSocket<TcpStream>) -> Value {
 
 /// Waits until something holds.
 fn wait_for(what: &str, holds: impl Fn() -> bool) {
-    let until = Instant::now() + PATIENCE;
+    let until = Instant::now() + TIMEOUT;
     while !holds() {
         assert!(Instant::now() < until, "{what}");
         std::thread::sleep(Duration::from_millis(10));
@@ -175,14 +174,14 @@ fn without_the_token_nothing_is_served_and_with_it_everything() {
 #[test]
 fn a_page_is_told_the_state_and_gets_the_picture_that_it_asks_for() {
     let running = local();
-    running.viewer.board.add((10, 0.5, Some(20.0)));
+    running.viewer.status.add((10, 0.5, Some(20.0)));
     let mut page = running.page("/socket", None).expect("open");
-    let state = hear(&mut page);
+    let state = receive(&mut page);
     assert_eq!((state["type"].as_str(), state["activity"].as_str()), (Some("status"), Some("trains")));
     assert_eq!(state["curves"][0][0].as_u64(), Some(10));
     page.send(Message::text(request(3).to_string())).expect("sent");
-    let (seat, wanted) = running.viewer.desk.take(PATIENCE).expect("a request");
-    running.viewer.desk.answer(seat, Answer::Frame(vec![wanted.id as u8].into()));
+    let (client, wanted) = running.viewer.requests.take(TIMEOUT).expect("a request");
+    running.viewer.requests.answer(client, Answer::Frame(vec![wanted.id as u8].into()));
     let frame = loop {
         if let Message::Binary(bytes) = page.read().expect("a message") {
             break bytes;
@@ -190,9 +189,9 @@ fn a_page_is_told_the_state_and_gets_the_picture_that_it_asks_for() {
     };
     assert_eq!(&*frame, [3]);
     // Only what is new is told.
-    running.viewer.board.add((20, 0.25, None));
-    running.viewer.board.change(|status| status.step = 20);
-    let state = hear(&mut page);
+    running.viewer.status.add((20, 0.25, None));
+    running.viewer.status.change(|status| status.step = 20);
+    let state = receive(&mut page);
     assert_eq!((state["step"].as_u64(), state["curves"].as_array().map(Vec::len)), (Some(20), Some(1)));
 }
 
@@ -206,10 +205,10 @@ fn a_render_that_panics_is_a_refusal() {
 fn a_server_that_is_dropped_leaves_its_port_to_the_next_one() {
     let running = local();
     let mut page = running.page("/socket", None).expect("open");
-    hear(&mut page);
+    receive(&mut page);
     let port = running.host.rsplit(':').next().and_then(|port| port.parse().ok()).expect("a port");
     drop(running);
     assert!(std::iter::from_fn(|| Some(page.read())).any(|read| read.is_err()));
-    let next = Listening::at("127.0.0.1", port);
+    let next = BoundSocket::bind("127.0.0.1", port);
     assert!(next.is_ok(), "{next:?}");
 }

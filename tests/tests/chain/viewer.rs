@@ -9,7 +9,7 @@ use clap::Parser;
 use mvfusion_cli::args::Command;
 use mvfusion_cli::interrupt::Signals;
 use mvfusion_cli::progress::Verbosity;
-use mvfusion_cli::viewer::address::{HOST, Listening};
+use mvfusion_cli::viewer::address::{BoundSocket, HOST};
 use mvfusion_cli::{Cli, command};
 use mvfusion_tests::{SMALL_MODEL, ViewerClient};
 use serde_json::json;
@@ -24,10 +24,10 @@ const LIMIT: usize = 48 << 20;
 const STEPS: u64 = 20;
 
 /// How long anything may take.
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Trains a small model for longer than the test lasts.
-fn train(run: &Path, viewer: Listening) {
+fn train(run: &Path, viewer: BoundSocket) {
     let out = run.to_str().expect("a path that is text");
     let settings = ["train.stages={geometry=1000000, deformation=0, refinement=0}", "train.log_interval=1"];
     let settings = settings.iter().chain(&SMALL_MODEL).flat_map(|setting| ["--set", setting]);
@@ -39,7 +39,7 @@ fn train(run: &Path, viewer: Listening) {
 
 fn connect(port: u16) -> TcpStream {
     let stream = TcpStream::connect((HOST, port)).expect("connected");
-    stream.set_read_timeout(Some(PATIENCE)).expect("set");
+    stream.set_read_timeout(Some(TIMEOUT)).expect("set");
     stream
 }
 
@@ -83,7 +83,7 @@ fn a_hostile_page_stops_no_training_and_takes_no_memory() {
     if let Some(report) = child::report_path() {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let run = folder.path().join("run");
-        let viewer = Listening::at(HOST, 0).expect("a free port");
+        let viewer = BoundSocket::bind(HOST, 0).expect("a free port");
         let port = viewer.port();
         std::thread::spawn(move || train(&run, viewer));
         let mut watcher = page(port);
@@ -91,7 +91,7 @@ fn a_hostile_page_stops_no_training_and_takes_no_memory() {
         let before = step();
         let ((), peak) = peak_during(|| assault(port));
         // What was told meanwhile waits in the socket; later steps follow.
-        let until = Instant::now() + PATIENCE;
+        let until = Instant::now() + TIMEOUT;
         let mut now = step();
         while now < before + STEPS && Instant::now() < until {
             now = step();

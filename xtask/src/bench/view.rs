@@ -11,7 +11,7 @@ use clap::{Args, Parser};
 use glam::{DMat3, DVec3};
 use mvfusion_cli::args::Command;
 use mvfusion_cli::progress::Verbosity;
-use mvfusion_cli::viewer::address::{HOST, Listening};
+use mvfusion_cli::viewer::address::{BoundSocket, HOST};
 use mvfusion_cli::viewer::frame;
 use mvfusion_cli::{Cli, command};
 use serde_json::{Value, json};
@@ -85,8 +85,8 @@ pub fn measure(arguments: &ViewArguments, device: &str, note: &mut impl FnMut(Ro
     let line = ["mvfusion", "view", run, "--device", device];
     let Command::View(view) = Cli::try_parse_from(line)?.command else { return Err(anyhow!("another command")) };
     // What listens can be asked before it is served.
-    let listening = Listening::at(HOST, 0)?;
-    let (port, is_over) = (listening.port(), AtomicBool::new(false));
+    let socket = BoundSocket::bind(HOST, 0)?;
+    let (port, is_over) = (socket.port(), AtomicBool::new(false));
     let times = std::thread::scope(|scope| {
         let asking = scope.spawn(|| {
             // However it ends: the server waits for it.
@@ -94,7 +94,7 @@ pub fn measure(arguments: &ViewArguments, device: &str, note: &mut impl FnMut(Ro
             ask(port, [width, height], arguments.pictures)
         });
         let mut said = Vec::new();
-        command::view_until(&view, listening, Verbosity::Normal, &mut said, || is_over.load(Ordering::Relaxed))?;
+        command::view_until(&view, socket, Verbosity::Normal, &mut said, || is_over.load(Ordering::Relaxed))?;
         asking.join().map_err(|_| anyhow!("the thread that asks has panicked"))?
     })?;
     for (kind, times) in times {

@@ -1,4 +1,4 @@
-//! The viewer of a training: pictures and orders between two steps.
+//! The viewer of a training: pictures and commands between two steps.
 
 use std::time::{Duration, Instant};
 
@@ -12,35 +12,35 @@ use crate::args::TrainArgs;
 use crate::progress::print_line;
 use crate::run::{self, MetricsLine};
 use crate::viewer::Viewer;
-use crate::viewer::address::Listening;
-use crate::viewer::board::{Activity, Status};
+use crate::viewer::address::BoundSocket;
 use crate::viewer::budget::Budget;
 use crate::viewer::facts::RunFacts;
-use crate::viewer::painter::{MotionSource, Painter, Shown, lacking};
+use crate::viewer::renderer::{FrameRenderer, MotionSource, Shown, unavailable_layers};
+use crate::viewer::status::{Activity, Status};
 
-/// Time from one look at signals and orders to the next, during a pause.
-const PATIENCE: Duration = Duration::from_millis(100);
-/// Time between two words about the step.
-const NEWS: Duration = Duration::from_millis(250);
+/// Time from one look at signals and commands to the next, during a pause.
+const TIMEOUT: Duration = Duration::from_millis(100);
+/// Time between two states with nothing new but the step.
+const STATUS_INTERVAL: Duration = Duration::from_millis(250);
 
 /// A socket that listens, if `--view` is given.
-pub(super) type Door = Option<Listening>;
+pub(super) type ViewerSocket = Option<BoundSocket>;
 
 /// Listens if `--view` is given. Done first, because it is quick to fail.
 ///
 /// # Errors
 /// If the port is taken.
-pub(super) fn open_door(args: &TrainArgs) -> anyhow::Result<Door> {
-    args.viewer.view.map(|port| Listening::at(&args.viewer.host, port)).transpose()
+pub(super) fn bind_viewer(args: &TrainArgs) -> anyhow::Result<ViewerSocket> {
+    args.viewer.view.map(|port| BoundSocket::bind(&args.viewer.host, port)).transpose()
 }
 
 /// The viewer of a training.
 pub(super) struct Live {
     viewer: Viewer,
-    painter: Painter,
+    renderer: FrameRenderer,
     budget: Budget,
-    /// When the pages were last told the step.
-    told: Instant,
+    /// When the step was last sent to the pages.
+    last_sent: Instant,
     /// When the last step ended.
     ended: Instant,
 }
@@ -50,60 +50,60 @@ impl Live {
     ///
     /// # Errors
     /// If the system refuses a thread.
-    pub(super) fn start(door: Door, session: &Session) -> anyhow::Result<Option<Self>> {
-        let Some(listening) = door else { return Ok(None) };
-        let lines = listening.lines();
+    pub(super) fn start(socket: ViewerSocket, session: &Session) -> anyhow::Result<Option<Self>> {
+        let Some(socket) = socket else { return Ok(None) };
+        let lines = socket.lines();
         let Session { trainer, scene, folder, .. } = session;
-        let painter = Painter::new(trainer.render_context().clone(), scene.clone(), MotionSource::Training);
+        let renderer = FrameRenderer::new(trainer.render_context().clone(), scene.clone(), MotionSource::Training);
         let facts = facts(trainer, folder.path());
-        let viewer = Viewer::start(listening, scene, &facts, status(trainer))?;
+        let viewer = Viewer::start(socket, scene, &facts, status(trainer))?;
         // With `--quiet`, too: the token is written nowhere else.
         lines.iter().for_each(|(name, line)| print_line(&format!("{:7} {line}", format!("{name}:"))));
         let now = Instant::now();
-        Ok(Some(Self { viewer, painter, budget: Budget::default(), told: now, ended: now }))
+        Ok(Some(Self { viewer, renderer, budget: Budget::default(), last_sent: now, ended: now }))
     }
 
     /// Adds a log step to the curves.
     pub(super) fn log(&mut self, line: &MetricsLine) {
         let loss = if line.loss.is_finite() { line.loss } else { f32::MAX };
-        self.viewer.board.add((line.step, loss, line.psnr));
-        self.viewer.board.change(|status| {
+        self.viewer.status.add((line.step, loss, line.psnr));
+        self.viewer.status.change(|status| {
             (status.step, status.stage) = (line.step, Some(line.stage));
             status.steps_per_second = Some(line.steps_per_second);
         });
     }
 
     /// The training is done.
-    pub(super) fn score(&self) {
-        self.viewer.board.change(|status| status.activity = Activity::Scores);
+    pub(super) fn training_done(&self) {
+        self.viewer.status.change(|status| status.activity = Activity::Scores);
     }
 
     /// Renders what the account of time allows.
     fn serve(&mut self, trainer: &Trainer) {
         self.budget.earn(self.ended.elapsed());
-        if self.viewer.desk.pages() > 0 && self.told.elapsed() >= NEWS {
-            self.tell(trainer);
+        if self.viewer.requests.pages() > 0 && self.last_sent.elapsed() >= STATUS_INTERVAL {
+            self.send_status(trainer);
         }
-        while self.budget.allows() && self.viewer.desk.is_asked() {
+        while self.budget.allows() && self.viewer.requests.is_asked() {
             let started = Instant::now();
-            self.paint(trainer, Duration::ZERO);
+            self.render(trainer, Duration::ZERO);
             self.budget.spend(started.elapsed());
         }
-        self.painter.forget();
+        self.renderer.forget();
     }
 
-    fn paint(&mut self, trainer: &Trainer, patience: Duration) {
-        let (viewer, painter) = (&self.viewer, &mut self.painter);
-        painter.show(trainer.state().completed, || shown(trainer));
+    fn render(&mut self, trainer: &Trainer, timeout: Duration) {
+        let (viewer, renderer) = (&self.viewer, &mut self.renderer);
+        renderer.show(trainer.state().completed, || shown(trainer));
         // Its time belongs to no part of a step.
-        profile::uncounted(|| viewer.serve_next(painter, patience));
+        profile::uncounted(|| viewer.serve_next(renderer, timeout));
     }
 
-    /// Tells the pages the step, and which layers there are.
-    fn tell(&mut self, trainer: &Trainer) {
-        self.told = Instant::now();
+    /// Sends the step, and which layers there are.
+    fn send_status(&mut self, trainer: &Trainer) {
+        self.last_sent = Instant::now();
         let new = status(trainer);
-        self.viewer.board.change(|status| {
+        self.viewer.status.change(|status| {
             let (stage, steps_per_second, saved) = (new.stage.or(status.stage), status.steps_per_second, &status.saved);
             *status = Status { stage, steps_per_second, saved: saved.clone(), activity: status.activity, ..new };
         });
@@ -111,21 +111,17 @@ impl Live {
 }
 
 impl Session {
-    /// Serves the viewer between two steps: pictures within its account of time, orders at once. Stays here during a
+    /// Serves the viewer between two steps: pictures within its account of time, commands at once. Stays here during a
     /// pause, until it is over or a signal comes.
-    ///
-    /// # Errors
-    /// If an ordered checkpoint cannot be written.
-    pub(super) fn serve_viewer(&mut self, watch: &mut Watch) -> anyhow::Result<()> {
-        let Some(mut live) = self.live.take() else { return Ok(()) };
+    pub(super) fn serve_viewer(&mut self, watch: &mut Watch) {
+        let Some(mut live) = self.live.take() else { return };
         live.serve(&self.trainer);
-        let served = self.obey(&mut live, watch);
+        self.run_commands(&mut live, watch);
         live.ended = Instant::now();
         self.live = Some(live);
-        served
     }
 
-    /// Tells the terminal of a pause: the page that ordered it may be gone, and the training waits all the same.
+    /// Tells the terminal of a pause: the page that asked for it may be gone, and the training waits all the same.
     fn note_pause(&self, watch: &Watch, is_paused: bool) {
         let step = self.trainer.state().completed;
         watch.progress.note(&match is_paused {
@@ -134,44 +130,43 @@ impl Session {
         });
     }
 
-    fn obey(&mut self, live: &mut Live, watch: &mut Watch) -> anyhow::Result<()> {
+    fn run_commands(&self, live: &mut Live, watch: &mut Watch) {
         let started = Instant::now();
         let mut is_paused = false;
         loop {
-            let orders = live.viewer.desk.orders();
-            if let Some(pause) = orders.pause.filter(|&pause| pause != is_paused) {
+            let commands = live.viewer.requests.take_commands();
+            if let Some(pause) = commands.pause.filter(|&pause| pause != is_paused) {
                 is_paused = pause;
                 let activity = if pause { Activity::Pauses } else { Activity::Trains };
-                live.tell(&self.trainer);
-                live.viewer.board.change(|status| {
+                live.send_status(&self.trainer);
+                live.viewer.status.change(|status| {
                     // A training that stands still has no speed.
                     (status.activity, status.steps_per_second) = (activity, None);
                 });
                 self.note_pause(watch, pause);
             }
-            if orders.checkpoint {
+            if commands.checkpoint {
                 let name = run::step_file(self.trainer.state().completed);
                 match self.save(&name) {
                     Ok(()) => {
                         self.thin_out();
-                        live.viewer.board.change(|status| status.saved = Some(name));
+                        live.viewer.status.change(|status| status.saved = Some(name));
                     }
-                    // What a page orders must not end a training.
-                    Err(error) => tracing::warn!("the ordered checkpoint is not written: {error:#}"),
+                    // What a page asks for must not end a training.
+                    Err(error) => tracing::warn!("the checkpoint that a page asked for is not written: {error:#}"),
                 }
             }
             if !is_paused || self.signals.exit_code().is_some() {
                 break;
             }
-            live.paint(&self.trainer, PATIENCE);
+            live.render(&self.trainer, TIMEOUT);
         }
-        live.painter.forget();
-        if live.viewer.board.activity() == Activity::Pauses {
-            live.viewer.board.change(|status| status.activity = Activity::Trains);
+        live.renderer.forget();
+        if live.viewer.status.activity() == Activity::Pauses {
+            live.viewer.status.change(|status| status.activity = Activity::Trains);
         }
-        // Neither a pause nor an ordered checkpoint is training.
+        // Neither a pause nor a checkpoint that a page asks for is training.
         watch.exclude(started.elapsed());
-        Ok(())
     }
 }
 
@@ -202,7 +197,7 @@ fn status(trainer: &Trainer) -> Status {
         total: trainer.config().train.stages.total(),
         stage: trainer.position().map(|position| position.stage.name()),
         steps_per_second: None,
-        lacking: lacking(&trainer.state().model, level(trainer), MotionSource::Training),
+        unavailable: unavailable_layers(&trainer.state().model, level(trainer), MotionSource::Training),
         saved: None,
     }
 }

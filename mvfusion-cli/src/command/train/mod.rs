@@ -28,7 +28,7 @@ use crate::memory::MemoryRule;
 use crate::progress::Verbosity;
 use crate::run::{self, Checkpoint, Existing, InitialWeights, MetricsLog, RunFolder, RunPlan, RunRecord};
 #[cfg(feature = "viewer")]
-use crate::viewer::address::Listening;
+use crate::viewer::address::BoundSocket;
 use crate::{memory, scene};
 use session::Session;
 
@@ -42,8 +42,8 @@ const RUNS: &str = "runs";
 /// file cannot be written. [`Interrupted`](crate::interrupt::Interrupted) after a signal, once the run is saved.
 pub fn train(args: &TrainArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let signals = Signals::watch().context("cannot watch for signals")?;
-    let door = live::open_door(args)?;
-    trained(args, signals, door, verbosity, out)
+    let socket = live::bind_viewer(args)?;
+    trained(args, signals, socket, verbosity, out)
 }
 
 /// The same in a thread of a program: with signals of its own, and a viewer at a socket that listens already.
@@ -54,7 +54,7 @@ pub fn train(args: &TrainArgs, verbosity: Verbosity, out: &mut dyn Write) -> any
 pub fn train_in_thread(
     args: &TrainArgs,
     signals: Signals,
-    viewer: Option<Listening>,
+    viewer: Option<BoundSocket>,
     verbosity: Verbosity,
     out: &mut dyn Write,
 ) -> anyhow::Result<()> {
@@ -64,7 +64,7 @@ pub fn train_in_thread(
 fn trained(
     args: &TrainArgs,
     signals: Signals,
-    door: live::Door,
+    socket: live::ViewerSocket,
     verbosity: Verbosity,
     out: &mut dyn Write,
 ) -> anyhow::Result<()> {
@@ -72,7 +72,7 @@ fn trained(
         Some(run) => resumed(args, run, signals, verbosity)?,
         None => begun(args, signals, verbosity)?,
     };
-    session.watched(door)?.run(out)
+    session.watched(socket)?.run(out)
 }
 
 /// A training that begins.

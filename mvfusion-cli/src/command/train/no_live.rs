@@ -6,13 +6,13 @@ use crate::args::TrainArgs;
 use crate::run::MetricsLine;
 
 /// No socket.
-pub(super) type Door = ();
+pub(super) type ViewerSocket = ();
 
 /// Opens nothing.
 ///
 /// # Errors
 /// Never.
-pub(super) fn open_door(_: &TrainArgs) -> anyhow::Result<Door> {
+pub(super) fn bind_viewer(_: &TrainArgs) -> anyhow::Result<ViewerSocket> {
     Ok(())
 }
 
@@ -20,17 +20,15 @@ pub(super) fn open_door(_: &TrainArgs) -> anyhow::Result<Door> {
 pub(super) enum Live {}
 
 impl Live {
-    pub(super) fn start((): Door, _: &Session) -> anyhow::Result<Option<Self>> {
+    pub(super) fn start((): ViewerSocket, _: &Session) -> anyhow::Result<Option<Self>> {
         Ok(None)
     }
 
     pub(super) fn log(&mut self, _: &MetricsLine) {}
 
-    pub(super) fn score(&self) {}
+    pub(super) fn training_done(&self) {}
 }
 
 impl Session {
-    pub(super) fn serve_viewer(&mut self, _: &mut Watch) -> anyhow::Result<()> {
-        Ok(())
-    }
+    pub(super) fn serve_viewer(&mut self, _: &mut Watch) {}
 }

@@ -12,7 +12,7 @@ use mvfusion_model::train::{TrainedModel, Trainer};
 use tracing::{info, warn};
 
 use super::super::score::Scoring;
-use super::live::{Door, Live};
+use super::live::{Live, ViewerSocket};
 use super::watch::{CheckpointClock, Watch};
 use crate::device::OpenDevice;
 use crate::interrupt::{Interrupted, Signals, resume_command};
@@ -44,9 +44,9 @@ pub(super) struct Session {
 }
 
 impl Session {
-    /// The same, watched through a door if there is one.
-    pub(super) fn watched(self, door: Door) -> anyhow::Result<Self> {
-        Ok(Self { live: Live::start(door, &self)?, ..self })
+    /// The same, watched at a socket if there is one.
+    pub(super) fn watched(self, socket: ViewerSocket) -> anyhow::Result<Self> {
+        Ok(Self { live: Live::start(socket, &self)?, ..self })
     }
 
     pub(super) fn run(mut self, out: &mut dyn Write) -> anyhow::Result<()> {
@@ -57,7 +57,7 @@ impl Session {
 
         let trained = self.train();
         if let (Some(live), Ok(_), None) = (&self.live, &trained, self.signals.exit_code()) {
-            live.score();
+            live.training_done();
         }
         let cost = trained.inspect_err(|error| self.tell_what_is_kept(error))?;
         self.save(run::FINAL)?;
@@ -103,7 +103,7 @@ impl Session {
             if done == total {
                 break;
             }
-            self.serve_viewer(&mut watch)?;
+            self.serve_viewer(&mut watch);
             if let Some(code) = self.signals.exit_code() {
                 self.save(&run::step_file(done))?;
                 self.thin_out();

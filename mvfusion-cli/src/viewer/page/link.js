@@ -6,7 +6,7 @@ const PAUSES = [300, 700, 1500, 3000];
 const AGAIN = 1013;
 
 /**
- * @typedef {object} Hearer
+ * @typedef {object} Handlers
  * @property {() => void} opened
  * @property {(reason: string) => void} closed
  * @property {(facts: any, jpeg: Blob) => void} frame
@@ -15,9 +15,9 @@ const AGAIN = 1013;
  */
 
 export class Link {
-  /** @param {Hearer} hearer */
-  constructor(hearer) {
-    this.hearer = hearer;
+  /** @param {Handlers} handlers */
+  constructor(handlers) {
+    this.handlers = handlers;
     /** @type {WebSocket | undefined} */
     this.socket = undefined;
     this.attempts = 0;
@@ -41,15 +41,15 @@ export class Link {
     address.hash = '';
     const socket = new WebSocket(address);
     socket.binaryType = 'arraybuffer';
-    socket.addEventListener('open', () => this.hearer.opened());
+    socket.addEventListener('open', () => this.handlers.opened());
     socket.addEventListener('message', (event) => {
       // Not when it opens: a server without a place for this page opens it too, to say so.
       this.attempts = 0;
-      this.#hear(event.data);
+      this.#receive(event.data);
     });
     socket.addEventListener('close', (event) => {
       this.waiting = undefined;
-      this.hearer.closed(event.code === AGAIN ? event.reason : '');
+      this.handlers.closed(event.code === AGAIN ? event.reason : '');
       const pause = PAUSES[Math.min(this.attempts, PAUSES.length - 1)];
       this.attempts += 1;
       setTimeout(() => this.connect(), pause);
@@ -61,35 +61,35 @@ export class Link {
   ask(request) {
     this.next += 1;
     this.waiting = { id: this.next, sent: performance.now() };
-    this.#say({ type: 'frame', id: this.next, ...request });
+    this.#send({ type: 'frame', id: this.next, ...request });
   }
 
-  /** Gives an order: `pause`, `go_on` or `checkpoint`. @param {string} type */
-  order(type) {
-    if (this.isOpen) this.#say({ type });
+  /** Sends a command: `pause`, `go_on` or `checkpoint`. @param {string} type */
+  command(type) {
+    if (this.isOpen) this.#send({ type });
   }
 
   /** @param {object} message */
-  #say(message) {
+  #send(message) {
     this.socket?.send(JSON.stringify(message));
   }
 
   /** @param {string | ArrayBuffer} data */
-  #hear(data) {
+  #receive(data) {
     if (typeof data === 'string') {
       const message = JSON.parse(data);
-      if (message.type === 'status') this.hearer.status(message);
+      if (message.type === 'status') this.handlers.status(message);
       if (message.type === 'refused') {
         // A request that could not be read has no number, and is the one that waits.
         this.#answered(message.id ?? this.waiting?.id);
-        this.hearer.refused(message.reason);
+        this.handlers.refused(message.reason);
       }
       return;
     }
     const length = new DataView(data).getUint32(0, true);
     const facts = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
     facts.roundTrip = this.#answered(facts.id);
-    this.hearer.frame(facts, new Blob([new Uint8Array(data, 4 + length)], { type: 'image/jpeg' }));
+    this.handlers.frame(facts, new Blob([new Uint8Array(data, 4 + length)], { type: 'image/jpeg' }));
   }
 
   /** Milliseconds that an answer took. @param {number | undefined} id */

@@ -131,7 +131,7 @@ export class Panel {
     element('saved').textContent = status.saved ? `saved: ${status.saved}` : '';
     document.body.dataset.activity = status.activity;
     document.body.dataset.trained = status.step;
-    const reasons = new Map(status.lacking);
+    const reasons = new Map(status.unavailable);
     for (const option of element('layer').options) {
       option.disabled = reasons.has(option.value);
       option.title = reasons.get(option.value) ?? '';
@@ -165,8 +165,8 @@ export class Panel {
     on('share', 'click', () => this.#share());
     on('png', 'click', () => this.#save('image/png', 'png'));
     on('jpeg', 'click', () => this.#save('image/jpeg', 'jpg'));
-    on('pause', 'click', () => viewer.link.order(viewer.status?.activity === 'pauses' ? 'go_on' : 'pause'));
-    on('checkpoint', 'click', () => viewer.link.order('checkpoint'));
+    on('pause', 'click', () => viewer.link.command(viewer.status?.activity === 'pauses' ? 'go_on' : 'pause'));
+    on('checkpoint', 'click', () => viewer.link.command('checkpoint'));
     matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => viewer.curves.draw());
   }
 

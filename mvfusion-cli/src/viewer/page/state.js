@@ -24,7 +24,11 @@ import { Pose } from './pose.js';
  * @property {number} speed of flight, as a power of two
  */
 
-/** The view that the page begins with: the first held-out camera, looked at freely. @param {any} scene @returns {State} */
+/**
+ * The view that the page begins with: the first held-out camera, looked at freely.
+ * @param {any} scene
+ * @returns {State}
+ */
 export function beginning(scene) {
   const view = scene.test[0] ?? scene.train[0];
   const camera = scene.cameras[view[1]];

@@ -1,8 +1,8 @@
 //! What other programs send, open or leave unread makes the server neither grow nor wait.
 
 use super::super::connection::MOST_CONNECTIONS;
-use super::super::desk::MOST_PAGES;
-use super::super::session::TOO_MANY;
+use super::super::conversation::TOO_MANY;
+use super::super::requests::MOST_PAGES;
 use super::*;
 
 /// Bytes of a large picture, and more than the buffers of a connection hold.
@@ -23,16 +23,16 @@ fn ten_thousand_malformed_messages_are_answered_or_dropped_and_the_next_good_one
         page.send(packet).expect("sent");
     }
     page.send(Message::text(request(4).to_string())).expect("sent");
-    assert_eq!(running.viewer.desk.take(PATIENCE).map(|(_, wanted)| wanted.id), Some(4));
-    assert!(!running.viewer.desk.is_asked());
+    assert_eq!(running.viewer.requests.take(TIMEOUT).map(|(_, wanted)| wanted.id), Some(4));
+    assert!(!running.viewer.requests.is_asked());
     // The answers are few, and end.
-    running.viewer.board.change(|status| status.step = 99);
-    let complaints = std::iter::from_fn(|| Some(hear(&mut page))).take_while(|said| said["step"].as_u64() != Some(99));
-    let complaints = complaints.filter(|said| said["type"] == "refused").count();
-    assert!((1..=20).contains(&complaints), "{complaints}");
+    running.viewer.status.change(|status| status.step = 99);
+    let refusals = std::iter::from_fn(|| Some(receive(&mut page))).take_while(|said| said["step"].as_u64() != Some(99));
+    let refusals = refusals.filter(|said| said["type"] == "refused").count();
+    assert!((1..=20).contains(&refusals), "{refusals}");
     // Another page has not noticed.
     other.send(Message::text(request(5).to_string())).expect("sent");
-    assert_eq!(running.viewer.desk.take(PATIENCE).map(|(_, wanted)| wanted.id), Some(5));
+    assert_eq!(running.viewer.requests.take(TIMEOUT).map(|(_, wanted)| wanted.id), Some(5));
 }
 
 #[test]
@@ -46,12 +46,12 @@ fn a_message_that_is_too_long_ends_its_conversation_alone() {
             .find(|read| !matches!(read, Ok(Message::Text(_) | Message::Ping(_))));
         assert!(matches!(end, Some(Err(_) | Ok(Message::Close(_)))), "{end:?}");
     }
-    wait_for("seats come back", || running.viewer.desk.pages() == 0);
+    wait_for("slots come back", || running.viewer.requests.pages() == 0);
     assert_eq!(running.status("/", &[]), 200);
 }
 
 #[test]
-fn two_hundred_connections_take_their_places_and_no_more() {
+fn two_hundred_connections_are_accepted_up_to_the_limit() {
     let running = local();
     let connections: Vec<TcpStream> = (0..200).map(|_| running.connect()).collect();
     // Those beyond the bound are closed at once: reading them ends.
@@ -85,7 +85,7 @@ fn there_are_only_so_many_pages() {
     let Some(Ok(Message::Close(Some(frame)))) = end else { panic!("{end:?}") };
     assert_eq!((u16::from(frame.code), frame.reason.as_str()), (1013, TOO_MANY));
     drop(pages);
-    wait_for("seats come back", || running.viewer.desk.pages() == 0);
+    wait_for("slots come back", || running.viewer.requests.pages() == 0);
     assert!(running.page("/socket", None).is_ok());
 }
 
@@ -97,18 +97,18 @@ fn a_page_that_reads_nothing_stops_neither_the_others_nor_the_server() {
     // Until its socket is full, and the server waits for it: then a newer picture takes the place of the one before.
     let picture = axum::body::Bytes::from(vec![0; LARGE]);
     lazy.send(Message::text(request(0).to_string())).expect("sent");
-    let (seat, _) = running.viewer.desk.take(PATIENCE).expect("a request");
+    let (client, _) = running.viewer.requests.take(TIMEOUT).expect("a request");
     for _ in 0..FULL.div_ceil(LARGE) {
-        running.viewer.desk.answer(seat, Answer::Frame(picture.clone()));
+        running.viewer.requests.answer(client, Answer::Frame(picture.clone()));
         // The server takes one at a time.
         std::thread::sleep(Duration::from_millis(5));
     }
     keen.send(Message::text(request(1).to_string())).expect("sent");
-    let (seat, wanted) = running.viewer.desk.take(PATIENCE).expect("a request");
-    running.viewer.desk.answer(seat, Answer::Frame(vec![wanted.id as u8].into()));
+    let (client, wanted) = running.viewer.requests.take(TIMEOUT).expect("a request");
+    running.viewer.requests.answer(client, Answer::Frame(vec![wanted.id as u8].into()));
     while !matches!(keen.read().expect("a message"), Message::Binary(_)) {}
-    running.viewer.board.change(|status| status.step = 1999);
-    while hear(&mut keen)["step"].as_u64() != Some(1999) {}
+    running.viewer.status.change(|status| status.step = 1999);
+    while receive(&mut keen)["step"].as_u64() != Some(1999) {}
     assert_eq!(running.status("/", &[]), 200);
     // It has not got all of them: its socket was full.
     lazy.get_ref().set_nonblocking(true).expect("set");

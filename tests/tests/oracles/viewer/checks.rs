@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
-use mvfusion_cli::viewer::desk::MOST_PAGES;
+use mvfusion_cli::viewer::requests::MOST_PAGES;
 use mvfusion_tests::ViewerClient;
 use serde_json::json;
 

@@ -9,7 +9,7 @@ use clap::Parser;
 use mvfusion_cli::args::Command;
 use mvfusion_cli::interrupt::{Interrupted, Signals};
 use mvfusion_cli::progress::Verbosity;
-use mvfusion_cli::viewer::address::{HOST, Listening};
+use mvfusion_cli::viewer::address::{BoundSocket, HOST};
 use mvfusion_cli::{Cli, command};
 use mvfusion_tests::ViewerClient;
 
@@ -30,7 +30,7 @@ const SETTINGS: [&str; 6] = [
 const KEPT: &str = "checkpoints/step_150.safetensors";
 
 /// How long anything may take.
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 /// A training of the tiny model in a thread, interrupted when dropped.
 struct Training {
@@ -39,7 +39,7 @@ struct Training {
 }
 
 impl Training {
-    fn start(run: &Path, viewer: Option<Listening>) -> Result<Self> {
+    fn start(run: &Path, viewer: Option<BoundSocket>) -> Result<Self> {
         let line = training(run, &SETTINGS)?;
         let Command::Train(args) = Cli::try_parse_from(["mvfusion"].iter().chain(&line))?.command else {
             bail!("another command")
@@ -54,7 +54,7 @@ impl Training {
 
     /// One that is served, and pauses after a step.
     fn paused(run: &Path) -> Result<(Self, u16)> {
-        let viewer = Listening::at(HOST, 0)?;
+        let viewer = BoundSocket::bind(HOST, 0)?;
         let port = viewer.port();
         let training = Self::start(run, Some(viewer))?;
         let mut page = ViewerClient::open(port)?;
@@ -150,7 +150,7 @@ pub fn is_the_same() -> Result<()> {
     page.wait("Number(document.body.dataset.trained) > 150")?;
     training.end()?;
     let training = Training::start(&alone, None)?;
-    let until = Instant::now() + PATIENCE;
+    let until = Instant::now() + TIMEOUT;
     while !alone.join(KEPT).is_file() {
         ensure!(Instant::now() < until, "the training alone writes no checkpoint");
         std::thread::sleep(Duration::from_millis(20));

@@ -17,7 +17,7 @@ use clap::Parser;
 use libtest_mimic::Trial;
 use mvfusion_cli::args::Command;
 use mvfusion_cli::progress::Verbosity;
-use mvfusion_cli::viewer::address::{HOST, Listening};
+use mvfusion_cli::viewer::address::{BoundSocket, HOST};
 use mvfusion_cli::{Cli, command};
 use tempfile::TempDir;
 
@@ -89,8 +89,8 @@ impl Server {
     fn of(run: &Path, port: u16) -> Result<Self> {
         let run = text(run)?.to_owned();
         // What listens can be connected to before it is served.
-        let listening = Listening::at(HOST, port)?;
-        let port = listening.port();
+        let socket = BoundSocket::bind(HOST, port)?;
+        let port = socket.port();
         let is_over = Arc::new(AtomicBool::new(false));
         let over = Arc::clone(&is_over);
         let thread = std::thread::spawn(move || {
@@ -99,7 +99,7 @@ impl Server {
                 return Err(anyhow!("another command"));
             };
             let mut said = Vec::new();
-            command::view_until(&args, listening, Verbosity::Silent, &mut said, || over.load(Ordering::Relaxed))
+            command::view_until(&args, socket, Verbosity::Silent, &mut said, || over.load(Ordering::Relaxed))
         });
         Ok(Self { port, is_over, thread: Some(thread) })
     }

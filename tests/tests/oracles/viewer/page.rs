@@ -13,7 +13,7 @@ use crate::browser::Browser;
 use crate::browser::devtools::Connection;
 
 /// How long anything may take.
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 const PAUSE: Duration = Duration::from_millis(30);
 
 /// Size of the window, CSS pixels.
@@ -66,7 +66,7 @@ impl Page {
 
     /// Waits until an expression is true.
     pub fn wait(&mut self, expression: &str) -> Result<()> {
-        let until = Instant::now() + PATIENCE;
+        let until = Instant::now() + TIMEOUT;
         loop {
             // While a page is loaded, nothing can be asked.
             let found = self.ask(expression);

@@ -11,7 +11,7 @@ use mvfusion_model::timeline::spread;
 
 use super::frame::{Answer, FrameFacts, FrameGaussians, FrameTimes, ShownScale, Stopwatch};
 use super::moments::{MomentCache, MomentKey};
-use super::protocol::{FrameRequest, Place, ViewId, ViewSet};
+use super::protocol::{CameraChoice, FrameRequest, ViewId, ViewSet};
 
 /// Bytes of cached moments: 200 of a model with 5000 dynamic Gaussians.
 const CACHE: usize = 256 << 20;
@@ -46,11 +46,11 @@ pub struct Shown {
 
 /// Renders pictures for pages.
 #[derive(Debug)]
-pub struct Painter {
+pub struct FrameRenderer {
     /// `None` between two steps of a training, which may then change its tensors in place.
     shown: Option<Shown>,
     /// The model without temporal attention, if that makes a difference.
-    cheap: Option<Model>,
+    without_mfta: Option<Model>,
     context: RenderContext,
     source: MotionSource,
     motion: Option<MotionLayers>,
@@ -70,11 +70,21 @@ struct Photo {
     mask: Option<GrayImage>,
 }
 
-impl Painter {
-    /// A painter of models of a scene, none of which is shown yet.
+impl FrameRenderer {
+    /// A renderer of models of a scene, none of which is shown yet.
     pub fn new(context: RenderContext, scene: Scene, source: MotionSource) -> Self {
         let moments = MomentCache::new(CACHE);
-        Self { shown: None, cheap: None, context, source, motion: None, depths: None, moments, scene, photo: None }
+        Self {
+            shown: None,
+            without_mfta: None,
+            context,
+            source,
+            motion: None,
+            depths: None,
+            moments,
+            scene,
+            photo: None,
+        }
     }
 
     /// Shows a model from now on, unless that of the same step is shown.
@@ -84,25 +94,25 @@ impl Painter {
         }
         self.forget();
         let shown = shown();
-        self.cheap = shown.model.without_mfta(shown.level);
+        self.without_mfta = shown.model.without_mfta(shown.level);
         self.shown = Some(shown);
     }
 
     /// Lets go of the model, and of everything that was made from it.
     pub fn forget(&mut self) {
-        (self.shown, self.cheap, self.motion, self.depths) = (None, None, None, None);
+        (self.shown, self.without_mfta, self.motion, self.depths) = (None, None, None, None);
         self.moments.clear();
     }
 
     /// Answers a request.
     pub fn answer(&mut self, request: &FrameRequest) -> Answer {
-        self.paint(request).unwrap_or_else(|error| Answer::Refused { id: request.id, reason: format!("{error:#}") })
+        self.render(request).unwrap_or_else(|error| Answer::Refused { id: request.id, reason: format!("{error:#}") })
     }
 
-    fn paint(&mut self, request: &FrameRequest) -> anyhow::Result<Answer> {
+    fn render(&mut self, request: &FrameRequest) -> anyhow::Result<Answer> {
         let camera = self.camera(request);
         let mut watch = Stopwatch::start();
-        let mfta = request.mfta && self.cheap.is_some();
+        let mfta = request.mfta && self.without_mfta.is_some();
         let moment = request.time.map(|time| self.moment(time, mfta)).transpose()?;
         let deform = watch.lap();
         let motion = self.motion_of(request.layer)?;
@@ -145,9 +155,9 @@ impl Painter {
 
     fn camera(&self, request: &FrameRequest) -> Camera {
         let (width, height) = request.size;
-        match request.place {
-            Place::Pose(camera) => camera,
-            Place::View(view) => self.view(view).camera.resized(width, height),
+        match request.camera {
+            CameraChoice::Pose(camera) => camera,
+            CameraChoice::View(view) => self.view(view).camera.resized(width, height),
         }
     }
 
@@ -166,7 +176,7 @@ impl Painter {
             return Ok(moment);
         }
         let Shown { model, level, .. } = self.shown.as_ref().context(NOTHING)?;
-        let model = if mfta { model } else { self.cheap.as_ref().unwrap_or(model) };
+        let model = if mfta { model } else { self.without_mfta.as_ref().unwrap_or(model) };
         let moment = model.moment(time, *level, &self.context)?;
         self.moments.keep(key, moment.clone(), moment.bytes());
         Ok(moment)
@@ -212,7 +222,7 @@ impl Painter {
     /// PSNR against the photo, for a composed picture of what the photo shows: from its camera, at its time, and with
     /// the background of the run.
     fn psnr(&mut self, request: &FrameRequest, picture: &RgbImage) -> Option<f64> {
-        let Place::View(view) = request.place else { return None };
+        let CameraChoice::View(view) = request.camera else { return None };
         let is_own_background = request.background.is_none_or(|grey| grey == self.context.behind.grey);
         if request.layer != Layer::Composed || !is_own_background || !self.is_time_of(view, request.time) {
             return None;
@@ -252,7 +262,11 @@ impl Painter {
 }
 
 /// The layers that a model cannot show, each with the reason.
-pub fn lacking(model: &Model, level: DeformationLevel, source: MotionSource) -> Vec<(&'static str, &'static str)> {
+pub fn unavailable_layers(
+    model: &Model,
+    level: DeformationLevel,
+    source: MotionSource,
+) -> Vec<(&'static str, &'static str)> {
     let reason = |layer: Layer| {
         let not_measured = match (source, layer) {
             (MotionSource::Training, Layer::Motion) => model.motion.is_none().then_some("it is not measured yet"),

@@ -4,19 +4,19 @@ use std::sync::Arc;
 
 use axum::body::Bytes;
 
-use super::board::Board;
-use super::desk::Desk;
 use super::guard::Guard;
 use super::photos::Photos;
 use super::protocol::Limits;
+use super::requests::RequestQueue;
+use super::status::StatusBoard;
 
 /// What all requests share.
 #[derive(Debug)]
-pub struct Hall {
-    /// Where requests are left.
-    pub desk: Arc<Desk>,
-    /// What all pages are told.
-    pub board: Arc<Board>,
+pub struct ServerState {
+    /// The requests of pages.
+    pub requests: Arc<RequestQueue>,
+    /// What all pages are sent.
+    pub status: Arc<StatusBoard>,
     /// The facts of the scene, as JSON.
     pub facts: Bytes,
     /// The points of the scene.

@@ -1,4 +1,4 @@
-//! What every page is told: the state of the training, and its curves.
+//! What every page is sent: the state of the training, and its curves.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -24,7 +24,7 @@ pub struct Status {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub steps_per_second: Option<f64>,
     /// The layers that the model cannot show now, each with the reason.
-    pub lacking: Vec<(&'static str, &'static str)>,
+    pub unavailable: Vec<(&'static str, &'static str)>,
     /// The checkpoint that was saved last on request.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub saved: Option<String>,
@@ -47,9 +47,9 @@ pub enum Activity {
 /// A point of the curves: step, loss, PSNR.
 pub type CurvePoint = (usize, f32, Option<f64>);
 
-/// The board, shared by the server and the thread that renders.
+/// The state, shared by the server and the thread that renders.
 #[derive(Debug)]
-pub struct Board {
+pub struct StatusBoard {
     status: watch::Sender<Status>,
     curves: Mutex<Curves>,
 }
@@ -62,18 +62,18 @@ struct Curves {
     seen: usize,
 }
 
-impl Board {
-    /// A board with this state.
+impl StatusBoard {
+    /// The first state.
     pub fn new(status: Status) -> Self {
         Self { status: watch::Sender::new(status), curves: Mutex::default() }
     }
 
-    /// Follows the state.
-    pub fn follow(&self) -> watch::Receiver<Status> {
+    /// A receiver of every later state.
+    pub fn subscribe(&self) -> watch::Receiver<Status> {
         self.status.subscribe()
     }
 
-    /// Changes the state and tells every page.
+    /// Changes the state and sends it to every page.
     pub fn change(&self, change: impl FnOnce(&mut Status)) {
         self.status.send_modify(change);
     }
@@ -131,14 +131,14 @@ pub(super) mod tests {
             total: 100,
             stage: Some("geometry"),
             steps_per_second: None,
-            lacking: Vec::new(),
+            unavailable: Vec::new(),
             saved: None,
         }
     }
 
     #[test]
     fn curves_keep_their_length_and_their_ends() {
-        let board = Board::new(status());
+        let board = StatusBoard::new(status());
         (1..=100_000).for_each(|step| board.add((step, 1.0 / step as f32, None)));
         let points = board.points_after(None);
         assert!((MOST_POINTS / 2..=MOST_POINTS).contains(&points.len()), "{}", points.len());
@@ -148,16 +148,16 @@ pub(super) mod tests {
 
     #[test]
     fn a_page_gets_only_what_it_has_not_seen() {
-        let board = Board::new(status());
+        let board = StatusBoard::new(status());
         (1..=5).for_each(|step| board.add((10 * step, 0.5, Some(20.0))));
         let steps = |after| board.points_after(after).iter().map(|point| point.0).collect::<Vec<_>>();
         assert_eq!((steps(Some(30)), steps(Some(50))), (vec![40, 50], vec![]));
     }
 
     #[test]
-    fn a_change_reaches_those_who_follow() {
-        let board = Board::new(status());
-        let mut follower = board.follow();
+    fn a_change_reaches_those_who_subscribe() {
+        let board = StatusBoard::new(status());
+        let mut follower = board.subscribe();
         assert!(!follower.has_changed().expect("open"));
         board.change(|status| status.step = 7);
         assert_eq!(follower.borrow_and_update().step, 7);

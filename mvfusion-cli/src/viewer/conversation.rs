@@ -9,29 +9,29 @@ use serde::Serialize;
 use tokio::sync::watch::{self, error::RecvError};
 use tokio::time::{Instant, interval, sleep_until, timeout};
 
-use super::board::{CurvePoint, Status};
-use super::desk::Client;
 use super::frame::Answer;
-use super::hall::Hall;
 use super::protocol::Message;
+use super::requests::Client;
+use super::server_state::ServerState;
+use super::status::{CurvePoint, Status};
 
 /// A page that takes nothing for so long is given up.
-const PATIENCE: Duration = Duration::from_secs(30);
+const TIMEOUT: Duration = Duration::from_secs(30);
 /// A page that is turned away has so long to close its side.
 const FAREWELL: Duration = Duration::from_secs(5);
-/// What it is told. The reason of a closed socket has at most 123 bytes.
+/// What it is sent. The reason of a closed socket has at most 123 bytes.
 pub(super) const TOO_MANY: &str = "Too many pages are open. Close one of them.";
 /// Time between two pings, which keep the connection open.
 const PING: Duration = Duration::from_secs(20);
-/// Shortest time between two words about the state.
-const NEWS: Duration = Duration::from_millis(100);
+/// Shortest time between two states.
+const STATUS_INTERVAL: Duration = Duration::from_millis(100);
 /// So many malformed messages of a page are answered. The others are dropped.
-const MOST_COMPLAINTS: usize = 20;
+const MOST_ERRORS: usize = 20;
 
-/// What the page is told in words.
+/// What the page is sent as text.
 #[derive(Serialize)]
 #[serde(tag = "type", rename_all = "snake_case")]
-enum Said<'a> {
+enum ServerMessage<'a> {
     /// The state, and the points of the curves since the last time.
     Status {
         #[serde(flatten)]
@@ -60,18 +60,19 @@ pub async fn turn_away(mut socket: WebSocket) {
 }
 
 /// Talks with a page until it leaves.
-pub async fn run(mut socket: WebSocket, hall: Arc<Hall>, mut client: Client) {
-    let mut session = Session { status: hall.board.follow(), told: None, next: Instant::now(), complaints: 0, hall };
-    session.status.mark_changed();
+pub async fn run(mut socket: WebSocket, state: Arc<ServerState>, mut client: Client) {
+    let (status, next) = (state.status.subscribe(), Instant::now());
+    let mut conversation = Conversation { status, last_sent: None, next, errors_sent: 0, state };
+    conversation.status.mark_changed();
     let mut ping = interval(PING);
     loop {
         let packet = tokio::select! {
             received = socket.recv() => {
                 let Some(Ok(packet)) = received else { break };
                 match packet {
-                    Packet::Text(text) => session.hear(&text, &client),
+                    Packet::Text(text) => conversation.receive(&text, &client),
                     Packet::Close(_) => break,
-                    Packet::Binary(_) => session.complain("messages are text"),
+                    Packet::Binary(_) => conversation.refuse("messages are text"),
                     // The library answers pings itself.
                     Packet::Ping(_) | Packet::Pong(_) => None,
                 }
@@ -82,67 +83,67 @@ pub async fn run(mut socket: WebSocket, hall: Arc<Hall>, mut client: Client) {
                 }
                 newest(&mut client)
             }
-            changed = session.news() => {
+            changed = conversation.status_changed() => {
                 if changed.is_err() {
                     break;
                 }
-                session.tell()
+                conversation.send_status()
             }
             _ = ping.tick() => Some(Packet::Ping(Bytes::new())),
         };
         let Some(packet) = packet else { continue };
         // While a page takes nothing, nothing is read either, so nothing piles up.
-        if !matches!(timeout(PATIENCE, socket.send(packet)).await, Ok(Ok(()))) {
+        if !matches!(timeout(TIMEOUT, socket.send(packet)).await, Ok(Ok(()))) {
             break;
         }
     }
 }
 
 /// What is known of a page.
-struct Session {
-    hall: Arc<Hall>,
+struct Conversation {
+    state: Arc<ServerState>,
     status: watch::Receiver<Status>,
     /// The step of the last point that it has.
-    told: Option<usize>,
-    /// When it may be told again.
+    last_sent: Option<usize>,
+    /// When the next state may be sent.
     next: Instant,
-    complaints: usize,
+    errors_sent: usize,
 }
 
-impl Session {
+impl Conversation {
     /// Does what a message asks for, or answers what is wrong with it.
-    fn hear(&mut self, text: &str, client: &Client) -> Option<Packet> {
-        match Message::parse(text, &self.hall.limits) {
+    fn receive(&mut self, text: &str, client: &Client) -> Option<Packet> {
+        match Message::parse(text, &self.state.limits) {
             Ok(Message::Frame(request)) => client.ask(request),
-            Ok(Message::Pause) => client.order_pause(true),
-            Ok(Message::GoOn) => client.order_pause(false),
-            Ok(Message::Checkpoint) => client.order_checkpoint(),
-            Err(reason) => return self.complain(&reason),
+            Ok(Message::Pause) => client.request_pause(true),
+            Ok(Message::GoOn) => client.request_pause(false),
+            Ok(Message::Checkpoint) => client.request_checkpoint(),
+            Err(reason) => return self.refuse(&reason),
         }
         None
     }
 
-    fn complain(&mut self, reason: &str) -> Option<Packet> {
-        self.complaints += 1;
-        if self.complaints > MOST_COMPLAINTS {
+    fn refuse(&mut self, reason: &str) -> Option<Packet> {
+        self.errors_sent += 1;
+        if self.errors_sent > MOST_ERRORS {
             return None;
         }
-        said(&Said::Refused { id: None, reason })
+        packet(&ServerMessage::Refused { id: None, reason })
     }
 
     /// Waits for a change of the state. A fast training changes it hundreds of times a second.
-    async fn news(&mut self) -> Result<(), RecvError> {
+    async fn status_changed(&mut self) -> Result<(), RecvError> {
         sleep_until(self.next).await;
         self.status.changed().await
     }
 
     /// The state and the new points.
-    fn tell(&mut self) -> Option<Packet> {
-        self.next = Instant::now() + NEWS;
-        let curves = self.hall.board.points_after(self.told);
-        self.told = curves.last().map(|point| point.0).or(self.told);
+    fn send_status(&mut self) -> Option<Packet> {
+        self.next = Instant::now() + STATUS_INTERVAL;
+        let curves = self.state.status.points_after(self.last_sent);
+        self.last_sent = curves.last().map(|point| point.0).or(self.last_sent);
         let status = self.status.borrow_and_update().clone();
-        said(&Said::Status { status: &status, curves })
+        packet(&ServerMessage::Status { status: &status, curves })
     }
 }
 
@@ -150,11 +151,11 @@ impl Session {
 fn newest(client: &mut Client) -> Option<Packet> {
     match client.answers.borrow_and_update().clone()? {
         Answer::Frame(bytes) => Some(Packet::Binary(bytes)),
-        Answer::Refused { id, reason } => said(&Said::Refused { id: Some(id), reason: &reason }),
+        Answer::Refused { id, reason } => packet(&ServerMessage::Refused { id: Some(id), reason: &reason }),
     }
 }
 
-fn said(said: &Said<'_>) -> Option<Packet> {
+fn packet(message: &ServerMessage<'_>) -> Option<Packet> {
     // Numbers and names always become JSON; if they did not, silence would be right.
-    Some(Packet::Text(serde_json::to_string(said).ok()?.into()))
+    Some(Packet::Text(serde_json::to_string(message).ok()?.into()))
 }
