@@ -294,9 +294,9 @@ pub struct ExportArgs {
     /// training time, at most 60]
     #[arg(long, value_name = "N", value_parser = parse_frames)]
     pub samples: Option<NonZeroUsize>,
-    /// How much the numbers in scene.4dgs may be off
-    #[arg(long, value_name = "NAME", value_enum, default_value_t)]
-    pub precision: Precision,
+    /// How much the numbers in scene.4dgs may be off [default: fine]
+    #[arg(long, value_name = "NAME", value_enum)]
+    pub precision: Option<Precision>,
     /// Deform the dynamic Gaussians without temporal attention, as in the paper's cheaper inference
     #[arg(long)]
     pub no_mfta: bool,

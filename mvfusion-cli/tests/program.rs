@@ -339,6 +339,10 @@ fn what_cannot_be_exported_is_refused() {
     misused(&["export", path, "--out", "out", "--shared-static"], &["--frames"]);
     misused(&["export", path, "--out", "out", "--precision", "exact"], &["fine", "coarse"]);
     misused(&["export", path], &["--out"]);
+    for unused in [["--samples", "3"], ["--precision", "fine"]] {
+        refuses(&[["export", path].as_slice(), &out, &unused].concat(), USAGE, &[unused[0], "--format 4dgs"]);
+        misused(&[["export", path, "--html"].as_slice(), &unused].concat(), &["--html", unused[0]]);
+    }
 }
 
 /// Runs a command that the parser of the command line must refuse with these words; it adds a hint as a further

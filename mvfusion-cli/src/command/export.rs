@@ -7,19 +7,17 @@ use mvfusion_data::GaussianCloud;
 use mvfusion_data::write::gaussian_ply;
 use mvfusion_model::ModelError;
 use mvfusion_model::model::harmonics::without_directions;
-use mvfusion_model::train::final_level;
 
 use crate::args::{ExportArgs, ExportFormat};
 use crate::atomic;
 use crate::export::moving::{Clock, MovingFile, Samples};
-use crate::export::{self, Exporter, Fidelity, InriaModel, Loss, Moment};
+use crate::export::{self, ComparedTimes, Exporter, Fidelity, InriaModel, Loss, Moment};
+use crate::failure::UsageError;
 use crate::progress::{Progress, Verbosity};
 use crate::run::{Existing, MasksRequest, OpenRun, RunFolder, RunPlan, RunRequest};
 
 /// Width of the first column.
 const LABEL: usize = 16;
-/// Default maximum number of samples of a `.4dgs` file.
-const MOST_SAMPLES: usize = 60;
 
 /// Writes a run's Gaussians and cameras for other programs.
 ///
@@ -30,22 +28,28 @@ pub fn export(args: &ExportArgs, verbosity: Verbosity, out: &mut dyn Write) -> a
     if args.page.html.is_some() {
         return super::export_page::export_page(args, verbosity, out);
     }
+    check(args)?;
     let existing = if args.force { Existing::Replace } else { Existing::Keep };
     let plan = RunPlan::for_contents(&args.out, existing, export::CONTENTS)?;
     let data = args.data.as_deref();
     let request = RunRequest { run: &args.run, data, masks: MasksRequest::Unused, device: &args.compute.device };
     let run = OpenRun::open(&request, verbosity)?;
-    let exporter = exporter(args, &run, verbosity);
+    let exporter = Exporter::of(&run, args.no_mfta, verbosity);
     let mut folder = plan.create()?;
     Session { args, run: &run, exporter, folder: &folder, verbosity }.write(out)?;
     folder.finish();
     Ok(())
 }
 
-/// The model to export.
-fn exporter(args: &ExportArgs, run: &OpenRun, verbosity: Verbosity) -> Exporter {
-    let level = final_level(&run.config);
-    Exporter { model: run.model(args.no_mfta, verbosity), level, context: run.render_context() }
+/// Refuses what only a film has where none is written.
+fn check(args: &ExportArgs) -> Result<(), UsageError> {
+    let given = [("--samples", args.samples.is_some()), ("--precision", args.precision.is_some())];
+    match given.into_iter().find(|(_, is_given)| *is_given) {
+        Some((name, _)) if !args.format.contains(&ExportFormat::Moving) => {
+            Err(UsageError::new(format!("{name} is about scene.4dgs, which is written with --format 4dgs.")))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// An export under way.
@@ -100,13 +104,15 @@ impl Session<'_> {
     fn write_still(&self, out: &mut dyn Write) -> anyhow::Result<()> {
         let time = self.args.time.unwrap_or(0.0);
         let gaussians = &self.exporter.scene(Moment::At(time))?;
-        let fidelity = self.fidelity(Some(time))?;
+        let fidelity = self.fidelity(ComparedTimes::At(&[time]))?;
         if self.wants(ExportFormat::Splat) {
             // The format has no other colours than constant ones.
             let flat = without_directions(gaussians.clone(), &export::eyes(&self.run.scene));
-            export::write_splat(&flat, &self.folder.place(&[export::SPLAT])?)?;
+            let bytes = export::encode_splat(&flat);
+            atomic::write(&self.folder.place(&[export::SPLAT])?, &bytes)?;
             tell(out, export::SPLAT, &flat)?;
-            tell_loss(out, fidelity.loss(|_| Ok(flat.clone()))?)?;
+            // As others will read it, with bytes for colours, opacities and rotations.
+            tell_loss(out, &fidelity.loss(|_| Ok(export::decode_splat(&bytes).into()))?)?;
         }
         if !self.wants(ExportFormat::Inria) && !self.wants(ExportFormat::Glb) {
             return Ok(());
@@ -122,13 +128,14 @@ impl Session<'_> {
             atomic::write(&self.folder.place(&[export::GLB])?, &bytes)?;
             writeln!(out, "{:LABEL$}{} Gaussians, {}", export::GLB, gaussians.len(), size(bytes.len()))?;
         }
-        tell_loss(out, fidelity.loss(|_| Ok(gaussians.clone()))?)
+        tell_loss(out, &fidelity.loss(|_| Ok(gaussians.clone().into()))?)
     }
 
     /// The whole scene in motion.
     fn write_moving(&self, out: &mut dyn Write) -> anyhow::Result<()> {
         let clock = Clock::of(&self.exporter.context.timeline);
-        let count = self.args.samples.map_or(clock.frames().min(MOST_SAMPLES), usize::from);
+        let precision = self.args.precision.unwrap_or_default();
+        let count = Samples::count(self.args.samples.map(usize::from), clock, precision)?;
         let mut progress = Progress::new("samples", 2 * count + 1, self.verbosity);
         let static_ = self.exporter.static_()?;
         let scene_at = |time: f64| -> Result<GaussianCloud, ModelError> {
@@ -140,7 +147,7 @@ impl Session<'_> {
             })
         };
         let eyes = export::eyes(&self.run.scene);
-        let samples = Samples::take(count, clock, self.args.precision, &eyes, scene_at)?;
+        let samples = Samples::take(count, clock, precision, &eyes, scene_at)?;
         progress.finish();
         let path = self.folder.place(&[export::MOVING])?;
         let bytes = samples.encode()?;
@@ -152,7 +159,8 @@ impl Session<'_> {
         let found = file.check(&samples)?;
         writeln!(out, "{:LABEL$}{}", "error bound", file.bounds())?;
         writeln!(out, "{:LABEL$}{found}", "largest error")?;
-        tell_loss(out, self.fidelity(None)?.loss(|time| file.cloud_at(clock.second(time)))?)
+        let fidelity = self.fidelity(ComparedTimes::OfViews)?;
+        tell_loss(out, &fidelity.loss(|time| Ok(file.cloud_at(clock.second(time))?.into()))?)
     }
 
     /// The whole scene at evenly spaced times.
@@ -173,21 +181,20 @@ impl Session<'_> {
         writeln!(out, "{:LABEL$}{frames} files of {each}, {all} in all", export::FRAMES)?;
         out.flush()?;
         let mut progress = Progress::new("frames", frames, self.verbosity);
-        for (frame, time) in times.into_iter().enumerate() {
+        for (frame, &time) in times.iter().enumerate() {
             let bytes = if frame == 0 { first.clone() } else { gaussian_ply(&scene_at(time)?) };
             atomic::write(&self.folder.place(&[export::FRAMES, &export::frame_name(frame)])?, &bytes)?;
             progress.advance();
         }
         progress.finish();
-        let whole = |time: f64| Ok(self.exporter.scene(Moment::At(time))?);
-        tell_loss(out, self.fidelity(None)?.loss(whole)?)
+        // These are the numbers of the files; with shared static Gaussians, of both files together.
+        let whole = |time: f64| Ok(self.exporter.scene(Moment::At(time))?.into());
+        tell_loss(out, &self.fidelity(ComparedTimes::At(&times))?.loss(whole)?)
     }
 
-    /// The renders that exported Gaussians are compared with: of held-out views, or training views if there are none.
-    fn fidelity(&self, time: Option<f64>) -> anyhow::Result<Fidelity<'_>> {
-        let scene = &self.run.scene;
-        let views = if scene.test.is_empty() { &scene.train } else { &scene.test };
-        Fidelity::new(&self.exporter, views, &self.run.device, time)
+    /// The renders that exported Gaussians are compared with.
+    fn fidelity(&self, times: ComparedTimes<'_>) -> anyhow::Result<Fidelity<'_>> {
+        Fidelity::new(self.run, &self.exporter, times, self.verbosity)
     }
 }
 
@@ -196,7 +203,7 @@ fn tell(out: &mut dyn Write, name: &str, gaussians: &GaussianCloud) -> anyhow::R
 }
 
 /// What the last file costs.
-fn tell_loss(out: &mut dyn Write, loss: Loss) -> anyhow::Result<()> {
+fn tell_loss(out: &mut dyn Write, loss: &Loss) -> anyhow::Result<()> {
     Ok(writeln!(out, "{:LABEL$}{loss}", "PSNR")?)
 }
 

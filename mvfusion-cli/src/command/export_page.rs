@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use bytesize::ByteSize;
-use mvfusion_model::train::final_level;
 
 use crate::args::ExportArgs;
 use crate::export::Exporter;
@@ -26,19 +25,17 @@ pub fn export_page(args: &ExportArgs, verbosity: Verbosity, out: &mut dyn Write)
     let data = args.data.as_deref();
     let request = RunRequest { run: &args.run, data, masks: MasksRequest::Unused, device: &args.compute.device };
     let run = OpenRun::open(&request, verbosity)?;
-    let (level, context) = (final_level(&run.config), run.render_context());
-    let exporter = Exporter { model: run.model(args.no_mfta, verbosity), level, context };
+    let exporter = Exporter::of(&run, args.no_mfta, verbosity);
     let page = write_page(&run, &exporter, args.page.size.as_u64(), &path, verbosity)?;
 
-    let moments = exporter.context.timeline.times().len();
+    let training_times = exporter.context.timeline.times().len();
     let [static_, dynamic] = page.gaussians;
     let size = |bytes: u64| ByteSize(bytes).display().si();
     writeln!(out, "{:LABEL$}{} of {}", "size", size(page.bytes), size(args.page.size.as_u64()))?;
     writeln!(out, "{:LABEL$}{static_} static, {dynamic} dynamic", "Gaussians")?;
-    writeln!(out, "{:LABEL$}{} for {moments} training times", "keyframes", page.keyframes)?;
+    writeln!(out, "{:LABEL$}{} for {training_times} training times", "keyframes", page.keyframes)?;
     writeln!(out, "{:LABEL$}{}", "SH degree", page.cut.reduction.sh_degree)?;
-    let (mean, worst, views) = (page.quality.mean(), page.quality.worst(), page.quality.views.len());
-    writeln!(out, "{:LABEL$}{mean:.2} dB, worst {worst:.2} dB, {views} views against `mvfusion render`", "PSNR")?;
+    writeln!(out, "{:LABEL$}{}", "PSNR", page.loss)?;
     writeln!(out, "{:LABEL$}{}", "written to", path.display())?;
     Ok(())
 }

@@ -4,12 +4,11 @@
 //! extension are not in it.
 
 use glam::DMat3;
-use mvfusion_data::{GaussianCloud, Scene, View};
+use mvfusion_data::{GaussianCloud, Scene, View, distinct_cameras, sigmoid, unit_quaternion};
 use mvfusion_model::model::gaussians::SH_C0;
 use mvfusion_model::model::harmonics::rotated;
 use serde_json::{Map, Value, json};
 
-use super::activated::{opacity, unit_quaternion};
 use super::axes::{camera_pose, to_gltf};
 
 /// Name of the extension, and beginning of the names of its attributes.
@@ -83,7 +82,7 @@ fn attributes(gaussians: &GaussianCloud, buffer: &mut Buffer) -> Map<String, Val
     found.insert(own("ROTATION"), buffer.add("VEC4", rotations).into());
     let scales = gaussians.log_scales.iter().map(|scales| scales.map(f32::exp));
     found.insert(own("SCALE"), buffer.add("VEC3", scales).into());
-    let opacities = gaussians.opacity_logits.iter().map(|&logit| [opacity(logit) as f32]);
+    let opacities = gaussians.opacity_logits.iter().map(|&logit| [sigmoid(logit) as f32]);
     found.insert(own("OPACITY"), buffer.add("SCALAR", opacities).into());
     let constant = gaussians.sh_dc.iter().copied();
     found.insert(own("SH_DEGREE_0_COEF_0"), buffer.add("VEC3", constant).into());
@@ -110,17 +109,13 @@ fn fallback_colour(gaussians: &GaussianCloud, index: usize) -> [f32; 4] {
     };
     let colour = |dc: f32| linear((0.5 + SH_C0 * f64::from(dc)).clamp(0.0, 1.0)) as f32;
     let [r, g, b] = gaussians.sh_dc[index].map(colour);
-    [r, g, b, opacity(gaussians.opacity_logits[index]) as f32]
+    [r, g, b, sigmoid(gaussians.opacity_logits[index]) as f32]
 }
 
 /// The distinct held-out cameras, and their nodes. glTF has no principal point; the centre of the image is taken.
 fn cameras(scene: &Scene, turn: DMat3) -> (Vec<Value>, Vec<Value>) {
-    let mut distinct: Vec<&View> = Vec::new();
-    for view in &scene.test {
-        if !distinct.iter().any(|other| other.camera == view.camera) && distinct.len() < MOST_CAMERAS {
-            distinct.push(view);
-        }
-    }
+    let mut distinct = distinct_cameras(&scene.test);
+    distinct.truncate(MOST_CAMERAS);
     let camera = |view: &&View| {
         let camera = &view.camera;
         let ratio = camera.width as f64 * camera.fy / (camera.height as f64 * camera.fx);

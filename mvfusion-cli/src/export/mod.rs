@@ -1,9 +1,9 @@
 //! Export of a trained model for other programs: the Gaussians of each branch, or of the whole scene for viewers
 //! without mask support; the cameras; and the folder layout that the viewers of 3DGS expect.
 
-mod activated;
 mod axes;
 mod cameras;
+mod compared_views;
 mod fidelity;
 mod glb;
 pub mod html;
@@ -12,10 +12,11 @@ pub mod moving;
 mod splat;
 
 pub use cameras::{CAMERAS, write_cameras};
-pub use fidelity::{Fidelity, Loss};
+pub use compared_views::ComparedTimes;
+pub use fidelity::{Fidelity, Loss, ShownGaussians};
 pub use glb::encode_glb;
 pub use inria::{InriaModel, write_inria};
-pub use splat::write_splat;
+pub use splat::{decode_splat, encode_splat};
 
 use glam::DVec3;
 use mvfusion_data::{GaussianCloud, Scene};
@@ -23,8 +24,10 @@ use mvfusion_model::ModelError;
 use mvfusion_model::model::gaussians::{Gaussians, RawGaussians};
 use mvfusion_model::model::{DeformationLevel, Model, RenderContext};
 use mvfusion_model::timeline::spread;
+use mvfusion_model::train::final_level;
 
-use crate::run::Contents;
+use crate::progress::Verbosity;
+use crate::run::{Contents, OpenRun};
 
 /// Gaussians of the static branch.
 pub const STATIC: &str = "static.ply";
@@ -81,6 +84,12 @@ pub struct Exporter {
 }
 
 impl Exporter {
+    /// The model of a run; without temporal attention on request.
+    pub fn of(run: &OpenRun, no_mfta: bool, verbosity: Verbosity) -> Self {
+        let level = final_level(&run.config);
+        Self { model: run.model(no_mfta, verbosity), level, context: run.render_context() }
+    }
+
     /// The Gaussians of the static branch, if there is one.
     ///
     /// # Errors

@@ -1,7 +1,7 @@
 //! `scene.json`: where the cameras of a run stand and at which times they look, for its report.
 
 use glam::DVec3;
-use mvfusion_data::{Camera, Scene, View};
+use mvfusion_data::{Scene, View, by_camera};
 use serde::{Deserialize, Serialize};
 
 /// Share of the points that the box of points leaves out at either end of an axis: strays would make it useless.
@@ -56,50 +56,48 @@ pub struct HeldOutView {
 impl SceneFile {
     /// What a report needs to know of a scene.
     pub fn of(scene: &Scene) -> Self {
-        let mut found: Vec<(Camera, SceneCamera)> = Vec::new();
-        for view in &scene.train {
-            place(&mut found, view, false);
+        let mut cameras = Vec::new();
+        let mut held_out = Vec::new();
+        for group in by_camera(scene.train.iter()) {
+            cameras.push(SceneCamera::of(&scene.train, &group, false));
         }
-        let held_out = |view: &View| {
-            let camera = place(&mut found, view, true);
-            HeldOutView { name: view.name.clone(), time: view.time, camera }
+        for group in by_camera(scene.test.iter()) {
+            held_out.extend(group.iter().map(|&index| (index, cameras.len())));
+            cameras.push(SceneCamera::of(&scene.test, &group, true));
+        }
+        held_out.sort_unstable();
+        let view = |(view, (_, camera)): (&View, (usize, usize))| HeldOutView {
+            name: view.name.clone(),
+            time: view.time,
+            camera,
         };
-        let held_out = scene.test.iter().map(held_out).collect();
         Self {
             extent: scene.extent(),
             centre: scene.training_centre().to_array(),
             points: points_box(scene),
-            cameras: found.into_iter().map(|(_, camera)| camera).collect(),
-            held_out,
+            cameras,
+            held_out: scene.test.iter().zip(held_out).map(view).collect(),
         }
     }
 }
 
-/// Adds a view to its camera, and returns the camera's index.
-fn place(found: &mut Vec<(Camera, SceneCamera)>, view: &View, is_held_out: bool) -> usize {
-    let same = |(camera, known): &(Camera, SceneCamera)| known.is_held_out == is_held_out && *camera == view.camera;
-    // Frames of one camera often follow one another.
-    if let Some(index) = found.iter().rposition(same) {
-        let [first, last] = &mut found[index].1.times;
-        (*first, *last) = (first.min(view.time), last.max(view.time));
-        found[index].1.views += 1;
-        return index;
-    }
-    let camera = &view.camera;
-    let half = |pixels: usize, focal: f64| pixels as f64 / (2.0 * focal);
-    found.push((
-        *camera,
-        SceneCamera {
-            name: view.name.clone(),
+impl SceneCamera {
+    /// The camera of some views, which is the same for all.
+    fn of(views: &[View], group: &[usize], is_held_out: bool) -> Self {
+        let first = &views[group[0]];
+        let camera = &first.camera;
+        let half = |pixels: usize, focal: f64| pixels as f64 / (2.0 * focal);
+        let times = group.iter().map(|&index| views[index].time);
+        Self {
+            name: first.name.clone(),
             is_held_out,
             position: camera.centre().to_array(),
             axes: [0, 1, 2].map(|row| camera.rotation.row(row).to_array()),
             half_size: [half(camera.width, camera.fx), half(camera.height, camera.fy)],
-            times: [view.time; 2],
-            views: 1,
-        },
-    ));
-    found.len() - 1
+            times: [times.clone().fold(f64::INFINITY, f64::min), times.fold(f64::NEG_INFINITY, f64::max)],
+            views: group.len(),
+        }
+    }
 }
 
 fn points_box(scene: &Scene) -> Option<[[f64; 3]; 2]> {

@@ -1,7 +1,7 @@
 //! Quantises Gaussians, keyframe by keyframe.
 
-use super::{Grid, Keyframes, Quantity, Track};
-use crate::{GaussianCloud, rest_width};
+use super::{Keyframes, Quantity, Track, UniformQuantizer};
+use crate::{GaussianCloud, rest_width, sigmoid, unit_quaternion};
 
 /// Weight of a transparent Gaussian's colours, so that one that is always transparent has a mean.
 const LEAST_WEIGHT: f32 = 1e-6;
@@ -13,7 +13,7 @@ pub struct KeyframesBuilder {
     /// The last quaternion of each Gaussian, normalised.
     last: Vec<[f64; 4]>,
     /// Sums of the higher colour coefficients times weights, and of the weights.
-    rest: Vec<f32>,
+    sh_rest: Vec<f32>,
     weights: Vec<f32>,
 }
 
@@ -22,17 +22,17 @@ impl KeyframesBuilder {
     /// step of centres in world units.
     pub fn new(cloud: &GaussianCloud, position_step: f64) -> Self {
         let (count, sh_degree) = (cloud.len(), cloud.sh_degree);
-        let has = |quantity: &Quantity| *quantity != Quantity::Mask || cloud.mask_logits.is_some();
+        let has = |quantity: &Quantity| !quantity.is_mask() || cloud.mask_logits.is_some();
         let track = |quantity: Quantity| Track {
             quantity,
-            grid: Grid::of(quantity, position_step),
+            quantizer: UniformQuantizer::of(quantity, position_step),
             columns: vec![Vec::new(); quantity.columns(sh_degree)],
         };
         let tracks = Quantity::ALL.into_iter().filter(has).map(track).collect();
         Self {
             keyframes: Keyframes { count, sh_degree, times: Vec::new(), tracks },
             last: vec![[1.0, 0.0, 0.0, 0.0]; count],
-            rest: vec![0.0; count * rest_width(sh_degree)],
+            sh_rest: vec![0.0; count * rest_width(sh_degree)],
             weights: vec![0.0; count],
         }
     }
@@ -46,62 +46,55 @@ impl KeyframesBuilder {
         assert_eq!((cloud.len(), cloud.sh_degree), (count, sh_degree), "the Gaussians of all keyframes are the same");
         self.keyframes.times.push(time);
         for index in 0..count {
-            self.last[index] = nearer(unit(cloud.quaternions[index]), self.last[index]);
+            self.last[index] = nearer(unit_quaternion(cloud.quaternions[index]), self.last[index]);
         }
         let last = &self.last;
+        // Static, brightness, dynamic.
+        let mask = |index: usize, channel: usize| {
+            cloud.mask_logits.as_ref().map_or(0.0, |masks| sigmoid(masks[index][channel]))
+        };
         for track in self.keyframes.tracks.iter_mut().filter(|track| track.quantity.moves()) {
-            let (quantity, grid) = (track.quantity, track.grid);
+            let (quantity, quantizer) = (track.quantity, track.quantizer);
             for (column, values) in track.columns.iter_mut().enumerate() {
                 let value = |index: usize| match quantity {
                     Quantity::Mean => f64::from(cloud.means[index][column]),
                     Quantity::LogScale => f64::from(cloud.log_scales[index][column]),
                     Quantity::Rotation => last[index][column],
                     Quantity::Opacity => sigmoid(cloud.opacity_logits[index]),
-                    Quantity::Mask => cloud.mask_logits.as_ref().map_or(0.0, |masks| sigmoid(masks[index][column])),
-                    Quantity::Base => f64::from(cloud.sh_dc[index][column]),
-                    Quantity::Rest => 0.0,
+                    Quantity::Mask => mask(index, 2 * column),
+                    Quantity::Brightness => mask(index, 1),
+                    Quantity::ShDc => f64::from(cloud.sh_dc[index][column]),
+                    Quantity::ShRest => 0.0,
                 };
-                values.extend((0..count).map(|index| grid.quantise(value(index))));
+                values.extend((0..count).map(|index| quantizer.quantise(value(index))));
             }
         }
-        self.add_rest(cloud);
+        self.add_sh_rest(cloud);
     }
 
-    fn add_rest(&mut self, cloud: &GaussianCloud) {
+    fn add_sh_rest(&mut self, cloud: &GaussianCloud) {
         let width = rest_width(cloud.sh_degree);
         for index in 0..cloud.len() {
             let weight = sigmoid(cloud.opacity_logits[index]) as f32 + LEAST_WEIGHT;
             self.weights[index] += weight;
-            let sums = &mut self.rest[index * width..(index + 1) * width];
+            let sums = &mut self.sh_rest[index * width..(index + 1) * width];
             sums.iter_mut().zip(cloud.rest(index)).for_each(|(sum, &value)| *sum += weight * value);
         }
     }
 
     /// The keyframes that were added.
     pub fn finish(self) -> Keyframes {
-        let Self { mut keyframes, rest, weights, .. } = self;
+        let Self { mut keyframes, sh_rest, weights, .. } = self;
         let width = rest_width(keyframes.sh_degree);
-        for track in keyframes.tracks.iter_mut().filter(|track| track.quantity == Quantity::Rest) {
-            let grid = track.grid;
+        for track in keyframes.tracks.iter_mut().filter(|track| track.quantity == Quantity::ShRest) {
+            let quantizer = track.quantizer;
             for (column, values) in track.columns.iter_mut().enumerate() {
-                let mean = |(index, weight): (usize, &f32)| rest[index * width + column] / weight;
-                *values = weights.iter().enumerate().map(|row| grid.quantise(f64::from(mean(row)))).collect();
+                let mean = |(index, weight): (usize, &f32)| sh_rest[index * width + column] / weight;
+                *values = weights.iter().enumerate().map(|row| quantizer.quantise(f64::from(mean(row)))).collect();
             }
         }
         keyframes
     }
-}
-
-/// The logistic function.
-fn sigmoid(logit: f32) -> f64 {
-    1.0 / (1.0 + f64::from(-logit).exp())
-}
-
-/// A quaternion of length 1. One without a length becomes the identity.
-fn unit(quaternion: [f32; 4]) -> [f64; 4] {
-    let parts = quaternion.map(f64::from);
-    let length = parts.iter().map(|part| part * part).sum::<f64>().sqrt();
-    if length > 0.0 && length.is_finite() { parts.map(|part| part / length) } else { [1.0, 0.0, 0.0, 0.0] }
 }
 
 /// The quaternion or its negative, which is the same rotation: the one on the side of `other`.

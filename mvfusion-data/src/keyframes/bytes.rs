@@ -1,4 +1,4 @@
-//! Whole numbers as compressed bytes, and back.
+//! Integers as compressed bytes, and back.
 //!
 //! Each column of each track is stored Gaussian by Gaussian, its keyframes in order. A number is stored as the
 //! difference to the keyframe before. At the first keyframe, it is stored as it is, or as the difference to the
@@ -11,58 +11,9 @@ use std::io::{Read, Write};
 use flate2::Compression;
 use flate2::read::ZlibDecoder;
 use flate2::write::ZlibEncoder;
-use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
-use super::{Grid, Keyframes, Quantity, Track};
-
-/// Description of a branch's bytes.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct BranchLayout {
-    /// Number of Gaussians.
-    pub count: usize,
-    /// Degree of the spherical harmonics.
-    pub sh_degree: usize,
-    /// Times of the keyframes.
-    pub times: Vec<f64>,
-    /// The tracks, in the order of their bytes.
-    pub tracks: Vec<TrackLayout>,
-}
-
-/// Description of a track's bytes.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct TrackLayout {
-    /// What it is.
-    pub name: Quantity,
-    /// Numbers of a Gaussian at one time.
-    pub columns: usize,
-    /// Number of keyframes.
-    pub keyframes: usize,
-    /// The value of the whole number 0.
-    pub offset: f64,
-    /// The value of a step.
-    pub step: f64,
-    /// Bytes of a number.
-    pub bytes: usize,
-    /// Whether the first keyframe has differences to the Gaussian before.
-    pub chained: bool,
-}
-
-/// Why bytes cannot be decoded.
-#[derive(Debug, Error)]
-pub enum DecodeError {
-    /// They are no zlib stream, or it is damaged.
-    #[error("the Gaussians cannot be unpacked: {0}. Export them again.")]
-    Stream(#[from] std::io::Error),
-    /// Their number is not that of the description.
-    #[error("the Gaussians have {found} bytes, but their description needs {needed}. Export them again.")]
-    Length {
-        /// Number of bytes.
-        found: usize,
-        /// Number that the description needs.
-        needed: usize,
-    },
-}
+use super::layout::{BranchLayout, DecodeError, TrackLayout};
+use super::{Keyframes, Track, UniformQuantizer};
 
 /// The bytes of branches, one after the other, and their descriptions.
 ///
@@ -87,8 +38,8 @@ pub fn encode(branches: &[&Keyframes]) -> std::io::Result<(Vec<BranchLayout>, Ve
                 name: track.quantity,
                 columns: track.columns.len(),
                 keyframes: if track.quantity.moves() { branch.times.len() } else { 1 },
-                offset: track.grid.offset,
-                step: track.grid.step,
+                offset: track.quantizer.offset,
+                step: track.quantizer.step,
                 bytes,
                 chained: track.quantity.is_smooth_in_space(),
             });
@@ -120,23 +71,30 @@ fn differences(track: &Track, column: &[i32], count: usize) -> Vec<u32> {
 /// # Errors
 /// If the bytes are damaged or do not belong to the descriptions.
 pub fn decode(layouts: &[BranchLayout], bytes: &[u8]) -> Result<Vec<Keyframes>, DecodeError> {
+    let mut needed = 0usize;
+    for layout in layouts {
+        needed = needed.checked_add(layout.size()?).ok_or_else(DecodeError::too_large)?;
+    }
     let mut planes = Vec::new();
-    ZlibDecoder::new(bytes).read_to_end(&mut planes)?;
-    let size = |track: &TrackLayout, count: usize| track.columns * track.bytes * track.keyframes * count;
-    let needed = layouts.iter().flat_map(|branch| branch.tracks.iter().map(|track| size(track, branch.count))).sum();
+    // A short stream may have any length when it is unpacked.
+    ZlibDecoder::new(bytes).take((needed as u64).saturating_add(1)).read_to_end(&mut planes)?;
     if planes.len() != needed {
-        return Err(DecodeError::Length { found: planes.len(), needed });
+        return Err(DecodeError::Length { needed });
     }
     let mut rest = planes.as_slice();
     let mut branches = Vec::new();
     for layout in layouts {
         let mut tracks = Vec::new();
         for track in &layout.tracks {
-            let (own, after) = rest.split_at(size(track, layout.count));
+            let (own, after) = rest.split_at(track.columns * track.bytes * track.keyframes * layout.count);
             rest = after;
             let width = track.bytes * track.keyframes * layout.count;
             let columns = (0..track.columns).map(|c| column(track, &own[c * width..][..width], layout.count)).collect();
-            tracks.push(Track { quantity: track.name, grid: Grid { offset: track.offset, step: track.step }, columns });
+            tracks.push(Track {
+                quantity: track.name,
+                quantizer: UniformQuantizer { offset: track.offset, step: track.step },
+                columns,
+            });
         }
         let (count, sh_degree, times) = (layout.count, layout.sh_degree, layout.times.clone());
         branches.push(Keyframes { count, sh_degree, times, tracks });

@@ -1,23 +1,25 @@
-//! Moving Gaussians at keyframes, as whole multiples of steps, for files that must be small.
+//! Moving Gaussians at keyframes, as integer multiples of steps, for files that must be small.
 //!
 //! [`KeyframesBuilder`] takes the Gaussians of one branch at ascending times and quantises them ([`Quantity`] has the
 //! steps). [`Keyframes::reduced`] leaves out keyframes, colour coefficients, Gaussians and precision. [`encode`] turns
 //! branches into compressed bytes and a [`BranchLayout`] each, which describes them; [`decode`] is its inverse.
 //!
 //! Between two keyframes, everything is interpolated linearly ([`Keyframes::at`]): centres, logarithms of scales,
-//! opacities, mask probabilities, base colours, and quaternions, which a renderer normalises. The higher colour
+//! opacities, mask probabilities, constant colours, and quaternions, which a renderer normalises. The higher colour
 //! coefficients are one set for all times: their mean, weighted by opacity.
 
 mod builder;
 mod bytes;
 mod interpolate;
+mod layout;
 mod order;
 mod quantity;
 mod reduce;
 
 pub use builder::KeyframesBuilder;
-pub use bytes::{BranchLayout, DecodeError, TrackLayout, decode, encode};
-pub use quantity::{Grid, Quantity};
+pub use bytes::{decode, encode};
+pub use layout::{BranchLayout, DecodeError, TrackLayout};
+pub use quantity::{Quantity, UniformQuantizer};
 pub use reduce::Reduction;
 
 /// The quantised Gaussians of one branch at its keyframes. A static branch has one keyframe.
@@ -29,11 +31,11 @@ pub struct Keyframes {
     tracks: Vec<Track>,
 }
 
-/// The whole numbers of a quantity.
+/// The integers of a quantity.
 #[derive(Clone, Debug, PartialEq)]
 struct Track {
     quantity: Quantity,
-    grid: Grid,
+    quantizer: UniformQuantizer,
     /// A list for each column of the quantity: keyframe by keyframe, then Gaussian by Gaussian. A quantity that does
     /// not move has one keyframe.
     columns: Vec<Vec<i32>>,
@@ -63,9 +65,9 @@ impl Keyframes {
         (0..self.count).filter(is_visible).collect()
     }
 
-    /// The whole number of the opacity 0.
+    /// The integer of the opacity 0.
     fn transparent(&self) -> i32 {
-        self.track(Quantity::Opacity).map_or(0, |track| track.grid.quantise(0.0))
+        self.track(Quantity::Opacity).map_or(0, |track| track.quantizer.quantise(0.0))
     }
 
     /// The track of a quantity, if the branch has it.

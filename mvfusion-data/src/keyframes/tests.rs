@@ -38,7 +38,7 @@ fn keyframes(count: usize, sh_degree: usize, times: &[f64]) -> Keyframes {
 }
 
 fn to(stride: usize, sh_degree: usize) -> Reduction {
-    Reduction { coarseness: 1, stride, sh_degree }
+    Reduction { step_factor: 1, stride, sh_degree }
 }
 
 fn sigmoid(logit: f32) -> f32 {
@@ -53,12 +53,12 @@ fn assert_close(found: impl IntoIterator<Item = f32>, wanted: impl IntoIterator<
 
 /// Asserts that Gaussians are those of [`cloud`] up to half a step and rounding.
 fn assert_is_cloud(found: &GaussianCloud, wanted: &GaussianCloud) {
-    let half = |quantity| (0.5 * Grid::of(quantity, STEP).step) as f32 + 1e-5;
+    let half = |quantity| (0.5 * UniformQuantizer::of(quantity, STEP).step) as f32 + 1e-5;
     let flat = |rows: &[[f32; 3]]| rows.as_flattened().to_vec();
     assert_close(flat(&found.means), flat(&wanted.means), half(Quantity::Mean), "centre");
     assert_close(flat(&found.log_scales), flat(&wanted.log_scales), half(Quantity::LogScale), "size");
-    assert_close(flat(&found.sh_dc), flat(&wanted.sh_dc), half(Quantity::Base), "colour");
-    assert_close(found.sh_rest.clone(), wanted.sh_rest.clone(), half(Quantity::Rest), "coefficient");
+    assert_close(flat(&found.sh_dc), flat(&wanted.sh_dc), half(Quantity::ShDc), "colour");
+    assert_close(found.sh_rest.clone(), wanted.sh_rest.clone(), half(Quantity::ShRest), "coefficient");
     let opacities = |cloud: &GaussianCloud| cloud.opacity_logits.iter().map(|&o| sigmoid(o)).collect::<Vec<_>>();
     assert_close(opacities(found), opacities(wanted), half(Quantity::Opacity), "opacity");
     let masks = |cloud: &GaussianCloud| {
@@ -115,6 +115,41 @@ fn bytes_bring_back_every_number() {
 }
 
 #[test]
+fn a_description_that_contradicts_itself_is_refused() {
+    let (layouts, bytes) = encode(&[&keyframes(4, 1, &[0.0, 0.5, 0.75])]).expect("packed");
+    let refused = |what: &str, change: &dyn Fn(&mut BranchLayout)| {
+        let mut layout = layouts[0].clone();
+        change(&mut layout);
+        assert!(matches!(decode(&[layout], &bytes), Err(DecodeError::Layout(_))), "{what}");
+    };
+    refused("five bytes", &|layout| layout.tracks[0].bytes = 5);
+    refused("no bytes", &|layout| layout.tracks[0].bytes = 0);
+    refused("a column is missing", &|layout| layout.tracks[0].columns = 2);
+    refused("keyframes are missing", &|layout| layout.tracks[0].keyframes = 1);
+    refused("a track is missing", &|layout| layout.tracks.truncate(3));
+    refused("half a mask", &|layout| layout.tracks.retain(|track| track.name != Quantity::Brightness));
+    refused("a track twice", &|layout| layout.tracks.push(layout.tracks[0].clone()));
+    refused("degree 4", &|layout| layout.sh_degree = 4);
+    refused("no time", &|layout| layout.times.clear());
+    refused("times that fall", &|layout| layout.times.reverse());
+    refused("a time that is none", &|layout| layout.times[2] = f64::NAN);
+    refused("a step of zero", &|layout| layout.tracks[0].step = 0.0);
+    refused("too many Gaussians", &|layout| layout.count = usize::MAX / 2);
+}
+
+#[test]
+fn no_more_is_unpacked_than_the_description_needs() {
+    let (layouts, bytes) = encode(&[&keyframes(4, 0, &[0.0])]).expect("packed");
+    let mut bomb = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::default());
+    // The end is damaged, which only a reader of all of it would notice.
+    std::io::Write::write_all(&mut bomb, &vec![0; 1 << 24]).expect("packed");
+    let mut bomb = bomb.finish().expect("packed");
+    assert!(bomb.len() < 1 << 16 && bytes.len() < 1 << 16);
+    bomb.truncate(bomb.len() / 2);
+    assert!(matches!(decode(&layouts, &bomb), Err(DecodeError::Length { .. })));
+}
+
+#[test]
 fn no_gaussians_have_few_bytes() {
     let nothing = keyframes(4, 1, &[0.0, 1.0]).reduced(&[], to(1, 1));
     let (layouts, bytes) = encode(&[&nothing]).expect("packed");
@@ -156,7 +191,7 @@ fn larger_steps_make_larger_errors_and_fewer_bytes() {
     let frames = keyframes(200, 1, &[0.0, 0.5, 1.0]);
     let all: Vec<usize> = (0..200).collect();
     let fine = frames.reduced(&all, to(1, 1));
-    let coarse = frames.reduced(&all, Reduction { coarseness: 4, ..to(1, 1) });
+    let coarse = frames.reduced(&all, Reduction { step_factor: 4, ..to(1, 1) });
     let means = [&fine, &coarse].map(|frames| frames.at(0.5).means.concat());
     assert_close(means[1].clone(), means[0].clone(), 2.0 * STEP as f32 + 1e-5, "centre");
     let sizes = [&fine, &coarse].map(|frames| encode(&[frames]).expect("packed").1.len());
@@ -165,11 +200,43 @@ fn larger_steps_make_larger_errors_and_fewer_bytes() {
 }
 
 #[test]
-fn base_colours_are_shifted_at_one_keyframe() {
+fn a_brightness_above_the_knee_has_finer_steps() {
+    // The brightness factor has a slope of 37 there: one level of 255 in the static colour.
+    const LEVEL: f32 = 1.0 / 255.0 / 37.0;
+    let (fine, below_knee) = (LEVEL * 1.25, 0.54 / 255.0);
+    // Coarser steps are no larger than those below the knee.
+    for (logit, step_factor, bound) in
+        [(2.2, 1, fine), (2.2, 4, 5.0 * fine), (0.5, 1, below_knee), (0.5, 4, below_knee)]
+    {
+        let mut builder = KeyframesBuilder::new(&cloud(50, 0, 0.0), STEP);
+        let with_logits = |time: f32| {
+            let mut cloud = cloud(50, 0, time);
+            let masks = cloud.mask_logits.as_mut().expect("masks");
+            masks.iter_mut().enumerate().for_each(|(row, mask)| mask[1] = logit + 0.01 * noise(row) - 0.1 * time);
+            cloud
+        };
+        [0.0, 1.0].into_iter().for_each(|time| builder.push(time.into(), &with_logits(time)));
+        let rows: Vec<usize> = (0..50).collect();
+        let frames = builder.finish().reduced(&rows, Reduction { step_factor, ..to(1, 0) });
+        let (layouts, bytes) = encode(&[&frames]).expect("packed");
+        let brightness = layouts[0].tracks.iter().find(|track| track.name == Quantity::Brightness).expect("a track");
+        assert!(0.5 * brightness.step <= f64::from(bound) && brightness.step >= f64::from(bound), "{brightness:?}");
+        let sorted = |cloud: &GaussianCloud| {
+            let mut shares: Vec<f32> = cloud.mask_logits.iter().flatten().map(|mask| sigmoid(mask[1])).collect();
+            shares.sort_by(f32::total_cmp);
+            shares
+        };
+        let unpacked = decode(&layouts, &bytes).expect("unpacked");
+        assert_close(sorted(&unpacked[0].at(1.0)), sorted(&with_logits(1.0)), bound, "brightness");
+    }
+}
+
+#[test]
+fn constant_colours_are_shifted_at_one_keyframe() {
     let mut frames = keyframes(3, 0, &[0.0, 1.0]);
     let before = [0.0, 1.0].map(|time| frames.at(time).sh_dc);
     let shifts = [[0.5, 0.0, -0.25], [0.0; 3], [1.0, 1.0, 1.0]];
-    frames.shift_base(1, &shifts);
+    frames.shift_sh_dc(1, &shifts);
     assert_eq!(frames.at(0.0).sh_dc, before[0]);
     for ((after, before), shift) in frames.at(1.0).sh_dc.iter().zip(&before[1]).zip(shifts) {
         assert_close(*after, [0, 1, 2].map(|channel| before[channel] + shift[channel]), 1e-5, "colour");

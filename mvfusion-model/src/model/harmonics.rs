@@ -83,8 +83,9 @@ pub fn without_directions(cloud: GaussianCloud, eyes: &[DVec3]) -> GaussianCloud
     GaussianCloud { sh_degree: 0, sh_dc, sh_rest: Vec::new(), ..cloud }
 }
 
-/// The colour of each Gaussian as the mean of its colours from `eyes`, in `[0, 1]`, for formats whose colours do not
-/// depend on the direction. Without eyes, it is the constant part.
+/// The colour of each Gaussian as the mean of its colours from `eyes`, for formats whose colours do not depend on the
+/// direction. Without eyes, it is the constant part. It is not negative, and exceeds 1 where the brightness of a mask
+/// darkens it (METHOD §1.3).
 pub fn mean_colours(cloud: &GaussianCloud, eyes: &[DVec3]) -> Vec<[f32; 3]> {
     (0..cloud.len()).map(|index| mean_colour(cloud, index, eyes)).collect()
 }
@@ -102,7 +103,7 @@ fn mean_colour(cloud: &GaussianCloud, index: usize, eyes: &[DVec3]) -> [f32; 3] 
         0 => colour_from(cloud, index, &sh_basis([0.0; 3])),
         count => sum.map(|sum| sum / count as f64),
     };
-    mean.map(|level| level.clamp(0.0, 1.0) as f32)
+    mean.map(|level| level as f32)
 }
 
 /// The colour in the direction of a basis; not negative. Of a basis at no direction, the constant part.
@@ -190,5 +191,13 @@ mod tests {
         let flat = without_directions(cloud, &eyes);
         assert_eq!(flat.sh_degree, 0);
         assert!(f64::from(mean_colours(&flat, &[])[0][1] - both).abs() < ROUNDING);
+    }
+
+    #[test]
+    fn a_colour_above_one_stays_as_it_is() {
+        let bright = GaussianCloud { sh_dc: vec![[3.0, 0.4, 0.1]], ..cloud() };
+        let flat = without_directions(bright, &[DVec3::new(4.0, 1.0, 2.0)]);
+        let [colour] = mean_colours(&flat, &[])[..] else { panic!("one colour") };
+        assert!(colour[0] > 1.1, "{colour:?}");
     }
 }

@@ -33,7 +33,7 @@ pub struct KeyframeTimes {
     pub trained: usize,
 }
 
-/// The times of the keyframes of so many dynamic Gaussians: the training times, or as many of them as the player can
+/// The times of the keyframes of this many dynamic Gaussians: the training times, or as many of them as the player can
 /// hold; and the middle between each two of them, if it can hold these as well.
 pub fn keyframe_times(training_times: &[f64], gaussians: usize) -> KeyframeTimes {
     let most = (MOST_STATES / gaussians.max(1)).max(2);
@@ -46,20 +46,20 @@ pub fn keyframe_times(training_times: &[f64], gaussians: usize) -> KeyframeTimes
 }
 
 /// All cuts, from the one that leaves out nothing to the smallest page. What costs little PSNR for its bytes comes
-/// first: keyframes between training times; steps of twice and of four times the size; a fifth of the Gaussians; the
+/// first: steps of twice and of four times the size; keyframes between training times; a fifth of the Gaussians; the
 /// highest degree of the colours; half of the keyframes, as long as twelve are left; then, in turn, a fifth of the
 /// Gaussians and the highest degree, down to constant colours; then a fifth of the Gaussians and, at every third such
 /// step, half of the keyframes.
 pub fn cuts(keyframes: &KeyframeTimes, sh_degree: usize) -> Vec<Cut> {
     let left = |stride: usize| keyframes.times.len().saturating_sub(1) / stride + 1;
-    let mut cut = Cut { reduction: Reduction { coarseness: 1, stride: 1, sh_degree }, share: 1.0 };
+    let mut cut = Cut { reduction: Reduction { step_factor: 1, stride: 1, sh_degree }, share: 1.0 };
     let mut all = vec![cut];
-    if keyframes.trained > 1 {
-        cut.reduction.stride = keyframes.trained;
+    for step_factor in [2, 4] {
+        cut.reduction.step_factor = step_factor;
         all.push(cut);
     }
-    for coarseness in [2, 4] {
-        cut.reduction.coarseness = coarseness;
+    if keyframes.trained > 1 {
+        cut.reduction.stride = keyframes.trained;
         all.push(cut);
     }
     cut.share *= KEPT;
@@ -91,6 +91,31 @@ pub fn cuts(keyframes: &KeyframeTimes, sh_degree: usize) -> Vec<Cut> {
     all
 }
 
+/// Most trials of [`first_that_fits`].
+pub fn most_trials(count: usize) -> usize {
+    count.checked_ilog2().map_or(0, |steps| steps as usize + 2)
+}
+
+/// What `trial` has made of the first of `count` cuts that fits. The sizes fall along the cuts, so most of them need no
+/// trial. Most scenes fit without a cut, which is tried first.
+///
+/// # Errors
+/// If a trial fails.
+pub fn first_that_fits<T>(
+    count: usize,
+    mut trial: impl FnMut(usize) -> anyhow::Result<Option<T>>,
+) -> anyhow::Result<Option<T>> {
+    let (mut low, mut high, mut next, mut best) = (0, count, 0, None);
+    while low < high {
+        match trial(next)? {
+            Some(fitting) => (high, best) = (next, Some(fitting)),
+            None => low = next + 1,
+        }
+        next = low + (high - low) / 2;
+    }
+    Ok(best)
+}
+
 /// The rows that are kept: `share` of them, those with the largest `contributions`, in ascending order. At least one,
 /// because no op takes an empty tensor.
 pub fn strongest(rows: &[usize], contributions: &[f32], share: f64) -> Vec<usize> {
@@ -108,9 +133,9 @@ mod tests {
     #[test]
     fn precision_goes_first_then_faint_gaussians_colours_and_keyframes() {
         let all = cuts(&KeyframeTimes { times: vec![0.0; 100], trained: 1 }, 3);
-        assert_eq!(all[0], Cut { reduction: Reduction { coarseness: 1, stride: 1, sh_degree: 3 }, share: 1.0 });
+        assert_eq!(all[0], Cut { reduction: Reduction { step_factor: 1, stride: 1, sh_degree: 3 }, share: 1.0 });
         let first = |number: usize, of: fn(&Cut) -> usize| all.iter().take(number).map(of).collect::<Vec<_>>();
-        assert_eq!(first(4, |cut| cut.reduction.coarseness as usize), [1, 2, 4, 4]);
+        assert_eq!(first(4, |cut| cut.reduction.step_factor as usize), [1, 2, 4, 4]);
         assert_eq!(first(4, |cut| (100.0 * cut.share).round() as usize), [100, 100, 100, 80]);
         assert_eq!(first(9, |cut| cut.reduction.stride), [1, 1, 1, 1, 1, 2, 4, 8, 8]);
         assert_eq!(first(12, |cut| cut.reduction.sh_degree), [3, 3, 3, 3, 2, 2, 2, 2, 2, 1, 1, 0]);
@@ -123,15 +148,31 @@ mod tests {
     }
 
     #[test]
+    fn the_first_cut_that_fits_is_found_in_few_trials() {
+        for count in [0, 1, 2, 7, 32, 33] {
+            for first in 0..=count {
+                let mut trials = 0;
+                let found = first_that_fits(count, |index| {
+                    trials += 1;
+                    Ok((index >= first).then_some(index))
+                });
+                assert_eq!(found.expect("no error"), (first < count).then_some(first));
+                assert!(trials <= most_trials(count), "{trials} trials of {count} cuts");
+                assert!(first > 0 || trials <= 1);
+            }
+        }
+    }
+
+    #[test]
     fn a_still_scene_keeps_its_one_keyframe() {
         assert!(cuts(&keyframe_times(&[0.5], 10), 0).iter().all(|cut| cut.reduction.stride == 1));
     }
 
     #[test]
-    fn keyframes_between_training_times_are_there_if_there_is_room_and_go_first() {
+    fn keyframes_between_training_times_are_there_if_there_is_room_and_go_first_of_all_keyframes() {
         let refined = keyframe_times(&[0.0, 0.5, 0.75], 1000);
         assert_eq!(refined, KeyframeTimes { times: vec![0.0, 0.25, 0.5, 0.625, 0.75], trained: 2 });
-        assert_eq!(cuts(&refined, 3)[1].reduction, Reduction { coarseness: 1, stride: 2, sh_degree: 3 });
+        assert_eq!(cuts(&refined, 3)[3].reduction, Reduction { step_factor: 4, stride: 2, sh_degree: 3 });
         let full = keyframe_times(&[0.0, 0.5, 0.75], MOST_STATES / 4);
         assert_eq!(full, KeyframeTimes { times: vec![0.0, 0.5, 0.75], trained: 1 });
         assert_eq!(keyframe_times(&[0.0, 0.5, 0.75], MOST_STATES).times, [0.0, 0.75]);

@@ -16,6 +16,7 @@ const SCRIPT: &str = concat!(
     include_str!("player/gpu.js"),
     include_str!("player/renderer.js"),
     include_str!("player/controls.js"),
+    include_str!("player/address.js"),
     include_str!("player/main.js"),
 );
 /// The script of the worker that sorts.

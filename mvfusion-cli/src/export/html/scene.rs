@@ -2,7 +2,7 @@
 
 use mvfusion_data::camera_path::Vantage;
 use mvfusion_data::keyframes::BranchLayout;
-use mvfusion_data::{Capture, View};
+use mvfusion_data::{Capture, View, distinct_cameras};
 use mvfusion_model::timeline::spread;
 use serde::Serialize;
 
@@ -32,7 +32,7 @@ pub(super) struct SceneDescription {
     /// First and last training time.
     span: [f64; 2],
     /// Number of training times.
-    moments: usize,
+    training_times: usize,
     /// What the cameras look at.
     target: [f64; 3],
     /// Upwards.
@@ -54,7 +54,7 @@ struct CameraDescription {
     /// Rotation from world to camera, by rows.
     rotation: [f64; 9],
     translation: [f64; 3],
-    /// Its moment, in a photo collection, where each photo has its own.
+    /// Its time, in a photo collection, where each photo has its own.
     time: Option<f64>,
 }
 
@@ -83,12 +83,7 @@ impl CameraDescription {
 /// Describes the scene of a run and its packed Gaussians.
 pub(super) fn describe(run: &OpenRun, exporter: &Exporter, packed: &Packed) -> SceneDescription {
     let scene = &run.scene;
-    let mut views: Vec<&View> = Vec::new();
-    for view in scene.test.iter().chain(&scene.train) {
-        if !views.iter().any(|other| other.camera == view.camera) {
-            views.push(view);
-        }
-    }
+    let views = distinct_cameras(scene.test.iter().chain(&scene.train));
     let views = spread(views.len(), MOST_CAMERAS).into_iter().map(|index| views[index]);
     let mut layouts = packed.layouts.clone();
     // Proof: a page has a dynamic branch.
@@ -103,7 +98,7 @@ pub(super) fn describe(run: &OpenRun, exporter: &Exporter, packed: &Packed) -> S
         grey: exporter.context.behind.grey,
         masks: exporter.context.behind.masks,
         span: [times[0], times[times.len() - 1]],
-        moments: times.len(),
+        training_times: times.len(),
         target: vantage.target.to_array(),
         up: vantage.up.to_array(),
         cameras: views.map(|view| CameraDescription::new(view, scene.capture)).collect(),

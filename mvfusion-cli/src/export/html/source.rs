@@ -9,6 +9,7 @@ use mvfusion_model::model::harmonics::mean_colours;
 use mvfusion_model::timeline::spread;
 
 use super::budget::{Cut, KeyframeTimes, cuts, keyframe_times, strongest};
+use super::position_step::position_step;
 use crate::export::{Exporter, Moment, eyes};
 use crate::progress::{Progress, Verbosity};
 use crate::run::OpenRun;
@@ -20,12 +21,6 @@ const VIEWS_OF_KEYFRAME: usize = 3;
 /// Longest side of the images in which contributions are measured. Gaussians that are smaller than their pixels seem
 /// larger then, so that none is taken for too faint.
 const LONGEST_SIDE: usize = 320;
-/// Gaussians and views that determine the step of the centres.
-const STEP_SAMPLES: usize = 2000;
-/// Quantile of the pixel sizes, from the smallest, of which the step is a fraction.
-const NEAR_QUANTILE: f64 = 0.05;
-/// Steps of a centre in a pixel of the training views. Errors are at most half a step.
-const STEPS_IN_PIXEL: f64 = 32.0;
 /// A Gaussian that contributes less than an 8-bit level of one pixel to every measured view is left out.
 const FAINTEST: f32 = 1.0 / 255.0;
 
@@ -62,11 +57,11 @@ impl Source {
         };
         let times = exporter.context.timeline.times();
         let first = at(times[0])?;
-        let step = position_step(run, exporter.context.near, still.iter().chain([&first]));
+        let step = position_step(&run.scene, exporter.context.near, still.iter().chain([&first]));
         let (chosen, eyes) = (keyframe_times(times, first.len()), eyes(&run.scene));
         let mut progress = Progress::new("keyframes", chosen.times.len(), verbosity);
         let mut builder = KeyframesBuilder::new(&first, step);
-        let mut strength = Strength::new(run, exporter, first.len());
+        let mut measured = Contributions::new(run, exporter, first.len());
         let mut colours = Vec::new();
         for (place, &time) in chosen.times.iter().enumerate() {
             let cloud = at(time)?;
@@ -76,21 +71,23 @@ impl Source {
             let count = VIEWS_OF_KEYFRAME.max(VIEWS.div_ceil(times.len())).min(views.len());
             // Evenly spaced, beginning with another one at each keyframe.
             let views = (0..count).map(|number| views[(place + number * views.len() / count) % views.len()]);
-            strength.measure(&cloud, views)?;
+            measured.measure(&cloud, views)?;
             progress.advance();
         }
         progress.finish();
         let mut keyframes = builder.finish();
         keep_colours(&mut keyframes, &colours, &eyes);
-        let dynamic = Branch::new(keyframes, strength.largest);
+        let dynamic = Branch::new(keyframes, measured.largest);
 
         let static_ = still.map(|cloud| -> anyhow::Result<Branch> {
             let mut builder = KeyframesBuilder::new(&cloud, step);
             builder.push(times[0], &cloud);
-            let mut strength = Strength::new(run, exporter, cloud.len());
+            let mut keyframes = builder.finish();
+            keep_colours(&mut keyframes, &[mean_colours(&cloud, &eyes)], &eyes);
+            let mut measured = Contributions::new(run, exporter, cloud.len());
             let train = &run.scene.train;
-            strength.measure(&cloud, spread(train.len(), VIEWS).into_iter().map(|index| &train[index]))?;
-            Ok(Branch::new(builder.finish(), strength.largest))
+            measured.measure(&cloud, spread(train.len(), VIEWS).into_iter().map(|index| &train[index]))?;
+            Ok(Branch::new(keyframes, measured.largest))
         });
         Ok(Self { static_: static_.transpose()?, dynamic, times: chosen, eyes })
     }
@@ -108,18 +105,16 @@ impl Source {
     }
 
     /// A branch after a cut. Constant colours take over the mean, over the training cameras, of the colours that are
-    /// left out.
+    /// left out or rounded away, at each keyframe.
     fn branch_after(&self, branch: &Branch, cut: Cut) -> Keyframes {
         let rows = strongest(&branch.rows, &branch.contributions, cut.share);
         let mut reduced = branch.keyframes.reduced(&rows, cut.reduction);
         let sh_degree = branch.keyframes.sh_degree();
-        if reduced.sh_degree() < sh_degree {
-            let whole = branch.keyframes.reduced(&rows, Reduction { sh_degree, ..cut.reduction });
-            let start = whole.times().first().copied().unwrap_or(0.0);
-            let seen = |frames: &Keyframes| mean_colours(&frames.at(start), &self.eyes);
-            // What is left out is the same at all keyframes.
-            let shifts = shifts(&seen(&whole), &seen(&reduced));
-            (0..reduced.times().len()).for_each(|keyframe| reduced.shift_base(keyframe, &shifts));
+        if reduced.sh_degree() < sh_degree || cut.reduction.step_factor > 1 {
+            let whole = branch.keyframes.reduced(&rows, Reduction { step_factor: 1, sh_degree, ..cut.reduction });
+            let seen = |&time: &f64| mean_colours(&whole.at(time), &self.eyes);
+            let wanted: Vec<_> = whole.times().iter().map(seen).collect();
+            keep_colours(&mut reduced, &wanted, &self.eyes);
         }
         reduced
     }
@@ -141,25 +136,21 @@ impl Branch {
 fn keep_colours(keyframes: &mut Keyframes, wanted: &[Vec<[f32; 3]>], eyes: &[DVec3]) {
     for (keyframe, wanted) in wanted.iter().enumerate() {
         let found = mean_colours(&keyframes.at(keyframes.times()[keyframe]), eyes);
-        keyframes.shift_base(keyframe, &shifts(wanted, &found));
+        let shift = |(wanted, found): (&[f32; 3], &[f32; 3])| [0, 1, 2].map(|c| (wanted[c] - found[c]) / SH_C0 as f32);
+        let shifts: Vec<_> = wanted.iter().zip(&found).map(shift).collect();
+        keyframes.shift_sh_dc(keyframe, &shifts);
     }
 }
 
-/// The shifts of constant coefficients that turn colours into others.
-fn shifts(wanted: &[[f32; 3]], found: &[[f32; 3]]) -> Vec<[f32; 3]> {
-    let shift = |(wanted, found): (&[f32; 3], &[f32; 3])| [0, 1, 2].map(|c| (wanted[c] - found[c]) / SH_C0 as f32);
-    wanted.iter().zip(found).map(shift).collect()
-}
-
 /// Measures what the Gaussians of a branch contribute to views.
-struct Strength<'a> {
+struct Contributions<'a> {
     run: &'a OpenRun,
     exporter: &'a Exporter,
     /// Largest contribution of each Gaussian to a view so far.
     largest: Vec<f32>,
 }
 
-impl<'a> Strength<'a> {
+impl<'a> Contributions<'a> {
     fn new(run: &'a OpenRun, exporter: &'a Exporter, count: usize) -> Self {
         Self { run, exporter, largest: vec![0.0; count] }
     }
@@ -178,25 +169,72 @@ impl<'a> Strength<'a> {
     }
 }
 
-/// The step of centres in world units: a fraction of the size that a pixel of the training views has at the nearer
-/// Gaussians.
-fn position_step<'a>(run: &OpenRun, near: f64, clouds: impl Iterator<Item = &'a GaussianCloud>) -> f64 {
-    let train = &run.scene.train;
-    let mut sizes = Vec::new();
-    for cloud in clouds {
-        for (place, index) in spread(cloud.len(), STEP_SAMPLES).into_iter().enumerate() {
-            let camera = &train[place * train.len() / STEP_SAMPLES].camera;
-            let centre = DVec3::from_array(cloud.means[index].map(f64::from));
-            let depth = camera.to_camera(centre).z;
-            let is_inside = camera.project(centre).is_some_and(|pixel| {
-                (0.0..camera.width as f64).contains(&pixel.x) && (0.0..camera.height as f64).contains(&pixel.y)
-            });
-            if depth > near && is_inside {
-                sizes.push(depth / camera.fx.max(camera.fy));
+#[cfg(test)]
+mod tests {
+    use mvfusion_data::rest_width;
+
+    use super::*;
+
+    /// Opaque Gaussians of degree 1 whose higher coefficients change with time. The first one is brighter than white.
+    fn cloud(time: f32) -> GaussianCloud {
+        let count = 3;
+        GaussianCloud {
+            sh_degree: 1,
+            means: (0..count).map(|i| [i as f32 + time, 0.5, 0.0]).collect(),
+            sh_dc: (0..count).map(|i| [3.0 - i as f32, 1.0, 0.5]).collect(),
+            sh_rest: (0..count * rest_width(1)).map(|i| 0.2 * time * (i as f32).cos()).collect(),
+            opacity_logits: vec![2.0; count],
+            log_scales: vec![[-3.0; 3]; count],
+            quaternions: vec![[1.0, 0.0, 0.0, 0.0]; count],
+            mask_logits: None,
+            lifetimes: None,
+        }
+    }
+
+    const TIMES: [f64; 3] = [0.0, 0.5, 1.0];
+
+    fn keyframes() -> Keyframes {
+        let mut builder = KeyframesBuilder::new(&cloud(0.0), 1e-3);
+        TIMES.iter().for_each(|&time| builder.push(time, &cloud(time as f32)));
+        builder.finish()
+    }
+
+    /// Asserts that mean colours are those of [`cloud`] up to some roundings of the constant coefficients.
+    fn assert_colours(frames: &Keyframes, eyes: &[DVec3], roundings: f32) {
+        let bound = roundings * 0.29 * 0.5 / 128.0;
+        for time in TIMES {
+            let pairs = mean_colours(&frames.at(time), eyes).into_iter().zip(mean_colours(&cloud(time as f32), eyes));
+            for (found, wanted) in pairs {
+                let off = found.iter().zip(wanted).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+                assert!(off <= bound, "{found:?}, not {wanted:?}, at {time}");
             }
         }
     }
-    sizes.sort_by(f64::total_cmp);
-    let size = sizes.get((NEAR_QUANTILE * sizes.len() as f64) as usize).copied();
-    size.unwrap_or(1e-3 * run.scene.extent().max(1e-3)) / STEPS_IN_PIXEL
+
+    #[test]
+    fn gaussians_keep_their_mean_colours_at_all_keyframes_even_above_white_and_with_fewer_degrees() {
+        let eyes = [DVec3::new(4.0, 1.0, 2.0), DVec3::new(-3.0, 0.5, -6.0)];
+        let mut frames = keyframes();
+        let wanted: Vec<_> = TIMES.iter().map(|&time| mean_colours(&cloud(time as f32), &eyes)).collect();
+        assert!(wanted[0][0][0] > 1.1);
+        keep_colours(&mut frames, &wanted, &eyes);
+        assert_colours(&frames, &eyes, 1.0);
+        let source = Source {
+            static_: None,
+            dynamic: Branch::new(frames, vec![1.0; 3]),
+            times: KeyframeTimes { times: TIMES.to_vec(), trained: 1 },
+            eyes: eyes.to_vec(),
+        };
+        let reduction = Reduction { step_factor: 1, stride: 1, sh_degree: 0 };
+        let [flat] = &source.after(Cut { reduction, share: 1.0 })[..] else { panic!("one branch") };
+        assert_eq!(flat.sh_degree(), 0);
+        assert_colours(flat, &eyes, 2.0);
+    }
+
+    #[test]
+    fn gaussians_that_no_view_shows_are_left_out() {
+        let rows = |contributions: [f32; 3]| Branch::new(keyframes(), contributions.to_vec()).rows;
+        assert_eq!(rows([0.5 / 255.0, 2.0 / 255.0, 1.0]), [1, 2]);
+        assert_eq!(rows([0.0; 3]), [0], "no op takes an empty tensor");
+    }
 }

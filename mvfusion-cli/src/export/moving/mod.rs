@@ -10,13 +10,13 @@ mod read;
 mod sample;
 
 pub use clock::Clock;
-pub use read::{Deviations, MovingFile};
+pub use read::{MaxErrors, MovingFile};
 pub use sample::Samples;
 
 use clap::ValueEnum;
 use fourdgs::quantization::Profile;
 
-/// Samples from one that is stored in full to the next. A reader composes at most so many for any time.
+/// Samples from one that is stored in full to the next. A reader composes at most this many for any time.
 const KEYFRAME_EVERY: usize = 16;
 
 /// How much the numbers in a `.4dgs` file may be off.

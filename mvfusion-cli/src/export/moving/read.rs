@@ -9,13 +9,12 @@ use fourdgs::keyframe_delta_file::{
     IndexedSequence, Sample, compose_chain, open_indexed, read_delta_entry, read_keyframe_entry,
 };
 use fourdgs::opcode as op;
-use fourdgs::quantization::{Steps, dequantize_rotation, rct_inverse};
+use fourdgs::quantization::{Steps, dequantize_rotation, life_class, motion_step, rct_inverse, support_k};
 use fourdgs::{FileReadable, Readable};
-use mvfusion_data::GaussianCloud;
+use mvfusion_data::{GaussianCloud, logit, sigmoid};
 use mvfusion_model::model::gaussians::SH_C0;
 
 use super::sample::Samples;
-use crate::export::activated::logit;
 
 /// Factor by which numbers may exceed half the spacing of their grid, because they are stored in single precision.
 const ROUNDING: f64 = 1.001;
@@ -32,8 +31,8 @@ pub struct MovingFile {
 
 /// The largest differences between a file and what was to be written.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Deviations {
-    /// Of a coordinate of a centre at the beginning of a sample, in world units.
+pub struct MaxErrors {
+    /// Of a coordinate of a centre at the beginning and at the end of a sample, in world units.
     pub position: f64,
     /// Of the logarithm of a size.
     pub log_scale: f64,
@@ -69,15 +68,18 @@ impl MovingFile {
         Ok(self.source.size()?)
     }
 
-    /// The bounds of all deviations that the grids promise.
-    pub fn bounds(&self) -> Deviations {
-        let Steps { pos, scale_log, rot, rgb, alpha, .. } = self.steps;
+    /// The bounds of all errors that the grids promise.
+    pub fn bounds(&self) -> MaxErrors {
+        let Steps { pos, scale_log, rot, rgb, alpha, motion, .. } = self.steps;
         let [position, log_scale, rotation, colour, opacity] = [pos, scale_log, rot, rgb, alpha].map(|step| 0.5 * step);
         // Centres are stored in single precision before they are rounded to the grid.
         let reach = self.sequence.header.aabb.iter().fold(0.0, |reach: f64, bound| reach.max(bound.abs()));
-        let position = position + f64::from(f32::EPSILON) * reach;
+        // Velocities have a grid, too: the finest one, because all Gaussians last.
+        let velocity = 0.5 * motion_step(life_class(0, 0.0, true, f64::INFINITY, 1.0), motion);
+        let longest = self.sequence.index.iter().map(|entry| entry.t1 - entry.t0).fold(0.0, f64::max);
+        let position = position + velocity * longest + f64::from(f32::EPSILON) * reach;
         // The fourth part follows from the other three; all are normalised afterwards.
-        Deviations { position, log_scale, rotation: 4.0 * rotation, colour, opacity }
+        MaxErrors { position, log_scale, rotation: 4.0 * rotation, colour, opacity }
     }
 
     /// The Gaussians at a second of the film, with constant colours.
@@ -104,7 +106,7 @@ impl MovingFile {
         let mut cloud = GaussianCloud::default();
         for index in 0..state.count() {
             let three = 3 * index..3 * index + 3;
-            let velocity = motion_step(steps, &self.sequence, state, index);
+            let velocity = velocity_step(steps, &self.sequence, state, index);
             cloud.means.push([0, 1, 2].map(|axis| {
                 let place = position[3 * index + axis] as f64 * steps.pos + origin[axis];
                 (place + motion[3 * index + axis] as f64 * velocity * seconds) as f32
@@ -123,10 +125,10 @@ impl MovingFile {
     ///
     /// # Errors
     /// If the file is damaged, has other samples or Gaussians, or deviates by more than its [bounds](Self::bounds).
-    pub fn check(&mut self, samples: &Samples) -> anyhow::Result<Deviations> {
+    pub fn check(&mut self, samples: &Samples) -> anyhow::Result<MaxErrors> {
         let entries = self.sequence.index.clone();
         ensure!(entries.len() == samples.len(), "the file has {} samples, not {}", entries.len(), samples.len());
-        let mut worst = Deviations::default();
+        let mut worst = MaxErrors::default();
         let mut before = State::default();
         for (entry, sample) in entries.iter().zip(&samples.samples) {
             let IndexedSequence { quantization, windows, .. } = &self.sequence;
@@ -135,7 +137,9 @@ impl MovingFile {
                 _ => read_delta_entry(&mut self.source, entry, &before, windows)?.0,
             };
             ensure!(state.ids == sample.ids, "the file has other Gaussians at {} s", sample.t0);
-            worst = worst.and(compare(&self.cloud(&state, 0.0), sample));
+            for seconds in [0.0, entry.t1 - entry.t0] {
+                worst = worst.and(compare(&self.cloud(&state, seconds), sample, seconds));
+            }
             before = state;
         }
         let bounds = self.bounds();
@@ -145,17 +149,18 @@ impl MovingFile {
 }
 
 /// The velocity of one step of a Gaussian's grid, in world units a second. The grid depends on how long it lasts.
-fn motion_step(steps: &Steps, sequence: &IndexedSequence, state: &State, index: usize) -> f64 {
-    use fourdgs::quantization::{life_class, motion_step, support_k};
+fn velocity_step(steps: &Steps, sequence: &IndexedSequence, state: &State, index: usize) -> f64 {
     let sigma = state.bins[&op::A_SIGMA_T].values[index];
     let (start, end) = sequence.windows.first().copied().unwrap_or_default();
     let class = life_class(sigma, steps.sigma_log, false, end - start, support_k(sequence.header.cutoff));
     motion_step(class, steps.motion)
 }
 
-/// The largest differences of a decoded sample.
-fn compare(found: &GaussianCloud, wanted: &Sample) -> Deviations {
+/// The largest differences of a decoded sample, some seconds after its beginning.
+fn compare(found: &GaussianCloud, wanted: &Sample, seconds: f64) -> MaxErrors {
     let wanted = &wanted.gaussians;
+    let moved = |(&place, &velocity): (&f32, &f32)| (f64::from(place) + f64::from(velocity) * seconds) as f32;
+    let moved: Vec<f32> = wanted.positions.iter().zip(&wanted.motions).map(moved).collect();
     let largest = |pairs: &mut dyn Iterator<Item = (f64, f64)>| pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     let doubles = |found: &[f32], wanted: &[f32]| -> Vec<(f64, f64)> {
         found.iter().zip(wanted).map(|(&a, &b)| (f64::from(a), f64::from(b))).collect()
@@ -169,12 +174,12 @@ fn compare(found: &GaussianCloud, wanted: &Sample) -> Deviations {
         [0, 1, 2, 3].map(|part| (found[part], sign * wanted[part]))
     });
     let opacities = found.opacity_logits.iter().zip(wanted.colors.as_chunks::<4>().0);
-    let opacities = opacities.map(|(&logit, colour)| (crate::export::activated::opacity(logit), f64::from(colour[3])));
+    let opacities = opacities.map(|(&logit, colour)| (sigmoid(logit), f64::from(colour[3])));
     let colours = found.sh_dc.iter().zip(wanted.colors.as_chunks::<4>().0).flat_map(|(dc, colour)| {
         [0, 1, 2].map(|channel| (0.5 + SH_C0 * f64::from(dc[channel]), f64::from(colour[channel])))
     });
-    Deviations {
-        position: largest(&mut doubles(found.means.as_flattened(), &wanted.positions).into_iter()),
+    MaxErrors {
+        position: largest(&mut doubles(found.means.as_flattened(), &moved).into_iter()),
         log_scale: largest(&mut doubles(found.log_scales.as_flattened(), &logs).into_iter()),
         rotation: largest(&mut { rotations }),
         colour: largest(&mut { colours }),
@@ -182,7 +187,7 @@ fn compare(found: &GaussianCloud, wanted: &Sample) -> Deviations {
     }
 }
 
-impl Deviations {
+impl MaxErrors {
     fn and(self, other: Self) -> Self {
         Self {
             position: self.position.max(other.position),
@@ -202,7 +207,7 @@ impl Deviations {
     }
 }
 
-impl fmt::Display for Deviations {
+impl fmt::Display for MaxErrors {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { position, log_scale, rotation, colour, opacity } = *self;
         let (percent, degrees) = (100.0 * log_scale.exp_m1(), (2.0 * rotation).to_degrees());

@@ -1,20 +1,25 @@
 //! The samples of a `.4dgs` file.
 
+use anyhow::{Context, ensure};
 use fourdgs::keyframe_delta_file::{KeyframeDeltaOptions, Sample, write_sequence};
 use fourdgs::model::GaussianSet;
 use fourdgs::quantization::{Bounds, Profile, Steps};
 use glam::DVec3;
-use mvfusion_data::GaussianCloud;
+use mvfusion_data::{GaussianCloud, sigmoid, unit_quaternion};
 use mvfusion_model::ModelError;
 use mvfusion_model::model::harmonics::mean_colours;
 
 use super::clock::Clock;
 use super::{KEYFRAME_EVERY, Precision};
-use crate::export::activated::{opacity, unit_quaternion};
 
 /// Duration of a Gaussian in lengths of the film: so long that it does not fade by itself. The writer of the crate
 /// takes no infinite ones.
 const LASTING: f64 = 1000.0;
+
+/// Maximum number of samples if none is asked for.
+const MOST_SAMPLES: usize = 60;
+/// Least length of a sample in steps of the grid of times, to which the crate rounds its beginning.
+const LEAST_STEPS: f64 = 2.0;
 
 /// Least size of a Gaussian; the crate takes smaller ones for this one.
 const LEAST_SCALE: f32 = 1e-30;
@@ -29,6 +34,22 @@ pub struct Samples {
 }
 
 impl Samples {
+    /// The number of samples of a film: the wanted one, or one for each frame, at most 60.
+    ///
+    /// # Errors
+    /// If this many samples would be too short for the grid of times.
+    pub fn count(wanted: Option<usize>, clock: Clock, precision: Precision) -> anyhow::Result<usize> {
+        let count = wanted.unwrap_or(clock.frames().min(MOST_SAMPLES));
+        let (duration, step) = (clock.duration(), steps(precision.profile(), 1.0).time);
+        let most = ((duration / (LEAST_STEPS * step)) as usize).max(1);
+        ensure!(
+            count <= most,
+            "--samples: a film of {duration:.2} s has room for {most} samples with this --precision, not for {count}. \
+             Use fewer of them, or a finer precision."
+        );
+        Ok(count)
+    }
+
     /// Takes `count` samples of equal length. `cloud_at` has the Gaussians at a time of the model, always the same
     /// number in the same order. Colours are the means of those that are seen from `eyes`. Gaussians whose opacity is
     /// rounded to zero in every sample are left out.
@@ -51,9 +72,9 @@ impl Samples {
             let (start, end) = (pair[0], pair[1]);
             let middle = cloud_at(clock.time(0.5 * (start + end)))?;
             let next = cloud_at(clock.time(end))?.means;
-            let path = Path { start, end, begin, next };
-            samples.push(path.sample(&middle, eyes, LASTING * clock.duration()));
-            begin = path.next;
+            let segment = Segment { start, end, begin, next };
+            samples.push(segment.sample(&middle, eyes, LASTING * clock.duration()));
+            begin = segment.next;
         }
         let mut samples = Self { samples, clock, precision };
         samples.drop_unseen();
@@ -86,7 +107,7 @@ impl Samples {
             library: concat!("mvfusion ", env!("CARGO_PKG_VERSION")).to_owned(),
             ..KeyframeDeltaOptions::default()
         };
-        Ok(write_sequence(&self.samples, self.clock.duration(), &options)?)
+        write_sequence(&self.samples, self.clock.duration(), &options).context("cannot encode the samples of the film")
     }
 
     /// Leaves out the Gaussians that no sample shows, as far as its grid resolves.
@@ -122,7 +143,7 @@ fn rows(values: &[f32], width: usize, chosen: &[usize]) -> Vec<f32> {
 }
 
 /// Where all Gaussians are at the ends of a sample.
-struct Path {
+struct Segment {
     /// First and last second.
     start: f64,
     end: f64,
@@ -131,7 +152,7 @@ struct Path {
     next: Vec<[f32; 3]>,
 }
 
-impl Path {
+impl Segment {
     /// The sample in which Gaussians are as in the middle, and move at the mean velocity between the ends.
     fn sample(&self, middle: &GaussianCloud, eyes: &[DVec3], lasting: f64) -> Sample {
         let seconds = (self.end - self.start) as f32;
@@ -149,9 +170,12 @@ impl Path {
             let [w, x, y, z] = unit_quaternion(quaternion);
             [x, y, z, w].map(|part| part as f32)
         };
-        let opacities = middle.opacity_logits.iter().map(|&logit| opacity(logit) as f32);
+        let opacities = middle.opacity_logits.iter().map(|&logit| sigmoid(logit) as f32);
         let colours = mean_colours(middle, eyes);
-        let colour = |([r, g, b], opacity): ([f32; 3], f32)| [r, g, b, opacity];
+        let colour = |(colour, opacity): ([f32; 3], f32)| {
+            let [r, g, b] = colour.map(|level| level.clamp(0.0, 1.0));
+            [r, g, b, opacity]
+        };
         let count = middle.len();
         Sample {
             t0: self.start,
@@ -172,5 +196,47 @@ impl Path {
                 ..GaussianSet::default()
             },
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use mvfusion_model::timeline::Timeline;
+
+    use super::*;
+
+    /// A film of 0.8 s.
+    fn clock() -> Clock {
+        Clock::of(&Timeline::new((0..24).map(|frame| f64::from(frame) / 24.0).collect()))
+    }
+
+    /// A Gaussian that moves along x, brighter than white.
+    fn cloud(time: f64) -> GaussianCloud {
+        GaussianCloud {
+            means: vec![[time as f32, 0.0, 1.0]],
+            sh_dc: vec![[3.0, 0.0, -9.0]],
+            opacity_logits: vec![2.0],
+            log_scales: vec![[-3.0; 3]],
+            quaternions: vec![[1.0, 0.0, 0.0, 0.0]],
+            ..GaussianCloud::default()
+        }
+    }
+
+    #[test]
+    fn as_many_samples_as_the_grid_of_times_resolves_can_be_written_and_more_are_refused() {
+        for (precision, most) in [(Precision::Fine, 400), (Precision::Coarse, 25)] {
+            assert_eq!(Samples::count(None, clock(), precision).expect("the default fits"), 24);
+            let count = Samples::count(Some(most), clock(), precision).expect("the most that fit");
+            let samples = Samples::take(count, clock(), precision, &[], |time| Ok(cloud(time))).expect("taken");
+            assert!(!samples.encode().expect("encoded").is_empty());
+            let error = Samples::count(Some(most + 1), clock(), precision).expect_err("too many").to_string();
+            assert!(error.contains("--samples") && error.contains(&format!("room for {most} ")), "{error}");
+        }
+    }
+
+    #[test]
+    fn colours_of_a_sample_are_between_black_and_white() {
+        let samples = Samples::take(2, clock(), Precision::Fine, &[], |time| Ok(cloud(time))).expect("taken");
+        assert_eq!(samples.samples[0].gaussians.colors[..3], [1.0, 0.5, 0.0]);
     }
 }

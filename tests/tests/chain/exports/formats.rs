@@ -111,7 +111,7 @@ fn the_cameras_of_a_glb_file_see_what_the_held_out_cameras_see() {
     assert!(off.iter().all(|off| off.abs() < 1e-6), "{off:?}");
 }
 
-/// A film of so many samples, decoded front to back, which is another way than the program's own.
+/// A film of this many samples, decoded front to back, which is another way than the program's own.
 fn film(run: &Run, samples: usize) -> (DecodedSequence, String) {
     let said = run.export_saying("film", |args| {
         (args.format, args.samples) = (vec![ExportFormat::Moving], NonZeroUsize::new(samples));

@@ -3,17 +3,17 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
-use image::RgbImage;
 use serde_json::json;
 
 use super::stage::Stage;
+use crate::report::pixels::difference;
 
 /// Size of the window, and the width of a narrow one, CSS pixels.
 const WINDOW: [u32; 2] = [640, 480];
 const NARROW: u32 = 390;
 /// Least share of the pixels that change visibly when the camera moves.
 const CHANGED: f64 = 0.02;
-/// Most of them when nothing should: rounding of a pose to four digits.
+/// Most of them when nothing should: rounding of a pose to seven digits.
 const UNCHANGED: f64 = 0.005;
 
 /// Opens the page and does everything.
@@ -30,7 +30,7 @@ pub fn inspect(page: &Path) -> Result<()> {
     parameters_of_the_address_count(&mut stage)?;
     it_is_dark_where_wanted_and_fits_a_telephone(&mut stage)?;
     stage.is_silent()?;
-    a_browser_without_webgl_gets_a_message(&mut stage)
+    a_page_that_cannot_be_shown_says_why(&mut stage)
 }
 
 fn resize(stage: &mut Stage, width: u32) -> Result<()> {
@@ -40,6 +40,9 @@ fn resize(stage: &mut Stage, width: u32) -> Result<()> {
 
 fn a_drag_turns_the_camera_and_the_address_restores_it(stage: &mut Stage) -> Result<()> {
     let before = stage.pixels()?;
+    stage
+        .connection()
+        .evaluate("(({ eye, rotation }) => { window.before = { eye, rotation }; })(mvfusion.player.orbit)")?;
     for (kind, x) in [("mousePressed", 300), ("mouseMoved", 340), ("mouseMoved", 420), ("mouseReleased", 420)] {
         let event = json!({"type": kind, "x": x, "y": 200, "button": "left", "buttons": 1, "clickCount": 1});
         stage.connection().call("Input.dispatchMouseEvent", event)?;
@@ -47,6 +50,10 @@ fn a_drag_turns_the_camera_and_the_address_restores_it(stage: &mut Stage) -> Res
     let after = stage.pixels()?;
     let changed = difference(&before, &after)?;
     ensure!(changed > CHANGED, "a drag changes {changed} of the pixels");
+    // To the right of the camera, what it has moved; the scene follows the pointer the other way.
+    let moved = "mvfusion.player.orbit.eye.reduce((sum, x, i) => sum + (x - before.eye[i]) * before.rotation[i], 0)";
+    let moved = stage.connection().evaluate(moved)?.as_f64().context("a length")?;
+    ensure!(moved < 0.0, "a drag to the right moves the camera by {moved} to the right");
     // The state is written when the camera stands still.
     let hash = stage.connection().evaluate("new Promise(resolve => setTimeout(() => resolve(location.hash), 600))")?;
     let hash = hash.as_str().context("a hash")?.to_owned();
@@ -77,6 +84,18 @@ fn time_runs(stage: &mut Stage) -> Result<()> {
     let time = |index: usize| times[index].as_f64().context("a time");
     let (first, later, last) = (time(0)?, time(1)?, time(2)?);
     ensure!(first < last && first != later && times[3] == false, "time goes {times}");
+    // Keys count without a click into the image, but not where a control has them.
+    let times = stage.connection().evaluate(
+        "(({ player }) => {
+            const press = (target, key) => {
+                player.setTime(0);
+                target.dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true }));
+                return player.time;
+            };
+            return [press(document.body, 'ArrowRight'), press(player.form.elements.time, 'ArrowRight')];
+        })(mvfusion)",
+    )?;
+    ensure!(times[0].as_f64() > Some(0.0) && times[1] == 0, "an arrow key goes to {times}");
     Ok(())
 }
 
@@ -141,24 +160,29 @@ fn it_is_dark_where_wanted_and_fits_a_telephone(stage: &mut Stage) -> Result<()>
     Ok(())
 }
 
-fn a_browser_without_webgl_gets_a_message(stage: &mut Stage) -> Result<()> {
-    let source = json!({"source": "HTMLCanvasElement.prototype.getContext = () => null"});
-    stage.connection().call("Page.addScriptToEvaluateOnNewDocument", source)?;
-    stage.go("")?;
-    let message = stage.connection().evaluate(
-        "mvfusion.ready.catch(() => 0).then(() => {
-            const message = document.getElementById('message');
-            return [message.hidden, message.textContent];
-        })",
-    )?;
-    let text = message[1].as_str().unwrap_or_default();
-    ensure!(message[0] == false && text.contains("WebGL 2"), "without WebGL, the page says {message}");
+fn a_page_that_cannot_be_shown_says_why(stage: &mut Stage) -> Result<()> {
+    // In the middle of the film, and then at the start.
+    let refuse = "WebGL2RenderingContext.prototype.checkFramebufferStatus = () => 0;";
+    stage.connection().evaluate(&format!("{refuse} mvfusion.player.renderer.size = ''; mvfusion.player.changed()"))?;
+    message_is(stage, "new Promise(resolve => setTimeout(resolve, 500))", "half-float")?;
+    for (source, wanted) in [(refuse, "half-float"), ("HTMLCanvasElement.prototype.getContext = () => null", "WebGL 2")]
+    {
+        stage.connection().call("Page.addScriptToEvaluateOnNewDocument", json!({"source": source}))?;
+        stage.go("")?;
+        message_is(stage, "mvfusion.ready.catch(() => 0)", wanted)?;
+    }
     Ok(())
 }
 
-/// The share of pixels that differ visibly.
-fn difference(a: &RgbImage, b: &RgbImage) -> Result<f64> {
-    ensure!(a.dimensions() == b.dimensions(), "{:?} and {:?} pixels", a.dimensions(), b.dimensions());
-    let differs = |(a, b): &(&image::Rgb<u8>, &image::Rgb<u8>)| a.0.iter().zip(b.0).any(|(&a, b)| a.abs_diff(b) > 8);
-    Ok(a.pixels().zip(b.pixels()).filter(differs).count() as f64 / f64::from(a.width() * a.height()))
+/// After a promise, the page must show a message with these words.
+fn message_is(stage: &mut Stage, promise: &str, words: &str) -> Result<()> {
+    let message = stage.connection().evaluate(&format!(
+        "{promise}.then(() => {{
+            const message = document.getElementById('message');
+            return [message.hidden, message.textContent];
+        }})"
+    ))?;
+    let text = message[1].as_str().unwrap_or_default();
+    ensure!(message[0] == false && text.contains(words), "instead of `{words}`, the page says {message}");
+    Ok(())
 }

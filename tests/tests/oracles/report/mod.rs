@@ -7,7 +7,7 @@
 mod faults;
 mod film;
 mod inspection;
-mod pixels;
+pub mod pixels;
 
 use std::path::{Path, PathBuf};
 

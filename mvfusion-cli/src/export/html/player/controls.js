@@ -83,7 +83,7 @@ function connectControls(form, player) {
   elements.full.addEventListener('click', full);
   elements.full.hidden = !document.fullscreenEnabled;
 
-  const step = (last - first) / Math.max(1, player.scene.moments - 1);
+  const step = (last - first) / Math.max(1, player.scene.training_times - 1);
   const keys = {
     ' ': () => player.play(!player.isPlaying),
     ArrowLeft: () => player.setTime(player.time - step),
@@ -91,9 +91,11 @@ function connectControls(form, player) {
     r: () => player.jump(0),
     f: full,
   };
-  player.canvas.addEventListener('keydown', event => {
-    const name = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-    const key = event.ctrlKey || event.metaKey || event.altKey ? null : keys[name];
+  addEventListener('keydown', event => {
+    // Controls have keys of their own.
+    const isElsewhere = event.target instanceof Element && event.target.closest('input, select, button');
+    if (isElsewhere || event.ctrlKey || event.metaKey || event.altKey) return;
+    const key = keys[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     if (!key) return;
     event.preventDefault();
     key();

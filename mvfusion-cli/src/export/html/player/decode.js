@@ -1,9 +1,9 @@
 // The Gaussians of the page: from text to numbers at keyframes.
 
 /**
- * A quantity of all Gaussians of a branch: `offset + step * whole`.
+ * A quantity of all Gaussians of a branch: `offset + step * level`.
  * @typedef {object} Track
- * @property {(Int16Array | Int32Array)[]} columns whole numbers, keyframe by keyframe, then Gaussian by Gaussian
+ * @property {(Int16Array | Int32Array)[]} columns integers, keyframe by keyframe, then Gaussian by Gaussian
  * @property {number} offset
  * @property {number} step
  */
@@ -14,7 +14,8 @@
  * @property {number} count
  * @property {number} degree of the spherical harmonics
  * @property {number[]} times of the keyframes, ascending
- * @property {Object<string, Track>} tracks by name: mean, log_scale, rotation, opacity, mask, base, rest
+ * @property {Object<string, Track>} tracks by name: mean, log_scale, rotation, opacity, mask, brightness,
+ *   sh_dc, sh_rest
  */
 
 /**
@@ -84,7 +85,7 @@ function decodeBranches(layouts, planes) {
  * @param {number} time
  * @returns {{ before: number, after: number, weight: number }}
  */
-function momentOf(times, time) {
+function bracketOf(times, time) {
   let after = times.findIndex(t => t > time);
   if (after < 0) after = times.length;
   if (after === 0) return { before: 0, after: 0, weight: 0 };
@@ -94,23 +95,23 @@ function momentOf(times, time) {
 }
 
 /**
- * The centres at a moment, for sorting. Those of Gaussians that cannot be seen are not numbers.
+ * The centres at a time, for sorting. Those of Gaussians that cannot be seen are not numbers.
  * @param {Branch} branch
- * @param {{ before: number, after: number, weight: number }} moment
+ * @param {{ before: number, after: number, weight: number }} bracket
  * @returns {Float32Array}
  */
 function centresAt({ count, tracks: { mean, opacity } }, { before, after, weight }) {
   const points = new Float32Array(3 * count);
   const [opacities] = opacity.columns;
-  // The whole number of an opacity of 0.
+  // The integer of an opacity of 0.
   const nothing = Math.round(-opacity.offset / opacity.step);
   const [first, second] = [before * count, after * count];
   for (let row = 0; row < count; row++) {
     const isSeen = opacities[first + row] > nothing || opacities[second + row] > nothing;
     for (let axis = 0; axis < 3; axis++) {
       const column = mean.columns[axis];
-      const whole = (1 - weight) * column[first + row] + weight * column[second + row];
-      points[3 * row + axis] = isSeen ? mean.offset + mean.step * whole : NaN;
+      const level = (1 - weight) * column[first + row] + weight * column[second + row];
+      points[3 * row + axis] = isSeen ? mean.offset + mean.step * level : NaN;
     }
   }
   return points;

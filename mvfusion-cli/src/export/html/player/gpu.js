@@ -50,12 +50,12 @@ function programOf(gl, name, constants = {}) {
   if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) {
     throw new Unsupported(`This graphics driver refuses a program (${name}): ${gl.getProgramInfoLog(program)}`);
   }
-  const places = {};
+  const uniforms = {};
   for (let index = gl.getProgramParameter(program, gl.ACTIVE_UNIFORMS) - 1; index >= 0; index--) {
     const uniform = gl.getActiveUniform(program, index).name;
-    places[uniform] = gl.getUniformLocation(program, uniform);
+    uniforms[uniform] = gl.getUniformLocation(program, uniform);
   }
-  return { program, places };
+  return { program, uniforms };
 }
 
 /**
@@ -95,11 +95,11 @@ class Target {
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.frame);
     const kind = { internal: gl.RGBA16F, format: gl.RGBA, type: gl.HALF_FLOAT };
     this.textures = Array.from({ length: images }, () => textureOf(gl, kind, width, height, null));
-    const places = this.textures.map((texture, index) => {
+    const attachments = this.textures.map((texture, index) => {
       gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0 + index, gl.TEXTURE_2D, texture, 0);
       return gl.COLOR_ATTACHMENT0 + index;
     });
-    gl.drawBuffers(places);
+    gl.drawBuffers(attachments);
     const state = gl.checkFramebufferStatus(gl.FRAMEBUFFER);
     if (state !== gl.FRAMEBUFFER_COMPLETE && !gl.isContextLost()) {
       throw new Unsupported(`This graphics driver cannot draw into ${images} half-float textures together (0x`

@@ -1,7 +1,7 @@
-// The player: its state, its frames, its address, and its interface for other scripts.
+// The player: its state, its frames, and its interface for other scripts.
 
 /** Training times in a second of the film at speed 1, and its least length in seconds. */
-const MOMENTS_PER_SECOND = 30;
+const TIMES_PER_SECOND = 30;
 const LEAST_SECONDS = 2;
 /** Most pixels of the image. */
 const MOST_PIXELS = 3e6;
@@ -33,15 +33,15 @@ class Player {
     new ResizeObserver(() => this.changed()).observe(canvas);
     canvas.addEventListener('webglcontextlost', event => {
       event.preventDefault();
-      say('The graphics driver has dropped the scene. It comes back as soon as the driver allows.');
+      showMessage('The graphics driver has dropped the scene. It comes back as soon as the driver allows.');
     });
-    canvas.addEventListener('webglcontextrestored', () => {
+    canvas.addEventListener('webglcontextrestored', () => attempt(() => {
       this.renderer.create();
-      say('');
+      showMessage('');
       this.changed();
-    });
+    }));
     const frame = now => {
-      this.frame(now);
+      attempt(() => this.frame(now));
       requestAnimationFrame(frame);
     };
     requestAnimationFrame(frame);
@@ -67,8 +67,8 @@ class Player {
     if (this.fixed) Object.assign(this.canvas.style, { width: '', height: '' });
     Object.assign(this, { fixed: null, movedAt: performance.now() });
     this.changed();
-    clearTimeout(this.noting);
-    this.noting = setTimeout(() => this.note(), STILL);
+    clearTimeout(this.writing);
+    this.writing = setTimeout(() => writeAddress(this), STILL);
   }
 
   /** One frame of the browser. */
@@ -109,7 +109,7 @@ class Player {
 
   advance(seconds) {
     const [first, last] = this.scene.span;
-    const length = Math.max(LEAST_SECONDS, this.scene.moments / MOMENTS_PER_SECOND);
+    const length = Math.max(LEAST_SECONDS, this.scene.training_times / TIMES_PER_SECOND);
     let time = this.time + (this.speed * seconds * (last - first)) / length;
     if (time > last) {
       time = this.loops ? first + ((time - first) % (last - first)) : last;
@@ -126,7 +126,7 @@ class Player {
     if (isPlaying && this.time > last - 1e-6) this.time = first;
     this.isPlaying = isPlaying && last > first;
     this.isDirty = true;
-    if (!isPlaying) this.note();
+    if (!isPlaying) writeAddress(this);
   }
 
   /** @param {number} time */
@@ -134,15 +134,15 @@ class Player {
     const [first, last] = this.scene.span;
     this.time = Math.min(last, Math.max(first, time));
     this.changed();
-    clearTimeout(this.noting);
-    this.noting = setTimeout(() => this.note(), STILL);
+    clearTimeout(this.writing);
+    this.writing = setTimeout(() => writeAddress(this), STILL);
   }
 
   /** @param {string} layer one of LAYERS */
   setLayer(layer) {
     if (LAYERS.includes(layer)) this.layer = layer;
     this.isDirty = true;
-    this.note();
+    writeAddress(this);
   }
 
   /** @param {number} index of a camera of the scene */
@@ -172,49 +172,28 @@ class Player {
     this.renderer.draw(camera, time, layer);
     return this.renderer.read();
   }
-
-  /** Keeps the state in the address. */
-  note() {
-    const state = new URLSearchParams({ time: +this.time.toFixed(4), pose: this.orbit.toString() });
-    if (this.layer !== LAYERS[0]) state.set('layer', this.layer);
-    // Some hosts of embedded pages forbid it.
-    try {
-      history.replaceState(null, '', `#${decodeURIComponent(state)}`);
-    } catch { /* The address stays as it was. */ }
-  }
-
-  /** Takes the state from the address: what follows the question mark, then what follows the hash sign. */
-  readAddress() {
-    const wanted = new URLSearchParams(`${location.search.slice(1)}&${location.hash.slice(1)}`);
-    // The last one counts.
-    const value = name => wanted.getAll(name).at(-1);
-    const { cameras } = this.scene;
-    const named = cameras.findIndex(({ name }) => name === value('camera'));
-    const index = named >= 0 ? named : Number(value('camera') ?? NaN);
-    if (cameras[index]) this.jump(index);
-    const matrix = value('matrix')?.split(',').map(Number) ?? [];
-    if (matrix.length === 12 && matrix.every(Number.isFinite)) {
-      const part = columns => [0, 4, 8].flatMap(row => columns.map(column => matrix[row + column]));
-      this.orbit.take({ ...cameras[0], rotation: part([0, 1, 2]), translation: part([3]) });
-    }
-    if (value('pose')) this.orbit.parse(value('pose'));
-    if (Number.isFinite(Number(value('time') ?? NaN))) this.setTime(Number(value('time')));
-    if (LAYERS.includes(value('layer'))) this.layer = value('layer');
-    if (Number(value('speed')) > 0) this.speed = Number(value('speed'));
-    if (value('loop')) this.loops = value('loop') !== '0';
-    const size = /^(\d+)x(\d+)$/.exec(value('size') ?? '')?.slice(1).map(Number);
-    if (size && Math.min(...size) > 0) this.setCamera(this.orbit.camera(...size));
-    this.form.hidden = value('ui') === '0';
-    if (value('play') === '1') this.play(true);
-    this.changed();
-  }
 }
 
 /** Shows a message over the image; an empty one hides it. */
-function say(text) {
+function showMessage(text) {
   const message = document.getElementById('message');
   message.textContent = text;
   message.hidden = !text;
+}
+
+/** Shows why the scene cannot be shown. */
+function explain(error) {
+  showMessage(error instanceof Unsupported ? error.message : `The scene cannot be shown: ${error.message}`);
+  if (!(error instanceof Unsupported)) console.error(error);
+}
+
+/** Does something, or shows why it cannot be done. */
+function attempt(action) {
+  try {
+    action();
+  } catch (error) {
+    explain(error);
+  }
 }
 
 /** Unpacks the page and starts the player. */
@@ -229,10 +208,12 @@ async function start() {
   packed.remove();
   const branches = decodeBranches([scene.static, scene.dynamic].filter(Boolean), planes);
   const player = new Player(document.getElementById('view'), document.getElementById('controls'), scene, branches);
-  player.readAddress();
-  addEventListener('hashchange', () => player.readAddress());
+  readAddress(player);
+  addEventListener('hashchange', () => readAddress(player));
   await player.sort();
-  say('');
+  // What a driver does not offer may show only when it draws.
+  player.renderer.draw(player.camera, player.time, player.layer);
+  showMessage('');
   return player;
 }
 
@@ -252,7 +233,4 @@ const mvfusion = { ready: start().then(player => Object.assign(mvfusion, {
   pixels: () => player.pixels(),
 })).then(() => {}) };
 window.mvfusion = mvfusion;
-mvfusion.ready.catch(error => {
-  say(error instanceof Unsupported ? error.message : `The scene cannot be shown: ${error.message}`);
-  if (!(error instanceof Unsupported)) console.error(error);
-});
+mvfusion.ready.catch(explain);

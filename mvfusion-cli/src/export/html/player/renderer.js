@@ -1,4 +1,4 @@
-// Draws a moment from a camera: each branch back to front into half-float images, then their blend.
+// Draws one time from a camera: each branch back to front into half-float images, then their blend.
 
 /** Gaussians in a row of a texture; the same number stands in splat.vert.glsl. */
 const COLUMNS = 256;
@@ -22,15 +22,17 @@ function statesAt({ count, tracks }, k) {
   put(tracks.opacity, 3);
   put(tracks.log_scale, 4);
   put(tracks.rotation, 8);
-  put(tracks.base, 12);
+  put(tracks.sh_dc, 12);
   if (tracks.mask) {
-    // Three bytes in a float, which are whole numbers up to 2^24.
+    // Two bytes in a float.
     const { columns, offset, step } = tracks.mask;
-    const byte = whole => Math.min(255, Math.max(0, Math.round(255 * (offset + step * whole))));
+    const byte = level => Math.min(255, Math.max(0, Math.round(255 * (offset + step * level))));
     for (let row = 0; row < count; row++) {
-      const [static_, brightness, dynamic] = columns.map(column => byte(column[k * count + row]));
-      states[width * row + 7] = static_ + 256 * brightness + 65536 * dynamic;
+      const [static_, dynamic] = columns.map(column => byte(column[k * count + row]));
+      states[width * row + 7] = static_ + 256 * dynamic;
     }
+    // The brightness has finer steps, because its slope is steep (blend.frag.glsl).
+    put(tracks.brightness, 15);
   }
   return states;
 }
@@ -57,7 +59,7 @@ class BranchOnGpu {
   }
 
   restTexture() {
-    const { gl, branch: { count, tracks: { rest } } } = this;
+    const { gl, branch: { count, tracks: { sh_rest: rest } } } = this;
     if (!rest.columns.length) return null;
     const texels = Math.ceil(rest.columns.length / 4);
     const values = new Int16Array(4 * texels * COLUMNS * this.rows);
@@ -97,27 +99,27 @@ class BranchOnGpu {
    * @param {number} near
    */
   draw(camera, time, near) {
-    const { gl, branch, program: { program, places } } = this;
-    const { before, after, weight } = momentOf(branch.times, time);
+    const { gl, branch, program: { program, uniforms } } = this;
+    const { before, after, weight } = bracketOf(branch.times, time);
     const [first, second] = [this.stateTexture(before), this.stateTexture(after)];
     gl.useProgram(program);
     [[first, 'before'], [second, 'after'], [this.rest, 'rest']].forEach(([texture, name], unit) => {
-      if (!places[name]) return;
+      if (!uniforms[name]) return;
       gl.activeTexture(gl.TEXTURE0 + unit);
       gl.bindTexture(gl.TEXTURE_2D, texture);
-      gl.uniform1i(places[name], unit);
+      gl.uniform1i(uniforms[name], unit);
     });
     const { rotation, translation } = camera;
     const eye = [0, 1, 2].map(axis => -dot([rotation[axis], rotation[axis + 3], rotation[axis + 6]], translation));
-    gl.uniform1f(places.weight, weight);
-    gl.uniform1f(places.restStep, branch.tracks.rest.step);
-    gl.uniformMatrix3fv(places.rotation, true, rotation);
-    gl.uniform3fv(places.translation, translation);
-    gl.uniform3fv(places.eye, eye);
-    gl.uniform2f(places.focal, camera.fx, camera.fy);
-    gl.uniform2f(places.principal, camera.cx, camera.cy);
-    gl.uniform2f(places.size, camera.width, camera.height);
-    gl.uniform1f(places.near, near);
+    gl.uniform1f(uniforms.weight, weight);
+    gl.uniform1f(uniforms.restStep, branch.tracks.sh_rest.step);
+    gl.uniformMatrix3fv(uniforms.rotation, true, rotation);
+    gl.uniform3fv(uniforms.translation, translation);
+    gl.uniform3fv(uniforms.eye, eye);
+    gl.uniform2f(uniforms.focal, camera.fx, camera.fy);
+    gl.uniform2f(uniforms.principal, camera.cx, camera.cy);
+    gl.uniform2f(uniforms.size, camera.width, camera.height);
+    gl.uniform1f(uniforms.near, near);
     gl.bindVertexArray(this.array);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
@@ -142,7 +144,7 @@ class Renderer {
       this.waiting.get(ticket)(order);
       this.waiting.delete(ticket);
     };
-    this.worker.onerror = ({ message }) => say(`The Gaussians cannot be sorted: ${message}`);
+    this.worker.onerror = ({ message }) => showMessage(`The Gaussians cannot be sorted: ${message}`);
     this.create();
   }
 
@@ -162,9 +164,9 @@ class Renderer {
     const axis = [...row(rotation, 2), translation[2]];
     const { near } = this.scene;
     const orders = await Promise.all(this.branches.map((branch, index) => {
-      const moment = momentOf(branch.times, time);
-      const name = Object.values(moment).join();
-      const points = this.sent[index] === name ? null : centresAt(branch, moment);
+      const bracket = bracketOf(branch.times, time);
+      const name = Object.values(bracket).join();
+      const points = this.sent[index] === name ? null : centresAt(branch, bracket);
       this.sent[index] = name;
       const ticket = this.tickets++;
       this.worker.postMessage({ ticket, branch: index, points, axis, near }, points ? [points.buffer] : []);
@@ -175,7 +177,7 @@ class Renderer {
 
   /** Draws into the canvas with the orders in use. */
   draw(camera, time, layer) {
-    const { gl, scene, blend: { program, places } } = this;
+    const { gl, scene, blend: { program, uniforms } } = this;
     if (gl.isContextLost()) return;
     this.resize(camera.width, camera.height);
     gl.viewport(0, 0, camera.width, camera.height);
@@ -192,12 +194,12 @@ class Renderer {
     Object.entries(textures).forEach(([name, texture], unit) => {
       gl.activeTexture(gl.TEXTURE0 + unit);
       gl.bindTexture(gl.TEXTURE_2D, texture);
-      gl.uniform1i(places[name], unit);
+      gl.uniform1i(uniforms[name], unit);
     });
-    gl.uniform1f(places.grey, scene.grey);
-    gl.uniform3fv(places.masks, scene.masks);
-    gl.uniform1i(places.isBlended, Number(isBlended));
-    gl.uniform1i(places.layer, LAYERS.indexOf(layer));
+    gl.uniform1f(uniforms.grey, scene.grey);
+    gl.uniform3fv(uniforms.masks, scene.masks);
+    gl.uniform1i(uniforms.isBlended, Number(isBlended));
+    gl.uniform1i(uniforms.layer, LAYERS.indexOf(layer));
     gl.bindVertexArray(this.nothing);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
@@ -215,10 +217,13 @@ class Renderer {
   }
 
   resize(width, height) {
-    if (this.size === `${width} ${height}`) return;
-    this.size = `${width} ${height}`;
+    const size = `${width} ${height}`;
+    if (this.size === size) return;
     Object.assign(this.canvas, { width, height });
     this.targets?.forEach(target => target.free());
+    // Without a size, a driver that offers no such targets is asked again.
+    Object.assign(this, { size: '', targets: null });
     this.targets = this.branches.map(({ tracks }) => new Target(this.gl, tracks.mask ? 2 : 1, width, height));
+    this.size = size;
   }
 }

@@ -5,8 +5,8 @@ precision highp float;
 // Largest alpha of one Gaussian at one pixel.
 const float MAX_ALPHA = 0.99;
 
-in vec2 place;
-flat in float reach;
+in vec2 local;
+flat in float logRatio;
 flat in vec3 colour;
 flat in float opacity;
 #ifdef MASKS
@@ -19,11 +19,11 @@ layout(location = 1) out vec4 maskOut;
 #endif
 
 void main() {
-  float radius = dot(place, place);
+  float radius = dot(local, local);
   if (radius > 1.0) {
     discard;
   }
-  float alpha = min(opacity * exp(-reach * radius), MAX_ALPHA);
+  float alpha = min(opacity * exp(-logRatio * radius), MAX_ALPHA);
   colourOut = vec4(alpha * colour, alpha);
 #ifdef MASKS
   maskOut = vec4(alpha * mask, alpha);

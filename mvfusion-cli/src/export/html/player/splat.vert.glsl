@@ -17,7 +17,8 @@ const float DEPTH_GUARD = 1e-7;
 // Bounds of the tangents in the Jacobian, relative to half of the field of view.
 const float TANGENT_BOUND = 1.3;
 
-// Four texels a Gaussian: centre and opacity; log-scales and masks; quaternion; base colour.
+// Four texels a Gaussian: centre and opacity; log-scales, static and dynamic mask; quaternion; base colour and
+// brightness mask.
 uniform sampler2D before;
 uniform sampler2D after;
 // Weight of `after`.
@@ -39,9 +40,9 @@ uniform float near;
 in uint index;
 
 // Position in the ellipse at whose border alpha is MIN_ALPHA: the unit circle.
-out vec2 place;
+out vec2 local;
 // Logarithm of the opacity over MIN_ALPHA.
-flat out float reach;
+flat out float logRatio;
 flat out vec3 colour;
 flat out float opacity;
 #ifdef MASKS
@@ -53,10 +54,10 @@ vec4 texel(sampler2D states, int part) {
   return texelFetch(states, ivec2(4 * (i % COLUMNS) + part, i / COLUMNS), 0);
 }
 
-// The masks, packed as bytes into a number below 2^24.
-vec3 unpackMasks(float bytes) {
-  int whole = int(bytes);
-  return vec3(whole & 255, (whole >> 8) & 255, whole >> 16) / 255.0;
+// The static and the dynamic mask, packed as bytes into a number below 2^16.
+vec2 unpackMasks(float bytes) {
+  int both = int(bytes);
+  return vec2(both & 255, both >> 8) / 255.0;
 }
 
 mat3 rotationOf(vec4 q) {
@@ -117,10 +118,10 @@ void main() {
   vec4 centreOpacity = mix(texel(before, 0), texel(after, 0), weight);
   vec3 centre = centreOpacity.xyz;
   opacity = centreOpacity.w;
-  reach = log(opacity / MIN_ALPHA);
+  logRatio = log(opacity / MIN_ALPHA);
   vec3 point = rotation * centre + translation;
   // Also for numbers that are none.
-  if (!(point.z > near) || !(reach > 0.0)) {
+  if (!(point.z > near) || !(logRatio > 0.0)) {
     return;
   }
 
@@ -150,15 +151,16 @@ void main() {
   float longest = middle + spread;
   float angle = spread > 0.0 ? 0.5 * atan(2.0 * xy, xx - yy) : 0.0;
   vec2 axis = vec2(cos(angle), sin(angle));
-  vec2 radii = sqrt(2.0 * reach * vec2(longest, determinant / longest));
-  place = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
-  vec2 offset = place.x * radii.x * axis + place.y * radii.y * vec2(-axis.y, axis.x);
+  vec2 radii = sqrt(2.0 * logRatio * vec2(longest, determinant / longest));
+  local = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
+  vec2 offset = local.x * radii.x * axis + local.y * radii.y * vec2(-axis.y, axis.x);
   vec2 pixel = focal * point.xy / (point.z + DEPTH_GUARD) + principal + offset;
 
   vec4 base = mix(texel(before, 3), texel(after, 3), weight);
   colour = colourFrom(base.xyz, normalize(centre - eye));
 #ifdef MASKS
-  mask = mix(unpackMasks(sizesBefore.w), unpackMasks(sizesAfter.w), weight);
+  vec2 shares = mix(unpackMasks(sizesBefore.w), unpackMasks(sizesAfter.w), weight);
+  mask = vec3(shares.x, base.w, shares.y);
 #endif
   gl_Position = vec4(2.0 * pixel.x / size.x - 1.0, 1.0 - 2.0 * pixel.y / size.y, 0.0, 1.0);
 }
