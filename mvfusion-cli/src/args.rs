@@ -29,9 +29,9 @@ use crate::render::{
 pub use compute::ComputeArgs;
 pub use config::ConfigSourceArgs;
 pub use page::PageArgs;
+pub use sweep::{Launcher, RunCellArgs, SweepAction, SweepArgs, SweepFolderArgs, SweepRunArgs, SweepShowArgs};
 #[cfg(feature = "viewer")]
 pub use viewer::{TrainViewArgs, ViewArgs};
-pub use sweep::{Launcher, RunCellArgs, SweepAction, SweepArgs, SweepFolderArgs, SweepRunArgs, SweepShowArgs};
 
 /// Gaussian splatting of dynamic scenes: a static and a dynamic branch, separated without supervision.
 #[derive(Debug, Parser)]

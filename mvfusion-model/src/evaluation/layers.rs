@@ -231,7 +231,8 @@ impl<'a> LayerRenderer<'a> {
 
 /// Checks that the model has these layers.
 fn check(model: &Model, level: DeformationLevel, layers: &[Layer]) -> Result<(), ModelError> {
-    let lacking = |&layer: &Layer| Some(ModelError::Layer { layer: layer.name(), reason: layer.lacking(model, level)? });
+    let lacking =
+        |&layer: &Layer| Some(ModelError::Layer { layer: layer.name(), reason: layer.lacking(model, level)? });
     layers.iter().find_map(lacking).map_or(Ok(()), Err)
 }
 

@@ -82,7 +82,8 @@ fn one(place: &Path, name: &str, kind: Kind, read: fn(&Path) -> super::Answer) -
 fn reports(place: &Path) -> Vec<Target> {
     let run = finished(place);
     let is_strip = |path: &PathBuf| path.extension().is_some_and(|extension| extension == "png");
-    let mut strips = std::fs::read_dir(run.join(run::STRIPS)).expect("listed").map(|entry| entry.expect("listed").path());
+    let mut strips =
+        std::fs::read_dir(run.join(run::STRIPS)).expect("listed").map(|entry| entry.expect("listed").path());
     let strip = strips.find(is_strip).expect("a strip");
     let files = [
         (run.join(run::CONFIG), Kind::Toml),
