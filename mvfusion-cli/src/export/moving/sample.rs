@@ -204,6 +204,7 @@ mod tests {
     use mvfusion_model::timeline::Timeline;
 
     use super::*;
+    use crate::export::moving::MovingFile;
 
     /// A film of 0.8 s.
     fn clock() -> Clock {
@@ -232,6 +233,20 @@ mod tests {
             let error = Samples::count(Some(most + 1), clock(), precision).expect_err("too many").to_string();
             assert!(error.contains("--samples") && error.contains(&format!("room for {most} ")), "{error}");
         }
+    }
+
+    #[test]
+    fn a_file_with_other_velocities_is_noticed() {
+        let mut samples = Samples::take(2, clock(), Precision::Fine, &[], |time| Ok(cloud(time))).expect("taken");
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("scene.4dgs");
+        std::fs::write(&path, samples.encode().expect("encoded")).expect("written");
+        let mut file = MovingFile::open(&path).expect("opened");
+        file.check(&samples).expect("the file is what was to be written");
+        // The places at the beginning are the same.
+        samples.samples[1].gaussians.motions[0] += 0.1;
+        let error = file.check(&samples).expect_err("noticed").to_string();
+        assert!(error.contains("beyond its bounds"), "{error}");
     }
 
     #[test]
