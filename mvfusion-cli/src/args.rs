@@ -2,13 +2,16 @@
 
 mod compute;
 mod config;
+mod page;
 mod sweep;
+#[cfg(feature = "viewer")]
+mod viewer;
 
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use bytesize::ByteSize;
-use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::builder::{ArgPredicate, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use mvfusion_data::Layout;
 use mvfusion_model::config::FusionWeights;
@@ -16,6 +19,7 @@ use mvfusion_model::evaluation::{Protocol, Replacement};
 use mvfusion_model::model::motion::MotionModule;
 use mvfusion_model::train::IMAGE_CACHE;
 
+use crate::export::moving::Precision;
 use crate::help;
 use crate::progress::Verbosity;
 use crate::render::{
@@ -24,7 +28,10 @@ use crate::render::{
 
 pub use compute::ComputeArgs;
 pub use config::ConfigSourceArgs;
+pub use page::PageArgs;
 pub use sweep::{Launcher, RunCellArgs, SweepAction, SweepArgs, SweepFolderArgs, SweepRunArgs, SweepShowArgs};
+#[cfg(feature = "viewer")]
+pub use viewer::{TrainViewArgs, ViewArgs};
 
 /// Gaussian splatting of dynamic scenes: a static and a dynamic branch, separated without supervision.
 #[derive(Debug, Parser)]
@@ -69,6 +76,10 @@ pub enum Command {
     /// Render the layers of a run: its views, a path around the scene, or a camera path file
     #[command(long_about = help::RENDER, after_long_help = help::RENDER_MORE)]
     Render(RenderArgs),
+    /// Look at a run in a browser: orbit, play, layers, comparison with its photos
+    #[cfg(feature = "viewer")]
+    #[command(long_about = help::VIEW, after_long_help = help::VIEW_MORE)]
+    View(ViewArgs),
     /// Export a run's Gaussians and cameras for viewers and other programs
     #[command(long_about = help::EXPORT, after_long_help = help::EXPORT_MORE)]
     Export(ExportArgs),
@@ -105,6 +116,8 @@ impl Command {
             Self::Export(args) => args.compute.threads,
             Self::Check(args) => args.compute.threads,
             Self::Render(args) => args.compute.threads,
+            #[cfg(feature = "viewer")]
+            Self::View(args) => args.compute.threads,
             Self::Sweep(args) => match &args.action {
                 Some(SweepAction::RunCell(args)) => args.compute.threads,
                 // The cells run in other processes.
@@ -185,6 +198,10 @@ pub struct TrainArgs {
     /// brings it back. If the new one fails before its first step, the old run is restored.
     #[arg(long)]
     pub force: bool,
+    /// The page on which it can be watched.
+    #[cfg(feature = "viewer")]
+    #[command(flatten)]
+    pub viewer: TrainViewArgs,
     /// Begin with the weights of the newest checkpoint of another run, at step 0
     ///
     /// Model and motion statistics are taken over; moments, schedules and random streams begin anew. The configuration
@@ -254,18 +271,32 @@ pub struct ExportArgs {
     /// Run folder
     #[arg(value_name = "RUN")]
     pub run: PathBuf,
-    /// Output folder
-    #[arg(long, value_name = "DIR")]
+    /// Output folder; --html needs none
+    #[arg(long, value_name = "DIR", required_unless_present = "html")]
+    #[arg(default_value_if("html", ArgPredicate::IsPresent, "."), hide_default_value = true)]
     pub out: PathBuf,
+    /// The page that plays the scene.
+    #[command(flatten)]
+    pub page: PageArgs,
     /// What to write besides cameras.json, separated by commas
     #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "ply")]
     pub format: Vec<ExportFormat>,
     /// Time of the dynamic Gaussians, 0 to 1 [default: the canonical Gaussians for ply, otherwise 0]
     #[arg(long, value_name = "T", value_parser = parse_time)]
     pub time: Option<f64>,
-    /// Also write a sequence of N PLY files, from time 0 to the last training time
+    /// Also write a sequence of N PLY files, from time 0 to the last training time; their size is printed first
     #[arg(long, value_name = "N", value_parser = parse_frames)]
     pub frames: Option<NonZeroUsize>,
+    /// Leave the static Gaussians out of the sequence; static.ply has them once, to be opened beside it
+    #[arg(long, requires = "frames")]
+    pub shared_static: bool,
+    /// Number of times that scene.4dgs stores; between them, Gaussians move on straight lines [default: one for each
+    /// training time, at most 60]
+    #[arg(long, value_name = "N", value_parser = parse_frames)]
+    pub samples: Option<NonZeroUsize>,
+    /// How much the numbers in scene.4dgs may be off [default: fine]
+    #[arg(long, value_name = "NAME", value_enum)]
+    pub precision: Option<Precision>,
     /// Deform the dynamic Gaussians without temporal attention, as in the paper's cheaper inference
     #[arg(long)]
     pub no_mfta: bool,
@@ -275,7 +306,7 @@ pub struct ExportArgs {
     /// Device and threads.
     #[command(flatten)]
     pub compute: ComputeArgs,
-    /// Replace the export in the folder
+    /// Replace the export in the folder, or the HTML file
     #[arg(long)]
     pub force: bool,
 }
@@ -289,6 +320,11 @@ pub enum ExportFormat {
     Splat,
     /// The folder layout of 3DGS: point_cloud/iteration_N/point_cloud.ply, cfg_args, input.ply
     Inria,
+    /// scene.glb, both branches at one time, as glTF with KHR_gaussian_splatting
+    Glb,
+    /// scene.4dgs, both branches in motion, in one file that players can seek in
+    #[value(name = "4dgs")]
+    Moving,
 }
 
 /// `mvfusion check`.

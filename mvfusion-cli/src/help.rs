@@ -36,6 +36,8 @@ Examples:
           a video, with the preset neu3d at full length
   mvfusion train --data ~/scenes/flame_steak --set train.scale=0.05
           the same video with a twentieth of the steps
+  mvfusion train --view
+          the built-in video, with a page on which the training can be watched
   mvfusion train --set model.deformation=false --out runs/still
           a baseline without deformation
   mvfusion train --config runs/quickstart-0/config.toml --seed 1
@@ -100,24 +102,28 @@ program.";
 /// `mvfusion export --help`, above the options.
 pub const EXPORT: &str = "\
 Export the Gaussians of a run's last checkpoint for viewers and other programs. The formats are: one PLY file per \
-branch in the layout of 3DGS; both branches together as .splat; the folder layout of 3DGS; and a sequence of PLY files \
-that SuperSplat plays (drop the files of the folder `frames` onto it). cameras.json is always written.
+branch in the layout of 3DGS; both branches together as .splat, as glTF (.glb) or in the folder layout of 3DGS; both \
+in motion as .4dgs; and a sequence of PLY files that SuperSplat plays (drop the files of the folder `frames` onto it). \
+cameras.json is always written.
 
 PLY files store the parameters before activation: scales as logarithms, opacities as logits, quaternions as w, x, y, \
 z. The file of a branch contains the Gaussians as trained, or as deformed at --time. dynamic.ply also stores the \
-logits of the learned mask, as extra fields. No viewer supports this mask, so files with both branches (.splat, inria, \
-frames) do not contain it. Instead, the opacity of each dynamic Gaussian is multiplied by the foreground share of its \
-own mask. The brightness that the mask gives to the static branch is left out.";
+logits of the learned mask, as extra fields. No viewer supports this mask, so files with both branches do not contain \
+it. Instead, opacities and colours of the dynamic Gaussians are changed so that they hide as much of the static branch \
+as the mask does. The PSNR of these files against `mvfusion render` is printed.";
 
 /// `mvfusion export --help`, below the options.
 pub const EXPORT_MORE: &str = "\
 Examples:
   mvfusion export runs/quickstart-0 --out gaussians
           static.ply, dynamic.ply (before deformation), cameras.json
-  mvfusion export runs/quickstart-0 --out sequence --frames 60
-          the same, and frames/frame0001.ply to frame0060.ply
-  mvfusion export runs/quickstart-0 --out viewer --format inria,splat --time 0.5
+  mvfusion export runs/quickstart-0 --out sequence --frames 60 --shared-static
+          the same, and frames/frame0001.ply to frame0060.ply without the static
+          Gaussians, which static.ply has
+  mvfusion export runs/quickstart-0 --out viewer --format glb,splat --time 0.5
           both branches together, halfway through the time range
+  mvfusion export runs/quickstart-0 --out film --format 4dgs
+          the whole scene in motion, in one file
   mvfusion train --set init.static_ply=gaussians/static.ply
           training with a static branch that starts from such a file";
 
@@ -174,8 +180,8 @@ Layers:
   motion                          motion intensity under --motion-weights
   position_variance, rotation_variance, scale_variance
                                   components of the motion intensity; images are
-                                  heat maps in which white is the value that 2 %
-                                  of the dynamic Gaussians exceed
+                                  heat maps whose brightest colour is the value
+                                  that 2 % of the dynamic Gaussians exceed
 
 Files, in RUN/films/VIEWS or --out:
   LAYER/NNNNN.png   8-bit images
@@ -193,6 +199,27 @@ Examples:
   mvfusion render runs/quickstart-0 --views still --camera cam00 --format exr
   mvfusion render runs/quickstart-0 --layers motion --motion-weights 1,0,0";
 
+/// `mvfusion view --help`, above the options.
+#[cfg(feature = "viewer")]
+pub const VIEW: &str = "\
+Serve a page that shows a trained run, and print its address. The page renders on this machine, on the run's device, so \
+it also works over ssh; it needs no network. Ctrl-C ends the server.
+
+Orbit, pan, zoom and fly; play the time; compare with the photos of the training and held-out cameras; look at the \
+branches, the mask, the depth and the motion. The address in the browser holds the view, so that it can be shared. \
+Camera paths made there are files for `mvfusion render --views FILE.json`. docs/viewer.md explains the page.";
+
+/// `mvfusion view --help`, below the options.
+#[cfg(feature = "viewer")]
+pub const VIEW_MORE: &str = "\
+Examples:
+  mvfusion view runs/quickstart-0
+          http://127.0.0.1:8420/, for this machine alone
+  mvfusion view runs/quickstart-0 --port 0
+          at any free port
+  mvfusion view runs/quickstart-0 --host 0.0.0.0
+          for other machines, which need the token in the printed address";
+
 /// `mvfusion restore --help`.
 pub const RESTORE: &str = "\
 Bring back the run that `mvfusion train --force` moved aside. It waits in the subfolder .replaced until the run that \
@@ -200,8 +227,9 @@ replaces it is finished. The unfinished run is removed; if it has a checkpoint, 
 
 /// `mvfusion report --help`.
 pub const REPORT: &str = "\
-Rebuild report.html from the files of a run folder: metrics with their protocol, training curves, sliders between \
-ground truth and render, every layer of several views, motion heat maps, the record and the configuration. The command \
+Rebuild report.html from the files of a run folder: metrics with their protocol, training curves, the held-out views \
+over time, sliders between ground truth and render, every layer of several views, motion heat maps, the cameras, the \
+record and the configuration. The command \
 needs neither a device nor the scene. The page names everything that is missing. It needs no other file and no \
 network.";
 

@@ -52,6 +52,11 @@ impl Signals {
         (signal != 0).then(|| u8::try_from(BY_SIGNAL as usize + signal).unwrap_or(u8::MAX))
     }
 
+    /// Does what a first signal from the keyboard would do, for programs that train in a thread.
+    pub fn raise(&self) {
+        self.first.store(SIGINT as usize, Ordering::Relaxed);
+    }
+
     /// From now on, the first signal ends the process.
     pub fn end_at_once(&self) {
         self.is_second.store(true, Ordering::Relaxed);
@@ -123,5 +128,7 @@ mod tests {
         assert_eq!(Signals::default().exit_code(), None);
         let signals = Signals { first: Arc::new(AtomicUsize::new(SIGTERM as usize)), ..Signals::default() };
         assert_eq!(signals.exit_code(), Some(143));
+        signals.raise();
+        assert_eq!(signals.exit_code(), Some(130));
     }
 }

@@ -26,6 +26,7 @@
 //! | build the report of a run | [`report`] |
 //! | write Gaussians for other programs | [`export`] |
 //! | render images and animations | [`render`] |
+//! | serve the viewer | `viewer`, with the feature of that name |
 //! | train many runs and compare them in a table | [`sweep`] |
 //!
 //! # Which crate do I use?
@@ -43,6 +44,7 @@ pub mod export;
 pub mod failure;
 mod help;
 pub mod interrupt;
+mod level_axes;
 pub mod lock;
 mod logs;
 pub mod memory;
@@ -54,6 +56,8 @@ pub mod scene;
 pub mod sweep;
 pub mod table;
 pub mod threads;
+#[cfg(feature = "viewer")]
+pub mod viewer;
 
 use std::io::Write;
 
@@ -84,6 +88,8 @@ pub fn run(cli: &Cli, threads: usize, out: &mut dyn Write) -> anyhow::Result<()>
         Command::Presets => command::presets(out),
         Command::Devices => command::devices(out),
         Command::Render(args) => command::render(args, verbosity, out),
+        #[cfg(feature = "viewer")]
+        Command::View(args) => command::view(args, verbosity, out),
         Command::Report(args) => command::report(args, verbosity, out),
         Command::Restore(args) => command::restore(args, out),
         Command::Sweep(args) => command::sweep(args, verbosity, out),

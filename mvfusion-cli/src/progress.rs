@@ -99,6 +99,16 @@ impl Progress {
         self.message = message;
     }
 
+    /// Prints a line above the progress.
+    #[cfg_attr(not(feature = "viewer"), allow(dead_code, reason = "only pages ask for what is noted"))]
+    pub(crate) fn note(&self, line: &str) {
+        match &self.style {
+            Style::Bar(bar) => bar.println(line),
+            Style::Lines { .. } => print_line(line),
+            Style::Silent => {}
+        }
+    }
+
     /// Ends the display. The last state stays as a line.
     pub fn finish(&self) {
         match &self.style {
@@ -152,6 +162,12 @@ impl Pace {
             self.steps_per_second = (done - self.marked.1) as f64 / seconds;
         }
         self.marked = (now, done);
+    }
+
+    /// Leaves out some time that has passed, such as a pause.
+    pub fn exclude(&mut self, time: Duration) {
+        self.started += time;
+        self.marked.0 += time;
     }
 
     /// Steps per second between the last two marks.

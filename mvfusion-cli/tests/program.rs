@@ -295,11 +295,13 @@ fn a_run_is_exported_once_and_again_only_when_told_so_and_training_starts_from_i
     assert!(trained.status.success(), "{}", text(&trained.stderr));
     let export =
         |more: &[&str]| mvfusion(folder.path(), &[["export", "run", "--out", "out"].as_slice(), more].concat());
-    let exported = export(&["--format", "ply,splat,inria", "--frames", "2"]);
+    let exported = export(&["--format", "ply,splat,inria,glb,4dgs", "--frames", "2"]);
     let said = text(&exported.stdout);
     assert!(exported.status.success(), "{}", text(&exported.stderr));
     assert!(said.contains("static.ply") && said.contains("Gaussians") && said.contains("out"), "{said}");
-    for file in ["static.ply", "dynamic.ply", "scene.splat", "frames/frame0002.ply", "cameras.json", "cfg_args"] {
+    assert_eq!(said.matches(" against `mvfusion render`").count(), 4, "{said}");
+    let files = ["static.ply", "dynamic.ply", "scene.splat", "scene.glb", "scene.4dgs", "frames/frame0002.ply"];
+    for file in files.into_iter().chain(["cameras.json", "cfg_args"]) {
         assert!(folder.path().join("out").join(file).is_file(), "{file} is missing");
     }
     let written = |file: &str| fs::read(folder.path().join(file)).expect("read");
@@ -334,7 +336,13 @@ fn what_cannot_be_exported_is_refused() {
         misused(&["export", path, "--out", "out", "--frames", frames], &["--frames", "from 1 to 108000"]);
     }
     misused(&["export", path, "--out", "out", "--format", "obj"], &["obj", "splat"]);
+    misused(&["export", path, "--out", "out", "--shared-static"], &["--frames"]);
+    misused(&["export", path, "--out", "out", "--precision", "exact"], &["fine", "coarse"]);
     misused(&["export", path], &["--out"]);
+    for unused in [["--samples", "3"], ["--precision", "fine"]] {
+        refuses(&[["export", path].as_slice(), &out, &unused].concat(), USAGE, &[unused[0], "--format 4dgs"]);
+        misused(&[["export", path, "--html"].as_slice(), &unused].concat(), &["--html", unused[0]]);
+    }
 }
 
 /// Runs a command that the parser of the command line must refuse with these words; it adds a hint as a further
@@ -371,6 +379,7 @@ fn check_files(run: &Path) {
         "config.toml",
         "run.json",
         "per_view.json",
+        "scene.json",
         "checkpoints/step_4.safetensors",
         "checkpoints/final.safetensors",
         "point_cloud/iteration_6/static.ply",
@@ -381,6 +390,8 @@ fn check_files(run: &Path) {
         "renders/test/masked_static/00023.png",
         "renders/test/masked_dynamic/00023.png",
         "renders/test/motion/00023.png",
+        "renders/test/depth/00023.png",
+        "strips/panels.json",
         "strips/00000.png",
         "strips/00023.png",
         "report.html",

@@ -36,6 +36,7 @@
 //! | [`inspect`] | what is wrong with a scene |
 //! | [`motion`] | what moves in the images of still cameras |
 //! | [`camera_path`] | cameras for rendering |
+//! | [`keyframes`] | moving Gaussians as few bytes |
 //! | `video` | decoding and encoding of videos |
 //! | [`files`] | opening files whose content is not trusted |
 
@@ -44,7 +45,9 @@ pub mod camera_path;
 mod error;
 pub mod files;
 pub mod inspect;
+pub mod keyframes;
 pub mod motion;
+pub mod preview;
 pub mod readers;
 mod scene;
 mod video;
@@ -56,7 +59,7 @@ pub use readers::{Format, ReadOptions, TimeRule, attach_masks, open, read_gaussi
 pub use scene::{
     Bend, Bounds, Camera, Capture, Decoded, ExifOrientation, GaussianCloud, LARGEST_COORDINATE, LIFETIME_FIELDS, Lens,
     Lifetime, MASK_FIELDS, Mask, Picture, PictureCache, PictureFile, PictureSource, PointCloud, Scene, Truth, View,
-    rest_width,
+    by_camera, distinct_cameras, logit, rest_width, sigmoid, unit_quaternion,
 };
 pub use video::{Video, VideoWriter, can_write_videos};
 pub use write::{Layout, WriteError, write};

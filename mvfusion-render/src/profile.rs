@@ -149,6 +149,27 @@ pub(crate) fn measure_backward<R>(part: Option<Part>, work: impl FnOnce() -> R) 
     }
 }
 
+/// Runs `work` without counting its time, for work that is not a part of a step.
+pub fn uncounted<R>(work: impl FnOnce() -> R) -> R {
+    /// Puts the clock back when dropped, also during a panic.
+    struct Return(Clock);
+
+    impl Drop for Return {
+        fn drop(&mut self) {
+            let mut clock = std::mem::take(&mut self.0);
+            clock.since = Some(Instant::now());
+            CLOCK.set(clock);
+        }
+    }
+
+    let kept = CLOCK.with_borrow_mut(|clock| {
+        clock.credit();
+        std::mem::take(clock)
+    });
+    let _return = Return(kept);
+    work()
+}
+
 /// The times since the last call on this thread.
 pub fn take() -> PartTimes {
     CLOCK.with_borrow_mut(|clock| std::mem::take(&mut clock.totals))
@@ -185,6 +206,15 @@ mod tests {
         assert!(of(&times, Part::Loss) >= NAP && of(&times, Part::Network) >= NAP);
         assert!(times.iter().sum::<Duration>() <= elapsed);
         assert_eq!(take(), PartTimes::default());
+    }
+
+    #[test]
+    fn what_is_not_counted_leaves_the_times_as_they_were() {
+        take();
+        measure(Part::Loss, nap);
+        measure(Part::Network, || uncounted(|| measure(Part::Loss, || std::thread::sleep(20 * NAP))));
+        let times = take();
+        assert!(of(&times, Part::Loss) >= NAP && times.iter().sum::<Duration>() < 20 * NAP, "{times:?}");
     }
 
     #[test]

@@ -1,17 +1,21 @@
 //! What the tests that cross crates share: the compiled backends, numbers in and out of tensors, comparisons that tell
-//! where they fail, a reader for files of Gaussians, and a cluster of one node.
+//! where they fail, readers for files of Gaussians, a cluster of one node, and a page of the viewer without a browser.
 
 mod backends;
 mod checklist;
+mod glb;
 mod numbers;
 mod ply;
 mod slurm;
+mod viewer;
 
 pub use backends::{Backend, backends, every_backend, gpu_backends, is_there};
 pub use checklist::{Checklist, Few, Tolerance};
+pub use glb::Glb;
 pub use numbers::{Array, gradient, numbers, tensor, with_padded_rows};
 pub use ply::Ply;
 pub use slurm::Cluster;
+pub use viewer::ViewerClient;
 
 /// Settings of `mvfusion train` for a model that learns a step in milliseconds.
 pub const SMALL_MODEL: [&str; 6] = [

@@ -13,8 +13,10 @@ use super::replace;
 use super::score::{self, Scoring};
 use crate::args::EvalArgs;
 use crate::progress::Verbosity;
-use crate::run::{self, Change, Evidence, MasksRequest, OpenRun, Part, PicturesWriter, Results, RunRequest, TrainCost};
-use crate::{report, table};
+use crate::run::{
+    self, Change, Evidence, MasksRequest, OpenRun, Part, PicturesWriter, Results, RunRequest, SceneFile, TrainCost,
+};
+use crate::{atomic, report, table};
 
 /// Evaluates a run again from its checkpoint and compares the metrics with its earlier ones.
 ///
@@ -58,6 +60,7 @@ pub fn eval(args: &EvalArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyho
     if args.write {
         std::fs::create_dir_all(&folder).with_context(|| format!("cannot create the folder {}", folder.display()))?;
         scored.write(&folder)?;
+        atomic::write_json(&args.run.join(run::SCENE), &SceneFile::of(&scene))?;
         report::write(&args.run)?;
     }
     table::write(&scored.results, args.protocol, out)?;

@@ -6,6 +6,7 @@ mod devices;
 mod duration;
 mod eval;
 mod export;
+mod export_page;
 mod presets;
 mod render;
 mod replace;
@@ -16,6 +17,8 @@ mod speed;
 mod sweep;
 mod synth;
 mod train;
+#[cfg(feature = "viewer")]
+mod view;
 
 pub use check::check;
 pub use config::config;
@@ -29,3 +32,7 @@ pub use restore::restore;
 pub use sweep::sweep;
 pub use synth::synth;
 pub use train::train;
+#[cfg(feature = "viewer")]
+pub use train::train_in_thread;
+#[cfg(feature = "viewer")]
+pub use view::{view, view_until};

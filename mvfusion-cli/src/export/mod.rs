@@ -1,20 +1,33 @@
 //! Export of a trained model for other programs: the Gaussians of each branch, or of the whole scene for viewers
 //! without mask support; the cameras; and the folder layout that the viewers of 3DGS expect.
 
+mod axes;
 mod cameras;
+mod compared_views;
+mod fidelity;
+mod glb;
+pub mod html;
 mod inria;
+pub mod moving;
 mod splat;
 
 pub use cameras::{CAMERAS, write_cameras};
+pub use compared_views::ComparedTimes;
+pub use fidelity::{Fidelity, Loss, ShownGaussians};
+pub use glb::encode_glb;
 pub use inria::{InriaModel, write_inria};
-pub use splat::write_splat;
+pub use splat::{decode_splat, encode_splat};
 
-use mvfusion_data::GaussianCloud;
+use glam::DVec3;
+use mvfusion_data::{GaussianCloud, Scene};
 use mvfusion_model::ModelError;
 use mvfusion_model::model::gaussians::{Gaussians, RawGaussians};
 use mvfusion_model::model::{DeformationLevel, Model, RenderContext};
+use mvfusion_model::timeline::spread;
+use mvfusion_model::train::final_level;
 
-use crate::run::Contents;
+use crate::progress::Verbosity;
+use crate::run::{Contents, OpenRun};
 
 /// Gaussians of the static branch.
 pub const STATIC: &str = "static.ply";
@@ -22,13 +35,28 @@ pub const STATIC: &str = "static.ply";
 pub const DYNAMIC: &str = "dynamic.ply";
 /// The whole scene in the format `.splat`.
 pub const SPLAT: &str = "scene.splat";
+/// The whole scene at one time, as glTF.
+pub const GLB: &str = "scene.glb";
+/// The whole scene in motion.
+pub const MOVING: &str = "scene.4dgs";
 /// Folder of the sequence.
 pub const FRAMES: &str = "frames";
 
 /// Everything that an export writes at the top level of its folder.
 pub const CONTENTS: Contents = Contents {
     what: "export",
-    entries: &[STATIC, DYNAMIC, SPLAT, FRAMES, CAMERAS, inria::POINT_CLOUD, inria::SETTINGS, inria::POINTS],
+    entries: &[
+        STATIC,
+        DYNAMIC,
+        SPLAT,
+        GLB,
+        MOVING,
+        FRAMES,
+        CAMERAS,
+        inria::POINT_CLOUD,
+        inria::SETTINGS,
+        inria::POINTS,
+    ],
     foreign: &[],
     // An export can be made again: what waits is dropped by the next one that is complete.
     is_complete: |_| false,
@@ -56,6 +84,12 @@ pub struct Exporter {
 }
 
 impl Exporter {
+    /// The model of a run; without temporal attention on request.
+    pub fn of(run: &OpenRun, no_mfta: bool, verbosity: Verbosity) -> Self {
+        let level = final_level(&run.config);
+        Self { model: run.model(no_mfta, verbosity), level, context: run.render_context() }
+    }
+
     /// The Gaussians of the static branch, if there is one.
     ///
     /// # Errors
@@ -76,13 +110,21 @@ impl Exporter {
         }
     }
 
-    /// The Gaussians of both branches, the static ones first, for viewers without mask support. The masks are
-    /// multiplied into the opacities of the dynamic Gaussians ([`RawGaussians::without_masks`]).
+    /// The dynamic Gaussians for viewers without mask support: to be drawn together with the static ones, or alone if
+    /// there are none ([`RawGaussians::without_masks`]).
+    ///
+    /// # Errors
+    /// If reading them from the device fails.
+    pub fn dynamic_without_masks(&self, moment: Moment) -> Result<GaussianCloud, ModelError> {
+        in_use(&self.model.dynamic, self.dynamic_at(moment).without_masks().to_cloud()?)
+    }
+
+    /// The Gaussians of both branches, the static ones first, for viewers without mask support.
     ///
     /// # Errors
     /// If reading them from the device fails.
     pub fn scene(&self, moment: Moment) -> Result<GaussianCloud, ModelError> {
-        let dynamic = in_use(&self.model.dynamic, self.dynamic_at(moment).without_masks().to_cloud()?)?;
+        let dynamic = self.dynamic_without_masks(moment)?;
         Ok(match self.static_()? {
             Some(static_) => static_.joined(dynamic),
             None => dynamic,
@@ -101,6 +143,22 @@ impl Exporter {
 /// degree and would show the values that the deformation gives them.
 fn in_use(branch: &Gaussians, gaussians: GaussianCloud) -> Result<GaussianCloud, ModelError> {
     Ok(gaussians.zero_above(branch.sh_degree))
+}
+
+/// Maximum number of [`eyes`].
+const MOST_EYES: usize = 32;
+
+/// Places from which the scene was seen, for formats whose colours do not depend on the direction: centres of training
+/// cameras, spread over all of them.
+pub fn eyes(scene: &Scene) -> Vec<DVec3> {
+    let mut centres: Vec<DVec3> = Vec::new();
+    for view in &scene.train {
+        let centre = view.camera.centre();
+        if !centres.contains(&centre) {
+            centres.push(centre);
+        }
+    }
+    spread(centres.len(), MOST_EYES).into_iter().map(|index| centres[index]).collect()
 }
 
 /// The times of a sequence, evenly spaced from 0 to the last training time.

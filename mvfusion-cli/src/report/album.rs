@@ -93,7 +93,7 @@ impl Album {
 }
 
 /// The PNG files of a folder, by name; none if it cannot be listed.
-fn names(folder: &Path) -> Vec<String> {
+pub(super) fn names(folder: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
     let mut names: Vec<String> = names.filter(|name| name.ends_with(".png")).collect();
@@ -130,7 +130,7 @@ fn read_strips(files: &RunFiles, strips: Vec<String>, widest: u32) -> Vec<(Strin
 }
 
 /// The name of the view whose images have this file name.
-fn view_name(files: &RunFiles, file: &str) -> String {
+pub(super) fn view_name(files: &RunFiles, file: &str) -> String {
     let known = files.per_view.as_ref().ok().and_then(|per_view| per_view.test.get(file));
     known.map_or_else(|| file.trim_end_matches(".png").to_owned(), |view| view.view.clone())
 }
@@ -150,7 +150,7 @@ mod tests {
 
     use super::*;
 
-    /// A run's folder with pictures of these layers, and strips, of so many views.
+    /// A run's folder with pictures of these layers, and strips, of this many views.
     fn run(layers: &[&str], views: usize, strips: &[usize]) -> (tempfile::TempDir, RunFiles) {
         let folder = tempfile::tempdir().expect("folder");
         let save = |path: std::path::PathBuf| {

@@ -13,7 +13,7 @@ use serde_json::Value;
 
 use super::log::Log;
 use crate::config;
-use crate::run::{self, PerView, Replacements, Results};
+use crate::run::{self, PerView, Replacements, Results, SceneFile};
 
 /// A part of a run, or why it is missing.
 pub type Found<T> = Result<T, Missing>;
@@ -57,6 +57,10 @@ pub struct RunFiles {
     pub results: Found<Results>,
     /// `per_view.json`.
     pub per_view: Found<PerView>,
+    /// The cameras and times of the views.
+    pub scene: Found<SceneFile>,
+    /// What the panels of the strips show; unknown in runs of earlier versions.
+    pub panels: Option<Vec<String>>,
     /// The metrics with replaced outputs of the motion-aware modules; absent if they were never computed.
     pub replacements: Option<Found<Replacements>>,
     /// The metrics under other protocols, in the order of [`Protocol::ALL`].
@@ -85,6 +89,8 @@ impl RunFiles {
             results_value: json(folder, run::RESULTS, REMEDY),
             results: json(folder, run::RESULTS, REMEDY),
             per_view: json(folder, run::PER_VIEW, REMEDY),
+            scene: json(folder, run::SCENE, REMEDY),
+            panels: json(folder, &format!("{}/{}", run::STRIPS, run::PANELS), REMEDY).ok(),
             replacements: folder.join(run::REPLACEMENTS).exists().then(|| {
                 json(folder, run::REPLACEMENTS, " `mvfusion eval RUN --replace all --write` writes it again.")
             }),

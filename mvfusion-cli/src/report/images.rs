@@ -1,8 +1,8 @@
-//! The sections with images: sliders, branch decomposition, heat maps. The page contains each image once. The script
-//! copies it to other places (`data-copy`).
+//! The sections with single views: sliders, branch decomposition, heat maps. The page contains each image once. The
+//! script copies it to other places (`data-copy`).
 
 use maud::{Markup, html};
-use mvfusion_model::evaluation::Layer;
+use mvfusion_model::evaluation::{Layer, heat_colours};
 
 use super::album::{Album, AlbumView, ViewPicture, without_layers};
 use super::files::{Found, RunFiles};
@@ -12,6 +12,9 @@ use crate::run::PictureKind;
 
 /// The initial images of a slider, left and right.
 const PAIR: [PictureKind; 2] = [PictureKind::GroundTruth, PictureKind::Model(Layer::Composed)];
+
+/// Maximum number of tiles side by side.
+const MOST_COLUMNS: usize = 6;
 
 /// Initial position of a slider in per cent.
 const START: u32 = 50;
@@ -83,10 +86,13 @@ pub(super) fn layers(files: &RunFiles, album: &Album) -> Markup {
             (notice(&without_layers(files)))
         } @else if album.views.is_empty() {
             p.note {
-                "The run has no layers, so its strips are shown. From left to right: ground truth and composed \
-                render, then static branch, dynamic branch, mask and motion intensity if the model has them."
+                "The run has no layers, so its strips are shown."
+                @if files.panels.is_none() {
+                    " From left to right: ground truth and composed render, then static branch, dynamic branch, mask \
+                    and motion intensity if the model has them."
+                }
             }
-            @for (name, strip) in &album.strips { figure.strip { figcaption { (name) } (picture(strip, None, name)) } }
+            @for (name, strip) in &album.strips { (captioned(name, strip, files.panels.as_deref())) }
         } @else {
             @if shows(album, PictureKind::Model(Layer::Mask)) {
                 p.note {
@@ -98,8 +104,29 @@ pub(super) fn layers(files: &RunFiles, album: &Album) -> Markup {
                     @if shows(album, PictureKind::TrueBackground) { " The scene provides the true background." }
                 }
             }
+            @if shows(album, PictureKind::Model(Layer::Depth)) {
+                p.note {
+                    "Depth is shown by its inverse: near is white, far is black, and so is empty space. All views have \
+                    the scale of the first one, from its 2 % to its 98 % quantile."
+                }
+            }
             p.note.script { "Click an image to enlarge it." }
             @for view in &album.views { (row(view, &view.images)) }
+        }
+    }
+}
+
+/// A strip with the captions of its panels, each above its own.
+fn captioned(name: &str, strip: &Found<Embedded>, panels: Option<&[String]>) -> Markup {
+    html! {
+        figure.strip {
+            figcaption { (name) }
+            div.panels {
+                @if let (Some(panels), Ok(_)) = (panels, strip) {
+                    div.captions { @for panel in panels { span { (panel) } } }
+                }
+                (picture(strip, None, name))
+            }
         }
     }
 }
@@ -124,9 +151,9 @@ pub(super) fn heat_maps(files: &RunFiles, album: &Album) -> Markup {
         } @else {
             p.note {
                 "The maps show how much each dynamic Gaussian changes over time, splatted into the view. The \
-                intensity is the weighted sum of the variances of position, rotation and scale. White is the 0.98 \
-                quantile over all Gaussians. The scale is the square root, so that faint motion is visible. Each map \
-                has its own scale."
+                intensity is the weighted sum of the variances of position, rotation and scale. The brightest \
+                colour is the 0.98 quantile over all Gaussians. The scale is the square root, so that faint motion is \
+                visible. Each map has its own scale."
             }
             (colour_bar())
             // With one map per photo, two views fit side by side.
@@ -141,7 +168,7 @@ fn row_beside_photo(view: &AlbumView) -> Markup {
     html! {
         div.view {
             h3 { (view.name) }
-            div.row {
+            div.row style=(format!("--columns: {}", columns(view.heat_maps.len() + usize::from(photo.is_some())))) {
                 @if let Some(photo) = photo {
                     figure.script {
                         img data-copy=(id(view, photo)) alt=(format!("{}, {}", view.name, photo.kind.label()));
@@ -155,7 +182,16 @@ fn row_beside_photo(view: &AlbumView) -> Markup {
 }
 
 fn row(view: &AlbumView, pictures: &[ViewPicture]) -> Markup {
-    html! { div.view { h3 { (view.name) } div.row { (cells(view, pictures)) } } }
+    let columns = columns(pictures.len());
+    html! {
+        div.view { h3 { (view.name) } div.row style=(format!("--columns: {columns}")) { (cells(view, pictures)) } }
+    }
+}
+
+/// Columns of this many equal tiles, so that the rows are as full as they can be: nine are five and four, not eight and
+/// one.
+fn columns(tiles: usize) -> usize {
+    tiles.div_ceil(tiles.div_ceil(MOST_COLUMNS).max(1)).max(1)
 }
 
 fn cells(view: &AlbumView, pictures: &[ViewPicture]) -> Markup {
@@ -178,15 +214,18 @@ fn picture(found: &Found<Embedded>, id: Option<&str>, alt: &str) -> Markup {
     }
 }
 
-/// The colours of the heat maps: black, red, yellow and white in equal steps, as `clamp(3 v - k)` gives them.
+/// The colours of the heat maps, from nothing to the 0.98 quantile.
 fn colour_bar() -> Markup {
     html! {
-        div.colours role="img" aria-label="colours from black (none) through red and yellow to white (0.98 quantile)" {
+        div.colours role="img"
+            aria-label="colours from black (none) through purple and orange to pale yellow (0.98 quantile)" {
             svg viewBox="0 0 400 34" {
                 defs {
                     linearGradient id="heat" {
-                        @for (offset, colour) in STOPS {
-                            stop offset=(offset) stop-color=(colour) {}
+                        @for (index, colour) in heat_colours(COLOURS).into_iter().enumerate() {
+                            @let [r, g, b] = colour;
+                            stop offset=(format!("{:.1}%", 100.0 * index as f64 / (COLOURS - 1) as f64))
+                                stop-color=(format!("#{r:02x}{g:02x}{b:02x}")) {}
                         }
                     }
                 }
@@ -202,8 +241,8 @@ fn colour_bar() -> Markup {
     }
 }
 
-/// Positions and colours of the colour bar.
-const STOPS: [(&str, &str); 4] = [("0", "#000"), ("33.33%", "#f00"), ("66.67%", "#ff0"), ("100%", "#fff")];
+/// Number of colours of the colour bar, between which a browser interpolates.
+const COLOURS: usize = 17;
 
 /// Values marked on the colour bar.
 const SHARES: [(f64, &str); 5] = [(0.0, "0"), (0.05, "0.05"), (0.25, "0.25"), (0.5, "0.5"), (1.0, "1")];
@@ -213,5 +252,16 @@ fn anchor(share: f64) -> &'static str {
         0.0 => "start",
         1.0 => "end",
         _ => "middle",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tiles_are_spread_over_rows_of_nearly_equal_length() {
+        assert_eq!([1, 4, 6, 7, 9, 10, 12, 13].map(columns), [1, 4, 6, 4, 5, 5, 6, 5]);
+        assert_eq!(columns(0), 1);
     }
 }

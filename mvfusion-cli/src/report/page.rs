@@ -7,8 +7,9 @@ use sha2::{Digest, Sha256};
 
 use super::album::Album;
 use super::files::RunFiles;
+use super::film::{self, Film};
 use super::picture::QUALITY;
-use super::{head, images, modules, record, scores, training};
+use super::{head, images, modules, record, rig, scores, training};
 
 const STYLE: &str = include_str!("report.css");
 const SCRIPT: &str = include_str!("report.js");
@@ -20,19 +21,21 @@ struct Section {
     /// Its heading, also shown in the navigation.
     title: &'static str,
     /// Its contents.
-    body: fn(&RunFiles, &Album) -> Markup,
+    body: fn(&RunFiles, &Album, &Film) -> Markup,
 }
 
 /// The sections, in their order.
-const SECTIONS: [Section; 8] = [
-    Section { anchor: "metrics", title: "Metrics", body: |files, _| scores::scores(files) },
-    Section { anchor: "training", title: "Training", body: |files, _| training::training(files) },
-    Section { anchor: "sliders", title: "Comparison", body: images::sliders },
-    Section { anchor: "layers", title: "Branch decomposition", body: images::layers },
-    Section { anchor: "motion", title: "Motion", body: images::heat_maps },
-    Section { anchor: "modules", title: "MVG and MFTA", body: |files, _| modules::modules(files) },
-    Section { anchor: "record", title: "Record", body: |files, _| record::record(files) },
-    Section { anchor: "config", title: "Configuration", body: |files, _| record::config(files) },
+const SECTIONS: [Section; 10] = [
+    Section { anchor: "metrics", title: "Metrics", body: |files, _, _| scores::scores(files) },
+    Section { anchor: "training", title: "Training", body: |files, _, _| training::training(files) },
+    Section { anchor: "film", title: "Over time", body: |files, _, film| film::section(files, film) },
+    Section { anchor: "sliders", title: "Comparison", body: |files, album, _| images::sliders(files, album) },
+    Section { anchor: "layers", title: "Branch decomposition", body: |files, album, _| images::layers(files, album) },
+    Section { anchor: "motion", title: "Motion", body: |files, album, _| images::heat_maps(files, album) },
+    Section { anchor: "cameras", title: "Cameras", body: |files, _, _| rig::rig(files) },
+    Section { anchor: "modules", title: "MVG and MFTA", body: |files, _, _| modules::modules(files) },
+    Section { anchor: "record", title: "Record", body: |files, _, _| record::record(files) },
+    Section { anchor: "config", title: "Configuration", body: |files, _, _| record::config(files) },
 ];
 
 impl Section {
@@ -41,14 +44,14 @@ impl Section {
         html! { a href=(format!("#{}", self.anchor)) { (self.title) } }
     }
 
-    fn draw(&self, files: &RunFiles, album: &Album) -> Markup {
-        let body = (self.body)(files, album);
+    fn draw(&self, files: &RunFiles, album: &Album, film: &Film) -> Markup {
+        let body = (self.body)(files, album, film);
         html! { section id=(self.anchor) { h2 { (self.link()) } (body) } }
     }
 }
 
 /// The whole page.
-pub(super) fn page(files: &RunFiles, album: &Album) -> Markup {
+pub(super) fn page(files: &RunFiles, album: &Album, film: &Film) -> Markup {
     html! {
         (DOCTYPE)
         html lang="en" {
@@ -67,9 +70,9 @@ pub(super) fn page(files: &RunFiles, album: &Album) -> Markup {
                 nav { @for section in &SECTIONS { (section.link()) } }
                 main {
                     (head::headline(files))
-                    @for section in &SECTIONS { (section.draw(files, album)) }
+                    @for section in &SECTIONS { (section.draw(files, album, film)) }
                 }
-                (foot(album))
+                (foot(album, film))
                 script { (PreEscaped(SCRIPT)) }
             }
         }
@@ -86,7 +89,7 @@ fn policy() -> String {
     )
 }
 
-fn foot(album: &Album) -> Markup {
+fn foot(album: &Album, film: &Film) -> Markup {
     let shown = album.views.len().max(album.strips.len());
     html! {
         footer {
@@ -96,8 +99,12 @@ fn foot(album: &Album) -> Markup {
                 @if shown > 0 {
                     "It shows " (shown) " of the " (album.in_folder) " held-out views with images. Small images are \
                     embedded unchanged, others as JPEG (quality " (QUALITY) ", at most " (album.widest) " pixels \
-                    wide). The metrics were computed on the original images."
+                    wide). "
                 }
+                @if !film.frames.is_empty() {
+                    "The film has " (film.frames.len()) " smaller views. "
+                }
+                @if shown + film.frames.len() > 0 { "The metrics were computed on the original images." }
             }
         }
     }

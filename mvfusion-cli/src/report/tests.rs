@@ -7,7 +7,7 @@ use image::{Rgb, RgbImage};
 use mvfusion_model::evaluation::{LayerScores, Protocol, RegionSource, Scores, ViewScores};
 
 use super::*;
-use crate::run::{GaussianCounts, PerView, Results, specimen};
+use crate::run::{GaussianCounts, HeldOutView, PerView, Results, SceneCamera, SceneFile, specimen};
 
 /// What would run, close an element or leave an attribute, if it were not escaped.
 const HOSTILE: &str = "</style><script>alert('x')</script>\"'><img src=x onerror=alert(1)>&amp;";
@@ -56,6 +56,7 @@ fn run(text: &str) -> tempfile::TempDir {
         PerView { protocol: text.to_owned(), test: [("00000.png".to_owned(), view)].into(), field: [].into() };
     write(folder.path(), "per_view.json", json(&per_view));
     write(folder.path(), "config.toml", format!("# {text}\n[train]\nseed = 1\n"));
+    write(folder.path(), "scene.json", json(&scene(text, 1)));
     let line = serde_json::json!({
         "step": 1, "stage": text, "stage_step": 1, "loss": 2.0, "psnr": 9.0, "gaussians": {"dynamic": 1},
         "steps_per_second": 3.5,
@@ -66,6 +67,22 @@ fn run(text: &str) -> tempfile::TempDir {
     }
     write(folder.path(), "strips/00000.png", "never read where there are layers");
     folder
+}
+
+/// A scene of one camera that looks at this many times.
+fn scene(text: &str, views: usize) -> SceneFile {
+    let camera = SceneCamera {
+        name: text.to_owned(),
+        is_held_out: true,
+        position: [0.0, 0.0, -1.0],
+        axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        half_size: [0.5, 0.4],
+        times: [0.0, 1.0],
+        views,
+    };
+    let view = |index: usize| HeldOutView { name: text.to_owned(), time: index as f64 / 4.0, camera: 0 };
+    let held_out = (0..views).map(view).collect();
+    SceneFile { extent: 1.0, centre: [0.0; 3], points: None, cameras: vec![camera], held_out }
 }
 
 fn json(value: &impl serde::Serialize) -> String {
@@ -80,7 +97,7 @@ fn count(page: &str, what: &str) -> usize {
 fn a_run_becomes_a_page_with_all_its_sections() {
     let folder = run("kitchen");
     let page = fs::read_to_string(write_report(folder.path())).expect("read");
-    for anchor in ["metrics", "training", "sliders", "layers", "motion", "record", "config"] {
+    for anchor in ["metrics", "training", "film", "sliders", "layers", "motion", "cameras", "record", "config"] {
         assert_eq!(count(&page, &format!("<section id=\"{anchor}\"")), 1, "{anchor}");
         assert_eq!(count(&page, &format!("<a href=\"#{anchor}\">")), 2, "{anchor}");
     }
@@ -182,7 +199,12 @@ fn a_label_is_one_metric_in_all_tables_of_a_page() {
 #[test]
 fn no_text_of_a_file_becomes_part_of_the_page() {
     let folder = run(HOSTILE);
+    // Two views make a film.
+    picture(folder.path(), "composed", "00001.png");
+    write(folder.path(), "scene.json", json(&scene(HOSTILE, 2)));
+    write(folder.path(), "strips/panels.json", json(&[HOSTILE; 6]));
     let page = html(folder.path()).expect("a page");
+    assert!(page.contains("<figure class=\"film script\""), "{page}");
     assert_eq!((count(&page, "<script"), count(&page, "<style"), count(&page, "</style")), (1, 1, 1));
     for harm in ["<img src=x", "alert('x')</script>", "\"'>", "=alert(1)>"] {
         assert!(!page.contains(harm), "{harm}");
@@ -206,7 +228,7 @@ fn a_run_of_one_file_names_all_that_is_missing() {
     let folder = tempfile::tempdir().expect("folder");
     write(folder.path(), "config.toml", "seed = 3\n");
     let page = html(folder.path()).expect("a page");
-    for missing in ["metrics.jsonl", "results.json", "per_view.json", "run.json"] {
+    for missing in ["metrics.jsonl", "results.json", "per_view.json", "run.json", "scene.json"] {
         assert!(page.contains(&format!("The run has no {missing}.")), "{missing}");
     }
     assert!(page.contains("mvfusion eval RUN --write") && page.contains("seed = 3") && !page.contains("<img"));
@@ -256,4 +278,33 @@ fn without_layers_the_strips_are_shown_and_the_reason_is_given() {
     let page = html(folder.path()).expect("a page");
     assert!(page.contains("eval.pictures=false") && !page.contains("type=\"range\""));
     assert_eq!(count(&page, "src=\"data:image/png"), 1);
+    // Each panel has its caption if the run says what it shows.
+    assert!(page.contains("From left to right") && !page.contains("class=\"captions\""));
+    write(folder.path(), "strips/panels.json", json(&["ground truth", "composed", "mask"]));
+    let page = html(folder.path()).expect("a page");
+    let captions = "<div class=\"captions\"><span>ground truth</span><span>composed</span><span>mask</span></div>";
+    assert!(page.contains(captions) && !page.contains("From left to right"), "{page}");
+}
+
+#[test]
+fn a_film_has_every_view_in_every_layer_with_its_time_and_its_score() {
+    let folder = run("kitchen");
+    for (layer, view) in ["gt", "composed", "mask"].into_iter().flat_map(|layer| [(layer, 1), (layer, 2)]) {
+        picture(folder.path(), layer, &format!("{view:05}.png"));
+    }
+    write(folder.path(), "scene.json", json(&scene("kitchen", 3)));
+    let page = html(folder.path()).expect("a page");
+    assert_eq!(count(&page, "<li data-caption="), 3);
+    for (words, times) in [
+        ("<data class=\"composed\" value=\"data:image/jpeg", 3),
+        ("<data class=\"static\"", 1),
+        ("data-caption=\"kitchen \u{b7} time 0.000 \u{b7} 27.34 dB\"", 1),
+        ("data-caption=\"00002 \u{b7} time 0.500\"", 1),
+        ("max=\"2\"", 1),
+        ("data-kind=\"gt\"", 1),
+    ] {
+        assert_eq!(count(&page, words), times, "{words}");
+    }
+    // With a score of one view alone there is no curve.
+    assert!(!page.contains("class=\"trace\""));
 }

@@ -16,6 +16,8 @@ pub const METRICS: &str = "metrics.jsonl";
 pub const RESULTS: &str = "results.json";
 /// The metrics of each view.
 pub const PER_VIEW: &str = "per_view.json";
+/// The cameras and times of the views, and the extent of the scene.
+pub const SCENE: &str = "scene.json";
 /// The metrics with replaced outputs of the motion-aware modules.
 pub const REPLACEMENTS: &str = "replacements.json";
 /// Folder of the checkpoints.
@@ -32,16 +34,22 @@ pub const FILMS: &str = "films";
 pub const PROTOCOLS: &str = "protocols";
 /// Folder of the side-by-side images.
 pub const STRIPS: &str = "strips";
+/// What the panels of the side-by-side images show, within [`STRIPS`].
+pub const PANELS: &str = "panels.json";
 /// The report of the run.
 pub const REPORT: &str = "report.html";
 
+/// The page of `mvfusion export --html`, which plays the scene.
+pub const PAGE: &str = "scene.html";
+
 /// Everything that a run writes at the top level of its folder.
-pub const ENTRIES: [&str; 13] = [
+pub const ENTRIES: [&str; 15] = [
     CONFIG,
     RECORD,
     METRICS,
     RESULTS,
     PER_VIEW,
+    SCENE,
     REPLACEMENTS,
     PROTOCOLS,
     CHECKPOINTS,
@@ -50,6 +58,7 @@ pub const ENTRIES: [&str; 13] = [
     FILMS,
     STRIPS,
     REPORT,
+    PAGE,
 ];
 
 /// Bytes of a configuration, a grid, or another file that a person may write. The largest grid of ours has 10 kB.

@@ -15,6 +15,7 @@ mod pictures_hash;
 mod record;
 mod replacements;
 mod results;
+mod scene_file;
 
 pub use self::lock::FolderLock;
 pub(crate) use aside::remove_unfinished;
@@ -23,8 +24,8 @@ pub use checkpoints::{Checkpoint, checkpoints, make_intermediate, newest_checkpo
 pub use evidence::{Change, Evidence, Part, config_hash};
 pub use field::{FieldPerView, FieldScores};
 pub use files::{
-    CHECKPOINTS, CONFIG, ENTRIES, FILMS, FINAL, METRICS, PER_VIEW, POINT_CLOUD, PROTOCOLS, RECORD, RENDERS,
-    REPLACEMENTS, REPORT, RESULTS, STRIPS, read_json,
+    CHECKPOINTS, CONFIG, ENTRIES, FILMS, FINAL, METRICS, PAGE, PANELS, PER_VIEW, POINT_CLOUD, PROTOCOLS, RECORD,
+    RENDERS, REPLACEMENTS, REPORT, RESULTS, SCENE, STRIPS, read_json,
 };
 pub(crate) use files::{MOST_OF_PICTURE, MOST_OF_RECORDS, MOST_OF_SETTINGS};
 pub use folder::{Contents, Existing, RunFolder, RunPlan, is_finished, lock, waiting_note};
@@ -39,3 +40,4 @@ pub use replacements::{PsnrChanges, Replaced, Replacements};
 #[cfg(test)]
 pub(crate) use results::specimen;
 pub use results::{EvalTime, GaussianCounts, LpipsWeights, PerView, RenderSpeed, Results, TrainCost};
+pub use scene_file::{HeldOutView, SceneCamera, SceneFile};

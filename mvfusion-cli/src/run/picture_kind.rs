@@ -17,7 +17,7 @@ pub enum PictureKind {
 
 impl PictureKind {
     /// The ground truth and the layers of the model, in the order of a row of the report.
-    pub const IMAGES: [Self; 9] = [
+    pub const IMAGES: [Self; 10] = [
         Self::GroundTruth,
         Self::Model(Layer::Composed),
         Self::Model(Layer::Static),
@@ -25,6 +25,7 @@ impl PictureKind {
         Self::Model(Layer::Mask),
         Self::Model(Layer::MaskedStatic),
         Self::Model(Layer::MaskedDynamic),
+        Self::Model(Layer::Depth),
         Self::TrueBackground,
         Self::TrueMask,
     ];

@@ -1,15 +1,16 @@
 //! The images of an evaluation: one file per layer, and strips of layers side by side.
 
+use std::cell::Cell;
 use std::path::{Path, PathBuf};
 
 use image::{DynamicImage, GenericImage, RgbImage};
 use mvfusion_data::View;
 use mvfusion_model::config::EvalConfig;
-use mvfusion_model::evaluation::{Layer, ViewPictures};
+use mvfusion_model::evaluation::{DepthRange, Layer, ViewPictures};
 use mvfusion_model::model::Model;
 use mvfusion_model::timeline;
 
-use super::files::{RENDERS, STRIPS, picture_file};
+use super::files::{PANELS, RENDERS, STRIPS, picture_file};
 use super::folder::place;
 use super::picture_kind::PictureKind;
 use crate::atomic;
@@ -33,12 +34,15 @@ pub struct PicturesWriter {
     layers: bool,
     /// The views with a strip.
     strips: Vec<usize>,
+    /// The scale of all depth images: that of the first one, so that they can be compared.
+    depths: Cell<Option<DepthRange>>,
 }
 
 impl PicturesWriter {
     /// A writer for `views` held-out views. The configuration selects the images.
     pub fn new(run: &Path, config: &EvalConfig, views: usize) -> Self {
-        Self { run: run.to_owned(), layers: config.pictures, strips: timeline::spread(views, config.strips) }
+        let strips = timeline::spread(views, config.strips);
+        Self { run: run.to_owned(), layers: config.pictures, strips, depths: Cell::new(None) }
     }
 
     /// An example strip: the middle one, if there is any.
@@ -87,14 +91,28 @@ impl PicturesWriter {
                 panels.extend([&layers.static_, &layers.dynamic, &layers.mask]);
             }
             panels.extend(&pictures.motion);
+            self.write_panels(pictures)?;
             atomic::write_png(&place(&self.run, &[STRIPS, &picture_file(index)])?, side_by_side(&panels)?)?;
         }
         Ok(())
     }
 
+    /// Writes what the panels of the strips show, for their captions.
+    fn write_panels(&self, pictures: &ViewPictures) -> anyhow::Result<()> {
+        let branches = pictures.branches.as_ref().map(|_| [Layer::Static, Layer::Dynamic, Layer::Mask]);
+        let layers = branches.into_iter().flatten().chain(pictures.motion.as_ref().map(|_| Layer::Motion));
+        let first = [PictureKind::GroundTruth, PictureKind::Model(Layer::Composed)];
+        let labels: Vec<&str> =
+            first.into_iter().chain(layers.map(PictureKind::Model)).map(PictureKind::label).collect();
+        atomic::write_json(&place(&self.run, &[STRIPS, PANELS])?, &labels)
+    }
+
     fn write_layers(&self, index: usize, view: &View, pictures: &ViewPictures) -> anyhow::Result<()> {
         let write = |layer: Layer, picture: &RgbImage| self.write_layer(index, layer, picture);
         write(Layer::Composed, &pictures.composed)?;
+        let (depth, range) = pictures.depth(self.depths.get())?;
+        self.depths.set(Some(range));
+        write(Layer::Depth, &depth)?;
         if let Some(branches) = &pictures.branches {
             write(Layer::Static, &branches.static_)?;
             write(Layer::Dynamic, &branches.dynamic)?;

@@ -68,6 +68,8 @@ fn work(
             out: Some(folder.run(id)),
             // What is there is the rest of an interrupted run.
             force: true,
+            #[cfg(feature = "viewer")]
+            viewer: crate::args::TrainViewArgs::default(),
             init_from: None,
             resume: None,
         };

@@ -9,6 +9,7 @@ mod vantage;
 pub use file::{CameraPath, FRAME_RATES, LONGEST_SIDE, MOST_ENTRIES, PathEntry, read_camera_path};
 pub use orbit::orbit;
 pub use spiral::spiral;
+pub use vantage::Vantage;
 
 use crate::scene::{Scene, View};
 

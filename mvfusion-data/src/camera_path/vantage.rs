@@ -18,22 +18,22 @@ const FARTHEST: f64 = 4.0;
 
 /// The position of the training cameras and their target.
 #[derive(Clone, Debug)]
-pub(super) struct Vantage {
+pub struct Vantage {
     /// A camera in the middle. If the cameras look the same way, it has their mean position and direction. Otherwise
     /// the mean would be inside the objects that they surround, so it is the camera of median height.
-    pub(super) middle: Camera,
+    pub middle: Camera,
     /// The target of the cameras: the point nearest to all optical axes. If the axes do not meet near the visible
     /// points, it is straight ahead of the middle camera instead.
-    pub(super) target: DVec3,
+    pub target: DVec3,
     /// Depth of the middle camera's view.
-    pub(super) depth: f64,
+    pub depth: f64,
     /// The upward direction of most cameras, a unit vector.
-    pub(super) up: DVec3,
+    pub up: DVec3,
 }
 
 impl Vantage {
     /// The vantage of the scene's training cameras.
-    pub(super) fn of(scene: &Scene) -> Self {
+    pub fn of(scene: &Scene) -> Self {
         let cameras: Vec<&Camera> = scene.train.iter().map(|view| &view.camera).collect();
         let down: DVec3 = cameras.iter().map(|camera| camera.rotation.row(1)).sum();
         let up = (-down).try_normalize().unwrap_or_else(|| -cameras[0].rotation.row(1));

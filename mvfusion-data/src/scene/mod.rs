@@ -3,6 +3,7 @@
 //! A [`Scene`] has training and held-out [`View`]s, each with a [`Camera`], a time and a [`Picture`], and an initial
 //! [`PointCloud`].
 
+mod activation;
 mod cache;
 mod camera;
 mod gaussian_cloud;
@@ -17,6 +18,7 @@ mod view;
 
 use glam::DVec3;
 
+pub use activation::{logit, sigmoid, unit_quaternion};
 pub use cache::{Decoded, PictureCache};
 pub use camera::Camera;
 pub(crate) use camera::nearest_to_axes;
@@ -28,7 +30,7 @@ pub use mask::Mask;
 pub use picture::{ExifOrientation, Picture, PictureFile, PictureSource};
 pub(crate) use picture::{PictureHeader, check_shape};
 pub use points::PointCloud;
-pub(crate) use rig::by_camera;
+pub use rig::{by_camera, distinct_cameras};
 pub(crate) use undistort::pinhole_within;
 pub use view::{Truth, View};
 

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use super::camera::Camera;
 use super::view::View;
 
-/// The views of each distinct camera (one pose and one lens), in order of first appearance.
-pub(crate) fn by_camera<'a>(views: impl Iterator<Item = &'a View>) -> Vec<Vec<usize>> {
+/// The indices of the views of each distinct camera (one pose and one lens), in order of first appearance.
+pub fn by_camera<'a>(views: impl Iterator<Item = &'a View>) -> Vec<Vec<usize>> {
     let mut places = BTreeMap::new();
     let mut cameras: Vec<Vec<usize>> = Vec::new();
     for (index, view) in views.enumerate() {
@@ -17,6 +17,12 @@ pub(crate) fn by_camera<'a>(views: impl Iterator<Item = &'a View>) -> Vec<Vec<us
         cameras[place].push(index);
     }
     cameras
+}
+
+/// The first view of each distinct camera (one pose and one lens), in order of first appearance.
+pub fn distinct_cameras<'a>(views: impl IntoIterator<Item = &'a View>) -> Vec<&'a View> {
+    let views: Vec<&View> = views.into_iter().collect();
+    by_camera(views.iter().copied()).into_iter().map(|group| views[group[0]]).collect()
 }
 
 /// The bits of a camera's values. Only equal cameras have equal bits.

@@ -1,25 +1,20 @@
 //! Renders the layers of a model, without autodiff.
 
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::Tensor;
 use image::RgbImage;
 use mvfusion_data::Camera;
 use mvfusion_render::splat::SplatPlanes;
 
+use super::heat::{HEAT_CHANNELS, Heat, MotionLayers};
 use super::layer::Layer;
 use super::metrics::quantise;
 use super::tone::{DepthRange, depth_picture, heat_picture};
 use crate::config::FusionWeights;
-use crate::model::alive::AliveRows;
 use crate::model::composition::{Blending, BranchRenders, Composition};
 use crate::model::mask::MaskChannel;
-use crate::model::motion::{AttributeSpread, Lifetimes, Trajectories};
-use crate::model::{DeformationLevel, Model, RenderContext};
+use crate::model::{DeformationLevel, Model, Moment, RenderContext};
 use crate::{ModelError, tensors};
 
-/// Quantile over the dynamic Gaussians that is white in a motion layer.
-const BRIGHTEST_QUANTILE: f64 = 0.98;
-/// Features of a motion layer: the displayed value and the actual value.
-const HEAT_CHANNELS: usize = 2;
 /// Alpha below which there is no depth: less than 8 bits resolve.
 const LEAST_ALPHA: f64 = 0.5 / 255.0;
 
@@ -34,13 +29,13 @@ pub struct LayerRenderer<'a> {
     depths: Option<DepthRange>,
 }
 
-/// A value per dynamic Gaussian that a layer shows.
-#[derive(Clone, Debug)]
-struct Heat {
-    layer: Layer,
-    /// The value relative to the brightest: its root in `[0, 1]`, and itself: `[N, 2]`.
-    features: Tensor<2>,
-    brightest: f64,
+/// What the brightness of an 8-bit image of a layer means.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LayerScale {
+    /// The depths that are white and black.
+    Depth(DepthRange),
+    /// The value that is white in a heat map. Brightness is the root of the share of it.
+    Heat(f64),
 }
 
 /// A rendered layer, on the device.
@@ -68,15 +63,28 @@ impl<'a> LayerRenderer<'a> {
         layers: &[Layer],
         weights: FusionWeights,
     ) -> Result<Self, ModelError> {
-        for &layer in layers {
-            if let Some(reason) = layer.lacking(model, level) {
-                return Err(ModelError::Layer { layer: layer.name(), reason });
-            }
-        }
-        let heats = match layers.iter().any(|layer| layer.is_motion()) {
-            true => measured(model, context, layers, weights)?,
-            false => Vec::new(),
+        check(model, level, layers)?;
+        let motion = match layers.iter().any(|layer| layer.is_motion()) {
+            true => MotionLayers::measure(model, context, weights)?,
+            false => MotionLayers::default(),
         };
+        Self::with_motion(model, level, context, layers, &motion)
+    }
+
+    /// The same with `motion` that was measured before.
+    ///
+    /// # Errors
+    /// If the model does not have one of the layers, or `motion` lacks a motion layer.
+    pub fn with_motion(
+        model: &'a Model,
+        level: DeformationLevel,
+        context: &'a RenderContext,
+        layers: &[Layer],
+        motion: &MotionLayers,
+    ) -> Result<Self, ModelError> {
+        check(model, level, layers)?;
+        let heats = layers.iter().filter(|layer| layer.is_motion()).map(|&layer| motion.heat(layer).cloned());
+        let heats = heats.collect::<Result<_, _>>()?;
         Ok(Self { model, level, context, layers: layers.to_vec(), heats, depths: None })
     }
 
@@ -93,11 +101,9 @@ impl<'a> LayerRenderer<'a> {
             _ => layer.lacking(model, level).is_none(),
         };
         let layers: Vec<Layer> = layers.iter().copied().filter(|&layer| known(layer)).collect();
-        let heats = match &model.motion {
-            Some(cache) if layers.contains(&Layer::Motion) => {
-                vec![Heat::new(Layer::Motion, tensors::read(cache.intensity.clone())?, &cache.intensity)]
-            }
-            _ => Vec::new(),
+        let heats = match layers.contains(&Layer::Motion) {
+            true => MotionLayers::as_trained(model)?.heats,
+            false => Vec::new(),
         };
         Ok(Self { model, level, context, layers, heats, depths: None })
     }
@@ -123,6 +129,16 @@ impl<'a> LayerRenderer<'a> {
         Ok(self)
     }
 
+    /// One scale of all depth images; `None` for a scale of each.
+    pub fn with_depths(self, depths: Option<DepthRange>) -> Self {
+        Self { depths, ..self }
+    }
+
+    /// The scale of all depth images, if they have one.
+    pub fn depths(&self) -> Option<DepthRange> {
+        self.depths
+    }
+
     /// The layers, in the requested order.
     pub fn layers(&self) -> &[Layer] {
         &self.layers
@@ -134,10 +150,22 @@ impl<'a> LayerRenderer<'a> {
     /// # Errors
     /// If the splat op rejects its input, or there is neither a moment nor a static branch.
     pub fn render(&self, camera: &Camera, time: impl Into<Option<f64>>) -> Result<Vec<RenderedLayer>, ModelError> {
-        let seen = match time.into() {
-            Some(time) => self.at(camera, time)?,
-            None => self.without_moment(camera)?,
-        };
+        match time.into() {
+            Some(time) => self.render_moment(camera, &self.model.moment(time, self.level, self.context)?),
+            None => Ok(self.shown(&self.without_moment(camera)?)),
+        }
+    }
+
+    /// Renders the Gaussians of a moment that was prepared before ([`Model::moment`]), without the networks.
+    ///
+    /// # Errors
+    /// If the splat op rejects its input.
+    pub fn render_moment(&self, camera: &Camera, moment: &Moment) -> Result<Vec<RenderedLayer>, ModelError> {
+        Ok(self.shown(&self.at(camera, moment)?))
+    }
+
+    /// The layers of a render.
+    fn shown(&self, seen: &Seen) -> Vec<RenderedLayer> {
         let rendered = |&layer: &Layer| match self.heats.iter().position(|heat| heat.layer == layer) {
             Some(place) => {
                 let [shown, share] = seen.heat(place);
@@ -145,23 +173,18 @@ impl<'a> LayerRenderer<'a> {
             }
             None => RenderedLayer { layer, values: seen.layer(layer), heat: None },
         };
-        Ok(self.layers.iter().map(rendered).collect())
+        self.layers.iter().map(rendered).collect()
     }
 
-    /// Both branches at a time.
-    fn at(&self, camera: &Camera, time: f64) -> Result<Seen, ModelError> {
-        let alive = AliveRows::of(&self.model.dynamic, time)?;
-        let moved = self.model.rows_at(alive.as_ref(), time, self.level, self.context);
-        let of_rows = |features: Tensor<2>| match &alive {
-            Some(alive) => features.select(0, alive.rows().clone()),
-            None => features,
-        };
-        let masks = moved.mask_features();
+    /// Both branches at a moment.
+    fn at(&self, camera: &Camera, moment: &Moment) -> Result<Seen, ModelError> {
+        let masks = moment.gaussians().mask_features();
         let first_heat = if masks.is_some() { MaskChannel::ALL.len() } else { 0 };
-        let features: Vec<_> =
-            masks.into_iter().chain(self.heats.iter().map(|heat| of_rows(heat.features.clone()))).collect();
+        let heats = self.heats.iter().map(|heat| moment.among_alive(heat.features.clone()));
+        let features: Vec<_> = masks.into_iter().chain(heats).collect();
         let features = (!features.is_empty()).then(|| Tensor::cat(features, 1));
         let settings = self.context.splat_settings(self.model.dynamic.sh_degree, false);
+        let moved = moment.gaussians().clone();
         let dynamic = moved.splat(features, None, camera, &settings, self.context.behind)?;
         let static_ = self.model.static_picture(camera, self.context)?;
         Ok(Seen::new(dynamic.main(), static_.map(|picture| picture.main()), first_heat))
@@ -177,24 +200,40 @@ impl<'a> LayerRenderer<'a> {
     }
 
     /// A layer in 8 bits. Colours, mask and alpha are unchanged. Depths become grey by their inverse (near is white).
-    /// Motion becomes a heat map of the root, from black through red and yellow to white, which is the 98 % quantile of
-    /// the dynamic Gaussians.
+    /// Motion becomes a heat map of the root, from black to pale yellow, which is the 98 % quantile of the dynamic
+    /// Gaussians.
     ///
     /// # Errors
     /// If the device fails to return the values.
     pub fn picture(&self, rendered: &RenderedLayer) -> Result<RgbImage, ModelError> {
+        Ok(self.picture_with_scale(rendered)?.0)
+    }
+
+    /// The same with the meaning of its brightness, which depth and motion layers have.
+    ///
+    /// # Errors
+    /// If the device fails to return the values.
+    pub fn picture_with_scale(&self, rendered: &RenderedLayer) -> Result<(RgbImage, Option<LayerScale>), ModelError> {
         let [_, _, width] = rendered.values.dims();
         if let Some(heat) = &rendered.heat {
-            return Ok(heat_picture(&tensors::read::<3, f32>(heat.clone())?, width));
+            let white = self.heats.iter().find(|heat| heat.layer == rendered.layer).map(|heat| heat.brightest);
+            return Ok((heat_picture(&tensors::read::<3, f32>(heat.clone())?, width), white.map(LayerScale::Heat)));
         }
         if rendered.layer != Layer::Depth {
-            return quantise(rendered.values.clone().unsqueeze_dim(0));
+            return Ok((quantise(rendered.values.clone().unsqueeze_dim(0))?, None));
         }
         let depths = rendered.pixels()?;
+        let range = self.depths.or_else(|| DepthRange::of(&depths));
         let nothing = DepthRange { near: 1.0, far: 1.0 };
-        let range = self.depths.or_else(|| DepthRange::of(&depths)).unwrap_or(nothing);
-        Ok(depth_picture(&depths, width, range))
+        Ok((depth_picture(&depths, width, range.unwrap_or(nothing)), range.map(LayerScale::Depth)))
     }
+}
+
+/// Checks that the model has these layers.
+fn check(model: &Model, level: DeformationLevel, layers: &[Layer]) -> Result<(), ModelError> {
+    let lacking =
+        |&layer: &Layer| Some(ModelError::Layer { layer: layer.name(), reason: layer.lacking(model, level)? });
+    layers.iter().find_map(lacking).map_or(Ok(()), Err)
 }
 
 impl RenderedLayer {
@@ -210,53 +249,6 @@ impl RenderedLayer {
     pub fn size(&self) -> (usize, usize) {
         let [_, height, width] = self.values.dims();
         (width, height)
-    }
-}
-
-/// The motion layers, from newly measured trajectories.
-fn measured(
-    model: &Model,
-    context: &RenderContext,
-    layers: &[Layer],
-    weights: FusionWeights,
-) -> Result<Vec<Heat>, ModelError> {
-    let lifetimes = Lifetimes::of(&model.dynamic, &context.motion)?;
-    let trajectories = Trajectories {
-        network: &model.network,
-        timeline: &context.timeline,
-        config: &context.motion,
-        extent: context.extent,
-        lifetimes: lifetimes.as_ref(),
-    };
-    let means = model.dynamic.means.val();
-    let spreads = trajectories.measure(&means)?.spreads();
-    let heat = |&layer: &Layer| {
-        let number: fn(&AttributeSpread, FusionWeights) -> f64 = match layer {
-            Layer::Motion => |spread, weights| spread.fused(weights),
-            Layer::PositionVariance => |spread, _| spread.position,
-            Layer::RotationVariance => |spread, _| spread.rotation,
-            Layer::ScaleVariance => |spread, _| spread.scale,
-            _ => return None,
-        };
-        Some(Heat::new(layer, spreads.iter().map(|spread| number(spread, weights)).collect(), &means))
-    };
-    Ok(layers.iter().filter_map(heat).collect())
-}
-
-impl Heat {
-    /// The features of one value per Gaussian; `like` determines device and dtype.
-    fn new(layer: Layer, numbers: Vec<f64>, like: &Tensor<2>) -> Self {
-        let mut sorted = numbers.clone();
-        sorted.sort_by(f64::total_cmp);
-        let place = (sorted.len().saturating_sub(1) as f64 * BRIGHTEST_QUANTILE) as usize;
-        // If hardly anything moves, the quantile is zero, and the maximum replaces it.
-        let is_scale = |number: &&f64| **number >= f64::from(f32::MIN_POSITIVE);
-        let brightest = sorted.get(place).filter(is_scale).or(sorted.last().filter(is_scale)).copied().unwrap_or(1.0);
-        // Variances span decades; the root also makes small ones visible.
-        let shares = numbers.iter().map(|number| number / brightest);
-        let features: Vec<f64> = shares.flat_map(|share| [share.clamp(0.0, 1.0).sqrt(), share]).collect();
-        let data = TensorData::new(features, [numbers.len(), HEAT_CHANNELS]);
-        Self { layer, features: tensors::from_data_like(data, like), brightest }
     }
 }
 
@@ -343,7 +335,7 @@ impl Seen {
 
 #[cfg(test)]
 mod tests {
-    use burn::tensor::Device;
+    use burn::tensor::{Device, TensorData};
 
     use super::*;
     use crate::test_support::{for_each_device, values};
@@ -408,24 +400,6 @@ mod tests {
             assert_close(seen.layer(Layer::Depth), [3.0, 2.0, 0.0]);
             assert_close(seen.layer(Layer::Alpha), [1.0, 0.5, 0.0]);
             assert!(seen.heat(0).into_iter().all(|plane| values(plane) == [0.0; 3]));
-        });
-    }
-
-    #[test]
-    fn what_a_gaussian_shows_as_heat_is_its_share_of_the_brightest_and_its_root() {
-        for_each_device(|device| {
-            let like = Tensor::<2>::zeros([1, 1], &device);
-            let numbers: Vec<f64> = (0..=100).map(|i| 1e-8 * f64::from(i)).collect();
-            let heat = Heat::new(Layer::Motion, numbers, &like);
-            assert!((heat.brightest - 98e-8).abs() < 1e-15);
-            let features = values(heat.features);
-            let of = |row: usize| [features[HEAT_CHANNELS * row], features[HEAT_CHANNELS * row + 1]];
-            let expected = [(0, [0.0, 0.0]), (49, [0.5f64.sqrt(), 0.5]), (100, [1.0, 100.0 / 98.0])];
-            for (row, [root, share]) in expected {
-                assert!((of(row)[0] - root).abs() < ROUNDING && (of(row)[1] - share).abs() < ROUNDING, "{row}");
-            }
-            let still = Heat::new(Layer::Motion, vec![0.0; 4], &like);
-            assert!(values(still.features).iter().all(|&feature| feature == 0.0), "nothing moves");
         });
     }
 }

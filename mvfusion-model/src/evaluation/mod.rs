@@ -1,7 +1,9 @@
 //! Evaluation on held-out views: render, compare, average.
 
+mod blended_clouds;
 mod evaluate;
 mod evaluator;
+mod heat;
 mod layer;
 mod layer_scores;
 mod layers;
@@ -14,11 +16,13 @@ mod scores;
 mod speed;
 mod tone;
 
+pub use blended_clouds::{blended_picture, contributions};
 pub use evaluate::{Split, evaluate};
 pub use evaluator::{Evaluator, Pair, Regions, ViewMetrics};
+pub use heat::{MotionLayers, heat_colours};
 pub use layer::Layer;
 pub use layer_scores::LayerScores;
-pub use layers::{LayerRenderer, RenderedLayer};
+pub use layers::{LayerRenderer, LayerScale, RenderedLayer};
 pub use metric::{Better, Metric};
 pub use metrics::lpips::{Backbone, Distance, InputRange, Lpips, LpipsVariant};
 pub use metrics::{
@@ -31,3 +35,4 @@ pub use refinement::{AttentionFigures, ModuleFigures, RefinementFigures, Refinem
 pub use render::{BranchImages, ViewPictures};
 pub use scores::{Evaluation, HeldOutPhoto, Scores, ViewScores};
 pub use speed::{Speed, WARM_UP, measure_speed};
+pub use tone::DepthRange;

@@ -6,8 +6,9 @@ use mvfusion_data::View;
 
 use super::layer::Layer;
 use super::layers::LayerRenderer;
-use crate::ModelError;
+use super::tone::{DepthRange, depth_picture};
 use crate::model::{DeformationLevel, Model, RenderContext};
+use crate::{ModelError, tensors};
 
 /// The layers of a view as 8-bit images.
 #[derive(Clone, Debug)]
@@ -20,6 +21,23 @@ pub struct ViewPictures {
     pub motion: Option<RgbImage>,
     /// The composed render in full precision: `[1, 3, H, W]`.
     pub composed_tensor: Tensor<4>,
+    /// Depth of the composed render ([`Layer::Depth`]): `[1, H, W]`.
+    depth: Tensor<3>,
+}
+
+impl ViewPictures {
+    /// The depth of the composed render as a grey image, and its scale: the given one, or its own. It is read from the
+    /// device on request, because no metric needs it.
+    ///
+    /// # Errors
+    /// If the device fails to return values.
+    pub fn depth(&self, range: Option<DepthRange>) -> Result<(RgbImage, DepthRange), ModelError> {
+        let [_, _, width] = self.depth.dims();
+        let depths: Vec<f32> = tensors::read(self.depth.clone())?;
+        let nothing = DepthRange { near: 1.0, far: 1.0 };
+        let range = range.or_else(|| DepthRange::of(&depths)).unwrap_or(nothing);
+        Ok((depth_picture(&depths, width, range), range))
+    }
 }
 
 /// The images of the branches of a view.
@@ -61,6 +79,7 @@ pub(super) fn view_renderer<'a>(
 ) -> Result<LayerRenderer<'a>, ModelError> {
     let mut wanted = vec![
         Layer::Composed,
+        Layer::Depth,
         Layer::Static,
         Layer::Dynamic,
         Layer::Mask,
@@ -98,8 +117,9 @@ pub(super) fn render_view(
         }
         _ => None,
     };
-    // Proof: every model has a composed layer, and `view_renderer` requests it.
+    // Proof: every model has a composed layer and its depth, and `view_renderer` requests both.
     let composed_tensor = tensor(Layer::Composed).expect("composed");
+    let depth = of(Layer::Depth).expect("depth").values.clone();
     let composed = super::metrics::quantise(composed_tensor.clone())?;
-    Ok(ViewPictures { composed, branches, motion: picture(Layer::Motion)?, composed_tensor })
+    Ok(ViewPictures { composed, branches, motion: picture(Layer::Motion)?, composed_tensor, depth })
 }

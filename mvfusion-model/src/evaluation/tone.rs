@@ -1,5 +1,8 @@
 //! Depth and motion layers as 8-bit images.
 
+use std::sync::LazyLock;
+
+use colorgrad::Gradient;
 use image::{Rgb, RgbImage};
 
 /// Fraction of the pixels that a depth range excludes at either end, because outliers would dominate the scale.
@@ -45,12 +48,19 @@ pub(super) fn depth_picture(depths: &[f32], width: usize, range: DepthRange) -> 
     picture(depths, width, |depth| Rgb([(range.brightness(depth) * 255.0).round() as u8; 3]))
 }
 
-/// Values in `[0, 1]`, row by row, as a heat map: black, red, yellow, white.
-pub(super) fn heat_picture(values: &[f32], width: usize) -> RgbImage {
-    picture(values, width, |value| {
-        let level = |offset: f32| ((3.0 * value - offset).clamp(0.0, 1.0) * 255.0).round() as u8;
-        Rgb([level(0.0), level(1.0), level(2.0)])
+/// The colours of a heat map, as many as 8 bits distinguish: the map inferno of Matplotlib, from black through purple and
+/// orange to pale yellow. Equal steps of a value look equally large, also in grey and to most colour-blind people.
+static HEAT: LazyLock<[Rgb<u8>; 256]> = LazyLock::new(|| {
+    let inferno = colorgrad::preset::inferno();
+    std::array::from_fn(|level| {
+        let [r, g, b, _] = inferno.at(level as f32 / 255.0).to_rgba8();
+        Rgb([r, g, b])
     })
+});
+
+/// Values in `[0, 1]`, row by row, as a heat map.
+pub(super) fn heat_picture(values: &[f32], width: usize) -> RgbImage {
+    picture(values, width, |value| HEAT[(value.clamp(0.0, 1.0) * 255.0).round() as usize])
 }
 
 fn picture(values: &[f32], width: usize, colour: impl Fn(f32) -> Rgb<u8>) -> RgbImage {
@@ -82,9 +92,33 @@ mod tests {
     }
 
     #[test]
-    fn heat_goes_from_black_by_red_and_yellow_to_white() {
-        let found = heat_picture(&[0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0], 4);
+    fn equal_steps_of_heat_look_equally_large() {
+        let ramp: Vec<f32> = (0..=16).map(|step| step as f32 / 16.0).collect();
+        let lightness: Vec<f64> = heat_picture(&ramp, ramp.len()).pixels().map(|pixel| lightness(pixel.0)).collect();
+        let steps: Vec<f64> = lightness.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        // From black to nearly white, and no step is much larger or smaller than the mean.
+        assert!(lightness[0] < 2.0 && lightness[16] > 95.0, "{lightness:?}");
+        let mean = (lightness[16] - lightness[0]) / 16.0;
+        assert!(steps.iter().all(|step| (0.5..1.6).contains(&(step / mean))), "{steps:?}");
+    }
+
+    #[test]
+    fn heat_that_is_no_share_is_cut_off() {
+        let found = heat_picture(&[-1.0, 0.0, 1.0, 7.0, f32::NAN], 5);
         let colours: Vec<_> = found.pixels().map(|pixel| pixel.0).collect();
-        assert_eq!(colours, [[0, 0, 0], [255, 0, 0], [255, 255, 0], [255, 255, 255]]);
+        assert_eq!((colours[0], colours[3], colours[4]), (colours[1], colours[2], colours[1]));
+    }
+
+    /// The lightness `L*` of CIELAB of an sRGB colour, 0 to 100.
+    fn lightness(colour: [u8; 3]) -> f64 {
+        let linear = colour.map(|level| match f64::from(level) / 255.0 {
+            level @ ..=0.04045 => level / 12.92,
+            level => ((level + 0.055) / 1.055).powf(2.4),
+        });
+        let luminance = 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2];
+        match luminance {
+            ..=0.008856 => 903.3 * luminance,
+            _ => 116.0 * luminance.cbrt() - 16.0,
+        }
     }
 }

@@ -4,7 +4,9 @@ pub mod alive;
 pub mod composition;
 pub mod exposure;
 pub mod gaussians;
+pub mod harmonics;
 pub mod mask;
+mod moment;
 pub mod motion;
 pub mod network;
 pub mod rows;
@@ -22,6 +24,8 @@ use crate::model::gaussians::{Behind, Gaussians, RawGaussians, splat_frames};
 use crate::model::motion::{MotionCache, MotionRefinement, RefinedFeature, RefinementConfig, Substitutes};
 use crate::model::network::DeformationNetwork;
 use crate::timeline::Timeline;
+
+pub use moment::Moment;
 
 /// Everything that is learned, and the measured motion descriptors.
 #[derive(Module, Debug)]

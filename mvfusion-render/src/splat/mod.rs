@@ -116,6 +116,12 @@ pub struct SplatFrame {
     pub settings: SplatSettings,
 }
 
+/// The real spherical harmonics up to degree 3 at a unit direction, in the order and with the signs of 3DGS. The colour
+/// of a Gaussian is 0.5 plus the sum of its coefficients times these values, at least 0 (METHOD §1.1).
+pub fn sh_basis(direction: [f64; 3]) -> [f64; coefficient_count(MAX_DEGREE)] {
+    cpu::sh::basis(MAX_DEGREE, direction)
+}
+
 /// Renders Gaussians (METHOD §8). `probe` is that of a [`SplatFrame`].
 ///
 /// # Errors

@@ -2,14 +2,18 @@
 //! becomes of it when training starts from it.
 
 mod files;
+mod formats;
 mod import;
+mod page;
 
 use std::fs;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use mvfusion_cli::args::{ComputeArgs, ExportArgs, ExportFormat};
+use clap::Parser;
+use mvfusion_cli::args::{Command, ExportArgs};
 use mvfusion_cli::progress::Verbosity;
-use mvfusion_cli::{command, config as configs, scene as scenes};
+use mvfusion_cli::{Cli, command, config as configs, scene as scenes};
 use mvfusion_data::{Layout, Scene, write};
 use mvfusion_model::config::{Branches, Config, Interval};
 use mvfusion_model::model::gaussians::RawGaussians;
@@ -58,20 +62,22 @@ impl Run {
     /// Exports into a folder of this name, with further arguments.
     fn export(&self, name: &str, change: impl FnOnce(&mut ExportArgs)) -> PathBuf {
         let out = self.place.path().join(name);
-        let mut args = ExportArgs {
-            run: self.folder(),
-            out: out.clone(),
-            format: vec![ExportFormat::Ply],
-            time: None,
-            frames: None,
-            no_mfta: false,
-            data: None,
-            compute: ComputeArgs { device: backends()[0].name.to_owned(), threads: None },
-            force: false,
+        self.export_saying(name, change);
+        out
+    }
+
+    /// The same; returns what was said.
+    fn export_saying(&self, name: &str, change: impl FnOnce(&mut ExportArgs)) -> String {
+        let (run, out) = (self.folder(), self.place.path().join(name));
+        let text = |path: &Path| path.to_str().expect("UTF-8").to_owned();
+        let line = ["mvfusion", "export", &text(&run), "--out", &text(&out), "--device", backends()[0].name];
+        let Command::Export(mut args) = Cli::try_parse_from(line).expect("a command line").command else {
+            panic!("another command")
         };
         change(&mut args);
-        command::export(&args, Verbosity::Silent, &mut Vec::new()).expect("exported");
-        out
+        let mut said = Vec::new();
+        command::export(&args, Verbosity::Silent, &mut said).expect("exported");
+        String::from_utf8(said).expect("UTF-8")
     }
 
     fn model(&self) -> Model {
@@ -100,36 +106,53 @@ fn standard(rest: usize) -> Vec<String> {
     [before, (0..rest).map(|index| format!("f_rest_{index}")).collect(), after].concat()
 }
 
+/// Every `width`-th of the values.
+fn column(values: &[f64], width: usize, index: usize) -> Vec<f64> {
+    values.iter().skip(index).step_by(width).copied().collect()
+}
+
+/// Values of a property in some rows.
+fn found(ply: &Ply, name: &str, rows: &Range<usize>) -> Vec<f64> {
+    ply.column(name)[rows.clone()].iter().map(|&value| f64::from(value)).collect()
+}
+
+/// The property of a colour coefficient: channel by channel, coefficient k of 1 .. K stands at channel (K - 1) + k - 1.
+fn colour_name(channel: usize, k: usize, coefficients: usize) -> String {
+    match k {
+        0 => format!("f_dc_{channel}"),
+        _ => format!("f_rest_{}", channel * (coefficients - 1) + k - 1),
+    }
+}
+
 /// Compares every property of some rows of a file, but for the opacity, with Gaussians.
-fn assert_holds(ply: &Ply, rows: std::ops::Range<usize>, gaussians: &RawGaussians) {
-    let check = |name: String, wanted: Vec<f64>| {
-        let found: Vec<f64> = ply.column(&name)[rows.clone()].iter().map(|&value| f64::from(value)).collect();
-        assert_eq!(found, wanted, "{name}");
-    };
-    let column = |values: &[f64], width: usize, index: usize| -> Vec<f64> {
-        values.iter().skip(index).step_by(width).copied().collect()
-    };
-    let [count, coefficients, _] = gaussians.sh.dims();
+fn assert_holds(ply: &Ply, rows: Range<usize>, gaussians: &RawGaussians) {
+    assert_shapes(ply, &rows, gaussians);
+    let [_, coefficients, _] = gaussians.sh.dims();
+    let sh = numbers(gaussians.sh.clone());
+    for (channel, k) in (0..3).flat_map(|channel| (0..coefficients).map(move |k| (channel, k))) {
+        let name = colour_name(channel, k, coefficients);
+        assert_eq!(found(ply, &name, &rows), column(&sh, 3 * coefficients, 3 * k + channel), "{name}");
+    }
+}
+
+/// Compares places, sizes and rotations.
+fn assert_shapes(ply: &Ply, rows: &Range<usize>, gaussians: &RawGaussians) {
+    let check = |name: String, wanted: Vec<f64>| assert_eq!(found(ply, &name, rows), wanted, "{name}");
+    let count = gaussians.means.dims()[0];
     assert_eq!(count, rows.len());
     let (means, scales) = (numbers(gaussians.means.clone()), numbers(gaussians.log_scales.clone()));
-    let (rotations, sh) = (numbers(gaussians.quaternions.clone()), numbers(gaussians.sh.clone()));
+    let rotations = numbers(gaussians.quaternions.clone());
     for (index, axis) in ["x", "y", "z"].into_iter().enumerate() {
         check(axis.to_owned(), column(&means, 3, index));
         check(format!("n{axis}"), vec![0.0; count]);
         check(format!("scale_{index}"), column(&scales, 3, index));
-        check(format!("f_dc_{index}"), column(&sh, 3 * coefficients, index));
-        // Channel by channel: coefficient k of 1 .. K stands at channel (K - 1) + k - 1.
-        for k in 1..coefficients {
-            let name = format!("f_rest_{}", index * (coefficients - 1) + k - 1);
-            check(name, column(&sh, 3 * coefficients, 3 * k + index));
-        }
     }
     for index in 0..4 {
         check(format!("rot_{index}"), column(&rotations, 4, index));
     }
 }
 
-fn assert_opacities(ply: &Ply, rows: std::ops::Range<usize>, gaussians: &RawGaussians) {
+fn assert_opacities(ply: &Ply, rows: Range<usize>, gaussians: &RawGaussians) {
     let found: Vec<f64> = ply.column("opacity")[rows].iter().map(|&value| f64::from(value)).collect();
     assert_eq!(found, numbers(gaussians.opacity_logits.clone()));
 }
@@ -187,25 +210,64 @@ fn a_sequence_has_the_frames_that_were_asked_for_and_begins_at_time_zero() {
         let border = static_.means.dims()[0];
         assert_holds(&frame, 0..border, &static_);
         assert_opacities(&frame, 0..border, &static_);
-        assert_holds(&frame, border..frame.rows.len(), &dynamic);
-        assert_masked_opacities(&frame.column("opacity")[border..], &dynamic);
+        assert_without_masks(&frame, border..frame.rows.len(), &dynamic);
     }
 }
 
-/// An opacity of a Gaussian is its own times the share of the foreground in its mask.
-fn assert_masked_opacities(found: &[f32], gaussians: &RawGaussians) {
+#[test]
+fn a_sequence_may_share_its_static_gaussians_and_says_its_size_first() {
+    let run = Run::new(config());
+    let said = run.export_saying("shared", |args| {
+        args.frames = std::num::NonZeroUsize::new(2);
+        args.shared_static = true;
+        args.format = Vec::new();
+    });
+    let out = run.place.path().join("shared");
+    assert_eq!(names(&out), ["cameras.json", "frames", "static.ply"]);
+    let static_ = parse(&out.join("static.ply"));
+    assert_holds(&static_, 0..static_.rows.len(), &run.static_());
+    let frame = parse(&out.join("frames/frame0001.ply"));
+    assert_without_masks(&frame, 0..frame.rows.len(), &run.moved(&run.model(), 0.0));
+    let bytes = fs::metadata(out.join("frames/frame0002.ply")).expect("there").len();
+    let kilobytes = |bytes: u64| format!("{:.1} kB", bytes as f64 / 1000.0);
+    let words = format!("frames          2 files of {}, {} in all", kilobytes(bytes), kilobytes(2 * bytes));
+    assert!(said.contains(&words) && said.contains(" dB against `mvfusion render`"), "{said}");
+}
+
+/// Rows whose masks are folded into opacities and colours: alone and opaque, a Gaussian hides as much of the static
+/// branch as the blend of the branches does, and adds as much of its own colour.
+fn assert_without_masks(ply: &Ply, rows: Range<usize>, gaussians: &RawGaussians) {
+    assert_shapes(ply, &rows, gaussians);
     let sigmoid = |logit: f64| 1.0 / (1.0 + (-logit).exp());
     let logits = numbers(gaussians.opacity_logits.clone());
     let masks = numbers(gaussians.mask_logits.clone().expect("masks"));
-    let mut lowered = 0;
-    for (index, (&found, &own)) in found.iter().zip(&logits).enumerate() {
-        let [static_, dynamic] =
-            [MaskChannel::Static, MaskChannel::Dynamic].map(|channel| sigmoid(masks[3 * index + channel as usize]));
-        let wanted = sigmoid(own) * dynamic / (dynamic + static_);
-        assert!((sigmoid(f64::from(found)) - wanted).abs() < 3e-6, "Gaussian {index}: {found}, not {wanted}");
-        lowered += usize::from(f64::from(found) < own);
+    let mask = |index: usize, channel: MaskChannel| sigmoid(masks[3 * index + channel as usize]);
+    let share = |index: usize| {
+        let [static_, dynamic] = [MaskChannel::Static, MaskChannel::Dynamic].map(|channel| mask(index, channel));
+        dynamic / (dynamic + static_)
+    };
+    let hidden = |index: usize| {
+        let control = mask(index, MaskChannel::Brightness);
+        let brightness = 0.5 + control + 36.0 * (control - 0.75).max(0.0);
+        1.0 - (1.0 - share(index)) * brightness.min(1.0)
+    };
+    let opacities = found(ply, "opacity", &rows);
+    for (index, (&found, &own)) in opacities.iter().zip(&logits).enumerate() {
+        let wanted = sigmoid(own) * hidden(index);
+        assert!((sigmoid(found) - wanted).abs() < 3e-6, "Gaussian {index}: {found}, not {wanted}");
     }
-    assert_eq!(lowered, logits.len());
+    assert!(opacities.iter().zip(&logits).any(|(found, own)| found < own));
+    let [_, coefficients, _] = gaussians.sh.dims();
+    let sh = numbers(gaussians.sh.clone());
+    for (channel, k) in (0..3).flat_map(|channel| (0..coefficients).map(move |k| (channel, k))) {
+        let name = colour_name(channel, k, coefficients);
+        let offset = if k == 0 { 0.5 / 0.282_094_791_773_878_14 } else { 0.0 };
+        let own = column(&sh, 3 * coefficients, 3 * k + channel);
+        for (index, (found, own)) in found(ply, &name, &rows).into_iter().zip(own).enumerate() {
+            let wanted = (own + offset) * share(index) / hidden(index) - offset;
+            assert!((found - wanted).abs() < 2e-5, "{name} of {index}: {found}, not {wanted}");
+        }
+    }
 }
 
 #[test]

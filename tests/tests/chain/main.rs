@@ -18,6 +18,7 @@ mod start;
 mod switches;
 mod training;
 mod variants;
+mod viewer;
 
 #[global_allocator]
 static ALLOCATOR: allocations::Counting = allocations::Counting;

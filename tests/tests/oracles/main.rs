@@ -3,9 +3,9 @@
 //! Every `.npz` file in `$MVFUSION_ORACLES/{oracle_gsplat,oracle_method,oracle_metrics}` is one trial a backend, named
 //! `oracle::<backend>::<kind>::<file>`; without the folder each kind is one ignored trial. So are the pairs of pictures in
 //! `oracle_metrics/metrics.json`. The project's own small oracle (`tests/oracles/own.npz`, made by `make.py` beside it)
-//! always runs, and so do hard inputs ([`hard`]). The report of a run is opened in a real browser ([`report`]), a
-//! sweep's cells are run by a real SLURM ([`cluster`]), and other files that the program writes are read by the readers
-//! of others ([`foreign`]). The texts of the GPU kernels are counted, and compiled by a browser (`kernels`).
+//! always runs, and so do hard inputs ([`hard`]). The report of a run and the page
+//! that plays its scene are opened in a real browser ([`report`], [`player`]), a sweep's cells are run by a real SLURM
+//! ([`cluster`]), and other files that the program writes are read by the readers of others ([`foreign`]). The texts of the GPU kernels are counted, and compiled by a browser (`kernels`).
 #![recursion_limit = "256"]
 
 mod archive;
@@ -29,6 +29,7 @@ mod metrics;
 mod network;
 mod own;
 mod parity;
+mod player;
 mod refinement;
 mod report;
 mod schedule;
@@ -37,6 +38,7 @@ mod statistics;
 mod tiny;
 mod training;
 mod variants;
+mod viewer;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -63,6 +65,8 @@ fn main() -> ExitCode {
     }
     trials.extend(captures::trials(root().as_deref()));
     trials.extend(report::trials(root().as_deref()));
+    trials.extend(player::trials());
+    trials.extend(viewer::trials());
     trials.extend(cluster::trials());
     trials.extend(foreign::trials());
     #[cfg(feature = "wgpu")]

@@ -15,9 +15,14 @@ const TINY: [&str; 3] =
 
 /// Trains into the folder `run`, with further arguments, and returns what `mvfusion train` said.
 pub fn train(run: &Path, more: &[&str]) -> Result<String> {
+    mvfusion(&training(run, more)?)
+}
+
+/// The command line of such a training.
+pub fn training<'a>(run: &'a Path, more: &[&'a str]) -> Result<Vec<&'a str>> {
     let settings = TINY.iter().chain(&SMALL_MODEL).flat_map(|setting| ["--set", setting]);
     let line = ["train", "--device", "cpu", "--out", text(run)?].into_iter().chain(settings);
-    mvfusion(&line.chain(more.iter().copied()).collect::<Vec<_>>())
+    Ok(line.chain(more.iter().copied()).collect())
 }
 
 /// Carries out a command, and returns what it said.

@@ -12,6 +12,7 @@ mod seeding;
 mod splat;
 mod step;
 mod threads;
+mod view;
 
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -57,6 +58,8 @@ enum Subject {
     Lpips(lpips::LpipsArguments),
     /// Moving pixels and the motion hull of a synthetic film, on the CPU.
     Seeding(seeding::SeedingArguments),
+    /// Latency of the viewer, from a request to a picture.
+    View(view::ViewArguments),
 }
 
 /// One measurement; times in seconds, medians over the repetitions.
@@ -111,6 +114,11 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
             .build_global()
             .context("cannot set the number of threads")?;
     }
+    if let Subject::View(_) = arguments.subject
+        && arguments.threads.is_empty()
+    {
+        mvfusion_cli::threads::start(mvfusion_cli::threads::count(None))?;
+    }
     let devices = devices(&arguments.devices)?;
     let mut rows = Vec::new();
     let mut note = |row: Row| {
@@ -125,6 +133,10 @@ pub fn run(arguments: &BenchArguments) -> Result<()> {
         Subject::Launches(subject) => launches::measure(subject, &devices)?,
         Subject::Lpips(subject) => lpips::measure(subject, &devices, arguments.repeat, &mut note)?,
         Subject::Seeding(subject) => seeding::measure(subject, &mut note)?,
+        Subject::View(subject) => {
+            let device = arguments.devices.first().map_or("cpu", String::as_str);
+            view::measure(subject, device, &mut note)?;
+        }
     }
     if let Some(path) = &arguments.json {
         let text = serde_json::to_string_pretty(&rows)?;

@@ -1,5 +1,10 @@
 //! `mvfusion train`.
 
+#[cfg(feature = "viewer")]
+mod live;
+#[cfg(not(feature = "viewer"))]
+#[path = "no_live.rs"]
+mod live;
 mod session;
 mod watch;
 
@@ -22,6 +27,8 @@ use crate::interrupt::Signals;
 use crate::memory::MemoryRule;
 use crate::progress::Verbosity;
 use crate::run::{self, Checkpoint, Existing, InitialWeights, MetricsLog, RunFolder, RunPlan, RunRecord};
+#[cfg(feature = "viewer")]
+use crate::viewer::address::BoundSocket;
 use crate::{memory, scene};
 use session::Session;
 
@@ -35,10 +42,37 @@ const RUNS: &str = "runs";
 /// file cannot be written. [`Interrupted`](crate::interrupt::Interrupted) after a signal, once the run is saved.
 pub fn train(args: &TrainArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let signals = Signals::watch().context("cannot watch for signals")?;
-    match &args.resume {
-        Some(run) => resumed(args, run, signals, verbosity)?.run(out),
-        None => begun(args, signals, verbosity)?.run(out),
-    }
+    let socket = live::bind_viewer(args)?;
+    trained(args, signals, socket, verbosity, out)
+}
+
+/// The same in a thread of a program: with signals of its own, and a viewer at a socket that listens already.
+///
+/// # Errors
+/// As [`train`].
+#[cfg(feature = "viewer")]
+pub fn train_in_thread(
+    args: &TrainArgs,
+    signals: Signals,
+    viewer: Option<BoundSocket>,
+    verbosity: Verbosity,
+    out: &mut dyn Write,
+) -> anyhow::Result<()> {
+    trained(args, signals, viewer, verbosity, out)
+}
+
+fn trained(
+    args: &TrainArgs,
+    signals: Signals,
+    socket: live::ViewerSocket,
+    verbosity: Verbosity,
+    out: &mut dyn Write,
+) -> anyhow::Result<()> {
+    let session = match &args.resume {
+        Some(run) => resumed(args, run, signals, verbosity)?,
+        None => begun(args, signals, verbosity)?,
+    };
+    session.watched(socket)?.run(out)
 }
 
 /// A training that begins.
@@ -85,7 +119,8 @@ fn begun(args: &TrainArgs, signals: Signals, verbosity: Verbosity) -> anyhow::Re
     let folder = plan.create()?;
     let record = RunRecord::begin(resolved.preset.name, &scene, config.seed, &device.name).initialised(weights);
     let log = MetricsLog::create(&folder.place(&[run::METRICS])?)?;
-    Ok(Session { config, record, device, scene, trainer, evaluator, folder, log, elapsed: 0.0, signals, verbosity })
+    let (elapsed, live) = (0.0, None);
+    Ok(Session { config, record, device, scene, trainer, evaluator, folder, log, elapsed, signals, verbosity, live })
 }
 
 /// Refuses what does not fit into the memory, unless `--force-memory` is given.
@@ -155,7 +190,8 @@ fn resumed(args: &TrainArgs, path: &Path, signals: Signals, verbosity: Verbosity
     }
     let (log, elapsed) = MetricsLog::resume(&folder.place(&[run::METRICS])?, step)?;
     let record = record.continued(step);
-    Ok(Session { config, record, device, scene, trainer, evaluator, folder, log, elapsed, signals, verbosity })
+    let live = None;
+    Ok(Session { config, record, device, scene, trainer, evaluator, folder, log, elapsed, signals, verbosity, live })
 }
 
 /// The device on which a run goes on: its own, unless another one is asked for, or this machine does not have it.

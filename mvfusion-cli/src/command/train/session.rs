@@ -12,11 +12,12 @@ use mvfusion_model::train::{TrainedModel, Trainer};
 use tracing::{info, warn};
 
 use super::super::score::Scoring;
+use super::live::{Live, ViewerSocket};
 use super::watch::{CheckpointClock, Watch};
 use crate::device::OpenDevice;
 use crate::interrupt::{Interrupted, Signals, resume_command};
 use crate::progress::Verbosity;
-use crate::run::{self, MetricsLog, PicturesWriter, RunFolder, RunRecord, TrainCost};
+use crate::run::{self, MetricsLog, PicturesWriter, RunFolder, RunRecord, SceneFile, TrainCost};
 use crate::{atomic, config, memory, report, table};
 
 /// How often a checkpoint is tried to be written, and the pause in between.
@@ -38,9 +39,16 @@ pub(super) struct Session {
     pub(super) elapsed: f64,
     pub(super) signals: Signals,
     pub(super) verbosity: Verbosity,
+    /// Those who watch.
+    pub(super) live: Option<Live>,
 }
 
 impl Session {
+    /// The same, watched at a socket if there is one.
+    pub(super) fn watched(self, socket: ViewerSocket) -> anyhow::Result<Self> {
+        Ok(Self { live: Live::start(socket, &self)?, ..self })
+    }
+
     pub(super) fn run(mut self, out: &mut dyn Write) -> anyhow::Result<()> {
         // The record first: a finished run that is lengthened must not seem finished with the new configuration.
         atomic::write_json(&self.folder.place(&[run::RECORD])?, &self.record)?;
@@ -48,6 +56,9 @@ impl Session {
         atomic::write(&self.folder.place(&[run::CONFIG])?, written.as_bytes())?;
 
         let trained = self.train();
+        if let (Some(live), Ok(_), None) = (&self.live, &trained, self.signals.exit_code()) {
+            live.training_done();
+        }
         let cost = trained.inspect_err(|error| self.tell_what_is_kept(error))?;
         self.save(run::FINAL)?;
         self.thin_out();
@@ -83,12 +94,16 @@ impl Session {
             self.folder.keep();
             let done = self.trainer.state().completed;
             if self.trainer.log_due(&position) {
-                watch.log_step(&self.trainer, &mut self.log, &position, &loss)?;
+                let line = watch.log_step(&self.trainer, &mut self.log, &position, &loss)?;
+                if let Some(live) = &mut self.live {
+                    live.log(&line);
+                }
             }
             watch.progress.advance();
             if done == total {
                 break;
             }
+            self.serve_viewer(&mut watch);
             if let Some(code) = self.signals.exit_code() {
                 self.save(&run::step_file(done))?;
                 self.thin_out();
@@ -112,7 +127,7 @@ impl Session {
     }
 
     /// Removes old checkpoints. One that stays is no reason to stop.
-    fn thin_out(&self) {
+    pub(super) fn thin_out(&self) {
         let config = &self.config.train;
         // By time, the checkpoint after the first step is of no use beside any other.
         let least = if config.checkpoint_interval.0 == 0 { 2 } else { 0 };
@@ -128,7 +143,7 @@ impl Session {
     }
 
     /// Writes the state. What fails is tried again: a disk may be full for a moment.
-    fn save(&self, name: &str) -> anyhow::Result<()> {
+    pub(super) fn save(&self, name: &str) -> anyhow::Result<()> {
         let path = self.folder.place(&[run::CHECKPOINTS, name])?;
         let started = Instant::now();
         let mut attempt = 1;
@@ -186,6 +201,7 @@ impl Session {
         };
         let scored = scoring.score(Some(&pictures), self.verbosity)?;
         scored.write(self.folder.path())?;
+        atomic::write_json(&self.folder.place(&[run::SCENE])?, &SceneFile::of(&self.scene))?;
         table::write(&scored.results, self.evaluator.protocol(), out)?;
         writeln!(out, "{:16}{}", "run", self.folder.path().display())?;
         if let Some(strip) = pictures.strip_to_see() {

@@ -67,6 +67,12 @@ impl Watch {
         self.before + self.pace.elapsed()
     }
 
+    /// Leaves out some time that was not spent on training.
+    #[cfg_attr(not(feature = "viewer"), allow(dead_code, reason = "only pages ask for pauses"))]
+    pub(super) fn exclude(&mut self, time: Duration) {
+        self.pace.exclude(time);
+    }
+
     /// Reads the losses of a step, which waits for the device, and logs them.
     pub(super) fn log_step(
         &mut self,
@@ -74,7 +80,7 @@ impl Watch {
         log: &mut MetricsLog,
         position: &Position,
         loss: &Losses,
-    ) -> anyhow::Result<()> {
+    ) -> anyhow::Result<MetricsLine> {
         let (loss, squared_error) = read(loss)?;
         let state = trainer.state();
         let done = state.completed;
@@ -94,7 +100,7 @@ impl Watch {
         self.logged = done;
         log.add(&line)?;
         self.progress.say(self.sentence(&line));
-        Ok(())
+        Ok(line)
     }
 
     /// The progress line. Parts that a narrow terminal may cut off come last.

@@ -4,6 +4,9 @@ use std::fs;
 
 use glam::{DMat3, DVec3};
 use mvfusion_cli::args::ExportFormat;
+use mvfusion_cli::export::eyes;
+use mvfusion_data::read_gaussians;
+use mvfusion_model::model::harmonics::mean_colours;
 use serde_json::Value;
 
 use super::{Run, names, parse, standard};
@@ -48,9 +51,13 @@ fn a_splat_file_has_a_record_for_every_gaussian_and_the_weightiest_come_first() 
     });
     // The same Gaussians as a PLY file, whose own test is elsewhere.
     let iteration = format!("iteration_{}", run.trainer.state().completed);
-    let ply = parse(&out.join("point_cloud").join(iteration).join("point_cloud.ply"));
-    let columns = ["x", "y", "z", "scale_0", "scale_1", "scale_2", "opacity", "f_dc_0"].map(|name| ply.column(name));
-    let [x, y, z, .., opacity, red] = &columns;
+    let place = out.join("point_cloud").join(iteration).join("point_cloud.ply");
+    let ply = parse(&place);
+    let columns = ["x", "y", "z", "scale_0", "scale_1", "scale_2", "opacity"].map(|name| ply.column(name));
+    let [x, y, z, .., opacity] = &columns;
+    // One colour instead of one for each direction; how it is found has tests of its own.
+    let whole = read_gaussians(&place).expect("Gaussians");
+    let colours = mean_colours(&whole, &eyes(&run.scene));
     let bytes = fs::read(out.join("scene.splat")).expect("read");
     assert_eq!(bytes.len(), 32 * ply.rows.len());
     let mut last = f32::INFINITY;
@@ -61,7 +68,7 @@ fn a_splat_file_has_a_record_for_every_gaussian_and_the_weightiest_come_first() 
         let volume: f32 = (0..3).map(|axis| columns[3 + axis][index]).sum::<f32>().exp();
         let sizes = [0, 1, 2].map(|axis| (float(3 + axis) / columns[3 + axis][index].exp() - 1.0).abs());
         assert!(sizes.iter().all(|&off| off < 1e-5), "{sizes:?}");
-        let level = (255.0 * (0.5 + 0.282_094_8 * red[index])).clamp(0.0, 255.0);
+        let level = 255.0 * colours[index][0].min(1.0);
         assert!((f32::from(record[24]) - level).abs() <= 0.51 && (f32::from(record[27]) - 255.0 * alpha).abs() <= 0.51);
         assert!(volume * alpha <= last * 1.0001, "{} after {last}", volume * alpha);
         last = volume * alpha;

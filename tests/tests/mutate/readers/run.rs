@@ -81,14 +81,19 @@ fn one(place: &Path, name: &str, kind: Kind, read: fn(&Path) -> super::Answer) -
 /// The report, which is made whatever the files hold.
 fn reports(place: &Path) -> Vec<Target> {
     let run = finished(place);
-    let strip = std::fs::read_dir(run.join(run::STRIPS)).expect("listed").next().expect("a strip").expect("listed");
+    let is_strip = |path: &PathBuf| path.extension().is_some_and(|extension| extension == "png");
+    let mut strips =
+        std::fs::read_dir(run.join(run::STRIPS)).expect("listed").map(|entry| entry.expect("listed").path());
+    let strip = strips.find(is_strip).expect("a strip");
     let files = [
         (run.join(run::CONFIG), Kind::Toml),
         (run.join(run::RECORD), Kind::Json),
         (run.join(run::RESULTS), Kind::Json),
         (run.join(run::PER_VIEW), Kind::Json),
+        (run.join(run::SCENE), Kind::Json),
+        (run.join(run::STRIPS).join(run::PANELS), Kind::Json),
         (run.join(run::METRICS), Kind::JsonLines),
-        (strip.path(), Kind::Png),
+        (strip, Kind::Png),
     ];
     let others = super::bytes_below(run);
     let target =

@@ -24,7 +24,7 @@ pub struct Fault {
 const POLICY: &str = "<meta http-equiv=\"Content-Security-Policy\"";
 
 /// The faults.
-pub const FAULTS: [Fault; 8] = [
+pub const FAULTS: [Fault; 10] = [
     Fault {
         name: "a_broken_picture_is_noticed",
         from: "src=\"data:image/png;base64,iVBOR",
@@ -68,6 +68,18 @@ pub const FAULTS: [Fault; 8] = [
         from: "data-copy=\"v0-composed\" alt=\"cam",
         to: "data-copy=\"v0-gt\" alt=\"cam",
         complaint: "of the pixels",
+    },
+    Fault {
+        name: "a_film_without_pictures_is_noticed",
+        from: "data-kind=\"composed\"",
+        to: "data-kind=\"none\"",
+        complaint: "were not loaded",
+    },
+    Fault {
+        name: "a_film_that_stands_still_is_noticed",
+        from: "class=\"play\" type=\"button\"",
+        to: "class=\"play\" type=\"button\" disabled",
+        complaint: "does not play",
     },
     Fault {
         name: "a_page_too_wide_is_noticed",

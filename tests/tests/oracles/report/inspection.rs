@@ -4,11 +4,11 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
-use base64::Engine;
-use base64::engine::general_purpose::STANDARD;
 use image::RgbImage;
 use serde_json::{Value, json};
 
+use super::film::film_plays;
+use super::pixels::{capture, difference, view};
 use crate::browser::devtools::Connection;
 use crate::browser::{Browser, open};
 
@@ -35,6 +35,7 @@ pub fn inspect(page: &Path, screenshot: Option<&Path>) -> Result<()> {
     open(connection, &address)?;
     pictures_are_loaded(connection)?;
     charts_are_drawn(connection)?;
+    film_plays(connection)?;
     sliders_move(connection)?;
     layers_can_be_chosen(connection)?;
     tables_can_be_sorted(connection)?;
@@ -255,33 +256,11 @@ fn nothing_was_reported(connection: &mut Connection, address: &str) -> Result<()
     Ok(())
 }
 
-/// The part of the window that a rectangle covers.
-fn view(connection: &mut Connection, place: &Value) -> Result<RgbImage> {
-    let scroll = connection.evaluate("[scrollX, scrollY]")?;
-    let at = |name: &str| place[name].as_f64().unwrap_or(0.0);
-    let (x, y) = (at("x") + scroll[0].as_f64().unwrap_or(0.0), at("y") + scroll[1].as_f64().unwrap_or(0.0));
-    let clip = json!({"x": x, "y": y, "width": at("width"), "height": at("height"), "scale": 1});
-    capture(connection, json!({"format": "png", "clip": clip}))
-}
-
 fn whole_page(connection: &mut Connection) -> Result<RgbImage> {
     connection.evaluate("scrollTo(0, 0)")?;
     let size = connection.call("Page.getLayoutMetrics", json!({}))?["cssContentSize"].clone();
     let clip = json!({"x": 0, "y": 0, "width": size["width"], "height": size["height"], "scale": 1});
     capture(connection, json!({"format": "png", "captureBeyondViewport": true, "clip": clip}))
-}
-
-fn capture(connection: &mut Connection, parameters: Value) -> Result<RgbImage> {
-    let answer = connection.call("Page.captureScreenshot", parameters)?;
-    let bytes = STANDARD.decode(answer["data"].as_str().context("a picture")?)?;
-    Ok(image::load_from_memory(&bytes)?.into_rgb8())
-}
-
-/// The share of pixels that differ visibly.
-fn difference(a: &RgbImage, b: &RgbImage) -> Result<f64> {
-    ensure!(a.dimensions() == b.dimensions(), "{:?} and {:?} pixels", a.dimensions(), b.dimensions());
-    let differs = |(a, b): &(&image::Rgb<u8>, &image::Rgb<u8>)| a.0.iter().zip(b.0).any(|(&a, b)| a.abs_diff(b) > 8);
-    Ok(a.pixels().zip(b.pixels()).filter(differs).count() as f64 / f64::from(a.width() * a.height()))
 }
 
 fn is_not_blank(picture: &RgbImage) -> Result<()> {

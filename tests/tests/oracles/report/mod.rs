@@ -5,7 +5,9 @@
 //! They are ignored where no browser is found. Pages with a known fault show that each check can fail.
 
 mod faults;
+mod film;
 mod inspection;
+pub mod pixels;
 
 use std::path::{Path, PathBuf};
 

@@ -1,0 +1,106 @@
+//! The description of a scene for the player.
+
+use mvfusion_data::camera_path::Vantage;
+use mvfusion_data::keyframes::BranchLayout;
+use mvfusion_data::{Capture, View, distinct_cameras};
+use mvfusion_model::timeline::spread;
+use serde::Serialize;
+
+use super::Packed;
+use crate::export::Exporter;
+use crate::run::OpenRun;
+
+/// Most cameras to jump to.
+const MOST_CAMERAS: usize = 48;
+
+/// Everything about a scene but its Gaussians.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct SceneDescription {
+    /// Title of the page.
+    pub title: String,
+    /// The static branch; `null` in a model with one branch.
+    #[serde(rename = "static")]
+    static_: Option<BranchLayout>,
+    /// The dynamic branch.
+    dynamic: BranchLayout,
+    /// Gaussians at this z in camera coordinates or nearer are not drawn.
+    near: f64,
+    /// Level of the colours behind all Gaussians.
+    grey: f64,
+    /// Mask probabilities behind all Gaussians: static, brightness, dynamic.
+    masks: [f64; 3],
+    /// First and last training time.
+    span: [f64; 2],
+    /// Number of training times.
+    training_times: usize,
+    /// What the cameras look at.
+    target: [f64; 3],
+    /// Upwards.
+    up: [f64; 3],
+    /// The first camera, then cameras to jump to.
+    cameras: Vec<CameraDescription>,
+}
+
+/// A camera in OpenCV axes, see [`mvfusion_data::Camera`].
+#[derive(Clone, Debug, Serialize)]
+struct CameraDescription {
+    name: String,
+    width: usize,
+    height: usize,
+    fx: f64,
+    fy: f64,
+    cx: f64,
+    cy: f64,
+    /// Rotation from world to camera, by rows.
+    rotation: [f64; 9],
+    translation: [f64; 3],
+    /// Its time, in a photo collection, where each photo has its own.
+    time: Option<f64>,
+}
+
+impl CameraDescription {
+    fn new(view: &View, capture: Capture) -> Self {
+        let camera = &view.camera;
+        let rows = [0, 1, 2].map(|row| camera.rotation.row(row).to_array());
+        let is_photo = capture == Capture::Photos;
+        let name =
+            if is_photo { &view.name } else { view.name.rsplit_once('/').map_or(&*view.name, |(camera, _)| camera) };
+        Self {
+            name: name.to_owned(),
+            width: camera.width,
+            height: camera.height,
+            fx: camera.fx,
+            fy: camera.fy,
+            cx: camera.cx,
+            cy: camera.cy,
+            rotation: std::array::from_fn(|index| rows[index / 3][index % 3]),
+            translation: camera.translation.to_array(),
+            time: is_photo.then_some(view.time),
+        }
+    }
+}
+
+/// Describes the scene of a run and its packed Gaussians.
+pub(super) fn describe(run: &OpenRun, exporter: &Exporter, packed: &Packed) -> SceneDescription {
+    let scene = &run.scene;
+    let views = distinct_cameras(scene.test.iter().chain(&scene.train));
+    let views = spread(views.len(), MOST_CAMERAS).into_iter().map(|index| views[index]);
+    let mut layouts = packed.layouts.clone();
+    // Proof: a page has a dynamic branch.
+    let dynamic = layouts.pop().expect("a dynamic branch");
+    let times = exporter.context.timeline.times();
+    let vantage = Vantage::of(scene);
+    SceneDescription {
+        title: scene.name.clone(),
+        static_: layouts.pop(),
+        dynamic,
+        near: exporter.context.near,
+        grey: exporter.context.behind.grey,
+        masks: exporter.context.behind.masks,
+        span: [times[0], times[times.len() - 1]],
+        training_times: times.len(),
+        target: vantage.target.to_array(),
+        up: vantage.up.to_array(),
+        cameras: views.map(|view| CameraDescription::new(view, scene.capture)).collect(),
+    }
+}
