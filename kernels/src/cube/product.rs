@@ -45,6 +45,9 @@ pub struct ProductPlan {
     /// Columns of the depth that a cube processes between barriers, a power of two from four: fewer where they would not
     /// fit into shared memory.
     pub stride: usize,
+    /// Rows that a cube sums at least for the adjoint of a weight. More rows mean fewer partial sums, fewer rows mean
+    /// more parallel cubes.
+    pub least_slab: usize,
 }
 
 /// Compile-time parameters of a product.
@@ -88,11 +91,11 @@ pub enum End {
 
 impl ProductPlan {
     /// The plan for a GPU. Sixteen neighbours of a row are read together, as much as memory delivers at once.
-    pub const GPU: Self = Self { units: 64, block: [8, 8], stride: 16 };
+    pub const GPU: Self = Self { units: 64, block: [8, 8], stride: 16, least_slab: 256 };
     /// The plan for a GPU and at most eight columns, as the heads have: reading is all of the work, so many small cubes.
-    pub const GPU_NARROW: Self = Self { units: 32, block: [4, 4], stride: 16 };
+    pub const GPU_NARROW: Self = Self { units: 32, block: [4, 4], stride: 16, least_slab: 256 };
     /// The plan for a driver that computes on the CPU: larger blocks, because reading a number costs as much as a product.
-    pub const SOFTWARE: Self = Self { units: 16, block: [16, 8], stride: 4 };
+    pub const SOFTWARE: Self = Self { units: 16, block: [16, 8], stride: 4, least_slab: 1024 };
 
     /// The plan for a GPU and a result of this many columns.
     pub const fn of_gpu(columns: usize) -> Self {

@@ -16,15 +16,8 @@ use crate::mlp::cpu::Wanted;
 use crate::mlp::layout::LinearLayout;
 use crate::mlp::op::{Adjoints, Arguments, MlpAdjoint, MlpOps};
 
-/// Rows that a cube sums at least for the adjoint of a weight, and most slabs of rows. More rows mean fewer partial sums,
-/// more slabs mean more parallel cubes.
-const LEAST_SLAB: usize = 256;
+/// Most slabs of rows for the adjoint of a weight.
 const MOST_SLABS: usize = 128;
-
-/// Rows that a cube sums for the adjoint of a weight.
-fn slab(rows: usize) -> usize {
-    rows.div_ceil(MOST_SLABS).max(LEAST_SLAB)
-}
 
 impl MlpOps for CubeBackend {
     fn mlp_forward(input: FloatTensor<Self>, parameters: Floats<Self>, layout: MlpLayout) -> FloatTensor<Self> {
@@ -60,7 +53,7 @@ impl MlpAdjoint for CubeBackend {
         let v_outputs = single(v_outputs);
         let v_input = wanted.input.then(|| Matrix::of(run.gpu.floats(run.input.tensor.shape())));
         let shares =
-            wanted.parameters.then(|| run.gpu.floats([run.rows.div_ceil(slab(run.rows)), layout.parameters()]));
+            wanted.parameters.then(|| run.gpu.floats([run.rows.div_ceil(run.slab()), layout.parameters()]));
         let mut column = 0;
         for (number, chain) in layout.layers().iter().enumerate() {
             let hidden = run.hidden(chain);
@@ -143,6 +136,11 @@ impl Run {
 
     fn weight(&self, layer: &LinearLayout) -> &CubeTensor {
         &self.parameters[2 * layer.index]
+    }
+
+    /// Rows that a cube sums for the adjoint of a weight, the same for all layers.
+    fn slab(&self) -> usize {
+        self.rows.div_ceil(MOST_SLABS).max(self.gpu.product_plan(1).least_slab)
     }
 
     /// The adjoints of the parameters, from one tensor.
@@ -228,7 +226,7 @@ impl Run {
             return;
         }
         let kind = ProductKind::new(self.gpu.product_plan(columns), columns, of.rectified, of.end);
-        let slab = if of.end == End::Slabs { slab(depth) } else { depth };
+        let slab = if of.end == End::Slabs { self.slab() } else { depth };
         let tiles = rows.div_ceil(kind.tile_rows()) * columns.div_ceil(kind.tile_columns());
         let slab_stride = of.result.tensor.shape()[1];
         // SAFETY: rows, columns and depth are those of the matrices, and the kernel neither reads nor writes beyond
