@@ -52,8 +52,7 @@ impl MlpAdjoint for CubeBackend {
         }
         let v_outputs = single(v_outputs);
         let v_input = wanted.input.then(|| Matrix::of(run.gpu.floats(run.input.tensor.shape())));
-        let shares =
-            wanted.parameters.then(|| run.gpu.floats([run.rows.div_ceil(run.slab()), layout.parameters()]));
+        let shares = wanted.parameters.then(|| run.gpu.floats([run.rows.div_ceil(run.slab()), layout.parameters()]));
         let mut column = 0;
         for (number, chain) in layout.layers().iter().enumerate() {
             let hidden = run.hidden(chain);
