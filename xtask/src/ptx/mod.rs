@@ -27,7 +27,7 @@ use crate::splice::splice;
 const ARCHITECTURES: [&str; 3] = ["sm_80", "sm_89", "sm_90a"];
 
 /// The kernels whose registers are limited, and their limits. Sixteen warps of 128 registers fit into the 65,536 of a
-/// multiprocessor, twelve of 168. Products wait less with more values in registers than with more warps.
+/// multiprocessor, and twelve of 168, which the products take.
 const LIMITS: [(&str, usize); 3] = [("blend", 128), ("blend_backward", 128), ("product", 168)];
 
 /// Bytes that a kernel may spill outside of its loops.
