@@ -42,7 +42,9 @@ fn trial(what: &str, sweep: Sweep, check: fn(&Ground) -> Result<()>) -> Trial {
         let program = program().ok()?;
         (!program.is_file()).then(|| format!("{} is not built", program.display()))
     };
-    match Cluster::absent().or_else(no_program) {
+    // A sweep is refused for a device that the build does not include.
+    let no_gpu = || (what.contains("gpu") && cfg!(not(feature = "wgpu"))).then(|| "no feature wgpu".to_owned());
+    match Cluster::absent().or_else(no_program).or_else(no_gpu) {
         Some(reason) => ignored(name, reason),
         None => Trial::test(name, move || {
             let ground = Ground::new(sweep).map_err(failed)?;
