@@ -14,6 +14,16 @@ pub enum ModelError {
     /// The scene cannot be read.
     #[error(transparent)]
     Data(#[from] DataError),
+    /// The scene cannot be trained.
+    #[error("the scene {name} cannot be trained: {what}. {remedy}")]
+    Scene {
+        /// Its name.
+        name: String,
+        /// What is wrong.
+        what: String,
+        /// What to do.
+        remedy: String,
+    },
     /// The splat op rejected its arguments.
     #[error(transparent)]
     Splat(#[from] SplatError),

@@ -85,9 +85,19 @@ pub fn inspect(folder: &Path, options: &ReadOptions, pictures: Pictures) -> (Ins
     let format = Some(reader.format);
     let origin = Origin { format, downscale: options.downscale, points };
     match open(folder, &ReadOptions { format, ..options.clone() }) {
-        Ok(scene) => (inspect_scene(&scene, &origin, pictures), Some(scene)),
+        Ok(scene) => {
+            let mut inspection = inspect_scene(&scene, &origin, pictures);
+            inspection.problems.extend(size::odd_shape(reader, folder, &scene));
+            inspection.problems.sort_by_key(|problem| problem.severity);
+            (inspection, Some(scene))
+        }
         Err(error) => refused(format, &error),
     }
+}
+
+/// What keeps a scene from being trained at all: too few training views, or none that shows depths.
+pub fn obstacle(scene: &Scene) -> Option<Problem> {
+    split::obstacle(scene)
 }
 
 /// Inspects a scene that was read already.

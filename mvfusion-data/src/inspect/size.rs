@@ -1,8 +1,10 @@
 //! Checks the size of the images against the usual training size.
 
+use std::path::Path;
+
 use super::origin::Origin;
 use super::problem::{Problem, Subject};
-use crate::readers::{Format, UsualSize, reader_of};
+use crate::readers::{Format, Reader, UsualSize, reader_of};
 use crate::scene::Scene;
 
 /// Width above which 3DGS downscales images by default.
@@ -19,6 +21,14 @@ pub(super) fn problems(scene: &Scene, origin: &Origin) -> Vec<Problem> {
     let UsualSize { factor, source } = usual_size(scene, origin.format, on_disk);
     let what = format!("the pictures are {width}x{height}: training is slow, and {source}");
     vec![Problem::note(Subject::Size, what, format!("Add `--set scene.downscale={factor}`."))]
+}
+
+/// Images in another shape than the cameras were calibrated for.
+pub(super) fn odd_shape(reader: &Reader, folder: &Path, scene: &Scene) -> Option<Problem> {
+    let what = (reader.hints.odd_shape)(folder, scene)?;
+    let remedy = "A centre and a focal length that belong to other pictures blur everything. Scale the frames without \
+                  cropping them, or correct height, width and focal length in the rows.";
+    Some(Problem::warning(Subject::Size, what, remedy))
 }
 
 /// The usual size for images of this width on disk: that of the format, otherwise that of 3DGS.

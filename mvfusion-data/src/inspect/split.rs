@@ -6,28 +6,7 @@ use super::problem::{Problem, Subject, few};
 use crate::scene::{Scene, by_camera};
 
 pub(super) fn problems(scene: &Scene) -> Vec<Problem> {
-    let mut problems = Vec::new();
-    match scene.train.len() {
-        0 => problems.push(Problem::error(
-            Subject::Split,
-            "there is no view to train on",
-            "Hold out fewer views, or add pictures with cameras.",
-        )),
-        // Losses and learning rates scale with the distance between cameras (METHOD §3), which is 0 here.
-        1 => problems.push(Problem::error(
-            Subject::Split,
-            "there is one view to train on: shapes cannot be learned from it",
-            "Hold out fewer views, or add pictures with cameras.",
-        )),
-        many if by_camera(scene.train.iter()).len() == 1 => problems.push(Problem::error(
-            Subject::Split,
-            format!(
-                "all {many} training views are from one camera that stands still: depths cannot be learned from it"
-            ),
-            "Train on several cameras, or on one that moves; hold out fewer.",
-        )),
-        _ => {}
-    }
+    let mut problems: Vec<Problem> = obstacle(scene).into_iter().collect();
     if scene.test.is_empty() {
         problems.push(Problem::warning(
             Subject::Split,
@@ -37,6 +16,24 @@ pub(super) fn problems(scene: &Scene) -> Vec<Problem> {
     }
     problems.extend(shared(scene));
     problems
+}
+
+/// Too few training views, or views of one still camera. Losses and learning rates scale with the distance between
+/// cameras (METHOD §3), which is 0 then.
+pub(super) fn obstacle(scene: &Scene) -> Option<Problem> {
+    const ADD: &str = "Hold out fewer views, or add pictures with cameras.";
+    let (what, remedy) = match scene.train.len() {
+        0 => ("there is no view to train on".to_owned(), ADD),
+        1 => ("there is one view to train on: shapes cannot be learned from it".to_owned(), ADD),
+        many if by_camera(scene.train.iter()).len() == 1 => (
+            format!(
+                "all {many} training views are from one camera that stands still: depths cannot be learned from it"
+            ),
+            "Train on several cameras, or on one that moves; hold out fewer.",
+        ),
+        _ => return None,
+    };
+    Some(Problem::error(Subject::Split, what, remedy))
 }
 
 /// Held-out views that are also training views.

@@ -29,6 +29,6 @@ pub use masks::attach_masks;
 pub(crate) use open::reader_for;
 pub use open::{open, recognise};
 pub use options::{ReadOptions, TimeRule};
-pub(crate) use reader::UsualSize;
+pub(crate) use reader::{Reader, UsualSize};
 pub use shared::ply::{read_gaussians, read_points};
 pub(crate) use table::reader_of;

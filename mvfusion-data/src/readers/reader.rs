@@ -27,6 +27,8 @@ pub(crate) struct Hints {
     pub(crate) usual_size: fn(&Scene, f64) -> Option<UsualSize>,
     /// Whether the scene in a folder has no point cloud, so that the reader generates random points.
     pub(crate) has_random_points: fn(&Path) -> bool,
+    /// How the shape of the scene's images differs from that in the folder's camera file; `None` if it does not.
+    pub(crate) odd_shape: fn(&Path, &Scene) -> Option<String>,
 }
 
 /// The size at which a scene is usually trained.
@@ -41,6 +43,6 @@ pub(crate) struct UsualSize {
 impl Hints {
     /// The hints of a format with only a convention of its poses.
     pub(crate) const fn of_poses(poses: &'static str) -> Self {
-        Self { poses, usual_size: |_, _| None, has_random_points: |_| false }
+        Self { poses, usual_size: |_, _| None, has_random_points: |_| false, odd_shape: |_, _| None }
     }
 }

@@ -2,6 +2,7 @@
 
 use burn::tensor::Device;
 use mvfusion_data::Scene;
+use mvfusion_data::inspect::{Problem, obstacle};
 use mvfusion_data::motion::MotionFinder;
 use mvfusion_render::splat::SplatRules;
 
@@ -46,9 +47,12 @@ impl Trainer {
     /// applied here if necessary; [`Trainer::config`] returns the result.
     ///
     /// # Errors
-    /// If the configuration is invalid, or the scene or a file cannot be read.
+    /// If the configuration is invalid, the scene has too few training cameras, or it or a file cannot be read.
     pub fn new(config: Config, scene: &Scene, device: &Device) -> Result<Self, ModelError> {
         config.check()?;
+        if let Some(Problem { what, remedy, .. }) = obstacle(scene) {
+            return Err(ModelError::Scene { name: scene.name.clone(), what, remedy });
+        }
         let config = config.for_times_of(scene);
         let device = device.clone().autodiff();
         let motion = SceneMotion::find(scene, &config)?;

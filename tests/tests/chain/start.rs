@@ -1,4 +1,4 @@
-//! The start of the last stage: refinement begins as the base deformation.
+//! Starts: a scene that cannot be trained is refused, and refinement begins as the base deformation.
 
 use mvfusion_model::model::DeformationLevel;
 use mvfusion_model::model::gaussians::RawGaussians;
@@ -44,4 +44,14 @@ fn the_refined_model_starts_as_the_base_model() {
         let at = |level| bits(model.dynamic_at(0.4, level, trainer.render_context()));
         assert_ne!(at(DeformationLevel::Base), at(DeformationLevel::Refined), "{}: refinement learns", backend.name);
     }
+}
+
+#[test]
+fn a_scene_of_one_still_camera_is_refused_before_the_first_step() {
+    let mut scene = scene();
+    let camera = scene.train[0].camera;
+    scene.train.retain(|view| view.camera == camera);
+    let backend = &backends()[0];
+    let error = Trainer::new(config(), &scene, &(backend.device)()).expect_err("refused").to_string();
+    assert!(error.contains("from one camera that stands still") && error.contains("one that moves"), "{error}");
 }

@@ -35,8 +35,9 @@ impl Format {
 }
 
 /// The entry in the table of readers.
-pub(super) const READER: Reader =
-    Reader { format: Format::NEU3D, recognise, read, hints: Hints { usual_size, ..Hints::of_poses(CONVENTION) } };
+pub(super) const READER: Reader = Reader { format: Format::NEU3D, recognise, read, hints: HINTS };
+
+const HINTS: Hints = Hints { usual_size, odd_shape, ..Hints::of_poses(CONVENTION) };
 
 /// The convention of the poses.
 const CONVENTION: &str = "Rows of poses_bounds.npy lead from the camera to the world, and their columns are the camera's \
@@ -88,7 +89,9 @@ pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let mut test = views(folder, shots, options)?;
     let train = test.split_off(count);
     let camera = &test[0].camera;
-    warn_of_shape(folder, &rows, camera);
+    if let Some(difference) = difference_in_shape(&rows, camera) {
+        warn!(folder = %folder.display(), "{difference}");
+    }
     let points = initial_points(folder)?;
     let name = scene_name(folder);
     info!(
@@ -147,14 +150,18 @@ fn shots(camera: &CameraFrames, row: &[f64; ROW], divisor: f64) -> Vec<Shot> {
     camera.frames.iter().enumerate().map(shot).collect()
 }
 
-/// Warns if the images have a different aspect ratio from the cameras.
-fn warn_of_shape(folder: &Path, rows: &[[f64; ROW]], camera: &Camera) {
+/// As [`difference_in_shape`], for a scene that was read.
+fn odd_shape(folder: &Path, scene: &Scene) -> Option<String> {
+    let rows = read_rows(&folder.join(POSES)).ok()?;
+    difference_in_shape(&rows, &scene.train.first()?.camera)
+}
+
+/// How the aspect ratio of the images differs from that of the cameras; `None` if it does not.
+fn difference_in_shape(rows: &[[f64; ROW]], camera: &Camera) -> Option<String> {
     let (width, height) = (camera.width, camera.height);
     let shape = width as f64 / height as f64;
-    if let Some(row) = rows.iter().find(|r| (r[9] / r[4] / shape - 1.0).abs() > SHAPE_TOLERANCE) {
-        let (w, h) = (row[9], row[4]);
-        warn!(folder = %folder.display(), "the frames are {width}x{height}, {POSES} is for {w}x{h}: another shape");
-    }
+    let row = rows.iter().find(|row| (row[9] / row[4] / shape - 1.0).abs() > SHAPE_TOLERANCE)?;
+    Some(format!("the frames are {width}x{height}, but {POSES} is for {}x{}, which is another shape", row[9], row[4]))
 }
 
 /// The first point cloud that exists. There may be none.

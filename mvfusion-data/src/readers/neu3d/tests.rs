@@ -9,6 +9,7 @@ use npyz::WriterBuilder;
 use tempfile::TempDir;
 
 use super::*;
+use crate::inspect::{Pictures, inspect};
 use crate::readers::{TimeRule, attach_masks, open};
 
 const CAMERAS: [&str; 3] = ["cam00", "cam02", "cam05"];
@@ -116,6 +117,24 @@ fn options_shrink_the_pictures_and_choose_frames_and_times() {
     let camera = scene.test[0].camera;
     assert_eq!((camera.width, camera.height, camera.fx, camera.cx, camera.cy), (24, 16, 20.0, 12.0, 8.0));
     assert_eq!(scene.test[0].image.rgb().expect("frame").dimensions(), (24, 16));
+}
+
+#[test]
+fn frames_of_another_shape_than_the_cameras_are_a_problem_with_a_remedy() {
+    let fixture = Fixture::new();
+    let shapes = || {
+        let (inspection, _) = inspect(fixture.0.path(), &ReadOptions::default(), Pictures::Headers);
+        inspection.problems.into_iter().filter(|problem| problem.what.contains("another shape")).collect::<Vec<_>>()
+    };
+    assert!(shapes().is_empty());
+    let wide = rows().into_iter().map(|mut row| {
+        row[9] *= 1.5;
+        row
+    });
+    fixture.write_poses(&wide.collect::<Vec<_>>());
+    let [problem] = &shapes()[..] else { panic!("one problem") };
+    assert_says(&problem.what, &["48x32", "144x64"]);
+    assert!(problem.remedy.contains("cropping"), "{problem:?}");
 }
 
 #[test]
