@@ -20,7 +20,7 @@ const LOSSES: Tolerance = Tolerance::of_entry(1e-3);
 
 /// The three stages of the run whose memory is watched: the steps of each, and those after which everything that a stage
 /// keeps has been allocated. They are few, because a driver that computes on the CPU takes minutes for them.
-const LONG: [[usize; 2]; 3] = [[600, 200], [80, 30], [50, 20]];
+const LONG: [[usize; 2]; 3] = [[300, 100], [80, 30], [50, 20]];
 
 /// Equal parts of a stage from there to its end. What leaks, leaks in all of them; a pool of another thread, or a queue
 /// that was longer than ever, shows in one.
