@@ -46,7 +46,7 @@ mod help;
 pub mod interrupt;
 mod level_axes;
 pub mod lock;
-mod logs;
+pub mod logs;
 pub mod memory;
 pub mod progress;
 pub mod render;

@@ -38,6 +38,19 @@ pub fn start(threads: usize) -> anyhow::Result<()> {
         .with_context(|| format!("cannot start {threads} threads; give a smaller --threads"))
 }
 
+/// A pool of so many threads for the calling thread alone, which is one of them, until the pool is dropped. For programs
+/// that compute in several threads of their own.
+///
+/// # Errors
+/// If the calling thread is in a pool already, or the system refuses the threads.
+pub fn start_own(threads: usize) -> anyhow::Result<rayon::ThreadPool> {
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .use_current_thread()
+        .build()
+        .with_context(|| format!("cannot start {threads} threads; use fewer"))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

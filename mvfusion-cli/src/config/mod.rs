@@ -172,6 +172,9 @@ fn given_partials(args: &ConfigSourceArgs, data: Option<&Path>) -> anyhow::Resul
     if let Some(path) = &args.config {
         partials.push(read_partial(path)?);
     }
+    if let Some(table) = &args.table {
+        partials.push(PartialConfig::of_table(table.clone(), Origin::Program));
+    }
     for setting in &args.set {
         partials.push(PartialConfig::from_setting(setting)?);
     }
