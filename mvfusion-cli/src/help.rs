@@ -103,7 +103,8 @@ program.";
 pub const EXPORT: &str = "\
 Export the Gaussians of a run's last checkpoint for viewers and other programs. The formats are: one PLY file per \
 branch in the layout of 3DGS; both branches together as .splat, as glTF (.glb) or in the folder layout of 3DGS; both \
-in motion as .4dgs; and a sequence of PLY files that SuperSplat plays (drop the files of the folder `frames` onto it). \
+in motion as .4dgs; each branch as NumPy arrays (.npz); and a sequence of PLY files that SuperSplat plays (drop the \
+files of the folder `frames` onto it). \
 cameras.json is always written.
 
 PLY files store the parameters before activation: scales as logarithms, opacities as logits, quaternions as w, x, y, \

@@ -56,6 +56,17 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_pool_of_ones_own_has_the_threads_that_were_asked_for_and_ends_with_its_thread() {
+        let inside = std::thread::spawn(|| {
+            let _pool = start_own(3).expect("started");
+            assert!(start_own(2).is_err(), "a thread is in one pool");
+            (rayon::current_num_threads(), rayon::current_thread_index())
+        });
+        assert_eq!(inside.join().expect("no panic"), (3, Some(0)));
+        assert_eq!(rayon::current_thread_index(), None);
+    }
+
+    #[test]
     fn no_more_threads_are_used_than_the_cores_can_serve() {
         let asked = |threads| count(NonZeroUsize::new(threads));
         assert_eq!((asked(1), asked(ALWAYS)), (1, ALWAYS));

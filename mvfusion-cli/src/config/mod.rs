@@ -303,6 +303,22 @@ mod tests {
     }
 
     #[test]
+    fn a_calling_program_overrides_the_file_and_is_named_in_its_errors() {
+        let folder = tempfile::tempdir().expect("folder");
+        let file = folder.path().join("a.toml");
+        std::fs::write(&file, "seed = 3\ntrain.scale = 0.5\n").expect("written");
+        let of = |text: &str| ConfigSourceArgs {
+            config: Some(file.clone()),
+            table: Some(text.parse().expect("TOML")),
+            ..ConfigSourceArgs::default()
+        };
+        let config = resolve(&of("train.scale = 0.25"), None).expect("resolved").config;
+        assert_eq!((config.seed, config.train.scale), (3, 0.25));
+        let error = resolve(&of("train.scal = 1"), None).expect_err("refused").to_string();
+        assert!(error.contains("the calling program") && error.contains("`train.scale`"), "{error}");
+    }
+
+    #[test]
     fn a_folder_asks_for_its_own_preset_and_is_written_down_absolute() {
         let resolved = resolve(&ConfigSourceArgs::default(), Some(Path::new("scenes/steak"))).expect("resolved");
         assert_eq!(resolved.preset.name, FOR_VIDEO);
