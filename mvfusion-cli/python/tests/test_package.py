@@ -257,6 +257,9 @@ class PackageTest(unittest.TestCase):
         self.assert_refused(["`quickstar`", "`quickstart`"], train("quickstar"))
         self.assert_refused(["nowhere.toml"], train(self.place / "nowhere.toml"))
         self.assert_refused(["int"], train({}, callback=3))
+        self.assert_refused(["seed", "-1"], train({}, seed=-1))
+        self.assert_refused(["threads", "0"], train({}, threads=0))
+        self.assert_refused(["out"], train(None, resume=self.run_.path))
         self.assert_refused([str(self.place)], train({}, data=self.place), mvfusion.MvfusionError, 1)
         self.assertFalse(out.exists())
 

@@ -91,7 +91,8 @@ class Run:
     @cached_property
     def config(self) -> dict[str, Any]:
         """The configuration, every key with its value, as nested dicts. ``train(run.config)`` repeats the run."""
-        return json.loads(self._native.config())
+        config: dict[str, Any] = json.loads(self._native.config())
+        return config
 
     @cached_property
     def views(self) -> list[View]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import operator
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -92,6 +93,14 @@ def train(
     table, config_file, preset = _sources(config, preset)
     if callback is not None and not callable(callback):
         raise _mvfusion.UsageError(f"the callback is of type {type(callback).__name__}, which cannot be called.")
+    for name, number, least in ("seed", seed, 0), ("threads", threads, 1):
+        if number is not None and operator.index(number) < least:
+            raise _mvfusion.UsageError(f"{name} is {number}, and the least is {least}.")
+    if resume is not None:
+        others = {"out": out, "preset": preset, "a file": config_file, "seed": seed, "init_from": init_from}
+        given = [name for name, value in others.items() if value is not None] + ["force"] * force
+        if given:
+            raise _mvfusion.UsageError(f"a run that is resumed keeps its own folder and settings: leave out {given[0]}.")
     order = {
         "config": None if table is None else json.dumps(table, default=_plain),
         "config_file": config_file,
