@@ -125,6 +125,8 @@ Examples:
           both branches together, halfway through the time range
   mvfusion export runs/quickstart-0 --out film --format 4dgs
           the whole scene in motion, in one file
+  mvfusion export runs/quickstart-0 --out arrays --format npz --frames 24
+          each branch as NumPy arrays (np.load), and the moving one at 24 times
   mvfusion train --set init.static_ply=gaussians/static.ply
           training with a static branch that starts from such a file";
 

@@ -25,6 +25,7 @@
 //! | find the files of a run | [`mod@run`] |
 //! | build the report of a run | [`report`] |
 //! | write Gaussians for other programs | [`export`] |
+//! | train from a program of yours, told of each step | [`command::train_observed`]; the Python package does so |
 //! | render images and animations | [`render`] |
 //! | serve the viewer | `viewer`, with the feature of that name |
 //! | train many runs and compare them in a table | [`sweep`] |
