@@ -217,6 +217,19 @@ pub struct TrainArgs {
     pub resume: Option<PathBuf>,
 }
 
+impl Default for TrainArgs {
+    /// `mvfusion train` without options.
+    fn default() -> Self {
+        #[derive(Parser)]
+        struct Alone {
+            #[command(flatten)]
+            args: TrainArgs,
+        }
+        // Proof: no option of this command is required.
+        Alone::try_parse_from(["train"]).expect("no option is required").args
+    }
+}
+
 /// `mvfusion config`.
 #[derive(Clone, Debug, Args)]
 pub struct ConfigArgs {
@@ -281,10 +294,11 @@ pub struct ExportArgs {
     /// What to write besides cameras.json, separated by commas
     #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "ply")]
     pub format: Vec<ExportFormat>,
-    /// Time of the dynamic Gaussians, 0 to 1 [default: the canonical Gaussians for ply, otherwise 0]
+    /// Time of the dynamic Gaussians, 0 to 1 [default: the canonical Gaussians for ply and npz, otherwise 0]
     #[arg(long, value_name = "T", value_parser = parse_time)]
     pub time: Option<f64>,
-    /// Also write a sequence of N PLY files, from time 0 to the last training time; their size is printed first
+    /// Also write a sequence of N PLY files, from time 0 to the last training time; their size is printed first. With
+    /// --format npz, the files are those of the dynamic branch as arrays
     #[arg(long, value_name = "N", value_parser = parse_frames)]
     pub frames: Option<NonZeroUsize>,
     /// Leave the static Gaussians out of the sequence; static.ply has them once, to be opened beside it
@@ -325,6 +339,8 @@ pub enum ExportFormat {
     /// scene.4dgs, both branches in motion, in one file that players can seek in
     #[value(name = "4dgs")]
     Moving,
+    /// static.npz and dynamic.npz, each branch as NumPy arrays, activated
+    Npz,
 }
 
 /// `mvfusion check`.

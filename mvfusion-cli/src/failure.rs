@@ -63,7 +63,7 @@ pub fn report(error: &anyhow::Error) -> ExitCode {
 }
 
 /// An error with its causes as one paragraph that ends with a full stop.
-fn paragraph(error: &anyhow::Error) -> String {
+pub fn paragraph(error: &anyhow::Error) -> String {
     let text = format!("{error:#}");
     let text = text.trim_end();
     if text.ends_with(['.', '!', '?', '`']) { text.to_owned() } else { format!("{text}.") }

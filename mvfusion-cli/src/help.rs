@@ -103,7 +103,8 @@ program.";
 pub const EXPORT: &str = "\
 Export the Gaussians of a run's last checkpoint for viewers and other programs. The formats are: one PLY file per \
 branch in the layout of 3DGS; both branches together as .splat, as glTF (.glb) or in the folder layout of 3DGS; both \
-in motion as .4dgs; and a sequence of PLY files that SuperSplat plays (drop the files of the folder `frames` onto it). \
+in motion as .4dgs; each branch as NumPy arrays (.npz); and a sequence of PLY files that SuperSplat plays (drop the \
+files of the folder `frames` onto it). \
 cameras.json is always written.
 
 PLY files store the parameters before activation: scales as logarithms, opacities as logits, quaternions as w, x, y, \
@@ -124,6 +125,8 @@ Examples:
           both branches together, halfway through the time range
   mvfusion export runs/quickstart-0 --out film --format 4dgs
           the whole scene in motion, in one file
+  mvfusion export runs/quickstart-0 --out arrays --format npz --frames 24
+          each branch as NumPy arrays (np.load), and the moving one at 24 times
   mvfusion train --set init.static_ply=gaussians/static.ply
           training with a static branch that starts from such a file";
 

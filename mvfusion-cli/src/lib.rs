@@ -25,6 +25,7 @@
 //! | find the files of a run | [`mod@run`] |
 //! | build the report of a run | [`report`] |
 //! | write Gaussians for other programs | [`export`] |
+//! | train from a program of yours, told of each step | [`command::train_observed`]; the Python package does so |
 //! | render images and animations | [`render`] |
 //! | serve the viewer | `viewer`, with the feature of that name |
 //! | train many runs and compare them in a table | [`sweep`] |
@@ -46,7 +47,7 @@ mod help;
 pub mod interrupt;
 mod level_axes;
 pub mod lock;
-mod logs;
+pub mod logs;
 pub mod memory;
 pub mod progress;
 pub mod render;

@@ -38,9 +38,33 @@ pub fn start(threads: usize) -> anyhow::Result<()> {
         .with_context(|| format!("cannot start {threads} threads; give a smaller --threads"))
 }
 
+/// A pool of so many threads for the calling thread alone, which is one of them, until the pool is dropped. For programs
+/// that compute in several threads of their own.
+///
+/// # Errors
+/// If the calling thread is in a pool already, or the system refuses the threads.
+pub fn start_own(threads: usize) -> anyhow::Result<rayon::ThreadPool> {
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .use_current_thread()
+        .build()
+        .with_context(|| format!("cannot start {threads} threads; use fewer"))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_pool_of_ones_own_has_the_threads_that_were_asked_for_and_ends_with_its_thread() {
+        let inside = std::thread::spawn(|| {
+            let _pool = start_own(3).expect("started");
+            assert!(start_own(2).is_err(), "a thread is in one pool");
+            (rayon::current_num_threads(), rayon::current_thread_index())
+        });
+        assert_eq!(inside.join().expect("no panic"), (3, Some(0)));
+        assert_eq!(rayon::current_thread_index(), None);
+    }
 
     #[test]
     fn no_more_threads_are_used_than_the_cores_can_serve() {

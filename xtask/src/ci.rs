@@ -1,4 +1,5 @@
-//! Continuous integration: formatting, documents, dependencies, lints, tests, examples, the other feature sets.
+//! Continuous integration: formatting, documents, dependencies, lints, tests, examples, the Python package, the other
+//! feature sets.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -8,7 +9,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, ensure};
 use serde_json::Value;
 
-use crate::{deny, docs, torture};
+use crate::{deny, docs, torture, wheel};
 
 /// The feature set of the one test build: every CPU backend, the GPU through wgpu, the decoder of videos, and NVIDIA's
 /// compilers.
@@ -26,6 +27,7 @@ pub fn run() -> Result<()> {
     #[cfg(not(feature = "ptx"))]
     eprintln!("== registers: skipped, because this build has not the feature `ptx`");
     timed("examples", run_examples)?;
+    timed("Python package", wheel::check)?;
     timed("torture", torture::run_short)?;
     step(
         "document",

@@ -11,6 +11,7 @@ mod ptx;
 mod results;
 mod splice;
 mod torture;
+mod wheel;
 
 use clap::{Parser, Subcommand};
 
@@ -41,6 +42,8 @@ enum Chore {
     Results(results::ResultsArguments),
     /// Kills, terminates, replaces and doubles trainings, and checks that none is lost.
     Torture(torture::TortureArguments),
+    /// Builds the Python package, installs it into a fresh environment, and tests it there.
+    Wheel,
 }
 
 fn main() -> anyhow::Result<()> {
@@ -54,5 +57,6 @@ fn main() -> anyhow::Result<()> {
         Chore::Ptx(arguments) => ptx::run(&arguments),
         Chore::Results(arguments) => results::run(&arguments),
         Chore::Torture(arguments) => torture::run(&arguments),
+        Chore::Wheel => wheel::check(),
     }
 }

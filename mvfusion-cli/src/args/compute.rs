@@ -4,13 +4,21 @@ use std::num::NonZeroUsize;
 
 use clap::Args;
 
+use crate::device;
+
 /// Device and threads.
 #[derive(Clone, Debug, Args)]
 pub struct ComputeArgs {
     /// Device: auto (a GPU if available), cpu, flex, ndarray, wgpu, wgpu:N, cuda or cuda:N (see `mvfusion devices`)
-    #[arg(long, value_name = "D", default_value = "auto")]
+    #[arg(long, value_name = "D", default_value = device::AUTO)]
     pub device: String,
     /// CPU threads; the result does not depend on their number [default: all cores]
     #[arg(long, value_name = "N")]
     pub threads: Option<NonZeroUsize>,
+}
+
+impl Default for ComputeArgs {
+    fn default() -> Self {
+        Self { device: device::AUTO.to_owned(), threads: None }
+    }
 }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use mvfusion_data::Format;
+use toml::Table;
 
 /// The sources of the configuration, except the folder of the scene.
 #[derive(Clone, Debug, Default, Args)]
@@ -22,6 +23,9 @@ pub struct ConfigSourceArgs {
     /// Set one key, such as train.scale=0.1; may be repeated, and the last value wins
     #[arg(long, value_name = "KEY=VALUE", action = clap::ArgAction::Append)]
     pub set: Vec<String>,
+    /// Keys from a program that embeds this one; they override the file
+    #[arg(skip)]
+    pub table: Option<Table>,
     /// Seed of all random numbers of the run; same as --set seed=N
     // TOML has no larger integers.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]

@@ -32,7 +32,7 @@ pub struct ViewArgs {
 }
 
 /// The options of `mvfusion train` for the viewer.
-#[derive(Clone, Debug, Default, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct TrainViewArgs {
     /// Serve a page on which the training can be watched, paused and saved (docs/viewer.md) [default port: 8420]
     ///
@@ -42,4 +42,10 @@ pub struct TrainViewArgs {
     /// Address at which the page is served; any but this machine's own adds a random token to the page's address
     #[arg(long, value_name = "ADDR", default_value = HOST, requires = "view")]
     pub host: String,
+}
+
+impl Default for TrainViewArgs {
+    fn default() -> Self {
+        Self { view: None, host: HOST.to_owned() }
+    }
 }

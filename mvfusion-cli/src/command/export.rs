@@ -2,9 +2,10 @@
 
 use std::io::Write;
 
+use anyhow::Context;
 use bytesize::ByteSize;
 use mvfusion_data::GaussianCloud;
-use mvfusion_data::write::gaussian_ply;
+use mvfusion_data::write::{gaussian_npz, gaussian_ply};
 use mvfusion_model::ModelError;
 use mvfusion_model::model::harmonics::without_directions;
 
@@ -73,8 +74,16 @@ impl Session<'_> {
         if self.wants(ExportFormat::Moving) {
             self.write_moving(out)?;
         }
+        if self.wants(ExportFormat::Npz) {
+            self.write_arrays(out)?;
+        }
         if let Some(frames) = self.args.frames {
-            self.write_frames(frames.get(), out)?;
+            if self.wants(ExportFormat::Npz) {
+                self.write_array_frames(frames.get(), out)?;
+            }
+            if self.args.format.iter().any(|format| *format != ExportFormat::Npz) || self.args.format.is_empty() {
+                self.write_frames(frames.get(), out)?;
+            }
         }
         writeln!(out, "{:LABEL$}{}", "written to", self.folder.path().display())?;
         Ok(())
@@ -84,11 +93,15 @@ impl Session<'_> {
         self.args.format.contains(&format)
     }
 
+    /// The state of the dynamic Gaussians in files of a branch.
+    fn moment(&self) -> Moment {
+        self.args.time.map_or(Moment::Canonical, Moment::At)
+    }
+
     /// The Gaussians of each branch, in separate files.
     fn write_branches(&self, out: &mut dyn Write) -> anyhow::Result<()> {
-        let moment = self.args.time.map_or(Moment::Canonical, Moment::At);
         self.write_static(out)?;
-        let gaussians = self.exporter.dynamic(moment)?;
+        let gaussians = self.exporter.dynamic(self.moment())?;
         atomic::write(&self.folder.place(&[export::DYNAMIC])?, &gaussian_ply(&gaussians))?;
         tell(out, export::DYNAMIC, &gaussians)
     }
@@ -173,23 +186,58 @@ impl Session<'_> {
         if is_shared && !self.wants(ExportFormat::Ply) {
             self.write_static(out)?;
         }
-        let last = self.exporter.context.timeline.times().last().copied().unwrap_or(0.0);
-        let times = export::frame_times(frames, last);
+        let times = self.frame_times(frames);
         let first = gaussian_ply(&scene_at(times[0])?);
-        // All frames have as many Gaussians, so they are equally large.
-        let (each, all) = (size(first.len()), size(first.len() * frames));
-        writeln!(out, "{:LABEL$}{frames} files of {each}, {all} in all", export::FRAMES)?;
-        out.flush()?;
+        tell_frames(out, frames, first.len())?;
         let mut progress = Progress::new("frames", frames, self.verbosity);
         for (frame, &time) in times.iter().enumerate() {
             let bytes = if frame == 0 { first.clone() } else { gaussian_ply(&scene_at(time)?) };
-            atomic::write(&self.folder.place(&[export::FRAMES, &export::frame_name(frame)])?, &bytes)?;
+            atomic::write(&self.folder.place(&[export::FRAMES, &export::frame_name(frame, "ply")])?, &bytes)?;
             progress.advance();
         }
         progress.finish();
         // These are the numbers of the files; with shared static Gaussians, of both files together.
         let whole = |time: f64| Ok(self.exporter.scene(Moment::At(time))?.into());
         tell_loss(out, &self.fidelity(ComparedTimes::At(&times))?.loss(whole)?)
+    }
+
+    /// The Gaussians of each branch as arrays, in separate files.
+    fn write_arrays(&self, out: &mut dyn Write) -> anyhow::Result<()> {
+        if let Some(gaussians) = self.exporter.static_()? {
+            self.write_npz(&[export::STATIC_NPZ], &gaussians, None)?;
+            tell(out, export::STATIC_NPZ, &gaussians)?;
+        }
+        let gaussians = self.exporter.dynamic(self.moment())?;
+        self.write_npz(&[export::DYNAMIC_NPZ], &gaussians, self.args.time)?;
+        tell(out, export::DYNAMIC_NPZ, &gaussians)
+    }
+
+    /// The dynamic branch as arrays at evenly spaced times.
+    fn write_array_frames(&self, frames: usize, out: &mut dyn Write) -> anyhow::Result<()> {
+        let times = self.frame_times(frames);
+        let mut progress = Progress::new("frames", frames, self.verbosity);
+        for (frame, &time) in times.iter().enumerate() {
+            let gaussians = self.exporter.dynamic(Moment::At(time))?;
+            let bytes = self.write_npz(&[export::FRAMES, &export::frame_name(frame, "npz")], &gaussians, Some(time))?;
+            if frame == 0 {
+                tell_frames(out, frames, bytes)?;
+            }
+            progress.advance();
+        }
+        progress.finish();
+        Ok(())
+    }
+
+    /// Writes an archive of arrays; returns its size in bytes.
+    fn write_npz(&self, path: &[&str], gaussians: &GaussianCloud, time: Option<f64>) -> anyhow::Result<usize> {
+        let bytes = gaussian_npz(gaussians, time).context("cannot pack the arrays")?;
+        atomic::write(&self.folder.place(path)?, &bytes)?;
+        Ok(bytes.len())
+    }
+
+    fn frame_times(&self, frames: usize) -> Vec<f64> {
+        let last = self.exporter.context.timeline.times().last().copied().unwrap_or(0.0);
+        export::frame_times(frames, last)
     }
 
     /// The renders that exported Gaussians are compared with.
@@ -200,6 +248,13 @@ impl Session<'_> {
 
 fn tell(out: &mut dyn Write, name: &str, gaussians: &GaussianCloud) -> anyhow::Result<()> {
     Ok(writeln!(out, "{name:LABEL$}{} Gaussians", gaussians.len())?)
+}
+
+/// How much a sequence takes, before it is written. All frames have as many Gaussians, so they are equally large.
+fn tell_frames(out: &mut dyn Write, frames: usize, bytes: usize) -> anyhow::Result<()> {
+    let (each, all) = (size(bytes), size(bytes * frames));
+    writeln!(out, "{:LABEL$}{frames} files of {each}, {all} in all", export::FRAMES)?;
+    Ok(out.flush()?)
 }
 
 /// What the last file costs.

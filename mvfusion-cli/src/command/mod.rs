@@ -31,8 +31,8 @@ pub use report::report;
 pub use restore::restore;
 pub use sweep::sweep;
 pub use synth::synth;
-pub use train::train;
 #[cfg(feature = "viewer")]
 pub use train::train_in_thread;
+pub use train::{Observer, train, train_observed};
 #[cfg(feature = "viewer")]
 pub use view::{view, view_until};

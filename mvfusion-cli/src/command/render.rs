@@ -3,14 +3,13 @@
 use std::io::Write;
 
 use mvfusion_model::evaluation::{Layer, LayerRenderer};
-use mvfusion_model::model::{DeformationLevel, Model};
 use mvfusion_model::timeline::spread;
 use mvfusion_model::train::final_level;
 
 use crate::args::RenderArgs;
 use crate::memory::{self, MemoryRule};
 use crate::progress::{Pace, Progress, Verbosity};
-use crate::render::{FileFormat, Film, LayerChoice, OutputsPlan, Reframing, Selection};
+use crate::render::{FileFormat, Film, OutputsPlan, Reframing, Selection, chosen_layers};
 use crate::run::{self, FolderLock, MasksRequest, OpenRun, RunRequest};
 
 /// Number of frames whose depths determine the common scale of all depth images.
@@ -35,7 +34,7 @@ pub fn render(args: &RenderArgs, verbosity: Verbosity, out: &mut dyn Write) -> a
     let level = final_level(&config);
     let is_clean = film.is_clean && model.static_.is_some();
     let film = Film { fps: args.fps.unwrap_or(film.fps), is_clean, ..film };
-    let layers = layers(&args.layers, &model, level);
+    let layers = chosen_layers(&args.layers, &model, level);
     let largest = film.frames.iter().map(|frame| (frame.camera.width, frame.camera.height));
     let largest = largest.max_by_key(|(width, height)| width * height).unwrap_or_default();
     let rule = MemoryRule::of_flag(args.force_memory);
@@ -62,27 +61,6 @@ fn selection(args: &RenderArgs) -> Selection {
         (None, None) => Reframing::AsItIs,
     };
     Selection { frames: args.frames, time: args.time, camera: args.camera.clone(), reframing }
-}
-
-/// The requested layers, each once.
-fn layers(asked: &[LayerChoice], model: &Model, level: DeformationLevel) -> Vec<Layer> {
-    if asked.is_empty() {
-        return Layer::usual(model, level);
-    }
-    let mut layers = Vec::new();
-    for choice in asked {
-        match choice {
-            LayerChoice::One(layer) => layers.push(*layer),
-            LayerChoice::All => layers.extend(Layer::ALL.iter().filter(|layer| layer.lacking(model, level).is_none())),
-        }
-    }
-    let mut seen = Vec::new();
-    layers.retain(|layer| {
-        let new = !seen.contains(layer);
-        seen.push(*layer);
-        new
-    });
-    layers
 }
 
 /// The renderer with a common depth scale for all frames.

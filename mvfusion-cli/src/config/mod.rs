@@ -172,6 +172,9 @@ fn given_partials(args: &ConfigSourceArgs, data: Option<&Path>) -> anyhow::Resul
     if let Some(path) = &args.config {
         partials.push(read_partial(path)?);
     }
+    if let Some(table) = &args.table {
+        partials.push(PartialConfig::of_table(table.clone(), Origin::Program));
+    }
     for setting in &args.set {
         partials.push(PartialConfig::from_setting(setting)?);
     }
@@ -297,6 +300,22 @@ mod tests {
         // A table adds to the table that it overrides.
         let preset = resolve(&ConfigSourceArgs::default(), None).expect("resolved").config;
         assert_eq!(config.train.stages.refinement, preset.train.stages.refinement);
+    }
+
+    #[test]
+    fn a_calling_program_overrides_the_file_and_is_named_in_its_errors() {
+        let folder = tempfile::tempdir().expect("folder");
+        let file = folder.path().join("a.toml");
+        std::fs::write(&file, "seed = 3\ntrain.scale = 0.5\n").expect("written");
+        let of = |text: &str| ConfigSourceArgs {
+            config: Some(file.clone()),
+            table: Some(text.parse().expect("TOML")),
+            ..ConfigSourceArgs::default()
+        };
+        let config = resolve(&of("train.scale = 0.25"), None).expect("resolved").config;
+        assert_eq!((config.seed, config.train.scale), (3, 0.25));
+        let error = resolve(&of("train.scal = 1"), None).expect_err("refused").to_string();
+        assert!(error.contains("the calling program") && error.contains("`train.scale`"), "{error}");
     }
 
     #[test]

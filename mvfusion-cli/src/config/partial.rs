@@ -28,6 +28,8 @@ pub enum Origin {
     File(PathBuf),
     /// `--set` with this argument.
     Setting(String),
+    /// A program that embeds this one.
+    Program,
     /// An option of its own.
     Flag(&'static str),
     /// A part of a grid, in words: ``components.toml, the variant `full` ``.
@@ -94,6 +96,7 @@ impl Origin {
             Self::Preset(name) => format!("preset `{name}`"),
             Self::File(path) => path.display().to_string(),
             Self::Setting(setting) => format!("`--set {setting}`"),
+            Self::Program => "the configuration of the calling program".to_owned(),
             Self::Flag(flag) => format!("`{flag}`"),
             Self::Grid(part) => part.clone(),
         }

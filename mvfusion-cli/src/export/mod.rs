@@ -39,6 +39,10 @@ pub const SPLAT: &str = "scene.splat";
 pub const GLB: &str = "scene.glb";
 /// The whole scene in motion.
 pub const MOVING: &str = "scene.4dgs";
+/// Gaussians of the static branch, as NumPy arrays.
+pub const STATIC_NPZ: &str = "static.npz";
+/// Gaussians of the dynamic branch, as NumPy arrays.
+pub const DYNAMIC_NPZ: &str = "dynamic.npz";
 /// Folder of the sequence.
 pub const FRAMES: &str = "frames";
 
@@ -51,6 +55,8 @@ pub const CONTENTS: Contents = Contents {
         SPLAT,
         GLB,
         MOVING,
+        STATIC_NPZ,
+        DYNAMIC_NPZ,
         FRAMES,
         CAMERAS,
         inria::POINT_CLOUD,
@@ -167,8 +173,8 @@ pub fn frame_times(frames: usize, last: f64) -> Vec<f64> {
 }
 
 /// File name of a frame of a sequence. Viewers play files with a common prefix in the order of their final numbers.
-pub fn frame_name(frame: usize) -> String {
-    format!("frame{:04}.ply", frame + 1)
+pub fn frame_name(frame: usize, ending: &str) -> String {
+    format!("frame{:04}.{ending}", frame + 1)
 }
 
 #[cfg(test)]
@@ -179,6 +185,6 @@ mod tests {
     fn a_sequence_begins_at_zero_and_ends_at_the_last_trained_time() {
         assert_eq!(frame_times(4, 0.75), [0.0, 0.25, 0.5, 0.75]);
         assert_eq!(frame_times(1, 0.75), [0.0]);
-        assert_eq!((frame_name(0), frame_name(99)), ("frame0001.ply".to_owned(), "frame0100.ply".to_owned()));
+        assert_eq!([frame_name(0, "ply"), frame_name(99, "npz")], ["frame0001.ply", "frame0100.npz"]);
     }
 }

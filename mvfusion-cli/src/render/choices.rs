@@ -7,6 +7,7 @@ use mvfusion_data::camera_path::{FRAME_RATES, LONGEST_SIDE, MOST_ENTRIES};
 use mvfusion_data::can_write_videos;
 use mvfusion_model::config::FusionWeights;
 use mvfusion_model::evaluation::Layer;
+use mvfusion_model::model::{DeformationLevel, Model};
 
 use super::views::LEAST_SIDE;
 use crate::failure::UsageError;
@@ -72,6 +73,27 @@ pub fn parse_layer(text: &str) -> Result<LayerChoice, String> {
     let names = || Layer::ALL.map(Layer::name).join(", ");
     let layer = Layer::of_name(&text.replace('-', "_"));
     layer.map(LayerChoice::One).ok_or_else(|| format!("expected all, {}", names()))
+}
+
+/// The requested layers of a model, each once; the usual ones if none is requested.
+pub fn chosen_layers(asked: &[LayerChoice], model: &Model, level: DeformationLevel) -> Vec<Layer> {
+    if asked.is_empty() {
+        return Layer::usual(model, level);
+    }
+    let mut layers = Vec::new();
+    for choice in asked {
+        match choice {
+            LayerChoice::One(layer) => layers.push(*layer),
+            LayerChoice::All => layers.extend(Layer::ALL.iter().filter(|layer| layer.lacking(model, level).is_none())),
+        }
+    }
+    let mut seen = Vec::new();
+    layers.retain(|layer| {
+        let new = !seen.contains(layer);
+        seen.push(*layer);
+        new
+    });
+    layers
 }
 
 /// Parses a time, 0 to 1.

@@ -128,25 +128,34 @@ fn entries<R: DeserializeOwned>(
 }
 
 fn check(entry: PathEntry) -> Result<PathEntry, String> {
-    let Camera { width, height, fx, fy, .. } = entry.camera;
+    check_camera(&entry.camera)?;
+    match entry.time {
+        Some(time) if !(0.0..=1.0).contains(&time) => Err(format!("its time is {time}, and times lie in [0, 1]")),
+        _ => Ok(entry),
+    }
+}
+
+/// Whether a camera can be rendered.
+///
+/// # Errors
+/// If its image, its focal lengths or its position are out of bounds, with the bounds.
+pub fn check_camera(camera: &Camera) -> Result<(), String> {
+    let Camera { width, height, fx, fy, .. } = *camera;
     if width == 0 || height == 0 || width.max(height) > LONGEST_SIDE {
         return Err(format!("its picture has {width} x {height} pixels, and a side has 1 to {LONGEST_SIDE}"));
     }
     if ![fx, fy].iter().all(|focal| focal.is_finite() && *focal > 0.0) {
         return Err(format!("its focal lengths are {fx} and {fy} pixels, and both must be above zero"));
     }
-    if !entry.camera.is_computable() {
-        let centre = entry.camera.centre();
+    if !camera.is_computable() {
+        let centre = camera.centre();
         return Err(format!(
             "its position {:?} and its focal lengths {fx:?} and {fy:?} are too large or too small to compute with; \
              coordinates go up to {LARGEST_COORDINATE:e}",
             centre.to_array()
         ));
     }
-    match entry.time {
-        Some(time) if !(0.0..=1.0).contains(&time) => Err(format!("its time is {time}, and times lie in [0, 1]")),
-        _ => Ok(entry),
-    }
+    Ok(())
 }
 
 impl Key {

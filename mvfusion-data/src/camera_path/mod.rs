@@ -6,7 +6,7 @@ mod placed;
 mod spiral;
 mod vantage;
 
-pub use file::{CameraPath, FRAME_RATES, LONGEST_SIDE, MOST_ENTRIES, PathEntry, read_camera_path};
+pub use file::{CameraPath, FRAME_RATES, LONGEST_SIDE, MOST_ENTRIES, PathEntry, check_camera, read_camera_path};
 pub use orbit::orbit;
 pub use spiral::spiral;
 pub use vantage::Vantage;

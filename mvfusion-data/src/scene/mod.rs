@@ -6,6 +6,7 @@
 mod activation;
 mod cache;
 mod camera;
+mod gaussian_arrays;
 mod gaussian_cloud;
 mod lens;
 mod limits;
@@ -22,6 +23,7 @@ pub use activation::{logit, sigmoid, unit_quaternion};
 pub use cache::{Decoded, PictureCache};
 pub use camera::Camera;
 pub(crate) use camera::nearest_to_axes;
+pub use gaussian_arrays::NamedArray;
 pub use gaussian_cloud::{GaussianCloud, LIFETIME_FIELDS, Lifetime, MASK_FIELDS, rest_width};
 pub use lens::{Bend, Lens};
 pub use limits::LARGEST_COORDINATE;

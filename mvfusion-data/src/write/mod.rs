@@ -20,6 +20,7 @@ mod layout;
 mod multipleview;
 mod nerfstudio;
 mod neu3d;
+mod npz;
 mod onthego;
 mod package;
 mod panoptic;
@@ -38,6 +39,7 @@ pub use encode::ply;
 pub use error::WriteError;
 pub use gaussians::gaussian_ply;
 pub use layout::Layout;
+pub use npz::gaussian_npz;
 pub use package::{BACKGROUND_TRUTH, DEPTH_TRUTH, MASKS_TRUTH, MOVERS_TRUTH};
 
 use crate::scene::{Capture, Scene, View};

@@ -1,6 +1,7 @@
 //! What `mvfusion export` writes, read by parsers of the test's own that know the formats' descriptions alone; and what
 //! becomes of it when training starts from it.
 
+mod arrays;
 mod files;
 mod formats;
 mod import;

@@ -8,7 +8,7 @@ mod live;
 mod session;
 mod watch;
 
-use std::io::Write;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow};
@@ -31,6 +31,8 @@ use crate::run::{self, Checkpoint, Existing, InitialWeights, MetricsLog, RunFold
 use crate::viewer::address::BoundSocket;
 use crate::{memory, scene};
 use session::Session;
+
+pub use session::Observer;
 
 /// Parent folder of the runs, unless `--out` is given.
 const RUNS: &str = "runs";
@@ -61,6 +63,22 @@ pub fn train_in_thread(
     trained(args, signals, viewer, verbosity, out)
 }
 
+/// The same for a program that embeds this one: with signals of its own, and an observer. Returns the run folder.
+///
+/// # Errors
+/// As [`train`]; [`Interrupted`](crate::interrupt::Interrupted) also if the observer ended it.
+pub fn train_observed(
+    args: &TrainArgs,
+    signals: Signals,
+    observer: Option<Observer>,
+    verbosity: Verbosity,
+) -> anyhow::Result<PathBuf> {
+    let session = opened(args, signals, verbosity)?;
+    let folder = session.folder.path().to_owned();
+    Session { observer, ..session }.run(&mut io::sink())?;
+    Ok(folder)
+}
+
 fn trained(
     args: &TrainArgs,
     signals: Signals,
@@ -68,11 +86,15 @@ fn trained(
     verbosity: Verbosity,
     out: &mut dyn Write,
 ) -> anyhow::Result<()> {
-    let session = match &args.resume {
-        Some(run) => resumed(args, run, signals, verbosity)?,
-        None => begun(args, signals, verbosity)?,
-    };
-    session.watched(socket)?.run(out)
+    opened(args, signals, verbosity)?.watched(socket)?.run(out)
+}
+
+/// A training before its first step in this process.
+fn opened(args: &TrainArgs, signals: Signals, verbosity: Verbosity) -> anyhow::Result<Session> {
+    match &args.resume {
+        Some(run) => resumed(args, run, signals, verbosity),
+        None => begun(args, signals, verbosity),
+    }
 }
 
 /// A training that begins.
@@ -119,8 +141,21 @@ fn begun(args: &TrainArgs, signals: Signals, verbosity: Verbosity) -> anyhow::Re
     let folder = plan.create()?;
     let record = RunRecord::begin(resolved.preset.name, &scene, config.seed, &device.name).initialised(weights);
     let log = MetricsLog::create(&folder.place(&[run::METRICS])?)?;
-    let (elapsed, live) = (0.0, None);
-    Ok(Session { config, record, device, scene, trainer, evaluator, folder, log, elapsed, signals, verbosity, live })
+    Ok(Session {
+        config,
+        record,
+        device,
+        scene,
+        trainer,
+        evaluator,
+        folder,
+        log,
+        elapsed: 0.0,
+        signals,
+        verbosity,
+        observer: None,
+        live: None,
+    })
 }
 
 /// Refuses what does not fit into the memory, unless `--force-memory` is given.
@@ -190,8 +225,21 @@ fn resumed(args: &TrainArgs, path: &Path, signals: Signals, verbosity: Verbosity
     }
     let (log, elapsed) = MetricsLog::resume(&folder.place(&[run::METRICS])?, step)?;
     let record = record.continued(step);
-    let live = None;
-    Ok(Session { config, record, device, scene, trainer, evaluator, folder, log, elapsed, signals, verbosity, live })
+    Ok(Session {
+        config,
+        record,
+        device,
+        scene,
+        trainer,
+        evaluator,
+        folder,
+        log,
+        elapsed,
+        signals,
+        verbosity,
+        observer: None,
+        live: None,
+    })
 }
 
 /// The device on which a run goes on: its own, unless another one is asked for, or this machine does not have it.

@@ -1,6 +1,7 @@
 //! A training in progress, from the first step to the report.
 
 use std::io::Write;
+use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use mvfusion_data::Scene;
@@ -17,12 +18,16 @@ use super::watch::{CheckpointClock, Watch};
 use crate::device::OpenDevice;
 use crate::interrupt::{Interrupted, Signals, resume_command};
 use crate::progress::Verbosity;
-use crate::run::{self, MetricsLog, PicturesWriter, RunFolder, RunRecord, SceneFile, TrainCost};
+use crate::run::{self, MetricsLine, MetricsLog, PicturesWriter, RunFolder, RunRecord, SceneFile, TrainCost};
 use crate::{atomic, config, memory, report, table};
 
 /// How often a checkpoint is tried to be written, and the pause in between.
 const SAVE_ATTEMPTS: usize = 3;
 const SAVE_PAUSE: Duration = Duration::from_secs(2);
+
+/// Is told of each logged step, and may end the training: it is then saved, as after a signal. The time that an observer
+/// takes is no part of the training's.
+pub type Observer = Box<dyn FnMut(&MetricsLine) -> ControlFlow<()> + Send>;
 
 /// A training in progress.
 pub(super) struct Session {
@@ -39,6 +44,8 @@ pub(super) struct Session {
     pub(super) elapsed: f64,
     pub(super) signals: Signals,
     pub(super) verbosity: Verbosity,
+    /// The program that embeds this one.
+    pub(super) observer: Option<Observer>,
     /// Those who watch.
     pub(super) live: Option<Live>,
 }
@@ -98,6 +105,7 @@ impl Session {
                 if let Some(live) = &mut self.live {
                     live.log(&line);
                 }
+                self.tell_observer(&line, &mut watch);
             }
             watch.progress.advance();
             if done == total {
@@ -124,6 +132,15 @@ impl Session {
             skipped: state.bad_steps.total,
             peak_memory: memory::peak(),
         })
+    }
+
+    fn tell_observer(&mut self, line: &MetricsLine, watch: &mut Watch) {
+        let Some(observer) = &mut self.observer else { return };
+        let started = Instant::now();
+        if observer(line).is_break() {
+            self.signals.raise();
+        }
+        watch.exclude(started.elapsed());
     }
 
     /// Removes old checkpoints. One that stays is no reason to stop.

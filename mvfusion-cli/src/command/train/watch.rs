@@ -68,7 +68,6 @@ impl Watch {
     }
 
     /// Leaves out some time that was not spent on training.
-    #[cfg_attr(not(feature = "viewer"), allow(dead_code, reason = "only pages ask for pauses"))]
     pub(super) fn exclude(&mut self, time: Duration) {
         self.pace.exclude(time);
     }
