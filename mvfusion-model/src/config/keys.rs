@@ -3,8 +3,10 @@
 //! Each struct of the configuration lists its keys in [`keys!`], with a [`Range`] for each. A missing key is a compile
 //! error.
 
+use std::borrow::Cow;
 use std::path::PathBuf;
 
+use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Deserialize, Serialize};
 
 use crate::ModelError;
@@ -27,6 +29,28 @@ impl<const LEAST: usize> Interval<LEAST> {
         self.0 > 0 && step.is_multiple_of(self.0)
     }
 }
+
+/// Both are whole numbers in a file.
+macro_rules! whole_number_in_schema {
+    ($name:literal, $kind:ty $(, $parameter:ident)?) => {
+        impl$(<const $parameter: usize>)? JsonSchema for $kind {
+            fn inline_schema() -> bool {
+                true
+            }
+
+            fn schema_name() -> Cow<'static, str> {
+                $name.into()
+            }
+
+            fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+                usize::json_schema(generator)
+            }
+        }
+    };
+}
+
+whole_number_in_schema!("Steps", Steps);
+whole_number_in_schema!("Interval", Interval<LEAST>, LEAST);
 
 /// The valid values of a number: a closed interval. Both ends are values with which a training computes finite numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -104,7 +128,7 @@ impl Range {
 }
 
 /// A number as people write it.
-fn written(value: f64) -> String {
+pub(super) fn written(value: f64) -> String {
     let is_short = value == 0.0 || (1e-4..1e7).contains(&value.abs());
     if is_short || !value.is_finite() { value.to_string() } else { format!("{value:e}") }
 }
@@ -133,6 +157,33 @@ pub struct NumericKey {
     pub most: f64,
 }
 
+/// A key in the order of the declarations.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct ListedKey {
+    /// The dotted key.
+    pub key: String,
+    /// The number that it holds, if any.
+    pub number: Option<NumericKey>,
+    /// If `train.scale` multiplies it: the value below which it does not make it fall.
+    pub scaled_from: Option<usize>,
+}
+
+impl ListedKey {
+    /// A key that is no number.
+    pub fn other(key: &str) -> Self {
+        Self { key: key.to_owned(), number: None, scaled_from: None }
+    }
+
+    fn number(key: &str, kind: NumberKind, Range { least, most, .. }: Range) -> Self {
+        let key = key.to_owned();
+        Self { key: key.clone(), number: Some(NumericKey { key, kind, least, most }), scaled_from: None }
+    }
+
+    fn steps(key: &str, range: Range, scaled_from: usize) -> Self {
+        Self { scaled_from: Some(scaled_from), ..Self::number(key, NumberKind::Whole, range) }
+    }
+}
+
 /// A value of the configuration, or a table of values.
 pub(super) trait Key {
     /// Multiplies every step count in it by `factor`.
@@ -143,8 +194,10 @@ pub(super) trait Key {
         Ok(())
     }
 
-    /// Appends the numbers in it, each with its range.
-    fn list(&self, _key: &str, _range: Range, _numbers: &mut Vec<NumericKey>) {}
+    /// Appends the key, and those in it, in the order of the declarations.
+    fn list(&self, key: &str, _range: Range, listed: &mut Vec<ListedKey>) {
+        listed.push(ListedKey::other(key));
+    }
 }
 
 /// Rejects a number out of range; `written` is the number as given.
@@ -155,17 +208,13 @@ fn check(key: &str, value: f64, written: impl ToString, range: Range) -> Result<
     }
 }
 
-fn numeric(key: &str, kind: NumberKind, Range { least, most, .. }: Range) -> NumericKey {
-    NumericKey { key: key.to_owned(), kind, least, most }
-}
-
 impl Key for f64 {
     fn check(&self, key: &str, range: Range) -> Result<(), ModelError> {
         check(key, *self, self, range)
     }
 
-    fn list(&self, key: &str, range: Range, numbers: &mut Vec<NumericKey>) {
-        numbers.push(numeric(key, NumberKind::Real, range));
+    fn list(&self, key: &str, range: Range, listed: &mut Vec<ListedKey>) {
+        listed.push(ListedKey::number(key, NumberKind::Real, range));
     }
 }
 
@@ -174,8 +223,8 @@ impl Key for usize {
         check(key, *self as f64, self, range)
     }
 
-    fn list(&self, key: &str, range: Range, numbers: &mut Vec<NumericKey>) {
-        numbers.push(numeric(key, NumberKind::Whole, range));
+    fn list(&self, key: &str, range: Range, listed: &mut Vec<ListedKey>) {
+        listed.push(ListedKey::number(key, NumberKind::Whole, range));
     }
 }
 
@@ -184,8 +233,8 @@ impl Key for u64 {
         check(key, *self as f64, self, range)
     }
 
-    fn list(&self, key: &str, range: Range, numbers: &mut Vec<NumericKey>) {
-        numbers.push(numeric(key, NumberKind::Whole, range));
+    fn list(&self, key: &str, range: Range, listed: &mut Vec<ListedKey>) {
+        listed.push(ListedKey::number(key, NumberKind::Whole, range));
     }
 }
 
@@ -194,8 +243,8 @@ impl Key for Vec<usize> {
         self.iter().try_for_each(|&item| check(key, item as f64, format!("{self:?}"), range))
     }
 
-    fn list(&self, key: &str, range: Range, numbers: &mut Vec<NumericKey>) {
-        numbers.push(numeric(key, NumberKind::List, range));
+    fn list(&self, key: &str, range: Range, listed: &mut Vec<ListedKey>) {
+        listed.push(ListedKey::number(key, NumberKind::List, range));
     }
 }
 
@@ -204,8 +253,8 @@ impl Key for [usize; 4] {
         self.to_vec().check(key, range)
     }
 
-    fn list(&self, key: &str, range: Range, numbers: &mut Vec<NumericKey>) {
-        numbers.push(numeric(key, NumberKind::List, range));
+    fn list(&self, key: &str, range: Range, listed: &mut Vec<ListedKey>) {
+        listed.push(ListedKey::number(key, NumberKind::List, range));
     }
 }
 
@@ -218,8 +267,8 @@ impl Key for Steps {
         self.0.check(key, range)
     }
 
-    fn list(&self, key: &str, range: Range, numbers: &mut Vec<NumericKey>) {
-        self.0.list(key, range, numbers);
+    fn list(&self, key: &str, range: Range, listed: &mut Vec<ListedKey>) {
+        listed.push(ListedKey::steps(key, range, 0));
     }
 }
 
@@ -233,8 +282,8 @@ impl<const LEAST: usize> Key for Interval<LEAST> {
         self.0.check(key, range)
     }
 
-    fn list(&self, key: &str, range: Range, numbers: &mut Vec<NumericKey>) {
-        self.0.list(key, range, numbers);
+    fn list(&self, key: &str, range: Range, listed: &mut Vec<ListedKey>) {
+        listed.push(ListedKey::steps(key, range, LEAST));
     }
 }
 
@@ -263,15 +312,16 @@ macro_rules! keys {
                 &self,
                 table: &str,
                 _: $crate::config::keys::Range,
-                numbers: &mut Vec<$crate::config::keys::NumericKey>,
+                listed: &mut Vec<$crate::config::keys::ListedKey>,
             ) {
-                use $crate::config::keys::{Key, Range, dotted};
+                use $crate::config::keys::{Key, ListedKey, Range, dotted};
+                listed.push(ListedKey::other(table));
                 let Self { $($field),* } = self;
                 $(Key::list(
                     $field,
                     &dotted(table, stringify!($field)),
                     Range::$range $(.$change($($value),*))*,
-                    numbers,
+                    listed,
                 );)*
             }
         }
@@ -349,8 +399,14 @@ mod tests {
 
     #[test]
     fn every_number_is_listed_with_its_range() {
-        let mut numbers = Vec::new();
-        added().list("table", Range::ANY, &mut numbers);
+        let mut listed = Vec::new();
+        added().list("table", Range::ANY, &mut listed);
+        let keys: Vec<&str> = listed.iter().map(|listed| listed.key.as_str()).collect();
+        let inner = ["table.inner", "table.inner.end", "table.inner.name"];
+        assert_eq!(keys, [&["table", "table.begin", "table.every", "table.share"], &inner[..]].concat());
+        let scaled: Vec<_> = listed.iter().filter_map(|listed| listed.scaled_from).collect();
+        assert_eq!(scaled, [0, 20, 0]);
+        let numbers: Vec<_> = listed.into_iter().filter_map(|listed| listed.number).collect();
         let of = |(key, kind, most): (&str, NumberKind, f64)| {
             let least = if key == "table.inner.end" { 1.0 } else { 0.0 };
             NumericKey { key: key.to_owned(), kind, least, most }

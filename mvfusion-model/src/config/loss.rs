@@ -1,12 +1,13 @@
 //! Weights and switches of the losses.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::keys::keys;
 
 /// The losses (METHOD §4.4; values of DeGauss' Neu3D config). The main loss drives densification, the light loss does
 /// not.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct LossConfig {
     /// Weight of the L1 terms of the main loss.
