@@ -52,6 +52,8 @@ fn page(command: &Command, name: &str) -> io::Result<Vec<u8>> {
         let (heading, lines) = extra.split_at(extra.iter().position(|&byte| byte == b'\n').map_or(0, |end| end + 1));
         text.extend([heading, b".nf\n", lines, b".fi\n"].concat());
     }
-    page.render_version_section(&mut text)?;
+    if command.get_version().is_some() {
+        page.render_version_section(&mut text)?;
+    }
     Ok(text)
 }

@@ -57,7 +57,10 @@ impl Template<'_> {
     fn write_key(&self, notes: &KeyNotes, text: &mut String) -> anyhow::Result<()> {
         comment(text, &notes.comment);
         if let KeyKind::Choice(choices) = &notes.kind {
-            choices.iter().for_each(|choice| comment(text, &format!("- `{}`: {}", choice.name, choice.comment)));
+            for choice in choices {
+                let lines = wrapped(&format!("- `{}`: {}", choice.name, choice.comment), WIDTH - 2);
+                _ = writeln!(text, "# {}", lines.join("\n#   "));
+            }
         }
         let default = notes.default.as_ref().map_or("absent".to_owned(), ToString::to_string);
         let mut facts = match &notes.kind {

@@ -4,7 +4,8 @@ use std::sync::LazyLock;
 
 use serde_json::Value;
 
-use super::keys::{ListedKey, written};
+use super::keys::ListedKey;
+use super::range::written;
 use super::schema::pointer;
 use super::sources::sources;
 use super::{Config, NumberKind, NumericKey};

@@ -47,9 +47,8 @@ pub struct LossConfig {
     pub static_opacity: f64,
     /// Weight of the mean opacity of the dynamic Gaussians.
     pub dynamic_opacity: f64,
-    /// Weight of the mean opacity of still dynamic Gaussians, weighted by their stillness
-    /// ([`MotionCache::stillness`](crate::model::motion::MotionCache::stillness)), from the first measurement of motion
-    /// on. Ours: the soft form of `motion.still = "prune"`.
+    /// Weight of the mean opacity of still dynamic Gaussians, weighted by their stillness, from the first measurement of
+    /// motion on. Ours: the soft form of `motion.still = "prune"`.
     pub still_opacity: f64,
     /// Weight of the second differences of the spatial planes.
     pub plane_smooth: f64,

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::keys::{keys, leaves};
 
-/// How the scene is read (METHOD §5). The built-in scenes are ours.
+/// How the scene is read (ours; the formats as in METHOD §5).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct SceneConfig {

@@ -56,6 +56,9 @@ fn set_range(place: &mut Value, number: &NumericKey, least: f64) {
     for (word, end) in [("minimum", least), ("maximum", number.most)] {
         if end.is_finite() {
             place[word] = written(end);
+        } else {
+            // JSON has no infinity, and editors turn that of TOML into `null`.
+            place["type"] = json!(["number", "null"]);
         }
     }
 }
@@ -117,12 +120,17 @@ fn without_null(kinds: &Value) -> Value {
     }
 }
 
-/// The comment of a field and that of its type, unless the first repeats the second.
+/// The comment of a field and that of its type. Of two that begin alike, the longer one, which says what both say.
 fn joined(own: &str, of_type: &str) -> String {
-    if of_type.is_empty() || own.contains(of_type.trim_end_matches('.')) {
-        return own.to_owned();
+    /// Words that make a beginning.
+    const BEGINNING: usize = 3;
+    let begins = |text: &str| text.split_whitespace().take(BEGINNING).map(str::to_owned).collect::<Vec<_>>();
+    match own.contains(of_type.trim_end_matches('.')) {
+        true => own.to_owned(),
+        false if of_type.contains(own.trim_end_matches('.')) => of_type.to_owned(),
+        false if begins(own) == begins(of_type) => if own.len() > of_type.len() { own } else { of_type }.to_owned(),
+        false => format!("{own}\n\n{of_type}"),
     }
-    format!("{own}\n\n{of_type}")
 }
 
 /// A doc comment as text: a line for each paragraph, and names instead of links to the code.
@@ -149,6 +157,15 @@ mod tests {
         let comment = "Multiplies it; see\n[`Config::scaled`](super::Config::scaled).\n\nSee [`Config`], `a[0]`.";
         assert_eq!(plain(comment), "Multiplies it; see `Config::scaled`.\n\nSee `Config`, `a[0]`.");
         assert!(!Config::schema().to_string().contains("::config"), "a link is left");
+    }
+
+    #[test]
+    fn a_type_adds_its_comment_unless_the_field_has_it() {
+        assert_eq!(joined("The kind (A1).", ""), "The kind (A1).");
+        assert_eq!(joined("The kind of it (A1). More.", "The kind of it (A1)."), "The kind of it (A1). More.");
+        assert_eq!(joined("The kind of it.", "The kind of it, here and there."), "The kind of it, here and there.");
+        assert_eq!(joined("The rule for it (A1).", "The rule for that."), "The rule for it (A1).");
+        assert_eq!(joined("The branch.", "Densification of a branch."), "The branch.\n\nDensification of a branch.");
     }
 
     #[test]

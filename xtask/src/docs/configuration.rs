@@ -9,14 +9,18 @@ use super::tables::cell;
 /// A section for each table, with a row for each of its keys; the keys outside every table come first.
 pub fn list(notes: &[KeyNotes]) -> String {
     let mut page = String::new();
-    let within = |table: &str| notes.iter().filter(move |notes| parent(&notes.key) == table && !is_table(notes));
-    write_rows(&mut page, within(""));
+    write_rows(&mut page, within(notes, ""));
     for table in notes.iter().filter(|notes| is_table(notes)) {
         let level = if table.key.contains('.') { "###" } else { "##" };
         _ = write!(page, "\n{level} `{}`\n{}\n\n", table.key, table.comment);
-        write_rows(&mut page, within(&table.key));
+        write_rows(&mut page, within(notes, &table.key));
     }
     page
+}
+
+/// The keys of a table.
+fn within<'a>(notes: &'a [KeyNotes], table: &'a str) -> impl Iterator<Item = &'a KeyNotes> {
+    notes.iter().filter(move |notes| parent(&notes.key) == table && !is_table(notes))
 }
 
 fn parent(key: &str) -> &str {
