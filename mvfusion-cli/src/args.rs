@@ -2,7 +2,9 @@
 
 mod compute;
 mod config;
+mod manuals;
 mod page;
+mod suggested;
 mod sweep;
 #[cfg(feature = "viewer")]
 mod viewer;
@@ -27,7 +29,8 @@ use crate::render::{
 };
 
 pub use compute::ComputeArgs;
-pub use config::ConfigSourceArgs;
+pub use config::{ConfigArgs, ConfigSourceArgs};
+pub use manuals::{CompletionsArgs, ManArgs};
 pub use page::PageArgs;
 pub use sweep::{Launcher, RunCellArgs, SweepAction, SweepArgs, SweepFolderArgs, SweepRunArgs, SweepShowArgs};
 #[cfg(feature = "viewer")]
@@ -105,6 +108,12 @@ pub enum Command {
     Presets,
     /// List the devices that --device accepts in this build, with their limits
     Devices,
+    /// Print the completions of a shell
+    #[command(long_about = help::COMPLETIONS)]
+    Completions(CompletionsArgs),
+    /// Write a manual page for the program and for each command
+    #[command(long_about = help::MAN)]
+    Man(ManArgs),
 }
 
 impl Command {
@@ -126,6 +135,7 @@ impl Command {
             Self::Synth(_) | Self::Config(_) | Self::Presets | Self::Devices | Self::Report(_) | Self::Restore(_) => {
                 None
             }
+            Self::Completions(_) | Self::Man(_) => Some(NonZeroUsize::MIN),
         }
     }
 }
@@ -228,17 +238,6 @@ impl Default for TrainArgs {
         // Proof: no option of this command is required.
         Alone::try_parse_from(["train"]).expect("no option is required").args
     }
-}
-
-/// `mvfusion config`.
-#[derive(Clone, Debug, Args)]
-pub struct ConfigArgs {
-    /// Scene folder [default: the built-in scene]
-    #[arg(long, value_name = "DIR")]
-    pub data: Option<PathBuf>,
-    /// The other sources.
-    #[command(flatten)]
-    pub sources: ConfigSourceArgs,
 }
 
 /// `mvfusion eval`.

@@ -149,7 +149,27 @@ to it: masks of moving objects, the background and depths. Use it to test progra
 /// `mvfusion config --help`.
 pub const CONFIG: &str = "\
 Merge preset, --config, --set, --seed and --data as `train` would, and print the result as TOML, every key with its \
-value. The output is a valid file for --config.";
+value. The output is a valid file for --config.
+
+--template adds all that is known of each key as comments: what it does, what it accepts, its default and the source of \
+that. --explain KEY prints the same of one key or table, what each preset makes of it, and whether a resumed run may \
+change it. --schema prints a JSON schema, with which an editor completes and checks configuration files \
+(docs/configuration.md).";
+
+/// `mvfusion completions --help`.
+pub const COMPLETIONS: &str = "\
+Print the script with which a shell completes commands, options, presets and configuration keys.
+
+  bash        mvfusion completions bash > ~/.local/share/bash-completion/completions/mvfusion
+  zsh         mvfusion completions zsh > ~/.zfunc/_mvfusion, with ~/.zfunc in $fpath
+  fish        mvfusion completions fish > ~/.config/fish/completions/mvfusion.fish
+  powershell  mvfusion completions powershell >> $PROFILE
+  elvish      mvfusion completions elvish >> ~/.config/elvish/rc.elv";
+
+/// `mvfusion man --help`.
+pub const MAN: &str = "\
+Write manual pages from the same text as --help: mvfusion.1 and one file for each command, such as mvfusion-train.1. \
+`man -l DIR/mvfusion.1` shows one; in ~/.local/share/man/man1, `man mvfusion-train` finds them.";
 
 /// `mvfusion render --help`, above the options.
 pub const RENDER: &str = "\

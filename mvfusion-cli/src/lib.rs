@@ -87,6 +87,8 @@ pub fn run(cli: &Cli, threads: usize, out: &mut dyn Write) -> anyhow::Result<()>
         Command::Synth(args) => command::synth(args, verbosity, out),
         Command::Config(args) => command::config(args, verbosity, out),
         Command::Presets => command::presets(out),
+        Command::Completions(args) => command::completions(args, out),
+        Command::Man(args) => command::man(args, out),
         Command::Devices => command::devices(out),
         Command::Render(args) => command::render(args, verbosity, out),
         #[cfg(feature = "viewer")]

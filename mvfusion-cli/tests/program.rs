@@ -11,6 +11,8 @@ mod disks;
 mod duration;
 #[path = "program/evidence.rs"]
 mod evidence;
+#[path = "program/manuals.rs"]
+mod manuals;
 #[path = "program/render.rs"]
 mod render;
 #[cfg(unix)]

@@ -1,12 +1,14 @@
 //! The commands, one file each.
 
 mod check;
+mod completions;
 mod config;
 mod devices;
 mod duration;
 mod eval;
 mod export;
 mod export_page;
+mod man;
 mod presets;
 mod render;
 mod replace;
@@ -21,10 +23,12 @@ mod train;
 mod view;
 
 pub use check::check;
+pub use completions::completions;
 pub use config::config;
 pub use devices::devices;
 pub use eval::eval;
 pub use export::export;
+pub use man::man;
 pub use presets::presets;
 pub use render::render;
 pub use report::report;

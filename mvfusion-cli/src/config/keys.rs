@@ -1,10 +1,8 @@
 //! The known keys and the values that they accept.
 
-use std::path::PathBuf;
-
 use anyhow::Context;
-use mvfusion_data::Format;
 use mvfusion_model::Config;
+use mvfusion_model::config::{KeyKind, KeyNotes, NumberKind};
 use toml::{Table, Value};
 
 use crate::failure::UsageError;
@@ -19,8 +17,8 @@ const SIMILAR_ENOUGH: f64 = 0.5;
 pub struct KnownKeys {
     /// The default of every key that has one.
     defaults: Table,
-    /// The same, with an example at the keys that are absent by default.
-    specimen: Table,
+    /// What is known of every key and table.
+    notes: &'static [KeyNotes],
 }
 
 impl KnownKeys {
@@ -29,17 +27,8 @@ impl KnownKeys {
     /// # Errors
     /// Never, unless the configuration's own defaults cannot be written as TOML.
     pub fn new() -> anyhow::Result<Self> {
-        let mut specimen = Config::default();
-        specimen.scene.data = Some(PathBuf::new());
-        specimen.scene.format = Some(Format::NEU3D);
-        specimen.scene.test_cameras = Some(vec!["cam00".to_owned()]);
-        specimen.scene.frame_store = Some(PathBuf::new());
-        specimen.init.static_ply = Some(PathBuf::new());
-        specimen.init.dynamic_ply = Some(PathBuf::new());
-        specimen.eval.dynamic_masks = Some(PathBuf::new());
-        specimen.eval.lpips_weights = Some(PathBuf::new());
-        let table = |config: &Config| Table::try_from(config).context("the defaults cannot be written as TOML");
-        Ok(Self { defaults: table(&Config::default())?, specimen: table(&specimen)? })
+        let defaults = Table::try_from(Config::default()).context("the defaults cannot be written as TOML")?;
+        Ok(Self { defaults, notes: Config::key_notes() })
     }
 
     /// The defaults.
@@ -47,77 +36,75 @@ impl KnownKeys {
         &self.defaults
     }
 
+    /// What is known of a key or a table.
+    pub fn find(&self, key: &str) -> Option<&'static KeyNotes> {
+        self.notes.iter().find(|notes| notes.key == key)
+    }
+
+    /// The keys and tables directly within a table; those of the whole for an empty name.
+    pub fn within<'a>(&self, table: &'a str) -> impl Iterator<Item = &'static KeyNotes> + use<'a> {
+        let parent = |key: &'static str| key.rsplit_once('.').map_or("", |(parent, _)| parent);
+        self.notes.iter().filter(move |notes| parent(&notes.key) == table)
+    }
+
+    /// The key that is most like a name, if any is similar enough.
+    pub fn nearest(&self, name: &str) -> Option<&'static str> {
+        nearest(name, self.notes.iter().map(|notes| notes.key.as_str()))
+    }
+
     /// Whether every key of a partial exists and has a value of the right kind.
     ///
     /// # Errors
     /// [`UsageError`] that names the first wrong key or value, and where it was written.
     pub fn check(&self, partial: &PartialConfig) -> Result<(), UsageError> {
-        self.check_table(partial, &partial.table, &self.specimen, "")
+        self.check_table(partial, &partial.table, "")
     }
 
-    fn check_table(
-        &self,
-        partial: &PartialConfig,
-        given: &Table,
-        known: &Table,
-        prefix: &str,
-    ) -> Result<(), UsageError> {
+    fn check_table(&self, partial: &PartialConfig, given: &Table, prefix: &str) -> Result<(), UsageError> {
         for (name, value) in given {
             let key = format!("{prefix}{name}");
-            match (known.get(name), value) {
+            match (self.find(&key), value) {
                 (None, _) => return Err(self.unknown(partial, &key)),
-                (Some(Value::Table(known)), Value::Table(given)) => {
-                    self.check_table(partial, given, known, &format!("{key}."))?;
+                (Some(KeyNotes { kind: KeyKind::Table, .. }), Value::Table(given)) => {
+                    self.check_table(partial, given, &format!("{key}."))?;
                 }
-                (Some(example), _) => self.check_value(partial, &key, value, example)?,
+                (Some(notes), _) => self.check_value(partial, notes, value)?,
             }
         }
         Ok(())
     }
 
     fn unknown(&self, partial: &PartialConfig, key: &str) -> UsageError {
-        let mut all = Vec::new();
-        list(&self.specimen, "", &mut all);
-        let nearest = nearest(key, all.iter().map(String::as_str))
-            .map_or(String::new(), |near| format!(" Did you mean `{near}`?"));
+        let nearest = self.nearest(key).map_or(String::new(), |near| format!(" Did you mean `{near}`?"));
         let place = partial.place(key);
         UsageError::new(format!("unknown key `{key}` ({place}).{nearest} `mvfusion config` prints all keys."))
     }
 
     /// Tries a value in the default configuration, whose types decide whether they accept it.
-    fn check_value(
-        &self,
-        partial: &PartialConfig,
-        key: &str,
-        value: &Value,
-        example: &Value,
-    ) -> Result<(), UsageError> {
+    fn check_value(&self, partial: &PartialConfig, notes: &KeyNotes, value: &Value) -> Result<(), UsageError> {
+        let key = &notes.key;
         let mut trial = self.defaults.clone();
         put(&mut trial, key, value.clone());
         if Value::Table(trial).try_into::<Config>().is_ok() {
             return Ok(());
         }
-        let expected = self.expectation(key, example);
+        let expected = self.expectation(notes);
         Err(UsageError::new(format!("`{key}` must be {expected}, not {value} ({}).", partial.place(key))))
     }
 
-    /// What a key accepts, in words, given an example value.
-    fn expectation(&self, key: &str, example: &Value) -> String {
-        match example {
-            Value::Integer(_) => "a whole number, 0 or more".to_owned(),
-            Value::Float(_) => "a number".to_owned(),
-            Value::Boolean(_) => "true or false".to_owned(),
-            Value::Array(_) => format!("a list such as {example}"),
-            Value::Table(table) => {
-                format!("a table with the keys {}", table.keys().cloned().collect::<Vec<_>>().join(", "))
+    /// What a key accepts, in words. Ranges are checked later, beside the other keys.
+    fn expectation(&self, notes: &KeyNotes) -> String {
+        let default = || notes.default.as_ref().map_or(String::new(), ToString::to_string);
+        match &notes.kind {
+            KeyKind::Number { kind: NumberKind::Real, .. } => "a number".to_owned(),
+            KeyKind::Number { kind: NumberKind::Whole, .. } => "a whole number, 0 or more".to_owned(),
+            KeyKind::Number { kind: NumberKind::List, .. } => format!("a list such as {}", default()),
+            KeyKind::Table => {
+                let start = notes.key.len() + 1;
+                let names: Vec<_> = self.within(&notes.key).map(|inner| &inner.key[start..]).collect();
+                format!("a table with the keys {}", names.join(", "))
             }
-            Value::String(_) | Value::Datetime(_) => {
-                // An enumeration lists its names when it refuses another one.
-                let mut trial = self.defaults.clone();
-                put(&mut trial, key, Value::String(String::new()));
-                let refusal = Value::Table(trial).try_into::<Config>().err();
-                refusal.and_then(|error| variants(error.message())).unwrap_or_else(|| "a string".to_owned())
-            }
+            other => other.in_words(),
         }
     }
 }
@@ -134,24 +121,6 @@ fn put(table: &mut Table, key: &str, value: Value) {
                 put(inner, rest, value);
             }
         }
-    }
-}
-
-/// The names that an enumeration accepts, taken from its error message.
-fn variants(refusal: &str) -> Option<String> {
-    let (_, names) = refusal.split_once(", expected ")?;
-    let names = names.lines().next().unwrap_or_default();
-    let names = names.strip_prefix("one of ").unwrap_or(names).replace(" or ", ", ");
-    names.starts_with('`').then(|| format!("one of {names}"))
-}
-
-fn list(table: &Table, prefix: &str, keys: &mut Vec<String>) {
-    for (name, value) in table {
-        let key = format!("{prefix}{name}");
-        if let Value::Table(inner) = value {
-            list(inner, &format!("{key}."), keys);
-        }
-        keys.push(key);
     }
 }
 

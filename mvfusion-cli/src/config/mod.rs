@@ -1,8 +1,11 @@
 //! The configuration of a run, merged from partial ones: preset, `--config`, `--set`, `--seed` and `--data`.
 
+mod explain;
 mod keys;
 mod partial;
 mod preset;
+mod preset_values;
+mod template;
 
 use std::path::{Path, PathBuf};
 
@@ -16,10 +19,12 @@ use toml::{Table, Value};
 use crate::args::ConfigSourceArgs;
 use crate::failure::UsageError;
 use crate::run;
+pub use explain::explain;
 use keys::KnownKeys;
 pub(crate) use keys::nearest;
 pub(crate) use partial::{Origin, PartialConfig, leaves, line_of};
 pub use preset::{PRESETS, Preset};
+pub use template::template;
 
 /// The preset for the built-in scene.
 const FOR_BUILTIN: &str = "quickstart";
@@ -130,6 +135,17 @@ pub(crate) fn resume(path: &Path, args: &ConfigSourceArgs, data: Option<&Path>) 
         return Err(UsageError::new(format!("cannot resume with `{key}` = {new}: the run has {old}. {remedy}")).into());
     }
     Ok(config)
+}
+
+/// What a resumed run may change of a key, in words.
+fn on_resume(key: &str) -> &'static str {
+    match key {
+        _ if RESUMABLE.iter().any(|free| key.starts_with(free)) => "a resumed run may change it",
+        "train.stages.geometry" | "train.stages.deformation" | "train.stages.refinement" => {
+            "a resumed run may raise it, if it is that of the last stage with steps"
+        }
+        _ => "a resumed run keeps it",
+    }
 }
 
 /// The key and the length of the last stage that has steps.

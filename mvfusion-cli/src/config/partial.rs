@@ -81,6 +81,11 @@ impl PartialConfig {
         Self::of_table(table, origin)
     }
 
+    /// The line of a key in the text, from 1.
+    pub fn line(&self, key: &str) -> Option<usize> {
+        self.lines.get(key).copied()
+    }
+
     /// Where a key was written, for messages.
     pub fn place(&self, key: &str) -> String {
         match self.lines.get(key) {

@@ -1,9 +1,10 @@
 //! Options of the built-in scenes.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// The kind of built-in scene.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum BuiltinKind {
     /// Eight synchronised cameras. The first, in the middle of the others, is held out. A block flies and tumbles, a

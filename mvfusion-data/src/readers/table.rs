@@ -1,5 +1,8 @@
 //! The table of readers: a line for each format.
 
+use std::borrow::Cow;
+
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::Error;
 use serde::{Deserialize, Deserializer};
 
@@ -57,6 +60,22 @@ impl<'de> Deserialize<'de> for Format {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let key = String::deserialize(deserializer)?;
         Self::of_key(&key).ok_or_else(|| D::Error::unknown_variant(&key, &Self::KEYS))
+    }
+}
+
+impl JsonSchema for Format {
+    fn inline_schema() -> bool {
+        true
+    }
+
+    fn schema_name() -> Cow<'static, str> {
+        "Format".into()
+    }
+
+    /// One of the keys, each with its name in messages.
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        let choices = Self::ALL.map(|format| json_schema!({ "const": format.key(), "description": format.name() }));
+        json_schema!({ "oneOf": choices })
     }
 }
 

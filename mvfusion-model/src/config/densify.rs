@@ -1,5 +1,6 @@
 //! Cloning, splitting, pruning and opacity resets.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::keys::{keys, leaves};
@@ -13,7 +14,7 @@ const MIN_ROUND: usize = 20;
 const MIN_RESET: usize = 500;
 
 /// Densification of both branches (METHOD §4.7 to §4.12).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct DensifyConfig {
     /// First step after which Gaussians are added.
@@ -68,7 +69,7 @@ pub struct DensifyConfig {
 }
 
 /// Densification of one branch.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BranchDensifyConfig {
     /// Gradient threshold for cloning and splitting in the first stage.
@@ -86,7 +87,7 @@ pub struct BranchDensifyConfig {
 }
 
 /// The effect of a reset on Gaussians that it does not select.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum OpacityReset {
     /// DeGauss: their activated opacity is stored as a logit, so that it ends between 0.5 and 0.73.

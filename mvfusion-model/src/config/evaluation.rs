@@ -2,12 +2,13 @@
 
 use std::path::PathBuf;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::keys::keys;
 
-/// Evaluation on the test views.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// Evaluation on the test views. Ours; docs/evaluation.md has the protocols.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct EvalConfig {
     /// A folder of masks (white = dynamic), one per view, with the names of the views: `cam00/0000.png`.

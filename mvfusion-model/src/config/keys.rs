@@ -5,109 +5,10 @@
 
 use std::path::PathBuf;
 
-use serde::{Deserialize, Serialize};
-
+use super::{Interval, Steps};
 use crate::ModelError;
 
-/// A number of optimiser steps, or the step at which something starts or ends.
-/// [`Config::scaled`](super::Config::scaled) multiplies it by `train.scale`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(transparent)]
-pub struct Steps(pub usize);
-
-/// Optimiser steps from one event to the next; 0 means no events. [`Config::scaled`](super::Config::scaled) multiplies
-/// it by `train.scale`, but never makes it shorter than `LEAST`, unless it is shorter already.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(transparent)]
-pub struct Interval<const LEAST: usize = 1>(pub usize);
-
-impl<const LEAST: usize> Interval<LEAST> {
-    /// Whether the event happens at `step`, counted from 1.
-    pub fn is_due(self, step: usize) -> bool {
-        self.0 > 0 && step.is_multiple_of(self.0)
-    }
-}
-
-/// The valid values of a number: a closed interval. Both ends are values with which a training computes finite numbers.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Range {
-    /// The smallest valid value.
-    pub least: f64,
-    /// The largest valid value.
-    pub most: f64,
-    /// The remedy for an invalid value.
-    advice: &'static str,
-}
-
-/// The largest number of steps, far beyond any run.
-const MOST_STEPS: f64 = 1e9;
-
-/// The smallest number that counts as above 0. Single precision represents it and its reciprocal.
-const LEAST_ABOVE_0: f64 = 1e-30;
-
-impl Range {
-    /// For tables and keys that are not numbers.
-    pub const ANY: Self = Self { least: f64::NEG_INFINITY, most: f64::INFINITY, advice: "" };
-    pub const SHARE: Self = Self { least: 0.0, most: 1.0, advice: "give a share" };
-    /// The logarithm of odds; beyond its ends, a probability is 0 or 1 in single precision.
-    pub const LOGIT: Self = Self { least: -30.0, most: 30.0, advice: "give a number" };
-    pub const FROM_0: Self = Self { least: 0.0, most: 1e6, advice: "give a number that is not below 0" };
-    pub const ABOVE_0: Self = Self { least: LEAST_ABOVE_0, most: 1e6, advice: "give a number above 0" };
-    pub const FROM_1: Self = Self { least: 1.0, most: 1e6, advice: "give at least 1" };
-    /// Numbers of Gaussians.
-    pub const GAUSSIANS: Self = Self { least: 0.0, most: 1e8, advice: "give a number of Gaussians" };
-    /// Numbers of steps, of which there may be none.
-    pub const STEPS: Self = Self { least: 0.0, most: MOST_STEPS, advice: "give a number of steps" };
-    /// Numbers of steps between two events.
-    pub const INTERVAL: Self = Self { least: 1.0, most: MOST_STEPS, advice: "give a number of steps, at least 1" };
-    /// Widths of layers.
-    pub const WIDTH: Self = Self { least: 1.0, most: 4096.0, advice: "give at least 1" };
-    /// Seeds, which TOML can represent.
-    pub const SEED: Self =
-        Self { least: 0.0, most: i64::MAX as f64, advice: "give a whole number that is not below 0" };
-    /// Decays of Adam's moments. With an end nearer to 1, single precision could not tell it from 1.
-    pub const DECAY: Self = Self { least: 0.0, most: 0.999_99, advice: "give a number from 0 to below 1" };
-    /// Loss weights. With a larger one, the squares of gradients overflow single precision.
-    pub const WEIGHT: Self =
-        Self { least: 0.0, most: 1e6, advice: "give a number that is not below 0; 0 switches it off" };
-    /// Learning rates. With a larger one, Gaussians outgrow single precision in less than a hundred steps.
-    pub const RATE: Self = Self {
-        least: 0.0,
-        most: 1.0,
-        advice: "give a rate that is not below 0; 0 leaves the parameters as they start",
-    };
-
-    /// The same values with different advice.
-    pub const fn saying(self, advice: &'static str) -> Self {
-        Self { advice, ..self }
-    }
-
-    /// The same with another smallest value.
-    pub const fn from(self, least: f64) -> Self {
-        Self { least, ..self }
-    }
-
-    /// The same with another largest value.
-    pub const fn to(self, most: f64) -> Self {
-        Self { most, ..self }
-    }
-
-    /// Whether a value is valid. Written so that NaN is not.
-    fn fits(&self, value: f64) -> bool {
-        self.least <= value && value <= self.most
-    }
-
-    /// The remedy for an invalid value, with the valid ones.
-    fn reason(&self) -> String {
-        format!("{} (from {} to {})", self.advice, written(self.least), written(self.most))
-    }
-}
-
-/// A number as people write it.
-fn written(value: f64) -> String {
-    let is_short = value == 0.0 || (1e-4..1e7).contains(&value.abs());
-    if is_short || !value.is_finite() { value.to_string() } else { format!("{value:e}") }
-}
+pub(super) use super::range::Range;
 
 /// The kind of a number of the configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -133,6 +34,33 @@ pub struct NumericKey {
     pub most: f64,
 }
 
+/// A key in the order of the declarations.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct ListedKey {
+    /// The dotted key.
+    pub key: String,
+    /// The number that it holds, if any.
+    pub number: Option<NumericKey>,
+    /// If `train.scale` multiplies it: the value below which it does not make it fall.
+    pub scaled_from: Option<usize>,
+}
+
+impl ListedKey {
+    /// A key that is no number.
+    pub fn other(key: &str) -> Self {
+        Self { key: key.to_owned(), number: None, scaled_from: None }
+    }
+
+    fn number(key: &str, kind: NumberKind, Range { least, most, .. }: Range) -> Self {
+        let key = key.to_owned();
+        Self { key: key.clone(), number: Some(NumericKey { key, kind, least, most }), scaled_from: None }
+    }
+
+    fn steps(key: &str, range: Range, scaled_from: usize) -> Self {
+        Self { scaled_from: Some(scaled_from), ..Self::number(key, NumberKind::Whole, range) }
+    }
+}
+
 /// A value of the configuration, or a table of values.
 pub(super) trait Key {
     /// Multiplies every step count in it by `factor`.
@@ -143,8 +71,10 @@ pub(super) trait Key {
         Ok(())
     }
 
-    /// Appends the numbers in it, each with its range.
-    fn list(&self, _key: &str, _range: Range, _numbers: &mut Vec<NumericKey>) {}
+    /// Appends the key, and those in it, in the order of the declarations.
+    fn list(&self, key: &str, _range: Range, listed: &mut Vec<ListedKey>) {
+        listed.push(ListedKey::other(key));
+    }
 }
 
 /// Rejects a number out of range; `written` is the number as given.
@@ -155,17 +85,13 @@ fn check(key: &str, value: f64, written: impl ToString, range: Range) -> Result<
     }
 }
 
-fn numeric(key: &str, kind: NumberKind, Range { least, most, .. }: Range) -> NumericKey {
-    NumericKey { key: key.to_owned(), kind, least, most }
-}
-
 impl Key for f64 {
     fn check(&self, key: &str, range: Range) -> Result<(), ModelError> {
         check(key, *self, self, range)
     }
 
-    fn list(&self, key: &str, range: Range, numbers: &mut Vec<NumericKey>) {
-        numbers.push(numeric(key, NumberKind::Real, range));
+    fn list(&self, key: &str, range: Range, listed: &mut Vec<ListedKey>) {
+        listed.push(ListedKey::number(key, NumberKind::Real, range));
     }
 }
 
@@ -174,8 +100,8 @@ impl Key for usize {
         check(key, *self as f64, self, range)
     }
 
-    fn list(&self, key: &str, range: Range, numbers: &mut Vec<NumericKey>) {
-        numbers.push(numeric(key, NumberKind::Whole, range));
+    fn list(&self, key: &str, range: Range, listed: &mut Vec<ListedKey>) {
+        listed.push(ListedKey::number(key, NumberKind::Whole, range));
     }
 }
 
@@ -184,8 +110,8 @@ impl Key for u64 {
         check(key, *self as f64, self, range)
     }
 
-    fn list(&self, key: &str, range: Range, numbers: &mut Vec<NumericKey>) {
-        numbers.push(numeric(key, NumberKind::Whole, range));
+    fn list(&self, key: &str, range: Range, listed: &mut Vec<ListedKey>) {
+        listed.push(ListedKey::number(key, NumberKind::Whole, range));
     }
 }
 
@@ -194,8 +120,8 @@ impl Key for Vec<usize> {
         self.iter().try_for_each(|&item| check(key, item as f64, format!("{self:?}"), range))
     }
 
-    fn list(&self, key: &str, range: Range, numbers: &mut Vec<NumericKey>) {
-        numbers.push(numeric(key, NumberKind::List, range));
+    fn list(&self, key: &str, range: Range, listed: &mut Vec<ListedKey>) {
+        listed.push(ListedKey::number(key, NumberKind::List, range));
     }
 }
 
@@ -204,8 +130,8 @@ impl Key for [usize; 4] {
         self.to_vec().check(key, range)
     }
 
-    fn list(&self, key: &str, range: Range, numbers: &mut Vec<NumericKey>) {
-        numbers.push(numeric(key, NumberKind::List, range));
+    fn list(&self, key: &str, range: Range, listed: &mut Vec<ListedKey>) {
+        listed.push(ListedKey::number(key, NumberKind::List, range));
     }
 }
 
@@ -218,8 +144,8 @@ impl Key for Steps {
         self.0.check(key, range)
     }
 
-    fn list(&self, key: &str, range: Range, numbers: &mut Vec<NumericKey>) {
-        self.0.list(key, range, numbers);
+    fn list(&self, key: &str, range: Range, listed: &mut Vec<ListedKey>) {
+        listed.push(ListedKey::steps(key, range, 0));
     }
 }
 
@@ -233,8 +159,8 @@ impl<const LEAST: usize> Key for Interval<LEAST> {
         self.0.check(key, range)
     }
 
-    fn list(&self, key: &str, range: Range, numbers: &mut Vec<NumericKey>) {
-        self.0.list(key, range, numbers);
+    fn list(&self, key: &str, range: Range, listed: &mut Vec<ListedKey>) {
+        listed.push(ListedKey::steps(key, range, LEAST));
     }
 }
 
@@ -263,15 +189,16 @@ macro_rules! keys {
                 &self,
                 table: &str,
                 _: $crate::config::keys::Range,
-                numbers: &mut Vec<$crate::config::keys::NumericKey>,
+                listed: &mut Vec<$crate::config::keys::ListedKey>,
             ) {
-                use $crate::config::keys::{Key, Range, dotted};
+                use $crate::config::keys::{Key, ListedKey, Range, dotted};
+                listed.push(ListedKey::other(table));
                 let Self { $($field),* } = self;
                 $(Key::list(
                     $field,
                     &dotted(table, stringify!($field)),
                     Range::$range $(.$change($($value),*))*,
-                    numbers,
+                    listed,
                 );)*
             }
         }
@@ -293,6 +220,7 @@ impl<T> Key for Option<T> {}
 
 #[cfg(test)]
 mod tests {
+    use super::super::range::MOST_STEPS;
     use super::*;
 
     /// A new table with a key that counts steps.
@@ -349,8 +277,14 @@ mod tests {
 
     #[test]
     fn every_number_is_listed_with_its_range() {
-        let mut numbers = Vec::new();
-        added().list("table", Range::ANY, &mut numbers);
+        let mut listed = Vec::new();
+        added().list("table", Range::ANY, &mut listed);
+        let keys: Vec<&str> = listed.iter().map(|listed| listed.key.as_str()).collect();
+        let inner = ["table.inner", "table.inner.end", "table.inner.name"];
+        assert_eq!(keys, [&["table", "table.begin", "table.every", "table.share"], &inner[..]].concat());
+        let scaled: Vec<_> = listed.iter().filter_map(|listed| listed.scaled_from).collect();
+        assert_eq!(scaled, [0, 20, 0]);
+        let numbers: Vec<_> = listed.into_iter().filter_map(|listed| listed.number).collect();
         let of = |(key, kind, most): (&str, NumberKind, f64)| {
             let least = if key == "table.inner.end" { 1.0 } else { 0.0 };
             NumericKey { key: key.to_owned(), kind, least, most }

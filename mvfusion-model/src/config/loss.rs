@@ -1,12 +1,13 @@
 //! Weights and switches of the losses.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::keys::keys;
 
 /// The losses (METHOD §4.4; values of DeGauss' Neu3D config). The main loss drives densification, the light loss does
 /// not.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct LossConfig {
     /// Weight of the L1 terms of the main loss.
@@ -46,9 +47,8 @@ pub struct LossConfig {
     pub static_opacity: f64,
     /// Weight of the mean opacity of the dynamic Gaussians.
     pub dynamic_opacity: f64,
-    /// Weight of the mean opacity of still dynamic Gaussians, weighted by their stillness
-    /// ([`MotionCache::stillness`](crate::model::motion::MotionCache::stillness)), from the first measurement of motion
-    /// on. Ours: the soft form of `motion.still = "prune"`.
+    /// Weight of the mean opacity of still dynamic Gaussians, weighted by their stillness, from the first measurement of
+    /// motion on. Ours: the soft form of `motion.still = "prune"`.
     pub still_opacity: f64,
     /// Weight of the second differences of the spatial planes.
     pub plane_smooth: f64,

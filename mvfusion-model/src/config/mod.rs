@@ -6,38 +6,46 @@
 mod check;
 mod contradiction;
 mod densify;
+mod describe;
 mod evaluation;
 mod keys;
 mod loss;
 mod model;
 mod motion;
 mod optim;
+mod range;
 mod scale;
 mod scene;
+mod schema;
+mod sources;
+mod steps;
 mod times;
 mod train;
 mod variants;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use keys::{Key, Range, keys};
+use keys::{Key, ListedKey, Range, keys};
 
 pub use densify::{BranchDensifyConfig, DensifyConfig, OpacityReset};
+pub use describe::{Choice, KeyKind, KeyNotes};
 pub use evaluation::EvalConfig;
-pub use keys::{Interval, NumberKind, NumericKey, Steps};
+pub use keys::{NumberKind, NumericKey};
 pub use loss::LossConfig;
 pub use model::{Background, Branches, GridBoundsRule, GridConfig, ModelConfig, TimeRows, Uncovered};
 pub use motion::{FusionWeights, MotionConfig, Spread, StillRule};
 pub use optim::{Decay, OptimConfig};
 pub use scene::{InitConfig, SceneConfig, SceneKind};
+pub use steps::{Interval, Steps};
 pub use train::{BadStepRule, StageConfig, TrainConfig};
 pub use variants::{Descriptor, Refinement, Temporal, TokenMode, TokenOffset, TokenValues, Trajectory};
 
 /// The configuration of a run.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
-    /// Seed of every random stream of the run.
+    /// Seed of every random stream of the run. Ours.
     pub seed: u64,
     /// The scene, and how to read it.
     pub scene: SceneConfig,
@@ -75,9 +83,14 @@ keys!(Config {
 impl Config {
     /// Every number of the configuration, with its valid values. The range of a key may depend on another key.
     pub fn numeric_keys(&self) -> Vec<NumericKey> {
-        let mut numbers = Vec::new();
-        self.list("", Range::ANY, &mut numbers);
-        numbers
+        self.listed().into_iter().filter_map(|listed| listed.number).collect()
+    }
+
+    /// Every key, in the order of the declarations. The first is that of the whole, which is empty.
+    fn listed(&self) -> Vec<ListedKey> {
+        let mut listed = Vec::new();
+        self.list("", Range::ANY, &mut listed);
+        listed
     }
 }
 

@@ -1,12 +1,13 @@
 //! The branches and the deformation network.
 
 use mvfusion_render::grid::GridLayout;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::keys::{keys, leaves};
 
 /// The branches and the deformation network (METHOD §2, §9).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ModelConfig {
     /// The branches of the model.
@@ -42,7 +43,7 @@ pub struct ModelConfig {
 }
 
 /// The branches of a model.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Branches {
     /// A static and a dynamic branch, blended by a learned mask (DeGauss, MVFusion-GS).
@@ -52,7 +53,7 @@ pub enum Branches {
 }
 
 /// The branch of pixels that no dynamic Gaussian covers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Uncovered {
     /// Half to each branch, with the static branch at half its brightness (DeGauss: near black in every channel of the
@@ -76,7 +77,7 @@ impl Uncovered {
 }
 
 /// The colour behind all Gaussians.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Background {
     /// Near black (DeGauss: 1e-7; METHOD §1.3).
@@ -116,7 +117,7 @@ impl Default for ModelConfig {
 }
 
 /// The HexPlane grid (METHOD §2.1; values of DeGauss' Neu3D config).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct GridConfig {
     /// Features per plane and scale.
@@ -132,7 +133,7 @@ pub struct GridConfig {
 }
 
 /// The rule for the number of cells in time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum TimeRows {
     /// `resolution[3]`, whatever the scene.
@@ -144,7 +145,7 @@ pub enum TimeRows {
 }
 
 /// The box of the HexPlane grid. Points outside are clamped and move like its border.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum GridBoundsRule {
     /// The dynamic branch before the first step, without a margin (DeGauss).

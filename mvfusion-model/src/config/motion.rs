@@ -1,5 +1,6 @@
 //! Motion statistics and the modules MVG and MFTA.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::keys::{keys, leaves};
@@ -11,7 +12,7 @@ const MIN_MEASURING: usize = 500;
 
 /// MVG and MFTA (METHOD §10). The keys name their readings A5 to A30 and the rows of the paper's tables, which
 /// docs/ablations.md lists.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct MotionConfig {
     /// Whether the motion-variance feature is added in the last stage. Without it, tokens have no local variance either
@@ -152,7 +153,7 @@ impl MotionConfig {
 }
 
 /// Weights of the three variances in the motion intensity (paper, eq. for the intensity score).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct FusionWeights {
     /// Weight of the position variance.
@@ -170,7 +171,7 @@ impl Default for FusionWeights {
 }
 
 /// The measure of the spread of a motion (A9).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Spread {
     /// The population variance, as the paper defines it.
@@ -191,7 +192,7 @@ impl Spread {
 
 /// The treatment of dynamic Gaussians that do not move, at every measurement before `densify.until`. Ours: the paper
 /// names pruning by motion as future work.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum StillRule {
     /// They stay.

@@ -1,13 +1,14 @@
 //! Learning rates (METHOD §4.5).
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Steps;
-use super::keys::{Key, NumericKey, Range, keys};
+use super::keys::{Key, ListedKey, Range, keys};
 use crate::ModelError;
 
 /// Learning rates of all parameter groups. Those marked "times the extent" are multiplied by the scene's extent.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct OptimConfig {
     /// Centres of both branches; times the extent.
@@ -55,12 +56,12 @@ pub struct OptimConfig {
 
 /// A learning rate that decays log-linearly from `start` to `end` (METHOD §4.5). A `start` of 0 is off: the rate is
 /// always 0.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Decay {
     /// Rate at the first step.
     pub start: f64,
-    /// Rate at the end of the horizon and after it.
+    /// Rate at the end of the horizon and after it; above 0, unless `start` is 0.
     pub end: f64,
 }
 
@@ -107,7 +108,7 @@ impl OptimConfig {
     }
 
     /// The learning rates that follow a schedule.
-    fn decays(&mut self) -> [&mut Decay; 9] {
+    pub(super) fn decays(&mut self) -> [&mut Decay; 9] {
         [
             &mut self.means,
             &mut self.deformation,
@@ -188,9 +189,10 @@ impl Key for Decay {
         self.end.check(&format!("{key}.end"), self.end_range(range))
     }
 
-    fn list(&self, key: &str, range: Range, numbers: &mut Vec<NumericKey>) {
-        self.start.list(&format!("{key}.start"), range, numbers);
-        self.end.list(&format!("{key}.end"), self.end_range(range), numbers);
+    fn list(&self, key: &str, range: Range, listed: &mut Vec<ListedKey>) {
+        listed.push(ListedKey::other(key));
+        self.start.list(&format!("{key}.start"), range, listed);
+        self.end.list(&format!("{key}.end"), self.end_range(range), listed);
     }
 }
 

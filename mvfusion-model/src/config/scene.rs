@@ -4,12 +4,13 @@ use std::path::PathBuf;
 
 use mvfusion_data::builtin::BuiltinKind;
 use mvfusion_data::{Format, TimeRule};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::keys::{keys, leaves};
 
-/// How the scene is read.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// How the scene is read (ours; the formats as in METHOD §5).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct SceneConfig {
     /// Folder of the scene; without one, the built-in scene is used. The program's `--data` sets it.
@@ -65,7 +66,7 @@ impl Default for SceneConfig {
 }
 
 /// The clouds of Gaussians before the first step (METHOD §3).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct InitConfig {
     /// Initial Gaussians of the static branch, instead of points: a PLY file in the layout of 3DGS, of any SH degree,

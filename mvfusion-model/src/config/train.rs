@@ -1,16 +1,16 @@
 //! Stages, batches and logging.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::keys::{keys, leaves};
 use super::{Interval, Steps};
 
 /// The schedule of training (METHOD §4.1, §10.3 A1, §11.2).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrainConfig {
-    /// Multiplies every iteration count of the run: stages, horizons, intervals; see
-    /// [`Config::scaled`](super::Config::scaled).
+    /// Multiplies every iteration count of the run: stages, horizons, intervals. Ours, like the keys `scale_*`.
     pub scale: f64,
     /// In a run that `scale` shortens, all learning rates except those of opacities and motion modules are multiplied
     /// by `scale` to the power of minus this. 0 does not change the rates.
@@ -60,7 +60,7 @@ pub struct TrainConfig {
 }
 
 /// What a training does at a step whose loss is not finite.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BadStepRule {
     /// It ends with the first number that is not finite.
@@ -71,7 +71,7 @@ pub enum BadStepRule {
 }
 
 /// Lengths of the three stages in optimiser steps (paper, training strategy; METHOD §11.2).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct StageConfig {
     /// Base geometry: both branches without deformation.

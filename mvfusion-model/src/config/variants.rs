@@ -1,11 +1,12 @@
 //! The variants of MVG and MFTA in the paper's tables.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::keys::leaves;
 
 /// The input of MVG (A27, A29).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Descriptor {
     /// The whole signature and the local variance.
@@ -22,7 +23,7 @@ pub enum Descriptor {
 }
 
 /// How MFTA combines the tokens of neighbouring frames (A28, A30).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Temporal {
     /// The current token attends to its neighbours.
@@ -39,7 +40,7 @@ pub enum Temporal {
 }
 
 /// The frames that MFTA uses besides the current frame `i` (A7).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum TokenMode {
     /// The two frames `i - w` and `i + w`.
@@ -50,7 +51,7 @@ pub enum TokenMode {
 
 /// The relative positional encoding of a token, of its distance from the current one: in frames, as a fraction of `motion.window`, or in space, in
 /// mean distances of the neighbours. Ours: without it, attention cannot tell the frame before from the one after.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum TokenOffset {
     /// Nothing (the paper).
@@ -63,7 +64,7 @@ pub enum TokenOffset {
 }
 
 /// What the values of the attention are projected from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum TokenValues {
     /// The tokens of the neighbours (the paper).
@@ -75,7 +76,7 @@ pub enum TokenValues {
 }
 
 /// The trajectories whose statistics MVG reads.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Trajectory {
     /// The deformation at all times (the paper).
@@ -87,7 +88,7 @@ pub enum Trajectory {
 }
 
 /// How the fused feature becomes offsets (A3).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Refinement {
     /// The offsets of the fused feature replace those of the base feature; the identity at the start.

@@ -27,13 +27,13 @@ const EXPORT: &str = "export";
 const FILM: &str = "film";
 
 /// A reader that is a module of Python.
-struct Module {
+pub struct Module {
     /// The name of the module and of the package that has it.
-    name: &'static str,
+    pub name: &'static str,
     /// Fails where the module is missing or too old.
-    probe: &'static str,
+    pub probe: &'static str,
     /// Prints what stands in the file that is its argument.
-    script: &'static str,
+    pub script: &'static str,
 }
 
 /// Prints every channel in a line: its name, and its numbers.
@@ -85,7 +85,7 @@ fn trial(what: &str, absent: fn() -> Option<String>, check: fn(&Path) -> Result<
 
 impl Module {
     /// The reason why this machine cannot use it; `None` if it can.
-    fn absent(&self) -> Option<String> {
+    pub fn absent(&self) -> Option<String> {
         let Ok(output) = Command::new("python3").args(["-c", self.probe]).output() else {
             return Some("no python3 was found".to_owned());
         };
@@ -96,7 +96,7 @@ impl Module {
     }
 
     /// What it finds in a file.
-    fn read(&self, path: &Path) -> Result<String> {
+    pub fn read(&self, path: &Path) -> Result<String> {
         let printed = output(Command::new("python3").args(["-c", self.script]).arg(path), self.name)?;
         Ok(String::from_utf8(printed)?)
     }

@@ -3,9 +3,10 @@
 //! Every `.npz` file in `$MVFUSION_ORACLES/{oracle_gsplat,oracle_method,oracle_metrics}` is one trial a backend, named
 //! `oracle::<backend>::<kind>::<file>`; without the folder each kind is one ignored trial. So are the pairs of pictures in
 //! `oracle_metrics/metrics.json`. The project's own small oracle (`tests/oracles/own.npz`, made by `make.py` beside it)
-//! always runs, and so do hard inputs ([`hard`]). The report of a run and the page
-//! that plays its scene are opened in a real browser ([`report`], [`player`]), a sweep's cells are run by a real SLURM
-//! ([`cluster`]), and other files that the program writes are read by the readers of others ([`foreign`]). The texts of the GPU kernels are counted, and compiled by a browser (`kernels`).
+//! always runs, and so do hard inputs ([`hard`]). The report of a run and the page that plays its scene are opened in a
+//! real browser ([`report`], [`player`]), a sweep's cells are run by a real SLURM ([`cluster`]), other files that the
+//! program writes are read by the readers of others ([`foreign`]), and configurations are judged by their schema
+//! ([`schema`]). The texts of the GPU kernels are counted, and compiled by a browser (`kernels`).
 #![recursion_limit = "256"]
 
 mod archive;
@@ -33,6 +34,7 @@ mod player;
 mod refinement;
 mod report;
 mod schedule;
+mod schema;
 mod splat;
 mod statistics;
 mod tiny;
@@ -69,6 +71,7 @@ fn main() -> ExitCode {
     trials.extend(viewer::trials());
     trials.extend(cluster::trials());
     trials.extend(foreign::trials());
+    trials.extend(schema::trials());
     #[cfg(feature = "wgpu")]
     trials.extend(kernels::trials());
     for backend in gpu_backends() {

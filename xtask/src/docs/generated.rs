@@ -4,32 +4,37 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
+use mvfusion_model::Config;
 
-use super::{Fault, examples, features, packages, text};
+use super::{Fault, configuration, examples, features, packages, text};
 use crate::splice::splice;
 
-/// The page that holds the lists.
-const PAGE: &str = "docs/README.md";
+/// The page that holds the lists of files and features.
+const INDEX: &str = "docs/README.md";
 
-/// A list, and the name in its markers.
+/// The page that holds the keys of the configuration.
+const CONFIGURATION: &str = "docs/configuration.md";
+
+/// A list, the name in its markers, and the page that holds it.
 struct List {
     name: &'static str,
+    page: &'static str,
     body: String,
 }
 
 /// Writes the lists that are stale, and gives the files that changed.
 pub fn write(root: &Path) -> Result<Vec<PathBuf>> {
-    let path = Path::new(PAGE);
-    let old = text(root, path)?;
-    let mut new = old.clone();
+    let mut changed = Vec::new();
     for list in lists(root)? {
-        new = replaced(&new, &list).with_context(|| missing(list.name))?;
+        let old = text(root, Path::new(list.page))?;
+        let new = replaced(&old, &list).with_context(|| missing(&list))?;
+        if new != old {
+            fs::write(root.join(list.page), new).with_context(|| format!("cannot write {}", list.page))?;
+            changed.push(list.page.into());
+        }
     }
-    if new == old {
-        return Ok(Vec::new());
-    }
-    fs::write(root.join(path), new).with_context(|| format!("cannot write {PAGE}"))?;
-    Ok(vec![path.to_owned()])
+    changed.dedup();
+    Ok(changed)
 }
 
 /// Lists that are not what `write` would write, and sources that do not say what a list needs.
@@ -37,8 +42,9 @@ pub fn faults(root: &Path) -> Result<Vec<Fault>> {
     let packages = packages::all(root)?;
     let mut faults = features::faults(&packages);
     faults.extend(examples::faults(&examples::find(root, &packages)?));
-    let page = text(root, Path::new(PAGE))?;
-    faults.extend(lists(root)?.iter().filter_map(|list| stale(&page, list)));
+    for list in lists(root)? {
+        faults.extend(stale(&text(root, Path::new(list.page))?, &list));
+    }
     Ok(faults)
 }
 
@@ -46,15 +52,16 @@ fn lists(root: &Path) -> Result<Vec<List>> {
     let packages = packages::all(root)?;
     let examples = examples::find(root, &packages)?;
     Ok(vec![
-        List { name: "examples", body: examples::list(&examples) },
-        List { name: "features", body: features::list(&packages) },
+        List { name: "examples", page: INDEX, body: examples::list(&examples) },
+        List { name: "features", page: INDEX, body: features::list(&packages) },
+        List { name: "keys", page: CONFIGURATION, body: configuration::list(Config::key_notes()) },
     ])
 }
 
 fn stale(page: &str, list: &List) -> Option<Fault> {
-    let fault = |line, message| Some(Fault { path: PAGE.into(), line, message });
+    let fault = |line, message| Some(Fault { path: list.page.into(), line, message });
     match replaced(page, list) {
-        None => fault(1, missing(list.name)),
+        None => fault(1, missing(list)),
         Some(fresh) if fresh == page => None,
         Some(_) => {
             let line = page.lines().position(|line| line == start(list.name)).map_or(1, |index| index + 1);
@@ -76,8 +83,8 @@ fn end(name: &str) -> String {
     format!("<!-- end of {name} -->")
 }
 
-fn missing(name: &str) -> String {
-    format!("{PAGE} has no place for the list of {name}: add the lines `{}` and `{}`", start(name), end(name))
+fn missing(List { name, page, .. }: &List) -> String {
+    format!("{page} has no place for the list of {name}: add the lines `{}` and `{}`", start(name), end(name))
 }
 
 #[cfg(test)]
@@ -85,7 +92,7 @@ mod tests {
     use super::*;
 
     fn list(body: &str) -> List {
-        List { name: "colours", body: body.to_owned() }
+        List { name: "colours", page: INDEX, body: body.to_owned() }
     }
 
     fn page(body: &str) -> String {

@@ -1,5 +1,6 @@
 //! Checks of the documentation: Markdown whose faults a reader would see, and lists that are written from the sources.
 
+mod configuration;
 mod examples;
 mod features;
 mod generated;
