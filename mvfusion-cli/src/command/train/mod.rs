@@ -24,12 +24,13 @@ use crate::config::{self, Resolved};
 use crate::device::{self, OpenDevice};
 use crate::failure::UsageError;
 use crate::interrupt::Signals;
+use crate::lpips::LpipsFolder;
 use crate::memory::MemoryRule;
 use crate::progress::Verbosity;
 use crate::run::{self, Checkpoint, Existing, InitialWeights, MetricsLog, RunFolder, RunPlan, RunRecord};
 #[cfg(feature = "viewer")]
 use crate::viewer::address::BoundSocket;
-use crate::{memory, scene};
+use crate::{lpips, memory, scene};
 use session::Session;
 
 /// Parent folder of the runs, unless `--out` is given.
@@ -82,7 +83,7 @@ fn begun(args: &TrainArgs, signals: Signals, verbosity: Verbosity) -> anyhow::Re
         verbosity.note(note);
     }
     if let Some(weights) = &args.lpips_weights {
-        resolved.config.eval.lpips_weights = Some(std::path::absolute(weights)?);
+        resolved.config.eval.lpips_weights = Some(lpips::kept(weights)?);
     }
     let device = device::open(&args.compute.device)?;
     let path = args.out.clone().unwrap_or_else(|| default_folder(&resolved));
@@ -101,9 +102,12 @@ fn begun(args: &TrainArgs, signals: Signals, verbosity: Verbosity) -> anyhow::Re
         None => (Trainer::new(config.scaled(), &scene, &device.device)?, None),
     };
     let trainer = trainer.with_image_cache(&scene, args.image_cache.as_u64())?;
-    let evaluator = evaluator(&config, &device)?;
+    let (lpips_folder, evaluator) = evaluator(&config, &device)?;
     verbosity.note(&format!("device: {}", device.reason));
     verbosity.note(&format!("scene:  {}", scene::describe(&scene)));
+    if let Some(folder) = &lpips_folder {
+        verbosity.note(&format!("lpips:  {folder}"));
+    }
     if let Some(sentence) = times_sentence(&given, &config) {
         verbosity.note(&format!("times:  {sentence}"));
     }
@@ -120,7 +124,22 @@ fn begun(args: &TrainArgs, signals: Signals, verbosity: Verbosity) -> anyhow::Re
     let record = RunRecord::begin(resolved.preset.name, &scene, config.seed, &device.name).initialised(weights);
     let log = MetricsLog::create(&folder.place(&[run::METRICS])?)?;
     let (elapsed, live) = (0.0, None);
-    Ok(Session { config, record, device, scene, trainer, evaluator, folder, log, elapsed, signals, verbosity, live })
+    let session = Session {
+        config,
+        record,
+        device,
+        scene,
+        trainer,
+        lpips_folder,
+        evaluator,
+        folder,
+        log,
+        elapsed,
+        signals,
+        verbosity,
+        live,
+    };
+    Ok(session)
 }
 
 /// Refuses what does not fit into the memory, unless `--force-memory` is given.
@@ -170,7 +189,7 @@ fn resumed(args: &TrainArgs, path: &Path, signals: Signals, verbosity: Verbosity
         .into());
     }
     if let Some(weights) = &args.lpips_weights {
-        config.eval.lpips_weights = Some(std::path::absolute(weights)?);
+        config.eval.lpips_weights = Some(lpips::kept(weights)?);
     }
     let device = device_of_run(&args.compute.device, &record.device)?;
     let scene = scene::open(&config)?;
@@ -179,9 +198,12 @@ fn resumed(args: &TrainArgs, path: &Path, signals: Signals, verbosity: Verbosity
     let step = state.completed;
     let trainer = Trainer::with_state(config.scaled(), &scene, &device.device.clone().autodiff(), state)?
         .with_image_cache(&scene, args.image_cache.as_u64())?;
-    let evaluator = evaluator(&config, &device)?;
+    let (lpips_folder, evaluator) = evaluator(&config, &device)?;
     verbosity.note(&format!("device: {}", device.reason));
     verbosity.note(&format!("scene:  {}", scene::describe(&scene)));
+    if let Some(folder) = &lpips_folder {
+        verbosity.note(&format!("lpips:  {folder}"));
+    }
     let total = config.scaled().train.stages.total();
     verbosity.note(&format!("run:    {}, continued after step {step} of {total}", path.display()));
 
@@ -191,7 +213,22 @@ fn resumed(args: &TrainArgs, path: &Path, signals: Signals, verbosity: Verbosity
     let (log, elapsed) = MetricsLog::resume(&folder.place(&[run::METRICS])?, step)?;
     let record = record.continued(step);
     let live = None;
-    Ok(Session { config, record, device, scene, trainer, evaluator, folder, log, elapsed, signals, verbosity, live })
+    let session = Session {
+        config,
+        record,
+        device,
+        scene,
+        trainer,
+        lpips_folder,
+        evaluator,
+        folder,
+        log,
+        elapsed,
+        signals,
+        verbosity,
+        live,
+    };
+    Ok(session)
 }
 
 /// The device on which a run goes on: its own, unless another one is asked for, or this machine does not have it.
@@ -239,8 +276,11 @@ fn newest_state(
     Err(refusal)
 }
 
-fn evaluator(config: &Config, device: &OpenDevice) -> anyhow::Result<Evaluator> {
-    score::evaluator(Protocol::Mvfusion, config.eval.lpips_weights.as_deref(), &device.device)
+/// The folder of the weights of LPIPS, and what scores with them.
+fn evaluator(config: &Config, device: &OpenDevice) -> anyhow::Result<(Option<LpipsFolder>, Evaluator)> {
+    let folder = lpips::find(config.eval.lpips_weights.as_deref())?;
+    let evaluator = score::evaluator(Protocol::Mvfusion, folder.as_ref(), &device.device)?;
+    Ok((folder, evaluator))
 }
 
 /// Warns if too few dynamic Gaussians start on moving pixels: the result of such a run would be blurred.
