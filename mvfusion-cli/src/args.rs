@@ -38,7 +38,8 @@ pub use viewer::{TrainViewArgs, ViewArgs};
 
 /// Gaussian splatting of dynamic scenes: a static and a dynamic branch, separated without supervision.
 #[derive(Debug, Parser)]
-#[command(name = "mvfusion", version, long_version = program::long_version(), long_about = help::PROGRAM, arg_required_else_help = true)]
+#[command(name = "mvfusion", version, long_about = help::PROGRAM, arg_required_else_help = true)]
+#[command(long_version = program::long_version())]
 #[command(max_term_width = 100)]
 pub struct Cli {
     /// The command.

@@ -35,7 +35,7 @@ pub fn eval(args: &EvalArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyho
     if let Some(change) = changes.first().filter(|_| args.write) {
         bail!("{change}. Nothing was written. To evaluate the run as it is now, move that file away first");
     }
-    let weights = lpips::find(args.lpips_weights.as_deref().or(configured_weights(&config, verbosity)))?;
+    let weights = lpips::find(args.lpips_weights.as_deref().or_else(|| configured_weights(&config, verbosity)))?;
     if let Some(weights) = &weights {
         verbosity.note(&format!("lpips:  {weights}"));
     }

@@ -27,12 +27,16 @@ pub fn lpips_weights(args: &LpipsWeightsArgs, out: &mut dyn Write) -> anyhow::Re
     let networks = Backbone::ALL.map(|backbone| Ok((backbone, collection.weights(backbone)?)));
     let networks = networks.into_iter().collect::<anyhow::Result<Vec<_>>>()?;
     if networks.iter().all(|(_, weights)| weights.is_none()) {
-        bail!("no network is complete, and nothing was written. {}", missing(&collection, &Backbone::ALL));
+        bail!("no network is complete, and nothing was written. {}", missing(&collection));
     }
     for weights in networks.iter().filter_map(|(_, weights)| weights.as_ref()).filter(|_| !args.force) {
         refuse_to_replace(weights, &folder)?;
     }
     std::fs::create_dir_all(&folder).with_context(|| format!("cannot create the folder {}", folder.display()))?;
+    // Files first: whoever reads stdout may have left.
+    for weights in networks.iter().filter_map(|(_, weights)| weights.as_ref()) {
+        atomic::write(&folder.join(&weights.name), &weights.bytes)?;
+    }
     for (backbone, weights) in &networks {
         writeln!(out, "{}", backbone.label())?;
         for part in Part::ALL.into_iter().filter(|part| part.backbone == *backbone) {
@@ -41,7 +45,6 @@ pub fn lpips_weights(args: &LpipsWeightsArgs, out: &mut dyn Write) -> anyhow::Re
         match weights {
             Some(weights) => {
                 let path = folder.join(&weights.name);
-                atomic::write(&path, &weights.bytes)?;
                 writeln!(out, "  {:15}{}, SHA-256 {}", "written", path.display(), weights.sha256)?;
             }
             None => writeln!(out, "  {:15}its weights are not complete", "not written")?,
@@ -58,9 +61,9 @@ fn output_folder(asked: Option<&Path>) -> anyhow::Result<PathBuf> {
     Ok(std::path::absolute(folder)?)
 }
 
-/// Says where the parts come from that networks lack.
-fn missing(collection: &Collection, networks: &[Backbone]) -> String {
-    let lacks = |part: &Part| networks.contains(&part.backbone) && collection.part(*part).is_none();
+/// The parts that were not found, and where they come from.
+fn missing(collection: &Collection) -> String {
+    let lacks = |part: &Part| collection.part(*part).is_none();
     let said = Part::ALL.into_iter().filter(lacks).map(|part| format!("{}: {}", part.words(), part.source()));
     format!("Missing are {}", said.collect::<Vec<_>>().join("; "))
 }

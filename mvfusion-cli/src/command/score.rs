@@ -12,6 +12,7 @@ use mvfusion_model::evaluation::{
 use mvfusion_model::model::{DeformationLevel, Model, RenderContext};
 use mvfusion_model::train::{TrainedModel, final_level, parameter_hash};
 use mvfusion_model::{Config, Device, ModelError};
+use tracing::warn;
 
 use super::speed;
 use crate::atomic;
@@ -149,7 +150,7 @@ impl Scoring<'_> {
             lpips_folder: self.lpips_folder,
             program: Some(Program::this()),
             machine: Some(Machine::this(self.device)),
-            size: Some(DiskSize::of(model, self.run)?),
+            size: DiskSize::of(model, self.run).inspect_err(|error| warn!("{error:#}")).ok(),
             device: self.device.name.clone(),
             threads: rayon::current_num_threads(),
             seed: self.config.seed,

@@ -1,6 +1,6 @@
 //! `mvfusion lpips-weights` with the weights of `lpips_weights`: written as torchvision publishes them, and turned back
-//! into the program's own file, they are the same tensors, and find the distances in `oracle_metrics`. The linear layers
-//! of the package lpips come out of its wheel, which `$MVFUSION_LPIPS_WHEEL` names.
+//! into the program's own file, they are the same tensors, and find the distances in `oracle_metrics`. The linear
+//! layers of the package lpips come out of its wheel, which `$MVFUSION_LPIPS_WHEEL` names.
 
 use std::collections::BTreeMap;
 use std::fs;

@@ -124,7 +124,7 @@ fn begun(args: &TrainArgs, signals: Signals, verbosity: Verbosity) -> anyhow::Re
     let record = RunRecord::begin(resolved.preset.name, &scene, config.seed, &device.name).initialised(weights);
     let log = MetricsLog::create(&folder.place(&[run::METRICS])?)?;
     let (elapsed, live) = (0.0, None);
-    let session = Session {
+    Ok(Session {
         config,
         record,
         device,
@@ -138,8 +138,7 @@ fn begun(args: &TrainArgs, signals: Signals, verbosity: Verbosity) -> anyhow::Re
         signals,
         verbosity,
         live,
-    };
-    Ok(session)
+    })
 }
 
 /// Refuses what does not fit into the memory, unless `--force-memory` is given.
@@ -213,7 +212,7 @@ fn resumed(args: &TrainArgs, path: &Path, signals: Signals, verbosity: Verbosity
     let (log, elapsed) = MetricsLog::resume(&folder.place(&[run::METRICS])?, step)?;
     let record = record.continued(step);
     let live = None;
-    let session = Session {
+    Ok(Session {
         config,
         record,
         device,
@@ -227,8 +226,7 @@ fn resumed(args: &TrainArgs, path: &Path, signals: Signals, verbosity: Verbosity
         signals,
         verbosity,
         live,
-    };
-    Ok(session)
+    })
 }
 
 /// The device on which a run goes on: its own, unless another one is asked for, or this machine does not have it.
