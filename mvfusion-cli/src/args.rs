@@ -2,6 +2,7 @@
 
 mod compute;
 mod config;
+mod lpips;
 mod manuals;
 mod page;
 mod suggested;
@@ -23,6 +24,7 @@ use mvfusion_model::train::IMAGE_CACHE;
 
 use crate::export::moving::Precision;
 use crate::help;
+use crate::program;
 use crate::progress::Verbosity;
 use crate::render::{
     FileFormat, LayerChoice, Views, parse_fps, parse_frames, parse_layer, parse_size, parse_time, parse_weights,
@@ -30,6 +32,7 @@ use crate::render::{
 
 pub use compute::ComputeArgs;
 pub use config::{ConfigArgs, ConfigSourceArgs};
+pub use lpips::LpipsWeightsArgs;
 pub use manuals::{CompletionsArgs, ManArgs};
 pub use page::PageArgs;
 pub use sweep::{Launcher, RunCellArgs, SweepAction, SweepArgs, SweepFolderArgs, SweepRunArgs, SweepShowArgs};
@@ -39,6 +42,7 @@ pub use viewer::{TrainViewArgs, ViewArgs};
 /// Gaussian splatting of dynamic scenes: a static and a dynamic branch, separated without supervision.
 #[derive(Debug, Parser)]
 #[command(name = "mvfusion", version, long_about = help::PROGRAM, arg_required_else_help = true)]
+#[command(long_version = program::long_version())]
 #[command(max_term_width = 100)]
 pub struct Cli {
     /// The command.
@@ -55,7 +59,7 @@ pub struct OutputArgs {
     /// Print only errors and the final table
     #[arg(short, long, global = true, conflicts_with = "verbose", display_order = 900)]
     pub quiet: bool,
-    /// Log more: -v for information, -vv for debugging (or set RUST_LOG)
+    /// Log more, and show all metrics: -v for information, -vv for debugging (or set RUST_LOG)
     #[arg(short, long, global = true, action = clap::ArgAction::Count, display_order = 901)]
     pub verbose: u8,
 }
@@ -63,7 +67,11 @@ pub struct OutputArgs {
 impl OutputArgs {
     /// Whether progress and notes are shown.
     pub fn verbosity(self) -> Verbosity {
-        if self.quiet { Verbosity::Silent } else { Verbosity::Normal }
+        match (self.quiet, self.verbose) {
+            (true, _) => Verbosity::Silent,
+            (false, 0) => Verbosity::Normal,
+            (false, _) => Verbosity::Verbose,
+        }
     }
 }
 
@@ -95,6 +103,9 @@ pub enum Command {
     /// Inspect a scene before training: its contents, its problems and their remedies
     #[command(long_about = help::CHECK)]
     Check(CheckArgs),
+    /// Make the LPIPS weights out of files of torchvision and of the package lpips
+    #[command(long_about = help::LPIPS, after_long_help = help::LPIPS_MORE)]
+    LpipsWeights(LpipsWeightsArgs),
     /// Write a built-in scene to disk in a common dataset layout
     #[command(long_about = help::SYNTH)]
     Synth(SynthArgs),
@@ -132,9 +143,13 @@ impl Command {
                 // The cells run in other processes.
                 _ => Some(NonZeroUsize::MIN),
             },
-            Self::Synth(_) | Self::Config(_) | Self::Presets | Self::Devices | Self::Report(_) | Self::Restore(_) => {
-                None
-            }
+            Self::LpipsWeights(_)
+            | Self::Synth(_)
+            | Self::Config(_)
+            | Self::Presets
+            | Self::Devices
+            | Self::Report(_)
+            | Self::Restore(_) => None,
             Self::Completions(_) | Self::Man(_) => Some(NonZeroUsize::MIN),
         }
     }
@@ -196,7 +211,7 @@ pub struct TrainArgs {
     /// Try even if the memory does not suffice by our estimate
     #[arg(long)]
     pub force_memory: bool,
-    /// Folder with the LPIPS weights (docs/evaluation.md); same as --set eval.lpips_weights=DIR
+    /// Folder with the LPIPS weights (docs/evaluation.md), or none; same as --set eval.lpips_weights=DIR
     #[arg(long, value_name = "DIR")]
     pub lpips_weights: Option<PathBuf>,
     /// Run folder [default: runs/NAME-SEED, where NAME is the preset or the scene]
@@ -252,7 +267,7 @@ pub struct EvalArgs {
     /// Folder of masks (white = dynamic), if they have moved or were added later; see eval.dynamic_masks
     #[arg(long, value_name = "DIR")]
     pub masks: Option<PathBuf>,
-    /// Folder with the LPIPS weights (docs/evaluation.md), if they have moved or training had none
+    /// Folder with the LPIPS weights (docs/evaluation.md), if they have moved or training had none; or none
     #[arg(long, value_name = "DIR")]
     pub lpips_weights: Option<PathBuf>,
     /// Evaluation protocol: mvfusion (all metrics), or that of degauss, 3dgs or nerfbaselines

@@ -7,6 +7,7 @@ use anyhow::anyhow;
 use mvfusion_model::Device;
 
 use crate::failure::UsageError;
+use crate::machine::GpuModel;
 
 /// An open device.
 #[derive(Clone, Debug)]
@@ -153,6 +154,11 @@ fn auto() -> Result<OpenDevice, UsageError> {
     }
 }
 
+/// What the GPU of this name says about itself; `None` for a CPU.
+pub fn gpu_model(name: &str) -> Option<GpuModel> {
+    gpu::model(name)
+}
+
 /// The compiled backends and the detected devices, one line each.
 pub fn list() -> Vec<String> {
     let mut lines = Vec::new();
@@ -171,7 +177,7 @@ mod gpu {
     use mvfusion_model::device::{Card, Gpu, GpuError, gpus};
     use tracing::warn;
 
-    use super::{OpenDevice, UsageError};
+    use super::{GpuModel, OpenDevice, UsageError};
 
     /// The first usable GPU that is not a software driver.
     pub fn best() -> Option<OpenDevice> {
@@ -229,6 +235,12 @@ mod gpu {
         Ok(OpenDevice { device: gpu.device.clone(), name, reason, buffer, computes_on_host })
     }
 
+    /// The GPU of this name; `None` if it does not open.
+    pub fn model(name: &str) -> Option<GpuModel> {
+        let gpu = gpus().iter().find(|gpu| gpu.label() == name)?;
+        Some(GpuModel { name: gpu.card().ok()?.name, driver: gpu.driver() })
+    }
+
     fn software(gpu: &Gpu) -> &'static str {
         if gpu.is_software { ", a software driver" } else { "" }
     }
@@ -251,7 +263,7 @@ mod gpu {
 
 #[cfg(not(any(feature = "wgpu", feature = "cuda")))]
 mod gpu {
-    use super::{OpenDevice, UsageError, WITH_GPU};
+    use super::{GpuModel, OpenDevice, UsageError, WITH_GPU};
 
     pub fn best() -> Option<OpenDevice> {
         None
@@ -265,6 +277,10 @@ mod gpu {
 
     pub fn check(backend: &str, index: usize) -> Result<(), UsageError> {
         open(backend, index).map(|_| ())
+    }
+
+    pub fn model(_: &str) -> Option<GpuModel> {
+        None
     }
 
     pub fn list() -> Vec<String> {

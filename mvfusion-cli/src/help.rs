@@ -140,6 +140,29 @@ The time is predicted for this machine from a few steps of each stage, which tak
 
 The exit code is 0 only if training could start.";
 
+/// `mvfusion lpips-weights --help`, above the options.
+pub const LPIPS: &str = "\
+Make the files that LPIPS needs out of those in which its weights are published: torchvision's AlexNet and VGG-16 \
+(.pth), and the linear layers in the wheel of the package lpips. Nothing in these files is run, and nothing is \
+downloaded. Names, shapes and numbers are checked before anything is written. A network whose parts are not all there \
+is left out, and the output says where to get them.
+
+`train`, `eval` and `sweep` look for weights in this order: --lpips-weights, the key eval.lpips_weights, the \
+environment variable MVFUSION_LPIPS, the default folder. Each of the first three may be `none`, which leaves LPIPS out. \
+The default folder is mvfusion/lpips in the user's data folder: $XDG_DATA_HOME or ~/.local/share on Linux, \
+~/Library/Application Support on macOS, %APPDATA% on Windows.";
+
+/// `mvfusion lpips-weights --help`, below the options. Lines of at most 80 characters are not wrapped by any terminal.
+pub const LPIPS_MORE: &str = "\
+Examples:
+  pip download --no-deps lpips
+  mvfusion lpips-weights --from ~/.cache/torch/hub/checkpoints lpips-0.1.4-*.whl
+          what torchvision has downloaded, and the wheel of lpips
+  mvfusion lpips-weights --from alexnet-owt-7be5be79.pth lpips-0.1.4-*.whl
+          AlexNet alone
+  mvfusion lpips-weights --from site-packages/lpips vgg16-397923af.pth --out w
+          the installed package lpips instead of its wheel, and another folder";
+
 /// `mvfusion synth --help`.
 pub const SYNTH: &str = "\
 Write a built-in scene to disk in a common dataset layout: a video (neu3d, panoptic, nerfstudio, multipleview, dnerf, \

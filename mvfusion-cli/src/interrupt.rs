@@ -1,6 +1,7 @@
 //! Signals that interrupt a training: the first asks for a checkpoint after the current step, a second one ends the
 //! process at once. Files that may not grow any further.
 
+use std::borrow::Cow;
 use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -105,12 +106,13 @@ impl std::error::Error for Interrupted {}
 
 /// The command that continues a run.
 pub fn resume_command(run: &Path) -> String {
-    let path = run.to_string_lossy();
-    let is_plain = |c: char| c.is_alphanumeric() || "/._-+:,@%".contains(c);
-    match path.chars().all(is_plain) {
-        true => format!("mvfusion train --resume {path}"),
-        false => format!("mvfusion train --resume '{}'", path.replace('\'', "'\\''")),
-    }
+    format!("mvfusion train --resume {}", for_shell(&run.to_string_lossy()))
+}
+
+/// A word as a shell reads it back.
+pub(crate) fn for_shell(word: &str) -> Cow<'_, str> {
+    // Paths and arguments of programs contain no zero, the only letter that cannot be quoted.
+    shlex::try_quote(word).unwrap_or(Cow::Borrowed(word))
 }
 
 #[cfg(test)]
@@ -120,7 +122,7 @@ mod tests {
     #[test]
     fn the_command_quotes_what_a_shell_would_read_otherwise() {
         assert_eq!(resume_command(Path::new("runs/a-0")), "mvfusion train --resume runs/a-0");
-        assert_eq!(resume_command(Path::new("my runs/it's")), "mvfusion train --resume 'my runs/it'\\''s'");
+        assert_eq!(resume_command(Path::new("my runs/it's")), "mvfusion train --resume \"my runs/it's\"");
     }
 
     #[test]

@@ -48,7 +48,10 @@ pub mod interrupt;
 mod level_axes;
 pub mod lock;
 pub mod logs;
+pub mod lpips;
+mod machine;
 pub mod memory;
+mod program;
 pub mod progress;
 pub mod render;
 pub mod report;
@@ -84,6 +87,7 @@ pub fn run(cli: &Cli, threads: usize, out: &mut dyn Write) -> anyhow::Result<()>
         Command::Eval(args) => command::eval(args, verbosity, out),
         Command::Export(args) => command::export(args, verbosity, out),
         Command::Check(args) => command::check(args, verbosity, out),
+        Command::LpipsWeights(args) => command::lpips_weights(args, out),
         Command::Synth(args) => command::synth(args, verbosity, out),
         Command::Config(args) => command::config(args, verbosity, out),
         Command::Presets => command::presets(out),

@@ -15,6 +15,8 @@ const PAUSE: Duration = Duration::from_secs(5);
 pub enum Verbosity {
     /// Notes, progress, errors and results are shown.
     Normal,
+    /// Results are shown with what repeats other results in another form.
+    Verbose,
     /// Only errors and results are shown.
     Silent,
 }
@@ -22,7 +24,7 @@ pub enum Verbosity {
 impl Verbosity {
     /// Prints a line to stderr.
     pub fn note(self, line: &str) {
-        if self == Self::Normal {
+        if self != Self::Silent {
             print_line(line);
         }
     }
@@ -60,8 +62,8 @@ impl Progress {
     pub fn new(name: &'static str, total: usize, verbosity: Verbosity) -> Self {
         let style = match verbosity {
             Verbosity::Silent => Style::Silent,
-            Verbosity::Normal if io::stderr().is_terminal() => Style::Bar(bar(name, total)),
-            Verbosity::Normal => Style::Lines { last: Instant::now(), said: 0 },
+            Verbosity::Normal | Verbosity::Verbose if io::stderr().is_terminal() => Style::Bar(bar(name, total)),
+            Verbosity::Normal | Verbosity::Verbose => Style::Lines { last: Instant::now(), said: 0 },
         };
         Self { style, name, total, done: 0, message: String::new() }
     }

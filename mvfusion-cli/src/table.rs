@@ -6,24 +6,29 @@ use std::io::{self, Write};
 use mvfusion_model::evaluation::{HeldOutPhoto, LayerScores, Metric, Protocol, Scores};
 
 use crate::clock::spoken;
+use crate::progress::Verbosity;
 use crate::run::{LpipsWeights, RenderSpeed, Results};
 
 /// Minimum width of the first column.
 const LABEL: usize = 16;
 
-/// Maximum number of metrics per layer: the first ones of the protocol.
+/// Maximum number of metrics per layer: the first ones of the protocol. More are shown on request.
 const FIGURES: usize = 4;
 
 /// Terminal width that a line must fit.
 const LINE: usize = 80;
 
-/// Writes the metrics of a run under a protocol, one line per layer.
+/// Writes the metrics of a run under a protocol, one line per layer: the main ones that fit into a line, or all of them
+/// if the user wants to see more.
 ///
 /// # Errors
 /// If `out` cannot be written to.
-pub fn write(results: &Results, protocol: Protocol, out: &mut dyn Write) -> io::Result<()> {
+pub fn write(results: &Results, protocol: Protocol, verbosity: Verbosity, out: &mut dyn Write) -> io::Result<()> {
     let label = label_width(results);
-    let metrics = metrics(results, protocol, label);
+    let metrics = match verbosity {
+        Verbosity::Verbose => known(results, protocol.metrics()).collect(),
+        Verbosity::Normal | Verbosity::Silent => main_metrics(results, protocol, label),
+    };
     let heads: String =
         metrics.iter().map(|&metric| format!("{:>width$}", head(metric), width = width(metric))).collect();
     writeln!(out, "{:label$}{heads}", "held-out views")?;
@@ -60,16 +65,21 @@ pub(crate) fn what_photos_show(shown: HeldOutPhoto) -> &'static str {
     }
 }
 
-/// The first metrics of the protocol that any layer has, as many as fit into a line.
-fn metrics(results: &Results, protocol: Protocol, label: usize) -> Vec<Metric> {
+/// Those of the metrics that any layer has.
+fn known(results: &Results, metrics: &'static [Metric]) -> impl Iterator<Item = Metric> {
     let is_known = |metric: &Metric| results.test.layers().any(|(_, scores)| metric.of(scores).is_some());
+    metrics.iter().copied().filter(is_known)
+}
+
+/// The first main metrics of the protocol that any layer has, as many as fit into a line.
+fn main_metrics(results: &Results, protocol: Protocol, label: usize) -> Vec<Metric> {
     let mut room = LINE.saturating_sub(label);
     let fits = |metric: &Metric| {
         let left = room.checked_sub(width(*metric));
         room = left.unwrap_or(0);
         left.is_some()
     };
-    protocol.metrics().iter().copied().filter(is_known).take(FIGURES).take_while(fits).collect()
+    known(results, protocol.main_metrics()).take(FIGURES).take_while(fits).collect()
 }
 
 /// Width of the first column. The name of a region includes the source of its masks.
@@ -145,7 +155,7 @@ fn write_absent(results: &Results, out: &mut dyn Write) -> io::Result<()> {
         by_reason.entry(reason).or_default().push(network);
     }
     by_reason.into_iter().try_for_each(|(reason, networks)| {
-        writeln!(out, "{:LABEL$}absent ({}): {reason}; see --lpips-weights", "LPIPS", networks.join(", "))
+        writeln!(out, "{:LABEL$}absent ({}): {reason}; see `mvfusion lpips-weights`", "LPIPS", networks.join(", "))
     })
 }
 
@@ -162,9 +172,36 @@ mod tests {
     use crate::run::specimen;
 
     fn table(results: &Results, protocol: Protocol) -> String {
+        seen(results, protocol, Verbosity::Normal)
+    }
+
+    fn seen(results: &Results, protocol: Protocol, verbosity: Verbosity) -> String {
         let mut text = Vec::new();
-        write(results, protocol, &mut text).expect("written");
+        write(results, protocol, verbosity, &mut text).expect("written");
         String::from_utf8(text).expect("text")
+    }
+
+    #[test]
+    fn variants_of_a_metric_are_shown_on_request() {
+        let composed = LayerScores {
+            psnr: Some(27.0),
+            psnr_exact: Some(27.01),
+            ssim: Some(0.9),
+            ssim_valid: Some(0.91),
+            lpips_alex: Some(0.125),
+            lpips_alex_raw: Some(0.25),
+            ..Default::default()
+        };
+        let results = specimen(Scores { composed, ..Default::default() });
+        let head = |verbosity| {
+            let table = seen(&results, Protocol::Mvfusion, verbosity);
+            table.lines().next().expect("a line").split_whitespace().skip(2).collect::<Vec<_>>().join(" ")
+        };
+        assert_eq!(head(Verbosity::Normal), "PSNR (dB) SSIM LPIPS-alex");
+        assert_eq!(
+            head(Verbosity::Verbose),
+            "PSNR (dB) SSIM LPIPS-alex PSNR unrounded (dB) SSIM without border LPIPS-alex on [0,1]"
+        );
     }
 
     #[test]
@@ -180,7 +217,7 @@ mod tests {
         composed              27.34    0.9000
         dynamic region        21.00         -
         composed shows  the static branch, because held-out photos have no trained time
-        LPIPS           absent (alex, vgg): no folder of weights was given; see --lpips-weights
+        LPIPS           absent (alex, vgg): no folder of weights was given; see `mvfusion lpips-weights`
         Gaussians       12 static, 3 dynamic
         time            training 2 min 51 s (1400 steps), evaluation 9 s
         device          flex, 2 threads

@@ -44,8 +44,15 @@ const TINY: [&str; 9] = [
     "eval.strips=2",
 ];
 
+/// The program, which does not look for the LPIPS weights of whoever tests it.
+fn program() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_mvfusion"));
+    command.env("MVFUSION_LPIPS", "none");
+    command
+}
+
 fn mvfusion(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_mvfusion"))
+    program()
         .args(arguments)
         .current_dir(folder)
         .env_remove("RUST_LOG")

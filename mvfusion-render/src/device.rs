@@ -191,10 +191,46 @@ mod found {
         }
     }
 
+    /// The driver of the adapter with a name. CubeCL keeps the name alone.
+    #[cfg(feature = "wgpu")]
+    fn driver_of_adapter(name: &str) -> Option<String> {
+        use cubecl::wgpu::wgpu;
+
+        let ask = || {
+            let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
+                backends: wgpu::Backends::PRIMARY,
+                ..wgpu::InstanceDescriptor::new_without_display_handle()
+            });
+            let adapters = cubecl::future::block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY));
+            adapters.iter().map(wgpu::Adapter::get_info).find(|info| info.name == name)
+        };
+        // wgpu panics if a driver fails.
+        let info = catch_unwind(AssertUnwindSafe(ask)).ok()??;
+        let words = [info.driver, info.driver_info].into_iter().filter(|word| !word.is_empty()).collect::<Vec<_>>();
+        (!words.is_empty()).then(|| words.join(" "))
+    }
+
+    /// The driver in what NVIDIA's kernel module says about itself.
+    #[allow(dead_code, reason = "only CUDA asks")]
+    fn driver_of_nvidia(text: &str) -> Option<String> {
+        let is_version = |word: &&str| word.starts_with(|c: char| c.is_ascii_digit()) && word.contains('.');
+        Some(format!("NVIDIA {}", text.lines().next()?.split_whitespace().find(is_version)?))
+    }
+
     impl Gpu {
         /// Name on the command line: backend and index.
         pub fn label(&self) -> String {
             format!("{}:{}", self.backend, self.index)
+        }
+
+        /// Its driver with the version, as far as the system tells.
+        pub fn driver(&self) -> Option<String> {
+            match &self.cube {
+                #[cfg(feature = "wgpu")]
+                CubeDevice::Wgpu(_) => driver_of_adapter(&self.card().ok()?.name),
+                #[allow(unreachable_patterns, reason = "with wgpu alone there is no other")]
+                _ => driver_of_nvidia(&std::fs::read_to_string("/proc/driver/nvidia/version").ok()?),
+            }
         }
 
         /// Opens the GPU and reads its properties.
@@ -218,6 +254,22 @@ mod found {
                 units: properties.hardware.max_units_per_cube,
                 adds_floats: adds_floats(&client),
             })
+        }
+    }
+
+    #[cfg(test)]
+    mod tests {
+        use super::*;
+
+        #[test]
+        fn the_driver_of_nvidia_is_the_version_in_the_first_line() {
+            for line in [
+                "NVRM version: NVIDIA UNIX x86_64 Kernel Module  535.183.01  Sun May 12 19:39:15 UTC 2024",
+                "NVRM version: NVIDIA UNIX Open Kernel Module for x86_64  535.183.01  Release Build",
+            ] {
+                assert_eq!(driver_of_nvidia(line).as_deref(), Some("NVIDIA 535.183.01"));
+            }
+            assert_eq!(driver_of_nvidia(""), None);
         }
     }
 }

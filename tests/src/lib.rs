@@ -7,6 +7,7 @@ mod glb;
 mod numbers;
 mod ply;
 mod slurm;
+mod torch;
 mod viewer;
 
 pub use backends::{Backend, backends, every_backend, gpu_backends, is_there};
@@ -15,6 +16,7 @@ pub use glb::Glb;
 pub use numbers::{Array, gradient, numbers, tensor, with_padded_rows};
 pub use ply::Ply;
 pub use slurm::Cluster;
+pub use torch::{TorchContainer, TorchTensors, pickled, text};
 pub use viewer::ViewerClient;
 
 /// Settings of `mvfusion train` for a model that learns a step in milliseconds.

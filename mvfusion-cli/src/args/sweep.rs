@@ -77,7 +77,7 @@ pub struct SweepRunArgs {
     /// Folder that contains the scene folders [default: the current folder]
     #[arg(long, value_name = "DIR")]
     pub data_root: Option<PathBuf>,
-    /// Folder with the LPIPS weights (docs/evaluation.md)
+    /// Folder with the LPIPS weights (docs/evaluation.md), or none
     #[arg(long, value_name = "DIR")]
     pub lpips_weights: Option<PathBuf>,
     /// Set one key in every cell, such as train.scale=0.1; may be repeated

@@ -13,8 +13,8 @@ use serde::Serialize;
 
 use super::score;
 use crate::clock::spoken;
-use crate::device;
 use crate::memory::Available;
+use crate::{device, lpips};
 
 /// Time for the measurement. A user waits for it.
 const BUDGET: Duration = Duration::from_secs(20);
@@ -47,7 +47,8 @@ impl Predicted {
             bail!("the first steps already need more than the memory: {}", available.sentence());
         }
         let config = config.for_times_of(scene).scaled();
-        let evaluator = score::evaluator(Protocol::Mvfusion, config.eval.lpips_weights.as_deref(), &device.device)?;
+        let weights = lpips::find(config.eval.lpips_weights.as_deref())?;
+        let evaluator = score::evaluator(Protocol::Mvfusion, weights.as_ref(), &device.device)?;
         let time = RunTime::predict(&config, scene, &device.device, &evaluator, BUDGET)?;
         let time = time.ok_or_else(|| anyhow!("even the first steps take longer than {} s", BUDGET.as_secs()))?;
         Ok(Self { time, device: device.name, threads: rayon::current_num_threads() })

@@ -16,7 +16,7 @@ use crate::progress::Verbosity;
 use crate::run::{
     self, Change, Evidence, MasksRequest, OpenRun, Part, PicturesWriter, Results, RunRequest, SceneFile, TrainCost,
 };
-use crate::{atomic, report, table};
+use crate::{atomic, lpips, report, table};
 
 /// Evaluates a run again from its checkpoint and compares the metrics with its earlier ones.
 ///
@@ -35,16 +35,21 @@ pub fn eval(args: &EvalArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyho
     if let Some(change) = changes.first().filter(|_| args.write) {
         bail!("{change}. Nothing was written. To evaluate the run as it is now, move that file away first");
     }
-    let weights = args.lpips_weights.as_deref().or(configured_weights(&config, verbosity));
+    let weights = lpips::find(args.lpips_weights.as_deref().or_else(|| configured_weights(&config, verbosity)))?;
+    if let Some(weights) = &weights {
+        verbosity.note(&format!("lpips:  {weights}"));
+    }
     let scoring = Scoring {
         trained: &trained,
         scene: &scene,
         config: &config,
         config_sha256: now.config_sha256,
-        evaluator: &score::evaluator(args.protocol, weights, &device.device)?,
+        evaluator: &score::evaluator(args.protocol, weights.as_ref(), &device.device)?,
         speed_frames: args.speed_frames,
+        lpips_folder: weights,
         cost: training_cost(&args.run, before.as_ref())?,
-        device: &device.name,
+        device: &device,
+        run: &args.run,
     };
     if !args.replace.is_empty() {
         refuse_others(&changes)?;
@@ -63,7 +68,7 @@ pub fn eval(args: &EvalArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyho
         atomic::write_json(&args.run.join(run::SCENE), &SceneFile::of(&scene))?;
         report::write(&args.run)?;
     }
-    table::write(&scored.results, args.protocol, out)?;
+    table::write(&scored.results, args.protocol, verbosity, out)?;
     if let Some(strip) = pictures.and_then(|pictures| pictures.strip_to_see()) {
         writeln!(out, "{:16}{} ({})", "start with", strip.display(), run::legend(&trained.model))?;
     }
@@ -96,10 +101,10 @@ fn metrics_folder(run: &Path, protocol: Protocol) -> PathBuf {
     }
 }
 
-/// The LPIPS weights of the training, if they still exist.
+/// The setting of the LPIPS weights in the training, if they still exist.
 fn configured_weights(config: &Config, verbosity: Verbosity) -> Option<&Path> {
     let folder = config.eval.lpips_weights.as_deref()?;
-    if !folder.is_dir() {
+    if !lpips::is_none(folder) && !folder.is_dir() {
         let folder = folder.display();
         verbosity.note(&format!(
             "note:   the LPIPS weights are no longer in {folder}; give their folder with --lpips-weights"

@@ -12,28 +12,37 @@ use mvfusion_model::evaluation::{
 use mvfusion_model::model::{DeformationLevel, Model, RenderContext};
 use mvfusion_model::train::{TrainedModel, final_level, parameter_hash};
 use mvfusion_model::{Config, Device, ModelError};
+use tracing::warn;
 
 use super::speed;
 use crate::atomic;
+use crate::device::OpenDevice;
+use crate::lpips::{LpipsFolder, NamedBy};
+use crate::machine::Machine;
+use crate::program::Program;
 use crate::progress::{Progress, Verbosity};
 use crate::run::{
-    self, EvalTime, FieldScores, GaussianCounts, LpipsWeights, PerView, PicturesHash, PicturesWriter, Results,
-    TrainCost,
+    self, DiskSize, EvalTime, FieldScores, GaussianCounts, LpipsWeights, PerView, PicturesHash, PicturesWriter,
+    Results, TrainCost,
 };
 
 /// The components of the motion intensity.
 const VARIANCES: [Layer; 3] = [Layer::PositionVariance, Layer::RotationVariance, Layer::ScaleVariance];
 
-/// An evaluator of a protocol, with the LPIPS networks if a folder of weights is given.
+/// An evaluator of a protocol, with the LPIPS networks if there is a folder of weights.
 ///
 /// # Errors
 /// If the folder or a file in it cannot be read, or a file does not fit its network.
-pub(super) fn evaluator(protocol: Protocol, weights: Option<&Path>, device: &Device) -> anyhow::Result<Evaluator> {
-    match weights {
-        None => Ok(Evaluator::without_lpips(protocol)),
-        Some(folder) => Evaluator::with_lpips(protocol, folder, device)
-            .context("cannot use the LPIPS weights; give their folder with --lpips-weights"),
-    }
+pub(super) fn evaluator(
+    protocol: Protocol,
+    weights: Option<&LpipsFolder>,
+    device: &Device,
+) -> anyhow::Result<Evaluator> {
+    let Some(weights) = weights else { return Ok(Evaluator::without_lpips(protocol)) };
+    Evaluator::with_lpips(protocol, &weights.folder, device).with_context(|| match weights.named_by {
+        NamedBy::Setting => "cannot use the LPIPS weights; give their folder with --lpips-weights".to_owned(),
+        _ => format!("cannot use the LPIPS weights in {weights}; --lpips-weights none leaves LPIPS out"),
+    })
 }
 
 /// A trained model with all that is needed to score it.
@@ -50,10 +59,14 @@ pub(super) struct Scoring<'a> {
     pub evaluator: &'a Evaluator,
     /// Frames for measuring the frame rate; 0 skips the measurement.
     pub speed_frames: usize,
+    /// The folder of the weights of LPIPS, if there is one.
+    pub lpips_folder: Option<LpipsFolder>,
     /// The cost of training, if known.
     pub cost: Option<TrainCost>,
-    /// Name of the device.
-    pub device: &'a str,
+    /// The device.
+    pub device: &'a OpenDevice,
+    /// The run folder.
+    pub run: &'a Path,
 }
 
 /// Metrics of a model.
@@ -134,7 +147,11 @@ impl Scoring<'_> {
             predictions_sha256: hashes.predictions.finish(),
             photos_sha256: hashes.photos.finish(),
             masks_sha256: hashes.masks.map(PicturesHash::finish),
-            device: self.device.to_owned(),
+            lpips_folder: self.lpips_folder,
+            program: Some(Program::this()),
+            machine: Some(Machine::this(self.device)),
+            size: DiskSize::of(model, self.run).inspect_err(|error| warn!("{error:#}")).ok(),
+            device: self.device.name.clone(),
             threads: rayon::current_num_threads(),
             seed: self.config.seed,
             field: FieldScores::of(*steps, &test.mean.composed),

@@ -15,7 +15,7 @@ use crate::progress::Verbosity;
 use crate::sweep::{
     self, Additions, Cell, Estimate, Grid, Index, Local, Plan, SHIPPED, Slurm, Source, State, SweepFolder, table,
 };
-use crate::{device, threads};
+use crate::{device, lpips, threads};
 
 /// Parent folder of the sweeps, unless `--out` is given.
 const SWEEPS: &str = "runs/sweeps";
@@ -100,6 +100,18 @@ fn show(name: &str, out: &mut dyn Write) -> anyhow::Result<()> {
     }
 }
 
+/// The setting of the LPIPS weights for all cells: none at all, or the folder that is found here.
+fn lpips_weights(asked: Option<&Path>, verbosity: Verbosity) -> anyhow::Result<Option<PathBuf>> {
+    if asked.is_some_and(lpips::is_none) {
+        return Ok(asked.map(Path::to_owned));
+    }
+    let found = lpips::find(asked)?;
+    if let Some(folder) = found.as_ref().filter(|_| asked.is_none()) {
+        verbosity.note(&format!("lpips:  {folder}"));
+    }
+    Ok(found.map(|found| found.folder))
+}
+
 /// A sweep that is about to run.
 struct Session<'a> {
     args: &'a SweepRunArgs,
@@ -116,7 +128,7 @@ impl<'a> Session<'a> {
         let source = Grid::read(grid)?;
         let additions = Additions {
             data_root: args.data_root.clone(),
-            lpips_weights: args.lpips_weights.clone(),
+            lpips_weights: lpips_weights(args.lpips_weights.as_deref(), verbosity)?,
             set: args.set.clone(),
         };
         let plan = Plan::new(&source, &additions)?;
@@ -227,7 +239,7 @@ impl<'a> Session<'a> {
     /// Checks that the folder of weights has a network that the columns need, or any network if they need none. Missing
     /// networks may be added later.
     fn check_weights(&self) -> anyhow::Result<()> {
-        let Some(folder) = self.args.lpips_weights.as_deref() else { return Ok(()) };
+        let Some(folder) = self.plan.index.wanted.lpips_weights.as_deref() else { return Ok(()) };
         let needed = self.plan.index.lpips_networks();
         let asked = if needed.is_empty() { BTreeSet::from(Backbone::ALL) } else { needed.clone() };
         let (there, missing): (Vec<_>, Vec<_>) =
@@ -235,7 +247,8 @@ impl<'a> Session<'a> {
         let files: Vec<String> =
             missing.iter().map(|network| format!("lpips_{}_f32.safetensors", network.name())).collect();
         let (folder, files) = (folder.display(), files.join(" and no "));
-        if there.is_empty() {
+        // Weights that lie where they are looked for by themselves were not asked for.
+        if there.is_empty() && self.args.lpips_weights.is_some() {
             bail!("--lpips-weights {folder}: found no {files} or equivalent (docs/evaluation.md)");
         }
         if !needed.is_empty() && !missing.is_empty() {

@@ -18,7 +18,7 @@ use toml::{Table, Value};
 
 use crate::args::ConfigSourceArgs;
 use crate::failure::UsageError;
-use crate::run;
+use crate::{lpips, run};
 pub use explain::explain;
 use keys::KnownKeys;
 pub(crate) use keys::nearest;
@@ -251,7 +251,7 @@ pub(crate) fn make_absolute(config: &mut Config) -> anyhow::Result<()> {
         &mut eval.dynamic_masks,
         &mut eval.lpips_weights,
     ];
-    for path in paths.into_iter().flatten() {
+    for path in paths.into_iter().flatten().filter(|path| !lpips::is_none(path)) {
         *path = std::path::absolute(&*path).with_context(|| format!("cannot use the path {}", path.display()))?;
     }
     Ok(())

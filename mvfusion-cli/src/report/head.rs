@@ -123,7 +123,7 @@ fn quality(test: &Scores) -> [Option<Card>; 7] {
 }
 
 /// The cost of the renders.
-fn cost(results: &Results) -> [Option<Card>; 4] {
+fn cost(results: &Results) -> [Option<Card>; 5] {
     let gaussians = Card {
         name: "Gaussians".into(),
         title: "total of both branches",
@@ -134,6 +134,12 @@ fn cost(results: &Results) -> [Option<Card>; 4] {
         name: "training".into(),
         title: "time of all steps",
         value: spoken(train.seconds),
+        unit: "",
+    });
+    let disk = results.size.map(|size| Card {
+        name: "model".into(),
+        title: "size of all learned parameters on disk",
+        value: memory::size(size.parameters as f64),
         unit: "",
     });
     let peak = results.train.and_then(|train| train.peak_memory).map(|bytes| Card {
@@ -148,5 +154,5 @@ fn cost(results: &Results) -> [Option<Card>; 4] {
         value: number(speed.fps, 1),
         unit: "FPS",
     });
-    [Some(gaussians), time, peak, speed]
+    [Some(gaussians), disk, time, peak, speed]
 }

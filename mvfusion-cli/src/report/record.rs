@@ -5,7 +5,11 @@ use serde_json::Value;
 
 use super::files::RunFiles;
 use super::snippet::notice;
+use crate::interrupt::for_shell;
 use crate::run;
+
+/// The parts of `results.json` that say where the metrics come from.
+const CIRCUMSTANCES: [&str; 4] = ["program", "machine", "lpips_folder", "size"];
 
 /// `run.json` as a table, and `results.json` unchanged.
 pub(super) fn record(files: &RunFiles) -> Markup {
@@ -16,6 +20,7 @@ pub(super) fn record(files: &RunFiles) -> Markup {
             } } },
             Err(missing) => (notice(missing)),
         }
+        @if let Ok(results) = &files.results_value { (circumstances(results)) }
         @match &files.results_value {
             Ok(results) => details {
                 summary { (run::RESULTS) ", in full precision" }
@@ -29,6 +34,21 @@ pub(super) fn record(files: &RunFiles) -> Markup {
                 pre { (serde_json::to_string_pretty(results).unwrap_or_else(|error| error.to_string())) }
             },
             Err(missing) => (notice(missing)),
+        }
+    }
+}
+
+/// The program and the machine that computed the metrics, and what the model takes on disk, as far as it is known.
+fn circumstances(results: &Value) -> Markup {
+    let known = CIRCUMSTANCES.iter().filter_map(|&name| Some((name, results.get(name)?)));
+    let mut rows = Vec::new();
+    known.for_each(|(name, value)| collect(value, name, &mut rows));
+    html! {
+        @if !rows.is_empty() {
+            h3 { "The metrics" }
+            div.scroll { table.record { tbody {
+                @for (name, value) in rows { tr { th scope="row" { (name) } td { (value) } } }
+            } } }
         }
     }
 }
@@ -68,7 +88,8 @@ fn collect(value: &Value, name: &str, found: &mut Vec<(String, String)>) {
             }
         }
         Value::Array(items) => {
-            let shown: Vec<String> = items.iter().map(plain).collect();
+            // Quoted, so that an argument with a space is recognised as one argument.
+            let shown: Vec<String> = items.iter().map(|item| for_shell(&plain(item)).into_owned()).collect();
             found.push((name.to_owned(), shown.join(" ")));
         }
         other => found.push((name.to_owned(), plain(other))),
@@ -77,8 +98,6 @@ fn collect(value: &Value, name: &str, found: &mut Vec<(String, String)>) {
 
 fn plain(value: &Value) -> String {
     match value {
-        // Quoted, so that an argument with a space is recognised as one argument.
-        Value::String(text) if text.contains(char::is_whitespace) => format!("\"{text}\""),
         Value::String(text) => text.clone(),
         other => other.to_string(),
     }
@@ -95,7 +114,7 @@ mod tests {
         let record = json!({"command": ["mvfusion", "a b"], "git": {"commit": "c0ffee", "dirty": true}, "seed": 7});
         let line = |name: &str, value: &str| (name.to_owned(), value.to_owned());
         let expected = [
-            line("command", "mvfusion \"a b\""),
+            line("command", "mvfusion 'a b'"),
             line("git.commit", "c0ffee"),
             line("git.dirty", "true"),
             line("seed", "7"),

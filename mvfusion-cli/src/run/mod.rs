@@ -16,6 +16,7 @@ mod record;
 mod replacements;
 mod results;
 mod scene_file;
+mod size;
 
 pub use self::lock::FolderLock;
 pub(crate) use aside::remove_unfinished;
@@ -41,3 +42,4 @@ pub use replacements::{PsnrChanges, Replaced, Replacements};
 pub(crate) use results::specimen;
 pub use results::{EvalTime, GaussianCounts, LpipsWeights, PerView, RenderSpeed, Results, TrainCost};
 pub use scene_file::{HeldOutView, SceneCamera, SceneFile};
+pub use size::DiskSize;

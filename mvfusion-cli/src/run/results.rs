@@ -11,6 +11,10 @@ use serde::{Deserialize, Serialize};
 
 use super::field::{FieldPerView, FieldScores};
 use super::files::picture_file;
+use super::size::DiskSize;
+use crate::lpips::LpipsFolder;
+use crate::machine::Machine;
+use crate::program::Program;
 
 /// Relative difference below which two metrics are equal. The JSON reader may change the last bit of a number.
 const SAME: f64 = 1e-12;
@@ -55,6 +59,18 @@ pub struct Results {
     /// SHA-256 of the masks of moving objects; absent if none were given.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub masks_sha256: Option<String>,
+    /// The folder of the weights of LPIPS; absent without any.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub lpips_folder: Option<LpipsFolder>,
+    /// The program that computed the metrics; `run.json` has the one that trained.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub program: Option<Program>,
+    /// The machine that computed them.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub machine: Option<Machine>,
+    /// What the model takes on disk.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub size: Option<DiskSize>,
     /// Device.
     pub device: String,
     /// CPU threads.
@@ -291,6 +307,10 @@ pub(crate) fn specimen(test: Scores) -> Results {
         predictions_sha256: "2".into(),
         photos_sha256: "3".into(),
         masks_sha256: None,
+        lpips_folder: None,
+        program: None,
+        machine: None,
+        size: None,
         device: "flex".into(),
         threads: 2,
         seed: 0,
@@ -320,6 +340,22 @@ mod tests {
         assert!(json.get("speed").is_none());
         assert_eq!(json["lpips"]["vgg"]["absent"], "no folder of weights was given");
         assert_eq!(serde_json::from_value::<Results>(json).expect("read"), results());
+    }
+
+    #[test]
+    fn what_earlier_versions_did_not_record_is_absent() {
+        let mut json = serde_json::to_value(results()).expect("written");
+        for name in ["lpips_folder", "program", "machine", "size"] {
+            assert!(json.get(name).is_none(), "{name}: {json}");
+        }
+        json.as_object_mut().expect("an object").retain(|name, _| name != "lpips");
+        assert_eq!(serde_json::from_value::<Results>(json).expect("read").program, None);
+        let program = Some(Program { git: None, ..Program::this() });
+        let size = Some(DiskSize { parameters: 12, run: 345 });
+        let results = Results { program, size, ..results() };
+        let json = serde_json::to_value(&results).expect("written");
+        assert_eq!((&json["size"]["run"], json["program"].get("git")), (&345.into(), None));
+        assert_eq!(serde_json::from_value::<Results>(json).expect("read"), results);
     }
 
     #[test]

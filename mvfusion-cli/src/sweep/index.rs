@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::grid::{ColumnGroup, Difference, Expected, PaperRow, Rule};
 use super::metric::lpips_network;
-use crate::{atomic, run};
+use crate::{atomic, lpips, run};
 
 /// Name of the file.
 pub const INDEX: &str = "sweep.json";
@@ -89,6 +89,7 @@ impl Wanted {
     /// # Errors
     /// If a file of weights cannot be read, or the current folder is gone.
     pub fn new(speed_frames: usize, weights: Option<&Path>, columns: &[ColumnGroup]) -> anyhow::Result<Self> {
+        let weights = weights.filter(|weights| !lpips::is_none(weights));
         let lpips_weights = weights.map(std::path::absolute).transpose()?;
         let mut lpips = BTreeMap::new();
         for network in lpips_networks(columns) {

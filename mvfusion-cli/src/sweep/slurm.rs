@@ -13,6 +13,7 @@ use anyhow::{Context, bail};
 use super::folder::{State, SweepFolder};
 use super::index::{Cell, Index};
 use crate::failure::UsageError;
+use crate::interrupt::for_shell;
 use crate::{atomic, device, run};
 
 /// Folder of the script and of SLURM's output.
@@ -53,8 +54,8 @@ impl Slurm<'_> {
         let directives: String =
             self.directives(cells.len())?.iter().map(|directive| format!("#SBATCH {directive}\n")).collect();
         let ids: String = cells.iter().map(|cell| format!(" \\\n    {}", cell.id)).collect();
-        let (program, folder, logs) = (quoted(program), quoted(folder), quoted(text(&logs)?));
-        let (device, threads) = (quoted(self.device), self.threads);
+        let (program, folder, logs) = (for_shell(program), for_shell(folder), for_shell(text(&logs)?));
+        let (device, threads) = (for_shell(self.device), self.threads);
         Ok(format!(
             "#!/bin/sh\n\
              {directives}\
@@ -169,11 +170,6 @@ fn plain(name: &str) -> String {
         .collect()
 }
 
-/// A word, quoted for the shell.
-fn quoted(word: &str) -> String {
-    format!("'{}'", word.replace('\'', r"'\''"))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -220,7 +216,7 @@ mod tests {
 
     #[test]
     fn a_word_for_the_shell_keeps_its_quotes() {
-        assert_eq!(quoted("it's $x"), r"'it'\''s $x'");
+        assert_eq!(for_shell("it's $x"), r#""it's "'$x'"#);
         assert_eq!(plain("my grid,\n2"), "my-grid--2");
     }
 }

@@ -9,7 +9,7 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 
 use super::resume::{arguments, outcome, signal, steps, wait_for_step, wait_until};
-use super::{FAILED, mvfusion, text};
+use super::{FAILED, mvfusion, program, text};
 
 /// In a process with its own mounts: the empty disk.
 const DISK: &str = "MVFUSION_TEST_DISK";
@@ -84,7 +84,7 @@ fn training<'a>(more: &[&'a str]) -> Vec<&'a str> {
 }
 
 fn start(place: &Path, words: &[&str]) -> Child {
-    Command::new(env!("CARGO_BIN_EXE_mvfusion"))
+    program()
         .args(words)
         .current_dir(place)
         .stderr(Stdio::piped())
@@ -242,6 +242,7 @@ fn a_scene_that_vanishes_for_a_while_stops_the_run_and_it_resumes() {
 fn limited(folder: &Path, blocks: &str, arguments: &[&str]) -> Output {
     Command::new("sh")
         .args(["-c", "ulimit -f \"$0\" && exec \"$@\"", blocks, env!("CARGO_BIN_EXE_mvfusion")])
+        .env("MVFUSION_LPIPS", "none")
         .args(arguments)
         .current_dir(folder)
         .output()

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use super::{TINY, USAGE, mvfusion, text};
+use super::{TINY, USAGE, mvfusion, program, text};
 
 /// Enough steps that a signal arrives in the middle.
 const STEPS: &str = "train.stages={geometry=6, deformation=6, refinement=12}";
@@ -21,7 +21,7 @@ pub(super) fn arguments<'a>(more: &[&'a str]) -> Vec<&'a str> {
 }
 
 fn started(folder: &Path, more: &[&str]) -> Child {
-    Command::new(env!("CARGO_BIN_EXE_mvfusion"))
+    program()
         .args(arguments(more))
         .current_dir(folder)
         .stderr(Stdio::piped())
@@ -112,7 +112,7 @@ fn a_run_that_was_terminated_and_killed_ends_as_if_nothing_had_been() {
     assert!(said.contains("`loss.main` = 2.5: the run has 1.0"), "{said}");
 
     // Killed: the newest checkpoint is there.
-    let mut child = Command::new(env!("CARGO_BIN_EXE_mvfusion"))
+    let mut child = program()
         .args(["train", "--quiet", "--resume", "part", "--set", "train.checkpoint_interval=3", "--threads", "1"])
         .current_dir(place)
         .spawn()
@@ -158,7 +158,7 @@ fn a_run_that_was_terminated_and_killed_ends_as_if_nothing_had_been() {
 #[test]
 fn a_closed_stderr_does_not_end_a_training() {
     let folder = tempfile::tempdir().expect("folder");
-    let mut child = Command::new(env!("CARGO_BIN_EXE_mvfusion"))
+    let mut child = program()
         .args(arguments(&["--out", "run"]).into_iter().filter(|argument| *argument != "--quiet"))
         .current_dir(folder.path())
         .stderr(Stdio::piped())

@@ -6,8 +6,8 @@ use std::os::unix::fs::symlink;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-use super::mvfusion;
 use super::resume::wait_until;
+use super::{mvfusion, program};
 
 /// Where a name leads that should be a file.
 #[derive(Clone, Copy, Debug)]
@@ -43,13 +43,8 @@ fn ended(folder: &Path, arguments: &[&str]) -> (Option<i32>, String) {
     let said = folder.join("said");
     let output = || fs::File::options().create(true).append(true).open(&said).expect("opened");
     let _ = fs::remove_file(&said);
-    let child = Command::new(env!("CARGO_BIN_EXE_mvfusion"))
-        .args(arguments)
-        .current_dir(folder)
-        .stdin(Stdio::null())
-        .stdout(output())
-        .stderr(output())
-        .spawn();
+    let child =
+        program().args(arguments).current_dir(folder).stdin(Stdio::null()).stdout(output()).stderr(output()).spawn();
     let running = Running(RefCell::new(child.expect("the program starts")));
     let status = Cell::new(None);
     wait_until(&format!("{arguments:?} ends"), || {

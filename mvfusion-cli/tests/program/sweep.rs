@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use super::{FAILED, USAGE, mvfusion, text};
+use super::{FAILED, USAGE, mvfusion, program, text};
 
 /// Cells of a second or two that pass through all stages.
 const TINY: &str = r#"
@@ -80,7 +80,7 @@ impl Ground {
 
     /// A sweep in a process group of its own.
     fn started(&self) -> Child {
-        Command::new(env!("CARGO_BIN_EXE_mvfusion"))
+        program()
             .args(["sweep", "tiny.toml", "--out", "out", "--device", "cpu", "--jobs", "1", "--quiet"])
             .current_dir(self.path())
             .stdout(Stdio::null())
@@ -100,7 +100,7 @@ impl Ground {
         }
         let others = std::env::var_os("PATH").unwrap_or_default();
         let path = std::env::join_paths([bin].into_iter().chain(std::env::split_paths(&others))).expect("a path");
-        let mut command = Command::new(env!("CARGO_BIN_EXE_mvfusion"));
+        let mut command = program();
         command
             .args(["sweep", "tiny.toml", "--out", "out", "--device", "cpu", "--launcher", "slurm"])
             .args(more)

@@ -59,7 +59,7 @@ pub(crate) fn read_npz(path: &Path, name: &str, columns: RangeInclusive<usize>) 
     let file = open_file(path).map_err(|e| e.to_string())?;
     let packed = file.metadata().map_err(|e| e.to_string())?.len();
     let mut archive = ZipArchive::new(BufReader::new(file)).map_err(|e| e.to_string())?;
-    let names = archive.file_names().take(5).collect::<Vec<_>>().join(", ");
+    let names = archive.file_names().filter_map(Result::ok).take(5).collect::<Vec<_>>().join(", ");
     let entry = archive.by_name(&format!("{name}.npy")).map_err(|error| match error {
         ZipError::FileNotFound => format!("it holds no array `{name}`, but: {names}"),
         error => error.to_string(),

@@ -1,6 +1,7 @@
 //! A contact sheet: the points drawn over a few photos, so that wrong poses are immediately visible.
 
-use glam::{DVec2, DVec3};
+use colorgrad::Gradient;
+use glam::DVec2;
 use image::imageops::{self, FilterType};
 use image::{Rgb, RgbImage};
 
@@ -19,9 +20,8 @@ const PAPER: Rgb<u8> = Rgb([32, 32, 32]);
 const OUTLINE: Rgb<u8> = Rgb([0, 0, 0]);
 /// Largest enlargement of photos.
 const LARGEST_SCALE: f64 = 3.0;
-/// Colours of depths, from near to far.
-const RAMP: [[f64; 3]; 5] =
-    [[235.0, 45.0, 40.0], [250.0, 200.0, 40.0], [80.0, 210.0, 70.0], [50.0, 190.0, 240.0], [75.0, 70.0, 230.0]];
+/// The part of the map turbo that ranks of depths get: its ends are too dark for points on a photo.
+const COLOURS: [f32; 2] = [0.1, 0.9];
 
 /// Photos with the points on them. Near points are red, far ones blue.
 #[derive(Clone, Debug)]
@@ -92,8 +92,9 @@ fn cell(scene: &Scene, view: &View, scale: f64) -> Result<RgbImage, DataError> {
     dots.sort_by(|a, b| b.depth.total_cmp(&a.depth));
     let radius = (size.max_element() / 300.0).clamp(1.0, 4.0);
     // Colours follow the rank. Otherwise, a few far points would leave only one colour for all others.
+    let map = colorgrad::preset::turbo();
     for (rank, dot) in dots.iter().enumerate() {
-        disc(&mut cell, dot.at, radius, colour((dots.len() - 1 - rank) as f64 / (dots.len() - 1).max(1) as f64));
+        disc(&mut cell, dot.at, radius, colour(&map, (dots.len() - 1 - rank) as f64 / (dots.len() - 1).max(1) as f64));
     }
     Ok(cell)
 }
@@ -105,12 +106,11 @@ struct Dot {
     depth: f64,
 }
 
-/// The colour of a depth's rank: 0 for the nearest, 1 for the farthest.
-fn colour(rank: f64) -> Rgb<u8> {
-    let place = rank.clamp(0.0, 1.0) * (RAMP.len() - 1) as f64;
-    let step = (place as usize).min(RAMP.len() - 2);
-    let mixed = DVec3::from_array(RAMP[step]).lerp(DVec3::from_array(RAMP[step + 1]), place - step as f64);
-    Rgb(mixed.to_array().map(|channel| channel.round() as u8))
+/// The colour of a depth's rank: 0 for the nearest, which is red, 1 for the farthest, which is blue.
+fn colour(map: &impl Gradient, rank: f64) -> Rgb<u8> {
+    let [low, high] = COLOURS;
+    let [r, g, b, _] = map.at(high + (low - high) * rank as f32).to_rgba8();
+    Rgb([r, g, b])
 }
 
 /// Draws a disc with an outline one pixel wide.

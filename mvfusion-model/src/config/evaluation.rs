@@ -14,7 +14,8 @@ pub struct EvalConfig {
     /// A folder of masks (white = dynamic), one per view, with the names of the views: `cam00/0000.png`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dynamic_masks: Option<PathBuf>,
-    /// A folder with the weights of LPIPS; without it, these metrics are absent.
+    /// A folder with the weights of LPIPS, or `none`. If absent, the folder is the one in the environment variable
+    /// MVFUSION_LPIPS, or else the default one of `mvfusion lpips-weights`. Without weights, these metrics are absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lpips_weights: Option<PathBuf>,
     /// Number of evenly spaced test views with side-by-side images; 0 for none.

@@ -24,6 +24,7 @@ pub use layer::Layer;
 pub use layer_scores::LayerScores;
 pub use layers::{LayerRenderer, LayerScale, RenderedLayer};
 pub use metric::{Better, Metric};
+pub use metrics::lpips::conversion as lpips_conversion;
 pub use metrics::lpips::{Backbone, Distance, InputRange, Lpips, LpipsVariant};
 pub use metrics::{
     MaskOverlap, PixelMap, Psnr, RegionSource, SMALL, SSIM_BORDER, SmallMovers, SmallMoversRecall, TemporalDeviation,

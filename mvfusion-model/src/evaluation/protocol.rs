@@ -44,6 +44,9 @@ pub enum Precision {
     EightBit,
 }
 
+/// Those of [`MVFUSION`] that do not repeat others in another form.
+const MAIN: usize = 5;
+
 const MVFUSION: &[Metric] = &[
     Metric::Psnr,
     Metric::Ssim,
@@ -130,6 +133,14 @@ impl Protocol {
             Self::DeGauss => DEGAUSS,
             Self::ThreeDgs => THREE_DGS,
             Self::NerfBaselines => NERF_BASELINES,
+        }
+    }
+
+    /// Those of its metrics that do not repeat others in another form.
+    pub fn main_metrics(self) -> &'static [Metric] {
+        match self {
+            Self::Mvfusion => &MVFUSION[..MAIN],
+            other => other.metrics(),
         }
     }
 

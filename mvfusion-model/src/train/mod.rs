@@ -23,7 +23,7 @@ mod view;
 
 pub use bad_step::{BadSteps, MOST_BAD_STEPS};
 pub use batch::{Batch, TrainingViews, mask_tensor, picture_tensor};
-pub use checkpoint::{Checkpoint, TrainedModel, parameter_hash};
+pub use checkpoint::{Checkpoint, TrainedModel, parameter_bytes, parameter_hash};
 pub use densify::{BranchGradients, Visibility};
 pub use losses::Losses;
 pub use rendered::RenderedBatch;

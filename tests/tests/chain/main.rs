@@ -8,6 +8,7 @@ mod child;
 mod differences;
 mod exports;
 mod layouts;
+mod lpips_weights;
 mod margins;
 mod memory;
 mod network_gradients;

@@ -31,7 +31,8 @@ fn train(run: &Path, viewer: BoundSocket) {
     let out = run.to_str().expect("a path that is text");
     let settings = ["train.stages={geometry=1000000, deformation=0, refinement=0}", "train.log_interval=1"];
     let settings = settings.iter().chain(&SMALL_MODEL).flat_map(|setting| ["--set", setting]);
-    let line = ["mvfusion", "train", "--device", "cpu", "--out", out].into_iter().chain(settings);
+    let line = ["mvfusion", "train", "--device", "cpu", "--lpips-weights", "none", "--out", out];
+    let line = line.into_iter().chain(settings);
     let Command::Train(args) = Cli::try_parse_from(line).expect("a command line").command else { panic!("train") };
     // Ends with the process.
     let _ = command::train_in_thread(&args, Signals::default(), Some(viewer), Verbosity::Silent, &mut Vec::new());

@@ -17,6 +17,7 @@ use std::process::ExitCode;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use libtest_mimic::{Arguments, Trial};
+use mvfusion_cli::lpips::VARIABLE;
 use peak_alloc::PeakAlloc;
 
 use runner::{Outcome, Settings};
@@ -29,7 +30,11 @@ fn main() -> ExitCode {
     // One reader at a time: memory is counted for the whole process.
     arguments.test_threads = Some(1);
     // SAFETY: nothing has started a thread yet, so nobody reads the environment meanwhile.
-    unsafe { std::env::set_var("PATH", "") };
+    unsafe {
+        std::env::set_var("PATH", "");
+        // Nor are the LPIPS weights of whoever tests.
+        std::env::set_var(VARIABLE, "none");
+    }
     let settings = Settings::from_environment();
     let place = tempfile::tempdir().expect("a temporary folder");
     let outcomes: Arc<Mutex<Vec<Outcome>>> = Arc::default();

@@ -37,7 +37,7 @@ impl Archive {
         let mut arrays = BTreeMap::new();
         for index in 0..zip.len() {
             let entry = zip.by_index(index)?;
-            let name = entry.name().trim_end_matches(".npy").to_owned();
+            let name = entry.name()?.trim_end_matches(".npy").to_owned();
             let array = NpyFile::new(entry).map_err(Into::into).and_then(numbers_of);
             arrays.insert(name.clone(), array.with_context(|| format!("`{name}`"))?);
         }

@@ -26,6 +26,7 @@ mod kernels;
 mod kinds;
 mod lenses;
 mod losses;
+mod lpips_weights;
 mod metrics;
 mod network;
 mod own;
@@ -56,6 +57,8 @@ use kinds::{Kind, kind_of};
 const FOLDER: &str = "MVFUSION_ORACLES";
 
 fn main() -> ExitCode {
+    // SAFETY: nothing has started a thread yet, so nobody reads the environment meanwhile.
+    unsafe { std::env::set_var(mvfusion_cli::lpips::VARIABLE, "none") };
     let arguments = Arguments::from_args();
     let mut trials = Vec::new();
     for backend in every_backend() {
@@ -72,6 +75,7 @@ fn main() -> ExitCode {
     trials.extend(cluster::trials());
     trials.extend(foreign::trials());
     trials.extend(schema::trials());
+    trials.extend(lpips_weights::trials(root().as_deref()));
     #[cfg(feature = "wgpu")]
     trials.extend(kernels::trials());
     for backend in gpu_backends() {

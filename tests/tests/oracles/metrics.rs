@@ -252,6 +252,29 @@ fn check_lpips(folder: &Path, pair: &str, metrics: &Value, device: &Device) -> R
     checks.finish()
 }
 
+/// The pairs by which converted weights are compared: the first backend suffices.
+pub fn check_converted(backbone: Backbone, folder: &Path) -> Result<()> {
+    let device = (mvfusion_tests::backends()[0].device)();
+    let network = Lpips::load(backbone, &backbone.file_in(folder).context("the file is there")?, &device)?;
+    let pairs = root().map(|root| root.join(FOLDER)).context("the folder is there")?;
+    let mut checks = Checklist::default();
+    for (pair, metrics) in read(&pairs.join("metrics.json"))? {
+        // VGG-16 is slow.
+        if backbone == Backbone::Vgg && !SMALL.contains(&pair.as_str()) {
+            continue;
+        }
+        let both = pictures(&pairs, &pair)?.map(|picture| picture_tensor(&picture, &device));
+        let distances = network.distances(Tensor::cat(both.to_vec(), 0), InputRange::Signed, &[(0, 1)]);
+        let found = numbers(distances.context("the pictures are large enough")?[0].value())[0];
+        let (name, tolerance) = match backbone {
+            Backbone::Alex => ("lpips_alex", LPIPS),
+            Backbone::Vgg => ("lpips_vgg", LPIPS_ROUNDED),
+        };
+        Entry::new(&metrics)?.compare(&mut checks, name, Some(found), tolerance);
+    }
+    checks.finish()
+}
+
 /// A network, and whether its weights were rounded to half precision.
 fn network(backbone: Backbone, device: &Device) -> Result<(Lpips, bool)> {
     let folder = weights().with_context(|| format!("there is no folder {WEIGHTS}"))?;

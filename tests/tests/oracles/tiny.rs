@@ -31,6 +31,7 @@ pub fn mvfusion(arguments: &[&str]) -> Result<String> {
     match Cli::try_parse_from(["mvfusion"].iter().chain(arguments))?.command {
         Command::Train(args) => command::train(&args, Verbosity::Silent, &mut said)?,
         Command::Render(args) => command::render(&args, Verbosity::Silent, &mut said)?,
+        Command::LpipsWeights(args) => command::lpips_weights(&args, &mut said)?,
         Command::Export(args) => command::export(&args, Verbosity::Silent, &mut said)?,
         other => bail!("no test runs {other:?}"),
     }

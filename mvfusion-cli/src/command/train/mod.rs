@@ -24,12 +24,13 @@ use crate::config::{self, Resolved};
 use crate::device::{self, OpenDevice};
 use crate::failure::UsageError;
 use crate::interrupt::Signals;
+use crate::lpips::LpipsFolder;
 use crate::memory::MemoryRule;
 use crate::progress::Verbosity;
 use crate::run::{self, Checkpoint, Existing, InitialWeights, MetricsLog, RunFolder, RunPlan, RunRecord};
 #[cfg(feature = "viewer")]
 use crate::viewer::address::BoundSocket;
-use crate::{memory, scene};
+use crate::{lpips, memory, scene};
 use session::Session;
 
 pub use session::Observer;
@@ -104,7 +105,7 @@ fn begun(args: &TrainArgs, signals: Signals, verbosity: Verbosity) -> anyhow::Re
         verbosity.note(note);
     }
     if let Some(weights) = &args.lpips_weights {
-        resolved.config.eval.lpips_weights = Some(std::path::absolute(weights)?);
+        resolved.config.eval.lpips_weights = Some(lpips::kept(weights)?);
     }
     let device = device::open(&args.compute.device)?;
     let path = args.out.clone().unwrap_or_else(|| default_folder(&resolved));
@@ -123,9 +124,12 @@ fn begun(args: &TrainArgs, signals: Signals, verbosity: Verbosity) -> anyhow::Re
         None => (Trainer::new(config.scaled(), &scene, &device.device)?, None),
     };
     let trainer = trainer.with_image_cache(&scene, args.image_cache.as_u64())?;
-    let evaluator = evaluator(&config, &device)?;
+    let (lpips_folder, evaluator) = evaluator(&config, &device)?;
     verbosity.note(&format!("device: {}", device.reason));
     verbosity.note(&format!("scene:  {}", scene::describe(&scene)));
+    if let Some(folder) = &lpips_folder {
+        verbosity.note(&format!("lpips:  {folder}"));
+    }
     if let Some(sentence) = times_sentence(&given, &config) {
         verbosity.note(&format!("times:  {sentence}"));
     }
@@ -147,6 +151,7 @@ fn begun(args: &TrainArgs, signals: Signals, verbosity: Verbosity) -> anyhow::Re
         device,
         scene,
         trainer,
+        lpips_folder,
         evaluator,
         folder,
         log,
@@ -205,7 +210,7 @@ fn resumed(args: &TrainArgs, path: &Path, signals: Signals, verbosity: Verbosity
         .into());
     }
     if let Some(weights) = &args.lpips_weights {
-        config.eval.lpips_weights = Some(std::path::absolute(weights)?);
+        config.eval.lpips_weights = Some(lpips::kept(weights)?);
     }
     let device = device_of_run(&args.compute.device, &record.device)?;
     let scene = scene::open(&config)?;
@@ -214,9 +219,12 @@ fn resumed(args: &TrainArgs, path: &Path, signals: Signals, verbosity: Verbosity
     let step = state.completed;
     let trainer = Trainer::with_state(config.scaled(), &scene, &device.device.clone().autodiff(), state)?
         .with_image_cache(&scene, args.image_cache.as_u64())?;
-    let evaluator = evaluator(&config, &device)?;
+    let (lpips_folder, evaluator) = evaluator(&config, &device)?;
     verbosity.note(&format!("device: {}", device.reason));
     verbosity.note(&format!("scene:  {}", scene::describe(&scene)));
+    if let Some(folder) = &lpips_folder {
+        verbosity.note(&format!("lpips:  {folder}"));
+    }
     let total = config.scaled().train.stages.total();
     verbosity.note(&format!("run:    {}, continued after step {step} of {total}", path.display()));
 
@@ -231,6 +239,7 @@ fn resumed(args: &TrainArgs, path: &Path, signals: Signals, verbosity: Verbosity
         device,
         scene,
         trainer,
+        lpips_folder,
         evaluator,
         folder,
         log,
@@ -287,8 +296,11 @@ fn newest_state(
     Err(refusal)
 }
 
-fn evaluator(config: &Config, device: &OpenDevice) -> anyhow::Result<Evaluator> {
-    score::evaluator(Protocol::Mvfusion, config.eval.lpips_weights.as_deref(), &device.device)
+/// The folder of the weights of LPIPS, and what scores with them.
+fn evaluator(config: &Config, device: &OpenDevice) -> anyhow::Result<(Option<LpipsFolder>, Evaluator)> {
+    let folder = lpips::find(config.eval.lpips_weights.as_deref())?;
+    let evaluator = score::evaluator(Protocol::Mvfusion, folder.as_ref(), &device.device)?;
+    Ok((folder, evaluator))
 }
 
 /// Warns if too few dynamic Gaussians start on moving pixels: the result of such a run would be blurred.

@@ -17,6 +17,7 @@ use super::live::{Live, ViewerSocket};
 use super::watch::{CheckpointClock, Watch};
 use crate::device::OpenDevice;
 use crate::interrupt::{Interrupted, Signals, resume_command};
+use crate::lpips::LpipsFolder;
 use crate::progress::Verbosity;
 use crate::run::{self, MetricsLine, MetricsLog, PicturesWriter, RunFolder, RunRecord, SceneFile, TrainCost};
 use crate::{atomic, config, memory, report, table};
@@ -37,6 +38,7 @@ pub(super) struct Session {
     pub(super) device: OpenDevice,
     pub(super) scene: Scene,
     pub(super) trainer: Trainer,
+    pub(super) lpips_folder: Option<LpipsFolder>,
     pub(super) evaluator: Evaluator,
     pub(super) folder: RunFolder,
     pub(super) log: MetricsLog,
@@ -213,13 +215,15 @@ impl Session {
             config_sha256,
             evaluator: &self.evaluator,
             speed_frames: 0,
+            lpips_folder: self.lpips_folder.clone(),
             cost: Some(cost),
-            device: &self.device.name,
+            device: &self.device,
+            run: self.folder.path(),
         };
         let scored = scoring.score(Some(&pictures), self.verbosity)?;
         scored.write(self.folder.path())?;
         atomic::write_json(&self.folder.place(&[run::SCENE])?, &SceneFile::of(&self.scene))?;
-        table::write(&scored.results, self.evaluator.protocol(), out)?;
+        table::write(&scored.results, self.evaluator.protocol(), self.verbosity, out)?;
         writeln!(out, "{:16}{}", "run", self.folder.path().display())?;
         if let Some(strip) = pictures.strip_to_see() {
             writeln!(out, "{:16}{}", "start with", strip.display())?;

@@ -122,6 +122,19 @@ pub fn parameter_hash(model: &Model) -> Result<String, ModelError> {
     Ok(hexadecimal(hash))
 }
 
+/// Bytes of all learned parameters in a checkpoint.
+pub fn parameter_bytes(model: &Model) -> u64 {
+    struct Count(u64);
+    impl Sink for Count {
+        fn take<const D: usize>(&mut self, _: String, values: Tensor<D>) {
+            self.0 += (values.shape().num_elements() * DType::F32.size()) as u64;
+        }
+    }
+    let mut count = Count(0);
+    walk(model, &mut count);
+    count.0
+}
+
 /// Every learned parameter by name.
 fn parameters(model: &Model) -> Result<Tensors, ModelError> {
     let mut collector = Collector { tensors: Tensors::new(), failure: None };

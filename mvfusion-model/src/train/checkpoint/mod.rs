@@ -13,7 +13,7 @@ use std::path::Path;
 
 use burn::tensor::Device;
 
-pub use self::contents::parameter_hash;
+pub use self::contents::{parameter_bytes, parameter_hash};
 pub use self::open::Checkpoint;
 
 use self::contents::Contents;

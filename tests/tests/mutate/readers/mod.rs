@@ -6,6 +6,7 @@ mod pictures;
 mod run;
 mod scenes;
 mod sweep;
+mod torch;
 
 use std::fmt::Display;
 use std::fs;
@@ -51,7 +52,16 @@ const RECORDS: Room = Room { times: 64, fixed: 4 << 20 };
 
 /// All readers.
 pub fn all() -> Vec<(&'static str, Targets)> {
-    [scenes::READERS, gaussians::READERS, pictures::READERS, run::READERS, sweep::READERS, checkpoint::READERS].concat()
+    [
+        scenes::READERS,
+        gaussians::READERS,
+        pictures::READERS,
+        run::READERS,
+        sweep::READERS,
+        checkpoint::READERS,
+        torch::READERS,
+    ]
+    .concat()
 }
 
 /// The answer of a reader that returns sound things or errors.

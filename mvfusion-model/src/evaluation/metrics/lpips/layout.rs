@@ -76,6 +76,14 @@ impl Backbone {
         }
     }
 
+    /// Name for people.
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::Alex => "AlexNet",
+            Self::Vgg => "VGG-16",
+        }
+    }
+
     /// The five stages.
     pub fn layout(self) -> Vec<StageLayout> {
         match self {

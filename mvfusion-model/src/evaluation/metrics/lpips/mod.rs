@@ -2,6 +2,7 @@
 //!
 //! Lower is more similar; equal images have 0. The weights are not part of this program, see [`Lpips::load`].
 
+pub mod conversion;
 mod distance;
 mod layout;
 mod network;
