@@ -2,6 +2,7 @@
 
 mod compute;
 mod config;
+mod output;
 mod page;
 mod sweep;
 #[cfg(feature = "viewer")]
@@ -28,6 +29,7 @@ use crate::render::{
 
 pub use compute::ComputeArgs;
 pub use config::ConfigSourceArgs;
+pub use output::{ListArgs, ProgressForm};
 pub use page::PageArgs;
 pub use sweep::{Launcher, RunCellArgs, SweepAction, SweepArgs, SweepFolderArgs, SweepRunArgs, SweepShowArgs};
 #[cfg(feature = "viewer")]
@@ -55,12 +57,22 @@ pub struct OutputArgs {
     /// Log more: -v for information, -vv for debugging (or set RUST_LOG)
     #[arg(short, long, global = true, action = clap::ArgAction::Count, display_order = 901)]
     pub verbose: u8,
+    /// How notes and progress are shown on stderr
+    #[arg(long, value_name = "FORM", value_enum, default_value_t, global = true, display_order = 902)]
+    #[arg(conflicts_with = "quiet", hide_default_value = true)]
+    pub progress: ProgressForm,
 }
 
 impl OutputArgs {
     /// Whether progress and notes are shown.
     pub fn verbosity(self) -> Verbosity {
-        if self.quiet { Verbosity::Silent } else { Verbosity::Normal }
+        match self.progress {
+            _ if self.quiet => Verbosity::Silent,
+            ProgressForm::Auto => Verbosity::Normal,
+            ProgressForm::Plain => Verbosity::Lines,
+            ProgressForm::None => Verbosity::Notes,
+            ProgressForm::Json => Verbosity::Json,
+        }
     }
 }
 
@@ -102,9 +114,9 @@ pub enum Command {
     #[command(long_about = help::SWEEP, after_long_help = help::SWEEP_MORE)]
     Sweep(SweepArgs),
     /// List the presets
-    Presets,
+    Presets(ListArgs),
     /// List the devices that --device accepts in this build, with their limits
-    Devices,
+    Devices(ListArgs),
 }
 
 impl Command {
@@ -123,9 +135,12 @@ impl Command {
                 // The cells run in other processes.
                 _ => Some(NonZeroUsize::MIN),
             },
-            Self::Synth(_) | Self::Config(_) | Self::Presets | Self::Devices | Self::Report(_) | Self::Restore(_) => {
-                None
-            }
+            Self::Synth(_)
+            | Self::Config(_)
+            | Self::Presets(_)
+            | Self::Devices(_)
+            | Self::Report(_)
+            | Self::Restore(_) => None,
         }
     }
 }
@@ -263,6 +278,9 @@ pub struct EvalArgs {
     /// Write metrics, images and report to the run folder; by default, nothing is written
     #[arg(long)]
     pub write: bool,
+    /// Print the metrics as JSON, with the keys of results.json, or with --replace of replacements.json
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `mvfusion export`.

@@ -1,5 +1,7 @@
 //! Devices, selected by their names on the command line.
 
+mod listed;
+
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -7,6 +9,8 @@ use anyhow::anyhow;
 use mvfusion_model::Device;
 
 use crate::failure::UsageError;
+
+pub use listed::{Listed, listed};
 
 /// An open device.
 #[derive(Clone, Debug)]

@@ -27,6 +27,7 @@
 //! | write Gaussians for other programs | [`export`] |
 //! | render images and animations | [`render`] |
 //! | serve the viewer | `viewer`, with the feature of that name |
+//! | write the curves of a run for TensorBoard | [`tensorboard`] |
 //! | train many runs and compare them in a table | [`sweep`] |
 //!
 //! # Which crate do I use?
@@ -55,6 +56,7 @@ pub mod run;
 pub mod scene;
 pub mod sweep;
 pub mod table;
+pub mod tensorboard;
 pub mod threads;
 #[cfg(feature = "viewer")]
 pub mod viewer;
@@ -85,8 +87,8 @@ pub fn run(cli: &Cli, threads: usize, out: &mut dyn Write) -> anyhow::Result<()>
         Command::Check(args) => command::check(args, verbosity, out),
         Command::Synth(args) => command::synth(args, verbosity, out),
         Command::Config(args) => command::config(args, verbosity, out),
-        Command::Presets => command::presets(out),
-        Command::Devices => command::devices(out),
+        Command::Presets(args) => command::presets(args, out),
+        Command::Devices(args) => command::devices(args, out),
         Command::Render(args) => command::render(args, verbosity, out),
         #[cfg(feature = "viewer")]
         Command::View(args) => command::view(args, verbosity, out),

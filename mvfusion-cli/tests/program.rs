@@ -11,6 +11,8 @@ mod disks;
 mod duration;
 #[path = "program/evidence.rs"]
 mod evidence;
+#[path = "program/output.rs"]
+mod output;
 #[path = "program/render.rs"]
 mod render;
 #[cfg(unix)]

@@ -76,6 +76,7 @@ impl Session<'_> {
         if let Some(frames) = self.args.frames {
             self.write_frames(frames.get(), out)?;
         }
+        self.verbosity.wrote("export", self.folder.path());
         writeln!(out, "{:LABEL$}{}", "written to", self.folder.path().display())?;
         Ok(())
     }

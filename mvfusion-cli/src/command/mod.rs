@@ -7,6 +7,7 @@ mod duration;
 mod eval;
 mod export;
 mod export_page;
+mod json;
 mod presets;
 mod render;
 mod replace;
@@ -15,6 +16,7 @@ mod restore;
 mod score;
 mod speed;
 mod sweep;
+mod sweep_status;
 mod synth;
 mod train;
 #[cfg(feature = "viewer")]

@@ -27,6 +27,7 @@ use crate::interrupt::Signals;
 use crate::memory::MemoryRule;
 use crate::progress::Verbosity;
 use crate::run::{self, Checkpoint, Existing, InitialWeights, MetricsLog, RunFolder, RunPlan, RunRecord};
+use crate::tensorboard::EventFile;
 #[cfg(feature = "viewer")]
 use crate::viewer::address::BoundSocket;
 use crate::{memory, scene};
@@ -72,6 +73,7 @@ fn trained(
         Some(run) => resumed(args, run, signals, verbosity)?,
         None => begun(args, signals, verbosity)?,
     };
+    verbosity.wrote("run", session.folder.path());
     session.watched(socket)?.run(out)
 }
 
@@ -119,8 +121,29 @@ fn begun(args: &TrainArgs, signals: Signals, verbosity: Verbosity) -> anyhow::Re
     let folder = plan.create()?;
     let record = RunRecord::begin(resolved.preset.name, &scene, config.seed, &device.name).initialised(weights);
     let log = MetricsLog::create(&folder.place(&[run::METRICS])?)?;
+    let events = event_file(&config, &folder, 0)?;
     let (elapsed, live) = (0.0, None);
-    Ok(Session { config, record, device, scene, trainer, evaluator, folder, log, elapsed, signals, verbosity, live })
+    Ok(Session {
+        config,
+        record,
+        device,
+        scene,
+        trainer,
+        evaluator,
+        folder,
+        log,
+        events,
+        elapsed,
+        signals,
+        verbosity,
+        live,
+    })
+}
+
+/// The event file of a training that has done so many steps, if the configuration asks for one.
+fn event_file(config: &Config, folder: &RunFolder, done: usize) -> anyhow::Result<Option<EventFile>> {
+    let create = || EventFile::create(&folder.path().join(run::TENSORBOARD), done + 1);
+    config.train.tensorboard.then(create).transpose()
 }
 
 /// Refuses what does not fit into the memory, unless `--force-memory` is given.
@@ -189,9 +212,24 @@ fn resumed(args: &TrainArgs, path: &Path, signals: Signals, verbosity: Verbosity
         run::make_intermediate(&checkpoint, step)?;
     }
     let (log, elapsed) = MetricsLog::resume(&folder.place(&[run::METRICS])?, step)?;
+    let events = event_file(&config, &folder, step)?;
     let record = record.continued(step);
     let live = None;
-    Ok(Session { config, record, device, scene, trainer, evaluator, folder, log, elapsed, signals, verbosity, live })
+    Ok(Session {
+        config,
+        record,
+        device,
+        scene,
+        trainer,
+        evaluator,
+        folder,
+        log,
+        events,
+        elapsed,
+        signals,
+        verbosity,
+        live,
+    })
 }
 
 /// The device on which a run goes on: its own, unless another one is asked for, or this machine does not have it.
