@@ -197,16 +197,15 @@ impl Local<'_> {
         .print();
     }
 
-    /// Seconds that the cells in the queue take; `None` before one has ended.
+    /// Seconds that the cells in the queue take; `None` before one has ended, and if the queue is empty.
     fn seconds_left(&self, progress: &Progress<'_>) -> Option<f64> {
-        progress.estimate.seconds(progress.queue.iter().copied(), self.jobs)
+        let seconds = progress.estimate.seconds(progress.queue.iter().copied(), self.jobs);
+        seconds.filter(|_| !progress.queue.is_empty())
     }
 
     fn line(&self, progress: &Progress<'_>, cell: &Cell, end: &End, count: usize) -> String {
-        let left = match self.seconds_left(progress) {
-            Some(seconds) if !progress.queue.is_empty() => format!("; about {} left", spoken(seconds)),
-            _ => String::new(),
-        };
+        let left = self.seconds_left(progress);
+        let left = left.map_or(String::new(), |seconds| format!("; about {} left", spoken(seconds)));
         let what = match (&end.state, end.took) {
             (State::Failed(words), _) => format!("failed: {words}"),
             (state, Some(took)) => format!("{} after {}", state.word(), spoken(took.as_secs_f64())),

@@ -73,8 +73,13 @@ fn trained(
         Some(run) => resumed(args, run, signals, verbosity)?,
         None => begun(args, signals, verbosity)?,
     };
-    verbosity.wrote("run", session.folder.path());
-    session.watched(socket)?.run(out)
+    let path = session.folder.path().to_owned();
+    let ended = session.watched(socket).and_then(|session| session.run(out));
+    // A run that fails at its first step takes its folder with it.
+    if path.is_dir() {
+        verbosity.wrote("run", &path);
+    }
+    ended
 }
 
 /// A training that begins.
