@@ -4,6 +4,7 @@ mod compute;
 mod config;
 mod lpips;
 mod manuals;
+mod output;
 mod page;
 mod suggested;
 mod sweep;
@@ -25,7 +26,7 @@ use mvfusion_model::train::IMAGE_CACHE;
 use crate::export::moving::Precision;
 use crate::help;
 use crate::program;
-use crate::progress::Verbosity;
+use crate::progress::{Form, Verbosity};
 use crate::render::{
     FileFormat, LayerChoice, Views, parse_fps, parse_frames, parse_layer, parse_size, parse_time, parse_weights,
 };
@@ -34,6 +35,7 @@ pub use compute::ComputeArgs;
 pub use config::{ConfigArgs, ConfigSourceArgs};
 pub use lpips::LpipsWeightsArgs;
 pub use manuals::{CompletionsArgs, ManArgs};
+pub use output::{ListArgs, ProgressForm};
 pub use page::PageArgs;
 pub use sweep::{Launcher, RunCellArgs, SweepAction, SweepArgs, SweepFolderArgs, SweepRunArgs, SweepShowArgs};
 #[cfg(feature = "viewer")]
@@ -62,16 +64,23 @@ pub struct OutputArgs {
     /// Log more, and show all metrics: -v for information, -vv for debugging (or set RUST_LOG)
     #[arg(short, long, global = true, action = clap::ArgAction::Count, display_order = 901)]
     pub verbose: u8,
+    /// How notes and progress are shown on stderr
+    #[arg(long, value_name = "FORM", value_enum, default_value_t, global = true, display_order = 902)]
+    #[arg(conflicts_with = "quiet", hide_default_value = true)]
+    pub progress: ProgressForm,
 }
 
 impl OutputArgs {
     /// Whether progress and notes are shown.
     pub fn verbosity(self) -> Verbosity {
-        match (self.quiet, self.verbose) {
-            (true, _) => Verbosity::Silent,
-            (false, 0) => Verbosity::Normal,
-            (false, _) => Verbosity::Verbose,
-        }
+        let form = match self.progress {
+            _ if self.quiet => Form::Silent,
+            ProgressForm::Auto => Form::Normal,
+            ProgressForm::Plain => Form::Lines,
+            ProgressForm::None => Form::Notes,
+            ProgressForm::Json => Form::Json,
+        };
+        Verbosity { form, all_metrics: self.verbose > 0 }
     }
 }
 
@@ -116,9 +125,9 @@ pub enum Command {
     #[command(long_about = help::SWEEP, after_long_help = help::SWEEP_MORE)]
     Sweep(SweepArgs),
     /// List the presets
-    Presets,
+    Presets(ListArgs),
     /// List the devices that --device accepts in this build, with their limits
-    Devices,
+    Devices(ListArgs),
     /// Print the completions of a shell
     #[command(long_about = help::COMPLETIONS)]
     Completions(CompletionsArgs),
@@ -146,8 +155,8 @@ impl Command {
             Self::LpipsWeights(_)
             | Self::Synth(_)
             | Self::Config(_)
-            | Self::Presets
-            | Self::Devices
+            | Self::Presets(_)
+            | Self::Devices(_)
             | Self::Report(_)
             | Self::Restore(_) => None,
             Self::Completions(_) | Self::Man(_) => Some(NonZeroUsize::MIN),
@@ -290,6 +299,9 @@ pub struct EvalArgs {
     /// Write metrics, images and report to the run folder; by default, nothing is written
     #[arg(long)]
     pub write: bool,
+    /// Print the metrics as JSON, with the keys of results.json, or with --replace of replacements.json
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `mvfusion export`.

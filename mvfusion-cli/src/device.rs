@@ -1,5 +1,7 @@
 //! Devices, selected by their names on the command line.
 
+mod listed;
+
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -8,6 +10,8 @@ use mvfusion_model::Device;
 
 use crate::failure::UsageError;
 use crate::machine::GpuModel;
+
+pub use listed::{Listed, listed};
 
 /// An open device.
 #[derive(Clone, Debug)]

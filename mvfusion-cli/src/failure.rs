@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use mvfusion_model::ModelError;
 
 use crate::interrupt::Interrupted;
-use crate::progress::print_line;
+use crate::progress::{Event, Form, Status, Verbosity, print_line};
 
 /// Exit code of a failure.
 pub const FAILED: u8 = 1;
@@ -47,19 +47,49 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
     if usage { USAGE } else { FAILED }
 }
 
-/// Prints an error to stderr. A closed pipe (`mvfusion config | head`) is not a failure.
-pub fn report(error: &anyhow::Error) -> ExitCode {
+/// Tells on stderr how a command ended. A closed pipe (`mvfusion config | head`) is not a failure.
+pub fn report(result: &anyhow::Result<()>, verbosity: Verbosity) -> ExitCode {
     let closed = |cause: &(dyn std::error::Error + 'static)| {
         cause.downcast_ref::<io::Error>().is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
     };
-    if error.chain().any(closed) {
-        return ExitCode::SUCCESS;
+    let error = match result {
+        Err(error) if !error.chain().any(closed) => error,
+        _ => {
+            if verbosity.is_json() {
+                Event::end(Status::Ok, 0, None).print();
+            }
+            return ExitCode::SUCCESS;
+        }
+    };
+    let code = exit_code(error);
+    let (status, message) = match error.downcast_ref::<Interrupted>() {
+        Some(interrupted) => (Status::Interrupted, interrupted.to_string()),
+        None => (Status::Failed, paragraph(error)),
+    };
+    match (verbosity.form, status) {
+        (Form::Json, _) => Event::end(status, code, Some(&message)).print(),
+        (_, Status::Interrupted) => print_line(&message),
+        _ => print_line(&format!("error: {message}")),
     }
-    match error.downcast_ref::<Interrupted>() {
-        Some(interrupted) => print_line(&interrupted.to_string()),
-        None => print_line(&format!("error: {}", paragraph(error))),
+    ExitCode::from(code)
+}
+
+/// Tells of a command line that cannot be parsed, or prints the help that it asks for.
+pub fn refuse(error: &clap::Error, verbosity: Verbosity) -> ExitCode {
+    if !error.use_stderr() || !verbosity.is_json() {
+        error.exit();
     }
-    ExitCode::from(exit_code(error))
+    let text = error.render().to_string();
+    let message = text.trim_start_matches("error: ").trim_end();
+    Event::end(Status::Failed, USAGE, Some(message)).print();
+    ExitCode::from(USAGE)
+}
+
+/// With `--progress json`, the words of a panic are a line of JSON like everything else.
+pub fn report_panics(verbosity: Verbosity) {
+    if verbosity.is_json() {
+        std::panic::set_hook(Box::new(|panic| Event::Warning { text: &panic.to_string() }.print()));
+    }
 }
 
 /// An error with its causes as one paragraph that ends with a full stop.

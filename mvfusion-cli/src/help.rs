@@ -67,6 +67,8 @@ The run folder:
   results.json, per_view.json    the metrics in full precision; unknown metrics
                                  are absent
   metrics.jsonl                  one line per log step, written during training
+  tensorboard/                   the same for TensorBoard, if asked for:
+                                 --set train.tensorboard=true
   config.toml, run.json          the configuration and the record of the run;
                                  --config DIR/config.toml repeats the run
   checkpoints/final.safetensors  the complete training state, from which

@@ -28,6 +28,7 @@
 //! | train from a program of yours, told of each step | [`command::train_observed`]; the Python package does so |
 //! | render images and animations | [`render`] |
 //! | serve the viewer | `viewer`, with the feature of that name |
+//! | write the curves of a run for TensorBoard | [`tensorboard`] |
 //! | train many runs and compare them in a table | [`sweep`] |
 //!
 //! # Which crate do I use?
@@ -59,6 +60,7 @@ pub mod run;
 pub mod scene;
 pub mod sweep;
 pub mod table;
+pub mod tensorboard;
 pub mod threads;
 #[cfg(feature = "viewer")]
 pub mod viewer;
@@ -90,10 +92,10 @@ pub fn run(cli: &Cli, threads: usize, out: &mut dyn Write) -> anyhow::Result<()>
         Command::LpipsWeights(args) => command::lpips_weights(args, out),
         Command::Synth(args) => command::synth(args, verbosity, out),
         Command::Config(args) => command::config(args, verbosity, out),
-        Command::Presets => command::presets(out),
+        Command::Presets(args) => command::presets(args, out),
+        Command::Devices(args) => command::devices(args, out),
         Command::Completions(args) => command::completions(args, out),
         Command::Man(args) => command::man(args, out),
-        Command::Devices => command::devices(out),
         Command::Render(args) => command::render(args, verbosity, out),
         #[cfg(feature = "viewer")]
         Command::View(args) => command::view(args, verbosity, out),

@@ -3,17 +3,26 @@
 use std::process::ExitCode;
 
 use clap::Parser;
+use mvfusion_cli::args::ProgressForm;
+use mvfusion_cli::progress::{Form, Verbosity};
 use mvfusion_cli::{Cli, failure};
 
 fn main() -> ExitCode {
     keep_heap();
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => {
+            let arguments = std::env::args_os().map(|argument| argument.to_string_lossy().into_owned());
+            let form = if ProgressForm::is_json_in(arguments) { Form::Json } else { Form::Normal };
+            let verbosity = Verbosity { form, ..Verbosity::NORMAL };
+            return failure::refuse(&error, verbosity);
+        }
+    };
+    let verbosity = cli.output.verbosity();
+    failure::report_panics(verbosity);
     let threads = mvfusion_cli::threads::count(cli.command.threads());
     limit_matrix_products(threads);
-    match mvfusion_cli::run(&cli, threads, &mut std::io::stdout()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => failure::report(&error),
-    }
+    failure::report(&mvfusion_cli::run(&cli, threads, &mut std::io::stdout()), verbosity)
 }
 
 /// Tells the matrix products of the NdArray backend how many threads they may use: they know no other way, and read it once.

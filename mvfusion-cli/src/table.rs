@@ -25,9 +25,9 @@ const LINE: usize = 80;
 /// If `out` cannot be written to.
 pub fn write(results: &Results, protocol: Protocol, verbosity: Verbosity, out: &mut dyn Write) -> io::Result<()> {
     let label = label_width(results);
-    let metrics = match verbosity {
-        Verbosity::Verbose => known(results, protocol.metrics()).collect(),
-        Verbosity::Normal | Verbosity::Silent => main_metrics(results, protocol, label),
+    let metrics = match verbosity.all_metrics {
+        true => known(results, protocol.metrics()).collect(),
+        false => main_metrics(results, protocol, label),
     };
     let heads: String =
         metrics.iter().map(|&metric| format!("{:>width$}", head(metric), width = width(metric))).collect();
@@ -172,7 +172,7 @@ mod tests {
     use crate::run::specimen;
 
     fn table(results: &Results, protocol: Protocol) -> String {
-        seen(results, protocol, Verbosity::Normal)
+        seen(results, protocol, Verbosity::NORMAL)
     }
 
     fn seen(results: &Results, protocol: Protocol, verbosity: Verbosity) -> String {
@@ -197,9 +197,9 @@ mod tests {
             let table = seen(&results, Protocol::Mvfusion, verbosity);
             table.lines().next().expect("a line").split_whitespace().skip(2).collect::<Vec<_>>().join(" ")
         };
-        assert_eq!(head(Verbosity::Normal), "PSNR (dB) SSIM LPIPS-alex");
+        assert_eq!(head(Verbosity::NORMAL), "PSNR (dB) SSIM LPIPS-alex");
         assert_eq!(
-            head(Verbosity::Verbose),
+            head(Verbosity { all_metrics: true, ..Verbosity::NORMAL }),
             "PSNR (dB) SSIM LPIPS-alex PSNR unrounded (dB) SSIM without border LPIPS-alex on [0,1]"
         );
     }

@@ -13,6 +13,8 @@ mod duration;
 mod evidence;
 #[path = "program/manuals.rs"]
 mod manuals;
+#[path = "program/output.rs"]
+mod output;
 #[path = "program/render.rs"]
 mod render;
 #[cfg(unix)]

@@ -43,7 +43,7 @@ impl NativeRun {
     fn open(py: Python<'_>, path: PathBuf, device: &str, data: Option<PathBuf>) -> PyResult<Self> {
         compute(py, || {
             let request = RunRequest { run: &path, data: data.as_deref(), masks: MasksRequest::Unused, device };
-            let run = OpenRun::open(&request, Verbosity::Silent)?;
+            let run = OpenRun::open(&request, Verbosity::SILENT)?;
             Ok(Self { run, motion: Default::default(), path })
         })
     }
@@ -128,7 +128,7 @@ impl NativeRun {
     ) -> PyResult<Vec<Packed<'py>>> {
         let arrays = compute(py, || {
             check_time(time)?;
-            let exporter = Exporter::of(&self.run, without_mfta, Verbosity::Silent);
+            let exporter = Exporter::of(&self.run, without_mfta, Verbosity::SILENT);
             let moment = time.map_or(Moment::Canonical, Moment::At);
             let cloud = match (branch, time) {
                 ("dynamic", _) => exporter.dynamic(moment)?,
@@ -177,7 +177,7 @@ impl NativeRun {
         let choices = layers.iter().map(|name| parse_layer(name).map_err(|reason| unknown(name, reason)));
         let choices = choices.collect::<Result<Vec<_>, _>>()?;
         let (config, level) = (&self.run.config, final_level(&self.run.config));
-        let model = self.run.model(without_mfta, Verbosity::Silent);
+        let model = self.run.model(without_mfta, Verbosity::SILENT);
         let layers = chosen_layers(&choices, &model, level);
         let size = (camera.width, camera.height);
         memory::check_rendering(&model, config, size, layers.len(), &self.run.device, MemoryRule::of_flag(false))?;

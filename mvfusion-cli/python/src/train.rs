@@ -72,7 +72,7 @@ impl Order {
 /// runs the callback and watches for signals.
 #[pyfunction]
 pub fn train(py: Python<'_>, order: Order, callback: Option<Bound<'_, PyAny>>) -> PyResult<PathBuf> {
-    let verbosity = if order.verbose { Verbosity::Normal } else { Verbosity::Silent };
+    let verbosity = if order.verbose { Verbosity::NORMAL } else { Verbosity::SILENT };
     let args = order.args().map_err(|error| raised(&error))?;
     let signals = Signals::default();
     let (line, lines) = mpsc::channel::<MetricsLine>();

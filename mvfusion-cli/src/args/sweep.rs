@@ -41,6 +41,9 @@ pub struct SweepFolderArgs {
     /// Sweep folder
     #[arg(value_name = "DIR")]
     pub folder: PathBuf,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// A grid that ships with the program.

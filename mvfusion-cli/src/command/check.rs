@@ -72,6 +72,9 @@ pub fn check(args: &CheckArgs, verbosity: Verbosity, out: &mut dyn Write) -> any
     };
     let wanted = scene.as_ref().filter(|_| inspection.can_train() && !args.no_picture);
     let drawn = wanted.map(|scene| draw(scene, args.picture.clone().unwrap_or_else(|| default_picture(&folder))));
+    if let Some(Ok(drawn)) = &drawn {
+        verbosity.wrote("picture", &drawn.path);
+    }
     if args.json {
         let can_train = inspection.can_train() && memory.is_ok();
         let picture = drawn.as_ref().and_then(|drawn| Some(drawn.as_ref().ok()?.path.as_path()));

@@ -2,13 +2,18 @@
 
 use std::io::Write;
 
+use super::json;
+use crate::args::ListArgs;
 use crate::device;
 
 /// Lists the devices that `--device` accepts in this build.
 ///
 /// # Errors
 /// If `out` cannot be written to.
-pub fn devices(out: &mut dyn Write) -> anyhow::Result<()> {
+pub fn devices(args: &ListArgs, out: &mut dyn Write) -> anyhow::Result<()> {
+    if args.json {
+        return json::print(&device::listed(), out);
+    }
     for line in device::list() {
         writeln!(out, "{line}")?;
     }

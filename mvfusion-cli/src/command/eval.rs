@@ -9,8 +9,8 @@ use mvfusion_model::evaluation::Protocol;
 use mvfusion_model::train::parameter_hash;
 use tracing::warn;
 
-use super::replace;
 use super::score::{self, Scoring};
+use super::{json, replace};
 use crate::args::EvalArgs;
 use crate::progress::Verbosity;
 use crate::run::{
@@ -66,7 +66,15 @@ pub fn eval(args: &EvalArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyho
         std::fs::create_dir_all(&folder).with_context(|| format!("cannot create the folder {}", folder.display()))?;
         scored.write(&folder)?;
         atomic::write_json(&args.run.join(run::SCENE), &SceneFile::of(&scene))?;
-        report::write(&args.run)?;
+        verbosity.wrote("results", &folder.join(run::RESULTS));
+        verbosity.wrote("report", &report::write(&args.run)?);
+    }
+    if args.json {
+        json::print(&scored.results, out)?;
+        let mut words = Vec::new();
+        compare(&scored.results, before.as_ref(), &folder, &mut words)?;
+        String::from_utf8_lossy(&words).lines().for_each(|line| verbosity.note(line));
+        return refuse_others(&changes);
     }
     table::write(&scored.results, args.protocol, verbosity, out)?;
     if let Some(strip) = pictures.and_then(|pictures| pictures.strip_to_see()) {

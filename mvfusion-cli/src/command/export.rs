@@ -85,6 +85,7 @@ impl Session<'_> {
                 self.write_frames(frames.get(), out)?;
             }
         }
+        self.verbosity.wrote("export", self.folder.path());
         writeln!(out, "{:LABEL$}{}", "written to", self.folder.path().display())?;
         Ok(())
     }

@@ -36,6 +36,7 @@ pub fn export_page(args: &ExportArgs, verbosity: Verbosity, out: &mut dyn Write)
     writeln!(out, "{:LABEL$}{} for {training_times} training times", "keyframes", page.keyframes)?;
     writeln!(out, "{:LABEL$}{}", "SH degree", page.cut.reduction.sh_degree)?;
     writeln!(out, "{:LABEL$}{}", "PSNR", page.loss)?;
+    verbosity.wrote("page", &path);
     writeln!(out, "{:LABEL$}{}", "written to", path.display())?;
     Ok(())
 }

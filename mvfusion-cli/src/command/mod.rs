@@ -8,6 +8,7 @@ mod duration;
 mod eval;
 mod export;
 mod export_page;
+mod json;
 mod lpips_weights;
 mod man;
 mod presets;
@@ -18,6 +19,7 @@ mod restore;
 mod score;
 mod speed;
 mod sweep;
+mod sweep_status;
 mod synth;
 mod train;
 #[cfg(feature = "viewer")]

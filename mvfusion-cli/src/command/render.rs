@@ -50,6 +50,7 @@ pub fn render(args: &RenderArgs, verbosity: Verbosity, out: &mut dyn Write) -> a
     let renderer = LayerRenderer::new(&model, level, &context, &layers, weights)?;
     let renderer = if plan.has_pictures() { with_depths(renderer, &film)? } else { renderer };
     let plan = write(&film, &renderer, plan, verbosity)?;
+    verbosity.wrote("frames", &folder);
     tell(&film, &layers, &plan, out)
 }
 

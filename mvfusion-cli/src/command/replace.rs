@@ -8,6 +8,7 @@ use mvfusion_model::model::motion::MotionModule;
 use mvfusion_model::model::{Model, RenderContext};
 use mvfusion_model::train::parameter_hash;
 
+use super::json;
 use super::score::Scoring;
 use crate::args::{EvalArgs, ReplacementChoice};
 use crate::progress::Verbosity;
@@ -47,7 +48,10 @@ pub(super) fn replace(
         atomic::write_json(&args.run.join(run::REPLACEMENTS), &found)?;
         report::write(&args.run)?;
     }
-    print(&found, survey.figures(), out)
+    match args.json {
+        true => json::print(&found, out),
+        false => print(&found, survey.figures(), out),
+    }
 }
 
 /// The replacements that are asked for, each once.

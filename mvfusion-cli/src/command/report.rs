@@ -14,5 +14,7 @@ pub fn report(args: &ReportArgs, verbosity: Verbosity, out: &mut dyn Write) -> a
     if let Some(note) = run::waiting_note(&args.run) {
         verbosity.note(&format!("note:   {note}"));
     }
-    Ok(writeln!(out, "{}", report::write(&args.run)?.display())?)
+    let report = report::write(&args.run)?;
+    verbosity.wrote("report", &report);
+    Ok(writeln!(out, "{}", report.display())?)
 }

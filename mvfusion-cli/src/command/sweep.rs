@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use mvfusion_model::evaluation::Backbone;
 
-use crate::args::{Launcher, SweepAction, SweepArgs, SweepRunArgs};
+use super::{json, sweep_status};
+use crate::args::{Launcher, SweepAction, SweepArgs, SweepFolderArgs, SweepRunArgs};
 use crate::clock::spoken;
 use crate::failure::UsageError;
 use crate::progress::Verbosity;
@@ -29,8 +30,8 @@ const CLUSTER_THREADS: usize = 4;
 /// For an invalid grid, before anything runs. Later, if cells failed or the folder cannot be used.
 pub fn sweep(args: &SweepArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     match &args.action {
-        Some(SweepAction::Status(args)) => status(&args.folder, out),
-        Some(SweepAction::Table(args)) => table_of(&args.folder, out),
+        Some(SweepAction::Status(args)) => sweep_status::status(args, out),
+        Some(SweepAction::Table(args)) => table_of(args, verbosity, out),
         Some(SweepAction::List) => list(out),
         Some(SweepAction::Show(args)) => show(&args.name, out),
         Some(SweepAction::RunCell(args)) => sweep::run_cell(args, verbosity, out),
@@ -38,44 +39,21 @@ pub fn sweep(args: &SweepArgs, verbosity: Verbosity, out: &mut dyn Write) -> any
     }
 }
 
-fn status(folder: &Path, out: &mut dyn Write) -> anyhow::Result<()> {
-    let folder = SweepFolder::new(folder)?;
+fn table_of(args: &SweepFolderArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
+    let folder = SweepFolder::new(&args.folder)?;
     let index = Index::read(folder.path())?;
-    let mut counts = [0; 5];
-    for cell in &index.cells {
-        let state = folder.state(&cell.id, &index.wanted)?;
-        counts[rank(&state)] += 1;
-        let words = match &state {
-            State::Failed(words) => format!(": {words}"),
-            _ => String::new(),
-        };
-        writeln!(out, "{:12} {}  {}{words}", state.word(), cell.id, cell.name(&index.axes))?;
+    if args.json {
+        let outcomes = folder.outcomes(&index)?;
+        table::write(&index, &outcomes, folder.path())?;
+        return json::print(&table::Table::of(&index, &outcomes).json(), out);
     }
-    let words = ["finished", "running", "interrupted", "failed", "to do"];
-    let counts = counts.iter().zip(words).filter(|(count, _)| **count > 0);
-    let counts: Vec<String> = counts.map(|(count, word)| format!("{count} {word}")).collect();
-    Ok(writeln!(out, "{} cells: {}", index.cells.len(), counts.join(", "))?)
+    write_table(&folder, &index, verbosity, out)
 }
 
-/// The position of a state in the summary.
-fn rank(state: &State) -> usize {
-    match state {
-        State::Finished => 0,
-        State::Running => 1,
-        State::Interrupted => 2,
-        State::Failed(_) => 3,
-        State::ToDo => 4,
-    }
-}
-
-fn table_of(folder: &Path, out: &mut dyn Write) -> anyhow::Result<()> {
-    let folder = SweepFolder::new(folder)?;
-    write_table(&folder, &Index::read(folder.path())?, out)
-}
-
-fn write_table(folder: &SweepFolder, index: &Index, out: &mut dyn Write) -> anyhow::Result<()> {
+fn write_table(folder: &SweepFolder, index: &Index, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let outcomes = folder.outcomes(index)?;
     let written = table::write(index, &outcomes, folder.path())?;
+    verbosity.wrote("sweep", folder.path());
     write!(out, "{}", table::Table::of(index, &outcomes).markdown())?;
     writeln!(out)?;
     written.iter().try_for_each(|path| writeln!(out, "written: {}", path.display()))?;
@@ -155,6 +133,7 @@ impl<'a> Session<'a> {
             return self.show(&to_do, out);
         }
         self.folder.prepare(&self.source.text, &self.plan)?;
+        self.verbosity.wrote("sweep", self.folder.path());
         let count = index.cells.len();
         self.verbosity.note(&format!(
             "sweep:  {count} cells, {} to do, in {}",
@@ -182,7 +161,7 @@ impl<'a> Session<'a> {
                 self.to_do()?.len()
             }
         };
-        write_table(&self.folder, index, out)?;
+        write_table(&self.folder, index, self.verbosity, out)?;
         if failed > 0 {
             let (count, folder) = (to_do.len(), self.folder.path().display());
             bail!("{failed} of {count} cells have not finished; `mvfusion sweep status {folder}` shows why");

@@ -30,6 +30,7 @@ pub fn synth(args: &SynthArgs, verbosity: Verbosity, out: &mut dyn Write) -> any
     let scene = builtin::builtin(&options);
     verbosity.note(&format!("scene:  {}", scene::describe(&scene)));
     mvfusion_data::write::write(&scene, args.layout, &args.out)?;
+    verbosity.wrote("scene", &args.out);
     writeln!(out, "{}", args.out.display())?;
     Ok(())
 }

@@ -42,11 +42,12 @@ const FOR_OBJECTS: &str = "dnerf";
 const FOR_PHOTOS: &str = "onthego-indoor";
 
 /// Keys, or beginnings of keys, that a resumed run may change: they have no effect on what it learns from finite numbers.
-const RESUMABLE: [&str; 8] = [
+const RESUMABLE: [&str; 9] = [
     "eval.",
     "scene.data",
     "scene.frame_store",
     "train.log_interval",
+    "train.tensorboard",
     "train.checkpoint_interval",
     "train.checkpoint_minutes",
     "train.keep_checkpoints",

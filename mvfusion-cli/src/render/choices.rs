@@ -208,7 +208,7 @@ mod tests {
     #[test]
     fn a_single_frame_is_a_picture_and_what_is_asked_for_is_written() {
         let choose =
-            |asked: &[FileFormat], frames| FileFormat::choose(asked, frames, Verbosity::Silent).expect("chosen");
+            |asked: &[FileFormat], frames| FileFormat::choose(asked, frames, Verbosity::SILENT).expect("chosen");
         assert_eq!(choose(&[], 1), [FileFormat::Png]);
         assert_eq!(choose(&[], 2)[..2], [FileFormat::Png, FileFormat::Gif]);
         assert_eq!(choose(&[FileFormat::Exr], 9), [FileFormat::Exr]);

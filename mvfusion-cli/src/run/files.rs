@@ -12,6 +12,8 @@ pub const CONFIG: &str = "config.toml";
 pub const RECORD: &str = "run.json";
 /// One line per log step.
 pub const METRICS: &str = "metrics.jsonl";
+/// Folder of the event files for TensorBoard.
+pub const TENSORBOARD: &str = "tensorboard";
 /// The metrics.
 pub const RESULTS: &str = "results.json";
 /// The metrics of each view.
@@ -43,10 +45,11 @@ pub const REPORT: &str = "report.html";
 pub const PAGE: &str = "scene.html";
 
 /// Everything that a run writes at the top level of its folder.
-pub const ENTRIES: [&str; 15] = [
+pub const ENTRIES: [&str; 16] = [
     CONFIG,
     RECORD,
     METRICS,
+    TENSORBOARD,
     RESULTS,
     PER_VIEW,
     SCENE,

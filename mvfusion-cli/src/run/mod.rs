@@ -26,7 +26,7 @@ pub use evidence::{Change, Evidence, Part, config_hash};
 pub use field::{FieldPerView, FieldScores};
 pub use files::{
     CHECKPOINTS, CONFIG, ENTRIES, FILMS, FINAL, METRICS, PAGE, PANELS, PER_VIEW, POINT_CLOUD, PROTOCOLS, RECORD,
-    RENDERS, REPLACEMENTS, REPORT, RESULTS, SCENE, STRIPS, read_json,
+    RENDERS, REPLACEMENTS, REPORT, RESULTS, SCENE, STRIPS, TENSORBOARD, read_json,
 };
 pub(crate) use files::{MOST_OF_PICTURE, MOST_OF_RECORDS, MOST_OF_SETTINGS};
 pub use folder::{Contents, Existing, RunFolder, RunPlan, is_finished, lock, waiting_note};

@@ -51,6 +51,11 @@ impl PicturesWriter {
         Some(self.run.join(STRIPS).join(picture_file(*middle)))
     }
 
+    /// The files of the strips, which exist once their views have been written.
+    pub fn strips(&self) -> impl Iterator<Item = PathBuf> {
+        self.strips.iter().map(|&index| self.run.join(STRIPS).join(picture_file(index)))
+    }
+
     /// Whether every layer is written to a file.
     pub fn writes_layers(&self) -> bool {
         self.layers

@@ -86,6 +86,7 @@ fn work(
             replace: Vec::new(),
             compute: compute.clone(),
             write: true,
+            json: false,
         };
         command::eval(&eval, verbosity, out)?;
         ensure!(

@@ -335,7 +335,10 @@ pub(super) fn exclusions(grid: &Grid, counts: &[usize], left: usize, origin: &st
 pub(super) fn twins(index: &Index, configs: &[Config]) -> anyhow::Result<()> {
     let mut seen: BTreeMap<String, &Cell> = BTreeMap::new();
     for (cell, config) in index.cells.iter().zip(configs) {
-        if let Some(other) = seen.insert(config::to_toml(&config.scaled())?, cell) {
+        let mut trained = config.scaled();
+        // Like the id of a cell, what is learned does not depend on it.
+        trained.train.tensorboard = false;
+        if let Some(other) = seen.insert(config::to_toml(&trained)?, cell) {
             let [a, b] = [other, cell].map(|cell| cell.name(&index.axes));
             let why = if other.id == cell.id {
                 "have the same configuration".to_owned()

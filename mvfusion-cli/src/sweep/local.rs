@@ -8,13 +8,15 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
+use serde::Serialize;
+use serde_json::Map;
 
 use super::estimate::Estimate;
 use super::folder::{State, SweepFolder};
 use super::index::{Cell, Index};
 use super::jobs::share;
 use crate::clock::spoken;
-use crate::progress::Verbosity;
+use crate::progress::{Event, Verbosity};
 
 /// Time between two checks of cells that run in other processes.
 const PAUSE: Duration = Duration::from_secs(1);
@@ -53,6 +55,19 @@ struct End {
     state: State,
     /// Running time; absent if it did not need to run.
     took: Option<Duration>,
+}
+
+/// A cell that ended, for `--progress json`.
+#[derive(Serialize)]
+struct EndedCell<'a> {
+    id: &'a str,
+    name: String,
+    state: &'static str,
+    /// Running time; absent if it did not need to run.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    seconds: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    failure: Option<&'a str>,
 }
 
 impl Local<'_> {
@@ -108,7 +123,7 @@ impl Local<'_> {
                 (State::Finished, None) => {}
                 _ => progress.failed += 1,
             }
-            self.verbosity.note(&self.line(&progress, cell, &end, count));
+            self.tell(&progress, cell, &end, count);
         }
         Ok(())
     }
@@ -155,12 +170,42 @@ impl Local<'_> {
             .context("cannot start the program for a cell")
     }
 
-    fn line(&self, progress: &Progress<'_>, cell: &Cell, end: &End, count: usize) -> String {
-        let left = progress.estimate.seconds(progress.queue.iter().copied(), self.jobs);
-        let left = match left {
-            Some(seconds) if !progress.queue.is_empty() => format!("; about {} left", spoken(seconds)),
-            _ => String::new(),
+    /// Tells how a cell ended, and how far the sweep is.
+    fn tell(&self, progress: &Progress<'_>, cell: &Cell, end: &End, count: usize) {
+        if !self.verbosity.is_json() {
+            return self.verbosity.note(&self.line(progress, cell, end, count));
+        }
+        let ended = EndedCell {
+            id: &cell.id,
+            name: cell.name(&self.index.axes),
+            state: end.state.word(),
+            seconds: end.took.map(|took| took.as_secs_f64()),
+            failure: match &end.state {
+                State::Failed(words) => Some(words),
+                _ => None,
+            },
         };
+        let numbers = serde_json::to_value(ended).map(|ended| Map::from_iter([("cell".to_owned(), ended)]));
+        Event::Progress {
+            task: "sweep",
+            done: progress.done,
+            total: count,
+            steps_per_second: None,
+            seconds_left: self.seconds_left(progress),
+            numbers: &numbers.unwrap_or_default(),
+        }
+        .print();
+    }
+
+    /// Seconds that the cells in the queue take; `None` before one has ended, and if the queue is empty.
+    fn seconds_left(&self, progress: &Progress<'_>) -> Option<f64> {
+        let seconds = progress.estimate.seconds(progress.queue.iter().copied(), self.jobs);
+        seconds.filter(|_| !progress.queue.is_empty())
+    }
+
+    fn line(&self, progress: &Progress<'_>, cell: &Cell, end: &End, count: usize) -> String {
+        let left = self.seconds_left(progress);
+        let left = left.map_or(String::new(), |seconds| format!("; about {} left", spoken(seconds)));
         let what = match (&end.state, end.took) {
             (State::Failed(words), _) => format!("failed: {words}"),
             (state, Some(took)) => format!("{} after {}", state.word(), spoken(took.as_secs_f64())),

@@ -21,8 +21,9 @@ const ID_LENGTH: usize = 12;
 const SHORT: &str = "quickstart";
 
 /// Keys of `train` that change only the output, not the training.
-const UNSCHEDULED: [&str; 5] = [
+const UNSCHEDULED: [&str; 6] = [
     "train.log_interval",
+    "train.tensorboard",
     "train.checkpoint_interval",
     "train.checkpoint_minutes",
     "train.keep_checkpoints",
@@ -169,13 +170,16 @@ impl Ground<'_> {
     }
 
     /// The id of a cell. It does not depend on absolute paths, so that a sweep can move to another machine. Nor does it
-    /// depend on the LPIPS weights, which may be added later.
+    /// depend on the LPIPS weights, which may be added later, or on the event files for TensorBoard.
     fn id(&self, place: Place<'_>, config: &Config) -> anyhow::Result<String> {
         let mut config = config.clone();
         config.scene.data.clone_from(&place.scene.data);
         config.scene.frame_store = None;
         config.eval.dynamic_masks.clone_from(&place.scene.masks);
-        Ok(sha256(config::to_toml(&config)?.as_bytes())[..ID_LENGTH].to_owned())
+        config.train.tensorboard = false;
+        // Sweeps that were started before this key existed keep their cells.
+        let text = config::to_toml(&config)?.replace("tensorboard = false\n", "");
+        Ok(sha256(text.as_bytes())[..ID_LENGTH].to_owned())
     }
 
     /// The preset of the variant, otherwise of the scene, otherwise of the grid. [`check::grid`] rejects grids in which
@@ -253,6 +257,7 @@ impl Ground<'_> {
             let unscheduled = TrainConfig::default();
             Some(TrainConfig {
                 log_interval: unscheduled.log_interval,
+                tensorboard: unscheduled.tensorboard,
                 checkpoint_interval: unscheduled.checkpoint_interval,
                 checkpoint_minutes: unscheduled.checkpoint_minutes,
                 keep_checkpoints: unscheduled.keep_checkpoints,

@@ -93,7 +93,7 @@ fn a_run_that_was_terminated_and_killed_ends_as_if_nothing_had_been() {
     assert!(mvfusion(place, &arguments(&["--out", "whole"])).status.success());
 
     // Terminated: it saves, and says how to go on.
-    let child = started(place, &["--out", "part"]);
+    let child = started(place, &["--out", "part", "--set", "train.tensorboard=true"]);
     wait_for_step(&place.join("part"), 2);
     signal(&child, "-TERM");
     let output = child.wait_with_output().expect("it ends");
@@ -123,6 +123,9 @@ fn a_run_that_was_terminated_and_killed_ends_as_if_nothing_had_been() {
 
     let rest = mvfusion(place, &["train", "--resume", "part"]);
     assert!(rest.status.success(), "{}", text(&rest.stderr));
+    // Event files, of which each process writes one, change nothing.
+    assert_eq!(fs::read_dir(place.join("part/tensorboard")).expect("listed").count(), 3);
+    assert!(!place.join("whole/tensorboard").exists());
     assert_eq!(outcome(&place.join("part")), outcome(&place.join("whole")));
     assert_eq!(steps(&place.join("part")), (1..=24).collect::<Vec<_>>());
 

@@ -9,6 +9,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+use serde_json::Value;
+
+use super::output::events;
 use super::{FAILED, USAGE, mvfusion, program, text};
 
 /// Cells of a second or two that pass through all stages.
@@ -250,6 +253,38 @@ fn what_is_wanted_later_is_measured_without_training_again() {
     assert!(trained.keys().all(|cell| results(cell).contains("\"speed\"")));
 }
 
+/// What scripts are told of a sweep of which two cells fail.
+fn check_json(ground: &Ground) {
+    let json = |action: &str| -> Value {
+        let printed = mvfusion(ground.path(), &["sweep", action, "out", "--json"]).stdout;
+        serde_json::from_slice(&printed).unwrap_or_else(|error| panic!("{error}: {}", text(&printed)))
+    };
+    let status = json("status");
+    let counts = serde_json::json!({ "finished": 2, "running": 0, "interrupted": 0, "failed": 2, "to_do": 0 });
+    assert_eq!(status["counts"], counts);
+    let cells = status["cells"].as_array().expect("cells");
+    let ids: Vec<&str> = cells.iter().filter_map(|cell| cell["id"].as_str()).collect();
+    assert_eq!(ids, ground.ids());
+    for cell in cells {
+        let has_failed = cell["state"] == "failed";
+        assert_eq!(cell["failure"].as_str().is_some_and(|words| words.contains("none.ply")), has_failed, "{cell}");
+        assert_eq!((&cell["scene"], &cell["steps"]), (&"video".into(), &6.into()));
+    }
+    let table = fs::read(ground.path().join("out/table.json")).expect("a table");
+    assert_eq!(json("table"), serde_json::from_slice::<Value>(&table).expect("JSON"));
+    // Only the failed ones are tried again.
+    let again = ground.sweep(&["--progress", "json"]);
+    let said = events(&again.stderr);
+    let of_sweep: Vec<&Value> = said.iter().filter(|event| event["task"] == "sweep").collect();
+    assert_eq!(of_sweep.iter().map(|event| event["done"].as_u64()).collect::<Vec<_>>(), [Some(1), Some(2)]);
+    for event in of_sweep {
+        assert_eq!((&event["total"], &event["cell"]["state"]), (&2.into(), &"failed".into()));
+        assert!(event["cell"]["failure"].as_str().is_some_and(|words| words.contains("none.ply")), "{event}");
+    }
+    let end = said.last().expect("a line");
+    assert!(end["exit_code"] == FAILED && end["paths"]["sweep"].as_str().is_some(), "{end}");
+}
+
 #[test]
 fn a_cell_that_fails_is_told_and_the_others_go_on() {
     let failing = TINY.replace("set = { motion.mfta = false }", "set = { init.static_ply = \"none.ply\" }");
@@ -260,6 +295,7 @@ fn a_cell_that_fails_is_told_and_the_others_go_on() {
     assert!(ground.table().contains("failed"), "{}", ground.table());
     let status = ground.status();
     assert!(status.ends_with("4 cells: 2 finished, 2 failed\n") && status.contains("none.ply"), "{status}");
+    check_json(&ground);
 }
 
 #[test]

@@ -48,6 +48,8 @@ pub struct TrainConfig {
     pub static_sh_interval: Interval,
     /// Steps between lines of `metrics.jsonl`; not scaled.
     pub log_interval: usize,
+    /// Whether the run also writes event files for TensorBoard, with the same curves, the metrics and the strips.
+    pub tensorboard: bool,
     /// Steps between checkpoints. 0 leaves them to `checkpoint_minutes`.
     pub checkpoint_interval: Interval,
     /// Minutes between checkpoints where `checkpoint_interval` is 0, after one for the first step. 0 writes one at the
@@ -108,6 +110,7 @@ impl Default for TrainConfig {
             dynamic_sh_interval: Interval(200),
             static_sh_interval: Interval(200),
             log_interval: 10,
+            tensorboard: false,
             checkpoint_interval: Interval(0),
             checkpoint_minutes: 10.0,
             keep_checkpoints: 2,
@@ -131,6 +134,7 @@ keys!(TrainConfig {
     dynamic_sh_interval: INTERVAL,
     static_sh_interval: INTERVAL,
     log_interval: INTERVAL.saying("give the steps between log lines, at least 1"),
+    tensorboard: ANY,
     checkpoint_interval: STEPS,
     checkpoint_minutes: FROM_0.saying("give the minutes between checkpoints; 0 writes one at the end only"),
     keep_checkpoints: FROM_1.saying("give the number of checkpoints to keep, at least 1"),

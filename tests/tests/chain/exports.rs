@@ -77,7 +77,7 @@ impl Run {
         };
         change(&mut args);
         let mut said = Vec::new();
-        command::export(&args, Verbosity::Silent, &mut said).expect("exported");
+        command::export(&args, Verbosity::SILENT, &mut said).expect("exported");
         String::from_utf8(said).expect("UTF-8")
     }
 

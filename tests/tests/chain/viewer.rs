@@ -35,7 +35,7 @@ fn train(run: &Path, viewer: BoundSocket) {
     let line = line.into_iter().chain(settings);
     let Command::Train(args) = Cli::try_parse_from(line).expect("a command line").command else { panic!("train") };
     // Ends with the process.
-    let _ = command::train_in_thread(&args, Signals::default(), Some(viewer), Verbosity::Silent, &mut Vec::new());
+    let _ = command::train_in_thread(&args, Signals::default(), Some(viewer), Verbosity::SILENT, &mut Vec::new());
 }
 
 fn connect(port: u16) -> TcpStream {

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use libtest_mimic::{Completion, Trial};
 use mvfusion_model::evaluation::Layer;
 use mvfusion_tests::Ply;
@@ -60,12 +60,34 @@ for row in vertices.data:
 ",
 };
 
+/// Prints every number that TensorBoard shows in a line: its name, its step, its value; then every image: its name, its
+/// step, its width and its height.
+const TENSORBOARD: Module = Module {
+    name: "tensorboard",
+    probe: "from tensorboard.backend.event_processing import event_accumulator",
+    script: "\
+import sys
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+events = EventAccumulator(sys.argv[1], size_guidance={'scalars': 0, 'images': 0})
+events.Reload()
+for tag in events.Tags()['scalars']:
+    for event in events.Scalars(tag):
+        assert event.wall_time > 1.7e9
+        print('scalar', tag, event.step, event.value)
+for tag in events.Tags()['images']:
+    for event in events.Images(tag):
+        assert event.encoded_image_string.startswith(b'\\x89PNG')
+        print('image', tag, event.step, event.width, event.height)
+",
+};
+
 /// All trials.
 pub fn trials() -> Vec<Trial> {
     vec![
         trial("exr::python_openexr", || OPENEXR.absent(), openexr_finds_every_number),
         trial("ply::plyfile", || PLYFILE.absent(), plyfile_finds_every_number),
         trial("mp4::ffmpeg", no_ffmpeg, ffmpeg_finds_every_frame),
+        trial("events::tensorboard", || TENSORBOARD.absent(), tensorboard_finds_every_step_once),
     ]
 }
 
@@ -184,4 +206,68 @@ fn ffmpeg_finds_every_frame(folder: &Path) -> Result<()> {
     let left = std::fs::read_dir(film)?.count();
     ensure!(left == Layer::ALL.len(), "{left} files lie in the folder, and some of them are no videos");
     Ok(())
+}
+
+/// The tiny run has 8 steps, and with this setting 10.
+const LONGER: &str = "train.stages.refinement=5";
+const STEPS: [u64; 10] = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10];
+
+fn tensorboard_finds_every_step_once(folder: &Path) -> Result<()> {
+    let run = folder.join("curves");
+    let settings = ["train.tensorboard=true", "train.checkpoint_interval=3", "eval.pictures=false"];
+    train(&run, &settings.iter().flat_map(|setting| ["--set", setting]).collect::<Vec<_>>())?;
+    // As if it had been killed while it wrote, after step 8, and the newest checkpoint were that of step 3.
+    let events = run.join("tensorboard");
+    let file = std::fs::read_dir(&events)?.next().context("an event file")??.path();
+    let bytes = std::fs::read(&file)?;
+    std::fs::write(&file, &bytes[..bytes.len() - 100])?;
+    for name in ["step_6.safetensors", "final.safetensors"] {
+        std::fs::remove_file(run.join("checkpoints").join(name))?;
+    }
+    let before = scalars(&TENSORBOARD.read(&events)?)?;
+    ensure!(before["train/loss"].keys().eq(&STEPS[..8]), "half an event makes the file unreadable: {before:?}");
+    mvfusion(&["train", "--resume", text(&run)?, "--set", LONGER])?;
+    ensure!(std::fs::read_dir(&events)?.count() == 2, "the continued run has no file of its own");
+
+    let said = TENSORBOARD.read(&events)?;
+    let found = scalars(&said)?;
+    let log = std::fs::read_to_string(run.join("metrics.jsonl"))?;
+    let log: Vec<serde_json::Value> = log.lines().map(serde_json::from_str).collect::<Result<_, _>>()?;
+    let logged = [
+        ("train/loss", "/loss"),
+        ("train/psnr", "/psnr"),
+        ("train/steps_per_second", "/steps_per_second"),
+        ("gaussians/static", "/gaussians/static"),
+        ("gaussians/dynamic", "/gaussians/dynamic"),
+    ];
+    for (tag, pointer) in logged {
+        let curve = found.get(tag).with_context(|| format!("there is no {tag}: {said}"))?;
+        ensure!(curve.keys().eq(&STEPS), "{tag} has the steps {:?}", curve.keys());
+        for line in &log {
+            let step = line["step"].as_u64().context("a step")?;
+            let ours = line.pointer(pointer).and_then(serde_json::Value::as_f64).context("a number")?;
+            ensure!(curve[&step] == ours as f32, "{tag} of step {step} is {}, not {ours}", curve[&step]);
+        }
+    }
+    for tag in ["rates/dynamic.means", "rates/deformation", "rates/mask_heads"] {
+        ensure!(found.get(tag).is_some_and(|curve| curve.keys().eq(&STEPS)), "{tag} is not complete: {said}");
+    }
+    let results: serde_json::Value = serde_json::from_slice(&std::fs::read(run.join("results.json"))?)?;
+    let psnr = results["test"]["composed"]["psnr"].as_f64().context("a PSNR")? as f32;
+    ensure!(found["test/composed.psnr"] == BTreeMap::from([(10, psnr)]), "{:?}", found["test/composed.psnr"]);
+    let strip = image::open(run.join("strips/00000.png"))?;
+    let line = format!("image strips/00000 10 {} {}", strip.width(), strip.height());
+    ensure!(said.lines().any(|said| said == line), "`{line}` is missing: {said}");
+    Ok(())
+}
+
+/// The curves among printed lines: by their names, the value of each step, none of which may stand twice.
+fn scalars(said: &str) -> Result<BTreeMap<String, BTreeMap<u64, f32>>> {
+    let mut curves = BTreeMap::<String, BTreeMap<u64, f32>>::new();
+    for line in said.lines().filter_map(|line| line.strip_prefix("scalar ")) {
+        let [tag, step, value] = line.split(' ').collect::<Vec<_>>()[..] else { bail!("`{line}` has other parts") };
+        let before = curves.entry(tag.to_owned()).or_default().insert(step.parse()?, value.parse()?);
+        ensure!(before.is_none(), "{tag} has step {step} twice");
+    }
+    Ok(curves)
 }

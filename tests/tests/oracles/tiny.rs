@@ -29,10 +29,10 @@ pub fn training<'a>(run: &'a Path, more: &[&'a str]) -> Result<Vec<&'a str>> {
 pub fn mvfusion(arguments: &[&str]) -> Result<String> {
     let mut said = Vec::new();
     match Cli::try_parse_from(["mvfusion"].iter().chain(arguments))?.command {
-        Command::Train(args) => command::train(&args, Verbosity::Silent, &mut said)?,
-        Command::Render(args) => command::render(&args, Verbosity::Silent, &mut said)?,
+        Command::Train(args) => command::train(&args, Verbosity::SILENT, &mut said)?,
+        Command::Render(args) => command::render(&args, Verbosity::SILENT, &mut said)?,
         Command::LpipsWeights(args) => command::lpips_weights(&args, &mut said)?,
-        Command::Export(args) => command::export(&args, Verbosity::Silent, &mut said)?,
+        Command::Export(args) => command::export(&args, Verbosity::SILENT, &mut said)?,
         other => bail!("no test runs {other:?}"),
     }
     Ok(String::from_utf8(said)?)

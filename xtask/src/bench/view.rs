@@ -94,7 +94,7 @@ pub fn measure(arguments: &ViewArguments, device: &str, note: &mut impl FnMut(Ro
             ask(port, [width, height], arguments.pictures)
         });
         let mut said = Vec::new();
-        command::view_until(&view, socket, Verbosity::Normal, &mut said, || is_over.load(Ordering::Relaxed))?;
+        command::view_until(&view, socket, Verbosity::NORMAL, &mut said, || is_over.load(Ordering::Relaxed))?;
         asking.join().map_err(|_| anyhow!("the thread that asks has panicked"))?
     })?;
     for (kind, times) in times {

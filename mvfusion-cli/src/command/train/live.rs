@@ -9,7 +9,6 @@ use mvfusion_model::train::Trainer;
 use super::session::Session;
 use super::watch::Watch;
 use crate::args::TrainArgs;
-use crate::progress::print_line;
 use crate::run::{self, MetricsLine};
 use crate::viewer::Viewer;
 use crate::viewer::address::BoundSocket;
@@ -53,12 +52,12 @@ impl Live {
     pub(super) fn start(socket: ViewerSocket, session: &Session) -> anyhow::Result<Option<Self>> {
         let Some(socket) = socket else { return Ok(None) };
         let lines = socket.lines();
-        let Session { trainer, scene, folder, .. } = session;
+        let Session { trainer, scene, folder, verbosity, .. } = session;
         let renderer = FrameRenderer::new(trainer.render_context().clone(), scene.clone(), MotionSource::Training);
         let facts = facts(trainer, folder.path());
         let viewer = Viewer::start(socket, scene, &facts, status(trainer))?;
         // With `--quiet`, too: the token is written nowhere else.
-        lines.iter().for_each(|(name, line)| print_line(&format!("{:7} {line}", format!("{name}:"))));
+        lines.iter().for_each(|(name, line)| verbosity.say(&format!("{:7} {line}", format!("{name}:"))));
         let now = Instant::now();
         Ok(Some(Self { viewer, renderer, budget: Budget::default(), last_sent: now, ended: now }))
     }

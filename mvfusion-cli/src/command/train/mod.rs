@@ -28,6 +28,7 @@ use crate::lpips::LpipsFolder;
 use crate::memory::MemoryRule;
 use crate::progress::Verbosity;
 use crate::run::{self, Checkpoint, Existing, InitialWeights, MetricsLog, RunFolder, RunPlan, RunRecord};
+use crate::tensorboard::EventFile;
 #[cfg(feature = "viewer")]
 use crate::viewer::address::BoundSocket;
 use crate::{lpips, memory, scene};
@@ -87,7 +88,14 @@ fn trained(
     verbosity: Verbosity,
     out: &mut dyn Write,
 ) -> anyhow::Result<()> {
-    opened(args, signals, verbosity)?.watched(socket)?.run(out)
+    let session = opened(args, signals, verbosity)?;
+    let path = session.folder.path().to_owned();
+    let ended = session.watched(socket).and_then(|session| session.run(out));
+    // A run that fails at its first step takes its folder with it.
+    if path.is_dir() {
+        verbosity.wrote("run", &path);
+    }
+    ended
 }
 
 /// A training before its first step in this process.
@@ -145,6 +153,7 @@ fn begun(args: &TrainArgs, signals: Signals, verbosity: Verbosity) -> anyhow::Re
     let folder = plan.create()?;
     let record = RunRecord::begin(resolved.preset.name, &scene, config.seed, &device.name).initialised(weights);
     let log = MetricsLog::create(&folder.place(&[run::METRICS])?)?;
+    let events = event_file(&config, &folder, 0)?;
     Ok(Session {
         config,
         record,
@@ -155,12 +164,19 @@ fn begun(args: &TrainArgs, signals: Signals, verbosity: Verbosity) -> anyhow::Re
         evaluator,
         folder,
         log,
+        events,
         elapsed: 0.0,
         signals,
         verbosity,
         observer: None,
         live: None,
     })
+}
+
+/// The event file of a training that has done so many steps, if the configuration asks for one.
+fn event_file(config: &Config, folder: &RunFolder, done: usize) -> anyhow::Result<Option<EventFile>> {
+    let create = || EventFile::create(&folder.path().join(run::TENSORBOARD), done + 1);
+    config.train.tensorboard.then(create).transpose()
 }
 
 /// Refuses what does not fit into the memory, unless `--force-memory` is given.
@@ -232,6 +248,7 @@ fn resumed(args: &TrainArgs, path: &Path, signals: Signals, verbosity: Verbosity
         run::make_intermediate(&checkpoint, step)?;
     }
     let (log, elapsed) = MetricsLog::resume(&folder.place(&[run::METRICS])?, step)?;
+    let events = event_file(&config, &folder, step)?;
     let record = record.continued(step);
     Ok(Session {
         config,
@@ -243,6 +260,7 @@ fn resumed(args: &TrainArgs, path: &Path, signals: Signals, verbosity: Verbosity
         evaluator,
         folder,
         log,
+        events,
         elapsed,
         signals,
         verbosity,

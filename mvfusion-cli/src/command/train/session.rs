@@ -4,7 +4,9 @@ use std::io::Write;
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
+use anyhow::Context;
 use mvfusion_data::Scene;
+use mvfusion_data::files::read_bytes;
 use mvfusion_data::write::gaussian_ply;
 use mvfusion_model::Config;
 use mvfusion_model::evaluation::Evaluator;
@@ -19,7 +21,8 @@ use crate::device::OpenDevice;
 use crate::interrupt::{Interrupted, Signals, resume_command};
 use crate::lpips::LpipsFolder;
 use crate::progress::Verbosity;
-use crate::run::{self, MetricsLine, MetricsLog, PicturesWriter, RunFolder, RunRecord, SceneFile, TrainCost};
+use crate::run::{self, MetricsLine, MetricsLog, PicturesWriter, Results, RunFolder, RunRecord, SceneFile, TrainCost};
+use crate::tensorboard::{self, EventFile};
 use crate::{atomic, config, memory, report, table};
 
 /// How often a checkpoint is tried to be written, and the pause in between.
@@ -42,6 +45,8 @@ pub(super) struct Session {
     pub(super) evaluator: Evaluator,
     pub(super) folder: RunFolder,
     pub(super) log: MetricsLog,
+    /// For TensorBoard, with `train.tensorboard`.
+    pub(super) events: Option<EventFile>,
     /// Seconds of training before this process.
     pub(super) elapsed: f64,
     pub(super) signals: Signals,
@@ -86,6 +91,7 @@ impl Session {
         self.folder.finish();
         // Last, because the report is built from all other files.
         let report = report::write(self.folder.path())?;
+        self.verbosity.wrote("report", &report);
         // Files first: whoever reads stdout may have left.
         out.write_all(&words)?;
         Ok(writeln!(out, "{:16}{}", "report", report.display())?)
@@ -103,7 +109,7 @@ impl Session {
             self.folder.keep();
             let done = self.trainer.state().completed;
             if self.trainer.log_due(&position) {
-                let line = watch.log_step(&self.trainer, &mut self.log, &position, &loss)?;
+                let line = watch.log_step(&self.trainer, &mut self.log, self.events.as_ref(), &position, &loss)?;
                 if let Some(live) = &mut self.live {
                     live.log(&line);
                 }
@@ -229,6 +235,20 @@ impl Session {
             writeln!(out, "{:16}{}", "start with", strip.display())?;
             writeln!(out, "{:16}({})", "", run::legend(&self.trainer.state().model))?;
         }
-        Ok(())
+        // As late as possible: a run that is killed after this and continued would write them again.
+        self.add_scores(cost.steps, &scored.results, &pictures)
+    }
+
+    /// Writes the metrics and the strips into the event file, if there is one.
+    fn add_scores(&self, step: usize, results: &Results, pictures: &PicturesWriter) -> anyhow::Result<()> {
+        let Some(events) = &self.events else { return Ok(()) };
+        let mut values = tensorboard::of_results(results);
+        for path in pictures.strips() {
+            let name = path.file_stem().unwrap_or_default().to_string_lossy();
+            let bytes = read_bytes(&path, run::MOST_OF_PICTURE);
+            let bytes = bytes.with_context(|| format!("cannot read {}", path.display()))?;
+            values.push(tensorboard::Value::png(format!("strips/{name}"), bytes)?);
+        }
+        events.add(step, values)
     }
 }

@@ -5,10 +5,12 @@ use std::time::{Duration, Instant};
 use mvfusion_model::ModelError;
 use mvfusion_model::config::TrainConfig;
 use mvfusion_model::train::{Losses, Position, Trainer};
+use serde::Serialize;
 
 use super::session::Session;
 use crate::progress::{Pace, Progress};
 use crate::run::{GaussianCounts, MetricsLine, MetricsLog, milliseconds};
+use crate::tensorboard::{self, EventFile};
 
 /// When the next checkpoint is due.
 pub(super) struct CheckpointClock {
@@ -39,6 +41,23 @@ impl CheckpointClock {
 
     pub(super) fn saved(&mut self) {
         self.last = Some(Instant::now());
+    }
+}
+
+/// What a log step tells beside its number, for `--progress json`.
+#[derive(Serialize)]
+struct Numbers {
+    stage: &'static str,
+    loss: f32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    psnr: Option<f64>,
+    gaussians: GaussianCounts,
+}
+
+impl Numbers {
+    fn of(line: &MetricsLine) -> Self {
+        let MetricsLine { stage, loss, psnr, gaussians, .. } = *line;
+        Self { stage, loss, psnr, gaussians }
     }
 }
 
@@ -77,6 +96,7 @@ impl Watch {
         &mut self,
         trainer: &Trainer,
         log: &mut MetricsLog,
+        events: Option<&EventFile>,
         position: &Position,
         loss: &Losses,
     ) -> anyhow::Result<MetricsLine> {
@@ -98,7 +118,11 @@ impl Watch {
         };
         self.logged = done;
         log.add(&line)?;
+        if let Some(events) = events {
+            events.add(done, tensorboard::of_step(&line, &trainer.rates(position)))?;
+        }
         self.progress.say(self.sentence(&line));
+        self.progress.record(&Numbers::of(&line), line.steps_per_second);
         Ok(line)
     }
 

@@ -90,8 +90,10 @@ fn an_id_depends_on_every_key_and_on_no_place() {
     // What may come later, or is a cache.
     let weighed = Additions { lpips_weights: Some("weights".into()), ..Additions::default() };
     assert_eq!(ids(&weighed), here);
-    let cached = Additions { set: vec!["scene.frame_store=\"frames\"".into()], ..Additions::default() };
-    assert_eq!(ids(&cached), here);
+    for output in ["scene.frame_store=\"frames\"", "train.tensorboard=true"] {
+        let set = Additions { set: vec![output.into()], ..Additions::default() };
+        assert_eq!(ids(&set), here, "{output}");
+    }
 }
 
 #[test]
@@ -186,7 +188,7 @@ fn a_variant_with_a_schedule_of_its_own_making_is_not_the_papers() {
     );
     assert_eq!(reasons("train.batch_size = 1").as_deref(), Some("train.batch_size = 1"));
     // The preset's own, and what only says how often it is written down.
-    assert_eq!(reasons("train.batch_size = 2, train.log_interval = 7"), None);
+    assert_eq!(reasons("train.batch_size = 2, train.log_interval = 7, train.tensorboard = true"), None);
     // What is neither schedule nor data is what the paper compares.
     assert_eq!(reasons("loss.main = 2.0"), None);
 }

@@ -161,11 +161,11 @@ fn a_smaller_budget_leaves_out_more_and_one_that_is_too_small_is_refused() {
     run.export_saying("used", |given| args = Some(given.clone()));
     let mut args = args.expect("arguments");
     (args.page.html, args.page.size) = (Some(Some(run.place.path().join("none.html"))), ByteSize::kb(10));
-    let error = command::export(&args, Verbosity::Silent, &mut Vec::new()).expect_err("refused").to_string();
+    let error = command::export(&args, Verbosity::SILENT, &mut Vec::new()).expect_err("refused").to_string();
     assert!(error.contains("10.0 kB") && error.contains("--size"), "{error}");
     assert!(!run.place.path().join("none.html").exists());
     args.page.html = Some(Some(run.place.path().join("large.html")));
-    let error = command::export(&args, Verbosity::Silent, &mut Vec::new()).expect_err("refused").to_string();
+    let error = command::export(&args, Verbosity::SILENT, &mut Vec::new()).expect_err("refused").to_string();
     assert!(error.contains("large.html exists") && error.contains("--force"), "{error}");
 }
 

@@ -65,7 +65,7 @@ pub fn finished(place: &Path) -> &'static Path {
         let words = ["mvfusion", "train", "--quiet"].into_iter().chain(settings).map(AsRef::as_ref);
         let cli = Cli::try_parse_from(words.chain(paths)).expect("a command line");
         let Command::Train(args) = cli.command else { panic!("the command is `train`") };
-        command::train(&args, Verbosity::Silent, &mut Vec::new()).expect("trained");
+        command::train(&args, Verbosity::SILENT, &mut Vec::new()).expect("trained");
         run
     })
 }

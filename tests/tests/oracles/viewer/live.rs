@@ -39,24 +39,25 @@ struct Training {
 }
 
 impl Training {
-    fn start(run: &Path, viewer: Option<BoundSocket>) -> Result<Self> {
-        let line = training(run, &SETTINGS)?;
+    fn start(run: &Path, viewer: Option<BoundSocket>, more: &[&str]) -> Result<Self> {
+        let settings = [&SETTINGS[..], more].concat();
+        let line = training(run, &settings)?;
         let Command::Train(args) = Cli::try_parse_from(["mvfusion"].iter().chain(&line))?.command else {
             bail!("another command")
         };
         let signals = Signals::default();
         let given = signals.clone();
         let thread = std::thread::spawn(move || {
-            command::train_in_thread(&args, given, viewer, Verbosity::Silent, &mut Vec::new())
+            command::train_in_thread(&args, given, viewer, Verbosity::SILENT, &mut Vec::new())
         });
         Ok(Self { signals, thread: Some(thread) })
     }
 
     /// One that is served, and pauses after a step.
-    fn paused(run: &Path) -> Result<(Self, u16)> {
+    fn paused(run: &Path, more: &[&str]) -> Result<(Self, u16)> {
         let viewer = BoundSocket::bind(HOST, 0)?;
         let port = viewer.port();
-        let training = Self::start(run, Some(viewer))?;
+        let training = Self::start(run, Some(viewer), more)?;
         let mut page = ViewerClient::open(port)?;
         page.send("{\"type\":\"pause\"}")?;
         // It is told that the training pauses before it leaves.
@@ -92,7 +93,7 @@ fn address(port: u16) -> String {
 pub fn advances() -> Result<()> {
     let folder = tempfile::tempdir()?;
     let run = folder.path().join("run");
-    let (training, port) = Training::paused(&run)?;
+    let (training, port) = Training::paused(&run, &[])?;
     let mut page = Page::open(&address(port))?;
     page.wait("document.body.dataset.activity === 'pauses'")?;
     page.click("pause")?;
@@ -129,11 +130,12 @@ pub fn advances() -> Result<()> {
     page.picture().map(drop)
 }
 
-/// A training that was watched, paused and saved has the same state, to the bit, as one that nobody watched.
+/// A training that was watched, paused and saved, and that wrote event files, has the same state, to the bit, as one
+/// that nobody watched.
 pub fn is_the_same() -> Result<()> {
     let folder = tempfile::tempdir()?;
     let [watched, alone] = ["watched", "alone"].map(|name| folder.path().join(name));
-    let (training, port) = Training::paused(&watched)?;
+    let (training, port) = Training::paused(&watched, &["--set", "train.tensorboard=true"])?;
     let mut page = Page::open(&address(port))?;
     for layer in ["static", "mask", "depth", "composed"] {
         page.set("layer", layer)?;
@@ -149,7 +151,7 @@ pub fn is_the_same() -> Result<()> {
     page.click("pause")?;
     page.wait("Number(document.body.dataset.trained) > 150")?;
     training.end()?;
-    let training = Training::start(&alone, None)?;
+    let training = Training::start(&alone, None, &[])?;
     let until = Instant::now() + TIMEOUT;
     while !alone.join(KEPT).is_file() {
         ensure!(Instant::now() < until, "the training alone writes no checkpoint");

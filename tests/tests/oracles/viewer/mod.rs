@@ -99,7 +99,7 @@ impl Server {
                 return Err(anyhow!("another command"));
             };
             let mut said = Vec::new();
-            command::view_until(&args, socket, Verbosity::Silent, &mut said, || over.load(Ordering::Relaxed))
+            command::view_until(&args, socket, Verbosity::SILENT, &mut said, || over.load(Ordering::Relaxed))
         });
         Ok(Self { port, is_over, thread: Some(thread) })
     }
