@@ -3,6 +3,7 @@
 mod compute;
 mod config;
 mod page;
+mod prepare;
 mod sweep;
 #[cfg(feature = "viewer")]
 mod viewer;
@@ -29,6 +30,7 @@ use crate::render::{
 pub use compute::ComputeArgs;
 pub use config::ConfigSourceArgs;
 pub use page::PageArgs;
+pub use prepare::{GpuChoice, MatcherChoice, PrepareArgs, SyncChoice};
 pub use sweep::{Launcher, RunCellArgs, SweepAction, SweepArgs, SweepFolderArgs, SweepRunArgs, SweepShowArgs};
 #[cfg(feature = "viewer")]
 pub use viewer::{TrainViewArgs, ViewArgs};
@@ -92,6 +94,9 @@ pub enum Command {
     /// Inspect a scene before training: its contents, its problems and their remedies
     #[command(long_about = help::CHECK)]
     Check(CheckArgs),
+    /// Make a scene from photos or videos without poses, by the program COLMAP
+    #[command(long_about = help::PREPARE, after_long_help = help::PREPARE_MORE)]
+    Prepare(PrepareArgs),
     /// Write a built-in scene to disk in a common dataset layout
     #[command(long_about = help::SYNTH)]
     Synth(SynthArgs),
@@ -115,6 +120,7 @@ impl Command {
             Self::Eval(args) => args.compute.threads,
             Self::Export(args) => args.compute.threads,
             Self::Check(args) => args.compute.threads,
+            Self::Prepare(args) => args.threads,
             Self::Render(args) => args.compute.threads,
             #[cfg(feature = "viewer")]
             Self::View(args) => args.compute.threads,

@@ -83,6 +83,7 @@ pub fn run(cli: &Cli, threads: usize, out: &mut dyn Write) -> anyhow::Result<()>
         Command::Eval(args) => command::eval(args, verbosity, out),
         Command::Export(args) => command::export(args, verbosity, out),
         Command::Check(args) => command::check(args, verbosity, out),
+        Command::Prepare(args) => command::prepare(args, verbosity, out),
         Command::Synth(args) => command::synth(args, verbosity, out),
         Command::Config(args) => command::config(args, verbosity, out),
         Command::Presets => command::presets(out),
