@@ -72,15 +72,8 @@ fn tell(made: &Prepared, args: &PrepareArgs, out: &mut dyn Write) -> std::io::Re
     let (what, hint) = match &made.footage {
         Footage::Photos { .. } => ("photos", String::new()),
         Footage::Video { .. } => ("frames", String::new()),
-        Footage::Rig { .. } => {
-            let first = made.placed.placed.first().map_or("cam00", String::as_str);
-            let camera = match &made.footage {
-                Footage::Rig { cameras, .. } => cameras.iter().find(|camera| {
-                    camera.video.file_stem().is_some_and(|stem| stem.to_string_lossy() == first)
-                }),
-                _ => None,
-            };
-            let name = camera.map_or(first, |camera| camera.name.as_str());
+        Footage::Rig { cameras, .. } => {
+            let name = cameras.iter().find(|camera| camera.placed).map_or("cam00", |camera| camera.name.as_str());
             ("cameras", format!(" --set 'scene.test_cameras=[\"{name}\"]'"))
         }
     };

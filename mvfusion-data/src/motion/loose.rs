@@ -33,11 +33,6 @@ impl LooseFrames {
         self.frames.push(Reduced { colours: averaged(frame, None, self.factor).0, valid: None });
     }
 
-    /// Number of frames.
-    pub(crate) fn len(&self) -> usize {
-        self.frames.len()
-    }
-
     /// The motion in each frame; `None` if there are too few frames for a median.
     pub(crate) fn maps(&self) -> Option<Vec<MotionMap>> {
         if self.frames.len() < LEAST_FRAMES {

@@ -1,7 +1,6 @@
 //! The delay between two recordings of one sound.
 
-use realfft::RealFftPlanner;
-use realfft::num_complex::Complex;
+use super::fourier::{Complex, Direction, transform};
 
 /// Around the highest peak, correlations of the same event, in seconds.
 const PEAK_SECONDS: f64 = 0.05;
@@ -19,32 +18,23 @@ pub(super) struct Delay {
 /// transform (Knapp and Carter 1976): every frequency has the same weight, so microphones and rooms may differ.
 pub(super) fn delay(first: &[f32], other: &[f32], rate: u32) -> Delay {
     let length = (first.len() + other.len()).next_power_of_two();
-    let mut planner = RealFftPlanner::<f32>::new();
-    let (forward, inverse) = (planner.plan_fft_forward(length), planner.plan_fft_inverse(length));
-    let spectrum = |samples: &[f32]| {
-        let mut padded = samples.to_vec();
-        padded.resize(length, 0.0);
-        let mut spectrum = forward.make_output_vec();
-        // Proof: both buffers have the lengths that the plan asks for.
-        forward.process(&mut padded, &mut spectrum).expect("buffers of the plan");
-        spectrum
+    // One signal is the real part and one the imaginary part: a single transform has both spectra.
+    let at = |samples: &[f32], index: usize| samples.get(index).copied().unwrap_or(0.0);
+    let mut values: Vec<Complex> = (0..length).map(|index| Complex(at(first, index), at(other, index))).collect();
+    transform(&mut values, Direction::Forward);
+    let product = |index: usize| {
+        let (value, mirrored) = (values[index], values[(length - index) % length].conjugate());
+        let one = Complex(value.0 + mirrored.0, value.1 + mirrored.1);
+        // Half of -i times their difference.
+        let two = Complex(value.1 - mirrored.1, mirrored.0 - value.0);
+        one.times(two.conjugate()).whitened()
     };
-    let (one, two) = (spectrum(first), spectrum(other));
-    let mut product: Vec<Complex<f32>> = one.iter().zip(&two).map(|(a, b)| whitened(a * b.conj())).collect();
-    // A real signal has real numbers at both ends, and the constant part says nothing.
-    product[0] = Complex::ZERO;
-    if let Some(last) = product.last_mut() {
-        last.im = 0.0;
-    }
-    let mut correlation = inverse.make_output_vec();
-    // Proof: as above, and both ends of the spectrum are real.
-    inverse.process(&mut product, &mut correlation).expect("buffers of the plan");
+    let mut product: Vec<Complex> = (0..length).map(product).collect();
+    // The constant part says nothing.
+    product[0] = Complex(0.0, 0.0);
+    transform(&mut product, Direction::Backward);
+    let correlation: Vec<f32> = product.iter().map(|value| value.0).collect();
     peak(&correlation, rate)
-}
-
-fn whitened(value: Complex<f32>) -> Complex<f32> {
-    let norm = value.norm();
-    if norm > f32::MIN_POSITIVE { value / norm } else { Complex::ZERO }
 }
 
 /// The highest peak of a circular correlation. The second half holds negative delays.

@@ -94,10 +94,7 @@ pub enum PrepareError {
 impl PrepareError {
     /// Whether the command line or the installation is at fault, and not the footage.
     pub fn is_usage(&self) -> bool {
-        matches!(
-            self,
-            Self::NoColmap { .. } | Self::Input { .. } | Self::Option { .. } | Self::Occupied { .. }
-        )
+        matches!(self, Self::NoColmap { .. } | Self::Input { .. } | Self::Option { .. } | Self::Occupied { .. })
     }
 
     pub(super) fn unwritable(path: &std::path::Path, error: impl ToString) -> Self {

@@ -27,7 +27,9 @@ const MANY_FRAMES: usize = 1000;
 pub(super) fn rate(video: &Video, listen: &mut Listener<'_>) -> f64 {
     video.fps().unwrap_or_else(|| {
         let path = video.path().display();
-        listen(Event::Note(format!("{path} does not tell its frame rate: {ASSUMED_FPS} frames per second are assumed")));
+        listen(Event::Note(format!(
+            "{path} does not tell its frame rate: {ASSUMED_FPS} frames per second are assumed"
+        )));
         ASSUMED_FPS
     })
 }

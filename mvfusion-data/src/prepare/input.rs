@@ -58,9 +58,9 @@ impl Input {
                 Err(refused(format!("it holds {few} photos, and poses need at least {FEWEST_PHOTOS}")))
             }
             (_, 0) => Ok(Self::Photos(photos)),
-            (photos, videos) => Err(refused(format!(
-                "it holds {photos} photos and {videos} videos: give a folder with one of the two"
-            ))),
+            (photos, videos) => {
+                Err(refused(format!("it holds {photos} photos and {videos} videos: give a folder with one of the two")))
+            }
         }
     }
 }

@@ -16,6 +16,7 @@ mod delay;
 mod draft;
 mod error;
 mod event;
+mod fourier;
 mod frames;
 mod input;
 mod masks;

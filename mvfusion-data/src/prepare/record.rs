@@ -40,6 +40,8 @@ pub enum Footage {
 pub struct RigCamera {
     /// Its name in the scene: `cam03`.
     pub name: String,
+    /// Whether COLMAP placed it; otherwise it is not in the scene.
+    pub placed: bool,
     /// Its video.
     pub video: PathBuf,
     /// Index of its first frame in the scene, from 0.

@@ -7,11 +7,11 @@ use super::colmap::{Colmap, Effort, Images, Kind, Log, chosen};
 use super::draft::Draft;
 use super::error::PrepareError;
 use super::event::{Event, Listener};
+use super::frames;
 use super::masks::{Masks, given, none_given};
 use super::options::PrepareOptions;
 use super::placed::{Placed, unplaced};
 use super::record::Footage;
-use super::frames;
 use crate::error::DataError;
 use crate::scene::PictureHeader;
 
@@ -47,12 +47,7 @@ pub(super) fn prepare(
         }
     };
     let masks = masks(&names, &images, draft, options, listen)?;
-    let wanted = Images {
-        folder: &images,
-        count: names.len(),
-        masks: masks.as_ref().and_then(Masks::folder),
-        kind,
-    };
+    let wanted = Images { folder: &images, count: names.len(), masks: masks.as_ref().and_then(Masks::folder), kind };
     let models = colmap.models(wanted, Effort::Usual, &draft.work(), log, listen)?;
     let what = if kind == Kind::Photos { "photos" } else { "frames" };
     let help = help(kind, masks.is_some());
@@ -104,7 +99,11 @@ fn masks(
     if masks.count == 0 {
         return Err(none_given(folder, &names.first().map(|name| stem(name)).unwrap_or_default()));
     }
-    listen(Event::Note(format!("{} of {} images have masks: COLMAP ignores what is white in them", masks.count, names.len())));
+    listen(Event::Note(format!(
+        "{} of {} images have masks: COLMAP ignores what is white in them",
+        masks.count,
+        names.len()
+    )));
     Ok(Some(masks))
 }
 

@@ -119,12 +119,8 @@ fn measured<'a>(
     given: &BTreeMap<String, f64>,
 ) -> Result<BTreeMap<&'a str, Delay>, PrepareError> {
     let (Some(first), Some(path)) = (clips.first(), paths.first()) else { return Ok(BTreeMap::new()) };
-    let wanted: Vec<(&Clip, &Path)> = clips
-        .iter()
-        .zip(paths.iter().copied())
-        .skip(1)
-        .filter(|(clip, _)| !given.contains_key(&clip.name))
-        .collect();
+    let wanted: Vec<(&Clip, &Path)> =
+        clips.iter().zip(paths.iter().copied()).skip(1).filter(|(clip, _)| !given.contains_key(&clip.name)).collect();
     let mut delays = BTreeMap::from([(first.name.as_str(), Delay { seconds: 0.0, confidence: f64::INFINITY })]);
     if wanted.is_empty() {
         return Ok(delays);
@@ -169,7 +165,8 @@ pub(super) fn timeline(clips: &[Clip], offsets: &[Offset], fps: f64) -> Result<V
     let most = ((end - start) * fps).ceil().max(0.0) as usize + 1;
     let count = (0..most).take_while(is_filmed).count();
     if count == 0 {
-        let reason = format!("with these offsets, the last video starts at {start:.3} s and the first one ends at {end:.3} s");
+        let reason =
+            format!("with these offsets, the last video starts at {start:.3} s and the first one ends at {end:.3} s");
         return Err(PrepareError::Option { option: "--offset", reason });
     }
     Ok(both().map(|(clip, offset)| (0..count).map(|moment| index(moment, clip, offset)).collect()).collect())

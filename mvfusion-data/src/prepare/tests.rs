@@ -117,7 +117,8 @@ fn photos_become_a_scene_and_options_have_the_names_that_the_version_knows() {
 #[test]
 fn of_several_models_the_largest_is_used_and_the_others_are_named() {
     // The second model is whole, the first one has no images.
-    let two = r#"mkdir -p "$2/0"; cp MODEL/* "$2/0"; printf '\0\0\0\0\0\0\0\0' > "$2/0/images.bin"; cp -r MODEL "$2/1""#;
+    let two =
+        r#"mkdir -p "$2/0"; cp MODEL/* "$2/0"; printf '\0\0\0\0\0\0\0\0' > "$2/0/images.bin"; cp -r MODEL "$2/1""#;
     let footage = Footage::new(two);
     let mut notes = Vec::new();
     let prepared = footage.prepare(PrepareOptions::default(), &mut notes).expect("prepared");

@@ -94,7 +94,8 @@ pub(super) struct Probed {
 
 /// Size, number and rate of the frames, from ffprobe. It reads the file but decodes nothing.
 pub(super) fn probe(path: &Path) -> Result<Probed, String> {
-    const ENTRIES: &str = "stream=width,height,avg_frame_rate,nb_read_packets:stream_side_data=rotation:stream_tags=rotate";
+    const ENTRIES: &str =
+        "stream=width,height,avg_frame_rate,nb_read_packets:stream_side_data=rotation:stream_tags=rotate";
     let output = Command::new(ffprobe_path())
         .args(["-v", "error", "-protocol_whitelist", "file", "-select_streams", "V:0", "-count_packets"])
         .args(["-show_entries", ENTRIES, "-of", "json"])

@@ -5,7 +5,7 @@
 //! `oracle_metrics/metrics.json`. The project's own small oracle (`tests/oracles/own.npz`, made by `make.py` beside it)
 //! always runs, and so do hard inputs ([`hard`]). The report of a run and the page
 //! that plays its scene are opened in a real browser ([`report`], [`player`]), a sweep's cells are run by a real SLURM
-//! ([`cluster`]), and other files that the program writes are read by the readers of others ([`foreign`]). The texts of the GPU kernels are counted, and compiled by a browser (`kernels`).
+//! ([`cluster`]), scenes are made of photos and videos by a real COLMAP ([`prepare`]), and other files that the program writes are read by the readers of others ([`foreign`]). The texts of the GPU kernels are counted, and compiled by a browser (`kernels`).
 #![recursion_limit = "256"]
 
 mod archive;
@@ -30,6 +30,7 @@ mod network;
 mod own;
 mod parity;
 mod player;
+mod prepare;
 mod refinement;
 mod report;
 mod schedule;
@@ -66,6 +67,7 @@ fn main() -> ExitCode {
     trials.extend(captures::trials(root().as_deref()));
     trials.extend(report::trials(root().as_deref()));
     trials.extend(player::trials());
+    trials.extend(prepare::trials(root().as_deref()));
     trials.extend(viewer::trials());
     trials.extend(cluster::trials());
     trials.extend(foreign::trials());

@@ -32,6 +32,7 @@ pub fn mvfusion(arguments: &[&str]) -> Result<String> {
         Command::Train(args) => command::train(&args, Verbosity::Silent, &mut said)?,
         Command::Render(args) => command::render(&args, Verbosity::Silent, &mut said)?,
         Command::Export(args) => command::export(&args, Verbosity::Silent, &mut said)?,
+        Command::Prepare(args) => command::prepare(&args, Verbosity::Silent, &mut said)?,
         other => bail!("no test runs {other:?}"),
     }
     Ok(String::from_utf8(said)?)

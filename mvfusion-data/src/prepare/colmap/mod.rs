@@ -55,7 +55,8 @@ pub(super) enum Kind {
 pub(super) enum Effort {
     /// COLMAP's defaults.
     Usual,
-    /// Weaker and skewed features, fewer common ones for a pose: for cameras that stand far apart.
+    /// Also weak and skewed features, for cameras that stand far apart. As many common ones are needed for a pose: with
+    /// fewer, COLMAP places more cameras of a wide rig, and most of them in the wrong place.
     Wide,
 }
 
@@ -105,7 +106,7 @@ impl<'a> Colmap<'a> {
         let is_gpu = effort == Effort::Usual && self.program.uses_gpu(self.options.gpu);
         self.extract(images, effort, is_gpu, &database, log, listen)?;
         self.compare(images, effort, is_gpu, &database, log, listen)?;
-        let mapped = self.map(images, effort, (&database, &sparse), log, listen);
+        let mapped = self.map(images, (&database, &sparse), log, listen);
         let models = MadeModel::all(&sparse)?;
         match mapped {
             // It also fails if it found no model, and says so.
@@ -167,16 +168,17 @@ impl<'a> Colmap<'a> {
         if effort == Effort::Wide {
             step.set(&GUIDED, "1");
         }
-        let counts = |line: &str| ["Matching block [", "Matching image [", "Processing block [", "Processing image ["]
-            .iter()
-            .any(|start| line.contains(start));
+        let counts = |line: &str| {
+            ["Matching block [", "Matching image [", "Processing block [", "Processing image ["]
+                .iter()
+                .any(|start| line.contains(start))
+        };
         step::run((name, &mut step.command), ("matches", total), counts, log, listen)
     }
 
     fn map(
         &self,
         images: Images<'_>,
-        effort: Effort,
         (database, sparse): (&Path, &Path),
         log: &mut Log,
         listen: &mut Listener<'_>,
@@ -187,12 +189,6 @@ impl<'a> Colmap<'a> {
         step.set(&["output_path"], sparse);
         step.set(&["Mapper.num_threads"], self.threads());
         step.set(&["Mapper.random_seed"], self.options.seed.to_string());
-        if effort == Effort::Wide {
-            step.set(&["Mapper.init_min_num_inliers"], "30");
-            step.set(&["Mapper.init_min_tri_angle"], "4");
-            step.set(&["Mapper.abs_pose_min_num_inliers"], "12");
-            step.set(&["Mapper.min_model_size"], "3");
-        }
         let counts = |line: &str| line.contains("Registering image #");
         step::run((STEP, &mut step.command), ("poses", images.count), counts, log, listen)
     }

@@ -44,8 +44,9 @@ impl MadeModel {
     /// # Errors
     /// [`PrepareError::Unwritable`].
     pub(in super::super) fn copy_to(&self, folder: &Path) -> Result<(), PrepareError> {
-        let copied = fs::create_dir_all(folder)
-            .and_then(|()| FILES.iter().try_for_each(|name| fs::copy(self.folder.join(name), folder.join(name)).map(drop)));
+        let copied = fs::create_dir_all(folder).and_then(|()| {
+            FILES.iter().try_for_each(|name| fs::copy(self.folder.join(name), folder.join(name)).map(drop))
+        });
         copied.map_err(|error| PrepareError::unwritable(folder, error))
     }
 

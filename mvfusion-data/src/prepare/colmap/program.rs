@@ -118,12 +118,10 @@ mod tests {
 
     #[test]
     fn versions_are_read_and_compared() {
-        assert_eq!(["3.8", "3.12.0.dev0", "4.0-dev", "wood"].map(number), [
-            Some((3, 8)),
-            Some((3, 12)),
-            Some((4, 0)),
-            None
-        ]);
+        assert_eq!(
+            ["3.8", "3.12.0.dev0", "4.0-dev", "wood"].map(number),
+            [Some((3, 8)), Some((3, 12)), Some((4, 0)), None]
+        );
         let program = |version: &str| Program { path: "colmap".into(), version: version.into(), has_cuda: false };
         assert!(program("3.7").is_old() && !program("3.8").is_old() && !program("3.13.0").is_old());
     }

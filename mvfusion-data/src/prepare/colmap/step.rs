@@ -93,7 +93,13 @@ pub(super) fn run(
     }
     let said = last[last.len().saturating_sub(LAST_WORDS)..].join(" / ");
     let said = if said.is_empty() { said } else { format!(": {}", said.trim()) };
-    Err(PrepareError::Step { step: name, status: ended(status), said, log: log.shown().to_owned(), advice: advice(name) })
+    Err(PrepareError::Step {
+        step: name,
+        status: ended(status),
+        said,
+        log: log.shown().to_owned(),
+        advice: advice(name),
+    })
 }
 
 /// Sends the lines of a stream.

@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use image::imageops::{self, FilterType};
 use image::{DynamicImage, GrayImage, RgbImage};
 
 use super::Camera;
@@ -20,10 +19,6 @@ const MOST_FRAMES: usize = 30;
 
 /// Width to which frames are reduced, in pixels, about: means of blocks have little noise.
 const WIDTH: u32 = 480;
-
-/// Width up to which small frames are enlarged, in pixels, and the largest factor. SIFT finds few features in small ones.
-const ENLARGED_WIDTH: u32 = 1280;
-const MOST_ENLARGEMENT: u32 = 3;
 
 /// Largest share of edges that change in the frames of a still camera.
 const STILL: f64 = 0.5;
@@ -77,25 +72,16 @@ impl Start {
         Some(grown(&first.mask(), self.reach))
     }
 
-    /// The factor by which a small frame is enlarged where COLMAP finds too few features in it.
-    pub(super) fn enlargement(&self) -> u32 {
-        (ENLARGED_WIDTH / self.first.width().max(1)).clamp(1, MOST_ENLARGEMENT)
-    }
-
-    /// Writes the first frame, enlarged by a factor: COLMAP's cameras are for that size then, and readers scale them.
+    /// Writes the first frame.
     ///
     /// # Errors
     /// [`PrepareError::Unwritable`].
-    pub(super) fn save(&self, path: &Path, factor: u32) -> Result<(), PrepareError> {
+    pub(super) fn save(&self, path: &Path) -> Result<(), PrepareError> {
         use image::codecs::jpeg::JpegEncoder;
         /// JPEG's best: the name of the file is that of 4DGaussians, and so is its format.
         const QUALITY: u8 = 100;
         let mut bytes = Vec::new();
-        let image = match factor {
-            1 => self.first.clone(),
-            _ => imageops::resize(&self.first, factor * self.first.width(), factor * self.first.height(), FilterType::Lanczos3),
-        };
-        let encoded = DynamicImage::from(image)
+        let encoded = DynamicImage::from(self.first.clone())
             .write_with_encoder(JpegEncoder::new_with_quality(&mut bytes, QUALITY))
             .map_err(|error| error.to_string())
             .and_then(|()| std::fs::write(path, bytes).map_err(|error| error.to_string()));

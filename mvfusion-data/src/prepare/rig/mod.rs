@@ -55,18 +55,15 @@ pub(super) fn prepare(
 ) -> Result<(Footage, Placed), PrepareError> {
     let (cameras, fps) = cameras(paths, options, listen)?;
     let starts = starts(&cameras, listen)?;
-    let (images, enlarged) = (draft.work().join("images"), draft.work().join("enlarged"));
-    for folder in [&images, &enlarged] {
-        fs::create_dir(folder).map_err(|error| PrepareError::unwritable(folder, error))?;
-    }
+    let images = draft.work().join("images");
+    fs::create_dir(&images).map_err(|error| PrepareError::unwritable(&images, error))?;
     for (camera, start) in cameras.iter().zip(&starts) {
-        start.save(&images.join(image_name(camera.number)), 1)?;
-        start.save(&enlarged.join(image_name(camera.number)), start.enlargement())?;
+        start.save(&images.join(image_name(camera.number)))?;
     }
     let (masks, shares) = masks(&cameras, &starts, draft, options, listen)?;
     let names: Vec<String> = cameras.iter().map(|camera| image_name(camera.number)).collect();
     let wanted = Images { folder: &images, count: names.len(), masks: masks.folder(), kind: Kind::Rig };
-    let models = best_models(colmap, [wanted, Images { folder: &enlarged, ..wanted }], draft, log, listen)?;
+    let models = best_models(colmap, wanted, draft, log, listen)?;
     let place = chosen(&models, options.colmap.model)?;
     let titles: Vec<String> = cameras.iter().map(|camera| camera.clip.name.clone()).collect();
     let titles_of = |images: &[String]| -> Vec<String> {
@@ -85,6 +82,7 @@ pub(super) fn prepare(
     layout::write(&kept, &draft.scene(), listen)?;
     let records = cameras.iter().zip(&starts).zip(&shares).map(|((camera, start), &masked)| RigCamera {
         name: layout::folder_name(camera),
+        placed: placed.placed.contains(&camera.clip.name),
         video: camera.video.path().to_owned(),
         first_frame: camera.frames.first().copied().unwrap_or(0),
         offset: camera.offset,
@@ -200,14 +198,15 @@ fn masks(
 /// The models with COLMAP's defaults and, if these leave a camera out, with more effort: those that place more cameras.
 fn best_models(
     colmap: &Colmap<'_>,
-    [usual, enlarged]: [Images<'_>; 2],
+    images: Images<'_>,
     draft: &Draft,
     log: &mut Log,
     listen: &mut Listener<'_>,
 ) -> Result<Vec<MadeModel>, PrepareError> {
-    let size = |models: &[MadeModel]| models.iter().map(|model| (model.images.len(), model.points)).max().unwrap_or((0, 0));
+    let size =
+        |models: &[MadeModel]| models.iter().map(|model| (model.images.len(), model.points)).max().unwrap_or((0, 0));
     let mut best = Vec::new();
-    for (effort, images) in [(Effort::Usual, usual), (Effort::Wide, enlarged)] {
+    for effort in [Effort::Usual, Effort::Wide] {
         let work = draft.work().join(if effort == Effort::Usual { "usual" } else { "wide" });
         let models = colmap.models(images, effort, &work, log, listen)?;
         if size(&models) > size(&best) {
@@ -219,8 +218,7 @@ fn best_models(
         if effort == Effort::Usual {
             let (placed, total) = (size(&best).0, images.count);
             listen(Event::Note(format!(
-                "COLMAP's defaults place {placed} of {total} cameras: it is tried again with weaker features and fewer matches, \
-                 which takes longer"
+                "COLMAP's defaults place {placed} of {total} cameras: it is tried again with features for wide baselines"
             )));
         }
     }
