@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use mvfusion_data::prepare::{ColmapOptions, Event, Footage, PrepareError, PrepareOptions, Prepared, prepare as make};
-use mvfusion_data::recognise;
+use mvfusion_data::{ReadOptions, open, recognise};
 
 use super::check;
 use crate::args::{CheckArgs, ComputeArgs, ConfigSourceArgs, PrepareArgs};
@@ -15,7 +15,8 @@ use crate::progress::{Progress, Verbosity};
 /// # Errors
 /// If there is no COLMAP, the footage cannot be used, COLMAP cannot place it, or training could not start on the scene.
 pub fn prepare(args: &PrepareArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
-    if let Ok(format) = recognise(&args.input, None) {
+    // A folder of videos looks like Neu3D until its poses are missed.
+    if let (Ok(format), Ok(_)) = (recognise(&args.input, None), open(&args.input, &ReadOptions::default())) {
         let (input, format) = (args.input.display(), format.name());
         verbosity.note(&format!(
             "note:   {input} has poses already ({format}): `mvfusion train --data {input}` reads it as it is"

@@ -5,6 +5,12 @@ use super::fourier::{Complex, Direction, transform};
 /// Around the highest peak, correlations of the same event, in seconds.
 const PEAK_SECONDS: f64 = 0.05;
 
+/// Least confidence of a delay. Unrelated sounds have about 1.
+pub(super) const LEAST_CONFIDENCE: f64 = 1.5;
+
+/// Most confidence: two copies of one recording have no second peak.
+const MOST_CONFIDENCE: f32 = 1000.0;
+
 /// The delay between two recordings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Delay {
@@ -47,7 +53,7 @@ fn peak(correlation: &[f32], rate: u32) -> Delay {
         away.min(length - away) > near
     };
     let elsewhere = (0..length).filter(|&index| is_elsewhere(index)).map(|index| correlation[index]);
-    let second = elsewhere.fold(0.0, f32::max).max(f32::MIN_POSITIVE);
+    let second = elsewhere.fold(0.0, f32::max).max(correlation[highest] / MOST_CONFIDENCE).max(f32::MIN_POSITIVE);
     let samples = if highest > length / 2 { highest as f64 - length as f64 } else { highest as f64 };
     Delay { seconds: samples / f64::from(rate), confidence: f64::from(correlation[highest] / second) }
 }
@@ -85,6 +91,6 @@ mod tests {
     #[test]
     fn unrelated_sounds_have_no_peak_to_trust() {
         let found = delay(&noise(3, 30_000), &noise(4, 30_000), RATE);
-        assert!(found.confidence < super::super::sync::LEAST_CONFIDENCE, "{found:?}");
+        assert!(found.confidence < LEAST_CONFIDENCE, "{found:?}");
     }
 }

@@ -6,7 +6,7 @@ use std::path::Path;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::delay::{Delay, delay};
+use super::delay::{Delay, LEAST_CONFIDENCE, delay};
 use super::error::PrepareError;
 use super::event::{Event, Listener};
 use super::options::{PrepareOptions, Sync};
@@ -17,9 +17,6 @@ const RATE: u32 = 16_000;
 
 /// The part of the sound that is compared, in seconds.
 const LONGEST_SOUND: f64 = 600.0;
-
-/// Least confidence of an offset. Unrelated sounds have about 1.
-pub(super) const LEAST_CONFIDENCE: f64 = 1.5;
 
 /// A video of a rig.
 #[derive(Clone, Debug)]
@@ -47,6 +44,8 @@ pub(super) struct Offset {
 #[serde(rename_all = "kebab-case")]
 pub(super) enum OffsetSource {
     Given,
+    /// The sound of the others is compared with its own.
+    TimeZero,
     Sound,
     TakenAsSynchronous,
 }
@@ -70,14 +69,15 @@ pub(super) fn offsets(
         Sync::None => BTreeMap::new(),
         Sync::Sound => measured(clips, paths, &options.offsets)?,
     };
-    let offset = |clip: &Clip| match (options.offsets.get(&clip.name), measured.get(clip.name.as_str())) {
-        (Some(&seconds), _) => Offset { seconds, source: OffsetSource::Given, confidence: None },
-        (None, Some(delay)) => {
-            Offset { seconds: delay.seconds, source: OffsetSource::Sound, confidence: Some(delay.confidence) }
-        }
-        (None, None) => Offset { seconds: 0.0, source: OffsetSource::TakenAsSynchronous, confidence: None },
+    let offset = |(place, clip): (usize, &Clip)| {
+        let given = options.offsets.get(&clip.name).map(|&seconds| (seconds, OffsetSource::Given, None));
+        let heard = || measured.get(clip.name.as_str()).map(|d| (d.seconds, OffsetSource::Sound, Some(d.confidence)));
+        let zero = || (options.sync == Sync::Sound && place == 0).then_some((0.0, OffsetSource::TimeZero, None));
+        let found = given.or_else(heard).or_else(zero);
+        let (seconds, source, confidence) = found.unwrap_or((0.0, OffsetSource::TakenAsSynchronous, None));
+        Offset { seconds, source, confidence }
     };
-    let offsets: Vec<Offset> = clips.iter().map(offset).collect();
+    let offsets: Vec<Offset> = clips.iter().enumerate().map(offset).collect();
     for (clip, offset) in clips.iter().zip(&offsets) {
         if let Some(told) = told(&clip.name, offset) {
             listen(Event::Note(told));
@@ -104,10 +104,11 @@ fn told(name: &str, offset: &Offset) -> Option<String> {
     let seconds = offset.seconds;
     match (offset.source, offset.confidence) {
         (OffsetSource::Given, _) => Some(format!("{name} started {seconds:+.3} s after time zero, as given")),
-        (OffsetSource::Sound, Some(confidence)) if confidence.is_finite() => Some(format!(
-            "{name} started {seconds:+.3} s after time zero by its sound (the peak is {confidence:.1} times the next one)"
+        (OffsetSource::TimeZero, _) => Some(format!("{name} is time zero")),
+        (OffsetSource::Sound, confidence) => Some(format!(
+            "{name} started {seconds:+.3} s after time zero by its sound (the peak is {:.1} times the next one)",
+            confidence.unwrap_or(1.0)
         )),
-        (OffsetSource::Sound, _) => Some(format!("{name} is time zero for the sound of the others")),
         (OffsetSource::TakenAsSynchronous, _) => None,
     }
 }
@@ -121,7 +122,7 @@ fn measured<'a>(
     let (Some(first), Some(path)) = (clips.first(), paths.first()) else { return Ok(BTreeMap::new()) };
     let wanted: Vec<(&Clip, &Path)> =
         clips.iter().zip(paths.iter().copied()).skip(1).filter(|(clip, _)| !given.contains_key(&clip.name)).collect();
-    let mut delays = BTreeMap::from([(first.name.as_str(), Delay { seconds: 0.0, confidence: f64::INFINITY })]);
+    let mut delays = BTreeMap::new();
     if wanted.is_empty() {
         return Ok(delays);
     }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use image::{DynamicImage, GrayImage, RgbImage};
 
-use super::Camera;
+use super::camera::Camera;
 use crate::error::DataError;
 use crate::motion::LooseFrames;
 use crate::prepare::error::PrepareError;
@@ -44,7 +44,7 @@ impl Start {
     /// # Errors
     /// If it cannot be decoded.
     pub(super) fn of(camera: &Camera) -> Result<Self, DataError> {
-        let begin = camera.frames.first().copied().unwrap_or(0);
+        let begin = camera.first_frame();
         let within = ((SECONDS * camera.clip.fps).ceil() as usize).clamp(1, camera.clip.frames - begin);
         let stride = within.div_ceil(MOST_FRAMES);
         let (width, height) = camera.video.size();

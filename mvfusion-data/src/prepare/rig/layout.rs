@@ -7,7 +7,7 @@ use std::path::Path;
 use image::RgbImage;
 use rayon::prelude::*;
 
-use super::Camera;
+use super::camera::Camera;
 use crate::error::DataError;
 use crate::prepare::error::PrepareError;
 use crate::prepare::event::{Event, Listener};

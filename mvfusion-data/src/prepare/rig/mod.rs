@@ -1,6 +1,7 @@
 //! The videos of still cameras, one for each: the layout of MultipleView, which keeps every lens.
 
 mod analysis;
+mod camera;
 mod layout;
 
 use std::fs;
@@ -18,10 +19,11 @@ use super::masks::{Masks, given, none_given};
 use super::options::PrepareOptions;
 use super::placed::{Placed, unplaced};
 use super::record::{Footage, RigCamera};
-use super::sync::{Clip, Offset, offsets, timeline};
+use super::sync::{Clip, offsets, timeline};
 use crate::error::DataError;
 use crate::video::{FrameStore, Video};
 use analysis::{Start, is_still};
+use camera::Camera;
 use layout::{image_name, numbers};
 
 /// Fewest cameras that see depth.
@@ -31,16 +33,6 @@ const FEWEST_CAMERAS: usize = 2;
 const HELP: &str = "Neighbouring cameras must show the same still things from less than about 30 degrees apart: sharper or larger \
                     videos, more cameras between those that were placed and those that were not, or a textured background \
                     help; poses from a calibration need no COLMAP (docs/data.md).";
-
-/// A camera of the rig.
-struct Camera {
-    video: Arc<Video>,
-    number: u32,
-    clip: Clip,
-    offset: Offset,
-    /// Indices of the frames to take.
-    frames: Vec<usize>,
-}
 
 /// Makes the scene in the draft.
 ///
@@ -84,7 +76,7 @@ pub(super) fn prepare(
         name: layout::folder_name(camera),
         placed: placed.placed.contains(&camera.clip.name),
         video: camera.video.path().to_owned(),
-        first_frame: camera.frames.first().copied().unwrap_or(0),
+        first_frame: camera.first_frame(),
         offset: camera.offset,
         changing_edges: start.changing_edges,
         masked,
@@ -169,7 +161,7 @@ fn masks(
     let found: Vec<Option<image::GrayImage>> = match &options.masks {
         Some(folder) => {
             let of = |camera: &Camera| {
-                let (name, first) = (&camera.clip.name, camera.frames.first().copied().unwrap_or(0));
+                let (name, first) = (&camera.clip.name, camera.first_frame());
                 given(folder, &[name.clone(), format!("{name}/{first:04}")], camera.video.size())
             };
             cameras.iter().map(of).collect::<Result<_, _>>()?
