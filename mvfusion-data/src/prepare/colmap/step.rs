@@ -73,10 +73,12 @@ pub(super) fn run(
     let mut child = Guard(spawned.map_err(|error| failed(error.to_string(), String::new()))?);
     let (sender, lines) = channel();
     let readers = [pass_on(child.0.stdout.take(), sender.clone()), pass_on(child.0.stderr.take(), sender)];
-    let mut last = Vec::new();
+    let (mut last, mut done) = (Vec::new(), 0);
     for line in lines {
         log.line(&line)?;
-        if counts(&line) {
+        // An image may be tried more than once.
+        if counts(&line) && done < total {
+            done += 1;
             listen(Event::Advances);
         }
         if !line.trim().is_empty() {
