@@ -97,8 +97,8 @@ impl PoseErrors {
         let of = |values: &[f64]| [values.get(values.len() / 2), values.last()].map(|v| v.copied().unwrap_or(f64::NAN));
         let ([degree, degrees], [share, shares]) = (of(&self.degrees), of(&self.shares));
         format!(
-            "{} cameras: rotations {degree:.3}° in the median, {degrees:.3}° at most; centres {:.3} % of the extent, {:.3} % at \
-             most",
+            "{} cameras: rotations {degree:.3}° in the median, {degrees:.3}° at most; centres {:.3} % of the extent, \
+             {:.3} % at most",
             self.cameras,
             100.0 * share,
             100.0 * shares

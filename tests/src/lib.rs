@@ -1,5 +1,6 @@
-//! What the tests that cross crates share: the compiled backends, aligned poses, numbers in and out of tensors, comparisons that tell
-//! where they fail, readers for files of Gaussians, a cluster of one node, and a page of the viewer without a browser.
+//! What the tests that cross crates share: the compiled backends, aligned poses, numbers in and out of tensors,
+//! comparisons that tell where they fail, readers for files of Gaussians, a cluster of one node, and a page of the
+//! viewer without a browser.
 
 mod alignment;
 mod backends;

@@ -54,7 +54,9 @@ pub struct PrepareArgs {
     #[arg(long, value_name = "N")]
     pub threads: Option<NonZeroUsize>,
     /// Seed of COLMAP's random numbers
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(..=i32::MAX as u64))]
+    // COLMAP reads an int.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(value_parser = clap::value_parser!(u64).range(..=i32::MAX as u64))]
     pub seed: u64,
     /// Replace an earlier output of this command
     #[arg(long)]

@@ -7,9 +7,10 @@ use thiserror::Error;
 use crate::error::DataError;
 
 /// The ways to get COLMAP.
-const INSTALL: &str = "Install it with `apt install colmap` (Debian, Ubuntu), `brew install colmap` (macOS) or `conda install -c \
-                       conda-forge colmap`; for Windows, unpack the zip from https://github.com/colmap/colmap/releases and \
-                       give --colmap PATH/COLMAP.bat. Footage whose poses are known needs no COLMAP (docs/data.md)";
+const INSTALL: &str = "Install it with `apt install colmap` (Debian, Ubuntu), `brew install colmap` (macOS) or `conda \
+                       install -c conda-forge colmap`; for Windows, unpack the zip from \
+                       https://github.com/colmap/colmap/releases and give --colmap PATH/COLMAP.bat. Footage whose \
+                       poses are known needs no COLMAP (docs/data.md)";
 
 /// The reason why no scene can be made. Each message contains the remedy.
 #[derive(Debug, Error)]

@@ -1,7 +1,7 @@
 //! The discrete Fourier transform of a power of two of numbers.
 //!
-//! It is ours because the crates for it ask for features of `num-integer` that nothing else does, and every tensor library
-//! below the other crates would be compiled with them.
+//! It is ours because the crates for it ask for features of `num-integer` that nothing else does, and every tensor
+//! library below the other crates would be compiled with them.
 
 use std::f64::consts::TAU;
 

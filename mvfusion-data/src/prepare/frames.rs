@@ -69,8 +69,8 @@ pub(super) fn choose(
     let (count, all) = (chosen.len(), video.len());
     if count < FEWEST_FRAMES {
         let reason = format!(
-            "only {count} of the video's {all} frames would be taken, and poses need at least {FEWEST_FRAMES}: give a higher \
-             rate, up to {filmed:.2}"
+            "only {count} of the video's {all} frames would be taken, and poses need at least {FEWEST_FRAMES}: give a \
+             higher rate, up to {filmed:.2}"
         );
         return Err(PrepareError::Option { option: "--fps", reason });
     }

@@ -1,5 +1,5 @@
-//! From photos or videos to a scene that [`open`](crate::open) reads: frames are chosen, videos are put on one timeline,
-//! and the program COLMAP, which must be installed, finds the poses.
+//! From photos or videos to a scene that [`open`](crate::open) reads: frames are chosen, videos are put on one
+//! timeline, and the program COLMAP, which must be installed, finds the poses.
 //!
 //! | input | frames | COLMAP's images | output |
 //! |---|---|---|---|
@@ -56,7 +56,8 @@ pub struct Prepared {
 /// Makes a scene from photos or videos in the folder `out`. `listen` hears what is chosen, assumed and found.
 ///
 /// # Errors
-/// [`PrepareError`]. Nothing is left then but COLMAP's log, if it ran: beside `out`, under the name that the error gives.
+/// [`PrepareError`]. Nothing is left then but COLMAP's log, if it ran: beside `out`, under the name that the error
+/// gives.
 pub fn prepare(
     input: &Path,
     out: &Path,

@@ -111,20 +111,20 @@ fn masks(
 fn help(kind: Kind, is_masked: bool) -> &'static str {
     match (kind, is_masked) {
         (Kind::Frames, false) => {
-            "Neighbouring frames must show the same still things: more of them (--fps), a slower and sharper film that moves \
-             sideways rather than turns on the spot, and masks of what moves (--masks) help."
+            "Neighbouring frames must show the same still things: more of them (--fps), a slower and sharper film \
+             that moves sideways rather than turns on the spot, and masks of what moves (--masks) help."
         }
         (Kind::Frames, true) => {
-            "Neighbouring frames must show the same still things: more of them (--fps) and a slower and sharper film that moves \
-             sideways rather than turns on the spot help."
+            "Neighbouring frames must show the same still things: more of them (--fps) and a slower and sharper film \
+             that moves sideways rather than turns on the spot help."
         }
         (_, false) => {
-            "Photos must overlap by two thirds, be sharp and from different places, and show more still things than moving ones: \
-             more photos, or masks of what moves (--masks), help."
+            "Photos must overlap by two thirds, be sharp and from different places, and show more still things than \
+             moving ones: more photos, or masks of what moves (--masks), help."
         }
         (_, true) => {
-            "Photos must overlap by two thirds, be sharp and from different places: more photos between those that were placed \
-             and those that were not help."
+            "Photos must overlap by two thirds, be sharp and from different places: more photos between those that \
+             were placed and those that were not help."
         }
     }
 }

@@ -91,8 +91,8 @@ pub(super) fn offsets(
         .collect();
     if !taken.is_empty() {
         listen(Event::Note(format!(
-            "{} are taken as synchronous, from their first frames on: --offset CAM=SECONDS gives an offset, and --sync sound \
-             measures it",
+            "{} are taken as synchronous, from their first frames on: --offset CAM=SECONDS gives an offset, and \
+             --sync sound measures it",
             taken.join(", ")
         )));
     }
@@ -139,8 +139,9 @@ fn measured<'a>(
         let delay = delay?;
         if delay.confidence < LEAST_CONFIDENCE {
             let reason = format!(
-                "the sounds of {name} and {} have too little in common to tell their offset (the peak of their correlation is \
-                 {:.2} times the next one, and {LEAST_CONFIDENCE} is the least): give it with --offset {name}=SECONDS",
+                "the sounds of {name} and {} have too little in common to tell their offset (the peak of their \
+                 correlation is {:.2} times the next one, and {LEAST_CONFIDENCE} is the least): give it with --offset \
+                 {name}=SECONDS",
                 first.name, delay.confidence
             );
             return Err(PrepareError::Option { option: "--sync sound", reason });

@@ -1,11 +1,12 @@
 //! Comparison with reference numbers that were computed elsewhere.
 //!
 //! Every `.npz` file in `$MVFUSION_ORACLES/{oracle_gsplat,oracle_method,oracle_metrics}` is one trial a backend, named
-//! `oracle::<backend>::<kind>::<file>`; without the folder each kind is one ignored trial. So are the pairs of pictures in
-//! `oracle_metrics/metrics.json`. The project's own small oracle (`tests/oracles/own.npz`, made by `make.py` beside it)
-//! always runs, and so do hard inputs ([`hard`]). The report of a run and the page
-//! that plays its scene are opened in a real browser ([`report`], [`player`]), a sweep's cells are run by a real SLURM
-//! ([`cluster`]), scenes are made of photos and videos by a real COLMAP ([`prepare`]), and other files that the program writes are read by the readers of others ([`foreign`]). The texts of the GPU kernels are counted, and compiled by a browser (`kernels`).
+//! `oracle::<backend>::<kind>::<file>`; without the folder each kind is one ignored trial. So are the pairs of pictures
+//! in `oracle_metrics/metrics.json`. The project's own small oracle (`tests/oracles/own.npz`, made by `make.py` beside
+//! it) always runs, and so do hard inputs ([`hard`]). The report of a run and the page that plays its scene are opened
+//! in a real browser ([`report`], [`player`]), a sweep's cells are run by a real SLURM ([`cluster`]), scenes are made
+//! of photos and videos by a real COLMAP ([`prepare`]), and other files that the program writes are read by the readers
+//! of others ([`foreign`]). The texts of the GPU kernels are counted, and compiled by a browser (`kernels`).
 #![recursion_limit = "256"]
 
 mod archive;

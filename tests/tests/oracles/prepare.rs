@@ -1,7 +1,7 @@
 //! Scenes that `mvfusion prepare` makes of real photos and videos with a real COLMAP, against known poses.
 //!
-//! Each trial, `prepare::<footage>`, needs the program `colmap` and a folder in `$MVFUSION_ORACLES`, and is ignored without
-//! them. COLMAP runs in one thread with a fixed seed, so that it finds the same poses each time.
+//! Each trial, `prepare::<footage>`, needs the program `colmap` and a folder in `$MVFUSION_ORACLES`, and is ignored
+//! without them. COLMAP runs in one thread with a fixed seed, so that it finds the same poses each time.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -24,7 +24,8 @@ const PHOTOS: usize = 16;
 const DEGREES: f64 = 1.0;
 const SHARE: f64 = 0.02;
 
-/// The same for a rig whose few cameras stand nearly on a line: their centres alone leave its turn around that line open.
+/// The same for a rig whose few cameras stand nearly on a line: their centres alone leave its turn around that line
+/// open.
 const RIG_DEGREES: f64 = 1.5;
 
 /// A check of a folder of footage, which works in another folder.

@@ -30,9 +30,9 @@ use layout::{image_name, numbers};
 const FEWEST_CAMERAS: usize = 2;
 
 /// What helps if cameras were not placed.
-const HELP: &str = "Neighbouring cameras must show the same still things from less than about 30 degrees apart: sharper or larger \
-                    videos, more cameras between those that were placed and those that were not, or a textured background \
-                    help; poses from a calibration need no COLMAP (docs/data.md).";
+const HELP: &str = "Neighbouring cameras must show the same still things from less than about 30 degrees apart: \
+                    sharper or larger videos, more cameras between those that were placed and those that were not, or \
+                    a textured background help; poses from a calibration need no COLMAP (docs/data.md).";
 
 /// Makes the scene in the draft.
 ///
@@ -140,8 +140,8 @@ fn starts(cameras: &[Camera], listen: &mut Listener<'_>) -> Result<Vec<Start>, P
     for (camera, start) in cameras.iter().zip(&starts) {
         let Some(share) = start.changing_edges.filter(|&share| !is_still(share)) else { continue };
         listen(Event::Note(format!(
-            "{} does not stand still: {:.0} % of the edges in its first frame change within seconds. The poses of a rig are \
-             those of its first frames. If the camera moves, leave it out, or prepare its video alone",
+            "{} does not stand still: {:.0} % of the edges in its first frame change within seconds. The poses of a \
+             rig are those of its first frames. If the camera moves, leave it out, or prepare its video alone",
             camera.clip.name,
             100.0 * share
         )));
@@ -210,7 +210,8 @@ fn best_models(
         if effort == Effort::Usual {
             let (placed, total) = (size(&best).0, images.count);
             listen(Event::Note(format!(
-                "COLMAP's defaults place {placed} of {total} cameras: it is tried again with features for wide baselines"
+                "COLMAP's defaults place {placed} of {total} cameras: it is tried again with features for wide \
+                 baselines"
             )));
         }
     }
