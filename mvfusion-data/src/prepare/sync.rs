@@ -91,8 +91,8 @@ pub(super) fn offsets(
         .collect();
     if !taken.is_empty() {
         listen(Event::Note(format!(
-            "{} are taken as synchronous, from their first frames on: --offset CAM=SECONDS gives an offset, and \
-             --sync sound measures it",
+            "taken as synchronous, from their first frames on: {} (--offset CAM=SECONDS gives an offset, and --sync \
+             sound measures it)",
             taken.join(", ")
         )));
     }
@@ -219,7 +219,10 @@ mod tests {
         let found = offsets(&clips, &paths, &options, &mut |event| notes.push(event)).expect("found");
         assert_eq!(found.iter().map(|offset| offset.seconds).collect::<Vec<_>>(), [0.0, 0.25]);
         assert_eq!(notes[0], Event::Note("b started +0.250 s after time zero, as given".into()));
-        assert!(matches!(&notes[1], Event::Note(note) if note.starts_with("a are taken as synchronous")), "{notes:?}");
+        assert!(
+            matches!(&notes[1], Event::Note(note) if note.starts_with("taken as synchronous, from their first frames on: a (")),
+            "{notes:?}"
+        );
         options.offsets = BTreeMap::from([("c".into(), 1.0)]);
         let said = offsets(&clips, &paths, &options, &mut |_| {}).expect_err("no such video").to_string();
         assert!(said.contains("there is no video c, only a, b"), "{said}");

@@ -94,7 +94,7 @@ pub(super) fn run(
         return Ok(());
     }
     let said = last[last.len().saturating_sub(LAST_WORDS)..].join(" / ");
-    let said = if said.is_empty() { said } else { format!(": {}", said.trim()) };
+    let said = if said.is_empty() { said } else { format!(": {}", said.trim().trim_end_matches('.')) };
     Err(PrepareError::Step {
         step: name,
         status: ended(status),
