@@ -6,6 +6,7 @@ mod lpips;
 mod manuals;
 mod output;
 mod page;
+mod prepare;
 mod suggested;
 mod sweep;
 #[cfg(feature = "viewer")]
@@ -37,6 +38,7 @@ pub use lpips::LpipsWeightsArgs;
 pub use manuals::{CompletionsArgs, ManArgs};
 pub use output::{ListArgs, ProgressForm};
 pub use page::PageArgs;
+pub use prepare::{GpuChoice, MatcherChoice, PrepareArgs, SyncChoice};
 pub use sweep::{Launcher, RunCellArgs, SweepAction, SweepArgs, SweepFolderArgs, SweepRunArgs, SweepShowArgs};
 #[cfg(feature = "viewer")]
 pub use viewer::{TrainViewArgs, ViewArgs};
@@ -115,6 +117,9 @@ pub enum Command {
     /// Make the LPIPS weights out of files of torchvision and of the package lpips
     #[command(long_about = help::LPIPS, after_long_help = help::LPIPS_MORE)]
     LpipsWeights(LpipsWeightsArgs),
+    /// Make a scene from photos or videos without poses, by the program COLMAP
+    #[command(long_about = help::PREPARE, after_long_help = help::PREPARE_MORE)]
+    Prepare(PrepareArgs),
     /// Write a built-in scene to disk in a common dataset layout
     #[command(long_about = help::SYNTH)]
     Synth(SynthArgs),
@@ -144,6 +149,7 @@ impl Command {
             Self::Eval(args) => args.compute.threads,
             Self::Export(args) => args.compute.threads,
             Self::Check(args) => args.compute.threads,
+            Self::Prepare(args) => args.threads,
             Self::Render(args) => args.compute.threads,
             #[cfg(feature = "viewer")]
             Self::View(args) => args.compute.threads,

@@ -165,6 +165,34 @@ Examples:
   mvfusion lpips-weights --from site-packages/lpips vgg16-397923af.pth --out w
           the installed package lpips instead of its wheel, and another folder";
 
+/// `mvfusion prepare --help`, above the options.
+pub const PREPARE: &str = "\
+Make a scene that `train` reads from footage without poses: a folder of photos, the video of one moving camera, or a \
+folder with a video for each of several still cameras. The program COLMAP (3.8 or newer), which must be installed, \
+finds the poses. `mvfusion check` runs at the end.
+
+Of a moving camera's video, the sharpest frame of each window is taken (--fps). Of still cameras, COLMAP sees the first \
+frames, without what moves. Their videos are taken as synchronous unless --offset gives or --sync sound measures when \
+each one began; every offset is printed.
+
+The scene folder appears only when all of it is there. It also holds a record of what was done (prepare.json) and the \
+log of COLMAP (colmap.log); after a failure, the log lies beside it. Footage whose poses are known needs no COLMAP: \
+docs/data.md lists the layouts.";
+
+/// `mvfusion prepare --help`, below the options.
+pub const PREPARE_MORE: &str = "\
+Examples:
+  mvfusion prepare photos/ --out scenes/garden
+          photos of one place by one camera
+  mvfusion prepare photos/ --masks people/ --out scenes/garden
+          the same, without the passers-by that are white in the masks
+  mvfusion prepare walk.mp4 --fps 3 --out scenes/walk
+          three frames a second of a video by a moving camera
+  mvfusion prepare rig/ --sync sound --out scenes/stage
+          a video for each still camera, synchronised by their sound
+  mvfusion prepare rig/ --offset left=0.48 --offset right=-0.2 --out scenes/stage
+          the same, with offsets that are known for left.mp4 and right.mp4";
+
 /// `mvfusion synth --help`.
 pub const SYNTH: &str = "\
 Write a built-in scene to disk in a common dataset layout: a video (neu3d, panoptic, nerfstudio, multipleview, dnerf, \

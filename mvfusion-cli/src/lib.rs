@@ -90,6 +90,7 @@ pub fn run(cli: &Cli, threads: usize, out: &mut dyn Write) -> anyhow::Result<()>
         Command::Export(args) => command::export(args, verbosity, out),
         Command::Check(args) => command::check(args, verbosity, out),
         Command::LpipsWeights(args) => command::lpips_weights(args, out),
+        Command::Prepare(args) => command::prepare(args, verbosity, out),
         Command::Synth(args) => command::synth(args, verbosity, out),
         Command::Config(args) => command::config(args, verbosity, out),
         Command::Presets(args) => command::presets(args, out),

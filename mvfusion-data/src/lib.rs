@@ -34,6 +34,7 @@
 //! | [`write`](mod@write) | a writer for each layout |
 //! | [`builtin`] | the built-in scenes |
 //! | [`inspect`] | what is wrong with a scene |
+//! | [`prepare`](mod@prepare) | a scene from photos or videos without poses, by the program COLMAP |
 //! | [`motion`] | what moves in the images of still cameras |
 //! | [`camera_path`] | cameras for rendering |
 //! | [`keyframes`] | moving Gaussians as few bytes |
@@ -47,6 +48,7 @@ pub mod files;
 pub mod inspect;
 pub mod keyframes;
 pub mod motion;
+pub mod prepare;
 pub mod preview;
 pub mod readers;
 mod scene;

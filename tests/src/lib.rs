@@ -1,6 +1,8 @@
-//! What the tests that cross crates share: the compiled backends, numbers in and out of tensors, comparisons that tell
-//! where they fail, readers for files of Gaussians, a cluster of one node, and a page of the viewer without a browser.
+//! What the tests that cross crates share: the compiled backends, aligned poses, numbers in and out of tensors,
+//! comparisons that tell where they fail, readers for files of Gaussians, a cluster of one node, and a page of the
+//! viewer without a browser.
 
+mod alignment;
 mod backends;
 mod checklist;
 mod glb;
@@ -10,6 +12,7 @@ mod slurm;
 mod torch;
 mod viewer;
 
+pub use alignment::{PoseErrors, Similarity};
 pub use backends::{Backend, backends, every_backend, gpu_backends, is_there};
 pub use checklist::{Checklist, Few, Tolerance};
 pub use glb::Glb;

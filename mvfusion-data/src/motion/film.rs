@@ -140,7 +140,7 @@ fn reduction(rig: &StillRig, memory: u64) -> usize {
 }
 
 /// The motion in the frames of one camera.
-fn motion(frames: &[Reduced], options: &MovingPixelsOptions) -> Vec<Vec<PixelMotion>> {
+pub(super) fn motion(frames: &[Reduced], options: &MovingPixelsOptions) -> Vec<Vec<PixelMotion>> {
     let medians = medians(frames);
     let distances: Vec<Vec<Option<u8>>> = frames.par_iter().map(|frame| distances(frame, &medians)).collect();
     let noise = options.noise_deviations * DEVIATION_OF_MEDIAN * median_distance(&distances);

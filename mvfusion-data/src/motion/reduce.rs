@@ -35,7 +35,7 @@ pub(super) fn reduced(view: &View, factor: usize) -> Result<Reduced, DataError> 
 }
 
 /// Mean colours of blocks over their valid pixels, and whether at least half of a block's pixels are valid.
-fn averaged(picture: &RgbImage, mask: Option<&GrayImage>, factor: usize) -> (Vec<u8>, Vec<bool>) {
+pub(super) fn averaged(picture: &RgbImage, mask: Option<&GrayImage>, factor: usize) -> (Vec<u8>, Vec<bool>) {
     let (width, height) = (picture.width() as usize, picture.height() as usize);
     let (columns, rows) = (width.div_ceil(factor), height.div_ceil(factor));
     let (mut colours, mut valid) = (Vec::with_capacity(3 * columns * rows), Vec::with_capacity(columns * rows));

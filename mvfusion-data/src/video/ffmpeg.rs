@@ -82,9 +82,20 @@ fn pass_on(
     Ok(())
 }
 
-/// Size of the upright frames and their number, from ffprobe. It reads the file but decodes nothing.
-pub(super) fn probe(path: &Path) -> Result<((u32, u32), usize), String> {
-    const ENTRIES: &str = "stream=width,height,nb_read_packets:stream_side_data=rotation:stream_tags=rotate";
+/// What ffprobe tells of a video.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Probed {
+    /// Size of the upright frames.
+    pub(super) size: (u32, u32),
+    pub(super) frames: usize,
+    /// Mean number of frames per second.
+    pub(super) fps: Option<f64>,
+}
+
+/// Size, number and rate of the frames, from ffprobe. It reads the file but decodes nothing.
+pub(super) fn probe(path: &Path) -> Result<Probed, String> {
+    const ENTRIES: &str =
+        "stream=width,height,avg_frame_rate,nb_read_packets:stream_side_data=rotation:stream_tags=rotate";
     let output = Command::new(ffprobe_path())
         .args(["-v", "error", "-protocol_whitelist", "file", "-select_streams", "V:0", "-count_packets"])
         .args(["-show_entries", ENTRIES, "-of", "json"])
@@ -99,17 +110,22 @@ pub(super) fn probe(path: &Path) -> Result<((u32, u32), usize), String> {
     stream(&answer["streams"][0]).ok_or_else(|| "it finds no video in it".into())
 }
 
-/// Size and number of frames of a stream in ffprobe's answer.
-fn stream(stream: &Value) -> Option<((u32, u32), usize)> {
+/// A stream in ffprobe's answer.
+fn stream(stream: &Value) -> Option<Probed> {
     let side = |name: &str| stream[name].as_u64().and_then(|side| u32::try_from(side).ok());
     let (width, height) = (side("width")?, side("height")?);
     let frames = stream["nb_read_packets"].as_str()?.parse().ok()?;
     let turned = stream["side_data_list"].as_array().and_then(|list| list.iter().find_map(|d| d["rotation"].as_f64()));
     let turned = turned.or_else(|| stream["tags"]["rotate"].as_str()?.parse().ok()).unwrap_or(0.0);
-    Some(match turned.rem_euclid(180.0) == 90.0 {
-        true => ((height, width), frames),
-        false => ((width, height), frames),
-    })
+    let size = if turned.rem_euclid(180.0) == 90.0 { (height, width) } else { (width, height) };
+    Some(Probed { size, frames, fps: stream["avg_frame_rate"].as_str().and_then(rate) })
+}
+
+/// A rate such as `30000/1001`.
+fn rate(text: &str) -> Option<f64> {
+    let (frames, seconds) = text.split_once('/')?;
+    let rate = frames.parse::<f64>().ok()? / seconds.parse::<f64>().ok()?;
+    (rate.is_finite() && rate > 0.0).then_some(rate)
 }
 
 /// A file name that ffmpeg mistakes for neither an option nor an address.

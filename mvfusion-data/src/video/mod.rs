@@ -14,6 +14,7 @@ mod h264;
 mod mp4;
 mod permit;
 mod samples;
+mod sound;
 mod store;
 mod temporary;
 #[cfg(test)]
@@ -28,6 +29,7 @@ use std::time::Instant;
 use image::{DynamicImage, ImageReader};
 
 pub use encode::{VideoWriter, can_write_videos};
+pub(crate) use sound::sound;
 pub(crate) use store::FrameStore;
 
 use crate::error::DataError;
@@ -45,6 +47,7 @@ pub struct Video {
     /// Size of the upright frames.
     size: (u32, u32),
     len: usize,
+    fps: Option<f64>,
     /// Absent if only ffmpeg can read the container.
     track: Option<mp4::Track>,
     decoder: VideoDecoder,
@@ -106,11 +109,11 @@ impl Video {
         if !metadata.is_file() {
             return Err(Flaw::new(path, "it is no file", CHECK_FILE));
         }
-        let (size, frames, track) = match mp4::read(path) {
-            Ok(track) => (track.size(), track.shown, Some(track)),
+        let (size, frames, fps, track) = match mp4::read(path) {
+            Ok(track) => (track.size(), track.shown, track.fps, Some(track)),
             // The demuxer supports only common forms of one container. A file that it rejects may still be valid.
             Err(refusal) if decoder.is_ffmpeg() => match ffmpeg::probe(path) {
-                Ok((size, frames)) => (size, frames, None),
+                Ok(ffmpeg::Probed { size, frames, fps }) => (size, frames, fps, None),
                 Err(reason) => {
                     let reason = format!("{refusal}, and ffprobe cannot read it either ({reason})");
                     return Err(Flaw::new(path, reason, CHECK_FILE));
@@ -126,7 +129,7 @@ impl Video {
             can_decode(path, track)?;
         }
         let (path, store, len) = (path.to_owned(), store.clone(), frames.min(limit));
-        Ok(Self { path, metadata, size, len, track, decoder, store, sets: Mutex::default() })
+        Ok(Self { path, metadata, size, len, fps, track, decoder, store, sets: Mutex::default() })
     }
 
     /// The file.
@@ -147,6 +150,42 @@ impl Video {
     /// Width and height of the frames in pixels, upright.
     pub fn size(&self) -> (u32, u32) {
         self.size
+    }
+
+    /// Mean number of frames per second; `None` if the file does not tell it.
+    pub fn fps(&self) -> Option<f64> {
+        self.fps
+    }
+
+    /// Passes every frame with its index to `sink`, in display order, upright and in the video's size. Nothing is kept.
+    ///
+    /// # Errors
+    /// [`DataError::Content`] if the video cannot be decoded, or the sink's own error, which ends the decoding.
+    pub(crate) fn each_frame(
+        &self,
+        sink: &mut dyn FnMut(usize, image::RgbImage) -> Result<(), DataError>,
+    ) -> Result<(), DataError> {
+        let (mut index, mut refusal) = (0, None);
+        let decoded = self.decode(&mut |frame| {
+            if index < self.len {
+                sink(index, frame).map_err(|error| {
+                    let flaw = Flaw::new(&self.path, &error, CHECK_FILE);
+                    refusal = Some(error);
+                    flaw
+                })?;
+                index += 1;
+            }
+            Ok(())
+        });
+        match (refusal, decoded) {
+            (Some(error), _) => Err(error),
+            (None, Err(flaw)) => Err(flaw.into()),
+            (None, Ok(())) if index < self.len => {
+                let reason = format!("only {index} of {} frames can be decoded", self.len);
+                Err(Flaw::new(&self.path, reason, CHECK_FILE).into())
+            }
+            (None, Ok(())) => Ok(()),
+        }
     }
 
     /// A frame, resized to `size` with a Lanczos filter if necessary. The first call for a size decodes the whole

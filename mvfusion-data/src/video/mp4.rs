@@ -34,6 +34,8 @@ pub(super) struct Track {
     pub(super) hidden: usize,
     /// Number of frames that are shown.
     pub(super) shown: usize,
+    /// Mean number of coded frames per second, if the header tells the duration.
+    pub(super) fps: Option<f64>,
 }
 
 /// The codec of a track.
@@ -144,6 +146,9 @@ fn track(trak: &[u8], movie_timescale: u32, file_bytes: u64) -> Result<Track, St
         codec,
         hidden: times.iter().filter(|&&time| time < edit.0).count(),
         shown: times.iter().filter(|&&time| (edit.0..edit.1).contains(&time)).count(),
+        fps: (media.duration > 0)
+            .then(|| samples.len() as f64 * f64::from(media.timescale) / media.duration as f64)
+            .filter(|&fps| fps > 0.0),
         samples,
     })
 }

@@ -1,12 +1,12 @@
 //! Comparison with reference numbers that were computed elsewhere.
 //!
 //! Every `.npz` file in `$MVFUSION_ORACLES/{oracle_gsplat,oracle_method,oracle_metrics}` is one trial a backend, named
-//! `oracle::<backend>::<kind>::<file>`; without the folder each kind is one ignored trial. So are the pairs of pictures in
-//! `oracle_metrics/metrics.json`. The project's own small oracle (`tests/oracles/own.npz`, made by `make.py` beside it)
-//! always runs, and so do hard inputs ([`hard`]). The report of a run and the page that plays its scene are opened in a
-//! real browser ([`report`], [`player`]), a sweep's cells are run by a real SLURM ([`cluster`]), other files that the
-//! program writes are read by the readers of others ([`foreign`]), and configurations are judged by their schema
-//! ([`schema`]). The texts of the GPU kernels are counted, and compiled by a browser (`kernels`).
+//! `oracle::<backend>::<kind>::<file>`; without the folder each kind is one ignored trial. So are the pairs of pictures
+//! in `oracle_metrics/metrics.json`. The project's own small oracle (`tests/oracles/own.npz`, made by `make.py` beside
+//! it) always runs, and so do hard inputs ([`hard`]). The report of a run and the page that plays its scene are opened
+//! in a real browser ([`report`], [`player`]), a sweep's cells are run by a real SLURM ([`cluster`]), scenes are made
+//! of photos and videos by a real COLMAP ([`prepare`]), other files that the program writes are read by the readers of
+//! others ([`foreign`]), and configurations are judged by their schema ([`schema`]). The texts of the GPU kernels are counted, and compiled by a browser (`kernels`).
 #![recursion_limit = "256"]
 
 mod archive;
@@ -32,6 +32,7 @@ mod network;
 mod own;
 mod parity;
 mod player;
+mod prepare;
 mod refinement;
 mod report;
 mod schedule;
@@ -71,6 +72,7 @@ fn main() -> ExitCode {
     trials.extend(captures::trials(root().as_deref()));
     trials.extend(report::trials(root().as_deref()));
     trials.extend(player::trials());
+    trials.extend(prepare::trials(root().as_deref()));
     trials.extend(viewer::trials());
     trials.extend(cluster::trials());
     trials.extend(foreign::trials());

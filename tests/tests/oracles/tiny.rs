@@ -33,6 +33,7 @@ pub fn mvfusion(arguments: &[&str]) -> Result<String> {
         Command::Render(args) => command::render(&args, Verbosity::SILENT, &mut said)?,
         Command::LpipsWeights(args) => command::lpips_weights(&args, &mut said)?,
         Command::Export(args) => command::export(&args, Verbosity::SILENT, &mut said)?,
+        Command::Prepare(args) => command::prepare(&args, Verbosity::SILENT, &mut said)?,
         other => bail!("no test runs {other:?}"),
     }
     Ok(String::from_utf8(said)?)

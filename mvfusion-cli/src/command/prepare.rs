@@ -1,0 +1,98 @@
+//! `mvfusion prepare`.
+
+use std::io::Write;
+
+use mvfusion_data::prepare::{ColmapOptions, Event, Footage, PrepareError, PrepareOptions, Prepared, prepare as make};
+use mvfusion_data::{ReadOptions, open, recognise};
+
+use super::check;
+use crate::args::{CheckArgs, ComputeArgs, ConfigSourceArgs, PrepareArgs};
+use crate::failure::UsageError;
+use crate::progress::{Progress, Verbosity};
+
+/// Makes a scene from photos or videos, and checks it as `mvfusion check` does.
+///
+/// # Errors
+/// If there is no COLMAP, the footage cannot be used, COLMAP cannot place it, or training could not start on the scene.
+pub fn prepare(args: &PrepareArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
+    // A folder of videos looks like Neu3D until its poses are missed.
+    if let (Ok(format), Ok(_)) = (recognise(&args.input, None), open(&args.input, &ReadOptions::default())) {
+        let (input, format) = (args.input.display(), format.name());
+        verbosity.note(&format!(
+            "note:   {input} has poses already ({format}): `mvfusion train --data {input}` reads it as it is"
+        ));
+    }
+    let mut progress = None;
+    let mut listen = |event: Event| match event {
+        Event::Note(note) => verbosity.note(&format!("note:   {note}")),
+        Event::Begins { what, total } => progress = Some(Progress::new(what, total, verbosity)),
+        Event::Advances => {
+            if let Some(progress) = &mut progress {
+                progress.advance();
+            }
+        }
+        Event::Ends => {
+            if let Some(progress) = progress.take() {
+                progress.finish();
+            }
+        }
+    };
+    let made = make(&args.input, &args.out, &options(args), &mut listen);
+    drop(progress);
+    let made = made.map_err(|error: PrepareError| match error.is_usage() {
+        true => anyhow::Error::new(UsageError::new(error.to_string())),
+        false => error.into(),
+    })?;
+    tell(&made, args, out)?;
+    check(&check_of(args), verbosity, out)
+}
+
+fn options(args: &PrepareArgs) -> PrepareOptions {
+    PrepareOptions {
+        fps: args.fps,
+        masks: args.masks.clone(),
+        offsets: args.offset.iter().cloned().collect(),
+        sync: args.sync.into(),
+        colmap: ColmapOptions {
+            program: args.colmap.clone(),
+            matcher: args.matcher.into(),
+            camera_model: args.camera_model.clone(),
+            one_lens: args.one_lens,
+            gpu: args.gpu.into(),
+            threads: args.threads.map(usize::from),
+            seed: args.seed,
+            model: args.model,
+        },
+        replace: args.force,
+    }
+}
+
+/// What was made, and how to go on.
+fn tell(made: &Prepared, args: &PrepareArgs, out: &mut dyn Write) -> std::io::Result<()> {
+    let (placed, total) = (made.placed.placed.len(), made.placed.total);
+    let (what, hint) = match &made.footage {
+        Footage::Photos { .. } => ("photos", String::new()),
+        Footage::Video { .. } => ("frames", String::new()),
+        Footage::Rig { cameras, .. } => {
+            let name = cameras.iter().find(|camera| camera.placed).map_or("cam00", |camera| camera.name.as_str());
+            ("cameras", format!(" --set 'scene.test_cameras=[\"{name}\"]'"))
+        }
+    };
+    let scene = args.out.display();
+    writeln!(out, "placed      {placed} of {total} {what}")?;
+    writeln!(out, "train       mvfusion train --data {scene}{hint}")
+}
+
+/// `mvfusion check SCENE`, with its picture in the scene. The time is not predicted: nobody has chosen a device.
+fn check_of(args: &PrepareArgs) -> CheckArgs {
+    CheckArgs {
+        folder: args.out.clone(),
+        sources: ConfigSourceArgs::default(),
+        json: false,
+        quick: false,
+        picture: Some(args.out.join("check.png")),
+        no_picture: false,
+        no_time: true,
+        compute: ComputeArgs { device: "auto".into(), threads: args.threads },
+    }
+}

@@ -1,0 +1,175 @@
+//! The output folder: nothing of it is there before all of it is.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use tempfile::TempDir;
+
+use super::error::PrepareError;
+
+/// The record of what was done, in the output folder. A folder without it is never replaced.
+pub(super) const RECORD: &str = "prepare.json";
+
+/// COLMAP's log in the output folder.
+pub(super) const LOG: &str = "colmap.log";
+
+/// Beginning of the name of the unfinished folder.
+const UNFINISHED: &str = ".unfinished-";
+
+/// The folder in which everything is made, beside the output.
+#[derive(Debug)]
+pub(super) struct Draft {
+    folder: TempDir,
+    out: PathBuf,
+}
+
+impl Draft {
+    /// Checks the output folder. With `replace`, it may hold an earlier output.
+    ///
+    /// # Errors
+    /// [`PrepareError::Occupied`] if it holds something else.
+    pub(super) fn check(out: &Path, replace: bool) -> Result<(), PrepareError> {
+        let refused = |reason| Err(PrepareError::Occupied { folder: out.to_owned(), reason });
+        match fs::read_dir(out).map(|mut entries| entries.next().is_none()) {
+            Err(_) if out.exists() => refused(" and is no folder: give another name"),
+            Err(_) | Ok(true) => Ok(()),
+            Ok(_) if !out.join(RECORD).is_file() => {
+                refused(", holds files, and was not made by this command: give a folder that is new or empty")
+            }
+            Ok(_) if !replace => refused(": give another one, or --force to replace it"),
+            Ok(_) => Ok(()),
+        }
+    }
+
+    /// An empty folder beside the output, or beside the nearest folder above it that exists.
+    ///
+    /// # Errors
+    /// [`PrepareError::Unwritable`].
+    pub(super) fn create(out: &Path) -> Result<Self, PrepareError> {
+        let out = std::path::absolute(out).map_err(|error| PrepareError::unwritable(out, error))?;
+        let parent = out.ancestors().skip(1).find(|folder| folder.is_dir()).unwrap_or(Path::new("."));
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(UNFINISHED);
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            // By default, only the owner can read temporary folders. The umask still applies.
+            builder.permissions(fs::Permissions::from_mode(0o777));
+        }
+        let folder = builder.tempdir_in(parent).map_err(|error| PrepareError::unwritable(parent, error))?;
+        Ok(Self { folder, out })
+    }
+
+    /// The folder that becomes the output.
+    pub(super) fn scene(&self) -> PathBuf {
+        self.folder.path().join("scene")
+    }
+
+    /// The folder for what only COLMAP needs.
+    pub(super) fn work(&self) -> PathBuf {
+        self.folder.path().join("work")
+    }
+
+    /// Where the log lies after a failure: beside the output.
+    pub(super) fn failed_log(&self) -> PathBuf {
+        let name = self.out.file_name().unwrap_or_default().to_string_lossy();
+        let folder = self.folder.path().parent().unwrap_or(Path::new("."));
+        folder.join(format!("{name}-{LOG}"))
+    }
+
+    /// Makes both folders.
+    ///
+    /// # Errors
+    /// [`PrepareError::Unwritable`].
+    pub(super) fn make(&self) -> Result<(), PrepareError> {
+        for folder in [self.scene(), self.work()] {
+            fs::create_dir(&folder).map_err(|error| PrepareError::unwritable(&folder, error))?;
+        }
+        Ok(())
+    }
+
+    /// Keeps COLMAP's log after a failure. An earlier one is replaced.
+    pub(super) fn keep_log(&self) {
+        let log = self.scene().join(LOG);
+        if log.is_file() {
+            // Failing here must not hide the error that is to be told.
+            let _ = fs::copy(log, self.failed_log());
+        }
+    }
+
+    /// Puts the scene in its place. What was there is removed once the new one is there.
+    ///
+    /// # Errors
+    /// [`PrepareError::Unwritable`]; then what was there still is.
+    pub(super) fn publish(self) -> Result<(), PrepareError> {
+        let unwritable = |error: std::io::Error| PrepareError::unwritable(&self.out, error);
+        if let Some(parent) = self.out.parent() {
+            fs::create_dir_all(parent).map_err(unwritable)?;
+        }
+        let aside = self.folder.path().join("replaced");
+        let is_replaced = self.out.exists();
+        if is_replaced {
+            fs::rename(&self.out, &aside).map_err(unwritable)?;
+        }
+        if let Err(error) = fs::rename(self.scene(), &self.out) {
+            if is_replaced {
+                let _ = fs::rename(&aside, &self.out);
+            }
+            return Err(unwritable(error));
+        }
+        // A log of a failure before has no meaning any more.
+        let _ = fs::remove_file(self.failed_log());
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_output_appears_as_a_whole_and_nothing_stays_beside_it() {
+        let folder = tempfile::tempdir().expect("folder");
+        let out = folder.path().join("a/b/scene");
+        Draft::check(&out, false).expect("new");
+        let draft = Draft::create(&out).expect("made");
+        draft.make().expect("made");
+        fs::write(draft.scene().join(RECORD), "1").expect("written");
+        assert!(!folder.path().join("a").exists());
+        draft.publish().expect("published");
+        assert_eq!(fs::read_to_string(out.join(RECORD)).expect("read"), "1");
+        assert_eq!(fs::read_dir(folder.path()).expect("listed").count(), 1);
+    }
+
+    #[test]
+    fn only_an_earlier_output_is_replaced_and_only_if_asked() {
+        let folder = tempfile::tempdir().expect("folder");
+        let out = folder.path().join("scene");
+        fs::create_dir(&out).expect("made");
+        Draft::check(&out, false).expect("empty");
+        fs::write(out.join("thesis.txt"), "mine").expect("written");
+        assert!(Draft::check(&out, true).expect_err("not ours").to_string().contains("was not made by this command"));
+        fs::write(out.join(RECORD), "old").expect("written");
+        assert!(Draft::check(&out, false).expect_err("there").to_string().contains("--force"));
+        Draft::check(&out, true).expect("ours");
+        let draft = Draft::create(&out).expect("made");
+        draft.make().expect("made");
+        fs::write(draft.scene().join(RECORD), "new").expect("written");
+        draft.publish().expect("published");
+        assert_eq!(fs::read_to_string(out.join(RECORD)).expect("read"), "new");
+        assert!(!out.join("thesis.txt").exists());
+        assert!(Draft::check(&out.join(RECORD), true).expect_err("a file").to_string().contains("is no folder"));
+    }
+
+    #[test]
+    fn a_failure_leaves_nothing_but_the_log() {
+        let folder = tempfile::tempdir().expect("folder");
+        let draft = Draft::create(&folder.path().join("scene")).expect("made");
+        draft.make().expect("made");
+        fs::write(draft.scene().join(LOG), "why").expect("written");
+        draft.keep_log();
+        drop(draft);
+        let left: Vec<PathBuf> = fs::read_dir(folder.path()).expect("listed").flatten().map(|e| e.path()).collect();
+        assert_eq!(left, [folder.path().join("scene-colmap.log")]);
+    }
+}

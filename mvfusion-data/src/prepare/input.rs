@@ -1,0 +1,116 @@
+//! What is to be prepared: photos, one video, or one video for each camera of a rig.
+
+use std::path::{Path, PathBuf};
+
+use super::error::PrepareError;
+use crate::files::entries;
+
+/// Extensions of photos that COLMAP reads.
+const PHOTOS: [&str; 3] = ["png", "jpg", "jpeg"];
+
+/// Extensions of videos.
+const VIDEOS: [&str; 10] = ["mp4", "mov", "m4v", "mkv", "webm", "avi", "mts", "m2ts", "mpg", "3gp"];
+
+/// Fewest photos from which COLMAP can compute poses.
+const FEWEST_PHOTOS: usize = 3;
+
+/// What is to be prepared.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Input {
+    /// Photos of one place, sorted by name.
+    Photos(Vec<PathBuf>),
+    /// The video of one moving camera.
+    Video(PathBuf),
+    /// The videos of still cameras, sorted by name.
+    Rig(Vec<PathBuf>),
+}
+
+impl Input {
+    /// Looks at a file or folder.
+    ///
+    /// # Errors
+    /// [`PrepareError::Input`] if it holds none of the three.
+    pub(super) fn of(path: &Path) -> Result<Self, PrepareError> {
+        let refused = |reason: String| PrepareError::Input { input: path.to_owned(), reason };
+        if path.is_file() {
+            return match has(path, &VIDEOS) {
+                true => Ok(Self::Video(path.to_owned())),
+                false => Err(refused(format!(
+                    "it is a file, but no video ({}); photos and the videos of a rig are given by their folder",
+                    VIDEOS.join(", ")
+                ))),
+            };
+        }
+        let files = entries(path, "Give a folder of photos, a video, or a folder with a video for each camera")?;
+        let of = |kinds: &[&str]| -> Vec<PathBuf> {
+            files.iter().filter(|file| has(file, kinds) && file.is_file()).cloned().collect()
+        };
+        let (photos, mut videos) = (of(&PHOTOS), of(&VIDEOS));
+        match (photos.len(), videos.len()) {
+            (0, 0) => Err(refused(format!(
+                "it holds neither photos ({}) nor videos ({}); subfolders are not searched",
+                PHOTOS.join(", "),
+                VIDEOS.join(", ")
+            ))),
+            (0, 1) => Ok(Self::Video(videos.remove(0))),
+            (0, _) => Ok(Self::Rig(videos)),
+            (few, 0) if few < FEWEST_PHOTOS => {
+                Err(refused(format!("it holds {few} photos, and poses need at least {FEWEST_PHOTOS}")))
+            }
+            (_, 0) => Ok(Self::Photos(photos)),
+            (photos, videos) => {
+                Err(refused(format!("it holds {photos} photos and {videos} videos: give a folder with one of the two")))
+            }
+        }
+    }
+}
+
+/// Whether a path ends in one of these extensions and is not hidden.
+fn has(path: &Path, extensions: &[&str]) -> bool {
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
+    // macOS creates a file `._a.jpg` next to each `a.jpg` on foreign disks.
+    let is_hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
+    extensions.contains(&extension.as_str()) && !is_hidden
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    fn folder(names: &[&str]) -> tempfile::TempDir {
+        let folder = tempfile::tempdir().expect("folder");
+        names.iter().for_each(|name| fs::write(folder.path().join(name), "").expect("written"));
+        folder
+    }
+
+    #[test]
+    fn photos_a_video_and_a_rig_are_told_apart() {
+        let photos = folder(&["b.JPG", "a.png", "c.jpeg", "._c.jpeg", "notes.txt"]);
+        let names = ["a.png", "b.JPG", "c.jpeg"].map(|name| photos.path().join(name)).to_vec();
+        assert_eq!(Input::of(photos.path()).expect("photos"), Input::Photos(names));
+        let rig = folder(&["cam01.mp4", "cam00.MOV"]);
+        let names = ["cam00.MOV", "cam01.mp4"].map(|name| rig.path().join(name));
+        assert_eq!(Input::of(rig.path()).expect("a rig"), Input::Rig(names.to_vec()));
+        assert_eq!(Input::of(&names[0]).expect("a video"), Input::Video(names[0].clone()));
+        let one = folder(&["walk.mp4"]);
+        assert_eq!(Input::of(one.path()).expect("a video"), Input::Video(one.path().join("walk.mp4")));
+    }
+
+    #[test]
+    fn anything_else_is_refused_with_what_is_there() {
+        for (names, part) in [
+            (&[][..], "neither photos"),
+            (&["a.jpg", "b.jpg"], "2 photos"),
+            (&["a.jpg", "b.jpg", "c.jpg", "d.mp4"], "3 photos and 1 videos"),
+        ] {
+            let said = Input::of(folder(names).path()).expect_err("refused").to_string();
+            assert!(said.contains(part), "{said}");
+        }
+        let file = folder(&["notes.txt"]);
+        let said = Input::of(&file.path().join("notes.txt")).expect_err("refused").to_string();
+        assert!(said.contains("no video"), "{said}");
+        assert!(matches!(Input::of(Path::new("no/such")), Err(PrepareError::Data(_))));
+    }
+}

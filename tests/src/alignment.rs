@@ -1,0 +1,141 @@
+//! Poses in one world compared with the same poses in another: a similarity aligns their centres.
+
+use std::collections::BTreeMap;
+
+use glam::{DMat3, DQuat, DVec3};
+use mvfusion_data::Camera;
+
+/// A map from one world to another that keeps angles.
+#[derive(Clone, Copy, Debug)]
+pub struct Similarity {
+    scale: f64,
+    rotation: DMat3,
+    translation: DVec3,
+}
+
+/// Steps of the power iteration. A step costs nothing.
+const STEPS: usize = 20_000;
+
+impl Similarity {
+    /// The similarity with the least sum of squared distances between the images of `from` and `to` (Umeyama 1991). The
+    /// rotation is Horn's (1987): the quaternion that is the eigenvector of a symmetric 4x4 matrix.
+    pub fn between(from: &[DVec3], to: &[DVec3]) -> Self {
+        assert_eq!(from.len(), to.len(), "points in pairs");
+        let mean = |points: &[DVec3]| points.iter().sum::<DVec3>() / points.len().max(1) as f64;
+        let (start, end) = (mean(from), mean(to));
+        let pairs = || from.iter().zip(to).map(|(a, b)| (*a - start, *b - end));
+        // The sum of outer products: entry (i, j) is that of component i of the first and j of the second.
+        let sum = |i: usize, j: usize| pairs().map(|(a, b)| a[i] * b[j]).sum::<f64>();
+        let s = |i: usize, j: usize| sum(i, j);
+        let matrix = [
+            [s(0, 0) + s(1, 1) + s(2, 2), s(1, 2) - s(2, 1), s(2, 0) - s(0, 2), s(0, 1) - s(1, 0)],
+            [s(1, 2) - s(2, 1), s(0, 0) - s(1, 1) - s(2, 2), s(0, 1) + s(1, 0), s(2, 0) + s(0, 2)],
+            [s(2, 0) - s(0, 2), s(0, 1) + s(1, 0), s(1, 1) - s(0, 0) - s(2, 2), s(1, 2) + s(2, 1)],
+            [s(0, 1) - s(1, 0), s(2, 0) + s(0, 2), s(1, 2) + s(2, 1), s(2, 2) - s(0, 0) - s(1, 1)],
+        ];
+        let [w, x, y, z] = largest_eigenvector(matrix);
+        let rotation = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize());
+        let along: f64 = pairs().map(|(a, b)| (rotation * a).dot(b)).sum();
+        let scale = along / pairs().map(|(a, _)| a.length_squared()).sum::<f64>();
+        Self { scale, rotation, translation: end - scale * (rotation * start) }
+    }
+
+    /// The image of a point.
+    pub fn apply(&self, point: DVec3) -> DVec3 {
+        self.scale * (self.rotation * point) + self.translation
+    }
+}
+
+/// The eigenvector of the largest eigenvalue of a symmetric matrix, by power iteration.
+fn largest_eigenvector(matrix: [[f64; 4]; 4]) -> [f64; 4] {
+    // Shifted by its norm, the matrix has no negative eigenvalue, and the largest one stays the largest.
+    let shift = matrix.iter().flatten().map(|v| v * v).sum::<f64>().sqrt();
+    // No axis: it would stay in its own space.
+    let mut vector = [0.5, 0.4, 0.6, 0.3];
+    for _ in 0..STEPS {
+        let image: [f64; 4] =
+            std::array::from_fn(|i| shift * vector[i] + (0..4).map(|j| matrix[i][j] * vector[j]).sum::<f64>());
+        let norm = image.iter().map(|v| v * v).sum::<f64>().sqrt();
+        vector = image.map(|v| v / norm);
+    }
+    vector
+}
+
+/// How far poses are from known ones after an alignment of their centres.
+#[derive(Clone, Debug)]
+pub struct PoseErrors {
+    /// Number of cameras.
+    pub cameras: usize,
+    /// Angles between found and known rotations in degrees, ascending.
+    pub degrees: Vec<f64>,
+    /// Distances between found and known centres in shares of the largest distance of two known centres, ascending.
+    pub shares: Vec<f64>,
+}
+
+impl PoseErrors {
+    /// Compares cameras by name. Names that only one side has do not count.
+    pub fn of(found: &BTreeMap<String, Camera>, known: &BTreeMap<String, Camera>) -> Self {
+        let pairs: Vec<(&Camera, &Camera)> =
+            found.iter().filter_map(|(name, camera)| Some((camera, known.get(name)?))).collect();
+        let (from, to): (Vec<DVec3>, Vec<DVec3>) = pairs.iter().map(|(a, b)| (a.centre(), b.centre())).unzip();
+        let alignment = Similarity::between(&from, &to);
+        let extent = to.iter().flat_map(|a| to.iter().map(move |b| a.distance(*b))).fold(0.0, f64::max);
+        let mut shares: Vec<f64> =
+            from.iter().zip(&to).map(|(a, b)| alignment.apply(*a).distance(*b) / extent).collect();
+        let turn = |(a, b): &(&Camera, &Camera)| {
+            let between = DQuat::from_mat3(&(a.rotation * alignment.rotation.transpose() * b.rotation.transpose()));
+            2.0 * between.xyz().length().atan2(between.w.abs()).to_degrees()
+        };
+        let mut degrees: Vec<f64> = pairs.iter().map(turn).collect();
+        shares.sort_by(f64::total_cmp);
+        degrees.sort_by(f64::total_cmp);
+        Self { cameras: pairs.len(), degrees, shares }
+    }
+
+    /// Median and largest error, for people.
+    pub fn describe(&self) -> String {
+        let of = |values: &[f64]| [values.get(values.len() / 2), values.last()].map(|v| v.copied().unwrap_or(f64::NAN));
+        let ([degree, degrees], [share, shares]) = (of(&self.degrees), of(&self.shares));
+        format!(
+            "{} cameras: rotations {degree:.3}° in the median, {degrees:.3}° at most; centres {:.3} % of the extent, \
+             {:.3} % at most",
+            self.cameras,
+            100.0 * share,
+            100.0 * shares
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cameras() -> BTreeMap<String, Camera> {
+        let camera = |i: usize| {
+            let i = i as f64;
+            let turn = DMat3::from_axis_angle(DVec3::new(0.1, 0.9, 0.2).normalize(), 0.3 * i);
+            Camera::centred(64, 48, 60.0, turn, DVec3::new(i.sin(), 0.3 * i, (2.0 * i).cos()))
+        };
+        (0..7).map(|i| (format!("cam{i}"), camera(i))).collect()
+    }
+
+    #[test]
+    fn poses_in_another_world_are_the_same_after_alignment_and_a_turned_camera_shows() {
+        let known = cameras();
+        let world = DMat3::from_axis_angle(DVec3::new(-0.7, 0.2, 0.5).normalize(), 2.4);
+        let moved = |camera: &Camera| {
+            let centre = 3.0 * (world * camera.centre()) + DVec3::new(5.0, -2.0, 1.0);
+            Camera::centred(64, 48, 60.0, world * camera.rotation.transpose(), centre)
+        };
+        let mut found: BTreeMap<String, Camera> = known.iter().map(|(name, c)| (name.clone(), moved(c))).collect();
+        let errors = PoseErrors::of(&found, &known);
+        assert!(errors.degrees[6] < 1e-6 && errors.shares[6] < 1e-9, "{}", errors.describe());
+        if let Some(camera) = found.get_mut("cam3") {
+            let centre = camera.centre();
+            camera.rotation = DMat3::from_rotation_x(2f64.to_radians()) * camera.rotation;
+            camera.translation = -(camera.rotation * centre);
+        }
+        let errors = PoseErrors::of(&found, &known);
+        assert!((errors.degrees[6] - 2.0).abs() < 1e-6 && errors.degrees[5] < 1e-6, "{}", errors.describe());
+    }
+}
