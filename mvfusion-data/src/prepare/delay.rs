@@ -1,6 +1,7 @@
 //! The delay between two recordings of one sound.
 
-use super::fourier::{Complex, Direction, transform};
+use realfft::RealFftPlanner;
+use realfft::num_complex::Complex;
 
 /// Around the highest peak, correlations of the same event, in seconds.
 const PEAK_SECONDS: f64 = 0.05;
@@ -24,23 +25,33 @@ pub(super) struct Delay {
 /// transform (Knapp and Carter 1976): every frequency has the same weight, so microphones and rooms may differ.
 pub(super) fn delay(first: &[f32], other: &[f32], rate: u32) -> Delay {
     let length = (first.len() + other.len()).next_power_of_two();
-    // One signal is the real part and one the imaginary part: a single transform has both spectra.
-    let at = |samples: &[f32], index: usize| samples.get(index).copied().unwrap_or(0.0);
-    let mut values: Vec<Complex> = (0..length).map(|index| Complex(at(first, index), at(other, index))).collect();
-    transform(&mut values, Direction::Forward);
-    let product = |index: usize| {
-        let (value, mirrored) = (values[index], values[(length - index) % length].conjugate());
-        let one = Complex(value.0 + mirrored.0, value.1 + mirrored.1);
-        // Half of -i times their difference.
-        let two = Complex(value.1 - mirrored.1, mirrored.0 - value.0);
-        one.times(two.conjugate()).whitened()
+    let mut planner = RealFftPlanner::new();
+    let (forward, inverse) = (planner.plan_fft_forward(length), planner.plan_fft_inverse(length));
+    let spectrum = |samples: &[f32]| {
+        let mut padded = samples.to_vec();
+        padded.resize(length, 0.0);
+        let mut spectrum = forward.make_output_vec();
+        // Proof: both have the length that was planned.
+        forward.process(&mut padded, &mut spectrum).expect("lengths as planned");
+        spectrum
     };
-    let mut product: Vec<Complex> = (0..length).map(product).collect();
-    // The constant part says nothing.
-    product[0] = Complex(0.0, 0.0);
-    transform(&mut product, Direction::Backward);
-    let correlation: Vec<f32> = product.iter().map(|value| value.0).collect();
+    let mut product: Vec<Complex<f32>> =
+        spectrum(first).iter().zip(spectrum(other)).map(|(one, two)| whitened(one * two.conj())).collect();
+    // The constant part says nothing, and that of the highest frequency is real.
+    product[0] = Complex::default();
+    if let Some(last) = product.last_mut() {
+        last.im = 0.0;
+    }
+    let mut correlation = inverse.make_output_vec();
+    // Proof: both have the length that was planned, and the first and last numbers are real.
+    inverse.process(&mut product, &mut correlation).expect("lengths as planned");
     peak(&correlation, rate)
+}
+
+/// The number of length one in the same direction; zero stays zero.
+fn whitened(value: Complex<f32>) -> Complex<f32> {
+    let norm = value.norm();
+    if norm > f32::MIN_POSITIVE { value / norm } else { Complex::default() }
 }
 
 /// The highest peak of a circular correlation. The second half holds negative delays.

@@ -16,7 +16,6 @@ mod delay;
 mod draft;
 mod error;
 mod event;
-mod fourier;
 mod frames;
 mod input;
 mod masks;

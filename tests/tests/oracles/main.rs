@@ -6,7 +6,8 @@
 //! it) always runs, and so do hard inputs ([`hard`]). The report of a run and the page that plays its scene are opened
 //! in a real browser ([`report`], [`player`]), a sweep's cells are run by a real SLURM ([`cluster`]), scenes are made
 //! of photos and videos by a real COLMAP ([`prepare`]), other files that the program writes are read by the readers of
-//! others ([`foreign`]), and configurations are judged by their schema ([`schema`]). The texts of the GPU kernels are counted, and compiled by a browser (`kernels`).
+//! others ([`foreign`]), and configurations are judged by their schema ([`schema`]). The texts of the GPU kernels are
+//! counted, and compiled by a browser (`kernels`).
 #![recursion_limit = "256"]
 
 mod archive;
