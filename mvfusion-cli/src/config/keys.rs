@@ -94,7 +94,7 @@ impl KnownKeys {
 
     /// What a key accepts, in words. Ranges are checked later, beside the other keys.
     fn expectation(&self, notes: &KeyNotes) -> String {
-        let default = || notes.default.as_ref().map_or(String::new(), ToString::to_string);
+        let default = || notes.default.as_ref().map_or(String::new(), |default| default.to_string().replace(',', ", "));
         match &notes.kind {
             KeyKind::Number { kind: NumberKind::Real, .. } => "a number".to_owned(),
             KeyKind::Number { kind: NumberKind::Whole, .. } => "a whole number, 0 or more".to_owned(),

@@ -1,5 +1,7 @@
 //! What the presets make of a key, and why.
 
+use std::sync::LazyLock;
+
 use toml::Value;
 
 use crate::failure::UsageError;
@@ -23,9 +25,12 @@ pub struct PresetValue {
 /// # Errors
 /// Never, unless a preset that ships with the program is not TOML.
 pub fn values_of(key: &str) -> Result<Vec<PresetValue>, UsageError> {
+    // A template asks for every key.
+    static PARSED: LazyLock<Result<Vec<PartialConfig>, UsageError>> = LazyLock::new(|| {
+        PRESETS.iter().map(|preset| PartialConfig::parse(preset.text, Origin::Preset(preset.name))).collect()
+    });
     let mut values = Vec::new();
-    for preset in PRESETS {
-        let partial = PartialConfig::parse(preset.text, Origin::Preset(preset.name))?;
+    for (preset, partial) in PRESETS.iter().zip(PARSED.as_ref().map_err(Clone::clone)?) {
         if let Some((_, value)) = leaves(&partial.table).into_iter().find(|(name, _)| name == key) {
             let reason = partial.line(key).map_or(String::new(), |line| comment_above(preset.text, line));
             values.push(PresetValue { preset, value: value.clone(), reason });

@@ -7,7 +7,8 @@ use super::Steps;
 use super::keys::{Key, ListedKey, Range, keys};
 use crate::ModelError;
 
-/// Learning rates of all parameter groups. Those marked "times the extent" are multiplied by the scene's extent.
+/// Learning rates of all parameter groups (METHOD §4.5). Those marked "times the extent" are multiplied by the scene's
+/// extent.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct OptimConfig {
