@@ -175,7 +175,9 @@ impl Progress {
     /// For JSON: numbers of the step that is counted next, with the speed. That step is told at once.
     pub fn record(&mut self, numbers: &impl Serialize, steps_per_second: f64) {
         let Style::Json(lines) = &mut self.style else { return };
-        if let Ok(Value::Object(numbers)) = serde_json::to_value(numbers) {
+        // By way of the text: a value would write numbers in single precision with the digits of double precision.
+        let numbers = serde_json::to_string(numbers).and_then(|text| serde_json::from_str::<Map<String, Value>>(&text));
+        if let Ok(numbers) = numbers {
             lines.recorded = Some((numbers, steps_per_second));
         }
     }
