@@ -82,7 +82,7 @@ fn cameras(scene: &Scene, name: impl Fn(&str) -> String) -> BTreeMap<String, Cam
 /// Checks that enough cameras are near their known places, turned by at most `most` degrees.
 fn check(found: &BTreeMap<String, Camera>, known: &BTreeMap<String, Camera>, least: usize, most: f64) -> Result<()> {
     let errors = PoseErrors::of(found, known);
-    println!("{}", errors.describe());
+    eprintln!("{}", errors.describe());
     ensure!(errors.cameras >= least, "only {} of at least {least} cameras were placed", errors.cameras);
     let (degrees, share) = (errors.degrees[errors.cameras - 1], errors.shares[errors.cameras - 1]);
     ensure!(degrees < most && share < SHARE, "{}", errors.describe());
