@@ -7,7 +7,7 @@ use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 
 use crate::args::OutputArgs;
-use crate::progress::{LogLayer, Verbosity};
+use crate::progress::LogLayer;
 
 /// Starts logging. A second call, as in tests, changes nothing.
 pub fn start(output: OutputArgs) {

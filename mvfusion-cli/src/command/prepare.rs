@@ -32,7 +32,7 @@ pub fn prepare(args: &PrepareArgs, verbosity: Verbosity, out: &mut dyn Write) ->
             }
         }
         Event::Ends => {
-            if let Some(progress) = progress.take() {
+            if let Some(mut progress) = progress.take() {
                 progress.finish();
             }
         }
@@ -43,6 +43,7 @@ pub fn prepare(args: &PrepareArgs, verbosity: Verbosity, out: &mut dyn Write) ->
         true => anyhow::Error::new(UsageError::new(error.to_string())),
         false => error.into(),
     })?;
+    verbosity.wrote("scene", &args.out);
     tell(&made, args, out)?;
     check(&check_of(args), verbosity, out)
 }
