@@ -58,7 +58,7 @@ pub struct Cli {
 }
 
 /// The amount of output on stderr.
-#[derive(Clone, Copy, Debug, Args)]
+#[derive(Clone, Copy, Debug, Default, Args)]
 pub struct OutputArgs {
     /// Print only errors and the final table
     #[arg(short, long, global = true, conflicts_with = "verbose", display_order = 900)]

@@ -15,7 +15,7 @@ use pyo3::prelude::*;
 /// Sends warnings to stderr, or what `RUST_LOG` asks for.
 fn start_logs() {
     static STARTED: Once = Once::new();
-    STARTED.call_once(|| mvfusion_cli::logs::start(OutputArgs { quiet: false, verbose: 0 }));
+    STARTED.call_once(|| mvfusion_cli::logs::start(OutputArgs::default()));
 }
 
 #[pymodule]

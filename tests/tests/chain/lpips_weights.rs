@@ -182,7 +182,7 @@ fn a_pickle_with_code_is_refused_and_not_run() {
 #[test]
 fn a_wheel_has_its_own_folder_of_layers() {
     let place = Place::new();
-    let mut wheel = |name: &str, entries: &[(&str, &[u8])]| {
+    let wheel = |name: &str, entries: &[(&str, &[u8])]| {
         let mut archive = zip::ZipWriter::new(fs::File::create(place.path(name)).expect("created"));
         for (entry, content) in entries {
             archive.start_file(*entry, zip::write::SimpleFileOptions::default()).expect("an entry");

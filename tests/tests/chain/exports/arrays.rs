@@ -26,7 +26,7 @@ fn read(path: &Path) -> Arrays {
     let mut arrays = Arrays::new();
     for index in 0..archive.len() {
         let entry = archive.by_index(index).expect("an entry");
-        let name = entry.name().strip_suffix(".npy").expect("an array").to_owned();
+        let name = entry.name().expect("a name").strip_suffix(".npy").expect("an array").to_owned();
         let file = NpyFile::new(entry).expect("NumPy's header");
         assert_eq!(file.order(), Order::C);
         let shape = file.shape().to_vec();
