@@ -125,7 +125,9 @@ mod tests {
     #[test]
     fn windows_follow_the_rates_and_are_no_shorter_than_a_frame() {
         let count = |windows: Windows, frames: usize| (0..frames).map(|f| windows.of(f)).max().map_or(0, |w| w + 1);
-        assert_eq!(count(Windows::new(29.97, 2.0), 300), 21);
+        // A window has 14.985 frames: the twentieth begins at frame 285 and the next one would begin at frame 300.
+        assert_eq!(count(Windows::new(29.97, 2.0), 300), 20);
+        assert_eq!(count(Windows::new(29.97, 2.0), 301), 21);
         assert_eq!(count(Windows::new(30.0, 2.0), 300), 20);
         assert_eq!(count(Windows::new(24.0, 60.0), 24), 24);
     }
