@@ -21,7 +21,7 @@ const OUTLINE: Rgb<u8> = Rgb([0, 0, 0]);
 /// Largest enlargement of photos.
 const LARGEST_SCALE: f64 = 3.0;
 /// The part of the map turbo that ranks of depths get: its ends are too dark for points on a photo.
-const COLOURS: [f32; 2] = [0.1, 0.9];
+const COLOURS: [f32; 2] = [0.1, 0.86];
 
 /// Photos with the points on them. Near points are red, far ones blue.
 #[derive(Clone, Debug)]
