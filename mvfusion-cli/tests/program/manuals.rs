@@ -43,7 +43,7 @@ fn bash_completes_with_its_script() {
         assert!(output.stderr.is_empty(), "{}", String::from_utf8_lossy(&output.stderr));
         String::from_utf8(output.stdout).expect("text").trim().to_owned()
     };
-    assert_eq!(complete("mvfusion pre"), "presets");
+    assert_eq!(complete("mvfusion pres"), "presets");
     assert_eq!(complete("mvfusion train --preset hypernerf-4dgs-"), "hypernerf-4dgs-motion");
     assert_eq!(complete("mvfusion config --explain model.grid.b"), "model.grid.bounds");
 }
