@@ -75,7 +75,7 @@ fn with_json_every_line_of_stderr_is_an_object_and_the_last_one_tells_the_end() 
     }
     assert_eq!(printed, written);
 
-    let film = ["render", "run", "--frames", "2", "--layers", "composed", "--format", "png", "--size", "16x12"];
+    let film = ["render", "run", "--frames", "2", "--layers", "composed", "--format", "png", "--size", "32x24"];
     let render = mvfusion(place, &[&film[..], &["--progress=json"]].concat());
     let said = events(&render.stderr);
     assert_eq!(progress(&said, "rendering").last().expect("told")["done"], 2);
