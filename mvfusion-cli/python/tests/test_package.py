@@ -206,6 +206,9 @@ class PackageTest(unittest.TestCase):
 
     @unittest.skipUnless(os.name == "posix", "signals of POSIX")
     def test_ctrl_c_saves_and_raises_and_other_threads_run_meanwhile(self):
+        # A process that was started in the background ignores the signal, and Python then leaves it so.
+        before = signal.signal(signal.SIGINT, signal.default_int_handler)
+        self.addCleanup(signal.signal, signal.SIGINT, before)
         out, began = self.place / "interrupted", threading.Event()
 
         def interrupt():
