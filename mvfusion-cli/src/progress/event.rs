@@ -94,7 +94,7 @@ impl<'a> Event<'a> {
         }
     }
 
-    /// The end of a command that wrote what [`wrote`] was told.
+    /// The end of a command that wrote what [`Verbosity::wrote`](super::Verbosity::wrote) was told.
     pub fn end(status: Status, exit_code: u8, message: Option<&'a str>) -> Self {
         let paths = std::mem::take(&mut *WRITTEN.lock().unwrap_or_else(PoisonError::into_inner));
         Self::End { status, exit_code, message, paths }
