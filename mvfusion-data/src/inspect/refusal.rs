@@ -54,8 +54,8 @@ fn where_to_look(folder: &Path) -> String {
     }
     let holds_pictures = |folder: &Path| pictures_in(folder).is_ok_and(|pictures| !pictures.is_empty());
     if holds_pictures(folder) || holds_pictures(&folder.join("images")) {
-        return "It holds pictures but no cameras: find them with COLMAP (pictures in `images`, the model in `sparse/0`), \
-                or with nerfstudio's `ns-process-data`, which writes transforms.json."
+        return "It holds pictures but no cameras: `mvfusion prepare` finds them with COLMAP. So does nerfstudio's \
+                `ns-process-data`, which writes transforms.json."
             .into();
     }
     "Add what is missing for one of the formats, or give the folder that lies right above the files they name.".into()
