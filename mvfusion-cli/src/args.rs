@@ -2,6 +2,7 @@
 
 mod compute;
 mod config;
+mod crop;
 mod lpips;
 mod manuals;
 mod output;
@@ -34,6 +35,7 @@ use crate::render::{
 
 pub use compute::ComputeArgs;
 pub use config::{ConfigArgs, ConfigSourceArgs};
+pub use crop::CropArgs;
 pub use lpips::LpipsWeightsArgs;
 pub use manuals::{CompletionsArgs, ManArgs};
 pub use output::{ListArgs, ProgressForm};
@@ -346,6 +348,9 @@ pub struct ExportArgs {
     /// Deform the dynamic Gaussians without temporal attention, as in the paper's cheaper inference
     #[arg(long)]
     pub no_mfta: bool,
+    /// The part of the scene.
+    #[command(flatten)]
+    pub crop: CropArgs,
     /// Scene folder, if it has moved since training
     #[arg(long, value_name = "DIR")]
     pub data: Option<PathBuf>,
@@ -472,6 +477,9 @@ pub struct RenderArgs {
     /// Leave out temporal attention (base deformation and MVG only), as in the paper's cheaper inference
     #[arg(long)]
     pub no_mfta: bool,
+    /// The part of the scene.
+    #[command(flatten)]
+    pub crop: CropArgs,
     /// Frame rate of animations [default: that of the camera path, or 30]
     #[arg(long, value_name = "N", value_parser = parse_fps)]
     pub fps: Option<f64>,

@@ -129,6 +129,8 @@ Examples:
           the whole scene in motion, in one file
   mvfusion export runs/quickstart-0 --out arrays --format npz --frames 24
           each branch as NumPy arrays (np.load), and the moving one at 24 times
+  mvfusion export runs/quickstart-0 --out part --crop-centre 0,0.5,0 --crop-size 2,1,2
+          the Gaussians in a box
   mvfusion train --set init.static_ply=gaussians/static.ply
           training with a static branch that starts from such a file";
 

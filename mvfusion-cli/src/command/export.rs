@@ -35,7 +35,7 @@ pub fn export(args: &ExportArgs, verbosity: Verbosity, out: &mut dyn Write) -> a
     let data = args.data.as_deref();
     let request = RunRequest { run: &args.run, data, masks: MasksRequest::Unused, device: &args.compute.device };
     let run = OpenRun::open(&request, verbosity)?;
-    let exporter = Exporter::of(&run, args.no_mfta, verbosity);
+    let exporter = Exporter::of(&run, args.no_mfta, verbosity).cropped(&args.crop, verbosity)?;
     let mut folder = plan.create()?;
     Session { args, run: &run, exporter, folder: &folder, verbosity }.write(out)?;
     folder.finish();

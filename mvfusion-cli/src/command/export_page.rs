@@ -25,7 +25,7 @@ pub fn export_page(args: &ExportArgs, verbosity: Verbosity, out: &mut dyn Write)
     let data = args.data.as_deref();
     let request = RunRequest { run: &args.run, data, masks: MasksRequest::Unused, device: &args.compute.device };
     let run = OpenRun::open(&request, verbosity)?;
-    let exporter = Exporter::of(&run, args.no_mfta, verbosity);
+    let exporter = Exporter::of(&run, args.no_mfta, verbosity).cropped(&args.crop, verbosity)?;
     let page = write_page(&run, &exporter, args.page.size.as_u64(), &path, verbosity)?;
 
     let training_times = exporter.context.timeline.times().len();

@@ -28,10 +28,10 @@ pub fn render(args: &RenderArgs, verbosity: Verbosity, out: &mut dyn Write) -> a
         device: &args.compute.device,
     };
     let run = OpenRun::open(&request, verbosity)?;
-    let (model, context) = (run.model(args.no_mfta, verbosity), run.render_context());
+    let (level, context) = (final_level(&run.config), run.render_context());
+    let model = args.crop.crop(run.model(args.no_mfta, verbosity), level, &context, verbosity)?;
     let OpenRun { config, scene, device, .. } = run;
     let film = args.views.film(&scene, &selection(args))?;
-    let level = final_level(&config);
     let is_clean = film.is_clean && model.static_.is_some();
     let film = Film { fps: args.fps.unwrap_or(film.fps), is_clean, ..film };
     let layers = chosen_layers(&args.layers, &model, level);

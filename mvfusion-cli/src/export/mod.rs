@@ -26,6 +26,7 @@ use mvfusion_model::model::{DeformationLevel, Model, RenderContext};
 use mvfusion_model::timeline::spread;
 use mvfusion_model::train::final_level;
 
+use crate::args::CropArgs;
 use crate::progress::Verbosity;
 use crate::run::{Contents, OpenRun};
 
@@ -94,6 +95,15 @@ impl Exporter {
     pub fn of(run: &OpenRun, no_mfta: bool, verbosity: Verbosity) -> Self {
         let level = final_level(&run.config);
         Self { model: run.model(no_mfta, verbosity), level, context: run.render_context() }
+    }
+
+    /// The part of the model in the box of the arguments, if they have one. Prints what is kept.
+    ///
+    /// # Errors
+    /// If no Gaussian lies in the box, or the device fails.
+    pub fn cropped(self, args: &CropArgs, verbosity: Verbosity) -> anyhow::Result<Self> {
+        let model = args.crop(self.model, self.level, &self.context, verbosity)?;
+        Ok(Self { model, ..self })
     }
 
     /// The Gaussians of the static branch, if there is one.

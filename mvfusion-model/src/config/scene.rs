@@ -27,7 +27,8 @@ pub struct SceneConfig {
     pub photos: usize,
     /// Images are downscaled by this factor when read; at least 1.
     pub downscale: f64,
-    /// Maximum number of frames per camera (DeGauss reads the first 300).
+    /// Maximum number of frames per camera in the layouts of Neu3D, MultipleView and Panoptic (DeGauss reads the first
+    /// 300).
     pub frames: usize,
     /// The map from frame number to a time in `[0, 1]`.
     pub time: TimeRule,

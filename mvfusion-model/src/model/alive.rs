@@ -82,11 +82,19 @@ impl Gaussians {
         let then = self.valid().at(time);
         let means: Vec<f32> = tensors::read(then.means)?;
         let centres = means.chunks_exact(3).map(Vec3::from_slice);
+        Ok(centres.zip(self.alive_at(time)?).filter(|&(_, is_alive)| is_alive).map(|(centre, _)| centre).collect())
+    }
+
+    /// Which Gaussians are alive at a time in `[0, 1]`; without lifetimes, all.
+    ///
+    /// # Errors
+    /// If the device fails to return values.
+    pub(crate) fn alive_at(&self, time: f64) -> Result<Vec<bool>, ModelError> {
         if self.time_centres.is_none() {
-            return Ok(centres.collect());
+            return Ok(vec![true; self.count()]);
         }
-        let logits: Vec<f32> = tensors::read(then.opacity_logits)?;
-        Ok(centres.zip(logits).filter(|&(_, logit)| logit > LEAST_LOGIT).map(|(centre, _)| centre).collect())
+        let logits: Vec<f32> = tensors::read(self.alive_logits(time))?;
+        Ok(logits.into_iter().map(|logit| logit > LEAST_LOGIT).collect())
     }
 
     /// Opacity logits at a time, including lifetimes, without autodiff: `[N, 1]`.

@@ -2,6 +2,7 @@
 
 pub mod alive;
 pub mod composition;
+mod crop;
 pub mod exposure;
 pub mod gaussians;
 pub mod harmonics;
@@ -25,6 +26,7 @@ use crate::model::motion::{MotionCache, MotionRefinement, RefinedFeature, Refine
 use crate::model::network::DeformationNetwork;
 use crate::timeline::Timeline;
 
+pub use crop::{Crop, CropError, Kept, OrientedBox};
 pub use moment::Moment;
 
 /// Everything that is learned, and the measured motion descriptors.

@@ -2,6 +2,7 @@
 //! becomes of it when training starts from it.
 
 mod arrays;
+mod crop;
 mod files;
 mod formats;
 mod import;
@@ -69,6 +70,11 @@ impl Run {
 
     /// The same; returns what was said.
     fn export_saying(&self, name: &str, change: impl FnOnce(&mut ExportArgs)) -> String {
+        self.try_export(name, change).expect("exported")
+    }
+
+    /// The same, where it may be refused.
+    fn try_export(&self, name: &str, change: impl FnOnce(&mut ExportArgs)) -> anyhow::Result<String> {
         let (run, out) = (self.folder(), self.place.path().join(name));
         let text = |path: &Path| path.to_str().expect("UTF-8").to_owned();
         let line = ["mvfusion", "export", &text(&run), "--out", &text(&out), "--device", backends()[0].name];
@@ -77,8 +83,8 @@ impl Run {
         };
         change(&mut args);
         let mut said = Vec::new();
-        command::export(&args, Verbosity::SILENT, &mut said).expect("exported");
-        String::from_utf8(said).expect("UTF-8")
+        command::export(&args, Verbosity::SILENT, &mut said)?;
+        Ok(String::from_utf8(said)?)
     }
 
     fn model(&self) -> Model {

@@ -63,6 +63,14 @@ fn main() -> ExitCode {
     unsafe { std::env::set_var(mvfusion_cli::lpips::VARIABLE, "none") };
     let arguments = Arguments::from_args();
     let mut trials = Vec::new();
+    // The longest trial is among these. It starts first, so that others run beside it.
+    for backend in gpu_backends() {
+        if is_there(backend) {
+            trials.extend(training::trials(backend));
+        } else {
+            trials.push(ignored(format!("gpu::{}", backend.name), "no adapter was found".to_owned()));
+        }
+    }
     for backend in every_backend() {
         trials.extend(own::trials(backend));
         trials.extend(hard::trials(backend));
@@ -81,13 +89,6 @@ fn main() -> ExitCode {
     trials.extend(lpips_weights::trials(root().as_deref()));
     #[cfg(feature = "wgpu")]
     trials.extend(kernels::trials());
-    for backend in gpu_backends() {
-        if is_there(backend) {
-            trials.extend(training::trials(backend));
-        } else {
-            trials.push(ignored(format!("gpu::{}", backend.name), "no adapter was found".to_owned()));
-        }
-    }
     libtest_mimic::run(&arguments, trials).exit_code()
 }
 

@@ -1,13 +1,15 @@
 //! Runs of seconds, by the program's own commands within this process.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use clap::Parser;
 use mvfusion_cli::args::Command;
 use mvfusion_cli::progress::Verbosity;
 use mvfusion_cli::{Cli, command};
 use mvfusion_tests::SMALL_MODEL;
+use tempfile::TempDir;
 
 /// Settings of a run that passes through all stages in seconds.
 const TINY: [&str; 3] =
@@ -42,4 +44,29 @@ pub fn mvfusion(arguments: &[&str]) -> Result<String> {
 /// A path as an argument.
 pub fn text(path: &Path) -> Result<&str> {
     path.to_str().context("a path that is text")
+}
+
+/// A run that several trials look at, trained by the first of them.
+pub struct SharedRun(OnceLock<Result<TempDir, String>>);
+
+impl SharedRun {
+    /// A run that is not trained yet.
+    pub const fn new() -> Self {
+        Self(OnceLock::new())
+    }
+
+    /// The run's folder, once `train` has trained into it.
+    ///
+    /// # Errors
+    /// If the training failed, for every trial.
+    pub fn folder(&self, train: impl FnOnce(&Path) -> Result<String>) -> Result<PathBuf> {
+        let trained = || -> Result<TempDir> {
+            let folder = tempfile::tempdir()?;
+            train(&folder.path().join("run"))?;
+            Ok(folder)
+        };
+        // In a static, the folder is never dropped; the system cleans its folder of temporary files.
+        let folder = self.0.get_or_init(|| trained().map_err(|error| format!("{error:#}")));
+        Ok(folder.as_ref().map_err(|error| anyhow!("{error}"))?.path().join("run"))
+    }
 }

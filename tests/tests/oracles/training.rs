@@ -39,10 +39,10 @@ const ALONE: &str = "MVFUSION_TRIAL_ALONE";
 pub fn trials(backend: Backend) -> Vec<Trial> {
     let device = backend.device;
     vec![
+        memory_trial(backend),
         Trial::test(format!("training::{}::twenty_steps", backend.name), move || {
             losses_agree(&device()).map_err(|error| format!("{error:#}").into())
         }),
-        memory_trial(backend),
     ]
 }
 

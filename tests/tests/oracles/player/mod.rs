@@ -6,7 +6,7 @@
 mod reader;
 mod stage;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use image::RgbImage;
@@ -15,9 +15,10 @@ use mvfusion_cli::config as configs;
 use mvfusion_cli::scene as scenes;
 use mvfusion_data::{Scene, View, distinct_cameras};
 use mvfusion_model::evaluation::psnr;
+use tempfile::TempDir;
 
 use crate::browser::Browser;
-use crate::tiny::{mvfusion, text, train};
+use crate::tiny::{SharedRun, mvfusion, text, train};
 use crate::{failed, ignored};
 use stage::Stage;
 
@@ -37,12 +38,17 @@ const BLENDED: [&str; 4] = ["composed", "static", "dynamic", "mask"];
 /// All trials.
 pub fn trials() -> Vec<Trial> {
     vec![
-        trial("video", || looks_like_the_render(&["--set", "scene.kind=video"], &BLENDED)),
+        trial("video", || looks_like_the_render(&video()?, &BLENDED)),
         trial("lifetimes", || {
-            looks_like_the_render(&["--set", "scene.kind=motion", "--set", "model.lifetime=true"], &BLENDED)
+            let folder = tempfile::tempdir()?;
+            let settings = ["--set", "scene.kind=motion", "--set", "model.lifetime=true"];
+            looks_like_the_render(&trained(&folder, &settings)?, &BLENDED)
         }),
-        trial("one_branch", || looks_like_the_render(&["--preset", "quickstart-4dgs"], &["composed"])),
-        trial("reader", || readers_find_their_way(&["--set", "scene.kind=video"])),
+        trial("one_branch", || {
+            let folder = tempfile::tempdir()?;
+            looks_like_the_render(&trained(&folder, &["--preset", "quickstart-4dgs"])?, &["composed"])
+        }),
+        trial("reader", || readers_find_their_way(&video()?)),
     ]
 }
 
@@ -55,13 +61,23 @@ fn trial(what: &str, check: impl FnOnce() -> Result<()> + Send + 'static) -> Tri
     }
 }
 
-/// Trains, exports, and compares the page with the renders of the same cameras and times, and with all layers of one.
-fn looks_like_the_render(settings: &[&str], layers: &[&str]) -> Result<()> {
-    let folder = tempfile::tempdir()?;
+/// The run of a video.
+fn video() -> Result<PathBuf> {
+    static RUN: SharedRun = SharedRun::new();
+    RUN.folder(|run| train(run, &["--set", STEPS, "--set", "scene.kind=video"]))
+}
+
+/// A run with these settings in a folder.
+fn trained(folder: &TempDir, settings: &[&str]) -> Result<PathBuf> {
     let run = folder.path().join("run");
-    let settings: Vec<&str> = ["--set", STEPS].into_iter().chain(settings.iter().copied()).collect();
-    train(&run, &settings)?;
-    let said = mvfusion(&["export", text(&run)?, "--device", "cpu", "--html"])?;
+    train(&run, &[&["--set", STEPS], settings].concat())?;
+    Ok(run)
+}
+
+/// Exports a run, and compares the page with the renders of the same cameras and times, and with all layers of one.
+fn looks_like_the_render(run: &Path, layers: &[&str]) -> Result<()> {
+    let folder = tempfile::tempdir()?;
+    let said = mvfusion(&["export", text(run)?, "--device", "cpu", "--html"])?;
     let page = run.join("scene.html");
     ensure!(said.contains(&page.display().to_string()) && said.contains("PSNR"), "the export says: {said}");
     // Elsewhere and alone, so that it cannot lean on the run's files.
@@ -69,13 +85,13 @@ fn looks_like_the_render(settings: &[&str], layers: &[&str]) -> Result<()> {
     let moved = alone.path().join("a scene.html");
     std::fs::copy(&page, &moved)?;
 
-    let scene = scene_of(&run)?;
+    let scene = scene_of(run)?;
     let mut stage = Stage::open(&moved)?;
     let mut has_moved = false;
     for view in views(&scene) {
         let mut frames = Vec::new();
         for time in TIMES {
-            let wanted = render(&run, view, time, "composed", folder.path())?;
+            let wanted = render(run, view, time, "composed", folder.path())?;
             frames.push((stage.picture(&view.camera, time)?, wanted));
         }
         for (time, (found, wanted)) in TIMES.iter().zip(&frames) {
@@ -91,7 +107,7 @@ fn looks_like_the_render(settings: &[&str], layers: &[&str]) -> Result<()> {
     ensure!(has_moved, "nothing moves in this test");
     let (view, time) = (views(&scene)[0], TIMES[1]);
     for layer in layers {
-        let wanted = render(&run, view, time, layer, folder.path())?;
+        let wanted = render(run, view, time, layer, folder.path())?;
         stage.connection().evaluate(&format!("mvfusion.setLayer('{layer}')"))?;
         let ratio = decibels(&stage.picture(&view.camera, time)?, &wanted);
         ensure!(ratio > LEAST_PSNR, "the layer {layer}: {ratio} dB");
@@ -104,13 +120,11 @@ fn decibels(found: &RgbImage, wanted: &RgbImage) -> f64 {
     psnr(found, wanted).unwrap_or(f64::INFINITY)
 }
 
-/// Trains, exports, and does what readers do.
-fn readers_find_their_way(settings: &[&str]) -> Result<()> {
+/// Exports a run, and does what readers do.
+fn readers_find_their_way(run: &Path) -> Result<()> {
     let folder = tempfile::tempdir()?;
-    let run = folder.path().join("run");
-    train(&run, settings)?;
     let page = folder.path().join("page.html");
-    mvfusion(&["export", text(&run)?, "--device", "cpu", &format!("--html={}", text(&page)?), "--size", "2MB"])?;
+    mvfusion(&["export", text(run)?, "--device", "cpu", &format!("--html={}", text(&page)?), "--size", "2MB"])?;
     reader::inspect(&page)
 }
 

@@ -227,7 +227,7 @@ pub fn restart() -> Result<()> {
     let port = server.port;
     server.end()?;
     page.wait("document.body.dataset.link === 'closed' && !document.getElementById('notice').hidden")?;
-    let _again = Server::of(run()?, port)?;
+    let _again = Server::of(&run()?, port)?;
     page.wait("document.body.dataset.link === 'open' && document.getElementById('notice').hidden")?;
     page.drag([80.0, 0.0])?;
     let after = page.picture()?;
@@ -285,7 +285,7 @@ pub fn path() -> Result<()> {
     let out = folder.path().join("film");
     let said = mvfusion(&[
         "render",
-        text(run()?)?,
+        text(&run()?)?,
         "--views",
         text(&path)?,
         "--layers",

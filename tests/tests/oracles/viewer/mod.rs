@@ -7,9 +7,9 @@ mod checks;
 mod live;
 mod page;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 
 use anyhow::{Context, Result, anyhow};
@@ -19,10 +19,9 @@ use mvfusion_cli::args::Command;
 use mvfusion_cli::progress::Verbosity;
 use mvfusion_cli::viewer::address::{BoundSocket, HOST};
 use mvfusion_cli::{Cli, command};
-use tempfile::TempDir;
 
 use crate::browser::Browser;
-use crate::tiny::{mvfusion, text};
+use crate::tiny::{SharedRun, mvfusion, text};
 use crate::{failed, ignored};
 
 /// A tenth of the default run, in which the branches are told apart, and of which no pictures are written.
@@ -56,20 +55,12 @@ fn trial(what: &str, check: impl FnOnce() -> Result<()> + Send + 'static) -> Tri
 }
 
 /// The run that all trials look at, trained once.
-fn run() -> Result<&'static Path> {
-    static RUN: OnceLock<Result<TempDir, String>> = OnceLock::new();
-    let trained = || -> Result<TempDir> {
-        let folder = tempfile::tempdir()?;
-        let run = folder.path().join("run");
-        let line = ["train", "--device", "cpu", "--out", text(&run)?].into_iter().chain(SETTINGS);
-        mvfusion(&line.collect::<Vec<_>>())?;
-        Ok(folder)
-    };
-    let run = RUN.get_or_init(|| trained().map_err(|error| format!("{error:#}")));
-    // Leaked in a static, so it stays until the process ends; the system cleans its folder of temporary files.
-    let folder = run.as_ref().map_err(|error| anyhow!("{error}"))?;
-    static PATH: OnceLock<std::path::PathBuf> = OnceLock::new();
-    Ok(PATH.get_or_init(|| folder.path().join("run")))
+fn run() -> Result<PathBuf> {
+    static RUN: SharedRun = SharedRun::new();
+    RUN.folder(|run| {
+        let line = ["train", "--device", "cpu", "--out", text(run)?].into_iter().chain(SETTINGS);
+        mvfusion(&line.collect::<Vec<_>>())
+    })
 }
 
 /// A server of a run, ended when dropped.
@@ -82,7 +73,7 @@ struct Server {
 impl Server {
     /// Serves the run that all trials look at, at any port.
     fn start() -> Result<Self> {
-        Self::of(run()?, 0)
+        Self::of(&run()?, 0)
     }
 
     /// Serves a run at a port.
