@@ -13,6 +13,26 @@ pub fn scalar_like(like: &Tensor<2>, value: f64) -> Tensor<2> {
     from_data_like(TensorData::new(vec![value], [1, 1]), like)
 }
 
+/// A `[rows, columns]` constant with device and dtype of `like`, without autodiff. Each part has its number of rows and
+/// the values of all of them. A single part has one row, which stands for all.
+pub fn rows_of_parts<const L: usize>(parts: &[(usize, Vec<f64>)], like: &Tensor<L>) -> Tensor<2> {
+    let values: Vec<f64> = match parts {
+        [(_, values)] => values.clone(),
+        _ => parts.iter().flat_map(|(rows, values)| values.repeat(*rows)).collect(),
+    };
+    let columns = parts.first().map_or(1, |(_, values)| values.len());
+    let shape = [values.len() / columns.max(1), columns];
+    from_data_like(TensorData::new(values, shape), like)
+}
+
+/// A range of rows; no copy of all of them.
+pub fn some_rows(matrix: &Tensor<2>, first: usize, length: usize) -> Tensor<2> {
+    match (first, matrix.dims()[0] == length) {
+        (0, true) => matrix.clone(),
+        _ => matrix.clone().narrow(0, first, length),
+    }
+}
+
 /// Data as a tensor with device and dtype of `like`, without autodiff.
 pub fn from_data_like<const D: usize, const L: usize>(data: TensorData, like: &Tensor<L>) -> Tensor<D> {
     let dtype = like.dtype();

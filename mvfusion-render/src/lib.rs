@@ -43,7 +43,7 @@
 //! | [`objective`] | blends both branches and computes the losses over pixels with their gradients |
 //! | [`scales`] | the cost of large and of elongated Gaussians |
 //! | [`picture`] | unpacks images of bytes |
-//! | [`columns`] | takes the columns of a matrix apart |
+//! | [`blocks`] | takes a matrix apart into blocks |
 //! | [`optim`] | a step of Adam, for many parameters at once |
 //! | [`device`] | the devices of this build |
 //!
@@ -67,7 +67,7 @@ mod simd;
 mod test_support;
 
 pub mod attention;
-pub mod columns;
+pub mod blocks;
 pub mod device;
 pub mod grid;
 pub mod mlp;

@@ -98,7 +98,7 @@ impl RefinementSurvey {
         let times = context.timeline.sample_indices(context.motion.samples);
         for time in times.into_iter().map(|index| context.timeline.times()[index]) {
             let alive = AliveRows::of(&model.dynamic, time)?;
-            let Some(feature) = model.refined_feature(alive.as_ref(), time, context) else { return Ok(None) };
+            let Some(feature) = model.refined_feature((alive.as_ref(), time), context) else { return Ok(None) };
             base += sum_of_squares(&feature.base)?;
             for module in MotionModule::ALL {
                 if let Some(output) = feature.of(module) {
@@ -106,7 +106,7 @@ impl RefinementSurvey {
                     sums.add(output, alive.as_ref())?;
                 }
             }
-            if let Some(entropy) = model.attention_entropy(alive.as_ref(), time, context) {
+            if let Some(entropy) = model.attention_entropy((alive.as_ref(), time), context) {
                 entropies.extend(tensors::read::<1, f64>(entropy)?);
             }
         }

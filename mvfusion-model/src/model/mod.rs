@@ -22,8 +22,8 @@ use crate::config::MotionConfig;
 use crate::model::alive::AliveRows;
 use crate::model::exposure::Exposures;
 use crate::model::gaussians::{Behind, Gaussians, RawGaussians, splat_frames};
-use crate::model::motion::{MotionCache, MotionRefinement, RefinedFeature, RefinementConfig, Substitutes};
-use crate::model::network::DeformationNetwork;
+use crate::model::motion::{MomentRows, MotionCache, MotionRefinement, RefinedFeature, RefinementConfig, Substitutes};
+use crate::model::network::{DeformationNetwork, Offsets};
 use crate::timeline::Timeline;
 
 pub use crop::{Crop, CropError, Kept, OrientedBox};
@@ -112,6 +112,9 @@ impl Probes {
     }
 }
 
+/// The dynamic Gaussians at a time: those that are alive, or all.
+pub(crate) type Rows<'a> = (Option<&'a AliveRows>, f64);
+
 impl Model {
     /// The model without autodiff, for evaluation: [`Module::valid`]. Shares its memory.
     pub fn plain(&self) -> Self {
@@ -137,86 +140,106 @@ impl Model {
     /// All dynamic Gaussians at a time, with lifetimes and deformation. Refinement falls back to the base deformation
     /// until motion was measured.
     pub fn dynamic_at(&self, time: f64, level: DeformationLevel, context: &RenderContext) -> RawGaussians {
-        self.rows_at(None, time, level, context)
+        self.rows_at((None, time), level, context)
     }
 
     /// The same for the rows that are alive.
-    pub(crate) fn rows_at(
+    pub(crate) fn rows_at(&self, moment: Rows<'_>, level: DeformationLevel, context: &RenderContext) -> RawGaussians {
+        // Proof: there are rows for each moment.
+        self.rows_at_each(&[moment], level, context).pop().expect("one moment")
+    }
+
+    /// The same at several moments, whose rows go through the networks together.
+    fn rows_at_each(
         &self,
-        alive: Option<&AliveRows>,
-        time: f64,
+        moments: &[Rows<'_>],
         level: DeformationLevel,
         context: &RenderContext,
-    ) -> RawGaussians {
-        let of_rows = |gaussians: RawGaussians| match alive {
-            Some(alive) => gaussians.select(alive.rows()),
-            None => gaussians,
+    ) -> Vec<RawGaussians> {
+        let of_rows = |&(alive, time): &Rows<'_>| match alive {
+            Some(alive) => self.dynamic.at(time).select(alive.rows()),
+            None => self.dynamic.at(time),
         };
-        let gaussians = of_rows(self.dynamic.at(time));
+        let gaussians = moments.iter().map(of_rows);
         if level == DeformationLevel::Still {
-            return gaussians;
+            return gaussians.collect();
         }
-        let means = self.means_of(alive);
+        // A substitute has the rows of one moment.
+        if moments.len() > 1 && !self.substitutes.is_empty() {
+            return moments.iter().map(|&moment| self.rows_at(moment, level, context)).collect();
+        }
+        let means = self.means_of(moments);
         let refined = match level {
             DeformationLevel::Still | DeformationLevel::Base => None,
-            DeformationLevel::Refined => self
-                .refine(alive, context, |config| self.refinement.offsets(&self.network, means.clone(), time, config)),
-        };
-        let offsets = match refined {
-            Some(offsets) => offsets,
-            None => {
-                let feature = self.network.feature(means.clone(), crate::tensors::scalar_like(&means, time));
-                self.network.decode(feature)
+            DeformationLevel::Refined => {
+                self.refine(moments, context, |config| self.refinement.offsets(&self.network, means.clone(), config))
             }
         };
-        gaussians.deformed(offsets)
+        let offsets = refined.unwrap_or_else(|| self.base_offsets(means, moments));
+        gaussians.zip(offsets).map(|(gaussians, offsets)| gaussians.deformed(offsets)).collect()
+    }
+
+    /// The offsets of the base deformation for the canonical centres of some moments.
+    fn base_offsets(&self, means: Tensor<2>, moments: &[Rows<'_>]) -> Vec<Offsets> {
+        let counts: Vec<usize> = moments.iter().map(|(alive, _)| self.count_of(*alive)).collect();
+        let times: Vec<(usize, Vec<f64>)> =
+            counts.iter().zip(moments).map(|(&count, &(_, time))| (count, vec![time])).collect();
+        let times = crate::tensors::rows_of_parts(&times, &means);
+        self.network.decode_parts(self.network.feature(means, times), &counts)
     }
 
     /// The refined feature of the rows that are alive; `None` until motion was measured.
-    pub(crate) fn refined_feature(
-        &self,
-        alive: Option<&AliveRows>,
-        time: f64,
-        context: &RenderContext,
-    ) -> Option<RefinedFeature> {
-        let means = self.means_of(alive);
-        self.refine(alive, context, |config| self.refinement.feature(&self.network, means, time, config))
+    pub(crate) fn refined_feature(&self, moment: Rows<'_>, context: &RenderContext) -> Option<RefinedFeature> {
+        let means = self.means_of(&[moment]);
+        self.refine(&[moment], context, |config| self.refinement.feature(&self.network, means, config))
     }
 
     /// The mean entropy of MFTA's attention over the rows that are alive, in nats: `[1]`. `None` without attention, or
     /// until motion was measured.
-    pub(crate) fn attention_entropy(
-        &self,
-        alive: Option<&AliveRows>,
-        time: f64,
-        context: &RenderContext,
-    ) -> Option<Tensor<1>> {
-        let means = self.means_of(alive);
-        self.refine(alive, context, |config| self.refinement.entropy(&self.network, means, time, config)).flatten()
+    pub(crate) fn attention_entropy(&self, moment: Rows<'_>, context: &RenderContext) -> Option<Tensor<1>> {
+        let means = self.means_of(&[moment]);
+        self.refine(&[moment], context, |config| self.refinement.entropy(&self.network, means, config)).flatten()
     }
 
-    /// Canonical centres of the rows that are alive, or of all.
-    fn means_of(&self, alive: Option<&AliveRows>) -> Tensor<2> {
-        match alive {
-            Some(alive) => self.dynamic.means.val().select(0, alive.rows().clone()),
-            None => self.dynamic.means.val(),
+    /// Number of rows that are alive, or of all.
+    fn count_of(&self, alive: Option<&AliveRows>) -> usize {
+        alive.map_or(self.dynamic.count(), |alive| alive.rows().dims()[0])
+    }
+
+    /// Canonical centres of the rows of some moments.
+    fn means_of(&self, moments: &[Rows<'_>]) -> Tensor<2> {
+        let means = self.dynamic.means.val();
+        let of_rows = |&(alive, _): &Rows<'_>| match alive {
+            Some(alive) => means.clone().select(0, alive.rows().clone()),
+            None => means.clone(),
+        };
+        match moments {
+            [one] => of_rows(one),
+            _ => Tensor::cat(moments.iter().map(of_rows).collect(), 0),
         }
     }
 
-    /// Evaluates the refinement of the rows that are alive; `None` until motion was measured.
+    /// Evaluates the refinement of the rows of some moments; `None` until motion was measured.
     fn refine<T>(
         &self,
-        alive: Option<&AliveRows>,
+        moments: &[Rows<'_>],
         context: &RenderContext,
         evaluate: impl FnOnce(&RefinementConfig<'_>) -> T,
     ) -> Option<T> {
-        let cache = self.motion.clone()?;
-        let (cache, substitutes) = match alive {
-            Some(alive) => (cache.select(alive.rows()), self.substitutes.select(alive.rows())),
-            None => (cache, self.substitutes.clone()),
+        let cache = self.motion.as_ref()?;
+        let of_rows = |&(alive, _): &Rows<'_>| match alive {
+            Some(alive) => cache.clone().select(alive.rows()),
+            None => cache.clone(),
         };
+        let caches: Vec<MotionCache> = moments.iter().map(of_rows).collect();
+        let substitutes = match moments {
+            [(Some(alive), _)] => self.substitutes.select(alive.rows()),
+            _ => self.substitutes.clone(),
+        };
+        let moments: Vec<MomentRows<'_>> =
+            caches.iter().zip(moments).map(|(cache, &(_, time))| MomentRows { time, cache }).collect();
         let RenderContext { timeline, extent, .. } = context;
-        let config = RefinementConfig { timeline, cache: &cache, extent: *extent, substitutes: &substitutes };
+        let config = RefinementConfig { timeline, moments: &moments, extent: *extent, substitutes: &substitutes };
         Some(evaluate(&config))
     }
 
@@ -249,9 +272,11 @@ impl Model {
     ) -> Result<Vec<BranchPictures>, ModelError> {
         let times: Vec<f64> = views.iter().map(|&(_, time)| time).collect();
         let alive = AliveRows::of_all(&self.dynamic, &times)?;
+        let moments: Vec<Rows<'_>> = alive.iter().map(Option::as_ref).zip(times).collect();
+        let moved = self.rows_at_each(&moments, level, context);
         let (mut frames, mut foregrounds) = (Vec::new(), Vec::new());
-        for ((camera, time), alive) in views.iter().zip(&alive) {
-            let (frame, foreground) = self.dynamic_frame(camera, *time, alive.as_ref(), level, probes, context);
+        for (((camera, _), alive), moved) in views.iter().zip(&alive).zip(moved) {
+            let (frame, foreground) = self.dynamic_frame(camera, moved, alive.as_ref(), probes, context);
             frames.push(frame);
             foregrounds.push(foreground);
             frames.extend(self.static_frame(camera, probes.map(|probes| probes.static_.clone()), context));
@@ -269,17 +294,16 @@ impl Model {
         Ok(views.collect())
     }
 
-    /// The frame of the dynamic branch, and the foreground probability of all its Gaussians.
+    /// The frame of the dynamic branch, whose Gaussians that are alive have `moved`, and the foreground probability of
+    /// all its Gaussians.
     fn dynamic_frame(
         &self,
         camera: &Camera,
-        time: f64,
+        moved: RawGaussians,
         alive: Option<&AliveRows>,
-        level: DeformationLevel,
         probes: Option<&Probes>,
         context: &RenderContext,
     ) -> (SplatFrame, Option<Tensor<2>>) {
-        let moved = self.rows_at(alive, time, level, context);
         let foreground = moved.foreground_probability();
         let features = moved.mask_features();
         let settings = context.splat_settings(self.dynamic.sh_degree, context.mask_gradient);

@@ -23,7 +23,7 @@ impl Model {
     /// If the device fails to return values.
     pub fn moment(&self, time: f64, level: DeformationLevel, context: &RenderContext) -> Result<Moment, ModelError> {
         let alive = AliveRows::of(&self.dynamic, time)?;
-        Ok(Moment { gaussians: self.rows_at(alive.as_ref(), time, level, context), alive })
+        Ok(Moment { gaussians: self.rows_at((alive.as_ref(), time), level, context), alive })
     }
 }
 

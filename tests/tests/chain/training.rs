@@ -190,6 +190,27 @@ fn a_run_that_was_saved_and_loaded_goes_on_as_if_it_had_not_been() {
 }
 
 #[test]
+fn views_that_go_through_the_networks_together_look_as_each_alone() {
+    let scene = scene();
+    for config in [config(), with_lifetimes()] {
+        let mut trainer = Trainer::new(config, &scene, &(backends()[0].device)()).expect("the run can start");
+        train(&mut trainer);
+        let (model, level, context) = (trainer.state().model.plain(), trainer.final_level(), trainer.render_context());
+        // The first and the last frame, whose neighbours end on one side, and one between.
+        let mut views: Vec<_> = scene.train.iter().map(|view| (view.camera, view.time)).collect();
+        views.sort_by(|a, b| a.1.total_cmp(&b.1));
+        let views = [0, views.len() / 2, views.len() - 1].map(|index| views[index]);
+        let together = model.render_all(&views, level, None, context).expect("rendered");
+        for ((camera, time), together) in views.iter().zip(together) {
+            let alone = model.render(camera, *time, level, None, context).expect("rendered");
+            let (together, alone) = (numbers(together.dynamic.packed), numbers(alone.dynamic.packed));
+            let apart = together.iter().zip(&alone).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(apart < 1e-5, "at {time}: {apart}");
+        }
+    }
+}
+
+#[test]
 fn motion_is_measured_at_the_end_of_the_second_stage_and_then_at_every_interval() {
     /// Stages of a short run; the second ends with step 5, the third with step 12.
     const STAGES: [usize; 3] = [2, 3, 7];

@@ -6,8 +6,8 @@ use burn::nn::Linear;
 use burn::tensor::{DType, Device, Gradients, Tensor};
 use mvfusion_model::config::MotionConfig;
 use mvfusion_model::model::motion::{
-    Encoding, Guidance, MotionCache, MotionEncoder, MotionRefinement, RefinementConfig, Substitutes, TemporalModule,
-    Tokens,
+    Encoding, Guidance, MomentRows, MotionCache, MotionEncoder, MotionRefinement, RefinementConfig, Substitutes,
+    TemporalModule, Tokens,
 };
 use mvfusion_model::model::network::{DeformationNetwork, Mlp, zero_last_layer};
 use mvfusion_model::timeline::Timeline;
@@ -80,13 +80,20 @@ impl Setting {
 
     /// The refined offsets `[N, 62]` at a time.
     fn delta(&self, time: f64) -> Tensor<2> {
+        self.deltas(&[time]).pop().expect("one moment")
+    }
+
+    /// The refined offsets at several times, computed together.
+    fn deltas(&self, times: &[f64]) -> Vec<Tensor<2>> {
+        let moments: Vec<_> = times.iter().map(|&time| MomentRows { time, cache: &self.cache }).collect();
         let config = RefinementConfig {
             timeline: &self.timeline,
-            cache: &self.cache,
+            moments: &moments,
             extent: self.extent,
             substitutes: &Substitutes::default(),
         };
-        in_file_order(self.refinement.offsets(&self.network, self.means.val(), time, &config))
+        let means = Tensor::cat(vec![self.means.val(); times.len()], 0);
+        self.refinement.offsets(&self.network, means, &config).into_iter().map(in_file_order).collect()
     }
 
     /// The hidden feature at a time.
@@ -117,10 +124,12 @@ pub fn check(archive: &Archive, device: &Device) -> Result<()> {
     let mut checks = Checklist::default();
     for (variant, switch) in VARIANTS {
         let setting = Setting::read(archive, switch, device)?;
-        for (query, &time) in times.iter().enumerate() {
+        // As in a step of several views.
+        let together = setting.deltas(times);
+        for ((query, &time), delta) in times.iter().enumerate().zip(together) {
             let prefix = format!("out.{variant}.q{query}.");
             let Some(expected) = archive.find(&format!("{prefix}delta")) else { continue };
-            let delta = setting.delta(time);
+            checks.close(format!("{prefix}delta alone"), expected, &Array::of(setting.delta(time)), TOLERANCE);
             checks.close(format!("{prefix}delta"), expected, &Array::of(delta.clone()), TOLERANCE);
             if archive.has(&format!("{prefix}loss")) {
                 check_gradients(&mut checks, archive, &setting, delta, &prefix)?;
@@ -203,7 +212,7 @@ fn check_parts(checks: &mut Checklist, archive: &Archive, setting: &Setting, tim
     compare("h", feature.clone());
     compare("base", in_file_order(setting.network.decode(feature.clone())));
     if let Some(guidance) = &setting.refinement.guidance {
-        compare("h_mvg", guidance.forward(&setting.network, &feature, time, &setting.cache));
+        compare("h_mvg", guidance.forward(&setting.network, &feature, &[MomentRows { time, cache: &setting.cache }]));
     }
     let centre = setting.token(time);
     let around = neighbours.map(|time| setting.token(time));

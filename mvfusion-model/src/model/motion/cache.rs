@@ -119,11 +119,6 @@ impl MotionCache {
         Tensor::cat(vec![local, at_knots(between(&self.knot_times, time), knot)], 1)
     }
 
-    /// Local intensities of the nearest other Gaussians at a time, `[N, K]`; `None` if they are unknown.
-    pub(super) fn near_local_at(&self, time: f64) -> Option<Tensor<2>> {
-        self.near.as_ref().map(|near| near.local_at(between(&self.knot_times, time)))
-    }
-
     /// Stillness of each Gaussian in `[0, 1]`: `exp(-variance / mean variance)` times its duration as a fraction of the
     /// video, because short-lived Gaussians show moving objects. The variance is the motion intensity plus, unless that
     /// includes it, the variance of the travel with its velocity through the whole video. `[N, 1]`, without autodiff.

@@ -3,7 +3,8 @@
 use burn::module::Module;
 use burn::tensor::Tensor;
 
-use super::{DirectEncoder, MotionCache, MotionEncoder};
+use super::moments::{MomentRows, joined};
+use super::{DirectEncoder, MotionEncoder};
 use crate::model::network::{DeformationNetwork, Mlp};
 
 /// A variant of MVG, which computes `h_MVG`. Names in checkpoints: `refinement.encoder`, `refinement.direct`.
@@ -16,18 +17,12 @@ pub enum Guidance {
 }
 
 impl Guidance {
-    /// `h_MVG` at a time, for the feature `[N, H]`. The inputs of the modules have no gradient (A17).
-    pub fn forward(
-        &self,
-        network: &DeformationNetwork,
-        feature: &Tensor<2>,
-        time: f64,
-        cache: &MotionCache,
-    ) -> Tensor<2> {
+    /// `h_MVG` of the rows of some moments, for their feature `[N, H]`. The inputs of the modules have no gradient (A17).
+    pub fn forward(&self, network: &DeformationNetwork, feature: &Tensor<2>, moments: &[MomentRows<'_>]) -> Tensor<2> {
         match self {
             Self::Encoder(encoder) => {
-                let signatures = cache.encoded(|signatures| encoder.encode(signatures));
-                encoder.forward_encoded(signatures, cache.moment_at(time))
+                let signatures = joined(moments, |rows| rows.cache.encoded(|signatures| encoder.encode(signatures)));
+                encoder.forward_encoded(signatures, joined(moments, |rows| rows.cache.moment_at(rows.time)))
             }
             Self::Direct(encoder) => encoder.forward(network.valid().decode(feature.clone().inner())),
         }

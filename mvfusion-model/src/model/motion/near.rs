@@ -56,6 +56,12 @@ impl Near {
         apart / mean.clamp_min(f32::MIN_POSITIVE)
     }
 
+    /// The rows of several, one after the other.
+    pub(super) fn joined(parts: &[&Self]) -> Self {
+        let cat = |of: fn(&Self) -> &Tensor<2>| Tensor::cat(parts.iter().map(|part| of(part).clone()).collect(), 0);
+        Self { means: cat(|near| &near.means), local: cat(|near| &near.local) }
+    }
+
     /// The rows of the given Gaussians, in that order.
     pub(super) fn select(self, rows: &Tensor<1, Int>) -> Self {
         Self { means: self.means.select(0, rows.clone()), local: self.local.select(0, rows.clone()) }

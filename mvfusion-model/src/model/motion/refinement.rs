@@ -2,15 +2,16 @@
 //! (paper, eq. of the refined deformation; METHOD §10.2).
 
 use burn::module::Module;
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::Tensor;
 use mvfusion_render::profile::{Part, measure};
 
+use super::moments::{MomentRows, joined, of_time};
+use super::near::Near;
 use super::token::TokenMaker;
-use super::{DirectEncoder, Guidance, MotionCache, MotionEncoder, MotionModule, Substitutes, TemporalModule, Tokens};
+use super::{DirectEncoder, Guidance, MotionEncoder, MotionModule, Substitutes, TemporalModule, Tokens};
 use crate::config::{Descriptor, MotionConfig, Refinement, Temporal, TokenMode, TokenOffset, TokenValues};
 use crate::model::network::{DeformationConfig, DeformationNetwork, ModuleInit, Offsets};
-use crate::tensors;
-use crate::timeline::Timeline;
+use crate::timeline::{Timeline, between};
 
 /// The motion-aware modules that the configuration selects.
 #[derive(Module, Debug)]
@@ -52,11 +53,11 @@ pub struct RefinementRules {
 pub struct RefinementConfig<'a> {
     /// The times of the training views.
     pub timeline: &'a Timeline,
-    /// The cached descriptors.
-    pub cache: &'a MotionCache,
+    /// The moments whose Gaussians are deformed.
+    pub moments: &'a [MomentRows<'a>],
     /// The scene's extent.
     pub extent: f64,
-    /// What stands in for the modules' outputs.
+    /// What stands in for the modules' outputs. A substitute belongs to the Gaussians of a single moment.
     pub substitutes: &'a Substitutes,
 }
 
@@ -140,7 +141,7 @@ impl MotionRefinement {
         Self { guidance, temporal, rules: RefinementRules::new(config) }
     }
 
-    /// The refined offsets of canonical centres `[N, 3]` at a time.
+    /// The refined offsets of canonical centres `[M, 3]`, one after the other of the configured moments.
     ///
     /// Gradients reach the network only through the feature. Neighbour tokens (unless `neighbour_gradient` is on), the
     /// geometry inside the centre token and all descriptors are constants (A17).
@@ -148,64 +149,69 @@ impl MotionRefinement {
         &self,
         network: &DeformationNetwork,
         means: Tensor<2>,
-        time: f64,
         config: &RefinementConfig<'_>,
-    ) -> Offsets {
-        let feature = self.feature(network, means, time, config);
+    ) -> Vec<Offsets> {
+        let feature = self.feature(network, means, config);
         let base = feature.base.clone();
-        let refined = network.decode(feature.fused());
+        let counts: Vec<usize> = config.moments.iter().map(MomentRows::count).collect();
+        let refined = network.decode_parts(feature.fused(), &counts);
+        let with_base = |join: fn(Offsets, Offsets) -> Offsets, refined: Vec<Offsets>| {
+            let base = network.decode_parts(base, &counts);
+            base.into_iter().zip(refined).map(|(base, refined)| join(base, refined)).collect()
+        };
         match (self.rules.refinement, self.rules.refine_masks) {
             (Refinement::Replace, true) => refined,
-            (Refinement::Replace, false) => Offsets { mask_logits: network.decode(base).mask_logits, ..refined },
-            (Refinement::Sum, true) => network.decode(base) + refined,
+            (Refinement::Replace, false) => {
+                with_base(|base, refined| Offsets { mask_logits: base.mask_logits, ..refined }, refined)
+            }
+            (Refinement::Sum, true) => with_base(|base, refined| base + refined, refined),
             (Refinement::Sum, false) => {
-                let base = network.decode(base);
-                Offsets { mask_logits: base.mask_logits.clone(), ..base + refined }
+                let of_base =
+                    |base: Offsets, refined| Offsets { mask_logits: base.mask_logits.clone(), ..base + refined };
+                with_base(of_base, refined)
             }
         }
     }
 
-    /// The refined feature of canonical centres `[N, 3]` at a time.
+    /// The refined feature of canonical centres `[M, 3]`, which are those of the configured moments in turn.
     pub fn feature(
         &self,
         network: &DeformationNetwork,
         means: Tensor<2>,
-        time: f64,
         config: &RefinementConfig<'_>,
     ) -> RefinedFeature {
         let count = means.dims()[0];
-        let base = network.feature(means.clone(), tensors::scalar_like(&means, time));
+        let base = network.feature(means.clone(), of_time(config.moments, &means, |time| vec![time]));
         let mvg = self.guidance.as_ref().map(|guidance| {
-            let own = || measure(Part::Mvg, || guidance.forward(network, &base, time, config.cache));
+            let own = || measure(Part::Mvg, || guidance.forward(network, &base, config.moments));
             config.substitutes.output(MotionModule::Mvg, count, own)
         });
         let mfta = self.temporal.as_ref().map(|temporal| {
-            let tokens = || self.tokens(network, means, time, base.clone(), config);
+            let tokens = || self.tokens(network, means, base.clone(), config);
             let own = || measure(Part::Mfta, || temporal.forward(tokens()));
             config.substitutes.output(MotionModule::Mfta, count, own)
         });
         RefinedFeature { base, mvg, mfta }
     }
 
-    /// The mean entropy of MFTA's attention at a time, in nats: `[1]`; `None` without attention.
+    /// The mean entropy of MFTA's attention over the Gaussians of the configured moments, in nats: `[1]`; `None` without
+    /// attention.
     pub fn entropy(
         &self,
         network: &DeformationNetwork,
         means: Tensor<2>,
-        time: f64,
         config: &RefinementConfig<'_>,
     ) -> Option<Tensor<1>> {
         let temporal = self.temporal.as_ref().filter(|temporal| temporal.attends())?;
-        let base = network.feature(means.clone(), tensors::scalar_like(&means, time));
-        temporal.entropy(self.tokens(network, means, time, base, config))
+        let base = network.feature(means.clone(), of_time(config.moments, &means, |time| vec![time]));
+        temporal.entropy(self.tokens(network, means, base, config))
     }
 
-    /// The tokens of canonical centres `[N, 3]` with the feature `[N, H]`, at a time and around it.
+    /// The tokens of canonical centres `[M, 3]` with the feature `[M, H]`, each at its moment and around it.
     fn tokens(
         &self,
         network: &DeformationNetwork,
         means: Tensor<2>,
-        time: f64,
         feature: Tensor<2>,
         config: &RefinementConfig<'_>,
     ) -> Tokens {
@@ -220,32 +226,42 @@ impl MotionRefinement {
             Some(_) => local,
             None => local.zeros_like(),
         };
-        let local = |time: f64| known(config.cache.local_at(time));
+        let RefinementConfig { timeline, moments, .. } = *config;
         let geometry = maker.geometry(feature.clone().inner());
-        let centre = Tensor::cat(vec![feature, geometry.clone(), local(time)], 1);
+        let local = joined(moments, |rows| known(rows.cache.local_at(rows.time)));
+        let centre = Tensor::cat(vec![feature, geometry.clone(), local], 1);
 
         let RefinementRules { token_offset, octaves, .. } = self.rules;
         if let Some(TemporalModule::Spatial(_)) = &self.temporal {
-            let near = config.cache.near.as_ref().zip(config.cache.near_local_at(time));
             // Proof: `MotionCache::new` and checkpoints have neighbours for the configuration of this module.
-            let (near, local) = near.expect("attention in space has neighbours");
-            let tokens = Tokens::new(centre, around.of_others(&near.means, time, known(local)));
+            let near_of = |rows: &MomentRows<'_>| rows.cache.near.as_ref().expect("attention in space has neighbours");
+            let near = Near::joined(&moments.iter().map(near_of).collect::<Vec<_>>());
+            let place = |rows: &MomentRows<'_>| between(&rows.cache.knot_times, rows.time);
+            let local = joined(moments, |rows| known(near_of(rows).local_at(place(rows))));
+            let times = of_time(moments, &means, |time| vec![time]);
+            let tokens = Tokens::new(centre, around.of_others(&near.means, &times, local));
             return tokens.at_distances(near.distances(means), token_offset, octaves);
         }
-        let index = config.timeline.nearest(time);
-        let frames = self.rules.frames.iter();
-        let times: Vec<f64> = frames.map(|&frame| config.timeline.neighbour(index, frame)).collect();
-        let local = Tensor::cat(times.iter().map(|&time| local(time)).collect(), 1);
-        let tokens = Tokens::new(centre, around.at(&means, &times, local));
+        let neighbours = |time: f64| -> Vec<f64> {
+            let index = timeline.nearest(time);
+            self.rules.frames.iter().map(|&frame| timeline.neighbour(index, frame)).collect()
+        };
+        let local = joined(moments, |rows| {
+            let at_each = neighbours(rows.time).into_iter().map(|time| known(rows.cache.local_at(time)));
+            Tensor::cat(at_each.collect(), 1)
+        });
+        let tokens = Tokens::new(centre, around.at(&means, &of_time(moments, &means, neighbours), local));
 
-        let window = self.rules.window as f64 * config.timeline.spacing();
-        let distances: Vec<f64> = times.iter().map(|other| (other - time) / window).collect();
+        let window = self.rules.window as f64 * timeline.spacing();
+        let distances = of_time(moments, &means, |time| {
+            neighbours(time).into_iter().map(|other| (other - time) / window).collect()
+        });
+        let distances = distances.unsqueeze_dim(2);
         let tokens = match self.rules.values {
             TokenValues::States => tokens,
-            TokenValues::Velocities => tokens.with_velocities(geometry, &distances),
+            TokenValues::Velocities => tokens.with_velocities(geometry, distances.clone()),
         };
-        let distances = TensorData::new(distances, [1, times.len(), 1]);
-        tokens.at_distances(tensors::from_data_like(distances, &means), token_offset, octaves)
+        tokens.at_distances(distances, token_offset, octaves)
     }
 }
 

@@ -82,6 +82,11 @@ impl Substitute {
 }
 
 impl Substitutes {
+    /// Whether each module computes its own output.
+    pub fn is_empty(&self) -> bool {
+        self.mvg.is_none() && self.mfta.is_none()
+    }
+
     /// One module's substitute.
     pub fn of(module: MotionModule, substitute: Substitute) -> Self {
         match module {

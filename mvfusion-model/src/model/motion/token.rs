@@ -4,7 +4,7 @@ use burn::tensor::{Tensor, TensorData};
 
 use crate::config::{MotionConfig, Temporal, TokenOffset};
 use crate::model::network::DeformationNetwork;
-use crate::tensors;
+use crate::tensors::{self, some_rows};
 
 /// Values of a token besides feature and intensity: displacement, log-scale and quaternion offsets (A13).
 pub const GEOMETRY_WIDTH: usize = 10;
@@ -32,25 +32,30 @@ pub(super) struct TokenMaker<'a> {
 }
 
 impl TokenMaker<'_> {
-    /// The tokens `[N, K, H + 11]` of canonical centres `[N, 3]` at `K` times, with their local intensities `[N, K]`.
-    pub fn at(&self, means: &Tensor<2>, times: &[f64], local: Tensor<2>) -> Tensor<3> {
-        let keys = times.len();
-        let times: Tensor<2> = tensors::from_data_like(TensorData::new(times.to_vec(), [keys, 1]), means);
+    /// The tokens `[N, K, H + 11]` of canonical centres `[N, 3]` at `K` times, `[N, K]` or `[1, K]`, with their local
+    /// intensities `[N, K]`.
+    pub fn at(&self, means: &Tensor<2>, times: &Tensor<2>, local: Tensor<2>) -> Tensor<3> {
+        let [rows, keys] = times.dims();
         // One Gaussian at all times, then the next: the order of attention, and close together in the planes.
         let tokens = |first, length| {
-            let points = means.clone().narrow(0, first, length).repeat(&[1, keys]).reshape([length * keys, 3]);
-            (points, times.clone().repeat(&[length, 1]))
+            let points = some_rows(means, first, length).repeat(&[1, keys]).reshape([length * keys, 3]);
+            let times = if rows == 1 { times.clone().repeat(&[length, 1]) } else { some_rows(times, first, length) };
+            (points, times.reshape([length * keys, 1]))
         };
         self.in_chunks(tokens, local)
     }
 
-    /// The tokens `[N, K, H + 11]` of the centres `[N, 3 K]` of others at one time, with their local intensities
-    /// `[N, K]`.
-    pub fn of_others(&self, means: &Tensor<2>, time: f64, local: Tensor<2>) -> Tensor<3> {
+    /// The tokens `[N, K, H + 11]` of the centres `[N, 3 K]` of others at the same time, `[N, 1]` or `[1, 1]`, with their
+    /// local intensities `[N, K]`.
+    pub fn of_others(&self, means: &Tensor<2>, times: &Tensor<2>, local: Tensor<2>) -> Tensor<3> {
         let keys = local.dims()[1];
         let tokens = |first, length| {
-            let points = means.clone().narrow(0, first, length).reshape([length * keys, 3]);
-            (points, tensors::scalar_like(means, time))
+            let points = some_rows(means, first, length).reshape([length * keys, 3]);
+            let times = match times.dims()[0] {
+                1 => times.clone(),
+                _ => some_rows(times, first, length).repeat(&[1, keys]).reshape([length * keys, 1]),
+            };
+            (points, times)
         };
         self.in_chunks(tokens, local)
     }
@@ -65,12 +70,13 @@ impl TokenMaker<'_> {
                 let length = step.min(count - first);
                 let (points, times) = tokens(first, length);
                 let feature = self.network.feature(points, times);
-                let local = local.clone().narrow(0, first, length).reshape([length * keys, 1]);
+                let local = some_rows(&local, first, length).reshape([length * keys, 1]);
                 let geometry = self.geometry(feature.clone());
                 Tensor::cat(vec![feature, geometry, local], 1).reshape([length as i32, keys as i32, -1])
             })
             .collect();
-        Tensor::cat(chunks, 0)
+        // A single chunk is not copied.
+        <[Tensor<3>; 1]>::try_from(chunks).map_or_else(|chunks| Tensor::cat(chunks, 0), |[chunk]| chunk)
     }
 
     /// The part of the token between feature and intensity: displacement over the extent, log-scale and quaternion

@@ -1,11 +1,10 @@
 //! The tokens that MFTA combines: the current one, and those around it in time or in space.
 
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::Tensor;
 
 use super::encoder::sinusoidal;
 use super::token::GEOMETRY_WIDTH;
 use crate::config::TokenOffset;
-use crate::tensors;
 
 /// The tokens of `N` Gaussians at one time.
 #[derive(Clone, Debug)]
@@ -65,13 +64,12 @@ impl Tokens {
     }
 
     /// The tokens with values that have, instead of a neighbour's geometry, its difference from the current `geometry`
-    /// `[N, 10]` over its signed distance in time, one for each of the `K` neighbours. A neighbour at distance 0, beyond
-    /// the ends of the video, has no difference. Before [`Tokens::at_distances`].
-    pub(super) fn with_velocities(self, geometry: Tensor<2>, distances: &[f64]) -> Self {
-        let [_, keys, width] = self.around.dims();
+    /// `[N, 10]` over its signed distance in time, `[N or 1, K, 1]`. A neighbour at distance 0, beyond the ends of the
+    /// video, has no difference. Before [`Tokens::at_distances`].
+    pub(super) fn with_velocities(self, geometry: Tensor<2>, distances: Tensor<3>) -> Self {
+        let width = self.around.dims()[2];
         let first = width - GEOMETRY_WIDTH - 1;
-        let inverse = distances.iter().map(|&distance| if distance == 0.0 { 0.0 } else { distance.recip() }).collect();
-        let inverse: Tensor<3> = tensors::from_data_like(TensorData::new::<f64, _>(inverse, [1, keys, 1]), &geometry);
+        let inverse = distances.clone().recip().mask_fill(distances.equal_elem(0.0), 0.0);
         let part = |first, length| self.around.clone().narrow(2, first, length);
         let velocity = (part(first, GEOMETRY_WIDTH) - geometry.unsqueeze_dim(1)) * inverse;
         let values = Tensor::cat(vec![part(0, first), velocity, part(width - 1, 1)], 2);
@@ -81,7 +79,7 @@ impl Tokens {
 
 #[cfg(test)]
 mod tests {
-    use burn::tensor::{DType, Device};
+    use burn::tensor::{DType, Device, TensorData};
 
     use super::*;
     use crate::test_support::{for_each_device, values};
@@ -104,14 +102,15 @@ mod tests {
     fn velocities_are_the_same_before_and_after_a_uniform_motion() {
         for_each_device(|device| {
             let (tokens, geometry) = tokens(&device);
-            let found = |distances: &[f64]| {
+            let found = |distances: [f32; 2]| {
+                let distances = Tensor::<1>::from_floats(distances, &device).reshape([1, 2, 1]);
                 let tokens = tokens.clone().with_velocities(geometry.clone(), distances);
                 let geometry = tokens.values.expect("they have values").narrow(2, FEATURE, GEOMETRY_WIDTH);
                 values(geometry.slice([0..1, 0..2, 0..1]).reshape([1, 2]))
             };
-            assert_eq!(found(&[-1.0, 1.0]), [3.0, 3.0]);
+            assert_eq!(found([-1.0, 1.0]), [3.0, 3.0]);
             // Beyond the end, the neighbour is the current frame.
-            assert_eq!(found(&[-1.0, 0.0]), [3.0, 0.0]);
+            assert_eq!(found([-1.0, 0.0]), [3.0, 0.0]);
         });
     }
 

@@ -3,7 +3,7 @@
 use burn::module::Module;
 use burn::nn::Linear;
 use burn::tensor::Tensor;
-use mvfusion_render::columns::apart;
+use mvfusion_render::blocks::apart;
 
 use super::{Mlp, ModuleInit, Rectified, side_by_side};
 use crate::model::mask::MaskChannel;
@@ -132,25 +132,33 @@ impl MaskHeads {
     }
 }
 
-/// All offsets of a feature `[N, width]`, taken before its ReLU.
-pub(super) fn decode(feature: Tensor<2>, heads: &AttributeHeads, masks: Option<&MaskHeads>) -> Offsets {
+/// All offsets of a feature `[N, width]`, taken before its ReLU: one after the other, those of the given numbers of rows.
+pub(super) fn decode(
+    feature: Tensor<2>,
+    counts: &[usize],
+    heads: &AttributeHeads,
+    masks: Option<&MaskHeads>,
+) -> Vec<Offsets> {
     let chains = heads.chains().chain(masks.iter().flat_map(|masks| masks.chains()));
     let chains: Vec<&[Linear]> = chains.map(|chain| &*chain.layers).collect();
     let mut widths = vec![3, 3, 4];
     widths.extend(heads.opacity_logits.as_ref().map(|_| 1));
     widths.extend(heads.sh.as_ref().map(|_| SH_OUTPUTS));
     widths.extend(masks.map(|_| MASK_OUTPUTS));
-    let mut parts = apart(side_by_side(&chains, feature, Rectified::Yes), &widths).into_iter();
-    // Proof: there is a part for each width.
-    let mut next = || parts.next().expect("a head has its columns");
-    Offsets {
-        means: next(),
-        log_scales: next(),
-        quaternions: next(),
-        opacity_logits: heads.opacity_logits.as_ref().map(|_| next()),
-        sh: heads.sh.as_ref().map(|_| next()),
-        mask_logits: masks.map(|_| next()),
-    }
+    let offsets = |parts: Vec<Tensor<2>>| {
+        let mut parts = parts.into_iter();
+        // Proof: there is a part for each width.
+        let mut next = || parts.next().expect("a head has its columns");
+        Offsets {
+            means: next(),
+            log_scales: next(),
+            quaternions: next(),
+            opacity_logits: heads.opacity_logits.as_ref().map(|_| next()),
+            sh: heads.sh.as_ref().map(|_| next()),
+            mask_logits: masks.map(|_| next()),
+        }
+    };
+    apart(side_by_side(&chains, feature, Rectified::Yes), counts, &widths).into_iter().map(offsets).collect()
 }
 
 impl Offsets {

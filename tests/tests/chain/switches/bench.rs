@@ -5,7 +5,7 @@ use burn::nn::Linear;
 use burn::tensor::{DType, Device, Tensor};
 use mvfusion_model::config::MotionConfig;
 use mvfusion_model::model::motion::{
-    Guidance, MotionCache, MotionRefinement, Normalisers, RefinementConfig, SIGNATURE_WIDTH, Substitutes,
+    Guidance, MomentRows, MotionCache, MotionRefinement, Normalisers, RefinementConfig, SIGNATURE_WIDTH, Substitutes,
     TemporalModule, Trajectories, TrajectoryStatistics,
 };
 use mvfusion_model::model::network::{DeformationConfig, DeformationNetwork, HeadChoice, Mlp, ModuleInit, Offsets};
@@ -150,9 +150,10 @@ impl Bench {
         let cache = MotionCache::new(statistics, &mut Normalisers::default(), motion, &self.means);
         let cache = cache.expect("the device hands its numbers back");
         let substitutes = Substitutes::default();
+        let moments = [MomentRows { time: TIME, cache: &cache }];
         let config =
-            RefinementConfig { timeline: &self.timeline, cache: &cache, extent: EXTENT, substitutes: &substitutes };
-        refinement.offsets(&self.network, self.means.clone(), TIME, &config)
+            RefinementConfig { timeline: &self.timeline, moments: &moments, extent: EXTENT, substitutes: &substitutes };
+        refinement.offsets(&self.network, self.means.clone(), &config).pop().expect("one moment")
     }
 
     /// What comes out under these switches, with modules that have an effect.

@@ -7,7 +7,7 @@ use mvfusion_render::mlp::{Layer, MlpLayout};
 use mvfusion_render::optim::{AdamMoments, AdamRule, adam_step};
 use mvfusion_render::scales::{self, ScaleRule};
 use mvfusion_render::window::{Window, blur, ssim_map, structure_map};
-use mvfusion_render::{attention, columns, mlp};
+use mvfusion_render::{attention, blocks, mlp};
 use mvfusion_tests::{Array, Tolerance, gradient};
 
 use super::photos::{objective_and_back, unpacked};
@@ -32,7 +32,7 @@ pub const CASES: [(&str, Case); 13] = [
     ("scales", scales_and_back),
     ("mlp", mlp_and_back),
     ("attention", attention_and_back),
-    ("columns", columns_and_back),
+    ("blocks", blocks_and_back),
     ("blur", blur_and_back),
     ("ssim", ssim_and_back),
     ("structure", structure_and_back),
@@ -121,11 +121,11 @@ fn attention_and_back(device: &Device) -> Result<Outcome> {
     Ok(outcome)
 }
 
-fn columns_and_back(device: &Device) -> Result<Outcome> {
+fn blocks_and_back(device: &Device) -> Result<Outcome> {
     let matrix = normal([1003, 12], 1.0, 24, device);
-    let parts = columns::apart(matrix.clone(), &[3, 4, 5]);
-    // The part in the middle has no gradient.
-    let gradients = (weighed(&parts[0], 25) + weighed(&parts[2], 26)).backward();
+    let parts = blocks::apart(matrix.clone(), &[400, 603], &[3, 4, 5]).concat();
+    // The other parts have no gradient.
+    let gradients = (weighed(&parts[0], 25) + weighed(&parts[2], 26) + weighed(&parts[4], 27)).backward();
     let mut outcome = vec![("matrix".into(), gradient(&matrix, &gradients), SUMS)];
     outcome.extend(parts.into_iter().map(|part| ("part".into(), Array::of(part), SUMS)));
     Ok(outcome)

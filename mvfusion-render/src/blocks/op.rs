@@ -18,35 +18,47 @@ use burn_cubecl::CubeBackend;
 use crate::host::HostBackend;
 use crate::list::Floats;
 
-/// The op.
-#[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"), Autodiff)]
-pub(crate) trait ColumnOps: Backend {
-    /// See [`apart`](super::apart).
-    fn apart(matrix: FloatTensor<Self>, widths: Vec<usize>) -> Floats<Self>;
+/// The sizes of the blocks.
+#[derive(Clone, Debug)]
+pub(crate) struct Blocks {
+    pub heights: Vec<usize>,
+    pub widths: Vec<usize>,
 }
 
-impl<B: HostBackend> ColumnOps for B {
-    fn apart(matrix: FloatTensor<Self>, widths: Vec<usize>) -> Floats<Self> {
-        slices::<Self>(&matrix, &widths)
+/// The op.
+#[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"), Autodiff)]
+pub(crate) trait BlockOps: Backend {
+    /// See [`apart`](super::apart).
+    fn apart(matrix: FloatTensor<Self>, size: Blocks) -> Floats<Self>;
+}
+
+impl<B: HostBackend> BlockOps for B {
+    fn apart(matrix: FloatTensor<Self>, size: Blocks) -> Floats<Self> {
+        slices::<Self>(&matrix, &size)
     }
 }
 
 #[cfg(feature = "cube")]
-impl ColumnOps for CubeBackend {
-    fn apart(matrix: FloatTensor<Self>, widths: Vec<usize>) -> Floats<Self> {
-        slices::<Self>(&matrix, &widths)
+impl BlockOps for CubeBackend {
+    fn apart(matrix: FloatTensor<Self>, size: Blocks) -> Floats<Self> {
+        slices::<Self>(&matrix, &size)
     }
 }
 
-fn slices<B: Backend>(matrix: &FloatTensor<B>, widths: &[usize]) -> Floats<B> {
-    let rows = Slice::new(0, Some(matrix.shape()[0] as isize), 1);
+fn slices<B: Backend>(matrix: &FloatTensor<B>, size: &Blocks) -> Floats<B> {
+    let columns = ranges(&size.widths);
+    let block = |rows: Slice| columns.iter().map(move |&columns| B::float_slice(matrix.clone(), &[rows, columns]));
+    Floats(ranges(&size.heights).into_iter().flat_map(block).collect())
+}
+
+/// Neighbouring ranges of these lengths.
+fn ranges(lengths: &[usize]) -> Vec<Slice> {
     let mut end = 0;
-    let parts = widths.iter().map(|&width| {
-        let columns = Slice::new(end, Some(end + width as isize), 1);
-        end += width as isize;
-        B::float_slice(matrix.clone(), &[rows, columns])
-    });
-    Floats(parts.collect())
+    let range = |&length: &usize| {
+        end += length as isize;
+        Slice::new(end - length as isize, Some(end), 1)
+    };
+    lengths.iter().map(range).collect()
 }
 
 /// The cotangents of the parts, as far as there are any.
@@ -87,16 +99,25 @@ impl<B: Backend> Backward<B, 1> for PartBackward {
 struct WholeBackward;
 
 impl<B: Backend> Backward<B, 1> for WholeBackward {
-    type State = (Cotangents<B>, Vec<usize>);
+    type State = (Cotangents<B>, Blocks);
 
     fn backward(self, ops: Ops<Self::State, 1>, gradients: &mut Gradients, _: &mut Checkpointer) {
-        let (cotangents, widths) = ops.state;
+        let (cotangents, Blocks { heights, widths }) = ops.state;
         let any = gradients.consume::<B>(&ops.node);
-        let (rows, device, dtype) = (any.shape()[0], any.device(), any.dtype().into());
-        let zeros = |width| B::float_zeros(Shape::from([rows, width]), &device, dtype);
+        let (device, dtype) = (any.device(), any.dtype().into());
         let v_parts = std::mem::take(&mut *cotangents.lock());
-        let v_parts = v_parts.into_iter().zip(widths).map(|(v_part, width)| v_part.unwrap_or_else(|| zeros(width)));
-        let v_matrix = B::float_cat(v_parts.collect(), 1);
+        let mut v_parts = v_parts.into_iter();
+        let mut row = |height: usize| {
+            let zeros = |width: usize| B::float_zeros(Shape::from([height, width]), &device, dtype);
+            // Widths first: at their end, nothing more is taken of the parts.
+            let row = widths.iter().zip(v_parts.by_ref());
+            B::float_cat(row.map(|(&width, v_part)| v_part.unwrap_or_else(|| zeros(width))).collect(), 1)
+        };
+        let mut v_rows: Vec<FloatTensor<B>> = heights.into_iter().map(&mut row).collect();
+        let v_matrix = match v_rows.len() {
+            1 => v_rows.remove(0),
+            _ => B::float_cat(v_rows, 0),
+        };
         let [matrix] = ops.parents;
         if let Some(matrix) = matrix {
             gradients.register::<B>(matrix.id, v_matrix);
@@ -104,12 +125,12 @@ impl<B: Backend> Backward<B, 1> for WholeBackward {
     }
 }
 
-impl<B: ColumnOps, C: CheckpointStrategy> ColumnOps for Autodiff<B, C> {
-    fn apart(matrix: FloatTensor<Self>, widths: Vec<usize>) -> Floats<Self> {
-        let cotangents = Cotangents::<B>(Arc::new(Mutex::new(vec![None; widths.len()])));
-        let parts = B::apart(matrix.primitive().clone(), widths.clone());
+impl<B: BlockOps, C: CheckpointStrategy> BlockOps for Autodiff<B, C> {
+    fn apart(matrix: FloatTensor<Self>, size: Blocks) -> Floats<Self> {
+        let parts = B::apart(matrix.primitive().clone(), size.clone());
+        let cotangents = Cotangents::<B>(Arc::new(Mutex::new(vec![None; parts.0.len()])));
         let whole = match WholeBackward.prepare::<C>([matrix.node()]).compute_bound().stateful() {
-            OpsKind::Tracked(prepared) => prepared.finish((cotangents.clone(), widths), matrix.into_primitive()),
+            OpsKind::Tracked(prepared) => prepared.finish((cotangents.clone(), size), matrix.into_primitive()),
             OpsKind::UnTracked(prepared) => prepared.finish(matrix.into_primitive()),
         };
         let record = |(index, part)| match PartBackward.prepare::<C>([whole.node()]).compute_bound().stateful() {
@@ -120,6 +141,7 @@ impl<B: ColumnOps, C: CheckpointStrategy> ColumnOps for Autodiff<B, C> {
     }
 }
 
-pub(super) fn apart(matrix: Tensor<2>, widths: &[usize]) -> Vec<Tensor<2>> {
-    <Dispatch as ColumnOps>::apart(matrix.into_dispatch(), widths.to_vec()).into_tensors().collect()
+pub(super) fn apart(matrix: Tensor<2>, heights: &[usize], widths: &[usize]) -> Vec<Tensor<2>> {
+    let size = Blocks { heights: heights.to_vec(), widths: widths.to_vec() };
+    <Dispatch as BlockOps>::apart(matrix.into_dispatch(), size).into_tensors().collect()
 }
