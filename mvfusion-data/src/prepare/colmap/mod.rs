@@ -10,7 +10,7 @@ use std::fs;
 use std::path::Path;
 
 use super::error::PrepareError;
-use super::event::{Event, Listener};
+use super::event::{Listener, Tell};
 use super::options::ColmapOptions;
 use attempt::Attempt;
 pub(super) use images::{Effort, Images, Kind};
@@ -29,12 +29,12 @@ impl<'a> Colmap<'a> {
     /// Finds the program.
     ///
     /// # Errors
-    /// [`PrepareError::NoColmap`].
+    /// [`PrepareError::NoColmap`], or if the listener ends it.
     pub(super) fn find(options: &'a ColmapOptions, listen: &mut Listener<'_>) -> Result<Self, PrepareError> {
         let program = Program::find(options.program.as_deref())?;
         if program.is_old() {
             let version = program.version();
-            listen(Event::Note(format!("COLMAP {version} is older than 3.8, the oldest version that was tried")));
+            listen.note(format!("COLMAP {version} is older than 3.8, the oldest version that was tried"))?;
         }
         Ok(Self { program, options })
     }
@@ -47,7 +47,8 @@ impl<'a> Colmap<'a> {
     /// The models of images, which are made in the folder `work`.
     ///
     /// # Errors
-    /// [`PrepareError::Step`] if a step fails. That no model could be made is no error: there is none then.
+    /// [`PrepareError::Step`] if a step fails, or if the listener ends it. That no model could be made is no error:
+    /// there is none then.
     pub(super) fn models(
         &self,
         images: Images<'_>,
@@ -67,6 +68,9 @@ impl<'a> Colmap<'a> {
         attempt.extract()?;
         attempt.compare()?;
         let mapped = attempt.map(&sparse);
+        if matches!(mapped, Err(PrepareError::Interrupted)) {
+            return Err(PrepareError::Interrupted);
+        }
         let models = MadeModel::all(&sparse)?;
         match mapped {
             // It also fails if it found no model, and says so.
