@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{ComputeArgs, ConfigSourceArgs};
+use super::compute::ComputeArgs;
+use super::config::ConfigSourceArgs;
 
 /// `mvfusion check`.
 #[derive(Clone, Debug, Args)]

@@ -7,7 +7,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use mvfusion_model::evaluation::{Protocol, Replacement};
 use mvfusion_model::model::motion::MotionModule;
 
-use super::ComputeArgs;
+use super::compute::ComputeArgs;
 
 /// `mvfusion eval`.
 #[derive(Clone, Debug, Args)]

@@ -6,7 +6,8 @@ use std::path::PathBuf;
 use clap::builder::ArgPredicate;
 use clap::{Args, ValueEnum};
 
-use super::{ComputeArgs, PageArgs};
+use super::compute::ComputeArgs;
+use super::page::PageArgs;
 use crate::export::moving::Precision;
 use crate::render::{parse_frames, parse_time};
 

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 use mvfusion_model::config::FusionWeights;
 
-use super::ComputeArgs;
+use super::compute::ComputeArgs;
 use crate::render::{
     FileFormat, LayerChoice, Views, parse_fps, parse_frames, parse_layer, parse_size, parse_time, parse_weights,
 };

@@ -6,9 +6,10 @@ use bytesize::ByteSize;
 use clap::{Args, Parser};
 use mvfusion_model::train::IMAGE_CACHE;
 
+use super::compute::ComputeArgs;
+use super::config::ConfigSourceArgs;
 #[cfg(feature = "viewer")]
-use super::TrainViewArgs;
-use super::{ComputeArgs, ConfigSourceArgs};
+use super::viewer::TrainViewArgs;
 
 /// `mvfusion train`.
 #[derive(Clone, Debug, Args)]
