@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use mvfusion_model::ModelError;
 
-use crate::interrupt::Interrupted;
+use crate::interrupt::{Abandoned, Interrupted};
 use crate::progress::{Event, Form, Status, Verbosity, print_line};
 
 /// Exit code of a failure.
@@ -36,8 +36,8 @@ impl std::error::Error for UsageError {}
 
 /// The exit code that belongs to an error.
 pub fn exit_code(error: &anyhow::Error) -> u8 {
-    if let Some(interrupted) = error.downcast_ref::<Interrupted>() {
-        return interrupted.code;
+    if let Some((code, _)) = interruption(error) {
+        return code;
     }
     let is_usage = |cause: &(dyn std::error::Error + 'static)| {
         let of_model = matches!(cause.downcast_ref(), Some(ModelError::Config { .. } | ModelError::Layer { .. }));
@@ -45,6 +45,12 @@ pub fn exit_code(error: &anyhow::Error) -> u8 {
     };
     let usage = error.chain().any(is_usage);
     if usage { USAGE } else { FAILED }
+}
+
+/// The exit code and the words of a command that a signal ended.
+fn interruption(error: &anyhow::Error) -> Option<(u8, String)> {
+    let saved = error.downcast_ref::<Interrupted>().map(|error| (error.code, error.to_string()));
+    saved.or_else(|| error.downcast_ref::<Abandoned>().map(|error| (error.code, error.to_string())))
 }
 
 /// Tells on stderr how a command ended. A closed pipe (`mvfusion config | head`) is not a failure.
@@ -62,8 +68,8 @@ pub fn report(result: &anyhow::Result<()>, verbosity: Verbosity) -> ExitCode {
         }
     };
     let code = exit_code(error);
-    let (status, message) = match error.downcast_ref::<Interrupted>() {
-        Some(interrupted) => (Status::Interrupted, interrupted.to_string()),
+    let (status, message) = match interruption(error) {
+        Some((_, message)) => (Status::Interrupted, message),
         None => (Status::Failed, paragraph(error)),
     };
     match (verbosity.form, status) {

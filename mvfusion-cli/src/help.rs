@@ -178,8 +178,8 @@ frames, without what moves. Their videos are taken as synchronous unless --offse
 each one began; every offset is printed.
 
 The scene folder appears only when all of it is there. It also holds a record of what was done (prepare.json) and the \
-log of COLMAP (colmap.log); after a failure, the log lies beside it. Footage whose poses are known needs no COLMAP: \
-docs/data.md lists the layouts.";
+log of COLMAP (colmap.log); after a failure, the log lies beside it. Ctrl-C and SIGTERM end COLMAP and leave nothing. \
+Footage whose poses are known needs no COLMAP: docs/data.md lists the layouts.";
 
 /// `mvfusion prepare --help`, below the options.
 pub const PREPARE_MORE: &str = "\

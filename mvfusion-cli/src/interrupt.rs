@@ -1,5 +1,5 @@
-//! Signals that interrupt a training: the first asks for a checkpoint after the current step, a second one ends the
-//! process at once. Files that may not grow any further.
+//! Signals that interrupt a command: the first asks it to end in order, a training with a checkpoint after the current
+//! step. A second one ends the process at once. Files that may not grow any further.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -103,6 +103,23 @@ impl fmt::Display for Interrupted {
 }
 
 impl std::error::Error for Interrupted {}
+
+/// A command was interrupted by a signal before what it makes was complete, and nothing is left of that.
+#[derive(Clone, Copy, Debug)]
+pub struct Abandoned {
+    /// The exit code.
+    pub code: u8,
+    /// What it makes.
+    pub what: &'static str,
+}
+
+impl fmt::Display for Abandoned {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "interrupted: nothing is left of the unfinished {}. The same command begins anew", self.what)
+    }
+}
+
+impl std::error::Error for Abandoned {}
 
 /// The command that continues a run.
 pub fn resume_command(run: &Path) -> String {

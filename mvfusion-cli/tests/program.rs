@@ -15,6 +15,9 @@ mod evidence;
 mod manuals;
 #[path = "program/output.rs"]
 mod output;
+#[cfg(unix)]
+#[path = "program/prepare.rs"]
+mod prepare;
 #[path = "program/render.rs"]
 mod render;
 #[cfg(unix)]

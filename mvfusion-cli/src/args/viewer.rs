@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::ComputeArgs;
+use super::compute::ComputeArgs;
 use crate::viewer::address::{HOST, PORT};
 
 /// The text of the default port, for clap.

@@ -1,20 +1,25 @@
 //! `mvfusion prepare`.
 
 use std::io::Write;
+use std::ops::ControlFlow;
 
+use anyhow::Context;
 use mvfusion_data::prepare::{ColmapOptions, Event, Footage, PrepareError, PrepareOptions, Prepared, prepare as make};
 use mvfusion_data::{ReadOptions, open, recognise};
 
 use super::check;
 use crate::args::{CheckArgs, ComputeArgs, ConfigSourceArgs, PrepareArgs};
 use crate::failure::UsageError;
+use crate::interrupt::{Abandoned, Signals};
 use crate::progress::{Progress, Verbosity};
 
 /// Makes a scene from photos or videos, and checks it as `mvfusion check` does.
 ///
 /// # Errors
 /// If there is no COLMAP, the footage cannot be used, COLMAP cannot place it, or training could not start on the scene.
+/// [`Abandoned`] after a signal.
 pub fn prepare(args: &PrepareArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
+    let signals = Signals::watch().context("cannot watch for signals")?;
     // A folder of videos looks like Neu3D until its poses are missed.
     if let (Ok(format), Ok(_)) = (recognise(&args.input, None), open(&args.input, &ReadOptions::default())) {
         let (input, format) = (args.input.display(), format.name());
@@ -23,29 +28,43 @@ pub fn prepare(args: &PrepareArgs, verbosity: Verbosity, out: &mut dyn Write) ->
         ));
     }
     let mut progress = None;
-    let mut listen = |event: Event| match event {
-        Event::Note(note) => verbosity.note(&format!("note:   {note}")),
-        Event::Begins { what, total } => progress = Some(Progress::new(what, total, verbosity)),
-        Event::Advances => {
-            if let Some(progress) = &mut progress {
-                progress.advance();
+    let mut listen = |event: Event| {
+        match event {
+            Event::Note(note) => verbosity.note(&format!("note:   {note}")),
+            Event::Begins { what, total } => progress = Some(Progress::new(what, total, verbosity)),
+            Event::Advances => {
+                if let Some(progress) = &mut progress {
+                    progress.advance();
+                }
             }
+            Event::Ends => {
+                if let Some(mut progress) = progress.take() {
+                    progress.finish();
+                }
+            }
+            Event::Continues => {}
         }
-        Event::Ends => {
-            if let Some(mut progress) = progress.take() {
-                progress.finish();
-            }
+        match signals.exit_code() {
+            Some(_) => ControlFlow::Break(()),
+            None => ControlFlow::Continue(()),
         }
     };
     let made = make(&args.input, &args.out, &options(args), &mut listen);
     drop(progress);
-    let made = made.map_err(|error: PrepareError| match error.is_usage() {
-        true => anyhow::Error::new(UsageError::new(error.to_string())),
-        false => error.into(),
-    })?;
+    let made = made.map_err(|error| failure(error, &signals))?;
+    // The scene is complete. What follows can be done again with `mvfusion check`.
+    signals.end_at_once();
     verbosity.wrote("scene", &args.out);
     tell(&made, args, out)?;
     check(&check_of(args), verbosity, out)
+}
+
+fn failure(error: PrepareError, signals: &Signals) -> anyhow::Error {
+    match (&error, signals.exit_code()) {
+        (PrepareError::Interrupted, Some(code)) => Abandoned { code, what: "scene" }.into(),
+        _ if error.is_usage() => UsageError::new(error.to_string()).into(),
+        _ => error.into(),
+    }
 }
 
 fn options(args: &PrepareArgs) -> PrepareOptions {

@@ -61,7 +61,7 @@ pub enum Event<'a> {
         status: Status,
         /// The exit code of the process.
         exit_code: u8,
-        /// Why the command failed, or how an interrupted one is continued.
+        /// Why the command failed, or what becomes of an interrupted one.
         #[serde(skip_serializing_if = "Option::is_none")]
         message: Option<&'a str>,
         /// Files and folders that were written.
@@ -77,7 +77,7 @@ pub enum Status {
     Ok,
     /// It failed.
     Failed,
-    /// A signal ended it, and it can be continued.
+    /// A signal ended it in order: a training can be continued, and nothing is left of what others were making.
     Interrupted,
 }
 

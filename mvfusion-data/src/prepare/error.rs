@@ -79,6 +79,9 @@ pub enum PrepareError {
         /// The whole log.
         log: PathBuf,
     },
+    /// The listener ended the preparation.
+    #[error("the preparation was ended, and nothing is left of it.")]
+    Interrupted,
     /// A photo, a video or a mask cannot be used.
     #[error(transparent)]
     Data(#[from] DataError),

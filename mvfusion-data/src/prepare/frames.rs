@@ -1,12 +1,12 @@
 //! The frames of a hand-held video as photos.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use image::RgbImage;
 
 use super::error::PrepareError;
-use super::event::{Event, Listener};
+use super::event::{Event, Listener, Tell};
 use super::sharp::{Sharpest, Windows};
 use crate::error::DataError;
 use crate::video::{FrameStore, Video};
@@ -24,14 +24,16 @@ const FEWEST_FRAMES: usize = 3;
 const MANY_FRAMES: usize = 1000;
 
 /// The rate of a video. A note says so if the file does not tell it.
-pub(super) fn rate(video: &Video, listen: &mut Listener<'_>) -> f64 {
-    video.fps().unwrap_or_else(|| {
-        let path = video.path().display();
-        listen(Event::Note(format!(
-            "{path} does not tell its frame rate: {ASSUMED_FPS} frames per second are assumed"
-        )));
-        ASSUMED_FPS
-    })
+///
+/// # Errors
+/// If the listener ends the preparation.
+pub(super) fn rate(video: &Video, listen: &mut Listener<'_>) -> Result<f64, PrepareError> {
+    if let Some(fps) = video.fps() {
+        return Ok(fps);
+    }
+    let path = video.path().display();
+    listen.note(format!("{path} does not tell its frame rate: {ASSUMED_FPS} frames per second are assumed"))?;
+    Ok(ASSUMED_FPS)
 }
 
 /// Writes the sharpest frame of each window to `images`. Returns the indices of the frames in the video.
@@ -45,16 +47,16 @@ pub(super) fn choose(
     listen: &mut Listener<'_>,
 ) -> Result<Vec<usize>, PrepareError> {
     let video = Video::open(path, usize::MAX, &FrameStore::new(None))?;
-    let filmed = rate(&video, listen);
+    let filmed = rate(&video, listen)?;
     let taken = fps.unwrap_or(USUAL_FPS);
     let windows = Windows::new(filmed, taken);
     if taken > filmed {
-        listen(Event::Note(format!("the video has {filmed:.2} frames per second, fewer than {taken}: all are taken")));
+        listen.note(format!("the video has {filmed:.2} frames per second, fewer than {taken}: all are taken"))?;
     }
-    listen(Event::Begins { what: "frames", total: video.len() });
+    listen.tell(Event::Begins { what: "frames", total: video.len() })?;
     let (mut sharpest, mut chosen) = (Sharpest::default(), Vec::new());
-    video.each_frame(&mut |index, frame| {
-        listen(Event::Advances);
+    video.each_frame(&mut |index, frame| -> Result<(), PrepareError> {
+        listen.tell(Event::Advances)?;
         if let Some((index, frame)) = sharpest.push(windows.of(index), index, frame) {
             save(images, index, &frame)?;
             chosen.push(index);
@@ -65,7 +67,7 @@ pub(super) fn choose(
         save(images, index, &frame)?;
         chosen.push(index);
     }
-    listen(Event::Ends);
+    listen.tell(Event::Ends)?;
     let (count, all) = (chosen.len(), video.len());
     if count < FEWEST_FRAMES {
         let reason = format!(
@@ -74,12 +76,12 @@ pub(super) fn choose(
         );
         return Err(PrepareError::Option { option: "--fps", reason });
     }
-    listen(Event::Note(format!(
+    listen.note(format!(
         "{count} of {all} frames are taken, the sharpest of each {:.1} ({taken} per second; --fps changes this)",
         windows.length()
-    )));
+    ))?;
     if count > MANY_FRAMES {
-        listen(Event::Note(format!("COLMAP may take hours for {count} frames: --fps takes fewer")));
+        listen.note(format!("COLMAP may take hours for {count} frames: --fps takes fewer"))?;
     }
     Ok(chosen)
 }
@@ -102,8 +104,9 @@ fn save(images: &Path, index: usize, frame: &RgbImage) -> Result<(), DataError> 
 ///
 /// # Errors
 /// If a name is no text, or a file cannot be copied.
-pub(super) fn copy(photos: &[std::path::PathBuf], images: &Path) -> Result<Vec<String>, PrepareError> {
-    let copied = |photo: &std::path::PathBuf| {
+pub(super) fn copy(photos: &[PathBuf], images: &Path, listen: &mut Listener<'_>) -> Result<Vec<String>, PrepareError> {
+    let copied = |photo: &PathBuf| {
+        listen.tell(Event::Continues)?;
         let name = photo.file_name().and_then(|name| name.to_str());
         let name = name.ok_or_else(|| PrepareError::Input {
             input: photo.clone(),

@@ -39,6 +39,7 @@ pub use record::{Footage, RigCamera};
 
 use colmap::{Colmap, Log};
 use draft::{Draft, LOG};
+use event::Tell;
 use input::Input;
 use record::Record;
 use single::Source;
@@ -52,10 +53,11 @@ pub struct Prepared {
     pub placed: Placed,
 }
 
-/// Makes a scene from photos or videos in the folder `out`. `listen` hears what is chosen, assumed and found.
+/// Makes a scene from photos or videos in the folder `out`. `listen` hears what is chosen, assumed and found, and can
+/// end it.
 ///
 /// # Errors
-/// [`PrepareError`]. Nothing is left then but COLMAP's log, if it ran: beside `out`, under the name that the error
+/// [`PrepareError`]. Nothing is left then but COLMAP's log, if it failed: beside `out`, under the name that the error
 /// gives.
 pub fn prepare(
     input: &Path,
@@ -76,6 +78,8 @@ pub fn prepare(
         Input::Video(video) => single::prepare(&Source::Video(video), &draft, tools, options, listen),
         Input::Rig(videos) => rig::prepare(videos, &draft, tools, options, listen),
     };
+    // A signal from a terminal also ends the programs that were started, and their failure may be seen first.
+    let made = made.map_err(|error| listen.tell(Event::Continues).err().unwrap_or(error));
     let (footage, placed) = made.inspect_err(|error| {
         if matches!(error, PrepareError::Step { .. } | PrepareError::Unplaced { .. }) {
             draft.keep_log();

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::colmap::MadeModel;
 use super::error::PrepareError;
-use super::event::{Event, Listener};
+use super::event::{Listener, Tell};
 
 /// Number of names that a message lists.
 const MOST_NAMES: usize = 12;
@@ -45,21 +45,25 @@ impl Placed {
     }
 
     /// Tells the user, with what helps if images are missing.
-    pub(super) fn tell(&self, what: &str, help: &str, listen: &mut Listener<'_>) {
+    ///
+    /// # Errors
+    /// If the listener ends the preparation.
+    pub(super) fn tell(&self, what: &str, help: &str, listen: &mut Listener<'_>) -> Result<(), PrepareError> {
         let (placed, total) = (self.placed.len(), self.total);
-        listen(Event::Note(format!("COLMAP placed {placed} of {total} {what}, with {} points", self.points)));
+        listen.note(format!("COLMAP placed {placed} of {total} {what}, with {} points", self.points))?;
         if !self.models.is_empty() {
-            listen(Event::Note(format!(
+            listen.note(format!(
                 "COLMAP made {} models that it cannot join: {}. Model {} is used; --model N uses another one",
                 self.models.len(),
                 self.models.join(", "),
                 self.model
-            )));
+            ))?;
         }
         if !self.unplaced.is_empty() {
             let (failed, names) = (self.unplaced.len(), listed(&self.unplaced));
-            listen(Event::Note(format!("{failed} of {total} {what} were not placed: {names}. {help}")));
+            listen.note(format!("{failed} of {total} {what} were not placed: {names}. {help}"))?;
         }
+        Ok(())
     }
 }
 

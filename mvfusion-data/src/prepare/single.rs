@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::colmap::{Colmap, Effort, Images, Kind, Log, chosen};
 use super::draft::Draft;
 use super::error::PrepareError;
-use super::event::{Event, Listener};
+use super::event::{Listener, Tell};
 use super::frames;
 use super::masks::{Masks, given, none_given};
 use super::options::PrepareOptions;
@@ -37,7 +37,7 @@ pub(super) fn prepare(
     let (names, footage, kind) = match source {
         Source::Photos(photos) => {
             same_size(photos)?;
-            let names = frames::copy(photos, &images)?;
+            let names = frames::copy(photos, &images, listen)?;
             (names, Footage::Photos { photos: photos.len() }, Kind::Photos)
         }
         Source::Video(video) => {
@@ -56,7 +56,7 @@ pub(super) fn prepare(
     };
     models[place].copy_to(&draft.scene().join("sparse").join("0"))?;
     let placed = Placed::of(&names, &models, place);
-    placed.tell(what, help, listen);
+    placed.tell(what, help, listen)?;
     Ok((footage, placed))
 }
 
@@ -99,11 +99,11 @@ fn masks(
     if masks.count == 0 {
         return Err(none_given(folder, &names.first().map(|name| stem(name)).unwrap_or_default()));
     }
-    listen(Event::Note(format!(
+    listen.note(format!(
         "{} of {} images have masks: COLMAP ignores what is white in them",
         masks.count,
         names.len()
-    )));
+    ))?;
     Ok(Some(masks))
 }
 

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::delay::{Delay, LEAST_CONFIDENCE, delay};
 use super::error::PrepareError;
-use super::event::{Event, Listener};
+use super::event::{Listener, Tell};
 use super::options::{PrepareOptions, Sync};
 use crate::video::sound;
 
@@ -80,7 +80,7 @@ pub(super) fn offsets(
     let offsets: Vec<Offset> = clips.iter().enumerate().map(offset).collect();
     for (clip, offset) in clips.iter().zip(&offsets) {
         if let Some(told) = told(&clip.name, offset) {
-            listen(Event::Note(told));
+            listen.note(told)?;
         }
     }
     let taken: Vec<&str> = clips
@@ -90,11 +90,11 @@ pub(super) fn offsets(
         .map(|(clip, _)| clip.name.as_str())
         .collect();
     if !taken.is_empty() {
-        listen(Event::Note(format!(
+        listen.note(format!(
             "taken as synchronous, from their first frames on: {} (--offset CAM=SECONDS gives an offset, and --sync \
              sound measures it)",
             taken.join(", ")
-        )));
+        ))?;
     }
     Ok(offsets)
 }
@@ -176,6 +176,9 @@ pub(super) fn timeline(clips: &[Clip], offsets: &[Offset], fps: f64) -> Result<V
 
 #[cfg(test)]
 mod tests {
+    use std::ops::ControlFlow;
+
+    use super::super::event::Event;
     use super::*;
 
     fn clip(name: &str, frames: usize, fps: f64) -> Clip {
@@ -216,7 +219,11 @@ mod tests {
         let paths = [Path::new("a.mp4"), Path::new("b.mp4")];
         let mut notes = Vec::new();
         let mut options = PrepareOptions { offsets: BTreeMap::from([("b".into(), 0.25)]), ..Default::default() };
-        let found = offsets(&clips, &paths, &options, &mut |event| notes.push(event)).expect("found");
+        let mut listen = |event: Event| {
+            notes.push(event);
+            ControlFlow::Continue(())
+        };
+        let found = offsets(&clips, &paths, &options, &mut listen).expect("found");
         assert_eq!(found.iter().map(|offset| offset.seconds).collect::<Vec<_>>(), [0.0, 0.25]);
         assert_eq!(notes[0], Event::Note("b started +0.250 s after time zero, as given".into()));
         assert!(
@@ -224,7 +231,9 @@ mod tests {
             "{notes:?}"
         );
         options.offsets = BTreeMap::from([("c".into(), 1.0)]);
-        let said = offsets(&clips, &paths, &options, &mut |_| {}).expect_err("no such video").to_string();
+        let said = offsets(&clips, &paths, &options, &mut |_| ControlFlow::Continue(()))
+            .expect_err("no such video")
+            .to_string();
         assert!(said.contains("there is no video c, only a, b"), "{said}");
     }
 }

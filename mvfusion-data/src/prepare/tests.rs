@@ -2,6 +2,7 @@
 #![cfg(unix)]
 
 use std::fs;
+use std::ops::ControlFlow;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
@@ -70,6 +71,7 @@ impl Footage {
             if let Event::Note(note) = event {
                 notes.push(note);
             }
+            ControlFlow::Continue(())
         })
     }
 
@@ -172,7 +174,8 @@ fn without_colmap_nothing_is_written() {
     let footage = Footage::new("");
     let colmap = ColmapOptions { program: Some(footage.path("absent")), ..Default::default() };
     let options = PrepareOptions { colmap, ..Default::default() };
-    let prepared = prepare(&footage.path("known/images"), &footage.path("scene"), &options, &mut |_| {});
+    let prepared =
+        prepare(&footage.path("known/images"), &footage.path("scene"), &options, &mut |_| ControlFlow::Continue(()));
     let error = prepared.expect_err("no program");
     assert!(error.is_usage() && matches!(error, PrepareError::NoColmap { .. }));
     assert_eq!(listed(footage.folder.path()), ["colmap", "known"]);

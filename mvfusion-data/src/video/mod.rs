@@ -21,6 +21,7 @@ mod temporary;
 mod tests;
 
 use std::collections::BTreeMap;
+use std::fmt::Display;
 use std::fs::Metadata;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -161,10 +162,10 @@ impl Video {
     ///
     /// # Errors
     /// [`DataError::Content`] if the video cannot be decoded, or the sink's own error, which ends the decoding.
-    pub(crate) fn each_frame(
+    pub(crate) fn each_frame<E: From<DataError> + Display>(
         &self,
-        sink: &mut dyn FnMut(usize, image::RgbImage) -> Result<(), DataError>,
-    ) -> Result<(), DataError> {
+        sink: &mut dyn FnMut(usize, image::RgbImage) -> Result<(), E>,
+    ) -> Result<(), E> {
         let (mut index, mut refusal) = (0, None);
         let decoded = self.decode(&mut |frame| {
             if index < self.len {
@@ -179,10 +180,10 @@ impl Video {
         });
         match (refusal, decoded) {
             (Some(error), _) => Err(error),
-            (None, Err(flaw)) => Err(flaw.into()),
+            (None, Err(flaw)) => Err(DataError::from(flaw).into()),
             (None, Ok(())) if index < self.len => {
                 let reason = format!("only {index} of {} frames can be decoded", self.len);
-                Err(Flaw::new(&self.path, reason, CHECK_FILE).into())
+                Err(DataError::from(Flaw::new(&self.path, reason, CHECK_FILE)).into())
             }
             (None, Ok(())) => Ok(()),
         }

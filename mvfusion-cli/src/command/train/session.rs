@@ -4,26 +4,23 @@ use std::io::Write;
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
-use anyhow::Context;
 use mvfusion_data::Scene;
-use mvfusion_data::files::read_bytes;
-use mvfusion_data::write::gaussian_ply;
 use mvfusion_model::Config;
 use mvfusion_model::evaluation::Evaluator;
 use mvfusion_model::files::sha256;
-use mvfusion_model::train::{TrainedModel, Trainer};
+use mvfusion_model::train::Trainer;
 use tracing::{info, warn};
 
-use super::super::score::Scoring;
 use super::live::{Live, ViewerSocket};
+use super::setup::Setup;
 use super::watch::{CheckpointClock, Watch};
 use crate::device::OpenDevice;
 use crate::interrupt::{Interrupted, Signals, resume_command};
 use crate::lpips::LpipsFolder;
 use crate::progress::Verbosity;
-use crate::run::{self, MetricsLine, MetricsLog, PicturesWriter, Results, RunFolder, RunRecord, SceneFile, TrainCost};
-use crate::tensorboard::{self, EventFile};
-use crate::{atomic, config, memory, report, table};
+use crate::run::{self, MetricsLine, MetricsLog, RunFolder, RunRecord, TrainCost};
+use crate::tensorboard::EventFile;
+use crate::{atomic, config, memory, report};
 
 /// How often a checkpoint is tried to be written, and the pause in between.
 const SAVE_ATTEMPTS: usize = 3;
@@ -32,6 +29,15 @@ const SAVE_PAUSE: Duration = Duration::from_secs(2);
 /// Is told of each logged step, and may end the training: it is then saved, as after a signal. The time that an observer
 /// takes is no part of the training's.
 pub type Observer = Box<dyn FnMut(&MetricsLine) -> ControlFlow<()> + Send>;
+
+/// The files that a training writes.
+pub(super) struct RunFiles {
+    pub(super) folder: RunFolder,
+    pub(super) record: RunRecord,
+    pub(super) log: MetricsLog,
+    /// Seconds of training before this process, by the log.
+    pub(super) elapsed: f64,
+}
 
 /// A training in progress.
 pub(super) struct Session {
@@ -58,6 +64,35 @@ pub(super) struct Session {
 }
 
 impl Session {
+    /// A training that goes on from the trainer's state, without observers.
+    ///
+    /// # Errors
+    /// If the event file cannot be written.
+    pub(super) fn new(setup: Setup, files: RunFiles, signals: Signals, verbosity: Verbosity) -> anyhow::Result<Self> {
+        let Setup { config, device, scene, trainer, lpips_folder, evaluator } = setup;
+        let RunFiles { folder, record, log, elapsed } = files;
+        let next = trainer.state().completed + 1;
+        let create = || EventFile::create(&folder.path().join(run::TENSORBOARD), next);
+        let events = config.train.tensorboard.then(create).transpose()?;
+        Ok(Self {
+            config,
+            record,
+            device,
+            scene,
+            trainer,
+            lpips_folder,
+            evaluator,
+            folder,
+            log,
+            events,
+            elapsed,
+            signals,
+            verbosity,
+            observer: None,
+            live: None,
+        })
+    }
+
     /// The same, watched at a socket if there is one.
     pub(super) fn watched(self, socket: ViewerSocket) -> anyhow::Result<Self> {
         Ok(Self { live: Live::start(socket, &self)?, ..self })
@@ -196,59 +231,5 @@ impl Session {
             }
             _ => self.verbosity.note(&format!("note:   {} is kept; it contains no checkpoint yet", path.display())),
         }
-    }
-
-    fn write_gaussians(&self, steps: usize) -> anyhow::Result<()> {
-        let iteration = format!("iteration_{steps}");
-        let model = self.trainer.state().model.plain();
-        for (name, branch) in model.branches() {
-            let file = format!("{name}.ply");
-            let cloud = branch.to_cloud()?;
-            atomic::write(&self.folder.place(&[run::POINT_CLOUD, &iteration, &file])?, &gaussian_ply(&cloud))?;
-        }
-        Ok(())
-    }
-
-    /// Scores the model, writes metrics and images, and prints the table.
-    fn evaluate(&self, cost: TrainCost, config_sha256: String, out: &mut dyn Write) -> anyhow::Result<()> {
-        let config = self.trainer.config();
-        let pictures = PicturesWriter::new(self.folder.path(), &config.eval, self.scene.test.len());
-        let trained = TrainedModel::from(self.trainer.state());
-        let scoring = Scoring {
-            trained: &trained,
-            scene: &self.scene,
-            config,
-            config_sha256,
-            evaluator: &self.evaluator,
-            speed_frames: 0,
-            lpips_folder: self.lpips_folder.clone(),
-            cost: Some(cost),
-            device: &self.device,
-            run: self.folder.path(),
-        };
-        let scored = scoring.score(Some(&pictures), self.verbosity)?;
-        scored.write(self.folder.path())?;
-        atomic::write_json(&self.folder.place(&[run::SCENE])?, &SceneFile::of(&self.scene))?;
-        table::write(&scored.results, self.evaluator.protocol(), self.verbosity, out)?;
-        writeln!(out, "{:16}{}", "run", self.folder.path().display())?;
-        if let Some(strip) = pictures.strip_to_see() {
-            writeln!(out, "{:16}{}", "start with", strip.display())?;
-            writeln!(out, "{:16}({})", "", run::legend(&self.trainer.state().model))?;
-        }
-        // As late as possible: a run that is killed after this and continued would write them again.
-        self.add_scores(cost.steps, &scored.results, &pictures)
-    }
-
-    /// Writes the metrics and the strips into the event file, if there is one.
-    fn add_scores(&self, step: usize, results: &Results, pictures: &PicturesWriter) -> anyhow::Result<()> {
-        let Some(events) = &self.events else { return Ok(()) };
-        let mut values = tensorboard::of_results(results);
-        for path in pictures.strips() {
-            let name = path.file_stem().unwrap_or_default().to_string_lossy();
-            let bytes = read_bytes(&path, run::MOST_OF_PICTURE);
-            let bytes = bytes.with_context(|| format!("cannot read {}", path.display()))?;
-            values.push(tensorboard::Value::png(format!("strips/{name}"), bytes)?);
-        }
-        events.add(step, values)
     }
 }

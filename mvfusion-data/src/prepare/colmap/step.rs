@@ -4,14 +4,18 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
-use std::sync::mpsc::{Sender, channel};
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread;
+use std::time::Duration;
 
 use super::super::error::PrepareError;
-use super::super::event::{Event, Listener};
+use super::super::event::{Event, Listener, Tell};
 
 /// Number of lines of the log that an error repeats.
 const LAST_WORDS: usize = 2;
+
+/// The longest silence of COLMAP after which the listener is asked whether it is to go on.
+const PAUSE: Duration = Duration::from_millis(100);
 
 /// The log of all steps.
 #[derive(Debug)]
@@ -52,7 +56,7 @@ impl Drop for Guard {
 /// Runs a step to its end. `counts` tells whether a line of its output ends one of `total` parts.
 ///
 /// # Errors
-/// [`PrepareError::Step`] if it fails.
+/// [`PrepareError::Step`] if it fails. If the listener ends it, COLMAP is killed.
 pub(super) fn run(
     (name, command): (&'static str, &mut Command),
     (title, total): (&'static str, usize),
@@ -61,7 +65,7 @@ pub(super) fn run(
     listen: &mut Listener<'_>,
 ) -> Result<(), PrepareError> {
     log.line(&format!("$ {command:?}"))?;
-    listen(Event::Begins { what: title, total });
+    listen.tell(Event::Begins { what: title, total })?;
     let spawned = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
     let failed = |status: String, said: String| PrepareError::Step {
         step: name,
@@ -74,12 +78,18 @@ pub(super) fn run(
     let (sender, lines) = channel();
     let readers = [pass_on(child.0.stdout.take(), sender.clone()), pass_on(child.0.stderr.take(), sender)];
     let (mut last, mut done) = (Vec::new(), 0);
-    for line in lines {
+    loop {
+        listen.tell(Event::Continues)?;
+        let line = match lines.recv_timeout(PAUSE) {
+            Ok(line) => line,
+            Err(RecvTimeoutError::Timeout) => continue,
+            Err(RecvTimeoutError::Disconnected) => break,
+        };
         log.line(&line)?;
         // An image may be tried more than once.
         if counts(&line) && done < total {
             done += 1;
-            listen(Event::Advances);
+            listen.tell(Event::Advances)?;
         }
         if !line.trim().is_empty() {
             last.push(line);
@@ -89,7 +99,7 @@ pub(super) fn run(
         let _ = reader.join();
     }
     let status = child.0.wait().map_err(|error| PrepareError::unwritable(log.shown(), error))?;
-    listen(Event::Ends);
+    listen.tell(Event::Ends)?;
     if status.success() {
         return Ok(());
     }

@@ -5,9 +5,9 @@ use std::path::Path;
 use image::{DynamicImage, GrayImage, RgbImage};
 
 use super::camera::Camera;
-use crate::error::DataError;
 use crate::motion::LooseFrames;
 use crate::prepare::error::PrepareError;
+use crate::prepare::event::{Event, Listener, Tell};
 use crate::prepare::masks::grown;
 use crate::video::{FrameStore, Video};
 
@@ -43,7 +43,7 @@ impl Start {
     ///
     /// # Errors
     /// If it cannot be decoded.
-    pub(super) fn of(camera: &Camera) -> Result<Self, DataError> {
+    pub(super) fn of(camera: &Camera, listen: &mut Listener<'_>) -> Result<Self, PrepareError> {
         let begin = camera.first_frame();
         let within = ((SECONDS * camera.clip.fps).ceil() as usize).clamp(1, camera.clip.frames - begin);
         let stride = within.div_ceil(MOST_FRAMES);
@@ -52,7 +52,8 @@ impl Start {
         let mut loose = LooseFrames::new((width, height), factor as usize);
         let mut first = None;
         let video = Video::open(camera.video.path(), begin + within, &FrameStore::new(None))?;
-        video.each_frame(&mut |index, frame| {
+        video.each_frame(&mut |index, frame| -> Result<(), PrepareError> {
+            listen.tell(Event::Continues)?;
             if index >= begin && (index - begin).is_multiple_of(stride) {
                 loose.push(&frame);
                 if first.is_none() {

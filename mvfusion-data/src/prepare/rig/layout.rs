@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::camera::Camera;
 use crate::error::DataError;
 use crate::prepare::error::PrepareError;
-use crate::prepare::event::{Event, Listener};
+use crate::prepare::event::{Event, Listener, Tell};
 use crate::video::{FrameStore, Video};
 
 /// The number of each camera: that of its name `camNN` if all have different ones, otherwise its place, from 1.
@@ -41,7 +41,7 @@ pub(super) fn folder_name(camera: &Camera) -> String {
 /// If a video cannot be decoded, or a file cannot be written.
 pub(super) fn write(cameras: &[&Camera], scene: &Path, listen: &mut Listener<'_>) -> Result<(), PrepareError> {
     let as_it_is = cameras.iter().all(|camera| is_whole(camera));
-    listen(Event::Begins { what: "videos", total: cameras.len() });
+    listen.tell(Event::Begins { what: "videos", total: cameras.len() })?;
     for camera in cameras {
         let name = folder_name(camera);
         match as_it_is {
@@ -49,18 +49,18 @@ pub(super) fn write(cameras: &[&Camera], scene: &Path, listen: &mut Listener<'_>
                 let path = scene.join(format!("{name}.mp4"));
                 fs::copy(camera.video.path(), &path).map_err(|error| PrepareError::unwritable(&path, error))?;
             }
-            false => write_frames(camera, &scene.join(name))?,
+            false => write_frames(camera, &scene.join(name), listen)?,
         }
-        listen(Event::Advances);
+        listen.tell(Event::Advances)?;
     }
-    listen(Event::Ends);
+    listen.tell(Event::Ends)?;
     let renamed: Vec<String> = cameras
         .iter()
         .filter(|camera| camera.clip.name != folder_name(camera))
         .map(|camera| format!("{} is {}", folder_name(camera), camera.clip.name))
         .collect();
     if !renamed.is_empty() {
-        listen(Event::Note(format!("cameras are named by numbers: {}", renamed.join(", "))));
+        listen.note(format!("cameras are named by numbers: {}", renamed.join(", ")))?;
     }
     Ok(())
 }
@@ -72,7 +72,7 @@ fn is_whole(camera: &Camera) -> bool {
 }
 
 /// Writes the frames that are taken, without loss.
-fn write_frames(camera: &Camera, folder: &Path) -> Result<(), PrepareError> {
+fn write_frames(camera: &Camera, folder: &Path, listen: &mut Listener<'_>) -> Result<(), PrepareError> {
     fs::create_dir(folder).map_err(|error| PrepareError::unwritable(folder, error))?;
     let unwritable = |error: &dyn ToString| DataError::Folder {
         folder: folder.to_owned(),
@@ -91,13 +91,17 @@ fn write_frames(camera: &Camera, folder: &Path) -> Result<(), PrepareError> {
         waiting.clear();
         Ok(())
     };
-    video.each_frame(&mut |index, frame| {
+    video.each_frame(&mut |index, frame| -> Result<(), PrepareError> {
+        listen.tell(Event::Continues)?;
         // A frame stands for several moments where the scene has more of them than the video.
         while camera.frames.get(next) == Some(&index) {
             waiting.push((next, frame.clone()));
             next += 1;
         }
-        if waiting.len() >= at_once { save(&mut waiting) } else { Ok(()) }
+        if waiting.len() >= at_once {
+            save(&mut waiting)?;
+        }
+        Ok(())
     })?;
     Ok(save(&mut waiting)?)
 }

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::colmap::{Colmap, Effort, Images, Kind, Log, MadeModel, chosen};
 use super::draft::Draft;
 use super::error::PrepareError;
-use super::event::{Event, Listener};
+use super::event::{Event, Listener, Tell};
 use super::frames::rate;
 use super::masks::{Masks, given, none_given};
 use super::options::PrepareOptions;
@@ -68,7 +68,7 @@ pub(super) fn prepare(
     models[place].copy_to(&draft.scene().join("sparse_"))?;
     let mut placed = Placed::of(&names, &models, place);
     (placed.placed, placed.unplaced) = (titles_of(&placed.placed), titles_of(&placed.unplaced));
-    placed.tell("cameras", HELP, listen);
+    placed.tell("cameras", HELP, listen)?;
     let moments = cameras.first().map_or(0, |camera| camera.frames.len());
     let kept: Vec<&Camera> = cameras.iter().filter(|camera| placed.placed.contains(&camera.clip.name)).collect();
     layout::write(&kept, &draft.scene(), listen)?;
@@ -103,11 +103,11 @@ fn cameras(
             advice: "All videos of a rig must have one size: scale them alike".into(),
         }));
     }
-    let clip = |video: &Arc<Video>, listen: &mut Listener<'_>| {
-        let fps = rate(video, listen);
-        Clip { name: stem(video.path()), frames: video.len(), fps }
+    let clip = |video: &Arc<Video>, listen: &mut Listener<'_>| -> Result<Clip, PrepareError> {
+        let fps = rate(video, listen)?;
+        Ok(Clip { name: stem(video.path()), frames: video.len(), fps })
     };
-    let clips: Vec<Clip> = videos.iter().map(|video| clip(video, listen)).collect();
+    let clips: Vec<Clip> = videos.iter().map(|video| clip(video, listen)).collect::<Result<_, _>>()?;
     let names: Vec<&str> = clips.iter().map(|clip| clip.name.as_str()).collect();
     if let Some(twin) = names.windows(2).find(|pair| pair[0] == pair[1]) {
         let reason = format!("two videos are named {}: each camera needs one video", twin[0]);
@@ -118,7 +118,7 @@ fn cameras(
     let paths: Vec<&Path> = paths.iter().map(PathBuf::as_path).collect();
     let offsets = offsets(&clips, &paths, options, listen)?;
     let frames = timeline(&clips, &offsets, fps)?;
-    listen(Event::Note(format!("{} cameras share {} moments, {fps:.2} per second", clips.len(), frames[0].len())));
+    listen.note(format!("{} cameras share {} moments, {fps:.2} per second", clips.len(), frames[0].len()))?;
     let numbers = numbers(&names);
     let parts = videos.into_iter().zip(numbers).zip(clips).zip(offsets).zip(frames);
     let cameras = parts
@@ -129,22 +129,22 @@ fn cameras(
 
 /// The beginning of every video.
 fn starts(cameras: &[Camera], listen: &mut Listener<'_>) -> Result<Vec<Start>, PrepareError> {
-    listen(Event::Begins { what: "first frames", total: cameras.len() });
+    listen.tell(Event::Begins { what: "first frames", total: cameras.len() })?;
     let mut starts = Vec::with_capacity(cameras.len());
     // One after another: a video that is decoded keeps several processors busy.
     for camera in cameras {
-        starts.push(Start::of(camera)?);
-        listen(Event::Advances);
+        starts.push(Start::of(camera, listen)?);
+        listen.tell(Event::Advances)?;
     }
-    listen(Event::Ends);
+    listen.tell(Event::Ends)?;
     for (camera, start) in cameras.iter().zip(&starts) {
         let Some(share) = start.changing_edges.filter(|&share| !is_still(share)) else { continue };
-        listen(Event::Note(format!(
+        listen.note(format!(
             "{} does not stand still: {:.0} % of the edges in its first frame change within seconds. The poses of a \
              rig are those of its first frames. If the camera moves, leave it out, or prepare its video alone",
             camera.clip.name,
             100.0 * share
-        )));
+        ))?;
     }
     Ok(starts)
 }
@@ -179,11 +179,11 @@ fn masks(
     }
     let known: Vec<f64> = shares.iter().flatten().copied().collect();
     let mean = 100.0 * known.iter().sum::<f64>() / known.len().max(1) as f64;
-    listen(Event::Note(match (known.is_empty(), &options.masks) {
+    listen.note(match (known.is_empty(), &options.masks) {
         (true, _) => "the videos are too short to see what moves: COLMAP gets no masks".into(),
         (false, Some(_)) => format!("{} of {} cameras have masks; they cover {mean:.0} %", known.len(), cameras.len()),
         (false, None) => format!("what moves covers {mean:.0} % of the first frames: COLMAP ignores it"),
-    }));
+    })?;
     Ok((masks, shares))
 }
 
@@ -209,10 +209,10 @@ fn best_models(
         }
         if effort == Effort::Usual {
             let (placed, total) = (size(&best).0, images.count);
-            listen(Event::Note(format!(
+            listen.note(format!(
                 "COLMAP's defaults place {placed} of {total} cameras: it is tried again with features for wide \
                  baselines"
-            )));
+            ))?;
         }
     }
     Ok(best)

@@ -2,7 +2,7 @@
 
 use burn::tensor::Tensor;
 
-use super::MotionCache;
+use super::{MotionCache, Near};
 use crate::tensors;
 
 /// The Gaussians of one moment.
@@ -14,10 +14,16 @@ pub struct MomentRows<'a> {
     pub cache: &'a MotionCache,
 }
 
-impl MomentRows<'_> {
+impl<'a> MomentRows<'a> {
     /// Number of Gaussians.
     pub fn count(&self) -> usize {
         self.cache.signatures.dims()[0]
+    }
+
+    /// The nearest others of each, for attention in space.
+    pub(super) fn near(&self) -> &'a Near {
+        // Proof: `MotionCache::new` and checkpoints have neighbours for the configuration of this module.
+        self.cache.near.as_ref().expect("attention in space has neighbours")
     }
 }
 

@@ -233,11 +233,9 @@ impl MotionRefinement {
 
         let RefinementRules { token_offset, octaves, .. } = self.rules;
         if let Some(TemporalModule::Spatial(_)) = &self.temporal {
-            // Proof: `MotionCache::new` and checkpoints have neighbours for the configuration of this module.
-            let near_of = |rows: &MomentRows<'_>| rows.cache.near.as_ref().expect("attention in space has neighbours");
-            let near = Near::joined(&moments.iter().map(near_of).collect::<Vec<_>>());
+            let near = Near::joined(&moments.iter().map(MomentRows::near).collect::<Vec<_>>());
             let place = |rows: &MomentRows<'_>| between(&rows.cache.knot_times, rows.time);
-            let local = joined(moments, |rows| known(near_of(rows).local_at(place(rows))));
+            let local = joined(moments, |rows| known(rows.near().local_at(place(rows))));
             let times = of_time(moments, &means, |time| vec![time]);
             let tokens = Tokens::new(centre, around.of_others(&near.means, &times, local));
             return tokens.at_distances(near.distances(means), token_offset, octaves);
