@@ -1,10 +1,11 @@
 //! A device for launches: its buffers, its limits, and the folding of launches into two dimensions.
 
 use std::cell::Cell;
+use std::ops::Range;
 use std::thread::LocalKey;
 
 use burn::backend::ops::{FloatTensorOps, IntTensorOps};
-use burn::tensor::{DType, FloatDType, IntDType, Shape};
+use burn::tensor::{DType, FloatDType, IntDType, Shape, Slice};
 use burn_cubecl::CubeBackend;
 use burn_cubecl::CubeDevice;
 use burn_cubecl::kernel::into_contiguous;
@@ -131,6 +132,24 @@ impl Gpu {
         let shape = shape.into();
         let flat = Shape::from([shape.num_elements()]);
         self.shaped(CubeBackend::float_zeros(flat, &self.device, FloatDType::F32), shape)
+    }
+
+    /// Neighbouring numbers of a tensor of rank 1, in another shape. They are not copied if they begin where the device
+    /// may bind a buffer.
+    pub fn part(&self, joined: &CubeTensor, range: Range<usize>, shape: Shape) -> CubeTensor {
+        let bytes = |numbers: usize| (numbers * joined.dtype.size()) as u64;
+        if !range.start.is_multiple_of(self.alignment(joined.dtype)) {
+            let slice = Slice::new(range.start as isize, Some(range.end as isize), 1);
+            return self.shaped(CubeBackend::float_slice(joined.clone(), &[slice]), shape);
+        }
+        let after = joined.meta.num_elements() - range.end;
+        let handle = joined.handle.clone().offset_start(bytes(range.start)).offset_end(bytes(after));
+        CubeTensor::new_contiguous(self.client.clone(), self.device.clone(), shape, handle, joined.dtype)
+    }
+
+    /// Numbers between two places where a buffer may be bound.
+    pub fn alignment(&self, dtype: DType) -> usize {
+        (self.client.properties().memory.alignment as usize).div_ceil(dtype.size()).max(1)
     }
 
     /// A tensor of rank 1 in another shape. A runtime may pad the rows of tensors of higher rank, as CUDA's does; that

@@ -1,9 +1,8 @@
 //! The MLPs, one launch per layer. CPU twin: `mlp/cpu.rs`.
 
 use burn::backend::TensorMetadata;
-use burn::backend::ops::FloatTensorOps;
 use burn::backend::tensor::FloatTensor;
-use burn::tensor::Slice;
+use burn::tensor::DType;
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::CubeDim;
@@ -24,8 +23,8 @@ impl MlpOps for CubeBackend {
         let run = Run::new(input, parameters, &layout);
         let outputs = run.gpu.floats([run.rows, layout.outputs()]);
         let mut column = 0;
-        for chain in layout.layers() {
-            let hidden = run.hidden(&chain);
+        for chain in &run.layers {
+            let hidden = run.hidden(chain);
             let last = &chain[chain.len() - 1];
             let source = hidden.last().unwrap_or(&run.input);
             run.layer(source, last, false, &Matrix::columns(&outputs, column, last.outputs));
@@ -47,14 +46,14 @@ impl MlpAdjoint for CubeBackend {
         if run.rows == 0 {
             return Adjoints {
                 input: wanted.input.then(|| run.input.tensor.clone()),
-                parameters: wanted.parameters.then(|| run.apart(run.gpu.zero_floats([layout.parameters()]), &layout)),
+                parameters: wanted.parameters.then(|| run.apart(run.gpu.zero_floats([run.joined]))),
             };
         }
         let v_outputs = single(v_outputs);
         let v_input = wanted.input.then(|| Matrix::of(run.gpu.floats(run.input.tensor.shape())));
-        let shares = wanted.parameters.then(|| run.gpu.floats([run.rows.div_ceil(run.slab()), layout.parameters()]));
+        let shares = wanted.parameters.then(|| run.gpu.floats([run.rows.div_ceil(run.slab()), run.joined]));
         let mut column = 0;
-        for (number, chain) in layout.layers().iter().enumerate() {
+        for (number, chain) in run.layers.iter().enumerate() {
             let hidden = run.hidden(chain);
             let mut v = Matrix::columns(&v_outputs, column, chain[chain.len() - 1].outputs);
             column += v.columns;
@@ -75,7 +74,7 @@ impl MlpAdjoint for CubeBackend {
         }
         Adjoints {
             input: v_input.map(|matrix| matrix.tensor),
-            parameters: shares.map(|shares| run.apart(run.gpu.sum_rows(shares), &layout)),
+            parameters: shares.map(|shares| run.apart(run.gpu.sum_rows(shares))),
         }
     }
 }
@@ -117,6 +116,10 @@ impl Matrix {
 struct Run {
     gpu: Gpu,
     input: Matrix,
+    /// The layers of each chain. In the joined adjoints, weights begin where buffers may be bound.
+    layers: Vec<Vec<LinearLayout>>,
+    /// Length of the joined adjoints.
+    joined: usize,
     /// Weight and bias of each layer.
     parameters: Vec<CubeTensor>,
     rows: usize,
@@ -130,7 +133,9 @@ impl Run {
         let rows = input.shape()[0];
         let input = Matrix::of(single(input));
         let parameters = parameters.0.into_iter().map(single).collect();
-        Self { gpu, input, parameters, rows, rectified: layout.rectified }
+        let layers = layout.aligned_layers(gpu.alignment(DType::F32));
+        let joined = layers.iter().flatten().map(|layer| layer.bias.end).max().unwrap_or(0);
+        Self { gpu, input, layers, joined, parameters, rows, rectified: layout.rectified }
     }
 
     fn weight(&self, layer: &LinearLayout) -> &CubeTensor {
@@ -142,13 +147,10 @@ impl Run {
         self.rows.div_ceil(MOST_SLABS).max(self.gpu.product_plan(1).least_slab)
     }
 
-    /// The adjoints of the parameters, from one tensor.
-    fn apart(&self, joined: CubeTensor, layout: &MlpLayout) -> Floats<CubeBackend> {
-        let ranges = layout.ranges().into_iter().zip(&self.parameters);
-        let own = ranges.map(|(range, parameter)| {
-            let slice = Slice::new(range.start as isize, Some(range.end as isize), 1);
-            CubeBackend::float_reshape(CubeBackend::float_slice(joined.clone(), &[slice]), parameter.shape())
-        });
+    /// The adjoints of the parameters, which share one tensor.
+    fn apart(&self, joined: CubeTensor) -> Floats<CubeBackend> {
+        let ranges = self.layers.iter().flatten().flat_map(|layer| [layer.weight.clone(), layer.bias.clone()]);
+        let own = ranges.zip(&self.parameters).map(|(range, own)| self.gpu.part(&joined, range, own.shape()));
         Floats(own.collect())
     }
 

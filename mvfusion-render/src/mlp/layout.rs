@@ -41,9 +41,15 @@ impl MlpLayout {
 
     /// The layers of each chain.
     pub(crate) fn layers(&self) -> Vec<Vec<LinearLayout>> {
-        let (mut at, mut index) = (0, 0);
+        self.aligned_layers(1)
+    }
+
+    /// The layers of each chain. If all parameters are joined, each weight begins at a multiple of `alignment`.
+    pub(crate) fn aligned_layers(&self, alignment: usize) -> Vec<Vec<LinearLayout>> {
+        let (mut at, mut index) = (0_usize, 0);
         let mut layer = |inputs: usize, outputs: usize| {
-            let weight = at..at + inputs * outputs;
+            let start = at.next_multiple_of(alignment);
+            let weight = start..start + inputs * outputs;
             at = weight.end + outputs;
             index += 1;
             LinearLayout { index: index - 1, inputs, outputs, bias: weight.end..at, weight }
