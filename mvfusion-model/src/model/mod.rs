@@ -3,6 +3,7 @@
 pub mod alive;
 pub mod composition;
 mod crop;
+mod deformed;
 pub mod exposure;
 pub mod gaussians;
 pub mod harmonics;
@@ -20,10 +21,11 @@ use mvfusion_render::splat::{SplatFrame, SplatPicture, SplatRules, SplatSettings
 use crate::ModelError;
 use crate::config::MotionConfig;
 use crate::model::alive::AliveRows;
+use crate::model::deformed::Rows;
 use crate::model::exposure::Exposures;
 use crate::model::gaussians::{Behind, Gaussians, RawGaussians, splat_frames};
-use crate::model::motion::{MomentRows, MotionCache, MotionRefinement, RefinedFeature, RefinementConfig, Substitutes};
-use crate::model::network::{DeformationNetwork, Offsets};
+use crate::model::motion::{MotionCache, MotionRefinement, Substitutes};
+use crate::model::network::DeformationNetwork;
 use crate::timeline::Timeline;
 
 pub use crop::{Crop, CropError, Kept, OrientedBox};
@@ -87,7 +89,8 @@ pub struct BranchPictures {
     pub dynamic: SplatPicture,
     /// Static branch: colour, alpha, depth.
     pub static_: Option<SplatPicture>,
-    /// Foreground probability of the dynamic Gaussians at this time, without autodiff: `[N, 1]`; only with a mask.
+    /// Foreground probability of the dynamic Gaussians at this time, without autodiff: `[N, 1]`; only with a mask and
+    /// probes.
     pub foreground: Option<Tensor<2>>,
 }
 
@@ -112,9 +115,6 @@ impl Probes {
     }
 }
 
-/// The dynamic Gaussians at a time: those that are alive, or all.
-pub(crate) type Rows<'a> = (Option<&'a AliveRows>, f64);
-
 impl Model {
     /// The model without autodiff, for evaluation: [`Module::valid`]. Shares its memory.
     pub fn plain(&self) -> Self {
@@ -135,112 +135,6 @@ impl Model {
     /// The branches by name, the dynamic one first.
     pub fn branches(&self) -> impl Iterator<Item = (&'static str, &Gaussians)> {
         std::iter::once(("dynamic", &self.dynamic)).chain(self.static_.iter().map(|branch| ("static", branch)))
-    }
-
-    /// All dynamic Gaussians at a time, with lifetimes and deformation. Refinement falls back to the base deformation
-    /// until motion was measured.
-    pub fn dynamic_at(&self, time: f64, level: DeformationLevel, context: &RenderContext) -> RawGaussians {
-        self.rows_at((None, time), level, context)
-    }
-
-    /// The same for the rows that are alive.
-    pub(crate) fn rows_at(&self, moment: Rows<'_>, level: DeformationLevel, context: &RenderContext) -> RawGaussians {
-        // Proof: there are rows for each moment.
-        self.rows_at_each(&[moment], level, context).pop().expect("one moment")
-    }
-
-    /// The same at several moments, whose rows go through the networks together.
-    fn rows_at_each(
-        &self,
-        moments: &[Rows<'_>],
-        level: DeformationLevel,
-        context: &RenderContext,
-    ) -> Vec<RawGaussians> {
-        let of_rows = |&(alive, time): &Rows<'_>| match alive {
-            Some(alive) => self.dynamic.at(time).select(alive.rows()),
-            None => self.dynamic.at(time),
-        };
-        let gaussians = moments.iter().map(of_rows);
-        if level == DeformationLevel::Still {
-            return gaussians.collect();
-        }
-        // A substitute has the rows of one moment.
-        if moments.len() > 1 && !self.substitutes.is_empty() {
-            return moments.iter().map(|&moment| self.rows_at(moment, level, context)).collect();
-        }
-        let means = self.means_of(moments);
-        let refined = match level {
-            DeformationLevel::Still | DeformationLevel::Base => None,
-            DeformationLevel::Refined => {
-                self.refine(moments, context, |config| self.refinement.offsets(&self.network, means.clone(), config))
-            }
-        };
-        let offsets = refined.unwrap_or_else(|| self.base_offsets(means, moments));
-        gaussians.zip(offsets).map(|(gaussians, offsets)| gaussians.deformed(offsets)).collect()
-    }
-
-    /// The offsets of the base deformation for the canonical centres of some moments.
-    fn base_offsets(&self, means: Tensor<2>, moments: &[Rows<'_>]) -> Vec<Offsets> {
-        let counts: Vec<usize> = moments.iter().map(|(alive, _)| self.count_of(*alive)).collect();
-        let times: Vec<(usize, Vec<f64>)> =
-            counts.iter().zip(moments).map(|(&count, &(_, time))| (count, vec![time])).collect();
-        let times = crate::tensors::rows_of_parts(&times, &means);
-        self.network.decode_parts(self.network.feature(means, times), &counts)
-    }
-
-    /// The refined feature of the rows that are alive; `None` until motion was measured.
-    pub(crate) fn refined_feature(&self, moment: Rows<'_>, context: &RenderContext) -> Option<RefinedFeature> {
-        let means = self.means_of(&[moment]);
-        self.refine(&[moment], context, |config| self.refinement.feature(&self.network, means, config))
-    }
-
-    /// The mean entropy of MFTA's attention over the rows that are alive, in nats: `[1]`. `None` without attention, or
-    /// until motion was measured.
-    pub(crate) fn attention_entropy(&self, moment: Rows<'_>, context: &RenderContext) -> Option<Tensor<1>> {
-        let means = self.means_of(&[moment]);
-        self.refine(&[moment], context, |config| self.refinement.entropy(&self.network, means, config)).flatten()
-    }
-
-    /// Number of rows that are alive, or of all.
-    fn count_of(&self, alive: Option<&AliveRows>) -> usize {
-        alive.map_or(self.dynamic.count(), |alive| alive.rows().dims()[0])
-    }
-
-    /// Canonical centres of the rows of some moments.
-    fn means_of(&self, moments: &[Rows<'_>]) -> Tensor<2> {
-        let means = self.dynamic.means.val();
-        let of_rows = |&(alive, _): &Rows<'_>| match alive {
-            Some(alive) => means.clone().select(0, alive.rows().clone()),
-            None => means.clone(),
-        };
-        match moments {
-            [one] => of_rows(one),
-            _ => Tensor::cat(moments.iter().map(of_rows).collect(), 0),
-        }
-    }
-
-    /// Evaluates the refinement of the rows of some moments; `None` until motion was measured.
-    fn refine<T>(
-        &self,
-        moments: &[Rows<'_>],
-        context: &RenderContext,
-        evaluate: impl FnOnce(&RefinementConfig<'_>) -> T,
-    ) -> Option<T> {
-        let cache = self.motion.as_ref()?;
-        let of_rows = |&(alive, _): &Rows<'_>| match alive {
-            Some(alive) => cache.clone().select(alive.rows()),
-            None => cache.clone(),
-        };
-        let caches: Vec<MotionCache> = moments.iter().map(of_rows).collect();
-        let substitutes = match moments {
-            [(Some(alive), _)] => self.substitutes.select(alive.rows()),
-            _ => self.substitutes.clone(),
-        };
-        let moments: Vec<MomentRows<'_>> =
-            caches.iter().zip(moments).map(|(cache, &(_, time))| MomentRows { time, cache }).collect();
-        let RenderContext { timeline, extent, .. } = context;
-        let config = RefinementConfig { timeline, moments: &moments, extent: *extent, substitutes: &substitutes };
-        Some(evaluate(&config))
     }
 
     /// Renders the branches.
@@ -274,12 +168,14 @@ impl Model {
         let alive = AliveRows::of_all(&self.dynamic, &times)?;
         let moments: Vec<Rows<'_>> = alive.iter().map(Option::as_ref).zip(times).collect();
         let moved = self.rows_at_each(&moments, level, context);
+        let still = self.static_.as_ref().map(Gaussians::canonical);
         let (mut frames, mut foregrounds) = (Vec::new(), Vec::new());
         for (((camera, _), alive), moved) in views.iter().zip(&alive).zip(moved) {
             let (frame, foreground) = self.dynamic_frame(camera, moved, alive.as_ref(), probes, context);
             frames.push(frame);
             foregrounds.push(foreground);
-            frames.extend(self.static_frame(camera, probes.map(|probes| probes.static_.clone()), context));
+            let probe = probes.map(|probes| probes.static_.clone());
+            frames.extend(still.clone().and_then(|still| self.static_frame(still, camera, probe, context)));
         }
         let mut pictures = splat_frames(frames)?.into_iter();
         let views = alive.into_iter().zip(foregrounds).map(|(alive, foreground)| {
@@ -294,8 +190,8 @@ impl Model {
         Ok(views.collect())
     }
 
-    /// The frame of the dynamic branch, whose Gaussians that are alive have `moved`, and the foreground probability of
-    /// all its Gaussians.
+    /// The frame of the dynamic branch, whose Gaussians that are alive have `moved`, and with probes the foreground
+    /// probability of all its Gaussians.
     fn dynamic_frame(
         &self,
         camera: &Camera,
@@ -304,7 +200,7 @@ impl Model {
         probes: Option<&Probes>,
         context: &RenderContext,
     ) -> (SplatFrame, Option<Tensor<2>>) {
-        let foreground = moved.foreground_probability();
+        let foreground = probes.and_then(|_| moved.foreground_probability());
         let features = moved.mask_features();
         let settings = context.splat_settings(self.dynamic.sh_degree, context.mask_gradient);
         let probe = probes.map(|probes| match alive {
@@ -318,11 +214,16 @@ impl Model {
         (moved.into_frame(features, probe, camera, &settings, context.behind), foreground)
     }
 
-    /// The frame of the static branch, if there is one.
-    fn static_frame(&self, camera: &Camera, probe: Option<Tensor<2>>, context: &RenderContext) -> Option<SplatFrame> {
-        let branch = self.static_.as_ref()?;
-        let settings = context.splat_settings(branch.sh_degree, false);
-        Some(branch.canonical().into_frame(None, probe, camera, &settings, context.behind))
+    /// The frame of the static branch, if there is one, with its `canonical` Gaussians.
+    fn static_frame(
+        &self,
+        canonical: RawGaussians,
+        camera: &Camera,
+        probe: Option<Tensor<2>>,
+        context: &RenderContext,
+    ) -> Option<SplatFrame> {
+        let settings = context.splat_settings(self.static_.as_ref()?.sh_degree, false);
+        Some(canonical.into_frame(None, probe, camera, &settings, context.behind))
     }
 
     /// Renders the static branch, if there is one.
@@ -331,7 +232,9 @@ impl Model {
         camera: &Camera,
         context: &RenderContext,
     ) -> Result<Option<SplatPicture>, ModelError> {
-        Ok(splat_frames(self.static_frame(camera, None, context).into_iter().collect())?.pop())
+        let canonical = self.static_.as_ref().map(Gaussians::canonical);
+        let frame = canonical.and_then(|canonical| self.static_frame(canonical, camera, None, context));
+        Ok(splat_frames(frame.into_iter().collect())?.pop())
     }
 }
 

@@ -136,7 +136,11 @@ impl Gaussians {
     /// `sigmoid(logit - ((t - c) / w)^2)`. For small opacities, this is the bell `opacity exp(-((t - c) / w)^2)` of
     /// Spacetime Gaussians and FreeTimeGS; for large ones, it is flat-topped. Ours; docs/METHOD.md, section 13.
     pub fn at(&self, time: f64) -> RawGaussians {
-        let canonical = self.canonical();
+        self.alive(self.canonical(), time)
+    }
+
+    /// The canonical Gaussians of this branch with their lifetimes applied.
+    pub(crate) fn alive(&self, canonical: RawGaussians, time: f64) -> RawGaussians {
         let (Some(centres), Some(durations), Some(velocities)) =
             (&self.time_centres, &self.log_durations, &self.velocities)
         else {

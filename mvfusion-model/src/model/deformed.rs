@@ -1,0 +1,125 @@
+//! The deformed dynamic Gaussians of some moments.
+
+use burn::tensor::Tensor;
+
+use super::alive::AliveRows;
+use super::gaussians::RawGaussians;
+use super::motion::{MomentRows, MotionCache, RefinedFeature, RefinementConfig};
+use super::network::Offsets;
+use super::{DeformationLevel, Model, RenderContext};
+use crate::tensors;
+
+/// The dynamic Gaussians at a time: those that are alive, or all.
+pub(super) type Rows<'a> = (Option<&'a AliveRows>, f64);
+
+impl Model {
+    /// All dynamic Gaussians at a time, with lifetimes and deformation. Refinement falls back to the base deformation
+    /// until motion was measured.
+    pub fn dynamic_at(&self, time: f64, level: DeformationLevel, context: &RenderContext) -> RawGaussians {
+        self.rows_at((None, time), level, context)
+    }
+
+    /// The same for the rows that are alive.
+    pub(crate) fn rows_at(&self, moment: Rows<'_>, level: DeformationLevel, context: &RenderContext) -> RawGaussians {
+        // Proof: there are rows for each moment.
+        self.rows_at_each(&[moment], level, context).pop().expect("one moment")
+    }
+
+    /// The same at several moments, whose rows go through the networks together.
+    pub(super) fn rows_at_each(
+        &self,
+        moments: &[Rows<'_>],
+        level: DeformationLevel,
+        context: &RenderContext,
+    ) -> Vec<RawGaussians> {
+        let canonical = self.dynamic.canonical();
+        let of_rows = |&(alive, time): &Rows<'_>| {
+            let gaussians = self.dynamic.alive(canonical.clone(), time);
+            match alive {
+                Some(alive) => gaussians.select(alive.rows()),
+                None => gaussians,
+            }
+        };
+        let gaussians = moments.iter().map(of_rows);
+        if level == DeformationLevel::Still {
+            return gaussians.collect();
+        }
+        // A substitute has the rows of one moment.
+        if moments.len() > 1 && !self.substitutes.is_empty() {
+            return moments.iter().map(|&moment| self.rows_at(moment, level, context)).collect();
+        }
+        let means = self.means_of(moments);
+        let refined = match level {
+            DeformationLevel::Still | DeformationLevel::Base => None,
+            DeformationLevel::Refined => {
+                self.refine(moments, context, |config| self.refinement.offsets(&self.network, means.clone(), config))
+            }
+        };
+        let offsets = refined.unwrap_or_else(|| self.base_offsets(means, moments));
+        gaussians.zip(offsets).map(|(gaussians, offsets)| gaussians.deformed(offsets)).collect()
+    }
+
+    /// The offsets of the base deformation for the canonical centres of some moments.
+    fn base_offsets(&self, means: Tensor<2>, moments: &[Rows<'_>]) -> Vec<Offsets> {
+        let counts: Vec<usize> = moments.iter().map(|(alive, _)| self.count_of(*alive)).collect();
+        let times: Vec<(usize, Vec<f64>)> =
+            counts.iter().zip(moments).map(|(&count, &(_, time))| (count, vec![time])).collect();
+        let times = tensors::rows_of_parts(&times, &means);
+        self.network.decode_parts(self.network.feature(means, times), &counts)
+    }
+
+    /// The refined feature of the rows that are alive; `None` until motion was measured.
+    pub(crate) fn refined_feature(&self, moment: Rows<'_>, context: &RenderContext) -> Option<RefinedFeature> {
+        let means = self.means_of(&[moment]);
+        self.refine(&[moment], context, |config| self.refinement.feature(&self.network, means, config))
+    }
+
+    /// The mean entropy of MFTA's attention over the rows that are alive, in nats: `[1]`. `None` without attention, or
+    /// until motion was measured.
+    pub(crate) fn attention_entropy(&self, moment: Rows<'_>, context: &RenderContext) -> Option<Tensor<1>> {
+        let means = self.means_of(&[moment]);
+        self.refine(&[moment], context, |config| self.refinement.entropy(&self.network, means, config)).flatten()
+    }
+
+    /// Number of rows that are alive, or of all.
+    fn count_of(&self, alive: Option<&AliveRows>) -> usize {
+        alive.map_or(self.dynamic.count(), |alive| alive.rows().dims()[0])
+    }
+
+    /// Canonical centres of the rows of some moments.
+    fn means_of(&self, moments: &[Rows<'_>]) -> Tensor<2> {
+        let means = self.dynamic.means.val();
+        let of_rows = |&(alive, _): &Rows<'_>| match alive {
+            Some(alive) => means.clone().select(0, alive.rows().clone()),
+            None => means.clone(),
+        };
+        match moments {
+            [one] => of_rows(one),
+            _ => Tensor::cat(moments.iter().map(of_rows).collect(), 0),
+        }
+    }
+
+    /// Evaluates the refinement of the rows of some moments; `None` until motion was measured.
+    fn refine<T>(
+        &self,
+        moments: &[Rows<'_>],
+        context: &RenderContext,
+        evaluate: impl FnOnce(&RefinementConfig<'_>) -> T,
+    ) -> Option<T> {
+        let cache = self.motion.as_ref()?;
+        let of_rows = |&(alive, _): &Rows<'_>| match alive {
+            Some(alive) => cache.clone().select(alive.rows()),
+            None => cache.clone(),
+        };
+        let caches: Vec<MotionCache> = moments.iter().map(of_rows).collect();
+        let substitutes = match moments {
+            [(Some(alive), _)] => self.substitutes.select(alive.rows()),
+            _ => self.substitutes.clone(),
+        };
+        let moments: Vec<MomentRows<'_>> =
+            caches.iter().zip(moments).map(|(cache, &(_, time))| MomentRows { time, cache }).collect();
+        let RenderContext { timeline, extent, .. } = context;
+        let config = RefinementConfig { timeline, moments: &moments, extent: *extent, substitutes: &substitutes };
+        Some(evaluate(&config))
+    }
+}
