@@ -11,7 +11,7 @@ use cubecl::ir::{
 use cubecl::prelude::*;
 use cubecl::profile::TimingMethod;
 
-use super::adam::{AdamStepCompilationArg, adam};
+use super::adam::{AdamStepCompilationArg, adam, adam_of_three};
 use super::atomic::{ExchangedSum, NativeSum};
 use super::attention::{attention, attention_backward};
 use super::backward_kind::{BlendBackwardKind, CountedChannels};
@@ -292,6 +292,7 @@ impl Catalogue<'_> {
         add!(self, Checked, UNITS, "", attention::Attention, [_ _ _ _ _], heads, queries, keys);
         add!(self, Checked, UNITS, "", attention_backward::AttentionBackward, [_ _ _ _ _ _ _], heads, queries, keys);
         add!(self, Checked, UNITS, "", adam::Adam, [_ _ _ _ _ _]);
+        add!(self, Checked, UNITS, "", adam_of_three::AdamOfThree, [_ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _]);
     }
 
     fn add_windows(&mut self) {

@@ -4,7 +4,7 @@ use anyhow::{Result, ensure};
 use burn::tensor::{DType, Device, Tensor};
 use mvfusion_render::grid::{GridBounds, GridLayout, look_up, regulariser::penalties};
 use mvfusion_render::mlp::{Layer, MlpLayout};
-use mvfusion_render::optim::{AdamMoments, AdamRule, adam_step};
+use mvfusion_render::optim::{self, AdamMoments, AdamRule, AdamStep};
 use mvfusion_render::scales::{self, ScaleRule};
 use mvfusion_render::window::{Window, blur, ssim_map, structure_map};
 use mvfusion_render::{attention, blocks, mlp};
@@ -164,21 +164,29 @@ fn structure_and_back(device: &Device) -> Result<Outcome> {
     of_pictures(device, MOMENTS, |a, b| structure_map(a, b, &window))
 }
 
+/// Parameters of different sizes and rules, one of which has nothing in it. A GPU steps three in a launch.
 pub fn adam_steps(device: &Device) -> Result<Outcome> {
     let device = &device.clone().inner();
-    let mut value = normal([70_001], 1.0, 41, device);
-    let held = value.clone();
-    let mut moments = AdamMoments::zeros_like(&value);
+    let sizes = [70_001, 1, 300, 0, 257, 1000];
+    let mut values: Vec<Tensor<1>> = (41..).zip(sizes).map(|(seed, size)| normal([size], 1.0, seed, device)).collect();
+    let held = values.clone();
+    let mut moments: Vec<_> = values.iter().map(AdamMoments::zeros_like).collect();
     for step in 0..3 {
-        let gradient = normal([70_001], 0.1, 42 + step, device);
-        (value, moments) = adam_step(value, gradient, moments, &AdamRule::new(0.01));
+        let parameters = values.into_iter().zip(moments).enumerate().map(|(index, (value, moments))| {
+            let gradient = normal(value.dims(), 0.1, 50 + 10 * step + index as u64, device);
+            AdamStep { value, gradient, moments, rule: AdamRule::new(0.01 * (1 + index) as f64) }
+        });
+        let stepped = optim::adam_steps(parameters.collect());
+        (values, moments) = stepped.into_iter().map(|stepped| (stepped.value, stepped.moments)).unzip();
     }
-    Ok(vec![
-        ("value".into(), Array::of(value), SUMS),
-        ("first moment".into(), Array::of(moments.first), SUMS),
-        ("second moment".into(), Array::of(moments.second), SUMS),
-        ("what another holds".into(), Array::of(held), SUMS),
-    ])
+    let mut outcome = Outcome::new();
+    for ((value, moments), held) in values.into_iter().zip(moments).zip(held).filter(|(_, held)| held.dims()[0] > 0) {
+        outcome.push(("value".into(), Array::of(value), SUMS));
+        outcome.push(("first moment".into(), Array::of(moments.first), SUMS));
+        outcome.push(("second moment".into(), Array::of(moments.second), SUMS));
+        outcome.push(("what another holds".into(), Array::of(held), SUMS));
+    }
+    Ok(outcome)
 }
 
 /// Ops on no rows at all, there and back: what they share between rows has no gradient.
