@@ -1,11 +1,13 @@
 //! MVG: the motion-variance feature (paper, "MVG Injection"; METHOD A11, A12).
 
 use burn::module::Module;
-use burn::tensor::Tensor;
+use burn::tensor::{Tensor, TensorData};
+use mvfusion_render::device::is_gpu;
 
 use super::statistics::{SIGNATURE_WIDTH, VELOCITY_WIDTH};
 use crate::config::{Descriptor, MotionConfig};
 use crate::model::network::{Mlp, ModuleInit, zero_last_layer};
+use crate::tensors;
 
 /// Encodes the signature and what is known of the moment into a residual of the deformation feature:
 /// `h_MVG = W2 relu(W1 PE(V (+) e(t)))`, with `W2` zero at the start. Of a moment, the local intensity `e(t)` is known,
@@ -55,21 +57,38 @@ impl MotionEncoder {
 /// Sinusoidal encoding `[u, sin u, cos u, sin 2u, cos 2u, sin 4u, ..]` of `[N, k]`: `[N, k (1 + 2 octaves)]`, without
 /// pi (A11).
 ///
-/// Each octave follows from the previous one by the double-angle formulas, because sines are expensive on a CPU. The
-/// error doubles with each octave; with the usual four it is about 1e-6 in f32.
+/// On a CPU, where sines are expensive, each octave follows from the previous one by the double-angle formulas. The error
+/// doubles with each octave; with the usual four it is about 1e-6 in f32. On a GPU, where launches are, all octaves are
+/// computed together.
 pub fn sinusoidal(values: Tensor<2>, octaves: usize) -> Tensor<2> {
-    let (mut sine, mut cosine) = (values.clone().sin(), values.clone().cos());
-    let mut blocks = vec![values];
+    if octaves > 0 && is_gpu(&values.device().inner()) {
+        return with_octaves_at_once(values, octaves);
+    }
+    let mut blocks = vec![values.clone()];
+    let mut pair: Option<(Tensor<2>, Tensor<2>)> = None;
     for _ in 0..octaves {
+        let (sine, cosine) = match pair {
+            None => (values.clone().sin(), values.clone().cos()),
+            Some((sine, cosine)) => (sine.clone() * cosine * 2.0, sine.square() * -2.0 + 1.0),
+        };
         blocks.extend([sine.clone(), cosine.clone()]);
-        (sine, cosine) = (sine.clone() * cosine * 2.0, sine.square() * -2.0 + 1.0);
+        pair = Some((sine, cosine));
     }
     Tensor::cat(blocks, 1)
 }
 
+fn with_octaves_at_once(values: Tensor<2>, octaves: usize) -> Tensor<2> {
+    let [count, columns] = values.dims();
+    let factors = (0..octaves).map(|octave| (1_u64 << octave) as f64).collect();
+    let factors: Tensor<3> = tensors::from_data_like(TensorData::new::<f64, _>(factors, [1, octaves, 1]), &values);
+    let angles = values.clone().unsqueeze_dim::<3>(1) * factors;
+    let waves = Tensor::cat(vec![angles.clone().sin(), angles.cos()], 2).reshape([count, 2 * octaves * columns]);
+    Tensor::cat(vec![values, waves], 1)
+}
+
 #[cfg(test)]
 mod tests {
-    use burn::tensor::{DType, TensorData};
+    use burn::tensor::DType;
 
     use super::*;
     use crate::random::Stream;
