@@ -141,10 +141,8 @@ impl Trainer {
     /// The penalties of the HexPlane's planes (METHOD §4.4, R_grid).
     fn grid_penalty(&self) -> Result<Tensor<1>, ModelError> {
         let grid = &self.state.model.network.grid;
-        let penalties = grid::regulariser::penalties(grid.planes.val(), grid.layout())?;
         let config = &self.config.loss;
-        Ok(penalties.plane_smooth * config.plane_smooth
-            + penalties.time_smooth * config.time_smooth
-            + penalties.l1_time * config.time_l1)
+        let weights = [config.plane_smooth, config.time_smooth, config.time_l1];
+        Ok(grid::regulariser::weighted_penalty(grid.planes.val(), grid.layout(), weights)?)
     }
 }

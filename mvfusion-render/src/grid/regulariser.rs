@@ -3,7 +3,7 @@
 mod cpu;
 pub(crate) mod op;
 
-use burn::tensor::Tensor;
+use burn::tensor::{Tensor, TensorData};
 
 use super::{GridError, GridLayout, error};
 
@@ -29,4 +29,17 @@ pub fn penalties(planes: Tensor<2>, layout: &GridLayout) -> Result<GridPenalties
     let terms = op::penalties(planes, layout);
     let [plane_smooth, time_smooth, l1_time] = [0, 1, 2].map(|term| terms.clone().narrow(0, term, 1));
     Ok(GridPenalties { plane_smooth, time_smooth, l1_time })
+}
+
+/// The sum of the penalties in the order of [`GridPenalties`], each times its weight: `[1]`. As one product, it takes a
+/// fifth of the launches of a sum of slices.
+///
+/// # Errors
+/// As [`penalties`].
+pub fn weighted_penalty(planes: Tensor<2>, layout: &GridLayout, weights: [f64; 3]) -> Result<Tensor<1>, GridError> {
+    error::check_planes(&planes, layout)?;
+    let terms = op::penalties(planes, layout);
+    let weights = TensorData::from(weights).convert_dtype(terms.dtype());
+    let weights = Tensor::<1>::from_data(weights, (&terms.device(), terms.dtype()));
+    Ok((terms * weights).sum())
 }

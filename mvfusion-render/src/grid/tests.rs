@@ -230,6 +230,9 @@ fn arguments_that_do_not_fit_are_named() {
     });
 }
 
+/// Weights of the penalties.
+const WEIGHTS: [f64; 3] = [0.7, 2.0, 1.3];
+
 /// The three terms, and the adjoint of the planes for their sum with unequal weights.
 fn run_penalties(
     values: &[f64],
@@ -243,7 +246,7 @@ fn run_penalties(
     let planes = Tensor::<2>::from_data(data, (device, dtype)).require_grad();
     let found = penalties(planes.clone());
     let terms = [found.plane_smooth, found.time_smooth, found.l1_time];
-    let total = terms.clone().into_iter().zip([0.7, 2.0, 1.3]).map(|(term, weight)| term * weight);
+    let total = terms.clone().into_iter().zip(WEIGHTS).map(|(term, weight)| term * weight);
     let gradients = total.reduce(|a, b| a + b).expect("three terms").backward();
     let gradient = numbers(planes.grad(&gradients).expect("tracked"));
     [terms.into_iter().flat_map(|term| numbers(term.inner())).collect(), gradient]
@@ -266,5 +269,22 @@ fn penalties_are_their_reference() {
                 }
             }
         }
+    });
+}
+
+#[test]
+fn a_weighted_penalty_is_the_sum_of_the_weighted_terms() {
+    for_each_device(|device| {
+        let layout = layout(3);
+        let values = random(1, layout.cells() * layout.features);
+        let op = |planes| regulariser::penalties(planes, &layout).expect("the planes fit");
+        let [terms, gradient] = run_penalties(&values, &layout, &device, DType::F64, op);
+        let data = TensorData::new(values, [layout.cells(), layout.features]);
+        let planes = Tensor::<2>::from_data(data, (&device.autodiff(), DType::F64)).require_grad();
+        let penalty = regulariser::weighted_penalty(planes.clone(), &layout, WEIGHTS).expect("the planes fit");
+        let sum: f64 = terms.iter().zip(WEIGHTS).map(|(term, weight)| term * weight).sum();
+        assert_close(&numbers(penalty.clone().inner()), &[sum], EXACT, "the sum");
+        let found = numbers(planes.grad(&penalty.backward()).expect("tracked"));
+        assert_close(&found, &gradient, EXACT, "its adjoint");
     });
 }
