@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use burn::tensor::Tensor;
+use burn::tensor::{Int, Tensor};
 use glam::{DQuat, DVec3, Vec3};
 use thiserror::Error;
 
@@ -108,8 +108,7 @@ impl Model {
             return Err(CropError::Empty { lower, upper });
         }
         let static_ = plain.static_.as_ref().zip(static_).map(|(branch, rows)| part(branch, &rows));
-        let first = [0];
-        let rows = tensors::rows_like(if dynamic.is_empty() { &first } else { &dynamic }, &plain.dynamic.means.val());
+        let rows = index(&plain.dynamic, &dynamic);
         let model = Self {
             dynamic: part(&plain.dynamic, &dynamic),
             static_,
@@ -164,8 +163,7 @@ fn rows_in(region: &OrientedBox, branch: &Gaussians) -> Result<Vec<usize>, Model
 
 /// The given rows of a branch; of no rows, an invisible Gaussian.
 fn part(branch: &Gaussians, rows: &[usize]) -> Gaussians {
-    let first = [0];
-    let index = tensors::rows_like(if rows.is_empty() { &first } else { rows }, &branch.means.val());
+    let index = index(branch, rows);
     let of = |attribute| {
         let values = branch.plain(attribute)?.select(0, index.clone());
         let is_hidden = rows.is_empty() && attribute == Attribute::OpacityLogits;
@@ -174,6 +172,12 @@ fn part(branch: &Gaussians, rows: &[usize]) -> Gaussians {
     // Proof: `plain` has each attribute that a branch needs.
     let gaussians = Gaussians::from_tensors(of).expect("all attributes");
     Gaussians { sh_degree: branch.sh_degree, ..gaussians }
+}
+
+/// The given rows; of no rows, the first one, which stands for them.
+fn index(branch: &Gaussians, rows: &[usize]) -> Tensor<1, Int> {
+    let first = [0];
+    tensors::rows_like(if rows.is_empty() { &first } else { rows }, &branch.means.val())
 }
 
 /// Centres `[N, 3]` on the host.
