@@ -1,6 +1,7 @@
 //! The deformed dynamic Gaussians of some moments.
 
 use burn::tensor::Tensor;
+use mvfusion_render::device::is_gpu;
 
 use super::alive::AliveRows;
 use super::gaussians::RawGaussians;
@@ -25,7 +26,7 @@ impl Model {
         self.rows_at_each(&[moment], level, context).pop().expect("one moment")
     }
 
-    /// The same at several moments, whose rows go through the networks together.
+    /// The same at several moments. On a GPU, their rows go through the networks together.
     pub(super) fn rows_at_each(
         &self,
         moments: &[Rows<'_>],
@@ -44,10 +45,15 @@ impl Model {
         if level == DeformationLevel::Still {
             return gaussians.collect();
         }
-        // A substitute has the rows of one moment.
-        if moments.len() > 1 && !self.substitutes.is_empty() {
-            return moments.iter().map(|&moment| self.rows_at(moment, level, context)).collect();
-        }
+        // A substitute has the rows of one moment. On a CPU, where launches cost nothing, fewer rows at a time are faster.
+        let is_joint = self.substitutes.is_empty() && is_gpu(&canonical.means.device().inner());
+        let together = if is_joint { moments.len().max(1) } else { 1 };
+        let offsets = moments.chunks(together).flat_map(|moments| self.offsets(moments, level, context));
+        gaussians.zip(offsets).map(|(gaussians, offsets)| gaussians.deformed(offsets)).collect()
+    }
+
+    /// The offsets of some moments, computed together.
+    fn offsets(&self, moments: &[Rows<'_>], level: DeformationLevel, context: &RenderContext) -> Vec<Offsets> {
         let means = self.means_of(moments);
         let refined = match level {
             DeformationLevel::Still | DeformationLevel::Base => None,
@@ -55,8 +61,7 @@ impl Model {
                 self.refine(moments, context, |config| self.refinement.offsets(&self.network, means.clone(), config))
             }
         };
-        let offsets = refined.unwrap_or_else(|| self.base_offsets(means, moments));
-        gaussians.zip(offsets).map(|(gaussians, offsets)| gaussians.deformed(offsets)).collect()
+        refined.unwrap_or_else(|| self.base_offsets(means, moments))
     }
 
     /// The offsets of the base deformation for the canonical centres of some moments.
