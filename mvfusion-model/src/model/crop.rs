@@ -96,13 +96,9 @@ impl Model {
         let plain = self.plain();
         let dynamic = plain.dynamic_rows_in(region, level, context)?;
         let static_ = plain.static_.as_ref().map(|branch| rows_in(region, branch)).transpose()?;
-        let counts = [Some(("dynamic", &dynamic)), static_.as_ref().map(|rows| ("static", rows))];
-        let kept: Vec<Kept> = counts
-            .into_iter()
-            .flatten()
-            .zip(plain.branches())
-            .map(|((branch, rows), (_, gaussians))| Kept { branch, kept: rows.len(), all: gaussians.count() })
-            .collect();
+        let counts = std::iter::once(dynamic.len()).chain(static_.as_ref().map(Vec::len));
+        let branches = plain.branches().zip(counts);
+        let kept: Vec<Kept> = branches.map(|((branch, all), kept)| Kept { branch, kept, all: all.count() }).collect();
         if kept.iter().all(|branch| branch.kept == 0) {
             let (lower, upper) = plain.range()?;
             return Err(CropError::Empty { lower, upper });

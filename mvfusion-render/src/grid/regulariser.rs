@@ -31,8 +31,8 @@ pub fn penalties(planes: Tensor<2>, layout: &GridLayout) -> Result<GridPenalties
     Ok(GridPenalties { plane_smooth, time_smooth, l1_time })
 }
 
-/// The sum of the penalties in the order of [`GridPenalties`], each times its weight: `[1]`. As one product, it takes a
-/// fifth of the launches of a sum of slices.
+/// The sum of the penalties in the order of [`GridPenalties`], each times its weight: `[1]`. As one product, it takes
+/// fewer launches than a sum of slices.
 ///
 /// # Errors
 /// As [`penalties`].
