@@ -24,10 +24,6 @@ const PHOTOS: usize = 16;
 const DEGREES: f64 = 1.0;
 const SHARE: f64 = 0.02;
 
-/// The same for a rig whose few cameras stand nearly on a line: their centres alone leave its turn around that line
-/// open.
-const RIG_DEGREES: f64 = 1.5;
-
 /// A check of a folder of footage, which works in another folder.
 type Check = fn(&Path, &Path) -> Result<()>;
 
@@ -79,13 +75,13 @@ fn cameras(scene: &Scene, name: impl Fn(&str) -> String) -> BTreeMap<String, Cam
     scene.train.iter().chain(&scene.test).map(|view| (name(&view.name), view.camera)).collect()
 }
 
-/// Checks that enough cameras are near their known places, turned by at most `most` degrees.
-fn check(found: &BTreeMap<String, Camera>, known: &BTreeMap<String, Camera>, least: usize, most: f64) -> Result<()> {
+/// Checks that enough cameras are near their known poses.
+fn check(found: &BTreeMap<String, Camera>, known: &BTreeMap<String, Camera>, least: usize) -> Result<()> {
     let errors = PoseErrors::of(found, known);
     eprintln!("{}", errors.describe());
     ensure!(errors.cameras >= least, "only {} of at least {least} cameras were placed", errors.cameras);
     let (degrees, share) = (errors.degrees[errors.cameras - 1], errors.shares[errors.cameras - 1]);
-    ensure!(degrees < most && share < SHARE, "{}", errors.describe());
+    ensure!(degrees < DEGREES && share < SHARE, "{}", errors.describe());
     Ok(())
 }
 
@@ -103,7 +99,7 @@ fn photos_are_placed(fox: &Path, work: &Path) -> Result<()> {
     let masks = fox.join("masks_truth");
     let scene = prepared(&input, &work.join("scene"), &["--masks", text(&masks)?])?;
     let known = cameras(&open(fox, &ReadOptions::default())?, str::to_owned);
-    check(&cameras(&scene, str::to_owned), &known, PHOTOS, DEGREES)
+    check(&cameras(&scene, str::to_owned), &known, PHOTOS)
 }
 
 /// Each photo is on for as long as a window, sharp in one of its frames and blurred in the others.
@@ -132,7 +128,7 @@ fn frames_are_placed(fox: &Path, work: &Path) -> Result<()> {
         format!("2clutter{:03}", index / EACH)
     };
     let known = cameras(&open(fox, &ReadOptions::default())?, str::to_owned);
-    check(&cameras(&scene, photo), &known, PHOTOS * 9 / 10, DEGREES)
+    check(&cameras(&scene, photo), &known, PHOTOS * 9 / 10)
 }
 
 /// Videos of one moment each, whose sounds begin at different times of one noise.
@@ -155,7 +151,7 @@ fn rig_is_placed_and_synchronised(rig: &Path, work: &Path) -> Result<()> {
         ensure!((offset - wanted).abs() < 0.01, "the offset of camera {index} is {offset} s and not {wanted} s");
     }
     let found = cameras(&scene, |name| name.split('/').next().unwrap_or(name).to_owned());
-    check(&found, &known, known.len(), RIG_DEGREES)
+    check(&found, &known, known.len())
 }
 
 /// A video of two seconds that shows one image, and sounds like a noise from a time on.
