@@ -3,7 +3,7 @@
 use burn::tensor::{DType, Device};
 
 #[cfg(feature = "cube")]
-pub use found::{Card, Gpu, GpuError, fold_launches, gpus, imitate_dirt, imitate_hardware};
+pub use found::{Card, Gpu, GpuError, fold_launches, gpus, imitate_dirt, imitate_hardware, sort_apart};
 
 /// Burn's pure-Rust CPU backend.
 #[cfg(feature = "flex")]
@@ -126,6 +126,13 @@ mod found {
     #[doc(hidden)]
     pub fn imitate_dirt<T>(body: impl FnOnce() -> T) -> T {
         gpu::imitate_dirt(body)
+    }
+
+    /// While `body` runs, sorts the frames that this thread renders together one by one if they have more than `most`
+    /// Gaussians, or pairs of one and a tile. Results do not depend on it. It tests a path that otherwise needs millions.
+    #[doc(hidden)]
+    pub fn sort_apart<T>(most: usize, body: impl FnOnce() -> T) -> T {
+        gpu::sort_apart(most, body)
     }
 
     /// The GPUs of all backends in this build. CUDA comes first, then wgpu with discrete before integrated GPUs and

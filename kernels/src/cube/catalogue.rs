@@ -33,7 +33,10 @@ use super::scan::{scan_blocks, sum_blocks};
 use super::sort::{count_digits, move_keys};
 use super::stage::{GPU_MEMORY, GPU_SPAN, TileShare};
 use super::sums::{SumPlan, sum_rows};
-use super::tiles::{collect_visible, counts_by_depth, emit_pairs, find_starts, list_pairs, mark_visible};
+use super::tiles::{
+    FramePlaceCompilationArg, begin_pairs, collect_visible, counts_by_depth, emit_pairs, find_starts, frame_keys,
+    list_pairs, mark_visible,
+};
 use super::view::{BlendRulesCompilationArg, ProjectionKind, ViewCompilationArg};
 use super::window::{
     PlaneSizeCompilationArg, SimilarityConstantsCompilationArg, SimilarityKind, adjoint_columns, adjoint_rows,
@@ -143,6 +146,7 @@ arguments! {
         width, height, focal, principal, right, down, forward, translation, centre, tangent_low, tangent_high, near, far,
         depth_guard, dilation, sigmas,
     }
+    FramePlaceCompilationArg { gaussian, pair, tile }
     BlendRulesCompilationArg { alpha_clamp, gradient_clamp, stop }
     GridBoxCompilationArg { max, min, slope }
     AdamStepCompilationArg { beta1, rest1, beta2, rest2, rate, root, epsilon }
@@ -222,12 +226,14 @@ impl Catalogue<'_> {
     }
 
     fn add_lists(&mut self) {
-        add!(self, Checked, UNITS, "", mark_visible::MarkVisible, [_ _ _]);
-        add!(self, Checked, UNITS, "", collect_visible::CollectVisible, [_ _ _ _ _ _]);
+        add!(self, Checked, UNITS, "", mark_visible::MarkVisible, [_ _ _ _ _]);
+        add!(self, Checked, UNITS, "", collect_visible::CollectVisible, [_ _ _ _ _ _ _]);
+        add!(self, Checked, UNITS, "", frame_keys::FrameKeys, [_ _ _ _ _]);
         add!(self, Checked, UNITS, "", counts_by_depth::CountsByDepth, [_ _ _ _ _]);
+        add!(self, Checked, UNITS, "", begin_pairs::BeginPairs, [_ _ _ _]);
         add!(self, Checked, UNITS, "", emit_pairs::EmitPairs, [_ _ _ _ _ _ _ _ _ _ _], true);
-        add!(self, Checked, UNITS, "", list_pairs::ListPairs, [_ _ _ _ _ _]);
-        add!(self, Checked, UNITS, "", find_starts::FindStarts, [_ _ _ _]);
+        add!(self, Checked, UNITS, "", list_pairs::ListPairs, [_ _ _ _ _ _ _]);
+        add!(self, Checked, UNITS, "", find_starts::FindStarts, [_ _ _ _ _]);
         add!(self, Checked, UNITS, "", sum_blocks::SumBlocks, [_ _ _ _]);
         for one in [false, true] {
             let variant = if one { "last" } else { "" };

@@ -144,27 +144,52 @@ fn tile_corner(index: u32) -> f32 {
     f32::cast_from(index * comptime!(TILE as u32))
 }
 
-/// Collects the visible Gaussians. The depth (as a sort key) and the index of each Gaussian with tiles are written at
-/// its rank.
-///
-/// `ranks` is the prefix sum of the visibility marks, see the module `scan`.
+/// Marks the visible Gaussians of a frame: 1 for each that touches a tile, 0 for the others. `marks` and `all_touched`
+/// are those of all frames, in which this one begins at `first`.
 #[cube(launch)]
-pub fn collect_visible(records: &[f32], touched: &[u32], ranks: &[u32], keys: &mut [u32], ids: &mut [u32], count: u32) {
+pub fn mark_visible(touched: &[u32], marks: &mut [u32], all_touched: &mut [u32], first: u32, count: u32) {
     let id = ABSOLUTE_POS;
-    if id < count as usize && touched[id] > 0u32 {
-        let rank = ranks[id] as usize;
-        // Depths are positive, and positive floats sort like their bits.
-        keys[rank] = u32::reinterpret(records[id * PROJECTED_LEN + projected_row::DEPTH]);
-        ids[rank] = id as u32;
+    if id < count as usize {
+        let own = touched[id];
+        marks[first as usize + id] = select(own > 0u32, 1u32, 0u32);
+        all_touched[first as usize + id] = own;
     }
 }
 
-/// 1 for each Gaussian that touches a tile, 0 for the others.
+/// Collects the visible Gaussians of a frame. The depth (as a sort key) and the index among those of all frames are
+/// written at the rank of each.
+///
+/// `ranks` is the prefix sum of the visibility marks of all frames, see the module `scan`; this one begins at `first`.
 #[cube(launch)]
-pub fn mark_visible(touched: &[u32], marks: &mut [u32], count: u32) {
+pub fn collect_visible(
+    records: &[f32],
+    touched: &[u32],
+    ranks: &[u32],
+    keys: &mut [u32],
+    ids: &mut [u32],
+    first: u32,
+    count: u32,
+) {
     let id = ABSOLUTE_POS;
-    if id < count as usize {
-        marks[id] = select(touched[id] > 0u32, 1u32, 0u32);
+    if id < count as usize && touched[id] > 0u32 {
+        let rank = ranks[first as usize + id] as usize;
+        // Depths are positive, and positive floats sort like their bits.
+        keys[rank] = u32::reinterpret(records[id * PROJECTED_LEN + projected_row::DEPTH]);
+        ids[rank] = first + id as u32;
+    }
+}
+
+/// The frame of each visible Gaussian, as a sort key. `firsts` are the first Gaussians of the frames.
+#[cube(launch)]
+pub fn frame_keys(ids: &[u32], firsts: &[u32], visible: &[u32], keys: &mut [u32], frames: u32) {
+    let place = ABSOLUTE_POS;
+    if (place as u32) < visible[0] {
+        let id = ids[place];
+        let mut frame = 0u32;
+        for other in 1..frames {
+            frame = select(id < firsts[other as usize], frame, other);
+        }
+        keys[place] = frame;
     }
 }
 
@@ -181,52 +206,76 @@ pub fn counts_by_depth(ids: &[u32], touched: &[u32], visible: &[u32], counts: &m
     }
 }
 
-/// Writes every pair of a Gaussian and a touched tile, in order of depth, and the position of each Gaussian's pairs.
+/// Where the pairs of each visible Gaussian begin: the prefix sums of the counts by depth, `before`, by Gaussian.
+#[cube(launch)]
+pub fn begin_pairs(ids: &[u32], before: &[u32], visible: &[u32], begins: &mut [u32]) {
+    let place = ABSOLUTE_POS;
+    if (place as u32) < visible[0] {
+        begins[ids[place] as usize] = before[place];
+    }
+}
+
+/// A frame among those that are sorted together.
+#[derive(CubeType, CubeLaunch, Clone, Copy)]
+pub struct FramePlace {
+    /// Its first Gaussian, pair and tile.
+    pub gaussian: u32,
+    pub pair: u32,
+    pub tile: u32,
+}
+
+/// Writes every pair of a Gaussian of a frame and a touched tile, where the Gaussian's pairs begin, and the position of
+/// each Gaussian's pairs within the frame.
 ///
 /// A Gaussian has room for as many pairs as the projection counted. Different rounding may find fewer or more pairs
 /// here, all on the edge of the ellipse. Missing pairs are assigned to a tile past the last; surplus pairs are dropped.
 ///
-/// `offsets` are the prefix sums of the counts by depth. `tiles`, `owners` and `numbers` have an entry for each pair:
-/// its tile, its Gaussian, and its own number, which the sort by tile carries along. The positions are the head of the
-/// `slots` of [`list_pairs()`].
+/// `tiles`, `owners` and `numbers` have an entry for each pair of all frames: its tile among those of all frames, each
+/// of which has one past its last; its Gaussian; and its own number, which the sort by tile carries along. The positions
+/// are the head of the `slots` of [`list_pairs()`].
 #[cube(launch)]
 pub fn emit_pairs(
     records: &[f32],
     radii: &[i32],
-    ids: &[u32],
     touched: &[u32],
-    offsets: &[u32],
-    visible: &[u32],
+    begins: &[u32],
     tiles: &mut [u32],
     owners: &mut [u32],
     numbers: &mut [u32],
     slots: &mut [i32],
     view: View,
+    frame: FramePlace,
+    count: u32,
     #[comptime] square: bool,
 ) {
-    let place = ABSOLUTE_POS;
-    if (place as u32) < visible[0] {
-        let id = ids[place] as usize;
-        let splat = splat_at(records, id);
-        let rectangle = tile_rectangle(&splat.centre, radii[2 * id], radii[2 * id + 1], &view, square);
-        let columns = tiles_along(view.width);
-        let begin = offsets[place];
-        let end = begin + touched[id];
+    let id = ABSOLUTE_POS;
+    if id < count as usize {
+        let own = touched[id];
+        let mut begin = frame.pair;
+        if own > 0u32 {
+            begin = begins[frame.gaussian as usize + id];
+        }
+        let end = begin + own;
         let mut at = begin;
-        for row in rectangle.top..rectangle.bottom {
-            for column in rectangle.left..rectangle.right {
-                if at < end && touches_tile(&splat, tile_corner(column), tile_corner(row)) {
-                    tiles[at as usize] = row * columns + column;
-                    owners[at as usize] = id as u32;
-                    numbers[at as usize] = at;
-                    at += 1u32;
+        if own > 0u32 {
+            let splat = splat_at(records, id);
+            let rectangle = tile_rectangle(&splat.centre, radii[2 * id], radii[2 * id + 1], &view, square);
+            let columns = tiles_along(view.width);
+            for row in rectangle.top..rectangle.bottom {
+                for column in rectangle.left..rectangle.right {
+                    if at < end && touches_tile(&splat, tile_corner(column), tile_corner(row)) {
+                        tiles[at as usize] = frame.tile + row * columns + column;
+                        owners[at as usize] = id as u32;
+                        numbers[at as usize] = at;
+                        at += 1u32;
+                    }
                 }
             }
         }
-        slots[2 * id] = i32::cast_from(begin);
+        slots[2 * id] = i32::cast_from(begin - frame.pair);
         slots[2 * id + 1] = i32::cast_from(at - begin);
         while at < end {
-            tiles[at as usize] = columns * tiles_along(view.height);
+            tiles[at as usize] = frame.tile + tiles_along(view.width) * tiles_along(view.height);
             owners[at as usize] = id as u32;
             numbers[at as usize] = at;
             at += 1u32;
@@ -234,28 +283,37 @@ pub fn emit_pairs(
     }
 }
 
-/// The tile lists from the sorted pairs: Gaussians by tile and depth, and the position of each pair in the lists. The
-/// positions begin behind the `head` of `slots`.
+/// The tile lists of a frame from the sorted pairs of all: Gaussians by tile and depth, and the position of each pair
+/// in the lists. The frame's pairs begin at `first`, the positions behind the `head` of `slots`.
 #[cube(launch)]
-pub fn list_pairs(owners: &[u32], numbers: &[u32], sorted: &mut [i32], slots: &mut [i32], pairs: u32, head: u32) {
+pub fn list_pairs(
+    owners: &[u32],
+    numbers: &[u32],
+    sorted: &mut [i32],
+    slots: &mut [i32],
+    first: u32,
+    pairs: u32,
+    head: u32,
+) {
     let place = ABSOLUTE_POS;
     if place < pairs as usize {
-        let number = numbers[place] as usize;
-        sorted[place] = i32::cast_from(owners[number]);
-        slots[head as usize + number] = i32::cast_from(place as u32);
+        let number = numbers[first as usize + place];
+        sorted[place] = i32::cast_from(owners[number as usize]);
+        slots[(head + number - first) as usize] = i32::cast_from(place as u32);
     }
 }
 
-/// The start of each tile's list: the first pair of that tile or a later one, by bisection.
+/// The start of each tile's list: the first pair of that tile or a later one, by bisection. `count` is the number of
+/// the frame's tiles.
 #[cube(launch)]
-pub fn find_starts(tiles: &[u32], starts: &mut [i32], pairs: u32, count: u32) {
+pub fn find_starts(tiles: &[u32], starts: &mut [i32], frame: FramePlace, pairs: u32, count: u32) {
     let tile = ABSOLUTE_POS as u32;
     if tile <= count {
         let mut low = 0u32;
         let mut high = pairs;
         while low < high {
             let middle = (low + high) / 2u32;
-            if tiles[middle as usize] < tile {
+            if tiles[(frame.pair + middle) as usize] < frame.tile + tile {
                 low = middle + 1u32;
             } else {
                 high = middle;

@@ -1,18 +1,16 @@
-//! The tile lists: the Gaussians that touch each tile, nearest first. CPU twin: `splat/cpu/tiles.rs`.
+//! The tile lists: the Gaussians that touch each tile, nearest first. The frames of a batch are sorted together, because
+//! a sort consists of many short launches. CPU twin: `splat/cpu/tiles.rs`.
+
+use std::sync::Arc;
 
 use burn_cubecl::tensor::CubeTensor;
-use mvfusion_kernels::cube::tiles::{
-    collect_visible, counts_by_depth, emit_pairs, find_starts, list_pairs, mark_visible,
-};
+use mvfusion_kernels::cube::tiles::{FramePlaceLaunch, emit_pairs, find_starts, list_pairs};
 
-use super::frame::{Frame, Projected};
+use super::depth::ByDepth;
+use super::frame::{Frame, ProjectedFrame};
 use super::gpu::{CUBE, Flat};
-use super::scan::{RunningSums, running_sums};
-use super::sort::{Keyed, sort};
+use super::sort::{Keyed, bits_of, sort};
 use crate::splat::SplatError;
-
-/// Bits of a depth's sort key.
-const DEPTH_BITS: usize = 32;
 
 /// Bytes per pair of a Gaussian and a tile in each list.
 pub(super) const PAIR_BYTES: u64 = 4;
@@ -24,130 +22,114 @@ pub(super) struct Bins {
     pub slots: CubeTensor,
 }
 
-/// The visible Gaussians by depth.
-struct ByDepth {
-    /// Their indices, `[N]`; the first `visible` entries are valid.
-    ids: CubeTensor,
-    /// Number of visible Gaussians, `[1]`.
-    visible: CubeTensor,
-    /// Prefix sums of the number of tiles that they touch.
-    pairs: RunningSums,
+/// A frame among those that are sorted together.
+struct Part<'a> {
+    own: &'a ProjectedFrame,
+    /// The length of its lists.
+    pairs: usize,
+    /// Its first Gaussian, pair and tile.
+    gaussian: usize,
+    pair: usize,
+    tile: usize,
 }
 
-impl Frame {
-    /// Lists the Gaussians of each tile by depth. `pairs` waits for the length of the lists. This is the only place where
-    /// the host waits for the device.
-    ///
-    /// # Errors
-    /// If a buffer of `pair_bytes` per list entry is too large for the device, the number of entries overflows an index,
-    /// or the device fails.
-    pub fn bin(
-        &self,
-        projected: &Projected,
-        pairs: impl FnOnce() -> Result<u32, SplatError>,
-        pair_bytes: u64,
-    ) -> Result<Bins, SplatError> {
-        let by_depth = self.sort_by_depth(projected);
-        match pairs()? {
-            0 => Ok(self.no_bins()),
-            pairs => {
-                check_pairs(pairs, pair_bytes, self.gpu.buffer_limit())?;
-                // Before the pairs, `slots` has two numbers for each Gaussian.
-                check_pairs(pairs.saturating_add(2 * self.count() as u32), PAIR_BYTES, self.gpu.buffer_limit())?;
-                Ok(self.sort_by_tile(projected, by_depth, pairs as usize))
-            }
-        }
+/// The pairs of a Gaussian and a tile, in order of frame and depth.
+struct Pairs {
+    by_depth: ByDepth,
+    tiles: CubeTensor,
+    /// The Gaussian of each pair.
+    owners: CubeTensor,
+    numbers: CubeTensor,
+}
+
+/// The tile lists of frames that were sorted by depth; `lengths` are those of their lists, together below 2³¹.
+pub(super) fn sort_by_tile<'a>(frames: &'a [Arc<ProjectedFrame>], by_depth: ByDepth, lengths: &[usize]) -> Vec<Bins> {
+    let gpu = &frames[0].frame.gpu;
+    let total = lengths.iter().sum();
+    if total == 0 {
+        return frames.iter().map(|own| own.frame.no_bins()).collect();
+    }
+    let (mut gaussian, mut pair, mut tile) = (0, 0, 0);
+    let part = |(own, pairs): (&'a Arc<ProjectedFrame>, &usize)| {
+        let part = Part { own, pairs: *pairs, gaussian, pair, tile };
+        gaussian += own.frame.count();
+        pair += pairs;
+        // The one past the last holds the pairs that were counted in vain.
+        tile += own.frame.view.tile_count() + 1;
+        part
+    };
+    let parts: Vec<Part> = frames.iter().zip(lengths).map(part).collect();
+    let [tiles, owners, numbers] = [(); 3].map(|()| gpu.naturals(total));
+    let pairs = Pairs { by_depth, tiles, owners, numbers };
+    let slots: Vec<CubeTensor> = parts.iter().map(|part| part.emit(&pairs)).collect();
+    let Pairs { by_depth, tiles, owners, numbers } = pairs;
+    let by_tile = sort(gpu, Keyed { keys: tiles, numbers }, &by_depth.pairs, total, bits_of(tile));
+    parts.iter().zip(slots).map(|(part, slots)| part.list(&by_tile, &owners, slots)).collect()
+}
+
+impl Part<'_> {
+    fn place(&self) -> FramePlaceLaunch {
+        FramePlaceLaunch::new(self.gaussian as u32, self.pair as u32, self.tile as u32)
     }
 
-    fn sort_by_depth(&self, projected: &Projected) -> ByDepth {
-        let (gpu, count) = (&self.gpu, self.count());
-        let marks = gpu.naturals(count);
-        mark_visible::launch(
-            &gpu.client,
-            gpu.units(count),
-            CUBE,
-            projected.touched.clone().flat(),
-            marks.clone().flat(),
-            count as u32,
-        );
-        let ranks = running_sums(gpu, &marks, count);
-        let visible = ranks.total;
-        let by_index = Keyed { keys: gpu.naturals(count), numbers: gpu.naturals(count) };
-        collect_visible::launch(
-            &gpu.client,
-            gpu.units(count),
-            CUBE,
-            projected.records.clone().flat(),
-            projected.touched.clone().flat(),
-            ranks.before.flat(),
-            by_index.keys.clone().flat(),
-            by_index.numbers.clone().flat(),
-            count as u32,
-        );
-        let ids = sort(gpu, by_index, &visible, count, DEPTH_BITS).numbers;
-        let counts = marks;
-        counts_by_depth::launch(
-            &gpu.client,
-            gpu.units(count),
-            CUBE,
-            ids.clone().flat(),
-            projected.touched.clone().flat(),
-            visible.clone().flat(),
-            counts.clone().flat(),
-            count as u32,
-        );
-        ByDepth { ids, visible, pairs: running_sums(gpu, &counts, count) }
-    }
-
-    fn sort_by_tile(&self, projected: &Projected, by_depth: ByDepth, pairs: usize) -> Bins {
-        let (gpu, count, tiles) = (&self.gpu, self.count(), self.view.tile_count());
-        let unsorted = Keyed { keys: gpu.naturals(pairs), numbers: gpu.naturals(pairs) };
-        let owners = gpu.naturals(pairs);
-        let head = 2 * count;
-        let slots = gpu.zeros([head + pairs]);
+    /// Writes the frame's pairs. Returns its slots, of which the positions are still missing.
+    fn emit(&self, pairs: &Pairs) -> CubeTensor {
+        let ProjectedFrame { frame, projected } = self.own;
+        let gpu = &frame.gpu;
+        let slots = gpu.integers([2 * frame.count() + self.pairs]);
         emit_pairs::launch(
             &gpu.client,
-            gpu.units(count),
+            gpu.units(frame.count()),
             CUBE,
             projected.records.clone().flat(),
             projected.radii.clone().flat(),
-            by_depth.ids.flat(),
             projected.touched.clone().flat(),
-            by_depth.pairs.before.flat(),
-            by_depth.visible.flat(),
-            unsorted.keys.clone().flat(),
-            owners.clone().flat(),
-            unsorted.numbers.clone().flat(),
+            pairs.by_depth.begins.clone().flat(),
+            pairs.tiles.clone().flat(),
+            pairs.owners.clone().flat(),
+            pairs.numbers.clone().flat(),
             slots.clone().flat(),
-            self.view(),
-            self.is_square(),
+            frame.view(),
+            self.place(),
+            frame.count() as u32,
+            frame.is_square(),
         );
-        let by_tile = sort(gpu, unsorted, &by_depth.pairs.total, pairs, bits_of(tiles + 1));
-        let sorted = gpu.integers([pairs]);
+        slots
+    }
+
+    /// The frame's lists.
+    fn list(&self, by_tile: &Keyed, owners: &CubeTensor, slots: CubeTensor) -> Bins {
+        let frame = &self.own.frame;
+        let (gpu, tiles) = (&frame.gpu, frame.view.tile_count());
+        let sorted = gpu.integers([self.pairs]);
         list_pairs::launch(
             &gpu.client,
-            gpu.units(pairs),
+            gpu.units(self.pairs),
             CUBE,
-            owners.flat(),
-            by_tile.numbers.flat(),
+            owners.clone().flat(),
+            by_tile.numbers.clone().flat(),
             sorted.clone().flat(),
             slots.clone().flat(),
-            pairs as u32,
-            head as u32,
+            self.pair as u32,
+            self.pairs as u32,
+            2 * frame.count() as u32,
         );
         let starts = gpu.integers([tiles + 1]);
         find_starts::launch(
             &gpu.client,
             gpu.units(tiles + 1),
             CUBE,
-            by_tile.keys.flat(),
+            by_tile.keys.clone().flat(),
             starts.clone().flat(),
-            pairs as u32,
+            self.place(),
+            self.pairs as u32,
             tiles as u32,
         );
         Bins { sorted, starts, slots }
     }
+}
 
+impl Frame {
     /// The lists of an empty image.
     pub fn no_bins(&self) -> Bins {
         let gpu = &self.gpu;
@@ -157,11 +139,14 @@ impl Frame {
             slots: gpu.zeros([2 * self.count()]),
         }
     }
-}
 
-/// Bits needed for the numbers below `count`.
-fn bits_of(count: usize) -> usize {
-    (usize::BITS - (count - 1).leading_zeros()) as usize
+    /// Checks that the device can bind the lists of `pairs` pairs, and another buffer of `pair_bytes` per pair.
+    pub fn check_lists(&self, pairs: u32, pair_bytes: u64) -> Result<(), SplatError> {
+        let limit = self.gpu.buffer_limit();
+        check_pairs(pairs, pair_bytes, limit)?;
+        // Before the pairs, `slots` has two numbers for each Gaussian.
+        check_pairs(pairs.saturating_add(2 * self.count() as u32), PAIR_BYTES, limit)
+    }
 }
 
 /// Checks that an index can count `pairs`, and that `bytes` per pair fit into `limit`. Larger counts arrive as

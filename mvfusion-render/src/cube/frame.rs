@@ -32,6 +32,12 @@ pub(super) struct Projected {
     pub touched: CubeTensor,
 }
 
+/// A frame whose Gaussians are projected.
+pub(super) struct ProjectedFrame {
+    pub frame: Frame,
+    pub projected: Projected,
+}
+
 impl Frame {
     pub fn new(inputs: SplatPrimitives<CubeBackend>, plan: &SplatPlan) -> Self {
         Self {

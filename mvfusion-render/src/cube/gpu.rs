@@ -29,12 +29,18 @@ thread_local! {
     /// The limit for launches of this thread; tests lower it.
     static LIMIT: Cell<u32> = const { Cell::new(MAX_CUBES) };
 
+    /// Most keys of several frames that this thread sorts together; tests lower it.
+    static TOGETHER: Cell<usize> = const { Cell::new(MOST_TOGETHER) };
+
     /// Whether this thread treats every device as hardware without an atomic addition of floats; for tests.
     static IMITATES: Cell<bool> = const { Cell::new(false) };
 
     /// Whether this thread fills new buffers with NaN; for tests.
     static DIRTY: Cell<bool> = const { Cell::new(false) };
 }
+
+/// Most keys of several frames that are sorted together: their buffers then take a third of a GB.
+const MOST_TOGETHER: usize = 1 << 24;
 
 /// Largest buffer of the sums of a look-up's units, in bytes.
 const MOST_LANE_SUMS: usize = 128 << 20;
@@ -297,6 +303,16 @@ fn fold(cubes: usize, limit: u32) -> [u32; 2] {
 /// See [`crate::device::fold_launches`].
 pub(crate) fn limit_cubes<T>(limit: u32, body: impl FnOnce() -> T) -> T {
     with(&LIMIT, limit.clamp(1, MAX_CUBES), body)
+}
+
+/// Most keys of several frames that are sorted together.
+pub(super) fn most_sorted_together() -> usize {
+    TOGETHER.get()
+}
+
+/// See [`crate::device::sort_apart`].
+pub(crate) fn sort_apart<T>(most: usize, body: impl FnOnce() -> T) -> T {
+    with(&TOGETHER, most, body)
 }
 
 /// See [`crate::device::imitate_hardware`].

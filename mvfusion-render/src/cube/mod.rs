@@ -4,7 +4,9 @@
 
 mod adam;
 mod attention;
+pub(crate) mod batch;
 mod bins;
+mod depth;
 mod frame;
 pub(crate) mod gpu;
 mod grid;
@@ -17,5 +19,5 @@ mod scan;
 pub(crate) mod shared_memory;
 mod sort;
 mod splat;
-pub(crate) mod totals;
+mod totals;
 mod window;

@@ -54,3 +54,8 @@ pub(super) fn sort(gpu: &Gpu, mut sorted: Keyed, total: &CubeTensor, capacity: u
     }
     sorted
 }
+
+/// Bits needed for the numbers below `count`.
+pub(super) fn bits_of(count: usize) -> usize {
+    (usize::BITS - (count - 1).leading_zeros()) as usize
+}

@@ -20,12 +20,11 @@ use mvfusion_kernels::cube::records::{PIECE, piece_count, sum_pieces};
 use mvfusion_kernels::cube::stage::TileShare;
 use mvfusion_kernels::splat::{PROJECTED_LEN, TILE_PIXELS, background_channels, plane_count};
 
+use super::batch::Batch;
 use super::bins::{Bins, PAIR_BYTES};
-use super::frame::{Frame, Projected};
+use super::frame::{Frame, Projected, ProjectedFrame};
 use super::gpu::{CUBE, Flat, single};
-use super::scan::total;
 use super::shared_memory::fitting;
-use super::totals::Totals;
 use crate::splat::Statistic;
 use crate::splat::op::{
     Prepared, SplatBatch, SplatForward, SplatKernels, SplatOps, SplatOutput, SplatPlan, SplatPrimitives, SplatSaved,
@@ -34,10 +33,9 @@ use crate::splat::tensors::SplatTensors;
 
 /// What a frame keeps from its projection to its rendering.
 struct PreparedFrame {
-    frame: Frame,
-    projected: Projected,
-    /// The length of its lists, and its index among others.
-    totals: Arc<Totals>,
+    own: Arc<ProjectedFrame>,
+    batch: Arc<Batch>,
+    /// Its index in the batch.
     index: usize,
 }
 
@@ -48,8 +46,9 @@ impl SplatOps for CubeBackend {
             return Prepared::default();
         }
         let projected = frame.project();
-        let index = batch.totals.announce(&total(&frame.gpu, &projected.touched, frame.count()));
-        Prepared::new(PreparedFrame { frame, projected, totals: batch.totals, index })
+        let own = Arc::new(ProjectedFrame { frame, projected });
+        let (batch, index) = (batch.frames.clone(), batch.frames.add(own.clone()));
+        Prepared::new(PreparedFrame { own, batch, index })
     }
 
     fn splat(inputs: SplatPrimitives<Self>, plan: SplatPlan, prepared: Prepared) -> SplatOutput<Self> {
@@ -86,8 +85,8 @@ fn forward(
 ) -> SplatForward<CubeBackend> {
     let empty;
     let (frame, projected, bins) = match prepared.of::<PreparedFrame>() {
-        Some(PreparedFrame { frame, projected, totals, index }) => {
-            (frame, projected.clone(), frame.bin(projected, || totals.get(*index), pair_bytes))
+        Some(PreparedFrame { own, batch, index }) => {
+            (&own.frame, own.projected.clone(), batch.take_lists(*index, pair_bytes))
         }
         // Nothing is prepared of no Gaussians.
         None => {

@@ -1,6 +1,5 @@
 //! Numbers of several frames that the host needs, read from the device at once.
 
-use std::fmt::{self, Debug, Formatter};
 use std::future::poll_fn;
 use std::mem;
 use std::pin::Pin;
@@ -18,7 +17,7 @@ type Reading = Pin<Box<dyn Future<Output = Result<Vec<u32>, SplatError>> + Send>
 
 /// Numbers that are announced one after another and read together.
 #[derive(Default)]
-pub(crate) struct Totals(Mutex<State>);
+pub(super) struct Totals(Mutex<State>);
 
 enum State {
     /// Where the numbers are, or will be.
@@ -96,11 +95,5 @@ impl State {
             Poll::Ready(read) => Self::Read(read),
             Poll::Pending => Self::Reading(reading),
         };
-    }
-}
-
-impl Debug for Totals {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Totals").finish_non_exhaustive()
     }
 }

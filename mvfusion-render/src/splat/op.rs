@@ -20,7 +20,7 @@ use super::error::SplatError;
 use super::settings::{SplatSettings, Statistic};
 use super::tensors::{SplatSizes, SplatTensors};
 #[cfg(feature = "cube")]
-use crate::cube::totals::Totals;
+use crate::cube::batch::Batch;
 use crate::host::HostBackend;
 use crate::real::with_real;
 
@@ -70,16 +70,16 @@ impl<B: Backend> ExtensionType<B> for SplatPrimitives<B> {
 /// What frames that are rendered together share.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SplatBatch {
-    /// The lengths of their tile lists.
+    /// A GPU makes their tile lists at once.
     #[cfg(feature = "cube")]
-    pub totals: Arc<Totals>,
+    pub frames: Arc<Batch>,
 }
 
 impl SplatBatch {
     /// Called when all frames are prepared.
     pub fn start(&self) {
         #[cfg(feature = "cube")]
-        self.totals.start();
+        self.frames.start();
     }
 }
 
