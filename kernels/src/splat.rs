@@ -161,12 +161,12 @@ pub mod gradient_record {
     pub const CENTRE_X: usize = 0;
     /// Centre along y.
     pub const CENTRE_Y: usize = 1;
-    /// The covariance's xx entry.
-    pub const COVARIANCE_XX: usize = 2;
-    /// The covariance's xy entry.
-    pub const COVARIANCE_XY: usize = 3;
-    /// The covariance's yy entry.
-    pub const COVARIANCE_YY: usize = 4;
+    /// The whitened covariance's xx entry.
+    pub const WHITENED_XX: usize = 2;
+    /// The whitened covariance's xy entry.
+    pub const WHITENED_XY: usize = 3;
+    /// The whitened covariance's yy entry.
+    pub const WHITENED_YY: usize = 4;
     /// Opacity.
     pub const OPACITY: usize = 5;
     /// The part of the centre's gradient along x that enters the statistic.
@@ -201,8 +201,12 @@ pub mod gradient_record {
 pub struct ProjectedGradient<T> {
     /// With respect to the centre in pixels.
     pub centre: [T; 2],
-    /// With respect to the covariance's xx, xy and yy entries; xy counts for both off-diagonal entries.
-    pub covariance: [T; 3],
+    /// With respect to the xx, xy and yy entries of `W C Wᵀ`, the covariance in whitened coordinates; xy counts for both
+    /// off-diagonal entries. `W = [[√curve_x, √curve_x slope], [0, √curve_y]]` makes sigma `|W d|² / 2`.
+    ///
+    /// These are as large as sigma. The gradient with respect to `C` itself is as large as `1 / C` squared and is
+    /// multiplied by `C` later, so that a long, thin Gaussian would be left without a correct digit.
+    pub whitened: [T; 3],
     /// With respect to the (compensated) opacity.
     pub opacity: T,
     /// The part of `centre` that enters the statistic.
@@ -216,7 +220,7 @@ impl<T: Copy> ProjectedGradient<T> {
         use gradient_record::*;
         Self {
             centre: [row[CENTRE_X], row[CENTRE_Y]],
-            covariance: [row[COVARIANCE_XX], row[COVARIANCE_XY], row[COVARIANCE_YY]],
+            whitened: [row[WHITENED_XX], row[WHITENED_XY], row[WHITENED_YY]],
             opacity: row[OPACITY],
             statistic: [row[STATISTIC_X], row[STATISTIC_Y]],
         }
@@ -229,7 +233,7 @@ impl<T: Copy> ProjectedGradient<T> {
         // The fill is arbitrary: every element is overwritten.
         let mut row = [self.opacity; PROJECTED_GRADIENT_LEN];
         [row[CENTRE_X], row[CENTRE_Y]] = self.centre;
-        [row[COVARIANCE_XX], row[COVARIANCE_XY], row[COVARIANCE_YY]] = self.covariance;
+        [row[WHITENED_XX], row[WHITENED_XY], row[WHITENED_YY]] = self.whitened;
         row[OPACITY] = self.opacity;
         [row[STATISTIC_X], row[STATISTIC_Y]] = self.statistic;
         row
@@ -264,9 +268,8 @@ mod tests {
     fn each_field_of_a_gradient_has_its_named_index_and_the_channels_follow() {
         let gradient = ProjectedGradient::from_row(&indices());
         assert_eq!(gradient.centre, [gradient_record::CENTRE_X, gradient_record::CENTRE_Y]);
-        let covariance =
-            [gradient_record::COVARIANCE_XX, gradient_record::COVARIANCE_XY, gradient_record::COVARIANCE_YY];
-        assert_eq!(gradient.covariance, covariance);
+        let whitened = [gradient_record::WHITENED_XX, gradient_record::WHITENED_XY, gradient_record::WHITENED_YY];
+        assert_eq!(gradient.whitened, whitened);
         assert_eq!(gradient.opacity, gradient_record::OPACITY);
         assert_eq!(gradient.statistic, [gradient_record::STATISTIC_X, gradient_record::STATISTIC_Y]);
         assert_eq!(gradient.to_row(), indices());

@@ -2,6 +2,8 @@
 
 use cubecl::prelude::*;
 
+use super::maths::constant;
+
 /// The constants of one step.
 #[derive(CubeType, CubeLaunch, Clone, Copy)]
 pub struct AdamStep {
@@ -69,6 +71,9 @@ pub fn adam_of_three(
     }
 }
 
+/// Bound of a gradient whose square is finite.
+const LARGEST: f64 = 9.2e18;
+
 /// One step of one number.
 #[cube]
 fn advance(
@@ -81,7 +86,8 @@ fn advance(
 ) {
     let gradient = gradients[index];
     let first = step.beta1 * firsts[index] + step.rest1 * gradient;
-    let second = step.beta2 * seconds[index] + step.rest2 * (gradient * gradient);
+    let bounded = clamp(gradient, constant(-LARGEST), constant(LARGEST));
+    let second = step.beta2 * seconds[index] + step.rest2 * (bounded * bounded);
     firsts[index] = first;
     seconds[index] = second;
     values[index] -= step.rate * first / (second.sqrt() * step.root + step.epsilon);

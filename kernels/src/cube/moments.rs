@@ -1,7 +1,7 @@
 //! Gradient records of a tile's Gaussians from the tile's sums. CPU twin: `Moments` in `splat/cpu/blend_backward.rs`.
 //!
 //! The sums are moments 1, x, y, x², xy, y² about the middle of the tile. They become gradients of centre and
-//! covariance here, once per record.
+//! whitened covariance here, once per record.
 
 use cubecl::prelude::*;
 
@@ -59,15 +59,13 @@ fn write_record(
     let uu = xx + slope * (2.0f32 * xy + slope * yy) + middle_u * (2.0f32 * (x + slope * y) + middle_u * one);
     let u_dy = xy + slope * yy + middle_u * y + middle_y * u;
     let dy_dy = yy + middle_y * (2.0f32 * y + middle_y * one);
-    let (g_xx, g_xu) = (curve_x * curve_x * uu, curve_x * curve_y * u_dy);
 
     let mut numbers = Array::<f32>::new(comptime!(record_numbers(kind.share.channels)));
     numbers[gradient_record::CENTRE_X] = opacity * curve_x * u;
     numbers[gradient_record::CENTRE_Y] = opacity * (slope * curve_x * u + curve_y * dy);
-    numbers[gradient_record::COVARIANCE_XX] = 0.5f32 * opacity * g_xx;
-    numbers[gradient_record::COVARIANCE_XY] = opacity * (slope * g_xx + g_xu);
-    numbers[gradient_record::COVARIANCE_YY] =
-        0.5f32 * opacity * (slope * slope * g_xx + 2.0f32 * slope * g_xu + curve_y * curve_y * dy_dy);
+    numbers[gradient_record::WHITENED_XX] = 0.5f32 * opacity * curve_x * uu;
+    numbers[gradient_record::WHITENED_XY] = opacity * curve_x.sqrt() * curve_y.sqrt() * u_dy;
+    numbers[gradient_record::WHITENED_YY] = 0.5f32 * opacity * curve_y * dy_dy;
     numbers[gradient_record::OPACITY] = one;
     numbers[gradient_record::STATISTIC_X] = 0.0f32;
     numbers[gradient_record::STATISTIC_Y] = 0.0f32;

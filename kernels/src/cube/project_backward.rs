@@ -5,7 +5,7 @@ use cubecl::prelude::*;
 
 use super::backward_kind::record_numbers;
 use super::geometry::{Geometry, Matrix, Quaternion, compensation, geometry_of};
-use super::maths::{Pair, Triple, constant, dot, multiplied, scaled, sigmoid, sum};
+use super::maths::{Pair, Triple, constant, cross, dot, multiplied, scaled, sigmoid, sum};
 use super::project::direction;
 use super::records::sum_of_records;
 use super::sh;
@@ -63,16 +63,17 @@ pub fn project_backward(
             let opacity = sigmoid(logit);
             let v_opacity = record[gradient_record::OPACITY];
             v_opacity_logits[index] = v_opacity * compensation(&geometry, kind.compensated) * opacity * sigmoid(-logit);
-            let mut v_xx = record[gradient_record::COVARIANCE_XX];
-            let mut v_xy = record[gradient_record::COVARIANCE_XY];
-            let mut v_yy = record[gradient_record::COVARIANCE_YY];
+            let whitening = whitening_of(&geometry, view.dilation);
+            let mut v_xx = record[gradient_record::WHITENED_XX];
+            let mut v_xy = record[gradient_record::WHITENED_XY];
+            let mut v_yy = record[gradient_record::WHITENED_YY];
             if comptime!(kind.compensated) {
-                let more = compensation_gradient(&geometry, v_opacity * opacity, view.dilation);
+                let more = compensation_gradient(&geometry, v_opacity * opacity, &whitening);
                 v_xx += more.x;
                 v_xy += more.y;
                 v_yy += more.z;
             }
-            let shape = shape_gradient(&geometry, &Triple { x: v_xx, y: v_xy, z: v_yy });
+            let shape = shape_gradient(&geometry, &Triple { x: v_xx, y: v_xy, z: v_yy }, &whitening);
             v_quaternions[4 * index] = shape.quaternion.w;
             v_quaternions[4 * index + 1] = shape.quaternion.axis.x;
             v_quaternions[4 * index + 2] = shape.quaternion.axis.y;
@@ -147,28 +148,67 @@ struct ShapeGradient {
     jacobian_y: Triple,
 }
 
-/// Gradient of the covariance through the compensation of the opacity; zero at the lower bound.
+/// The whitening of the covariance, see the twin.
+#[derive(CubeType, Clone, Copy)]
+struct Whitening {
+    along: f32,
+    slope: f32,
+    across: f32,
+    /// The whitened rows, at most one in absolute value; the first.
+    row_x: Triple,
+    /// The second.
+    row_y: Triple,
+}
+
 #[cube]
-fn compensation_gradient(geometry: &Geometry, v_compensation: f32, dilation: f32) -> Triple {
-    let ratio = geometry.sharp_determinant / geometry.determinant;
-    let covariance = &geometry.covariance;
-    let scale = 0.5f32 * v_compensation * ratio.sqrt();
-    let (sharp, full) = (scale / geometry.sharp_determinant, scale / geometry.determinant);
-    let free = ratio > constant(MIN_COMPENSATION * MIN_COMPENSATION);
-    Triple {
-        x: select(free, sharp * (covariance.z - dilation) - full * covariance.z, 0.0f32),
-        y: select(free, -2.0f32 * covariance.y * (sharp - full), 0.0f32),
-        z: select(free, sharp * (covariance.x - dilation) - full * covariance.x, 0.0f32),
+fn whitening_of(geometry: &Geometry, dilation: f32) -> Whitening {
+    let (first, second) =
+        (multiplied(&geometry.spread_x, &geometry.scales), multiplied(&geometry.spread_y, &geometry.scales));
+    let yy = geometry.covariance.z;
+    let inverse = 1.0f32 / yy;
+    let (along, across) = ((yy / geometry.determinant).sqrt(), inverse.sqrt());
+    // `first + slope second` would cancel for a long, thin Gaussian.
+    let normal = cross(&first, &second);
+    let sheared = sum(&cross(&second, &scaled(&normal, inverse)), &scaled(&first, inverse * dilation));
+    Whitening {
+        along,
+        slope: -geometry.covariance.y * inverse,
+        across,
+        row_x: bounded(&scaled(&sheared, along)),
+        row_y: bounded(&scaled(&second, across)),
     }
 }
 
-/// Gradient through `covariance = F Fᵀ + dilation`, `F = jacobian * rotation * diag(scales)`.
+/// Cut to -1 and 1, which only rounding exceeds.
 #[cube]
-fn shape_gradient(geometry: &Geometry, v: &Triple) -> ShapeGradient {
-    let (row_x, row_y) =
-        (multiplied(&geometry.spread_x, &geometry.scales), multiplied(&geometry.spread_y, &geometry.scales));
-    let v_row_x = sum(&scaled(&row_x, 2.0f32 * v.x), &scaled(&row_y, v.y));
-    let v_row_y = sum(&scaled(&row_x, v.y), &scaled(&row_y, 2.0f32 * v.z));
+fn bounded(v: &Triple) -> Triple {
+    Triple { x: clamp(v.x, -1.0f32, 1.0f32), y: clamp(v.y, -1.0f32, 1.0f32), z: clamp(v.z, -1.0f32, 1.0f32) }
+}
+
+/// Gradient of the whitened covariance through the compensation of the opacity; zero at the lower bound. See the twin.
+#[cube]
+fn compensation_gradient(geometry: &Geometry, v_compensation: f32, whitening: &Whitening) -> Triple {
+    let ratio = geometry.sharp_determinant / geometry.determinant;
+    let scale = 0.5f32 * v_compensation * ratio.sqrt();
+    let sharp = scale / ratio;
+    let (first, second) = (&whitening.row_x, &whitening.row_y);
+    let free = ratio > constant(MIN_COMPENSATION * MIN_COMPENSATION);
+    Triple {
+        x: select(free, sharp * dot(second, second) - scale, 0.0f32),
+        y: select(free, -2.0f32 * sharp * dot(first, second), 0.0f32),
+        z: select(free, sharp * dot(first, first) - scale, 0.0f32),
+    }
+}
+
+/// Gradient through `covariance = F Fᵀ + dilation`, `F = jacobian * rotation * diag(scales)`. `v` is the gradient with
+/// respect to the whitened covariance.
+#[cube]
+fn shape_gradient(geometry: &Geometry, v: &Triple, whitening: &Whitening) -> ShapeGradient {
+    let (first, second) = (&whitening.row_x, &whitening.row_y);
+    let v_first = sum(&scaled(first, 2.0f32 * v.x), &scaled(second, v.y));
+    let v_second = sum(&scaled(first, v.y), &scaled(second, 2.0f32 * v.z));
+    let v_row_x = scaled(&v_first, whitening.along);
+    let v_row_y = sum(&scaled(&v_first, whitening.along * whitening.slope), &scaled(&v_second, whitening.across));
     let (v_spread_x, v_spread_y) = (multiplied(&v_row_x, &geometry.scales), multiplied(&v_row_y, &geometry.scales));
     let (jacobian_x, jacobian_y) = (&geometry.jacobian_x, &geometry.jacobian_y);
     let v_rotation = Matrix {
@@ -178,7 +218,7 @@ fn shape_gradient(geometry: &Geometry, v: &Triple) -> ShapeGradient {
     };
     ShapeGradient {
         quaternion: quaternion_gradient(geometry, &v_rotation),
-        log_scales: sum(&multiplied(&row_x, &v_row_x), &multiplied(&row_y, &v_row_y)),
+        log_scales: sum(&multiplied(first, &v_first), &multiplied(second, &v_second)),
         jacobian_x: matrix_times(&geometry.rotation, &v_spread_x),
         jacobian_y: matrix_times(&geometry.rotation, &v_spread_y),
     }

@@ -30,6 +30,8 @@ pub(super) struct Step<T> {
     /// Inverse square root of the second moment's bias correction.
     root: T,
     epsilon: T,
+    /// Bound of a gradient whose square is finite.
+    largest: T,
 }
 
 impl<T: Real> Step<T> {
@@ -44,6 +46,7 @@ impl<T: Real> Step<T> {
             rate: T::of(rule.learning_rate / correction(rule.beta1)),
             root: T::of(1.0 / correction(rule.beta2).sqrt()),
             epsilon: T::of(rule.epsilon),
+            largest: T::of(0.5) * T::max_value().sqrt(),
         }
     }
 }
@@ -77,10 +80,18 @@ impl<'a, T: Real> Piece<'a, T> {
                 let moments = first.iter_mut().zip(second.iter_mut());
                 for ((value, &gradient), (first, second)) in value.iter_mut().zip(gradient).zip(moments) {
                     *first = step.beta1 * *first + step.rest1 * gradient;
-                    *second = step.beta2 * *second + step.rest2 * (gradient * gradient);
+                    let bounded = clamp(gradient, step.largest);
+                    *second = step.beta2 * *second + step.rest2 * (bounded * bounded);
                     *value -= step.rate * *first / (second.sqrt() * step.root + step.epsilon);
                 }
             },
         );
     }
+}
+
+/// Cut to the numbers between `-largest` and `largest`; NaN stays.
+#[inline(always)]
+fn clamp<T: Real>(number: T, largest: T) -> T {
+    let high = if number > largest { largest } else { number };
+    if high < -largest { -largest } else { high }
 }

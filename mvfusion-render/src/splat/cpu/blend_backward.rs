@@ -419,7 +419,7 @@ impl<V: Copy> Moments<V> {
 
     /// Gradients of centre, covariance and opacity. With `d = pixel - centre`, `u = dx + slope dy` and
     /// `g = d sigma / d d = (curve_x u, slope curve_x u + curve_y dy)`, sigma has the gradient `-g` with respect to the
-    /// centre and `-g gᵀ / 2` with respect to the covariance.
+    /// centre; with `w = (√curve_x u, √curve_y dy)`, it has `-w wᵀ / 2` with respect to the whitened covariance.
     #[inline(always)]
     fn gradient<T: Lane, X: Vectors<T, V = V>>(
         &self,
@@ -445,7 +445,6 @@ impl<V: Copy> Moments<V> {
         let uu = xx + slope * (two * xy + slope * yy) + middle_u * (two * (x + slope * y) + middle_u * one);
         let u_dy = xy + slope * yy + middle_u * y + middle_y * u;
         let dy_dy = yy + middle_y * (two * y + middle_y * one);
-        let (g_xx, g_xu) = (curve_x * curve_x * uu, curve_x * curve_y * u_dy);
         let statistic = if counted {
             let [one, x, y] = self.counted;
             centre(sum_vector(vectors, one), sum_vector(vectors, x), sum_vector(vectors, y))
@@ -454,10 +453,10 @@ impl<V: Copy> Moments<V> {
         };
         ProjectedGradient {
             centre: centre(one, x, y),
-            covariance: [
-                half * splat.opacity * g_xx,
-                splat.opacity * (slope * g_xx + g_xu),
-                half * splat.opacity * (slope * slope * g_xx + two * slope * g_xu + curve_y * curve_y * dy_dy),
+            whitened: [
+                half * splat.opacity * curve_x * uu,
+                splat.opacity * curve_x.sqrt() * curve_y.sqrt() * u_dy,
+                half * splat.opacity * curve_y * dy_dy,
             ],
             opacity: one,
             statistic,

@@ -12,7 +12,7 @@ use super::lanes::Lane;
 use super::project::{Direction, GAUSSIANS_PER_JOB, Geometry, load_coefficients, scaled, sigmoid};
 use super::sh;
 use super::view::View;
-use crate::simd::{Lanes, MAX_LANES, Number, Rows, Wide, dot, to_rows};
+use crate::simd::{Lanes, MAX_LANES, Number, Rows, Wide, cross, dot, to_rows};
 use crate::splat::settings::Antialias;
 use crate::splat::tensors::{SplatSizes, SplatTensors};
 
@@ -163,14 +163,15 @@ impl<T: Lane> RecordSource<'_, T> {
 
         let [logit] = rows.load(simd, cloud.values.opacity_logits, 1, 0);
         let logit_opacity = sigmoid(logit);
+        let whitening = geometry.whitening(view.dilation);
         if view.antialias == Antialias::Compensated {
             let v_compensation = v_head.opacity * logit_opacity;
-            let v_covariance = geometry.compensation_gradient(v_compensation, view.dilation);
+            let v_whitened = geometry.compensation_gradient(v_compensation, &whitening);
             for entry in 0..3 {
-                v_head.covariance[entry] = v_head.covariance[entry] + v_covariance[entry];
+                v_head.whitened[entry] = v_head.whitened[entry] + v_whitened[entry];
             }
         }
-        let shape = geometry.shape_gradient(v_head.covariance);
+        let shape = geometry.shape_gradient(v_head.whitened, &whitening);
         let [v_depth] = sums.load(simd, channels, gradient_record::depth(channels));
         let v_point = geometry.point_gradient(simd, view, v_head.centre, v_depth, &shape);
 
@@ -251,32 +252,75 @@ struct ShapeGradient<S: Simd, T: Lanes> {
     jacobian: [[Wide<S, T>; 3]; 2],
 }
 
+/// `W` of [`ProjectedGradient::whitened`], and `W F` for the rows `F` of the undilated covariance `F Fᵀ`.
+struct Whitening<S: Simd, T: Lanes> {
+    /// `√curve_x`.
+    along: Wide<S, T>,
+    slope: Wide<S, T>,
+    /// `√curve_y`.
+    across: Wide<S, T>,
+    /// At most one in absolute value.
+    rows: [[Wide<S, T>; 3]; 2],
+}
+
+/// Cut to -1 and 1, which only rounding exceeds.
+#[inline(always)]
+fn bounded<S: Simd, T: Lanes>(x: Wide<S, T>) -> Wide<S, T> {
+    x.at_least(x.value(-1.0)).at_most(x.value(1.0))
+}
+
 impl<S: Simd, T: Lane> Geometry<S, T> {
-    /// Gradient of the covariance through the compensation of the opacity, zero at its lower bound. With
-    /// `k = sqrt(sharp / det)`, `dk = k / 2 (d ln sharp - d ln det)`.
+    /// The whitening of the covariance, see [`ProjectedGradient::whitened`].
     #[inline(always)]
-    fn compensation_gradient(&self, v_compensation: Wide<S, T>, dilation: T) -> [Wide<S, T>; 3] {
-        let scale = v_compensation.times(0.5) * (self.sharp_determinant / self.determinant).sqrt();
-        let [xx, xy, yy] = self.covariance;
-        let (sharp, full) = (scale / self.sharp_determinant, scale / self.determinant);
-        let gradient =
-            [sharp * (yy - dilation) - full * yy, xy.times(-2.0) * (sharp - full), sharp * (xx - dilation) - full * xx];
-        let (bounded, zero) = (self.compensation_is_bounded(), xx.value(0.0));
+    fn whitening(&self, dilation: T) -> Whitening<S, T> {
+        let [_, xy, yy] = self.covariance;
+        let [first, second] = [scaled(self.spread[0], self.scales), scaled(self.spread[1], self.scales)];
+        let inverse = yy.value(1.0) / yy;
+        let (along, across) = ((yy / self.determinant).sqrt(), inverse.sqrt());
+        // `first + slope second` would cancel for a long, thin Gaussian: it is `second x (first x second) / yy` and the
+        // dilation's share.
+        let normal = cross(first, second);
+        let sheared = cross(second, [normal[0] * inverse, normal[1] * inverse, normal[2] * inverse]);
+        let dilated = inverse * dilation;
+        let mut rows = [sheared, second];
+        for j in 0..3 {
+            rows[0][j] = bounded(along * (sheared[j] + dilated * first[j]));
+            rows[1][j] = bounded(across * second[j]);
+        }
+        Whitening { along, slope: -xy * inverse, across, rows }
+    }
+
+    /// Gradient of the whitened covariance through the compensation of the opacity, zero at its lower bound. With
+    /// `k = sqrt(sharp / det)`, `dk = k / 2 (d ln sharp - d ln det)`; for the whitened rows `G`, the gradients of the
+    /// logarithms are the inverse of `G Gᵀ`, whose determinant is `k²`, and the identity.
+    #[inline(always)]
+    fn compensation_gradient(&self, v_compensation: Wide<S, T>, whitening: &Whitening<S, T>) -> [Wide<S, T>; 3] {
+        let ratio = self.sharp_determinant / self.determinant;
+        let scale = v_compensation.times(0.5) * ratio.sqrt();
+        let [first, second] = whitening.rows;
+        let sharp = scale / ratio;
+        let gradient = [
+            sharp * dot(second, second) - scale,
+            sharp.times(-2.0) * dot(first, second),
+            sharp * dot(first, first) - scale,
+        ];
+        let (bounded, zero) = (self.compensation_is_bounded(), scale.value(0.0));
         [bounded.select(zero, gradient[0]), bounded.select(zero, gradient[1]), bounded.select(zero, gradient[2])]
     }
 
     /// Gradient through `covariance = F Fᵀ + dilation`, `F = jacobian * rotation * diag(scales)`.
     #[inline(always)]
-    fn shape_gradient(&self, [v_xx, v_xy, v_yy]: [Wide<S, T>; 3]) -> ShapeGradient<S, T> {
+    fn shape_gradient(&self, [v_xx, v_xy, v_yy]: [Wide<S, T>; 3], whitening: &Whitening<S, T>) -> ShapeGradient<S, T> {
         let zero = v_xx.value(0.0);
         let (v_xx, v_yy) = (v_xx.times(2.0), v_yy.times(2.0));
-        let [first, second] = [scaled(self.spread[0], self.scales), scaled(self.spread[1], self.scales)];
+        let Whitening { along, slope, across, rows: [first, second] } = *whitening;
         let (mut v_spread, mut log_scales) = ([[zero; 3]; 2], [zero; 3]);
         for j in 0..3 {
             let v_first = v_xx * first[j] + v_xy * second[j];
             let v_second = v_xy * first[j] + v_yy * second[j];
             log_scales[j] = first[j] * v_first + second[j] * v_second;
-            (v_spread[0][j], v_spread[1][j]) = (v_first * self.scales[j], v_second * self.scales[j]);
+            v_spread[0][j] = along * v_first * self.scales[j];
+            v_spread[1][j] = (along * slope * v_first + across * v_second) * self.scales[j];
         }
         let (mut v_rotation, mut v_jacobian) = ([[zero; 3]; 3], [[zero; 3]; 2]);
         for i in 0..3 {

@@ -99,6 +99,23 @@ fn extreme_numbers_give_finite_pictures_and_gradients() {
     });
 }
 
+/// Single precision against double precision, where the covariance's larger eigenvalue is 1e12 to 1e20 times the other.
+#[test]
+fn the_scales_of_a_long_thin_gaussian_have_gradients_in_single_precision() {
+    for_each_device(|device| {
+        let mut scene = Scene::random(8, 6);
+        for (index, scales) in scene.log_scales.chunks_mut(3).enumerate() {
+            scales.copy_from_slice(&[10.0 + 1.5 * index as f64, -4.0, -6.0]);
+        }
+        let device = device.autodiff();
+        let [found, wanted] = [DType::F32, DType::F64].map(|dtype| gradients::all_numbers(&scene, &device, dtype));
+        let largest = wanted[3].iter().fold(0f64, |largest, v| largest.max(v.abs()));
+        for (found, wanted) in found[3].iter().zip(&wanted[3]) {
+            assert!((found - wanted).abs() < 1e-3 * largest, "{found} for {wanted}");
+        }
+    });
+}
+
 #[test]
 fn wrong_arguments_are_named() {
     for_each_device(|device| {

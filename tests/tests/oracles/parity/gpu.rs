@@ -8,7 +8,7 @@ use glam::{DMat3, DVec3};
 use libtest_mimic::Trial;
 use mvfusion_data::Camera;
 use mvfusion_model::device::gpus;
-use mvfusion_render::device::{fold_launches, imitate_dirt, imitate_hardware};
+use mvfusion_render::device::{fold_launches, imitate_dirt, imitate_hardware, sort_apart};
 use mvfusion_render::grid::{GridBounds, look_up, regulariser::penalties};
 use mvfusion_render::mlp::{Layer, MlpLayout};
 use mvfusion_render::splat::{SplatError, SplatInputs, SplatRules, SplatSettings, Statistic, splat};
@@ -16,7 +16,7 @@ use mvfusion_render::{attention, mlp};
 use mvfusion_tests::{gpu_backends, tensor, with_padded_rows};
 
 use super::ops::{CASES, adam_steps, layout, look_up_and_back, mlp_and_back};
-use super::pictures::{SCENES, render_twice};
+use super::pictures::{SCENES, Scene, compare_needles, render_together, render_twice};
 use super::{Pair, device};
 
 /// Trials for a backend of GPUs; none for another.
@@ -30,6 +30,8 @@ pub fn trials(pair: Pair) -> Vec<Trial> {
         pair.trial("dirty_buffers", move || dirty_buffers(pair)),
         pair.trial("padded_rows", move || with_padded_rows(|| compare_all(pair))),
         pair.trial("twice", move || twice(pair)),
+        pair.trial("frames_together", move || frames_together(pair)),
+        pair.trial("needles", move || compare_needles(&device(pair.backend), &device(pair.reference))),
         pair.trial("lists_too_long", move || lists_too_long(pair)),
         pair.trial("double_precision", move || double_precision(pair)),
     ];
@@ -120,6 +122,16 @@ fn twice(pair: Pair) -> Result<()> {
     }
     let scenes = SCENES.iter().filter(|scene| ["thousand", "eight_channels", "twenty_thousand"].contains(&scene.name));
     imitate_hardware(|| scenes.into_iter().try_for_each(|scene| render_twice(scene, &device)))
+}
+
+/// Frames of one call, which are sorted together unless their Gaussians, or their pairs of one and a tile, are too many.
+fn frames_together(pair: Pair) -> Result<()> {
+    let names = ["unseen", "thousand", "none", "one", "hostile", "one_tile", "antialiased"];
+    let scenes: Vec<&Scene> = SCENES.iter().filter(|scene| names.contains(&scene.name)).collect();
+    let render = || render_together(&scenes, &device(pair.backend));
+    imitate_dirt(render)?;
+    // There are 6206 Gaussians, and more pairs.
+    [100, 7000].into_iter().try_for_each(|most| sort_apart(most, || imitate_dirt(render)))
 }
 
 fn compare_scenes(pair: Pair, names: &[&str]) -> Result<()> {
