@@ -39,8 +39,8 @@ use super::tiles::{
 };
 use super::view::{BlendRulesCompilationArg, ProjectionKind, ViewCompilationArg};
 use super::window::{
-    PlaneSizeCompilationArg, SimilarityConstantsCompilationArg, SimilarityKind, adjoint_columns, adjoint_rows,
-    blur_columns, blur_rows, moment_columns, similarity_rows,
+    Derivatives, PlaneSizeCompilationArg, SimilarityConstantsCompilationArg, SimilarityKind, blur_columns, blur_rows,
+    similarity, similarity_adjoint,
 };
 use super::{MOST_BUFFERS, UNITS};
 
@@ -304,16 +304,20 @@ impl Catalogue<'_> {
     fn add_windows(&mut self) {
         add!(self, Unchecked, UNITS, "", blur_columns::BlurColumns, [_ _ _ _]);
         add!(self, Unchecked, UNITS, "", blur_rows::BlurRows, [_ _ _ _]);
-        add!(self, Unchecked, UNITS, "", moment_columns::MomentColumns, [_ _ _ _ _]);
-        for (variant, kind, tracked) in [
-            ("SSIM", SimilarityKind::Ssim, true),
-            ("SSIM without gradient", SimilarityKind::Ssim, false),
-            ("structure", SimilarityKind::Structure, true),
-        ] {
-            add!(self, Unchecked, UNITS, variant, similarity_rows::SimilarityRows, [_ _ _ _ _ _], kind, tracked);
+        for (variant, kind, radius) in [("SSIM", SimilarityKind::Ssim, 5), ("structure", SimilarityKind::Structure, 2)]
+        {
+            for (word, derivatives) in [("", Derivatives::First), (" without gradient", Derivatives::None)] {
+                let variant = format!("{variant}{word}");
+                add!(
+                    self, Unchecked, UNITS, variant, similarity::Similarity, [_ _ _ _ _ _ _ _], radius, kind,
+                    derivatives
+                );
+            }
+            add!(
+                self, Unchecked, UNITS, variant, similarity_adjoint::SimilarityAdjoint, [_ _ _ _ _ _ _ _ _], radius,
+                false
+            );
         }
-        add!(self, Unchecked, UNITS, "", adjoint_columns::AdjointColumns, [_ _ _ _ _]);
-        add!(self, Unchecked, UNITS, "", adjoint_rows::AdjointRows, [_ _ _ _ _ _ _]);
     }
 
     fn add_objective(&mut self) {

@@ -1,10 +1,52 @@
 //! Gaussian windows over images, and the similarity of two images based on them. CPU twin: `window/cpu.rs` and
 //! `window/similarity.rs`.
 //!
-//! There are two passes. The first computes sums down the columns from the images, the second computes the results
-//! along the rows. Images are planes of `[height, width]`, one after another. A unit is a pixel of a plane.
+//! A window is separable: sums down the columns come first, then sums of these along the rows. Images are planes of
+//! `[height, width]`, one after another. A unit is a pixel of a plane.
+//!
+//! For a similarity, a cube is a tile of a plane, and keeps the sums down the columns in shared memory: there are four
+//! for each pixel, which through global memory took more time than all else.
 
 use cubecl::prelude::*;
+
+use super::UNITS;
+
+/// Columns and rows of a tile. It is wide, because the columns beside it are summed as well.
+const TILE: [usize; 2] = [64, 4];
+const _: () = assert!(TILE[0] * TILE[1] == UNITS);
+
+/// Sums down a column of a similarity and of its adjoint: mean a, mean b, squares, product.
+const SUMS: usize = 4;
+
+/// Largest radius of a window whose sums fit into the 16 KiB of shared memory that every GPU has.
+pub const MOST_RADIUS: usize = ((16 << 10) / (size_of::<f32>() * SUMS * TILE[1]) - TILE[0]) / 2;
+
+/// Cubes for so many planes.
+pub const fn tile_count(planes: usize, height: usize, width: usize) -> usize {
+    planes * height.div_ceil(TILE[1]) * width.div_ceil(TILE[0])
+}
+
+/// The derivatives of a similarity that are wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Derivatives {
+    /// None.
+    None,
+    /// Those of the first image.
+    First,
+    /// Those of both.
+    Both,
+}
+
+impl Derivatives {
+    /// Maps that they are saved in: with respect to mean a, mean a² + b² and mean ab; for both images also mean b.
+    pub const fn maps(self) -> usize {
+        match self {
+            Self::None => 0,
+            Self::First => 3,
+            Self::Both => 4,
+        }
+    }
+}
 
 /// The kind of similarity of two images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -58,136 +100,244 @@ pub fn blur_columns(images: &[f32], weights: &[f32], sums: &mut [f32], size: Pla
 pub fn blur_rows(sums: &[f32], weights: &[f32], blurred: &mut [f32], size: PlaneSize) {
     let pixel = ABSOLUTE_POS as u32;
     if pixel < size.planes * size.height * size.width {
-        let (first, count, tap) = taps_along(pixel, weights, &size);
-        blurred[pixel as usize] = sum_along(sums, weights, first, count, tap);
-    }
-}
-
-/// The moments of two images down the columns: mean a, mean b, variance of a + variance of b, covariance,
-/// `[4, planes, height, width]`. Sums are relative to the middle pixel. Variances of bright, flat images are therefore
-/// not small differences of large numbers. Pixels outside the images are black.
-#[cube(launch_unchecked)]
-pub fn moment_columns(a: &[f32], b: &[f32], weights: &[f32], sums: &mut [f32], size: PlaneSize) {
-    let pixel = ABSOLUTE_POS as u32;
-    let pixels = size.planes * size.height * size.width;
-    if pixel < pixels {
-        let (first, count, tap) = taps_down(pixel, weights, &size);
-        let (middle_a, middle_b) = (a[pixel as usize], b[pixel as usize]);
-        let mut sum_a = 0.0f32;
-        let mut sum_b = 0.0f32;
-        let mut squares = 0.0f32;
-        let mut product = 0.0f32;
-        let mut inside = 0.0f32;
+        let (before, count, tap) = taps_along(pixel, weights, &size);
+        let mut sum = 0.0f32;
         for i in 0..count {
-            let at = (first + i * size.width) as usize;
-            let weight = weights[(tap + i) as usize];
-            let (from_a, from_b) = (a[at] - middle_a, b[at] - middle_b);
-            sum_a += weight * from_a;
-            sum_b += weight * from_b;
-            squares += weight * (from_a * from_a + from_b * from_b);
-            product += weight * (from_a * from_b);
-            inside += weight;
+            sum += weights[(tap + i) as usize] * sums[(pixel - before + i) as usize];
         }
-        let moments = from_middle(sum_a, sum_b, squares, product, inside, middle_a, middle_b);
-        sums[pixel as usize] = moments.mean_a;
-        sums[(pixels + pixel) as usize] = moments.mean_b;
-        sums[(2u32 * pixels + pixel) as usize] = moments.variances;
-        sums[(3u32 * pixels + pixel) as usize] = moments.covariance;
+        blurred[pixel as usize] = sum;
     }
 }
 
-/// The similarity from the moments of the columns. If `wanted`, also its derivatives `[4, planes, height, width]` with
-/// respect to mean a, mean b, mean a² + b² and mean ab. A variance is the mean of the columns' variances plus the
-/// variance of their means. Sums are relative to the middle column.
+/// The similarity of two images and, if wanted, its `slopes` `[maps, planes, height, width]`, see [`Derivatives`]. Pixels
+/// outside the images are black.
 #[cube(launch_unchecked)]
-pub fn similarity_rows(
-    sums: &[f32],
+pub fn similarity(
+    a: &[f32],
+    b: &[f32],
     weights: &[f32],
     map: &mut [f32],
     slopes: &mut [f32],
     size: PlaneSize,
     constants: SimilarityConstants,
+    tiles: u32,
+    #[comptime] radius: usize,
     #[comptime] kind: SimilarityKind,
-    #[comptime] wanted: bool,
+    #[comptime] derivatives: Derivatives,
 ) {
-    let pixel = ABSOLUTE_POS as u32;
-    let pixels = size.planes * size.height * size.width;
-    if pixel < pixels {
-        let (first, count, tap) = taps_along(pixel, weights, &size);
-        let (middle_a, middle_b) = (sums[pixel as usize], sums[(pixels + pixel) as usize]);
-        let mut sum_a = 0.0f32;
-        let mut sum_b = 0.0f32;
-        let mut squares = 0.0f32;
-        let mut product = 0.0f32;
-        let mut inside = 0.0f32;
-        for i in 0..count {
-            let at = first + i;
-            let weight = weights[(tap + i) as usize];
-            let (from_a, from_b) = (sums[at as usize] - middle_a, sums[(pixels + at) as usize] - middle_b);
-            sum_a += weight * from_a;
-            sum_b += weight * from_b;
-            squares += weight * (sums[(2u32 * pixels + at) as usize] + (from_a * from_a + from_b * from_b));
-            product += weight * (sums[(3u32 * pixels + at) as usize] + from_a * from_b);
-            inside += weight;
-        }
-        let moments = from_middle(sum_a, sum_b, squares, product, inside, middle_a, middle_b);
-        let trace = if comptime!(kind == SimilarityKind::Ssim) {
-            ssim(&moments, &constants)
-        } else {
-            structure(&moments, &constants)
-        };
-        map[pixel as usize] = trace.value;
-        if comptime!(wanted) {
-            slopes[pixel as usize] = trace.by_mean_a;
-            slopes[(pixels + pixel) as usize] = trace.by_mean_b;
-            slopes[(2u32 * pixels + pixel) as usize] = trace.by_square;
-            slopes[(3u32 * pixels + pixel) as usize] = trace.by_cross;
-        }
-    }
-}
-
-/// The derivatives times the cotangent of the map, summed down the columns.
-#[cube(launch_unchecked)]
-pub fn adjoint_columns(v_map: &[f32], slopes: &[f32], weights: &[f32], sums: &mut [f32], size: PlaneSize) {
-    let pixel = ABSOLUTE_POS as u32;
-    let pixels = size.planes * size.height * size.width;
-    if pixel < pixels {
-        let (first, count, tap) = taps_down(pixel, weights, &size);
-        #[unroll]
-        for moment in 0..4u32 {
-            let mut sum = 0.0f32;
-            for i in 0..count {
-                let at = first + i * size.width;
-                sum += weights[(tap + i) as usize] * v_map[at as usize] * slopes[(moment * pixels + at) as usize];
+    let mut sums = Shared::<[f32]>::new_slice(comptime!(SUMS * summed(radius)));
+    if CUBE_POS < tiles as usize {
+        let tile = tile_of(&size);
+        let mut item = UNIT_POS;
+        while item < comptime!(summed(radius) as u32) {
+            let column = column_of(item, &tile, &size, radius);
+            if column.is_inside {
+                write_moments(a, b, weights, column.pixel, item as usize, &mut sums, &size, radius);
             }
-            sums[(moment * pixels + pixel) as usize] = sum;
+            item += comptime!(UNITS as u32);
+        }
+        sync_cube();
+        let own = own_pixel(&tile, &size, radius);
+        if own.is_inside {
+            let moments = moments_along(&sums, weights, &own, &size, radius);
+            let trace = if comptime!(kind == SimilarityKind::Ssim) {
+                ssim(&moments, &constants)
+            } else {
+                structure(&moments, &constants)
+            };
+            let (pixel, pixels) = (own.pixel as usize, (size.planes * size.height * size.width) as usize);
+            map[pixel] = trace.value;
+            if comptime!(derivatives != Derivatives::None) {
+                slopes[pixel] = trace.by_mean_a;
+                slopes[pixels + pixel] = trace.by_square;
+                slopes[2 * pixels + pixel] = trace.by_cross;
+            }
+            if comptime!(derivatives == Derivatives::Both) {
+                slopes[3 * pixels + pixel] = trace.by_mean_b;
+            }
         }
     }
 }
 
-/// The adjoints of the two images, from the column sums of `adjoint_columns`.
+/// Writes the moments of two images down the column around a pixel, relative to that pixel. Variances of bright, flat
+/// images are therefore not small differences of large numbers.
+#[cube]
+fn write_moments(
+    a: &[f32],
+    b: &[f32],
+    weights: &[f32],
+    pixel: u32,
+    item: usize,
+    sums: &mut Shared<[f32]>,
+    size: &PlaneSize,
+    #[comptime] radius: usize,
+) {
+    let (first, count, tap) = taps_down(pixel, weights, size);
+    let (middle_a, middle_b) = (a[pixel as usize], b[pixel as usize]);
+    let mut sum_a = 0.0f32;
+    let mut sum_b = 0.0f32;
+    let mut squares = 0.0f32;
+    let mut product = 0.0f32;
+    let mut inside = 0.0f32;
+    for i in 0..count {
+        let at = (first + i * size.width) as usize;
+        let weight = weights[(tap + i) as usize];
+        let (from_a, from_b) = (a[at] - middle_a, b[at] - middle_b);
+        sum_a += weight * from_a;
+        sum_b += weight * from_b;
+        squares += weight * (from_a * from_a + from_b * from_b);
+        product += weight * (from_a * from_b);
+        inside += weight;
+    }
+    let moments = from_middle(sum_a, sum_b, squares, product, inside, middle_a, middle_b);
+    sums[item] = moments.mean_a;
+    sums[comptime!(summed(radius)) + item] = moments.mean_b;
+    sums[comptime!(2 * summed(radius)) + item] = moments.variances;
+    sums[comptime!(3 * summed(radius)) + item] = moments.covariance;
+}
+
+/// The moments around the unit's pixel from those of the columns, relative to the middle column. A variance is the mean
+/// of the columns' variances plus the variance of their means.
+#[cube]
+fn moments_along(
+    sums: &Shared<[f32]>,
+    weights: &[f32],
+    own: &Place,
+    size: &PlaneSize,
+    #[comptime] radius: usize,
+) -> Moments {
+    let (before, count, tap) = taps_along(own.pixel, weights, size);
+    let first = (own.item - before) as usize;
+    let (middle_a, middle_b) = (sums[own.item as usize], sums[comptime!(summed(radius)) + own.item as usize]);
+    let mut sum_a = 0.0f32;
+    let mut sum_b = 0.0f32;
+    let mut squares = 0.0f32;
+    let mut product = 0.0f32;
+    let mut inside = 0.0f32;
+    for i in 0..count {
+        let at = first + i as usize;
+        let weight = weights[(tap + i) as usize];
+        let (from_a, from_b) = (sums[at] - middle_a, sums[comptime!(summed(radius)) + at] - middle_b);
+        sum_a += weight * from_a;
+        sum_b += weight * from_b;
+        squares += weight * (sums[comptime!(2 * summed(radius)) + at] + (from_a * from_a + from_b * from_b));
+        product += weight * (sums[comptime!(3 * summed(radius)) + at] + from_a * from_b);
+        inside += weight;
+    }
+    from_middle(sum_a, sum_b, squares, product, inside, middle_a, middle_b)
+}
+
+/// The adjoints of the images, from the cotangent of the map and the slopes that [`similarity`] saved. `v_b` is written
+/// if the adjoints of `both` are wanted.
 #[cube(launch_unchecked)]
-pub fn adjoint_rows(
-    sums: &[f32],
+pub fn similarity_adjoint(
+    v_map: &[f32],
+    slopes: &[f32],
     a: &[f32],
     b: &[f32],
     weights: &[f32],
     v_a: &mut [f32],
     v_b: &mut [f32],
     size: PlaneSize,
+    tiles: u32,
+    #[comptime] radius: usize,
+    #[comptime] both: bool,
 ) {
-    let pixel = ABSOLUTE_POS as u32;
-    let pixels = size.planes * size.height * size.width;
-    if pixel < pixels {
-        let (first, count, tap) = taps_along(pixel, weights, &size);
-        let v_mean_a = sum_along(sums, weights, first, count, tap);
-        let v_mean_b = sum_along(sums, weights, first + pixels, count, tap);
-        let v_square = 2.0f32 * sum_along(sums, weights, first + 2u32 * pixels, count, tap);
-        let v_cross = sum_along(sums, weights, first + 3u32 * pixels, count, tap);
-        let (own_a, own_b) = (a[pixel as usize], b[pixel as usize]);
-        v_a[pixel as usize] = v_mean_a + own_a * v_square + own_b * v_cross;
-        v_b[pixel as usize] = v_mean_b + own_b * v_square + own_a * v_cross;
+    let maps = comptime!(if both { Derivatives::Both } else { Derivatives::First }.maps());
+    let mut sums = Shared::<[f32]>::new_slice(comptime!(maps * summed(radius)));
+    if CUBE_POS < tiles as usize {
+        let tile = tile_of(&size);
+        let pixels = (size.planes * size.height * size.width) as usize;
+        let mut item = UNIT_POS;
+        while item < comptime!(summed(radius) as u32) {
+            let column = column_of(item, &tile, &size, radius);
+            if column.is_inside {
+                let (first, count, tap) = taps_down(column.pixel, weights, &size);
+                #[unroll]
+                for map in 0..maps {
+                    let mut sum = 0.0f32;
+                    for i in 0..count {
+                        let at = (first + i * size.width) as usize;
+                        sum += weights[(tap + i) as usize] * v_map[at] * slopes[map * pixels + at];
+                    }
+                    sums[comptime!(map * summed(radius)) + item as usize] = sum;
+                }
+            }
+            item += comptime!(UNITS as u32);
+        }
+        sync_cube();
+        let own = own_pixel(&tile, &size, radius);
+        if own.is_inside {
+            let (before, count, tap) = taps_along(own.pixel, weights, &size);
+            let (pixel, first) = (own.pixel as usize, own.item - before);
+            let v_mean_a = sum_along(&sums, weights, first, count, tap);
+            let v_square = 2.0f32 * sum_along(&sums, weights, first + comptime!(summed(radius) as u32), count, tap);
+            let v_cross = sum_along(&sums, weights, first + comptime!(2 * summed(radius) as u32), count, tap);
+            let (own_a, own_b) = (a[pixel], b[pixel]);
+            v_a[pixel] = v_mean_a + own_a * v_square + own_b * v_cross;
+            if comptime!(both) {
+                let v_mean_b = sum_along(&sums, weights, first + comptime!(3 * summed(radius) as u32), count, tap);
+                v_b[pixel] = v_mean_b + own_b * v_square + own_a * v_cross;
+            }
+        }
     }
+}
+
+/// Columns that are summed for a tile: its own and those beside it.
+const fn columns(radius: usize) -> usize {
+    TILE[0] + 2 * radius
+}
+
+/// Sums of one kind for a tile.
+const fn summed(radius: usize) -> usize {
+    columns(radius) * TILE[1]
+}
+
+/// The cube's tile.
+#[derive(CubeType, Clone, Copy)]
+struct Tile {
+    plane: u32,
+    left: u32,
+    top: u32,
+}
+
+#[cube]
+fn tile_of(size: &PlaneSize) -> Tile {
+    let (across, down) = comptime!((TILE[0] as u32, TILE[1] as u32));
+    let along = (size.width + across - 1u32) / across;
+    let each = along * ((size.height + down - 1u32) / down);
+    let own = CUBE_POS as u32 % each;
+    Tile { plane: CUBE_POS as u32 / each, left: own % along * across, top: own / along * down }
+}
+
+/// A pixel, and which of the tile's sums are those around it.
+#[derive(CubeType, Clone, Copy)]
+struct Place {
+    is_inside: bool,
+    pixel: u32,
+    item: u32,
+}
+
+/// The pixel around which the sums of an item are taken.
+#[cube]
+fn column_of(item: u32, tile: &Tile, size: &PlaneSize, #[comptime] radius: usize) -> Place {
+    let columns = comptime!(columns(radius) as u32);
+    // Wraps before the first column, and is then not inside.
+    let column = tile.left + item % columns - comptime!(radius as u32);
+    let row = tile.top + item / columns;
+    Place {
+        is_inside: column < size.width && row < size.height,
+        pixel: (tile.plane * size.height + row) * size.width + column,
+        item,
+    }
+}
+
+/// The unit's own pixel.
+#[cube]
+fn own_pixel(tile: &Tile, size: &PlaneSize, #[comptime] radius: usize) -> Place {
+    let across = comptime!(TILE[0] as u32);
+    let item = UNIT_POS / across * comptime!(columns(radius) as u32) + UNIT_POS % across + comptime!(radius as u32);
+    column_of(item, tile, size, radius)
 }
 
 /// The first pixel, the number of taps and the first weight of the window down a column.
@@ -200,18 +350,18 @@ fn taps_down(pixel: u32, weights: &[f32], size: &PlaneSize) -> (u32, u32, u32) {
     (pixel - up * size.width, up + down + 1u32, radius - up)
 }
 
-/// The same along a row.
+/// The pixels before this one in the window along a row, the number of taps and the first weight.
 #[cube]
 fn taps_along(pixel: u32, weights: &[f32], size: &PlaneSize) -> (u32, u32, u32) {
     let radius = weights.len() as u32 / 2u32;
     let column = pixel % size.width;
     let left = min(column, radius);
     let right = min(size.width - 1u32 - column, radius);
-    (pixel - left, left + right + 1u32, radius - left)
+    (left, left + right + 1u32, radius - left)
 }
 
 #[cube]
-fn sum_along(sums: &[f32], weights: &[f32], first: u32, count: u32, tap: u32) -> f32 {
+fn sum_along(sums: &Shared<[f32]>, weights: &[f32], first: u32, count: u32, tap: u32) -> f32 {
     let mut sum = 0.0f32;
     for i in 0..count {
         sum += weights[(tap + i) as usize] * sums[(first + i) as usize];

@@ -13,10 +13,11 @@ use mvfusion_kernels::cube::objective::{
 use mvfusion_kernels::splat::COLOUR_CHANNELS;
 
 use super::gpu::{CUBE, Flat, Gpu, single};
+use super::window::similarity_and_adjoint;
 use crate::objective::op::{ObjectiveAdjoint, ObjectiveGradients, ObjectiveOps, ObjectivePlan, ObjectiveTensors};
 use crate::objective::{MaskNormalisation, ObjectiveTerms};
 use crate::window::Window;
-use crate::window::op::{Pair, SimilarityAdjoint, WindowOps};
+use crate::window::op::{Pair, WindowOps};
 use crate::window::similarity::Similarity;
 
 impl ObjectiveOps for CubeBackend {
@@ -152,10 +153,8 @@ impl Pass {
             let map = CubeBackend::window_similarity(pair.a, pair.b, window.clone(), kind);
             return Compared { map, v_picture: self.gpu.floats([1]) };
         }
-        let (map, slopes) = CubeBackend::window_similarity_tracked(pair.clone(), window.clone(), kind);
-        let v_map = colours(prepared, comparisons);
-        let v_pair = CubeBackend::window_similarity_backward(pair, slopes, v_map, window.clone());
-        Compared { map, v_picture: v_pair.a }
+        let (map, v_picture) = similarity_and_adjoint(pair, colours(prepared, comparisons), window, kind);
+        Compared { map, v_picture }
     }
 
     fn finish(

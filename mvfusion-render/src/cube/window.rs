@@ -6,8 +6,8 @@ use burn::tensor::Shape;
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 use mvfusion_kernels::cube::window::{
-    PlaneSizeLaunch, SimilarityConstantsLaunch, SimilarityKind, adjoint_columns, adjoint_rows, blur_columns, blur_rows,
-    moment_columns, similarity_rows,
+    Derivatives, MOST_RADIUS, PlaneSizeLaunch, SimilarityConstantsLaunch, SimilarityKind, blur_columns, blur_rows,
+    similarity, similarity_adjoint, tile_count,
 };
 
 use super::gpu::{CUBE, Flat, Gpu, single};
@@ -55,10 +55,7 @@ impl WindowOps for CubeBackend {
         kind: Similarity,
     ) -> FloatTensor<Self> {
         let pass = Pass::new(&a, &window);
-        let map = pass.map();
-        // The derivatives are not needed, but the kernel has an argument for them.
-        let none = pass.gpu.floats([1]);
-        pass.similarity(Pair { a, b }, kind, &map, none, false);
+        let (map, _) = pass.similarity(Pair { a, b }, kind, Derivatives::None);
         map
     }
 }
@@ -70,8 +67,7 @@ impl SimilarityAdjoint for CubeBackend {
         kind: Similarity,
     ) -> (FloatTensor<Self>, Slopes<Self>) {
         let pass = Pass::new(&pair.a, &window);
-        let (map, slopes) = (pass.map(), pass.maps());
-        pass.similarity(pair, kind, &map, slopes.clone(), true);
+        let (map, slopes) = pass.similarity(pair, kind, Derivatives::Both);
         (map, Slopes(vec![slopes]))
     }
 
@@ -84,39 +80,20 @@ impl SimilarityAdjoint for CubeBackend {
         let pass = Pass::new(&v_map, &window);
         // Proof: the forward pass saved one tensor.
         let slopes = slopes.0.into_iter().next().expect("the slopes");
-        let (sums, adjoints) = (pass.maps(), Pair::<Self> { a: pass.map(), b: pass.map() });
-        if pass.pixels() > 0 {
-            // SAFETY: taps stay within their plane, and every buffer has the size of `Pass::size`.
-            unsafe {
-                adjoint_columns::launch_unchecked(
-                    &pass.gpu.client,
-                    pass.gpu.units(pass.pixels()),
-                    CUBE,
-                    single(v_map).flat(),
-                    single(slopes).flat(),
-                    pass.weights.clone().flat(),
-                    sums.clone().flat(),
-                    pass.size(),
-                );
-            }
-            // SAFETY: taps stay within their plane, and every buffer has the size of `Pass::size`.
-            unsafe {
-                adjoint_rows::launch_unchecked(
-                    &pass.gpu.client,
-                    pass.gpu.units(pass.pixels()),
-                    CUBE,
-                    sums.flat(),
-                    single(pair.a).flat(),
-                    single(pair.b).flat(),
-                    pass.weights.clone().flat(),
-                    adjoints.a.clone().flat(),
-                    adjoints.b.clone().flat(),
-                    pass.size(),
-                );
-            }
-        }
-        adjoints
+        pass.adjoint(pair, slopes, v_map, true)
     }
+}
+
+/// The similarity of two images, and the adjoint of the first for the cotangent `v_map`.
+pub(super) fn similarity_and_adjoint(
+    pair: Pair<CubeBackend>,
+    v_map: CubeTensor,
+    window: &Window,
+    kind: Similarity,
+) -> (CubeTensor, CubeTensor) {
+    let pass = Pass::new(&pair.a, window);
+    let (map, slopes) = pass.similarity(pair.clone(), kind, Derivatives::First);
+    (map, pass.adjoint(pair, slopes, v_map, false).a)
 }
 
 /// One window over images of one shape.
@@ -146,55 +123,82 @@ impl Pass {
         self.gpu.floats(self.shape.clone())
     }
 
-    /// Allocates four values per pixel.
-    fn maps(&self) -> CubeTensor {
-        self.gpu.floats([4, self.pixels()])
+    /// Tiles of the planes.
+    fn tiles(&self) -> usize {
+        tile_count(self.shape[0] * self.shape[1], self.shape[2], self.shape[3])
     }
 
+    /// The radius of a window over which pictures are compared.
+    ///
+    /// # Panics
+    /// If its sums do not fit into the shared memory of a GPU.
+    fn radius(&self) -> usize {
+        let radius = self.weights.meta.num_elements() / 2;
+        assert!(radius <= MOST_RADIUS, "a GPU compares windows of at most {} pixels", 2 * MOST_RADIUS + 1);
+        radius
+    }
+
+    /// The map and its slopes.
     fn similarity(
         &self,
         pair: Pair<CubeBackend>,
         kind: Similarity,
-        map: &CubeTensor,
-        slopes: CubeTensor,
-        wanted: bool,
-    ) {
-        if self.pixels() == 0 {
-            return;
-        }
-        let sums = self.maps();
-        // SAFETY: taps stay within their plane, and every buffer has the size of `Pass::size`.
-        unsafe {
-            moment_columns::launch_unchecked(
-                &self.gpu.client,
-                self.gpu.units(self.pixels()),
-                CUBE,
-                single(pair.a).flat(),
-                single(pair.b).flat(),
-                self.weights.clone().flat(),
-                sums.clone().flat(),
-                self.size(),
-            );
-        }
+        derivatives: Derivatives,
+    ) -> (CubeTensor, CubeTensor) {
+        // A kernel has an argument for slopes that are not wanted, too.
+        let (map, slopes) = (self.map(), self.gpu.floats([(derivatives.maps() * self.pixels()).max(1)]));
         let kind = match kind {
             Similarity::Ssim => SimilarityKind::Ssim,
             Similarity::Structure => SimilarityKind::Structure,
         };
-        // SAFETY: taps stay within their plane, and every buffer has the size of `Pass::size`.
-        unsafe {
-            similarity_rows::launch_unchecked(
-                &self.gpu.client,
-                self.gpu.units(self.pixels()),
-                CUBE,
-                sums.flat(),
-                self.weights.clone().flat(),
-                map.clone().flat(),
-                slopes.flat(),
-                self.size(),
-                SimilarityConstantsLaunch::new(C1 as f32, C2 as f32, C3 as f32, STRUCTURE_MAX as f32),
-                kind,
-                wanted,
-            );
+        if self.pixels() > 0 {
+            // SAFETY: taps stay within their plane, excess units do nothing, and the slopes have their maps.
+            unsafe {
+                similarity::launch_unchecked(
+                    &self.gpu.client,
+                    self.gpu.cubes(self.tiles()),
+                    CUBE,
+                    single(pair.a).flat(),
+                    single(pair.b).flat(),
+                    self.weights.clone().flat(),
+                    map.clone().flat(),
+                    slopes.clone().flat(),
+                    self.size(),
+                    SimilarityConstantsLaunch::new(C1 as f32, C2 as f32, C3 as f32, STRUCTURE_MAX as f32),
+                    self.tiles() as u32,
+                    self.radius(),
+                    kind,
+                    derivatives,
+                );
+            }
         }
+        (map, slopes)
+    }
+
+    /// The adjoints of the images; without `both`, that of the first.
+    fn adjoint(&self, pair: Pair<CubeBackend>, slopes: CubeTensor, v_map: CubeTensor, both: bool) -> Pair<CubeBackend> {
+        let adjoints = Pair::<CubeBackend> { a: self.map(), b: if both { self.map() } else { self.gpu.floats([1]) } };
+        if self.pixels() > 0 {
+            // SAFETY: taps stay within their plane, excess units do nothing, and the slopes have their maps.
+            unsafe {
+                similarity_adjoint::launch_unchecked(
+                    &self.gpu.client,
+                    self.gpu.cubes(self.tiles()),
+                    CUBE,
+                    single(v_map).flat(),
+                    slopes.flat(),
+                    single(pair.a).flat(),
+                    single(pair.b).flat(),
+                    self.weights.clone().flat(),
+                    adjoints.a.clone().flat(),
+                    adjoints.b.clone().flat(),
+                    self.size(),
+                    self.tiles() as u32,
+                    self.radius(),
+                    both,
+                );
+            }
+        }
+        adjoints
     }
 }
