@@ -21,8 +21,10 @@
 //! | [`sh`] | the basis of spherical harmonics |
 //! | [`grid`] | the layout of a HexPlane |
 //! | [`objective`] | constants of the losses |
+//! | [`adam`] | the bound of Adam's gradients |
 //! | `cube` | the kernels, one stage per file; behind the feature `cube` |
 
+pub mod adam;
 #[cfg(feature = "cube")]
 #[allow(missing_docs, reason = "what the macros of CubeCL make has none")]
 #[allow(

@@ -204,8 +204,8 @@ pub struct ProjectedGradient<T> {
     /// With respect to the xx, xy and yy entries of `W C Wᵀ`, the covariance in whitened coordinates; xy counts for both
     /// off-diagonal entries. `W = [[√curve_x, √curve_x slope], [0, √curve_y]]` makes sigma `|W d|² / 2`.
     ///
-    /// These are as large as sigma. The gradient with respect to `C` itself is as large as `1 / C` squared and is
-    /// multiplied by `C` later, so that a long, thin Gaussian would be left without a correct digit.
+    /// These are as large as sigma. The gradient with respect to `C` itself is as large as one over the smaller eigenvalue
+    /// of `C`, and is multiplied by the larger one later: a long, thin Gaussian would be left without a correct digit.
     pub whitened: [T; 3],
     /// With respect to the (compensated) opacity.
     pub opacity: T,

@@ -2,7 +2,8 @@
 
 use cubecl::prelude::*;
 
-use super::maths::constant;
+use super::maths::{constant, is_finite};
+use crate::adam::LARGEST_GRADIENT;
 
 /// The constants of one step.
 #[derive(CubeType, CubeLaunch, Clone, Copy)]
@@ -71,9 +72,6 @@ pub fn adam_of_three(
     }
 }
 
-/// Bound of a gradient whose square is finite.
-const LARGEST: f64 = 9.2e18;
-
 /// One step of one number.
 #[cube]
 fn advance(
@@ -84,11 +82,17 @@ fn advance(
     index: usize,
     step: &AdamStep,
 ) {
-    let gradient = gradients[index];
+    let gradient = bounded(gradients[index]);
     let first = step.beta1 * firsts[index] + step.rest1 * gradient;
-    let bounded = clamp(gradient, constant(-LARGEST), constant(LARGEST));
-    let second = step.beta2 * seconds[index] + step.rest2 * (bounded * bounded);
+    let second = step.beta2 * seconds[index] + step.rest2 * (gradient * gradient);
     firsts[index] = first;
     seconds[index] = second;
     values[index] -= step.rate * first / (second.sqrt() * step.root + step.epsilon);
+}
+
+/// A finite gradient within the bounds of [`LARGEST_GRADIENT`]. Others stay, so that they show.
+#[cube]
+fn bounded(gradient: f32) -> f32 {
+    let (low, high) = (constant(-LARGEST_GRADIENT), constant(LARGEST_GRADIENT));
+    select(is_finite(gradient), clamp(gradient, low, high), gradient)
 }

@@ -146,7 +146,7 @@ arguments! {
         width, height, focal, principal, right, down, forward, translation, centre, tangent_low, tangent_high, near, far,
         depth_guard, dilation, sigmas,
     }
-    FramePlaceCompilationArg { gaussian, pair, tile }
+    FramePlaceCompilationArg { gaussian, before, pair, tile }
     BlendRulesCompilationArg { alpha_clamp, gradient_clamp, stop }
     GridBoxCompilationArg { max, min, slope }
     AdamStepCompilationArg { beta1, rest1, beta2, rest2, rate, root, epsilon }

@@ -50,6 +50,7 @@ pub fn project(
         let mut visible = geometry.valid
             && radius_x > 0
             && is_finite(logit)
+            && is_finite(geometry.determinant)
             && is_finite(splat.centre.x)
             && is_finite(splat.centre.y)
             && is_finite(splat.curve_x)

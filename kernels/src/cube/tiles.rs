@@ -218,9 +218,13 @@ pub fn begin_pairs(ids: &[u32], before: &[u32], visible: &[u32], begins: &mut [u
 /// A frame among those that are sorted together.
 #[derive(CubeType, CubeLaunch, Clone, Copy)]
 pub struct FramePlace {
-    /// Its first Gaussian, pair and tile.
+    /// Its first Gaussian among those sorted by depth.
     pub gaussian: u32,
+    /// Pairs sorted by depth that lie before those sorted by tile.
+    pub before: u32,
+    /// Its first pair among those sorted by tile.
     pub pair: u32,
+    /// Its first tile.
     pub tile: u32,
 }
 
@@ -253,7 +257,7 @@ pub fn emit_pairs(
         let own = touched[id];
         let mut begin = frame.pair;
         if own > 0u32 {
-            begin = begins[frame.gaussian as usize + id];
+            begin = begins[frame.gaussian as usize + id] - frame.before;
         }
         let end = begin + own;
         let mut at = begin;

@@ -4,8 +4,8 @@
 //! A window is separable: sums down the columns come first, then sums of these along the rows. Images are planes of
 //! `[height, width]`, one after another. A unit is a pixel of a plane.
 //!
-//! For a similarity, a cube is a tile of a plane, and keeps the sums down the columns in shared memory: there are four
-//! for each pixel, which through global memory took more time than all else.
+//! For a similarity, a cube is a tile of a plane, and keeps the sums down the columns in shared memory. There are four
+//! for each pixel: through global memory, they would be most of what the losses read and write.
 
 use cubecl::prelude::*;
 

@@ -6,7 +6,6 @@ use std::sync::Arc;
 use burn_cubecl::tensor::CubeTensor;
 use mvfusion_kernels::cube::tiles::{FramePlaceLaunch, emit_pairs, find_starts, list_pairs};
 
-use super::depth::ByDepth;
 use super::frame::{Frame, ProjectedFrame};
 use super::gpu::{CUBE, Flat};
 use super::sort::{Keyed, bits_of, sort};
@@ -22,58 +21,63 @@ pub(super) struct Bins {
     pub slots: CubeTensor,
 }
 
-/// A frame among those that are sorted together.
+/// Frames that are sorted by tile together.
+pub(super) struct Run<'a> {
+    pub frames: &'a [Arc<ProjectedFrame>],
+    /// The lengths of their lists, together below 2³¹.
+    pub lengths: &'a [u32],
+    /// See [`sort_by_depth`](super::depth::sort_by_depth).
+    pub begins: &'a CubeTensor,
+    /// Gaussians and pairs of the frames before these that were sorted by depth with them.
+    pub gaussians_before: usize,
+    pub pairs_before: usize,
+}
+
+/// A frame of a run.
 struct Part<'a> {
     own: &'a ProjectedFrame,
     /// The length of its lists.
     pairs: usize,
-    /// Its first Gaussian, pair and tile.
+    /// See [`FramePlace`](mvfusion_kernels::cube::tiles::FramePlace).
     gaussian: usize,
+    before: usize,
     pair: usize,
     tile: usize,
 }
 
-/// The pairs of a Gaussian and a tile, in order of frame and depth.
-struct Pairs {
-    by_depth: ByDepth,
-    tiles: CubeTensor,
-    /// The Gaussian of each pair.
-    owners: CubeTensor,
-    numbers: CubeTensor,
-}
-
-/// The tile lists of frames that were sorted by depth; `lengths` are those of their lists, together below 2³¹.
-pub(super) fn sort_by_tile<'a>(frames: &'a [Arc<ProjectedFrame>], by_depth: ByDepth, lengths: &[usize]) -> Vec<Bins> {
-    let gpu = &frames[0].frame.gpu;
-    let total = lengths.iter().sum();
-    if total == 0 {
-        return frames.iter().map(|own| own.frame.no_bins()).collect();
+impl Run<'_> {
+    /// The tile lists of the frames.
+    pub fn sort_by_tile(&self) -> Vec<Bins> {
+        let gpu = &self.frames[0].frame.gpu;
+        let total: usize = self.lengths.iter().map(|&length| length as usize).sum();
+        if total == 0 {
+            return self.frames.iter().map(|own| own.frame.no_bins()).collect();
+        }
+        let (mut gaussian, mut pair, mut tile) = (self.gaussians_before, 0, 0);
+        let mut parts = Vec::new();
+        for (own, &pairs) in self.frames.iter().zip(self.lengths) {
+            let pairs = pairs as usize;
+            parts.push(Part { own, pairs, gaussian, before: self.pairs_before, pair, tile });
+            gaussian += own.frame.count();
+            pair += pairs;
+            // One more, for pairs that `emit_pairs` does not find again.
+            tile += own.frame.view.tile_count() + 1;
+        }
+        let [tiles, owners, numbers] = [(); 3].map(|()| gpu.naturals(total));
+        let unsorted = Keyed { keys: tiles, numbers };
+        let slots: Vec<CubeTensor> = parts.iter().map(|part| part.emit(self.begins, &unsorted, &owners)).collect();
+        let by_tile = sort(gpu, unsorted, &gpu.upload(&[total as u32]), total, bits_of(tile));
+        parts.iter().zip(slots).map(|(part, slots)| part.list(&by_tile, &owners, slots)).collect()
     }
-    let (mut gaussian, mut pair, mut tile) = (0, 0, 0);
-    let part = |(own, pairs): (&'a Arc<ProjectedFrame>, &usize)| {
-        let part = Part { own, pairs: *pairs, gaussian, pair, tile };
-        gaussian += own.frame.count();
-        pair += pairs;
-        // The one past the last holds the pairs that were counted in vain.
-        tile += own.frame.view.tile_count() + 1;
-        part
-    };
-    let parts: Vec<Part> = frames.iter().zip(lengths).map(part).collect();
-    let [tiles, owners, numbers] = [(); 3].map(|()| gpu.naturals(total));
-    let pairs = Pairs { by_depth, tiles, owners, numbers };
-    let slots: Vec<CubeTensor> = parts.iter().map(|part| part.emit(&pairs)).collect();
-    let Pairs { by_depth, tiles, owners, numbers } = pairs;
-    let by_tile = sort(gpu, Keyed { keys: tiles, numbers }, &by_depth.pairs, total, bits_of(tile));
-    parts.iter().zip(slots).map(|(part, slots)| part.list(&by_tile, &owners, slots)).collect()
 }
 
 impl Part<'_> {
     fn place(&self) -> FramePlaceLaunch {
-        FramePlaceLaunch::new(self.gaussian as u32, self.pair as u32, self.tile as u32)
+        FramePlaceLaunch::new(self.gaussian as u32, self.before as u32, self.pair as u32, self.tile as u32)
     }
 
     /// Writes the frame's pairs. Returns its slots, of which the positions are still missing.
-    fn emit(&self, pairs: &Pairs) -> CubeTensor {
+    fn emit(&self, begins: &CubeTensor, pairs: &Keyed, owners: &CubeTensor) -> CubeTensor {
         let ProjectedFrame { frame, projected } = self.own;
         let gpu = &frame.gpu;
         let slots = gpu.integers([2 * frame.count() + self.pairs]);
@@ -84,9 +88,9 @@ impl Part<'_> {
             projected.records.clone().flat(),
             projected.radii.clone().flat(),
             projected.touched.clone().flat(),
-            pairs.by_depth.begins.clone().flat(),
-            pairs.tiles.clone().flat(),
-            pairs.owners.clone().flat(),
+            begins.clone().flat(),
+            pairs.keys.clone().flat(),
+            owners.clone().flat(),
             pairs.numbers.clone().flat(),
             slots.clone().flat(),
             frame.view(),

@@ -14,16 +14,9 @@ use super::sort::{Keyed, bits_of, sort};
 /// Bits of a depth's sort key.
 const DEPTH_BITS: usize = 32;
 
-/// The visible Gaussians of some frames, by frame and depth.
-pub(super) struct ByDepth {
-    /// Prefix sums of the number of tiles that they touch, by Gaussian: `[N]`, of which those of visible ones are valid.
-    pub begins: CubeTensor,
-    /// Number of pairs of a Gaussian and a tile, `[1]`.
-    pub pairs: CubeTensor,
-}
-
-/// Sorts the Gaussians of some frames, at least one, by frame and depth.
-pub(super) fn sort_by_depth(frames: &[Arc<ProjectedFrame>]) -> ByDepth {
+/// Sorts the Gaussians of some frames, at least one, by frame and depth. Returns where the pairs of each Gaussian and its
+/// tiles begin in that order, `[N]`, of which the numbers of visible Gaussians are valid.
+pub(super) fn sort_by_depth(frames: &[Arc<ProjectedFrame>]) -> CubeTensor {
     let gpu = &frames[0].frame.gpu;
     let mut count = 0;
     let first = |own: &Arc<ProjectedFrame>| {
@@ -73,18 +66,17 @@ pub(super) fn sort_by_depth(frames: &[Arc<ProjectedFrame>]) -> ByDepth {
         counts.clone().flat(),
         count as u32,
     );
-    let sums = running_sums(gpu, &counts, count);
     let begins = gpu.naturals(count);
     begin_pairs::launch(
         &gpu.client,
         gpu.units(count),
         CUBE,
         ids.flat(),
-        sums.before.flat(),
+        running_sums(gpu, &counts, count).before.flat(),
         visible.flat(),
         begins.clone().flat(),
     );
-    ByDepth { begins, pairs: sums.total }
+    begins
 }
 
 /// Sorts by frame what is sorted by depth. The sort is stable.

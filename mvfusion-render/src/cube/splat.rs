@@ -86,7 +86,7 @@ fn forward(
     let empty;
     let (frame, projected, bins) = match prepared.of::<PreparedFrame>() {
         Some(PreparedFrame { own, batch, index }) => {
-            (&own.frame, own.projected.clone(), batch.take_lists(*index, pair_bytes))
+            (&own.frame, own.projected.clone(), batch.take_lists(own, *index, pair_bytes))
         }
         // Nothing is prepared of no Gaussians.
         None => {

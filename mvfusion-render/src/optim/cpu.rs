@@ -1,5 +1,6 @@
 //! CPU twin of Adam: one pass over value, gradient and moments of all parameters.
 
+use mvfusion_kernels::adam::LARGEST_GRADIENT;
 use rayon::prelude::*;
 
 use super::AdamRule;
@@ -30,8 +31,6 @@ pub(super) struct Step<T> {
     /// Inverse square root of the second moment's bias correction.
     root: T,
     epsilon: T,
-    /// Bound of a gradient whose square is finite.
-    largest: T,
 }
 
 impl<T: Real> Step<T> {
@@ -46,7 +45,6 @@ impl<T: Real> Step<T> {
             rate: T::of(rule.learning_rate / correction(rule.beta1)),
             root: T::of(1.0 / correction(rule.beta2).sqrt()),
             epsilon: T::of(rule.epsilon),
-            largest: T::of(0.5) * T::max_value().sqrt(),
         }
     }
 }
@@ -79,9 +77,9 @@ impl<'a, T: Real> Piece<'a, T> {
             || {
                 let moments = first.iter_mut().zip(second.iter_mut());
                 for ((value, &gradient), (first, second)) in value.iter_mut().zip(gradient).zip(moments) {
+                    let gradient = bounded(gradient);
                     *first = step.beta1 * *first + step.rest1 * gradient;
-                    let bounded = clamp(gradient, step.largest);
-                    *second = step.beta2 * *second + step.rest2 * (bounded * bounded);
+                    *second = step.beta2 * *second + step.rest2 * (gradient * gradient);
                     *value -= step.rate * *first / (second.sqrt() * step.root + step.epsilon);
                 }
             },
@@ -89,9 +87,9 @@ impl<'a, T: Real> Piece<'a, T> {
     }
 }
 
-/// Cut to the numbers between `-largest` and `largest`; NaN stays.
+/// A finite gradient within the bounds of [`LARGEST_GRADIENT`]. Others stay, so that they show.
 #[inline(always)]
-fn clamp<T: Real>(number: T, largest: T) -> T {
-    let high = if number > largest { largest } else { number };
-    if high < -largest { -largest } else { high }
+fn bounded<T: Real>(gradient: T) -> T {
+    let (largest, size) = (T::of(LARGEST_GRADIENT), gradient.abs());
+    if size > largest && size <= T::max_value() { largest.copysign(gradient) } else { gradient }
 }

@@ -52,8 +52,8 @@ pub(crate) struct Pair<B: Backend> {
     pub b: FloatTensor<B>,
 }
 
-/// The derivatives of a similarity with respect to the windowed moments: mean a, mean b, mean a² + b², mean ab. They
-/// are four maps or one concatenated map, depending on the backend.
+/// The derivatives of a similarity with respect to the windowed moments mean a, mean b, mean a² + b² and mean ab. A CPU
+/// has four maps in this order, a GPU one with its kernels' order.
 #[derive(Clone, Debug)]
 pub(crate) struct Slopes<B: Backend>(pub Vec<FloatTensor<B>>);
 

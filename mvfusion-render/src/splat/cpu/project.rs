@@ -101,7 +101,8 @@ fn project_rows<'a, S: Simd, T: Lane>(
         depth: geometry.point[2],
         colour: [not_negative(red), not_negative(green), not_negative(blue)],
     };
-    let (finite, projected) = (are_finite(logit, &projected).to_lanes(), to_rows(projected.to_row()));
+    let finite = are_finite([logit, geometry.determinant], &projected).to_lanes();
+    let projected = to_rows(projected.to_row());
     for (lane, (record, radius)) in outputs.enumerate() {
         if seen[lane] && finite[lane] {
             (*record, *radius) = (projected[lane], radii[lane]);
@@ -109,16 +110,16 @@ fn project_rows<'a, S: Simd, T: Lane>(
     }
 }
 
-/// Whether the logit and the projection are finite. The reach is as finite as the opacity, or minus infinity if that
-/// has underflowed.
+/// Whether the numbers, the logit and the determinant, and the projection are finite. The reach is as finite as the
+/// opacity, or minus infinity if that has underflowed.
 #[inline(always)]
-fn are_finite<S: Simd, T: Lane>(logit: Wide<S, T>, projected: &Projected<Wide<S, T>>) -> Mask<S, T> {
+fn are_finite<S: Simd, T: Lane>(numbers: [Wide<S, T>; 2], projected: &Projected<Wide<S, T>>) -> Mask<S, T> {
     // A number times zero is zero if it is finite, else NaN.
-    let mut sum = logit.times(0.0);
+    let mut sum = numbers[0].times(0.0) + numbers[1].times(0.0);
     for x in (Projected { reach: projected.opacity, ..*projected }).to_row() {
         sum = sum + x.times(0.0);
     }
-    sum.equal(logit.value(0.0))
+    sum.equal(sum.value(0.0))
 }
 
 /// Zero for negative numbers. `max` would turn NaN into zero.

@@ -11,7 +11,9 @@ use mvfusion_model::device::gpus;
 use mvfusion_render::device::{fold_launches, imitate_dirt, imitate_hardware, sort_apart};
 use mvfusion_render::grid::{GridBounds, look_up, regulariser::penalties};
 use mvfusion_render::mlp::{Layer, MlpLayout};
-use mvfusion_render::splat::{SplatError, SplatInputs, SplatRules, SplatSettings, Statistic, splat};
+use mvfusion_render::splat::{
+    SplatError, SplatFrame, SplatInputs, SplatRules, SplatSettings, Statistic, splat, splat_all,
+};
 use mvfusion_render::{attention, mlp};
 use mvfusion_tests::{gpu_backends, tensor, with_padded_rows};
 
@@ -138,16 +140,19 @@ fn compare_scenes(pair: Pair, names: &[&str]) -> Result<()> {
     SCENES.iter().filter(|scene| names.contains(&scene.name)).try_for_each(|scene| pair.compare_scene(scene))
 }
 
-/// As many Gaussians before the whole picture as make gradient records that no buffer holds: an error, after which the
-/// device goes on.
+/// As many Gaussians before the whole picture as make gradient records that no buffer holds, between two frames that fit:
+/// an error, after which the device goes on.
 fn lists_too_long(pair: Pair) -> Result<()> {
     let Some(gpu) = gpus().iter().find(|gpu| gpu.backend == pair.backend.name) else { bail!("no GPU was found") };
     let (size, tile, record) = (1024, 16, 3 * 16);
     let limit = gpu.card()?.buffer;
     let count = (limit / record) as usize / (size / tile * (size / tile)) + 1;
-    let mut inputs = before_the_picture(count, &device(pair.backend), DType::F32);
-    inputs.means = inputs.means.require_grad();
-    match splat(inputs, None, &camera(size), &settings()) {
+    let frame = |count: usize| {
+        let mut inputs = before_the_picture(count, &device(pair.backend), DType::F32);
+        inputs.means = inputs.means.require_grad();
+        SplatFrame { inputs, probe: None, camera: camera(size), settings: settings() }
+    };
+    match splat_all([1, count, 2].map(frame).into()) {
         Err(SplatError::Buffer { tensor: "tile lists", bytes, limit: told }) => {
             ensure!(told == limit && bytes > limit, "{bytes} bytes, of {told} that a buffer holds");
         }
