@@ -227,7 +227,7 @@ fn moments_along(
     from_middle(sum_a, sum_b, squares, product, inside, middle_a, middle_b)
 }
 
-/// The adjoints of the images, from the cotangent of the map and the slopes that [`similarity`] saved. `v_b` is written
+/// The adjoints of the images, from the cotangent of the map and the slopes that [`similarity()`] saved. `v_b` is written
 /// if the adjoints of `both` are wanted.
 #[cube(launch_unchecked)]
 pub fn similarity_adjoint(
