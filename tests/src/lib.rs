@@ -16,7 +16,7 @@ pub use alignment::{PoseErrors, Similarity};
 pub use backends::{Backend, backends, every_backend, gpu_backends, is_there};
 pub use checklist::{Checklist, Few, Tolerance};
 pub use glb::Glb;
-pub use numbers::{Array, gradient, numbers, tensor, with_padded_rows};
+pub use numbers::{Array, gradient, numbers, splat_gradients, tensor, with_padded_rows};
 pub use ply::Ply;
 pub use slurm::Cluster;
 pub use torch::{TorchContainer, TorchTensors, pickled, text};

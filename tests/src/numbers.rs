@@ -3,6 +3,7 @@
 use std::cell::Cell;
 
 use burn::tensor::{DType, Device, Gradients, Tensor, TensorData};
+use mvfusion_render::splat::SplatInputs;
 
 thread_local! {
     /// Whether this thread's tensors have padded rows.
@@ -139,6 +140,20 @@ fn padded<const D: usize>(values: &[f64], shape: [usize; D], device: &Device, dt
 /// If the device does not hand them back.
 pub fn numbers<const D: usize>(tensor: Tensor<D>) -> Vec<f64> {
     tensor.inner().try_into_vec_as::<f64>().expect("the device hands its numbers back")
+}
+
+/// The gradients of all arguments of the splat op, by name.
+pub fn splat_gradients(inputs: &SplatInputs, gradients: &Gradients) -> Vec<(&'static str, Array)> {
+    let mut all = vec![
+        ("means", gradient(&inputs.means, gradients)),
+        ("quaternions", gradient(&inputs.quaternions, gradients)),
+        ("log_scales", gradient(&inputs.log_scales, gradients)),
+        ("opacity_logits", gradient(&inputs.opacity_logits, gradients)),
+        ("sh", gradient(&inputs.sh, gradients)),
+        ("background", gradient(&inputs.background, gradients)),
+    ];
+    all.extend(inputs.features.as_ref().map(|features| ("features", gradient(features, gradients))));
+    all
 }
 
 /// The gradient of a leaf; zeros where the loss does not depend on it.

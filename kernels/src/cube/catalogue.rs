@@ -30,6 +30,9 @@ use super::project_backward::project_backward;
 use super::records::sum_pieces;
 use super::scales::{ScaleRuleCompilationArg, scale_cost, scale_cost_backward};
 use super::scan::{scan_blocks, sum_blocks};
+use super::similarity::{
+    Derivatives, SimilarityConstantsCompilationArg, SimilarityKind, similarity, similarity_adjoint,
+};
 use super::sort::{count_digits, move_keys};
 use super::stage::{GPU_MEMORY, GPU_SPAN, TileShare};
 use super::sums::{SumPlan, sum_rows};
@@ -38,10 +41,7 @@ use super::tiles::{
     list_pairs, mark_visible,
 };
 use super::view::{BlendRulesCompilationArg, ProjectionKind, ViewCompilationArg};
-use super::window::{
-    Derivatives, PlaneSizeCompilationArg, SimilarityConstantsCompilationArg, SimilarityKind, blur_columns, blur_rows,
-    similarity, similarity_adjoint,
-};
+use super::window::{PlaneSizeCompilationArg, blur_columns, blur_rows};
 use super::{MOST_BUFFERS, UNITS};
 
 /// Channels of the two branches' images: colour, three mask channels in the dynamic branch, depth.

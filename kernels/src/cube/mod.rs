@@ -25,6 +25,7 @@ pub mod records;
 pub mod scales;
 pub mod scan;
 pub mod sh;
+pub mod similarity;
 pub mod sort;
 pub mod stage;
 pub mod sums;

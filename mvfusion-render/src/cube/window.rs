@@ -5,10 +5,10 @@ use burn::backend::tensor::FloatTensor;
 use burn::tensor::Shape;
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
-use mvfusion_kernels::cube::window::{
-    Derivatives, MOST_RADIUS, PlaneSizeLaunch, SimilarityConstantsLaunch, SimilarityKind, blur_columns, blur_rows,
-    similarity, similarity_adjoint, tile_count,
+use mvfusion_kernels::cube::similarity::{
+    Derivatives, MOST_RADIUS, SimilarityConstantsLaunch, SimilarityKind, similarity, similarity_adjoint, tile_count,
 };
+use mvfusion_kernels::cube::window::{PlaneSizeLaunch, blur_columns, blur_rows};
 
 use super::gpu::{CUBE, Flat, Gpu, single};
 use crate::window::Window;

@@ -10,7 +10,7 @@ use mvfusion_data::Camera;
 use mvfusion_model::model::network::Mlp;
 use mvfusion_render::splat::{SplatInputs, SplatRules, SplatSettings, splat};
 use mvfusion_render::window::{Window, ssim_map};
-use mvfusion_tests::{Array, Backend, Checklist, Tolerance, gradient, tensor};
+use mvfusion_tests::{Array, Backend, Checklist, Tolerance, gradient, splat_gradients, tensor};
 
 use crate::archive::Archive;
 use crate::hexplane::{compare_planes, field};
@@ -114,16 +114,7 @@ fn check_splat(archive: &Archive, device: &Device) -> Result<()> {
 
     let mut checks = Checklist::default();
     let gradients = backward(&mut checks, archive, main, SPLAT)?;
-    let mut found = vec![
-        ("means", gradient(&inputs.means, &gradients)),
-        ("quaternions", gradient(&inputs.quaternions, &gradients)),
-        ("log_scales", gradient(&inputs.log_scales, &gradients)),
-        ("opacity_logits", gradient(&inputs.opacity_logits, &gradients)),
-        ("sh", gradient(&inputs.sh, &gradients)),
-        ("background", gradient(&inputs.background, &gradients)),
-    ];
-    found.extend(inputs.features.map(|features| ("features", gradient(&features, &gradients))));
-    for (name, found) in found {
+    for (name, found) in splat_gradients(&inputs, &gradients) {
         checks.close(name, archive.array(&format!("out.grad.{name}"))?, &found, SPLAT);
     }
     checks.finish()

@@ -8,7 +8,7 @@ use mvfusion_model::random::Stream;
 use mvfusion_render::splat::{
     Antialias, SplatFrame, SplatInputs, SplatPicture, SplatRules, SplatSettings, Statistic, splat_all,
 };
-use mvfusion_tests::{Array, Checklist, Few, Tolerance, gradient, numbers, tensor};
+use mvfusion_tests::{Array, Checklist, Few, Tolerance, numbers, splat_gradients, tensor};
 
 use super::{normal, uniform, weighed};
 
@@ -248,18 +248,8 @@ fn render_all(scenes: &[&Scene], device: &Device) -> Result<Vec<Rendered>> {
     let gradients = costs.reduce(|sum, cost| sum + cost).context("a scene")?.backward();
     let rendered = |((picture, inputs), probe): ((SplatPicture, &SplatInputs), &Tensor<2>)| {
         let statistic = probe.grad(&gradients).context("the probe has a gradient")?;
-        let mut all = vec![
-            ("means", gradient(&inputs.means, &gradients)),
-            ("quaternions", gradient(&inputs.quaternions, &gradients)),
-            ("log_scales", gradient(&inputs.log_scales, &gradients)),
-            ("opacity_logits", gradient(&inputs.opacity_logits, &gradients)),
-            ("sh", gradient(&inputs.sh, &gradients)),
-            ("background", gradient(&inputs.background, &gradients)),
-            ("statistic", Array::of(statistic)),
-        ];
-        if let Some(features) = &inputs.features {
-            all.push(("features", gradient(features, &gradients)));
-        }
+        let mut all = splat_gradients(inputs, &gradients);
+        all.push(("statistic", Array::of(statistic)));
         let radii = Array::list(numbers(picture.radii.float()));
         Ok(Rendered { picture: Array::of(picture.packed), radii, gradients: all })
     };
