@@ -250,13 +250,14 @@ mod gpu {
     }
 
     fn describe(gpu: &Gpu) -> String {
-        let Card { name, buffer, shared_memory, units, adds_floats } = match gpu.card() {
+        let Card { name, buffer, shared_memory, units, adds_floats, language } = match gpu.card() {
             Ok(card) => card,
             Err(error) => return format!("{:9} cannot be used: {error}", gpu.label()),
         };
         let atomics = if adds_floats { "atomic float addition" } else { "no atomic float addition" };
         format!(
-            "{:9} {name}{}: buffers up to {} MiB, {} KiB of shared memory for up to {units} threads, {atomics}",
+            "{:9} {name}{}: buffers up to {} MiB, {} KiB of shared memory for up to {units} threads, {atomics}, \
+             kernels in {language}",
             gpu.label(),
             software(gpu),
             buffer >> 20,

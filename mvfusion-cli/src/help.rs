@@ -142,7 +142,8 @@ draws the points over several photos, so that wrong pose conventions are easy to
 
 The time is predicted for this machine from a few steps of each stage, which take some seconds.
 
-The exit code is 0 only if training could start.";
+The exit code is 0 if there is no error. A warning of too little memory does not change it, although `train` then \
+refuses to start.";
 
 /// `mvfusion lpips-weights --help`, above the options.
 pub const LPIPS: &str = "\

@@ -62,6 +62,9 @@ mod found {
     use crate::cube::gpu::{self, adds_floats, is_software};
     use crate::cube::shared_memory::fits_shared_memory;
 
+    /// The language of Vulkan.
+    const SPIR_V: &str = "SPIR-V";
+
     /// A GPU found by a backend of this build.
     #[derive(Clone, Debug)]
     pub struct Gpu {
@@ -89,6 +92,8 @@ mod found {
         pub units: u32,
         /// Whether it has an atomic addition of floats. Otherwise, atomic exchanges replace it.
         pub adds_floats: bool,
+        /// The language that CubeCL compiles the kernels to: `WGSL`, `SPIR-V`, `MSL`, `CUDA C++`, or `PTX` through LLVM.
+        pub language: &'static str,
     }
 
     /// A GPU that was found but cannot be used.
@@ -105,6 +110,13 @@ mod found {
             /// Number of buffers that it binds.
             found: u32,
         },
+        /// It is a software driver, whose compiler crashes on CubeCL's SPIR-V: CubeCL 0.11 gets the types of shared memory
+        /// wrong where its layout is not explicit (`VK_KHR_workgroup_memory_explicit_layout`).
+        #[error(
+            "{0} is a software driver, which cannot compile the SPIR-V that the feature `vulkan` makes of the kernels; \
+             build with `wgpu` and without `vulkan`"
+        )]
+        SpirV(String),
     }
 
     /// While `body` runs, folds this thread's launches of more than `cubes` cubes into two dimensions. Results do not
@@ -254,13 +266,29 @@ mod found {
             if bindings < MOST_BUFFERS {
                 return Err(GpuError::Buffers { label: self.label(), found: bindings });
             }
+            let language = language(client.name());
+            if self.is_software && language == SPIR_V {
+                return Err(GpuError::SpirV(self.label()));
+            }
             Ok(Card {
                 name: properties.identity.name.clone(),
                 buffer: gpu::buffer_limit(&client),
                 shared_memory: properties.hardware.max_shared_memory_size,
                 units: properties.hardware.max_units_per_cube,
                 adds_floats: adds_floats(&client),
+                language,
             })
+        }
+    }
+
+    /// The language of the kernels on a runtime of CubeCL, by the runtime's name.
+    fn language(runtime: &str) -> &'static str {
+        match runtime {
+            "wgpu<wgsl>" => "WGSL",
+            "wgpu<spirv>" => SPIR_V,
+            "wgpu<msl>" => "MSL",
+            _ if cfg!(feature = "cuda-cpp") => "CUDA C++",
+            _ => "PTX",
         }
     }
 

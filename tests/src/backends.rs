@@ -33,7 +33,7 @@ pub fn gpu_backends() -> Vec<Backend> {
     ]
 }
 
-/// Whether a GPU backend has found a device, a software driver included.
+/// Whether a GPU backend has found a device that can run the kernels, a software driver included.
 pub fn is_there(backend: Backend) -> bool {
     first(backend.name).is_some()
 }
@@ -41,7 +41,7 @@ pub fn is_there(backend: Backend) -> bool {
 /// The first GPU of a backend.
 #[cfg(any(feature = "wgpu", feature = "cuda"))]
 fn first(backend: &str) -> Option<Device> {
-    device::gpus().iter().find(|gpu| gpu.backend == backend).map(|gpu| gpu.device.clone())
+    device::gpus().iter().find(|gpu| gpu.backend == backend && gpu.card().is_ok()).map(|gpu| gpu.device.clone())
 }
 
 #[cfg(not(any(feature = "wgpu", feature = "cuda")))]

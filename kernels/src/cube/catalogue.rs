@@ -31,7 +31,8 @@ use super::records::sum_pieces;
 use super::scales::{ScaleRuleCompilationArg, scale_cost, scale_cost_backward};
 use super::scan::{scan_blocks, sum_blocks};
 use super::similarity::{
-    Derivatives, SimilarityConstantsCompilationArg, SimilarityKind, similarity, similarity_adjoint,
+    Derivatives, ImageStartsCompilationArg, SimilarityConstantsCompilationArg, SimilarityKind, similarity,
+    similarity_adjoint,
 };
 use super::sort::{count_digits, move_keys};
 use super::stage::{GPU_MEMORY, GPU_SPAN, TileShare};
@@ -153,6 +154,7 @@ arguments! {
     MatrixLayoutCompilationArg { first, row, column }
     ScaleRuleCompilationArg { large, large_above, spiky, spiky_above }
     ProductSizeCompilationArg { rows, columns, depth, slab }
+    ImageStartsCompilationArg { a, b, v_map }
     SimilarityConstantsCompilationArg { c1, c2, c3, structure_max }
     PlaneSizeCompilationArg { planes, height, width }
     ObjectiveWeightsCompilationArg {
@@ -309,12 +311,12 @@ impl Catalogue<'_> {
             for (word, derivatives) in [("", Derivatives::First), (" without gradient", Derivatives::None)] {
                 let variant = format!("{variant}{word}");
                 add!(
-                    self, Unchecked, UNITS, variant, similarity::Similarity, [_ _ _ _ _ _ _ _], radius, kind,
+                    self, Unchecked, UNITS, variant, similarity::Similarity, [_ _ _ _ _ _ _ _ _], radius, kind,
                     derivatives
                 );
             }
             add!(
-                self, Unchecked, UNITS, variant, similarity_adjoint::SimilarityAdjoint, [_ _ _ _ _ _ _ _ _], radius,
+                self, Unchecked, UNITS, variant, similarity_adjoint::SimilarityAdjoint, [_ _ _ _ _ _ _ _ _ _], radius,
                 false
             );
         }
@@ -348,7 +350,7 @@ impl Catalogue<'_> {
             );
             add!(
                 self, Unchecked, UNITS, variant, objective_finish::ObjectiveFinish,
-                [_ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _], kind
+                [_ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _], kind
             );
         }
     }

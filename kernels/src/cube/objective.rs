@@ -32,6 +32,8 @@ pub const PICTURES: usize = 3;
 pub const COMPARISONS: usize = 4;
 /// Sums of a cube: the loss, and the squared error.
 pub const SUMS: usize = 2;
+/// Numbers of an exposure, `[3, 4]`, whose gradient is summed as well where it is wanted.
+pub const EXPOSURE: usize = COLOURS * EXPOSURE_COLUMNS;
 
 /// The normalisation of the mask.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -79,6 +81,16 @@ impl ObjectiveKind {
     /// Planes of `prepared`: the cotangents of the comparisons' maps, and the masks that there are.
     pub fn prepared(&self) -> usize {
         self.mask_plane(self.masked.len())
+    }
+
+    /// Sums of a cube.
+    pub fn sums(&self) -> usize {
+        SUMS + if self.exposed && self.wanted { EXPOSURE } else { 0 }
+    }
+
+    /// Sums that a cube makes at once: as many as its scratch has room for.
+    fn sums_at_once(&self) -> usize {
+        if self.sums() == SUMS { SUMS } else { self.sums() / 2 }
     }
 
     /// The plane of `prepared` with a mask.
@@ -178,11 +190,11 @@ pub fn objective_prepare(
     }
 }
 
-/// Each cube's loss and squared error, `sums` `[cubes, SUMS]`, and with `kind.wanted` the gradients of both renders.
+/// Each cube's loss, squared error, and part of the exposure's gradient, `sums` `[cubes, kind.sums()]`; with `kind.wanted`
+/// the gradients of both renders.
 ///
 /// `prepared` comes from `objective_prepare`. `similarities` `[PICTURES, 3, H, W]` and `structures` `[3, H, W]` are the
-/// maps, `v_similar` and `v_structured` the cotangents of the pictures through them. With an exposure, `v_exposed`
-/// `[6, H, W]` gets the cotangents of the exposed colours of both branches, summed over the copies.
+/// maps, `v_similar` and `v_structured` the cotangents of the pictures through them.
 #[cube(launch_unchecked)]
 pub fn objective_finish(
     dynamic: &[f32],
@@ -197,21 +209,25 @@ pub fn objective_finish(
     sums: &mut [f32],
     v_dynamic: &mut [f32],
     v_static: &mut [f32],
-    v_exposed: &mut [f32],
     weights: ObjectiveWeights,
     height: u32,
     width: u32,
     cubes: u32,
     #[comptime] kind: ObjectiveKind,
 ) {
-    let mut scratch = Shared::<[f32]>::new_slice(comptime!(SUMS * UNITS));
+    let at_once = comptime!(kind.sums_at_once());
+    let mut scratch = Shared::<[f32]>::new_slice(comptime!(at_once * UNITS));
     if CUBE_POS < cubes as usize {
         let unit_index = UNIT_POS as usize;
         let at = CUBE_POS * UNITS + unit_index;
         let plane = height as usize * width as usize;
-        let mut cost = 0.0f32;
-        let mut squared_error = 0.0f32;
+        let mut own = Array::<f32>::new(comptime!(kind.sums()));
+        #[unroll]
+        for term in 0..comptime!(kind.sums()) {
+            own[term] = 0.0f32;
+        }
         if at < plane {
+            let mut cost = 0.0f32;
             let masks = kept_masks(prepared, at, plane, kind);
             let pixel = pixel_at(dynamic, static_, exposure, &masks, at, plane, kind);
             let mut v = no_adjoint();
@@ -230,28 +246,41 @@ pub fn objective_finish(
             cost += add_light(&mut v, &pixel, photo, &masks, &weights, at, plane, kind);
             cost +=
                 add_comparisons(&mut v, prepared, similarities, structures, v_similar, v_structured, at, plane, kind);
-            squared_error = squared_error_of(&pixel, photo, at, plane);
+            own[0] = cost;
+            own[1] = squared_error_of(&pixel, photo, at, plane);
             if comptime!(kind.wanted) {
-                write_gradients(v_dynamic, v_static, v_exposed, exposure, &v, &pixel, &masks, at, plane, kind);
+                write_gradients(
+                    v_dynamic, v_static, &mut own, dynamic, static_, exposure, &v, &pixel, &masks, at, plane, kind,
+                );
                 write_depths(v_dynamic, v_static, depths.v_dynamic, v_static_depth, at, plane);
             }
         }
-        scratch[unit_index] = cost;
-        scratch[UNITS + unit_index] = squared_error;
-        sync_cube();
-        let mut half = CUBE_DIM as usize / 2;
-        while half > 0 {
-            if unit_index < half {
-                #[unroll]
-                for term in 0..SUMS {
-                    scratch[term * UNITS + unit_index] += scratch[term * UNITS + unit_index + half];
-                }
+        #[unroll]
+        for group in 0..comptime!(kind.sums() / at_once) {
+            let first = comptime!(group * at_once);
+            #[unroll]
+            for term in 0..at_once {
+                scratch[term * UNITS + unit_index] = own[comptime!(first + term)];
             }
             sync_cube();
-            half /= 2;
-        }
-        if unit_index < SUMS {
-            sums[CUBE_POS * SUMS + unit_index] = scratch[unit_index * UNITS];
+            let mut half = CUBE_DIM as usize / 2;
+            while half > 0 {
+                if unit_index < half {
+                    #[unroll]
+                    for term in 0..at_once {
+                        scratch[term * UNITS + unit_index] += scratch[term * UNITS + unit_index + half];
+                    }
+                }
+                sync_cube();
+                half /= 2;
+            }
+            if unit_index < at_once {
+                sums[CUBE_POS * comptime!(kind.sums()) + first + unit_index] = scratch[unit_index * UNITS];
+            }
+            if comptime!(first + at_once < kind.sums()) {
+                // The next group overwrites what was read.
+                sync_cube();
+            }
         }
     }
 }

@@ -67,6 +67,18 @@ pub struct SimilarityConstants {
     pub structure_max: f32,
 }
 
+/// Where images begin in their buffers. Other planes may lie before them: a buffer can be bound from its middle on only
+/// at multiples of the device's alignment.
+#[derive(CubeType, CubeLaunch, Clone, Copy)]
+pub struct ImageStarts {
+    /// The first number of the first image.
+    pub a: u32,
+    /// The first number of the second image.
+    pub b: u32,
+    /// The first number of the cotangent of the map.
+    pub v_map: u32,
+}
+
 /// The similarity of two images and, if wanted, its `slopes` `[maps, planes, height, width]`, see [`Derivatives`]. Pixels
 /// outside the images are black.
 #[cube(launch_unchecked)]
@@ -76,6 +88,7 @@ pub fn similarity(
     weights: &[f32],
     map: &mut [f32],
     slopes: &mut [f32],
+    starts: ImageStarts,
     size: PlaneSize,
     constants: SimilarityConstants,
     tiles: u32,
@@ -90,7 +103,7 @@ pub fn similarity(
         while item < comptime!(summed(radius) as u32) {
             let column = column_of(item, &tile, &size, radius);
             if column.is_inside {
-                write_moments(a, b, weights, column.pixel, item as usize, &mut sums, &size, radius);
+                write_moments(a, b, weights, column.pixel, item as usize, &mut sums, &starts, &size, radius);
             }
             item += comptime!(UNITS as u32);
         }
@@ -127,20 +140,21 @@ fn write_moments(
     pixel: u32,
     item: usize,
     sums: &mut Shared<[f32]>,
+    starts: &ImageStarts,
     size: &PlaneSize,
     #[comptime] radius: usize,
 ) {
     let (first, count, tap) = taps_down(pixel, weights, size);
-    let (middle_a, middle_b) = (a[pixel as usize], b[pixel as usize]);
+    let (middle_a, middle_b) = (a[(starts.a + pixel) as usize], b[(starts.b + pixel) as usize]);
     let mut sum_a = 0.0f32;
     let mut sum_b = 0.0f32;
     let mut squares = 0.0f32;
     let mut product = 0.0f32;
     let mut inside = 0.0f32;
     for i in 0..count {
-        let at = (first + i * size.width) as usize;
+        let at = first + i * size.width;
         let weight = weights[(tap + i) as usize];
-        let (from_a, from_b) = (a[at] - middle_a, b[at] - middle_b);
+        let (from_a, from_b) = (a[(starts.a + at) as usize] - middle_a, b[(starts.b + at) as usize] - middle_b);
         sum_a += weight * from_a;
         sum_b += weight * from_b;
         squares += weight * (from_a * from_a + from_b * from_b);
@@ -196,6 +210,7 @@ pub fn similarity_adjoint(
     weights: &[f32],
     v_a: &mut [f32],
     v_b: &mut [f32],
+    starts: ImageStarts,
     size: PlaneSize,
     tiles: u32,
     #[comptime] radius: usize,
@@ -215,8 +230,9 @@ pub fn similarity_adjoint(
                 for map in 0..maps {
                     let mut sum = 0.0f32;
                     for i in 0..count {
-                        let at = (first + i * size.width) as usize;
-                        sum += weights[(tap + i) as usize] * v_map[at] * slopes[map * pixels + at];
+                        let at = first + i * size.width;
+                        let v = v_map[(starts.v_map + at) as usize];
+                        sum += weights[(tap + i) as usize] * v * slopes[map * pixels + at as usize];
                     }
                     sums[comptime!(map * summed(radius)) + item as usize] = sum;
                 }
@@ -231,7 +247,7 @@ pub fn similarity_adjoint(
             let v_mean_a = sum_along(&sums, weights, first, count, tap);
             let v_square = 2.0f32 * sum_along(&sums, weights, first + comptime!(summed(radius) as u32), count, tap);
             let v_cross = sum_along(&sums, weights, first + comptime!(2 * summed(radius) as u32), count, tap);
-            let (own_a, own_b) = (a[pixel], b[pixel]);
+            let (own_a, own_b) = (a[starts.a as usize + pixel], b[starts.b as usize + pixel]);
             v_a[pixel] = v_mean_a + own_a * v_square + own_b * v_cross;
             if comptime!(both) {
                 let v_mean_b = sum_along(&sums, weights, first + comptime!(3 * summed(radius) as u32), count, tap);

@@ -48,6 +48,8 @@ struct ListedCard {
     /// The most threads of a workgroup.
     workgroup_threads: u32,
     atomic_float_addition: bool,
+    /// What the kernels are compiled to.
+    kernel_language: &'static str,
 }
 
 /// The compiled backends and the detected devices.
@@ -70,13 +72,14 @@ fn gpus() -> impl Iterator<Item = ListedDevice> {
 
     let listed = |gpu: &Gpu| {
         let (card, error) = match gpu.card() {
-            Ok(Card { name, buffer, shared_memory, units, adds_floats }) => {
+            Ok(Card { name, buffer, shared_memory, units, adds_floats, language }) => {
                 let card = ListedCard {
                     name,
                     largest_buffer: buffer,
                     shared_memory,
                     workgroup_threads: units,
                     atomic_float_addition: adds_floats,
+                    kernel_language: language,
                 };
                 (Some(card), None)
             }

@@ -47,10 +47,10 @@ pub struct Exposure(Tensor<3>);
 impl Exposure {
     /// The scene's colours `[B, 3, H, W]`, mapped for the cameras of the views.
     pub fn of_colours(&self, colours: Tensor<4>) -> Tensor<4> {
-        let shape = colours.dims();
-        let flat = colours.reshape([shape[0], 3, shape[2] * shape[3]]);
-        let (mixture, offset) = (self.0.clone().narrow(2, 0, 3), self.0.clone().narrow(2, 3, 1));
-        (mixture.matmul(flat) + offset).reshape(shape)
+        // No matrix product: a GPU's may round its operands to TF32.
+        let column = |k: usize| self.0.clone().narrow(2, k, 1).unsqueeze_dim::<4>(3);
+        let [red, green, blue] = [0, 1, 2].map(|k| column(k) * colours.clone().narrow(1, k, 1));
+        red + green + blue + column(3)
     }
 
     /// The map of one of the views: `[3, 4]`.

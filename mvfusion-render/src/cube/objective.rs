@@ -1,5 +1,7 @@
 //! The picture terms of the objective. CPU twin: `objective/cpu.rs`.
 
+use std::ops::Range;
+
 use burn::backend::ops::FloatTensorOps;
 use burn::backend::tensor::FloatTensor;
 use burn::tensor::Shape;
@@ -7,17 +9,15 @@ use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 use mvfusion_kernels::cube::UNITS;
 use mvfusion_kernels::cube::objective::{
-    COMPARISONS, Normalisation, ObjectiveKind, ObjectiveWeightsLaunch, PICTURES, SUMS, objective_finish,
-    objective_prepare,
+    Normalisation, ObjectiveKind, ObjectiveWeightsLaunch, PICTURES, SUMS, objective_finish, objective_prepare,
 };
 use mvfusion_kernels::splat::COLOUR_CHANNELS;
 
 use super::gpu::{CUBE, Flat, Gpu, single};
-use super::window::similarity_and_adjoint;
+use super::window::{Planes, similarity_and_adjoint};
 use crate::objective::op::{ObjectiveAdjoint, ObjectiveGradients, ObjectiveOps, ObjectivePlan, ObjectiveTensors};
 use crate::objective::{MaskNormalisation, ObjectiveTerms};
 use crate::window::Window;
-use crate::window::op::{Pair, WindowOps};
 use crate::window::similarity::Similarity;
 
 impl ObjectiveOps for CubeBackend {
@@ -99,14 +99,15 @@ impl Pass {
         let prepared = self.planes(self.kind.prepared());
         self.prepare(&pictures, &photos, &prepared);
         let terms = &self.plan.terms;
+        let picture =
+            |tensor: &CubeTensor, number: usize| Planes { tensor: tensor.clone(), first: number * COLOUR_CHANNELS };
         let similar = self.kind.similarity.then(|| {
-            let pair = Pair { a: pictures.clone(), b: photos };
-            self.compare(pair, &prepared, [0, PICTURES], &terms.ssim, Similarity::Ssim)
+            let pair = [&pictures, &photos].map(|tensor| picture(tensor, 0));
+            self.compare(pair, PICTURES, picture(&prepared, 0), &terms.ssim, Similarity::Ssim)
         });
         let structured = self.kind.structure.then(|| {
-            let [a, b] = [0, 1].map(|picture| colours(&pictures, [picture, picture + 1]));
-            let structure = [PICTURES, COMPARISONS];
-            self.compare(Pair { a, b }, &prepared, structure, &terms.structure, Similarity::Structure)
+            let branches = [0, 1].map(|number| picture(&pictures, number));
+            self.compare(branches, 1, picture(&prepared, PICTURES), &terms.structure, Similarity::Structure)
         });
         let [similar, structured] = [similar, structured].map(|compared| {
             compared.unwrap_or_else(|| Compared { map: self.gpu.floats([1]), v_picture: self.gpu.floats([1]) })
@@ -140,21 +141,18 @@ impl Pass {
         }
     }
 
-    /// Compares two pictures. `comparisons` are the first of `prepared`, and one past the last.
+    /// Compares so many pictures with others; `v_map` are the cotangents of the maps.
     fn compare(
         &self,
-        pair: Pair<CubeBackend>,
-        prepared: &CubeTensor,
-        comparisons: [usize; 2],
+        pair: [Planes; 2],
+        pictures: usize,
+        v_map: Planes,
         window: &Window,
         kind: Similarity,
     ) -> Compared {
-        if !self.kind.wanted {
-            let map = CubeBackend::window_similarity(pair.a, pair.b, window.clone(), kind);
-            return Compared { map, v_picture: self.gpu.floats([1]) };
-        }
-        let (map, v_picture) = similarity_and_adjoint(pair, colours(prepared, comparisons), window, kind);
-        Compared { map, v_picture }
+        let v_map = self.kind.wanted.then_some(v_map);
+        let (map, v_picture) = similarity_and_adjoint(pair, pictures * COLOUR_CHANNELS, v_map, window, kind);
+        Compared { map, v_picture: v_picture.unwrap_or_else(|| self.gpu.floats([1])) }
     }
 
     fn finish(
@@ -165,12 +163,11 @@ impl Pass {
     ) -> (CubeTensor, ObjectiveGradients<CubeBackend>) {
         let (gpu, [height, width]) = (&self.gpu, self.plan.size);
         let cubes = self.pixels().div_ceil(UNITS);
-        let sums = gpu.floats([cubes, SUMS]);
+        let sums = gpu.floats([cubes, self.kind.sums()]);
         let tensors = self.tensors.clone();
         let room = |wanted: bool, shape: Shape| if wanted { gpu.floats(shape) } else { gpu.floats([1]) };
         let v_dynamic = room(self.kind.wanted, tensors.dynamic.meta.shape().clone());
         let v_static = room(self.kind.wanted, tensors.static_.meta.shape().clone());
-        let v_exposed = room(self.kind.exposed, Shape::from([1, 2 * COLOUR_CHANNELS, height, width]));
         // SAFETY: excess units do nothing, and the others write their own pixel and read it and its neighbours within the
         // picture; masks, exposure and comparisons are read only if they are there.
         unsafe {
@@ -190,7 +187,6 @@ impl Pass {
                 sums.clone().flat(),
                 v_dynamic.clone().flat(),
                 v_static.clone().flat(),
-                v_exposed.clone().flat(),
                 weights(&self.plan.terms, self.plan.size),
                 height as u32,
                 width as u32,
@@ -198,38 +194,19 @@ impl Pass {
                 self.kind,
             );
         }
-        let scale = gpu.upload_floats(&[1.0, 1.0 / (COLOUR_CHANNELS * self.pixels()) as f32]);
-        let values = CubeBackend::float_mul(gpu.sum_rows(sums), scale);
-        let exposure = match self.kind.exposed {
-            true => self.exposure_gradient(v_exposed),
-            false => v_exposed,
+        let sums = gpu.sum_rows(sums);
+        let part = |range: Range<usize>| CubeBackend::float_slice(sums.clone(), &[range.into()]);
+        let (values, exposure) = match self.kind.sums() {
+            SUMS => (sums.clone(), gpu.floats([1])),
+            end => {
+                let shape = self.tensors.exposure.meta.shape().clone();
+                (part(0..SUMS), CubeBackend::float_reshape(part(SUMS..end), shape))
+            }
         };
+        let scale = gpu.upload_floats(&[1.0, 1.0 / (COLOUR_CHANNELS * self.pixels()) as f32]);
+        let values = CubeBackend::float_mul(values, scale);
         (values, ObjectiveGradients { dynamic: v_dynamic, static_: v_static, exposure })
     }
-
-    /// The gradient of the exposure from the cotangents of the exposed colours.
-    fn exposure_gradient(&self, v_exposed: CubeTensor) -> CubeTensor {
-        let flat =
-            |picture: CubeTensor| CubeBackend::float_reshape(picture, Shape::from([COLOUR_CHANNELS, self.pixels()]));
-        let copy = |picture: &CubeTensor| {
-            CubeBackend::float_slice(picture.clone(), &[(0..1).into(), (0..COLOUR_CHANNELS).into()])
-        };
-        let branches = [&self.tensors.dynamic, &self.tensors.static_];
-        let parts = branches.into_iter().enumerate().map(|(branch, rendered)| {
-            let v_colours = flat(colours(&v_exposed, [branch, branch + 1]));
-            let rendered = CubeBackend::float_transpose(flat(copy(rendered)));
-            let offset = CubeBackend::float_sum_dim(v_colours.clone(), 1);
-            CubeBackend::float_cat(vec![CubeBackend::float_matmul(v_colours, rendered), offset], 1)
-        });
-        // Proof: there are two branches.
-        parts.reduce(CubeBackend::float_add).expect("two branches")
-    }
-}
-
-/// The colours from one picture to before another of `[1, pictures * 3, H, W]`.
-fn colours(pictures: &CubeTensor, [first, end]: [usize; 2]) -> CubeTensor {
-    let planes = COLOUR_CHANNELS * first..COLOUR_CHANNELS * end;
-    single(CubeBackend::float_slice(pictures.clone(), &[(0..1).into(), planes.into()]))
 }
 
 /// The weights of the terms, divided by the number of values in their means.

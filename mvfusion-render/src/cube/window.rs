@@ -6,7 +6,8 @@ use burn::tensor::Shape;
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 use mvfusion_kernels::cube::similarity::{
-    Derivatives, MOST_RADIUS, SimilarityConstantsLaunch, SimilarityKind, similarity, similarity_adjoint, tile_count,
+    Derivatives, ImageStartsLaunch, MOST_RADIUS, SimilarityConstantsLaunch, SimilarityKind, similarity,
+    similarity_adjoint, tile_count,
 };
 use mvfusion_kernels::cube::window::{PlaneSizeLaunch, blur_columns, blur_rows};
 
@@ -17,7 +18,7 @@ use crate::window::similarity::{C1, C2, C3, STRUCTURE_MAX, Similarity};
 
 impl WindowOps for CubeBackend {
     fn window_blur(images: FloatTensor<Self>, window: Window) -> FloatTensor<Self> {
-        let pass = Pass::new(&images, &window);
+        let pass = Pass::of(&images, &window);
         let (sums, blurred) = (pass.map(), pass.map());
         if pass.pixels() > 0 {
             // SAFETY: taps stay within their plane, and every buffer has the size of `Pass::size`.
@@ -54,9 +55,8 @@ impl WindowOps for CubeBackend {
         window: Window,
         kind: Similarity,
     ) -> FloatTensor<Self> {
-        let pass = Pass::new(&a, &window);
-        let (map, _) = pass.similarity(Pair { a, b }, kind, Derivatives::None);
-        map
+        let pass = Pass::of(&a, &window);
+        pass.similarity([a, b].map(Planes::all), kind, Derivatives::None).0
     }
 }
 
@@ -66,8 +66,8 @@ impl SimilarityAdjoint for CubeBackend {
         window: Window,
         kind: Similarity,
     ) -> (FloatTensor<Self>, Slopes<Self>) {
-        let pass = Pass::new(&pair.a, &window);
-        let (map, slopes) = pass.similarity(pair, kind, Derivatives::Both);
+        let pass = Pass::of(&pair.a, &window);
+        let (map, slopes) = pass.similarity([pair.a, pair.b].map(Planes::all), kind, Derivatives::Both);
         (map, Slopes(vec![slopes]))
     }
 
@@ -77,23 +77,48 @@ impl SimilarityAdjoint for CubeBackend {
         v_map: FloatTensor<Self>,
         window: Window,
     ) -> Pair<Self> {
-        let pass = Pass::new(&v_map, &window);
+        let pass = Pass::of(&v_map, &window);
         // Proof: the forward pass saved one tensor.
         let slopes = slopes.0.into_iter().next().expect("the slopes");
-        pass.adjoint(pair, slopes, v_map, true)
+        pass.adjoint([pair.a, pair.b].map(Planes::all), slopes, Planes::all(v_map), true)
     }
 }
 
-/// The similarity of two images, and the adjoint of the first for the cotangent `v_map`.
+/// Planes of a tensor `[1, C, H, W]`, from one on. A slice of it would be a copy where it does not begin and end at
+/// multiples of the device's alignment.
+#[derive(Clone)]
+pub(super) struct Planes {
+    pub tensor: CubeTensor,
+    /// The first of them.
+    pub first: usize,
+}
+
+impl Planes {
+    fn all(tensor: CubeTensor) -> Self {
+        Self { tensor: single(tensor), first: 0 }
+    }
+
+    /// The place of their first number.
+    fn start(&self) -> u32 {
+        let shape = self.tensor.meta.shape();
+        (self.first * shape[2] * shape[3]) as u32
+    }
+}
+
+/// The similarity of two images of so many planes; with a cotangent of it, also the adjoint of the first image.
 pub(super) fn similarity_and_adjoint(
-    pair: Pair<CubeBackend>,
-    v_map: CubeTensor,
+    [a, b]: [Planes; 2],
+    count: usize,
+    v_map: Option<Planes>,
     window: &Window,
     kind: Similarity,
-) -> (CubeTensor, CubeTensor) {
-    let pass = Pass::new(&pair.a, window);
-    let (map, slopes) = pass.similarity(pair.clone(), kind, Derivatives::First);
-    (map, pass.adjoint(pair, slopes, v_map, false).a)
+) -> (CubeTensor, Option<CubeTensor>) {
+    let mut shape = a.tensor.shape();
+    shape[1] = count;
+    let pass = Pass::new(Gpu::of(&a.tensor), shape, window);
+    let Some(v_map) = v_map else { return (pass.similarity([a, b], kind, Derivatives::None).0, None) };
+    let (map, slopes) = pass.similarity([a.clone(), b.clone()], kind, Derivatives::First);
+    (map, Some(pass.adjoint([a, b], slopes, v_map, false).a))
 }
 
 /// One window over images of one shape.
@@ -105,9 +130,12 @@ struct Pass {
 }
 
 impl Pass {
-    fn new(images: &CubeTensor, window: &Window) -> Self {
-        let gpu = Gpu::of(images);
-        Self { weights: gpu.upload_floats(window.weights()), shape: images.shape(), gpu }
+    fn of(images: &CubeTensor, window: &Window) -> Self {
+        Self::new(Gpu::of(images), images.shape(), window)
+    }
+
+    fn new(gpu: Gpu, shape: Shape, window: &Window) -> Self {
+        Self { weights: gpu.upload_floats(window.weights()), shape, gpu }
     }
 
     fn pixels(&self) -> usize {
@@ -139,12 +167,7 @@ impl Pass {
     }
 
     /// The map and its slopes.
-    fn similarity(
-        &self,
-        pair: Pair<CubeBackend>,
-        kind: Similarity,
-        derivatives: Derivatives,
-    ) -> (CubeTensor, CubeTensor) {
+    fn similarity(&self, [a, b]: [Planes; 2], kind: Similarity, derivatives: Derivatives) -> (CubeTensor, CubeTensor) {
         // A kernel has an argument for slopes that are not wanted, too.
         let (map, slopes) = (self.map(), self.gpu.floats([(derivatives.maps() * self.pixels()).max(1)]));
         let kind = match kind {
@@ -152,17 +175,19 @@ impl Pass {
             Similarity::Structure => SimilarityKind::Structure,
         };
         if self.pixels() > 0 {
+            let starts = ImageStartsLaunch::new(a.start(), b.start(), 0);
             // SAFETY: taps stay within their plane, excess units do nothing, and the slopes have their maps.
             unsafe {
                 similarity::launch_unchecked(
                     &self.gpu.client,
                     self.gpu.cubes(self.tiles()),
                     CUBE,
-                    single(pair.a).flat(),
-                    single(pair.b).flat(),
+                    a.tensor.flat(),
+                    b.tensor.flat(),
                     self.weights.clone().flat(),
                     map.clone().flat(),
                     slopes.clone().flat(),
+                    starts,
                     self.size(),
                     SimilarityConstantsLaunch::new(C1 as f32, C2 as f32, C3 as f32, STRUCTURE_MAX as f32),
                     self.tiles() as u32,
@@ -176,22 +201,24 @@ impl Pass {
     }
 
     /// The adjoints of the images; without `both`, that of the first.
-    fn adjoint(&self, pair: Pair<CubeBackend>, slopes: CubeTensor, v_map: CubeTensor, both: bool) -> Pair<CubeBackend> {
+    fn adjoint(&self, [a, b]: [Planes; 2], slopes: CubeTensor, v_map: Planes, both: bool) -> Pair<CubeBackend> {
         let adjoints = Pair::<CubeBackend> { a: self.map(), b: if both { self.map() } else { self.gpu.floats([1]) } };
         if self.pixels() > 0 {
+            let starts = ImageStartsLaunch::new(a.start(), b.start(), v_map.start());
             // SAFETY: taps stay within their plane, excess units do nothing, and the slopes have their maps.
             unsafe {
                 similarity_adjoint::launch_unchecked(
                     &self.gpu.client,
                     self.gpu.cubes(self.tiles()),
                     CUBE,
-                    single(v_map).flat(),
+                    v_map.tensor.flat(),
                     slopes.flat(),
-                    single(pair.a).flat(),
-                    single(pair.b).flat(),
+                    a.tensor.flat(),
+                    b.tensor.flat(),
                     self.weights.clone().flat(),
                     adjoints.a.clone().flat(),
                     adjoints.b.clone().flat(),
+                    starts,
                     self.size(),
                     self.tiles() as u32,
                     self.radius(),

@@ -1,5 +1,8 @@
-//! The kernels' texts for WebGPU: within the limits of every adapter that is accepted, and in order by WGSL's own rules,
+//! The kernels' texts for WebGPU, and their SPIR-V in a build with `vulkan`: within the limits of every adapter that is accepted, and in order by WGSL's own rules,
 //! which the checks of wgpu are weaker than.
+
+#[cfg(feature = "vulkan")]
+mod spirv;
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -14,7 +17,7 @@ use cubecl::wgpu::WgslCompiler;
 use libtest_mimic::Trial;
 use mvfusion_kernels::cube::catalogue::{Target, catalogue};
 use mvfusion_kernels::cube::{MOST_BUFFERS, UNITS};
-use mvfusion_tests::gpu_backends;
+use mvfusion_tests::{gpu_backends, is_there};
 use serde_json::{Value, json};
 
 use crate::browser::{Browser, open};
@@ -69,13 +72,15 @@ pub fn trials() -> Vec<Trial> {
     };
     let complete = "kernels::catalogue_is_complete";
     vec![
-        match gpu_backends().first() {
-            Some(&gpu) => Trial::test(complete, move || catalogue_is_complete(&(gpu.device)()).map_err(failed)),
+        match gpu_backends().into_iter().find(|&gpu| is_there(gpu)) {
+            Some(gpu) => Trial::test(complete, move || catalogue_is_complete(&(gpu.device)()).map_err(failed)),
             None => ignored(complete.to_owned(), "no GPU was found, not even a software driver".to_owned()),
         },
         Trial::test("kernels::limits", || limits().map_err(failed)),
         browser("browser", compiled_by_a_browser),
         browser("browser_finds_faults", a_browser_finds_faults),
+        #[cfg(feature = "vulkan")]
+        spirv::trial(),
     ]
 }
 

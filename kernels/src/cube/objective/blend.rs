@@ -3,7 +3,9 @@
 use cubecl::prelude::*;
 
 use super::cost::Adjoint;
-use super::{COLOURS, DYNAMIC_PLANES, EXPOSURE_COLUMNS, Normalisation, ObjectiveKind, ObjectiveWeights, STATIC_PLANES};
+use super::{
+    COLOURS, DYNAMIC_PLANES, EXPOSURE_COLUMNS, Normalisation, ObjectiveKind, ObjectiveWeights, STATIC_PLANES, SUMS,
+};
 use crate::objective::{
     BRIGHTNESS_KNEE, BRIGHTNESS_OFFSET, BRIGHTNESS_SLOPE, DYNAMIC, GEOMETRY_LEAN, MIN_GEOMETRY_NORMALISER, SHARE_GUARD,
 };
@@ -218,12 +220,15 @@ pub(super) fn answers(
     (dynamic, above(pixel.static_mask, weights.static_above) * masks.static_region)
 }
 
-/// Writes the gradients of colours and mask in both copies of both renders.
+/// Writes the gradients of colours and mask in both copies of both renders, and adds that of the exposure to the unit's
+/// `sums`.
 #[cube]
 pub(super) fn write_gradients(
     v_dynamic: &mut [f32],
     v_static: &mut [f32],
-    v_exposed: &mut [f32],
+    sums: &mut Array<f32>,
+    rendered: &[f32],
+    rendered_static: &[f32],
     exposure: &[f32],
     v: &Adjoint,
     pixel: &Pixel,
@@ -267,17 +272,13 @@ pub(super) fn write_gradients(
                     own += factor * dynamic[c];
                     other += factor * static_[c];
                 }
-                let (to, to_static) = (k * plane + at, comptime!(COLOURS + k) * plane + at);
-                if comptime!(copy == 0) {
-                    v_exposed[to] = dynamic[k];
-                    v_exposed[to_static] = static_[k];
-                } else {
-                    v_exposed[to] += dynamic[k];
-                    v_exposed[to_static] += static_[k];
-                }
             }
             v_dynamic[comptime!(first + k) * plane + at] = own;
             v_static[comptime!(first_static + k) * plane + at] = other;
+        }
+        if comptime!(kind.exposed) {
+            add_exposure(sums, &dynamic, rendered, at, plane);
+            add_exposure(sums, &static_, rendered_static, at, plane);
         }
         let difference = (v_mask - v_static_mask) * masks.valid;
         let mut v_probability = difference * pixel.inverse * pixel.static_share;
@@ -292,5 +293,19 @@ pub(super) fn write_gradients(
         v_dynamic[comptime!(first + COLOURS) * plane + at] = v_static_probability;
         v_dynamic[comptime!(first + COLOURS + 1) * plane + at] = v_brightness * slope;
         v_dynamic[comptime!(first + COLOURS + 2) * plane + at] = v_probability;
+    }
+}
+
+/// Adds a pixel's part of the exposure's gradient, from the cotangents of its exposed colours.
+#[cube]
+fn add_exposure(sums: &mut Array<f32>, v_colours: &Array<f32>, rendered: &[f32], at: usize, plane: usize) {
+    #[unroll]
+    for c in 0..COLOURS {
+        let first = comptime!(SUMS + c * EXPOSURE_COLUMNS);
+        #[unroll]
+        for k in 0..COLOURS {
+            sums[comptime!(first + k)] += v_colours[c] * rendered[k * plane + at];
+        }
+        sums[comptime!(first + COLOURS)] += v_colours[c];
     }
 }

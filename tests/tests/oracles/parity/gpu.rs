@@ -8,7 +8,7 @@ use glam::{DMat3, DVec3};
 use libtest_mimic::Trial;
 use mvfusion_data::Camera;
 use mvfusion_model::device::gpus;
-use mvfusion_render::device::{fold_launches, imitate_dirt, imitate_hardware, sort_apart};
+use mvfusion_render::device::{Card, fold_launches, imitate_dirt, imitate_hardware, sort_apart};
 use mvfusion_render::grid::{GridBounds, look_up, regulariser::penalties};
 use mvfusion_render::mlp::{Layer, MlpLayout};
 use mvfusion_render::splat::{
@@ -27,6 +27,7 @@ pub fn trials(pair: Pair) -> Vec<Trial> {
         return Vec::new();
     }
     let mut trials = vec![
+        pair.trial("language", move || language(pair)),
         pair.trial("folded", move || folded(pair)),
         pair.trial("as_on_hardware", move || as_on_hardware(pair)),
         pair.trial("dirty_buffers", move || dirty_buffers(pair)),
@@ -45,10 +46,30 @@ pub fn trials(pair: Pair) -> Vec<Trial> {
     trials
 }
 
+/// What the GPU reports.
+fn card(pair: Pair) -> Result<Card> {
+    let gpu = gpus().iter().find(|gpu| gpu.backend == pair.backend.name).context("no GPU was found")?;
+    Ok(gpu.card()?)
+}
+
 /// Whether the GPU is Mesa's software driver.
 fn is_llvmpipe(pair: Pair) -> bool {
-    let card = gpus().iter().find(|gpu| gpu.backend == pair.backend.name).and_then(|gpu| gpu.card().ok());
-    card.is_some_and(|card| card.name.contains("llvmpipe"))
+    card(pair).is_ok_and(|card| card.name.contains("llvmpipe"))
+}
+
+/// The kernels are compiled to what the features of this build ask for. CubeCL says nothing where a driver lacks what
+/// SPIR-V needs, and compiles to WGSL.
+fn language(pair: Pair) -> Result<()> {
+    let wanted = match pair.backend.name {
+        "cuda" if cfg!(feature = "cuda-cpp") => "CUDA C++",
+        "cuda" => "PTX",
+        _ if cfg!(all(feature = "metal", target_os = "macos")) => "MSL",
+        _ if cfg!(all(feature = "vulkan", not(target_vendor = "apple"))) => "SPIR-V",
+        _ => "WGSL",
+    };
+    let found = card(pair)?.language;
+    ensure!(found == wanted, "the kernels are compiled to {found}, not to {wanted}");
+    Ok(())
 }
 
 /// The driver with vectors of another length: other units run together, and the others in another order. It reads the
@@ -143,9 +164,8 @@ fn compare_scenes(pair: Pair, names: &[&str]) -> Result<()> {
 /// As many Gaussians before the whole picture as make gradient records that no buffer holds, between two frames that fit:
 /// an error, after which the device goes on.
 fn lists_too_long(pair: Pair) -> Result<()> {
-    let Some(gpu) = gpus().iter().find(|gpu| gpu.backend == pair.backend.name) else { bail!("no GPU was found") };
     let (size, tile, record) = (1024, 16, 3 * 16);
-    let limit = gpu.card()?.buffer;
+    let limit = card(pair)?.buffer;
     let count = (limit / record) as usize / (size / tile * (size / tile)) + 1;
     let frame = |count: usize| {
         let mut inputs = before_the_picture(count, &device(pair.backend), DType::F32);
