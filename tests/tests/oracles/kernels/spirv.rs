@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::Command;
 
 use anyhow::{Context, Result, anyhow, ensure};
-use cubecl::Compiler;
+use cubecl::{Compiler, VulkanCompilationOptions, WgpuCompilationOptions};
 use cubecl::wgpu::SpirvCompiler;
 use libtest_mimic::Trial;
 use mvfusion_kernels::cube::catalogue::{Kernel, catalogue};
@@ -43,12 +43,17 @@ fn all() -> Result<()> {
 }
 
 fn judged(kernel: &Kernel, explicit_layout: bool, folder: &Path) -> Result<()> {
-    let mut options = <SpirvCompiler as Compiler>::CompilationOptions::default();
-    options.supports_vulkan_compiler = true;
-    options.vulkan.max_spirv_version = (1, 6);
-    options.vulkan.max_vector_size = 4;
-    options.vulkan.push_constant_size = 128;
-    options.vulkan.supports_explicit_smem = explicit_layout;
+    let options = WgpuCompilationOptions {
+        supports_vulkan_compiler: true,
+        vulkan: VulkanCompilationOptions {
+            max_spirv_version: (1, 6),
+            max_vector_size: 4,
+            push_constant_size: 128,
+            supports_explicit_smem: explicit_layout,
+            ..VulkanCompilationOptions::default()
+        },
+        ..WgpuCompilationOptions::default()
+    };
     let compiled = SpirvCompiler::default().compile(kernel.define(), &options);
     let words = compiled.map_err(|error| anyhow!("CubeCL does not compile it: {error:?}"))?.assembled_module;
     let file = folder.join("kernel.spv");
