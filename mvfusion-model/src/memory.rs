@@ -39,6 +39,10 @@ const MEASUREMENT: f64 = 100.0;
 /// Bytes per pixel of a step's views, which all keep their layers for the backward pass.
 const PIXEL: f64 = 900.0;
 
+/// Bytes per pixel of the largest buffer over pixels on a GPU: three derivatives of SSIM for three images of three
+/// channels.
+const SLOPES_PIXEL: f64 = 4.0 * 27.0;
+
 /// Bytes of a search for points on moving objects, per ray.
 const SEED: f64 = 2e3;
 
@@ -74,8 +78,10 @@ pub struct MemoryParts {
     pub network: f64,
     /// The pixels of a step's views.
     pub pixels: f64,
-    /// The largest single buffer that a device must hold: the planes, or the colour coefficients of a branch.
+    /// The largest single buffer of the model that a device must hold: the planes, or the colour coefficients of a branch.
     pub largest: f64,
+    /// The largest single buffer over pixels: the derivatives of SSIM.
+    pub largest_of_pixels: f64,
 }
 
 impl MemoryNeed {
@@ -112,6 +118,7 @@ impl MemoryNeed {
             network: GRID_NUMBER * weights + (measurement - of_most - pixels).max(0.0),
             pixels,
             largest: colours(most_static).max(colours(most_dynamic)).max(4.0 * numbers),
+            largest_of_pixels: size * SLOPES_PIXEL,
         };
         let rest = parts.planes + parts.network + parts.pixels;
         Ok(Self {

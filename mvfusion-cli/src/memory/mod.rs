@@ -66,11 +66,16 @@ pub fn refusal_of_training(
     device: &OpenDevice,
     available: Option<&Available>,
 ) -> Option<String> {
-    if let Some(buffer) = device.buffer.filter(|&buffer| need.parts.largest > buffer as f64) {
+    let (largest, remedy) = if need.parts.largest > need.parts.largest_of_pixels {
+        let keys = "`densify.static.max_gaussians`, `densify.dynamic.max_gaussians` or the sizes of `model.grid`";
+        (need.parts.largest, format!("Lower {keys}"))
+    } else {
+        (need.parts.largest_of_pixels, "Make the images smaller by `scene.downscale`".to_owned())
+    };
+    if let Some(buffer) = device.buffer.filter(|&buffer| largest > buffer as f64) {
         return Some(format!(
-            "the training needs a buffer of {} and {} has buffers up to {}. Lower `densify.static.max_gaussians`, \
-             `densify.dynamic.max_gaussians` or the sizes of `model.grid`, or use `--device cpu`.",
-            size(need.parts.largest),
+            "the training needs a buffer of {} and {} has buffers up to {}. {remedy}, or use `--device cpu`.",
+            size(largest),
             device.name,
             size(buffer as f64)
         ));
@@ -235,9 +240,18 @@ mod tests {
         let config = Config::default();
         let need = MemoryNeed::of(&config, &scene, 1 << 30).expect("no files are needed");
         let gpu = |buffer| OpenDevice { buffer: Some(buffer), computes_on_host: false, ..cpu() };
-        let refusal = |buffer, bytes| refusal_of_training(&need, &config, &gpu(buffer), Some(&available(bytes)));
+        let refused = |need: &MemoryNeed, buffer, bytes| {
+            refusal_of_training(need, &config, &gpu(buffer), Some(&available(bytes)))
+        };
+        let refusal = |buffer, bytes| refused(&need, buffer, bytes);
         assert_eq!(refusal(1 << 30, 1 << 30), None);
-        assert!(refusal(64 << 20, 1 << 30).expect("refused").contains("buffers up to 64.0 MiB"));
+        let said = refusal(64 << 20, 1 << 30).expect("refused");
+        assert!(said.contains("buffers up to 64.0 MiB") && said.contains("max_gaussians"), "{said}");
         assert!(refusal(1 << 30, 10 << 20).expect("refused").contains("10.0 MiB of memory are free"));
+
+        let (mut large, parts) = (need, need.parts);
+        large.parts.largest_of_pixels = 2.0 * parts.largest;
+        let said = refused(&large, parts.largest as u64 + 1, 1 << 30).expect("refused");
+        assert!(said.contains("`scene.downscale`") && !said.contains("max_gaussians"), "{said}");
     }
 }

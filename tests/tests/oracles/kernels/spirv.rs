@@ -4,8 +4,8 @@ use std::path::Path;
 use std::process::Command;
 
 use anyhow::{Context, Result, anyhow, ensure};
-use cubecl::{Compiler, VulkanCompilationOptions, WgpuCompilationOptions};
 use cubecl::wgpu::SpirvCompiler;
+use cubecl::{Compiler, VulkanCompilationOptions, WgpuCompilationOptions};
 use libtest_mimic::Trial;
 use mvfusion_kernels::cube::catalogue::{Kernel, catalogue};
 
