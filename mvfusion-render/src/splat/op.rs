@@ -85,7 +85,10 @@ impl SplatBatch {
 
 /// What a backend keeps of a frame from its preparation to its rendering. A CPU keeps nothing.
 #[derive(Clone, Default)]
-pub(crate) struct Prepared(Option<Arc<dyn Any + Send + Sync>>);
+pub(crate) struct Prepared(
+    #[cfg_attr(not(feature = "cube"), allow(dead_code, reason = "only GPUs keep something"))]
+    Option<Arc<dyn Any + Send + Sync>>,
+);
 
 #[cfg(feature = "cube")]
 impl Prepared {
