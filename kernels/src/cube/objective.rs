@@ -33,7 +33,7 @@ pub const COMPARISONS: usize = 4;
 /// Sums of a cube: the loss, and the squared error.
 pub const SUMS: usize = 2;
 /// Numbers of an exposure, `[3, 4]`, whose gradient is summed as well where it is wanted.
-pub const EXPOSURE: usize = COLOURS * EXPOSURE_COLUMNS;
+const EXPOSURE: usize = COLOURS * EXPOSURE_COLUMNS;
 
 /// The normalisation of the mask.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -88,7 +88,7 @@ impl ObjectiveKind {
         SUMS + if self.exposed && self.wanted { EXPOSURE } else { 0 }
     }
 
-    /// Sums that a cube makes at once: as many as its scratch has room for.
+    /// Sums that a cube makes at once: half of them with an exposure, so that the scratch stays small.
     fn sums_at_once(&self) -> usize {
         if self.sums() == SUMS { SUMS } else { self.sums() / 2 }
     }

@@ -23,8 +23,7 @@ pub fn trial() -> Trial {
     }
 }
 
-/// Every kernel is valid for a card whose shared memory has an explicit layout, as those of NVIDIA, AMD and Intel have.
-/// Where it has none, CubeCL 0.11 gets the types of shared memory wrong. So a kernel with shared memory shows that the
+/// Every kernel is valid for a card whose shared memory has an explicit layout. Where it has none, CubeCL 0.11 gets the types of shared memory wrong. So a kernel with shared memory shows that the
 /// validator finds faults.
 fn all() -> Result<()> {
     let folder = tempfile::tempdir()?;
