@@ -29,9 +29,16 @@ pub enum SplatError {
     /// The SH degree is not supported.
     #[error("`sh_degree` is {0}, but colours are evaluated up to degree 3")]
     Degree(usize),
-    /// The near plane is behind the camera.
-    #[error("`near` is {0}, but Gaussians behind the camera cannot be seen: it must be 0 or more")]
-    Near(f64),
+    /// A rule is out of its range.
+    #[error("`{rule}` is {value}, expected {expected}")]
+    Rule {
+        /// Name of the field of [`SplatRules`](super::SplatRules).
+        rule: &'static str,
+        /// Its value.
+        value: f64,
+        /// The range.
+        expected: &'static str,
+    },
     /// There are more features than the device can blend at once.
     #[error(
         "{0} features are more than this device can blend: it has too little shared memory. Blend fewer at a time, or \

@@ -33,12 +33,12 @@ use tensors::{SplatSizes, SplatTensors};
 /// Raw parameters of `N` Gaussians, all with the same dtype (`f32`, or `f64` on CPU backends) and on the same device.
 ///
 /// The op applies the activations: it normalises quaternions, takes `exp` of the scales and the sigmoid of the
-/// opacities. A Gaussian with a non-finite value or a zero quaternion is culled.
+/// opacities. A Gaussian with a non-finite value is culled; only a log-scale of minus infinity counts as a scale of zero.
 #[derive(Clone, Debug)]
 pub struct SplatInputs {
     /// Centres in world coordinates, `[N, 3]`.
     pub means: Tensor<2>,
-    /// Rotations w, x, y, z of any norm, `[N, 4]`.
+    /// Rotations w, x, y, z, `[N, 4]`. A norm below 1e-12, or one whose square overflows, culls the Gaussian.
     pub quaternions: Tensor<2>,
     /// Logarithms of the standard deviations along the axes, `[N, 3]`.
     pub log_scales: Tensor<2>,
@@ -55,9 +55,10 @@ pub struct SplatInputs {
 /// A rendered image.
 #[derive(Clone, Debug)]
 pub struct SplatPicture {
-    /// Two equal copies, `[2, 3 + F + 2, H, W]`: colour, features, alpha, depth.
+    /// Two equal copies, `[2, 3 + F + 2, H, W]`, in the dtype of the inputs: colour, features, alpha, depth.
     pub packed: Tensor<4>,
-    /// Radius of each Gaussian in pixels, the larger of the two axes, `[N]`; 0 where it is culled.
+    /// Radius of each Gaussian in pixels, the larger of the two axes, `[N]`, as i32; 0 where it is culled. A Gaussian
+    /// that is too transparent to be drawn has a radius.
     pub radii: Tensor<1, Int>,
 }
 
@@ -108,7 +109,7 @@ pub struct SplatFrame {
     /// A leaf with `require_grad` of shape `[1, 2]`, or rows selected from one, `[N, 2]`. After the backward pass, it has
     /// the gradient `[N, 2]` of the `main` image with respect to the projected centres. The unit is normalised device
     /// coordinates: the gradient per pixel times half the image's width and height. Several frames with one probe add
-    /// up. [`SplatSettings::statistic`] selects the channels.
+    /// up; a leaf `[1, 2]` needs the same N in all of them. [`SplatSettings::statistic`] selects the channels.
     pub probe: Option<Tensor<2>>,
     /// The camera.
     pub camera: Camera,
@@ -125,9 +126,12 @@ pub fn sh_basis(direction: [f64; 3]) -> [f64; coefficient_count(MAX_DEGREE)] {
 /// Renders Gaussians (METHOD §8). `probe` is that of a [`SplatFrame`].
 ///
 /// # Errors
-/// If shapes or dtypes do not match, the degree is above 3, the near plane is behind the camera, or the camera has no
-/// pixels. On a GPU, also if there are too many features, if the image, coefficients, projected Gaussians or tile lists
-/// do not fit into a buffer, or if the device fails.
+/// If shapes or dtypes do not match, the degree is above 3, a rule is out of its range, or the camera has no pixels. On
+/// a GPU, also if there are too many features, if the image, coefficients, projected Gaussians or tile lists do not fit
+/// into a buffer, or if the device fails.
+///
+/// # Panics
+/// On a CPU, if there are 2^31 or more pairs of a Gaussian and a tile. Their lists need more than 16 GB.
 pub fn splat(
     inputs: SplatInputs,
     probe: Option<Tensor<2>>,
@@ -228,10 +232,7 @@ fn check_picture(camera: &Camera, settings: &SplatSettings) -> Result<(), SplatE
     if settings.sh_degree > MAX_DEGREE {
         return Err(SplatError::Degree(settings.sh_degree));
     }
-    let near = settings.rules.near;
-    if near.is_nan() || near < 0.0 {
-        return Err(SplatError::Near(near));
-    }
+    settings.rules.check()?;
     let (width, height) = (camera.width, camera.height);
     if width == 0 || height == 0 || width.saturating_mul(height) > i32::MAX as usize {
         return Err(SplatError::Size { width, height });

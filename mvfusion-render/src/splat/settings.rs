@@ -1,16 +1,18 @@
 //! The settings of a render: the rules of the rasteriser, the SH degree, and the channels of the statistic.
 
+use super::SplatError;
+
 /// The extent of a Gaussian on the image plane, which determines its radius and its tiles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Extent {
     /// A square whose half side is this many standard deviations of the longest axis, with the tile arithmetic of 3DGS.
     Square {
-        /// Standard deviations.
+        /// Standard deviations, above 0.
         sigmas: f64,
     },
     /// A rectangle whose half sides are this many standard deviations along x and along y.
     PerAxis {
-        /// Standard deviations.
+        /// Standard deviations, above 0.
         sigmas: f64,
     },
 }
@@ -33,7 +35,7 @@ pub enum ClampGradient {
     Zero,
 }
 
-/// When a pixel counts as opaque. A Gaussian that would reach this transmittance is not added.
+/// When a pixel counts as opaque. A Gaussian that would reach this transmittance, which is above 0, is not added.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Stop {
     /// Below this transmittance.
@@ -54,15 +56,16 @@ pub enum Antialias {
 /// Rules of a rasteriser (METHOD §8). The named presets are [`SplatRules::inria`] and [`SplatRules::gsplat`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SplatRules {
-    /// Gaussians at this z in camera coordinates or nearer are culled.
+    /// Gaussians at this z in camera coordinates or nearer are culled; 0 or more.
     pub near: f64,
-    /// Gaussians at this z or farther are culled.
+    /// Gaussians at this z or farther are culled; above `near`.
     pub far: f64,
-    /// Added to the z that divides the centre's position.
+    /// Added to the z that divides the centre's position; 0 or more.
     pub depth_guard: f64,
-    /// Added to both diagonal entries of the covariance on the image plane, in square pixels.
+    /// Added to both diagonal entries of the covariance on the image plane, in square pixels; 0 or more.
     pub dilation: f64,
-    /// Largest alpha of one Gaussian at one pixel.
+    /// Largest alpha of one Gaussian at one pixel, above 0. Together with the transmittance of `stop`, it is at most 1:
+    /// otherwise, an opaque Gaussian would not be added to an empty pixel.
     pub alpha_clamp: f64,
     /// Gradient of a clamped alpha.
     pub clamp_gradient: ClampGradient,
@@ -106,6 +109,30 @@ impl SplatRules {
             extent: Extent::PerAxis { sigmas: 3.33 },
             tangent_clamp: TangentClamp::AroundPicture,
             antialias: Antialias::Off,
+        }
+    }
+
+    /// Checks the ranges of the fields. NaN is out of all of them.
+    pub(super) fn check(&self) -> Result<(), SplatError> {
+        let (Stop::Below(stop) | Stop::AtOrBelow(stop)) = self.stop;
+        let (Extent::Square { sigmas } | Extent::PerAxis { sigmas }) = self.extent;
+        let ranges = [
+            ("near", self.near, self.near >= 0.0, "0 or more, because nothing behind the camera is seen"),
+            ("far", self.far, self.far > self.near, "a number above `near`"),
+            ("depth_guard", self.depth_guard, self.depth_guard >= 0.0, "0 or more"),
+            ("dilation", self.dilation, self.dilation >= 0.0, "0 or more"),
+            ("stop", stop, stop > 0.0, "a number above 0"),
+            ("extent", sigmas, sigmas > 0.0, "more than 0 standard deviations"),
+            (
+                "alpha_clamp",
+                self.alpha_clamp,
+                self.alpha_clamp > 0.0 && self.alpha_clamp + stop <= 1.0,
+                "a number above 0 that is at most 1 together with the transmittance of `stop`",
+            ),
+        ];
+        match ranges.into_iter().find(|(.., is_valid, _)| !is_valid) {
+            Some((rule, value, _, expected)) => Err(SplatError::Rule { rule, value, expected }),
+            None => Ok(()),
         }
     }
 }

@@ -83,6 +83,30 @@ fn a_broken_gaussian_is_culled_and_the_others_do_not_notice() {
 }
 
 #[test]
+fn a_rule_out_of_its_range_is_refused() {
+    let inria = SplatRules::inria();
+    let broken = [
+        ("near", SplatRules { near: -0.1, ..inria }),
+        ("near", SplatRules { near: f64::NAN, ..inria }),
+        ("far", SplatRules { far: f64::NAN, ..inria }),
+        ("depth_guard", SplatRules { depth_guard: -1.0, ..inria }),
+        ("dilation", SplatRules { dilation: -0.3, ..inria }),
+        ("stop", SplatRules { stop: Stop::Below(0.0), ..inria }),
+        ("extent", SplatRules { extent: Extent::PerAxis { sigmas: 0.0 }, ..inria }),
+        ("alpha_clamp", SplatRules { alpha_clamp: 1.0, ..inria }),
+    ];
+    for_each_device(|device| {
+        for (name, rules) in broken {
+            let inputs = Scene::random(1, 1).inputs(&device, DType::F32);
+            match splat(inputs, None, &camera(), &settings(rules)) {
+                Err(SplatError::Rule { rule, .. }) => assert_eq!(rule, name),
+                other => panic!("{name}: {other:?}"),
+            }
+        }
+    });
+}
+
+#[test]
 fn extreme_numbers_give_finite_pictures_and_gradients() {
     for_each_device(|device| {
         let mut scene = Scene::random(4, 8);
