@@ -311,16 +311,22 @@ fn ended(
         value += bias[column as usize];
     }
     if comptime!(matches!(end, End::Layer { rectified: true })) {
-        value = max(value, 0.0f32);
+        value = rectified(value);
     }
     if comptime!(matches!(end, End::Adjoint { gated: true, .. })) {
-        let open = gate[index_of(gate_layout, row, column)] > 0.0f32;
-        value = select(open, value, 0.0f32);
+        let closed = gate[index_of(gate_layout, row, column)] <= 0.0f32;
+        value = select(closed, 0.0f32, value);
     }
     if comptime!(matches!(end, End::Adjoint { added: true, .. })) {
         value += before;
     }
     value
+}
+
+/// The ReLU. NaN stays, so that it shows; `max` would turn it into zero.
+#[cube]
+fn rectified(value: f32) -> f32 {
+    select(value <= 0.0f32, 0.0f32, value)
 }
 
 #[cube]
@@ -348,7 +354,7 @@ fn left_four(
             value = left[index_of(layout, row, column)];
         }
         if comptime!(kind.rectified) {
-            value = max(value, 0.0f32);
+            value = rectified(value);
         }
         four.insert(part, value);
     }

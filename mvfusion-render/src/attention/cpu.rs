@@ -58,22 +58,26 @@ pub(super) fn forward<T: Real>(queries: &[T], memory: &[T], layout: Layout) -> V
     );
     blocks.into_par_iter().for_each(|(found, queries, memory)| {
         let mut weights = vec![T::zero(); layout.keys];
-        vectorised(|| {
-            let rows = queries.chunks_exact(layout.query_numbers()).zip(memory.chunks_exact(layout.memory_numbers()));
-            for (found, (queries, memory)) in found.chunks_exact_mut(layout.query_numbers()).zip(rows) {
-                let queries = queries.chunks_exact(layout.width);
-                for (found, query) in found.chunks_exact_mut(layout.width).zip(queries) {
-                    for head in 0..layout.heads {
-                        let head = Head::of(query, memory, layout, head);
-                        head.weigh(&mut weights);
-                        let found = &mut found[head.first..head.first + layout.depth()];
-                        for (key, &weight) in weights.iter().enumerate() {
-                            add_scaled(found, head.value(key), weight);
+        vectorised(
+            #[inline(always)]
+            || {
+                let rows =
+                    queries.chunks_exact(layout.query_numbers()).zip(memory.chunks_exact(layout.memory_numbers()));
+                for (found, (queries, memory)) in found.chunks_exact_mut(layout.query_numbers()).zip(rows) {
+                    let queries = queries.chunks_exact(layout.width);
+                    for (found, query) in found.chunks_exact_mut(layout.width).zip(queries) {
+                        for head in 0..layout.heads {
+                            let head = Head::of(query, memory, layout, head);
+                            head.weigh(&mut weights);
+                            let found = &mut found[head.first..head.first + layout.depth()];
+                            for (key, &weight) in weights.iter().enumerate() {
+                                add_scaled(found, head.value(key), weight);
+                            }
                         }
                     }
                 }
-            }
-        });
+            },
+        );
     });
     found
 }
@@ -91,25 +95,30 @@ pub(super) fn backward<T: Real>(queries: &[T], memory: &[T], v_found: &[T], layo
     blocks.into_par_iter().for_each(|(v_queries, v_memory, queries, memory, v_found)| {
         let mut weights = vec![T::zero(); layout.keys];
         let mut v_weights = vec![T::zero(); layout.keys];
-        vectorised(|| {
-            let memories =
-                memory.chunks_exact(layout.memory_numbers()).zip(v_memory.chunks_exact_mut(layout.memory_numbers()));
-            let rows =
-                queries.chunks_exact(layout.query_numbers()).zip(v_queries.chunks_exact_mut(layout.query_numbers()));
-            let rows = rows.zip(v_found.chunks_exact(layout.query_numbers()));
-            for (((queries, v_queries), v_found), (memory, v_memory)) in rows.zip(memories) {
-                let queries = queries.chunks_exact(layout.width).zip(v_queries.chunks_exact_mut(layout.width));
-                for ((query, v_query), v_found) in queries.zip(v_found.chunks_exact(layout.width)) {
-                    for head in 0..layout.heads {
-                        let head = Head::of(query, memory, layout, head);
-                        let columns = head.first..head.first + layout.depth();
-                        head.weigh(&mut weights);
-                        let v_query = &mut v_query[columns.clone()];
-                        head.pull_back(&weights, &mut v_weights, &v_found[columns], v_query, v_memory);
+        vectorised(
+            #[inline(always)]
+            || {
+                let memories = memory
+                    .chunks_exact(layout.memory_numbers())
+                    .zip(v_memory.chunks_exact_mut(layout.memory_numbers()));
+                let rows = queries
+                    .chunks_exact(layout.query_numbers())
+                    .zip(v_queries.chunks_exact_mut(layout.query_numbers()));
+                let rows = rows.zip(v_found.chunks_exact(layout.query_numbers()));
+                for (((queries, v_queries), v_found), (memory, v_memory)) in rows.zip(memories) {
+                    let queries = queries.chunks_exact(layout.width).zip(v_queries.chunks_exact_mut(layout.width));
+                    for ((query, v_query), v_found) in queries.zip(v_found.chunks_exact(layout.width)) {
+                        for head in 0..layout.heads {
+                            let head = Head::of(query, memory, layout, head);
+                            let columns = head.first..head.first + layout.depth();
+                            head.weigh(&mut weights);
+                            let v_query = &mut v_query[columns.clone()];
+                            head.pull_back(&weights, &mut v_weights, &v_found[columns], v_query, v_memory);
+                        }
                     }
                 }
-            }
-        });
+            },
+        );
     });
     adjoint
 }

@@ -229,29 +229,38 @@ fn linear<T: Real>(
     add_product(&mut target[first..], columns, source, weight);
 }
 
-/// Applies the ReLU.
+/// Applies the ReLU. NaN stays, so that it shows.
 fn rectify<T: Real>(numbers: &mut [T]) {
-    vectorised(|| {
-        for x in numbers.iter_mut() {
-            *x = if *x > T::zero() { *x } else { T::zero() };
-        }
-    });
+    vectorised(
+        #[inline(always)]
+        || {
+            for x in numbers.iter_mut() {
+                *x = if *x <= T::zero() { T::zero() } else { *x };
+            }
+        },
+    );
 }
 
 /// The adjoint of the ReLU with the result `rectified`.
 fn keep_positive<T: Real>(adjoints: &mut [T], rectified: &[T]) {
-    vectorised(|| {
-        for (v, &y) in adjoints.iter_mut().zip(rectified) {
-            *v = if y > T::zero() { *v } else { T::zero() };
-        }
-    });
+    vectorised(
+        #[inline(always)]
+        || {
+            for (v, &y) in adjoints.iter_mut().zip(rectified) {
+                *v = if y <= T::zero() { T::zero() } else { *v };
+            }
+        },
+    );
 }
 
 /// `total += numbers`.
 fn add_rows<T: Real>(total: &mut [T], numbers: &[T]) {
-    vectorised(|| {
-        for (sum, &x) in total.iter_mut().zip(numbers) {
-            *sum += x;
-        }
-    });
+    vectorised(
+        #[inline(always)]
+        || {
+            for (sum, &x) in total.iter_mut().zip(numbers) {
+                *sum += x;
+            }
+        },
+    );
 }

@@ -193,6 +193,21 @@ fn what_does_not_fit_is_refused() {
 }
 
 #[test]
+fn nan_passes_the_relu_of_its_row() {
+    for_each_device(|device| {
+        let layout = bundle(true);
+        let mut values = vec![1.0; 2 * layout.inputs];
+        values[0] = f64::NAN;
+        let input = Tensor::<2>::from_data(TensorData::new(values, [2, layout.inputs]), (&device, DType::F64));
+        let parameters = Tensor::<1>::ones([layout.parameters()], (&device, DType::F64));
+        let outputs = forward(input, Layer::all_of(&parameters, &layout), &layout).expect("the arguments fit");
+        let outputs = numbers(outputs);
+        let (first, second) = outputs.split_at(outputs.len() / 2);
+        assert!(first.iter().all(|x| x.is_nan()) && second.iter().all(|x| x.is_finite()), "{outputs:?}");
+    });
+}
+
+#[test]
 fn every_layer_has_its_own_gradient() {
     for_each_device(|device| {
         let device = device.autodiff();
