@@ -7,6 +7,7 @@
 use mvfusion_data::motion::{MotionFilm, MovingPixelsOptions};
 use mvfusion_data::{Picture, Scene, rest_width};
 use mvfusion_render::grid::GridLayout;
+use mvfusion_render::objective::SLOPE_BYTES;
 use serde::Serialize;
 
 use crate::ModelError;
@@ -38,10 +39,6 @@ const MEASUREMENT: f64 = 100.0;
 
 /// Bytes per pixel of a step's views, which all keep their layers for the backward pass.
 const PIXEL: f64 = 900.0;
-
-/// Bytes per pixel of the largest buffer over pixels on a GPU: three derivatives of SSIM for three images of three
-/// channels.
-const SLOPES_PIXEL: f64 = 4.0 * 27.0;
 
 /// Bytes of a search for points on moving objects, per ray.
 const SEED: f64 = 2e3;
@@ -118,7 +115,7 @@ impl MemoryNeed {
             network: GRID_NUMBER * weights + (measurement - of_most - pixels).max(0.0),
             pixels,
             largest: colours(most_static).max(colours(most_dynamic)).max(4.0 * numbers),
-            largest_of_pixels: size * SLOPES_PIXEL,
+            largest_of_pixels: size * SLOPE_BYTES as f64,
         };
         let rest = parts.planes + parts.network + parts.pixels;
         Ok(Self {

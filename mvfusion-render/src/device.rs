@@ -3,7 +3,7 @@
 use burn::tensor::{DType, Device};
 
 #[cfg(feature = "cube")]
-pub use found::{Card, Gpu, GpuError, fold_launches, gpus, imitate_dirt, imitate_hardware, sort_apart};
+pub use found::{Card, Gpu, GpuError, fold_launches, gpus, imitate_dirt, imitate_hardware, is_gpu, sort_apart};
 
 /// Burn's pure-Rust CPU backend.
 #[cfg(feature = "flex")]
@@ -26,9 +26,10 @@ pub(crate) fn takes(device: &Device, dtype: DType) -> bool {
     }
 }
 
-/// Whether a device is a GPU or a software driver.
-pub fn is_gpu(device: &Device) -> bool {
-    buffer_limit(device).is_some()
+/// Whether a device is a GPU or a software driver. Does not open it.
+#[cfg(not(feature = "cube"))]
+pub fn is_gpu(_: &Device) -> bool {
+    false
 }
 
 /// Bytes of the largest buffer of a device; `None` for a CPU, which has no such limit.
@@ -169,6 +170,11 @@ mod found {
     /// Whether a device can blend this many channels, forward and backward.
     pub(crate) fn blends(device: &Device, channels: usize) -> bool {
         as_cube(&device.clone().inner()).is_none_or(|cube| fits_shared_memory(&cube, channels))
+    }
+
+    /// Whether a device is a GPU or a software driver. Does not open it.
+    pub fn is_gpu(device: &Device) -> bool {
+        as_cube(&device.clone().inner()).is_some()
     }
 
     fn found(backend: &'static str, kind: DeviceType) -> Vec<Gpu> {

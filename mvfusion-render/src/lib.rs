@@ -50,8 +50,8 @@
 //! # Structure of an op
 //! Each op has three layers. The CPU twin works on slices and is generic over `f32` and `f64` (`*/cpu.rs`). A backend
 //! extension passes tensors to it (`*/op.rs`). A function on Burn tensors checks the shapes. With the feature `cube`,
-//! `cube/` implements the same extensions by launching GPU kernels. Only `op.rs`, `autodiff.rs`, `host` and `cube/`
-//! import Burn's internals.
+//! `cube/` implements the same extensions by launching GPU kernels. Burn's internals are imported by `op.rs`,
+//! `autodiff.rs`, `host`, `list`, `device` and `cube/`, and where `splat` hands tensors over to its op.
 #![cfg_attr(
     feature = "ndarray",
     allow(deprecated, reason = "Burn recommends Flex; the charter names ndarray, and each op's macro mentions it")
@@ -79,4 +79,4 @@ pub mod scales;
 pub mod splat;
 pub mod window;
 
-pub use real::Real;
+pub(crate) use real::Real;

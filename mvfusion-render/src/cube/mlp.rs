@@ -142,9 +142,12 @@ impl Run {
         &self.parameters[2 * layer.index]
     }
 
-    /// Rows that a cube sums for the adjoint of a weight, the same for all layers.
+    /// Rows that a cube sums for the adjoint of a weight, the same for all layers. The sums of all slabs fit into a
+    /// buffer.
     fn slab(&self) -> usize {
-        self.rows.div_ceil(MOST_SLABS).max(self.gpu.product_plan(1).least_slab)
+        let fit = self.gpu.buffer_limit() / (DType::F32.size() * self.joined.max(1)) as u64;
+        let slabs = (MOST_SLABS as u64).min(fit.max(1)) as usize;
+        self.rows.div_ceil(slabs).max(self.gpu.product_plan(1).least_slab)
     }
 
     /// The adjoints of the parameters, which share one tensor.

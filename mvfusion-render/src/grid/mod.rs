@@ -4,7 +4,8 @@ pub(crate) mod cpu;
 mod error;
 mod layout;
 pub(crate) mod op;
-pub mod reference;
+#[cfg(test)]
+mod reference;
 pub mod regulariser;
 
 use burn::tensor::Tensor;

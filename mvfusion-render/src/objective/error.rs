@@ -4,8 +4,8 @@ use burn::tensor::{DType, Tensor};
 use mvfusion_kernels::splat::COLOUR_CHANNELS;
 use thiserror::Error;
 
-use super::ObjectiveInputs;
-use crate::device::takes;
+use super::{ObjectiveInputs, ObjectiveTerms, SLOPE_BYTES};
+use crate::device::{buffer_limit, takes};
 
 /// Planes of the packed render of the dynamic branch, and of the static branch.
 pub(crate) const DYNAMIC_PLANES: usize = 8;
@@ -32,6 +32,24 @@ pub enum ObjectiveError {
         /// Columns.
         width: usize,
     },
+    /// The scene's extent cannot divide depths.
+    #[error("`extent` is {0}; expected a number above 0")]
+    Extent(f64),
+    /// The derivatives of SSIM do not fit into a buffer of the device.
+    #[error(
+        "pictures of {width} x {height} pixels need a buffer of {bytes} bytes, but the largest one of this device has \
+         {limit}: use smaller pictures or a CPU"
+    )]
+    Buffer {
+        /// Columns.
+        width: usize,
+        /// Rows.
+        height: usize,
+        /// Bytes of the derivatives.
+        bytes: u64,
+        /// Bytes of the largest buffer.
+        limit: u64,
+    },
     /// The device does not support a dtype, or the dtypes differ.
     #[error("`{argument}` has dtype {found:?}; expected f32 in all arguments, or f64 on a CPU")]
     Type {
@@ -43,10 +61,19 @@ pub enum ObjectiveError {
 }
 
 /// Checks all arguments.
-pub(super) fn check(inputs: &ObjectiveInputs) -> Result<(), ObjectiveError> {
+pub(super) fn check(inputs: &ObjectiveInputs, terms: &ObjectiveTerms) -> Result<(), ObjectiveError> {
     let [_, _, height, width] = inputs.dynamic.dims();
     if height == 0 || width == 0 {
         return Err(ObjectiveError::Empty { height, width });
+    }
+    if terms.extent.is_nan() || terms.extent <= 0.0 {
+        return Err(ObjectiveError::Extent(terms.extent));
+    }
+    if let Some(limit) = buffer_limit(&inputs.dynamic.device()) {
+        let bytes = (SLOPE_BYTES * height * width) as u64;
+        if bytes > limit {
+            return Err(ObjectiveError::Buffer { width, height, bytes, limit });
+        }
     }
     let dtype = inputs.dynamic.dtype();
     check_tensor("dynamic", &inputs.dynamic, [2, DYNAMIC_PLANES, height, width], dtype)?;

@@ -17,6 +17,9 @@ pub use error::ObjectiveError;
 pub use mvfusion_kernels::objective as constants;
 pub use terms::{GeometryTerms, MaskNormalisation, ObjectiveTerms};
 
+/// Bytes per pixel of the largest buffer on a GPU: three derivatives of SSIM for three images of three channels.
+pub const SLOPE_BYTES: usize = 4 * 27;
+
 /// A view: its renders, its photo and its masks. All tensors have one dtype (f32, or f64 on a CPU) and one device.
 #[derive(Clone, Debug)]
 pub struct ObjectiveInputs {
@@ -56,9 +59,12 @@ pub struct Objective {
 /// The weighted sum of the terms (METHOD §4.4) and its gradients with respect to both renders and the exposure.
 ///
 /// # Errors
-/// If a shape or dtype does not match.
+/// If a shape or dtype does not match, `extent` is not above 0, or the pictures are too large for a buffer of the device.
+///
+/// # Panics
+/// If a window is wider than a GPU compares, which is 193 pixels.
 pub fn objective(inputs: ObjectiveInputs, terms: &ObjectiveTerms) -> Result<Objective, ObjectiveError> {
-    error::check(&inputs)?;
+    error::check(&inputs, terms)?;
     let values = op::objective(inputs, terms);
     Ok(Objective { loss: values.clone().narrow(0, 0, 1), squared_error: values.inner().narrow(0, 1, 1) })
 }

@@ -23,7 +23,7 @@ pub struct ScaleRule {
 /// the gradient. No Gaussians cost nothing.
 ///
 /// # Panics
-/// If a Gaussian does not have three scales.
+/// If a Gaussian does not have three scales, or the dtype is not f32, or f64 on a CPU.
 pub fn cost(log_scales: Tensor<2>, rule: ScaleRule) -> Tensor<1> {
     let [count, axes] = log_scales.dims();
     assert_eq!(axes, 3, "a Gaussian has three scales");

@@ -22,9 +22,13 @@ impl Window {
     ///
     /// Weights are rounded to multiples of 2^-24, and the middle one is the rest up to 1. Their sums are exact in `f32`
     /// in any order, and a variance does not depend on an offset of the image.
+    ///
+    /// # Panics
+    /// If the square of `sigma` is not above 0.
     pub fn gaussian(size: usize, sigma: f64) -> Self {
         /// Steps of an `f32` between 0 and 1.
         const STEPS: f64 = (1u32 << 24) as f64;
+        assert!(sigma * sigma > 0.0, "a window has a standard deviation above 0");
         let radius = size / 2;
         let bell = |i: usize| {
             let distance = i as f64 - radius as f64;
@@ -46,7 +50,7 @@ impl Window {
 /// size does not change. The op is linear and self-adjoint, so its gradient is the same blur of the cotangent.
 ///
 /// # Panics
-/// If the dtype is not f32, or f64 on a CPU.
+/// If the dtype is not f32, or f64 on a CPU, or if a GPU has no buffer that is large enough.
 pub fn blur(images: Tensor<4>, window: &Window) -> Tensor<4> {
     op::blur(images, window)
 }
