@@ -1,4 +1,4 @@
-//! Gradient records of a tile's Gaussians from the tile's sums. CPU twin: `Moments` in `splat/cpu/blend_backward.rs`.
+//! Gradient records of a tile's Gaussians from the tile's sums. CPU twin: `splat/cpu/moments.rs`.
 //!
 //! The sums are moments 1, x, y, x², xy, y² about the middle of the tile. They become gradients of centre and
 //! whitened covariance here, once per record.

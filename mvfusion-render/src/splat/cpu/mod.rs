@@ -11,6 +11,7 @@ pub(crate) mod cloud;
 mod depth_order;
 pub(crate) mod forward;
 pub(crate) mod lanes;
+mod moments;
 pub(crate) mod project;
 pub(crate) mod project_backward;
 pub(crate) mod sh;
