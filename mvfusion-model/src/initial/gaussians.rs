@@ -42,7 +42,8 @@ pub fn cloud_on(points: &PointCloud, mean_squared_distances: &[f64], opacity: f6
     }
 }
 
-/// Gaussians on the points of a cloud, as parameters (METHOD §1.1, column "init").
+/// Gaussians on the points of a cloud, as parameters (METHOD §1.1, column "init"). They have room for the given SH
+/// degree; the current one, [`Gaussians::sh_degree`], is 0.
 pub fn gaussians_on(
     points: &PointCloud,
     masking: Masking,
@@ -55,8 +56,9 @@ pub fn gaussians_on(
     gaussians_of(&cloud, masking, sh_degree, device, dtype)
 }
 
-/// The Gaussians of a cloud, with the given SH degree, and with lifetimes if the cloud has them. With
-/// [`Masking::Blended`], mask logits are those of the cloud, or the initial ones if it has none.
+/// The Gaussians of a cloud, with room for the given SH degree, and with lifetimes if the cloud has them. The current
+/// degree, [`Gaussians::sh_degree`], is 0, whatever the cloud's. With [`Masking::Blended`], mask logits are those of
+/// the cloud, or the initial ones if it has none.
 pub fn gaussians_of(
     cloud: &GaussianCloud,
     masking: Masking,

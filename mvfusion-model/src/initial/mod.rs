@@ -56,8 +56,8 @@ impl InitialClouds {
         let motion = motion.filter(|motion| !motion.points.is_empty());
         // Always drawn, so that a drawn branch does not depend on the source of the other branch.
         let strewn = if motion.is_some() { 0 } else { strewn(config, scene) };
-        let drawn =
-            draw_points(scene, config.model.branches, &InitConfig { dynamic_points: strewn, ..init.clone() }, stream);
+        let reduced = InitConfig { dynamic_points: strewn, ..init.clone() };
+        let drawn = draw_points(scene, config.model.branches, &reduced, uniform(init), stream);
         let room = densify.dynamic.max_gaussians.saturating_sub(motion.map_or(0, |motion| motion.points.len()));
         let drawn = DrawnPoints {
             static_: drawn.static_.map(|points| bounded(points, densify.static_.max_gaussians, "static", stream)),
@@ -80,6 +80,11 @@ impl InitialClouds {
         let static_ = static_.map(|cloud| GaussianCloud { lifetimes: None, ..cloud });
         Ok(Self { static_, dynamic })
     }
+}
+
+/// Number of uniform Gaussians of a branch in a scene without points, if no other source reduces it.
+fn uniform(init: &InitConfig) -> usize {
+    init.dynamic_points.saturating_add(init.dynamic_from_cloud)
 }
 
 /// Number of uniform dynamic Gaussians without detected motion.
@@ -111,13 +116,14 @@ fn bounded(points: PointCloud, most: usize, branch: &str, stream: &mut Stream) -
 pub(crate) fn initial_counts(scene: &Scene, config: &Config) -> Result<[usize; 2], ModelError> {
     let (init, densify, known) = (&config.init, &config.densify, scene.points.len());
     let from_cloud = init.dynamic_from_cloud.min((known as f64 * init.dynamic_cloud_share) as usize);
-    let strewn = strewn(config, scene).max(init.motion_points);
+    let without_motion = strewn(config, scene);
+    let strewn = without_motion.max(init.motion_points);
     let still = known.saturating_add(init.static_points).saturating_add(init.sky_points);
     let (dynamic, static_) = match config.model.branches {
         Branches::Dynamic => (still.saturating_add(strewn), 0),
         Branches::Both if known == 0 => {
-            let dynamic = strewn.saturating_add(init.dynamic_from_cloud);
-            (dynamic, if still == 0 { dynamic } else { still })
+            let random = without_motion.saturating_add(init.dynamic_from_cloud).max(uniform(init));
+            (strewn.saturating_add(init.dynamic_from_cloud), if still == 0 { random } else { still })
         }
         Branches::Both => (strewn.saturating_add(from_cloud), still),
     };
@@ -220,8 +226,15 @@ struct DrawnPoints {
     dynamic: PointCloud,
 }
 
-/// Draws the initial points of the static branch, if there is one, and of the dynamic branch.
-fn draw_points(scene: &Scene, branches: Branches, config: &InitConfig, stream: &mut Stream) -> DrawnPoints {
+/// Draws the initial points of the static branch, if there is one, and of the dynamic branch. `config` has the uniform
+/// dynamic Gaussians that no other source replaces. A static branch without points has at least `uniform` random ones.
+fn draw_points(
+    scene: &Scene,
+    branches: Branches,
+    config: &InitConfig,
+    uniform: usize,
+    stream: &mut Stream,
+) -> DrawnPoints {
     let region = region(scene, config);
     // Points that coincide would be Gaussians of no size, and show nothing that one of them does not.
     let points = merged(&scene.points);
@@ -247,9 +260,14 @@ fn draw_points(scene: &Scene, branches: Branches, config: &InitConfig, stream: &
     let strewn = config.dynamic_points + if points.is_empty() { config.dynamic_from_cloud } else { 0 };
     strew(&mut dynamic, strewn, &region, stream);
     if known.is_empty() && config.static_ply.is_none() {
-        // Without points from structure from motion, the static branch also starts from random points.
-        tracing::warn!("the scene has no points; the static branch starts from {} random ones", dynamic.len());
-        known = dynamic.clone();
+        // Without points from structure from motion, the static branch also starts from random points: those of the
+        // dynamic branch, unless seeds or births replace some of them.
+        if dynamic.len() < uniform {
+            strew(&mut known, uniform, &region, stream);
+        } else {
+            known = dynamic.clone();
+        }
+        tracing::warn!("the scene has no points; the static branch starts from {} random ones", known.len());
     }
     DrawnPoints { static_: Some(known), dynamic }
 }
@@ -290,6 +308,23 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn seeds_on_motion_take_no_points_from_the_static_branch() {
+        // A video without points.
+        let scene = scenes().remove(2);
+        let mut config = Config::default();
+        (config.init.dynamic_points, config.init.motion_points) = (300, 5);
+        let mut points = PointCloud::default();
+        (0..5).for_each(|index| points.push(glam::Vec3::splat(index as f32), glam::Vec3::ONE));
+        let motion = MotionPoints { times: vec![0.0; 5], points, frame: 1.0 };
+        let stream = &mut Streams::new(config.seed).clouds;
+        let clouds = InitialClouds::draw(&scene, Some(&motion), &config, stream).expect("no files are needed");
+        let from_cloud = config.init.dynamic_from_cloud;
+        let static_ = clouds.static_.map_or(0, |cloud| cloud.len());
+        assert_eq!([clouds.dynamic.len(), static_], [from_cloud + 5, from_cloud + 300]);
+        assert_eq!(initial_counts(&scene, &config).expect("no files are needed")[1], static_);
     }
 
     #[test]

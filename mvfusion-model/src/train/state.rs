@@ -58,6 +58,16 @@ impl TrainState {
     ) -> Result<Self, ModelError> {
         let mut streams = Streams::new(config.seed);
         let clouds = InitialClouds::draw(scene, motion, config, &mut streams.clouds)?;
+        if clouds.static_.as_ref().is_some_and(GaussianCloud::is_empty) {
+            return Err(ModelError::Config {
+                key: "init.static_points".to_owned(),
+                value: config.init.static_points.to_string(),
+                reason:
+                    "the scene has no points, and the static branch needs at least one Gaussian to start from; give \
+                         a number above 0"
+                        .to_owned(),
+            });
+        }
         let of_motion = motion.filter(|_| config.model.grid.bounds == GridBoundsRule::Motion);
         let bounds = of_motion.and_then(MotionPoints::bounds).or_else(|| grid_bounds(&clouds.dynamic)).ok_or(
             ModelError::Config {
