@@ -42,6 +42,11 @@ impl MotionFinder {
         &self.film
     }
 
+    /// Whether enough fixed cameras film the moment of a training view, so that places can be found in it.
+    pub fn films(&self, view: usize) -> bool {
+        self.shots.contains_key(&view)
+    }
+
     /// The places behind pixel positions of a training view, in world units. At such a place, nearly all cameras that
     /// see it see motion in one colour at the view's moment. `None` if there is no such place.
     pub fn locate(&self, view: usize, positions: &[DVec2], seed: u64) -> Vec<Option<DVec3>> {

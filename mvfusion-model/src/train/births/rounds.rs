@@ -129,9 +129,10 @@ impl Trainer {
         self.add(&born)
     }
 
-    /// The positions of ellipses in a view: where fixed cameras of the moment agree, otherwise at the fallback depths.
+    /// The positions of ellipses in a view: where fixed cameras of the moment agree. If too few film it, at the fallback
+    /// depths.
     fn places(&self, index: usize, view: &ComparedView<'_>, ellipses: &[Ellipse], seed: u64) -> Vec<Option<DVec3>> {
-        match &self.finder {
+        match self.finder.as_ref().filter(|finder| finder.films(index)) {
             Some(finder) => {
                 let centres: Vec<DVec2> = ellipses.iter().map(|ellipse| ellipse.centre).collect();
                 finder.locate(index, &centres, seed)
