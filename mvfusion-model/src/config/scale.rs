@@ -1,7 +1,7 @@
 //! Shortened runs with the same schedule.
 
 use super::keys::Key;
-use super::{Branches, Config};
+use super::{Branches, Config, TimeRows};
 
 impl Config {
     /// The configuration with every iteration count multiplied by `train.scale`, which becomes 1.
@@ -9,8 +9,9 @@ impl Config {
     /// Every key of type [`Steps`](super::Steps) or [`Interval`](super::Interval) shrinks by the same factor: stage
     /// lengths, learning-rate horizons, SH steps, the refresh interval `E`, and the intervals and ends of
     /// densification, pruning and resets. Gaussians are added at most every 20 steps. Motion is measured and opacities
-    /// are reset at most every 500 steps. The keys `train.scale_*` also adapt learning rates and the initial cloud.
-    /// `train.scale_times` is the exception: it needs the scene, see [`Config::for_times_of`].
+    /// are reset at most every 500 steps. The keys `train.scale_*` also adapt learning rates and the initial cloud. As
+    /// `train.scale_times` needs the scene, it only sets `model.grid.time_rows` and `motion.by_times`, which
+    /// [`Config::for_times_of`] applies.
     pub fn scaled(&self) -> Self {
         let mut scaled = self.clone();
         let factor = self.train.scale;
@@ -28,6 +29,9 @@ impl Config {
         self.optim.faster(factor.powf(-train.scale_rates), factor.powf(-train.scale_mask));
         self.optim.end_above(train.scale_tail);
         self.motion.octaves = self.motion.octaves.min(train.scale_octaves);
+        if train.scale_times {
+            (self.model.grid.time_rows, self.motion.by_times) = (TimeRows::ByTimes, true);
+        }
         if train.scale_cloud && self.model.branches == Branches::Both {
             let strewn = (init.dynamic_points as f64 * factor).round() as usize;
             init.dynamic_from_cloud += init.dynamic_points - strewn;
@@ -132,7 +136,7 @@ mod tests {
     #[test]
     fn what_is_not_a_count_of_steps_stays() {
         let mut config = Config::default();
-        config.train.scale = 0.05;
+        (config.train.scale, config.train.scale_times) = (0.05, false);
         let scaled = config.scaled();
         assert_eq!(scaled.loss, config.loss);
         assert_eq!(scaled.model, config.model);

@@ -17,7 +17,7 @@ const ROWS_A_PHOTO: usize = 4;
 impl Config {
     /// The configuration with the values that `model.grid.time_rows`, `motion.by_times` or `train.scale_times` derive
     /// from the scene's times. These keys are switched off in the result, so that it stays valid for its run if the
-    /// scene changes. Call it before [`Config::scaled`], which resets `train.scale`.
+    /// scene changes. It may be called before or after [`Config::scaled`].
     pub fn for_times_of(&self, scene: &Scene) -> Self {
         self.for_times(scene.training_times().len(), scene.capture)
     }
@@ -151,6 +151,7 @@ mod tests {
         let fitted = short.for_times(24, Capture::Video);
         assert_eq!((&fitted.model, &fitted.motion), (&rows.model, &motion.motion));
         assert_eq!(fitted.for_times(999, Capture::Photos), fitted);
+        assert_eq!(short.scaled().for_times(24, Capture::Video), fitted.scaled(), "in either order");
         short.train.scale_times = false;
         assert_eq!(short.for_times(24, Capture::Video), short);
     }

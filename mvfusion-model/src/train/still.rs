@@ -2,7 +2,7 @@
 
 use burn::tensor::Tensor;
 
-use super::Trainer;
+use super::{Position, Trainer};
 use crate::config::StillRule;
 use crate::model::DeformationLevel;
 use crate::model::gaussians::Gaussians;
@@ -12,8 +12,8 @@ use crate::{ModelError, tensors};
 const BRIGHTEST: f64 = 0.98;
 
 impl Trainer {
-    /// Applies `motion.still` to the newly measured intensities.
-    pub(super) fn sort_out_still_ones(&mut self) -> Result<(), ModelError> {
+    /// Applies `motion.still` to the newly measured intensities, in a step at `position`.
+    pub(super) fn sort_out_still_ones(&mut self, position: &Position) -> Result<(), ModelError> {
         let config = &self.config.motion;
         let (rule, share) = (config.still, config.still_below);
         let Some(cache) = self.state.model.motion.as_ref().filter(|_| rule != StillRule::Keep) else { return Ok(()) };
@@ -30,18 +30,19 @@ impl Trainer {
             return Ok(());
         }
         if rule == StillRule::Reassign {
-            self.reassign(&still);
+            // As the renders of this stage show them.
+            self.reassign(&still, position.stage.level(self.config.model.deformation));
         }
         self.state.dynamic_branch().keep(moving);
         Ok(())
     }
 
     /// Copies dynamic Gaussians, in their state at the middle of the video, to the static branch, if there is one.
-    fn reassign(&mut self, rows: &[usize]) {
+    fn reassign(&mut self, rows: &[usize], level: DeformationLevel) {
         let plain = self.state.model.plain();
         let times = self.context.timeline.times();
         let middle = times[times.len() / 2];
-        let raw = plain.dynamic_at(middle, DeformationLevel::Base, &self.context);
+        let raw = plain.dynamic_at(middle, level, &self.context);
         let rows: Tensor<1, burn::tensor::Int> = tensors::rows_like(rows, &raw.means);
         if let Some(mut static_) = self.state.static_branch() {
             let moved = raw.select(&rows);

@@ -43,16 +43,14 @@ pub struct Trainer {
 }
 
 impl Trainer {
-    /// A trainer before its first step. `train.scale` must already be applied to `config`. [`Config::for_times_of`] is
+    /// A trainer before its first step. `config` is the result of [`Config::scaled`]. [`Config::for_times_of`] is
     /// applied here if necessary; [`Trainer::config`] returns the result.
     ///
     /// # Errors
-    /// If the configuration is invalid, the scene has too few training cameras, or it or a file cannot be read.
+    /// If the configuration is invalid or not scaled, the scene has too few training cameras or all of them at one
+    /// place, or it or a file cannot be read.
     pub fn new(config: Config, scene: &Scene, device: &Device) -> Result<Self, ModelError> {
-        config.check()?;
-        if let Some(Problem { what, remedy, .. }) = obstacle(scene) {
-            return Err(ModelError::Scene { name: scene.name.clone(), what, remedy });
-        }
+        check_start(&config, scene)?;
         let config = config.for_times_of(scene);
         let device = device.clone().autodiff();
         let motion = SceneMotion::find(scene, &config)?;
@@ -60,12 +58,14 @@ impl Trainer {
         Ok(Self::assembled(config, scene, motion, &device, state))
     }
 
-    /// A trainer that continues from a state.
+    /// A trainer that continues from a state, with the configuration that [`Trainer::config`] returned.
     ///
     /// # Errors
-    /// If the state belongs to a scene with other views or cameras, or an image cannot be read.
+    /// Those of [`Trainer::new`], and if the state belongs to a scene with other cameras, or to one with so many views
+    /// that this one lacks some of the current round.
     pub fn with_state(config: Config, scene: &Scene, device: &Device, state: TrainState) -> Result<Self, ModelError> {
         state.check_scene(scene)?;
+        check_start(&config, scene)?;
         state.warn_of_excess(&config);
         let motion = SceneMotion::of_training(scene, &config)?;
         Ok(Self::assembled(config, scene, motion, device, state))
@@ -133,7 +133,7 @@ impl Trainer {
         if self.refresh_due(position) {
             self.refresh_motion()?;
             if position.step < self.config.densify.until.0 {
-                self.sort_out_still_ones()?;
+                self.sort_out_still_ones(position)?;
             }
         }
         if self.film_births_due(position) {
@@ -152,7 +152,8 @@ impl Trainer {
         self.shown.clone()
     }
 
-    /// Starts the next step. A stage may start, and SH degrees may increase. Returns `None` at the end of training.
+    /// Starts the next step. Call it once per step: a stage may start, and SH degrees may increase. Returns `None` at
+    /// the end of training.
     ///
     /// # Errors
     /// If the device fails.
@@ -233,6 +234,31 @@ impl Trainer {
     }
 }
 
+/// Rejects what cannot be trained.
+fn check_start(config: &Config, scene: &Scene) -> Result<(), ModelError> {
+    config.check()?;
+    if config.train.scale != 1.0 {
+        return Err(ModelError::Config {
+            key: "train.scale".to_owned(),
+            value: config.train.scale.to_string(),
+            reason: "a trainer takes the numbers of steps as they are; give it the result of `Config::scaled`"
+                .to_owned(),
+        });
+    }
+    let refusal = |what, remedy| Err(ModelError::Scene { name: scene.name.clone(), what, remedy });
+    if let Some(Problem { what, remedy, .. }) = obstacle(scene) {
+        return refusal(what, remedy);
+    }
+    if scene.extent() > 0.0 {
+        return Ok(());
+    }
+    // Losses divide by the extent, and rates are in units of it.
+    refusal(
+        "all training cameras are at one place, so no distance is known".to_owned(),
+        "Train on pictures from several places.".to_owned(),
+    )
+}
+
 /// The deformation level of a model trained with `config`: the level of its last stage.
 pub fn final_level(config: &Config) -> DeformationLevel {
     let stages = &config.train.stages;
@@ -255,5 +281,32 @@ impl RenderContext {
             behind: Behind { grey: config.model.background.level(), masks: config.model.uncovered.masks() },
             near: SplatRules::inria().near.max(config.model.near_share * scene.near.unwrap_or(0.0)),
         }
+    }
+}
+
+#[cfg(all(test, feature = "flex"))]
+mod tests {
+    use mvfusion_data::BuiltinOptions;
+    use mvfusion_data::builtin::builtin;
+
+    use super::*;
+    use crate::device;
+
+    /// What a trainer says that is not created.
+    fn refusal(config: Config, scene: &Scene) -> String {
+        Trainer::new(config, scene, &device::flex()).expect_err("it is refused").to_string()
+    }
+
+    #[test]
+    fn a_scale_that_is_not_applied_and_cameras_at_one_place_are_refused() {
+        let mut scene = builtin(&BuiltinOptions { width: 16, height: 12, frames: 2, ..BuiltinOptions::default() });
+        let mut config = Config::default();
+        config.train.scale = 0.5;
+        let said = refusal(config.clone(), &scene);
+        assert!(said.starts_with("`train.scale` is 0.5:") && said.contains("`Config::scaled`"), "{said}");
+        // Cameras that only turn.
+        scene.train.iter_mut().for_each(|view| view.camera.translation = glam::DVec3::ZERO);
+        let said = refusal(config.scaled(), &scene);
+        assert!(said.contains("at one place"), "{said}");
     }
 }
