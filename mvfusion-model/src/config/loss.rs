@@ -6,7 +6,8 @@ use serde::{Deserialize, Serialize};
 use super::keys::keys;
 
 /// The losses (METHOD §4.4; values of DeGauss' Neu3D config). The main loss drives densification, the light loss does
-/// not.
+/// not. In a model with one branch, only `main`, `composed_dssim`, `plane_smooth`, `time_smooth` and `time_l1` have an
+/// effect (METHOD §9).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct LossConfig {
@@ -27,9 +28,10 @@ pub struct LossConfig {
     pub static_above: f64,
     /// Likewise for the dynamic branch; with 0 it learns the whole image, whatever the mask.
     pub dynamic_above: f64,
-    /// Whether the dynamic branch learns where motion was detected and where its share is above 0.5, instead of by
-    /// `dynamic_above`. Needs fixed, synchronised cameras, or photos with births (`init.photo_points`). Ours: a
-    /// branch that learns the whole image spends its Gaussians on a blur of the room.
+    /// Whether the dynamic branch learns where motion was detected and where its share is above 0.51, instead of by
+    /// `dynamic_above`. The terms of the first stage alone use the detected motion alone. Needs fixed, synchronised
+    /// cameras, or photos with births (`init.photo_points`). Ours: a branch that learns the whole image spends its
+    /// Gaussians on a blur of the room.
     pub dynamic_where_moving: bool,
     /// Whether the static branch learns only where no motion was detected, from any loss and also in the first stage.
     /// Ours: otherwise, the first stage leaves a ghost of a moving person, which the mask then hides from the losses.
@@ -68,9 +70,11 @@ pub struct LossConfig {
     pub penalize_dynamic: f64,
     /// Weight that pulls the brightness to 1, in all stages.
     pub brightness: f64,
-    /// Weight of the same term at the end of densification, growing linearly from 0.001 (`weight_penal_light_end`).
+    /// Weight of the same term at the end of densification, growing linearly from 0.001 (`weight_penal_light_end`). It
+    /// does not fall below 0.
     pub brightness_end: f64,
-    /// Weight of the difference between the brightened background and the photo, early in training.
+    /// Weight of the difference between the brightened background and the photo, early in training; 0 switches the
+    /// term off.
     pub brightness_explicit: f64,
     /// Weight against Gaussians larger than a tenth of the extent.
     pub large: f64,

@@ -30,11 +30,12 @@ impl LossSchedule {
         self.densify_until / 10
     }
 
-    /// The ramp `omega(it)`; linear, not clamped.
+    /// The ramp `omega(it)`: linear, also beyond its end, but never below 0, where a small end would lead.
     fn ramp(&self) -> f64 {
         let start = self.ramp_start() as f64;
         let length = (self.densify_until as f64 - start).max(1.0);
-        BRIGHTNESS_START + (self.brightness_end - BRIGHTNESS_START) * (self.step as f64 - start) / length
+        let ramp = BRIGHTNESS_START + (self.brightness_end - BRIGHTNESS_START) * (self.step as f64 - start) / length;
+        ramp.max(0.0)
     }
 
     /// Weight that pulls the brightness to 1, in addition to the constant weight.
@@ -42,9 +43,13 @@ impl LossSchedule {
         if !self.geometry && self.step > self.ramp_start() { self.ramp() } else { 0.0 }
     }
 
-    /// Weight of the brightened background against the photo: `explicit` at first.
+    /// Weight of the brightened background against the photo: `explicit` at first. 0 switches the term off.
     pub fn explicit_weight(&self, explicit: f64) -> f64 {
-        if self.step <= self.ramp_start() { explicit } else { (EXPLICIT_BELOW - self.ramp()).max(0.0) }
+        if explicit == 0.0 || self.step <= self.ramp_start() {
+            explicit
+        } else {
+            (EXPLICIT_BELOW - self.ramp()).max(0.0)
+        }
     }
 
     /// Whether the entropy term is active.
@@ -55,5 +60,25 @@ impl LossSchedule {
     /// Whether the term against spiky Gaussians is computed in this step.
     pub fn spiky(&self) -> bool {
         self.step.is_multiple_of(SPIKY_INTERVAL)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_weight_of_the_brightness_is_negative_and_zero_switches_the_explicit_term_off() {
+        let at = |step, brightness_end| LossSchedule {
+            geometry: false,
+            step,
+            total: 300,
+            densify_until: 100,
+            brightness_end,
+        };
+        assert_eq!(at(290, 0.0).brightness_weight(), 0.0);
+        assert!(at(290, 0.5).brightness_weight() > 0.5, "the ramp goes on");
+        assert_eq!([5, 50].map(|step| at(step, 0.0).explicit_weight(0.0)), [0.0; 2]);
+        assert!(at(50, 0.0).explicit_weight(0.01) > 0.0);
     }
 }
