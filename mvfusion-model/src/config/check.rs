@@ -65,7 +65,8 @@ impl Config {
             "a model of one branch has no static one; use `init.dynamic_ply`",
         )?;
         self.check_what_moves()?;
-        self.check_lifetimes()
+        self.check_lifetimes()?;
+        self.check_stages()
     }
 
     /// The error for a value that `train.scale` derives.
@@ -124,13 +125,6 @@ impl Config {
             "Gaussians are always there; set `model.lifetime = true`, or leave this key at its default",
         )?;
         refuse(
-            self.densify.motion_power > 0.0 && self.train.stages.refinement.0 == 0,
-            "densify.motion_power",
-            self.densify.motion_power.to_string(),
-            "motion is measured from the end of the deformation stage on, and only if a refinement stage follows; give \
-             `train.stages.refinement` some steps, or leave this key at 0",
-        )?;
-        refuse(
             photo_points > 0 && !has_lifetimes,
             "init.photo_points",
             photo_points.to_string(),
@@ -144,12 +138,39 @@ impl Config {
             "what is born shows one moment and must not be seen at others; set `model.lifetime = true`, or 0",
         )
     }
+
+    /// Checks the keys that need a stage.
+    fn check_stages(&self) -> Result<(), ModelError> {
+        let (stages, motion_power) = (&self.train.stages, self.densify.motion_power);
+        let never_measured = !self.model.deformation || stages.refinement.0 == 0;
+        for (is_set, key, value) in [
+            (self.motion.still != StillRule::Keep, "motion.still", format!("{:?}", self.motion.still)),
+            (self.loss.still_opacity > 0.0, "loss.still_opacity", self.loss.still_opacity.to_string()),
+            (motion_power > 0.0, "densify.motion_power", motion_power.to_string()),
+        ] {
+            refuse(
+                never_measured && is_set,
+                key,
+                value,
+                "motion is measured from the end of the deformation stage on, and only of what deforms and if a \
+                 refinement stage follows; give `train.stages.refinement` some steps and set `model.deformation = \
+                 true`, or leave this key at its default",
+            )?;
+        }
+        // A run that `train.scale` leaves without any step has no births either.
+        refuse(
+            self.init.photo_points > 0 && stages.geometry.0 == 0 && stages.total() > 0,
+            "init.photo_points",
+            self.init.photo_points.to_string(),
+            "they are born at the end of the first stage; give `train.stages.geometry` some steps, or set 0 points",
+        )
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{FusionWeights, Interval};
+    use crate::config::{FusionWeights, Interval, StageConfig};
 
     /// The error for a configuration with this interval and these weights.
     fn refusal(interval: usize, [position, scale, rotation]: [f64; 3]) -> Option<String> {
@@ -238,6 +259,37 @@ mod tests {
         assert!(said.starts_with("`init.photo_points` is 1000:") && said.contains("model.lifetime"), "{said}");
         let said = refusal_of(|config| config.densify.births_interval = Interval(920)).expect("it is refused");
         assert!(said.starts_with("`densify.births_interval` is 920:") && said.contains("model.lifetime"), "{said}");
+    }
+
+    #[test]
+    fn what_follows_from_motion_needs_a_stage_that_measures_it_and_births_need_the_first_stage() {
+        type Change = fn(&mut Config);
+        let keys: [(&str, Change); 3] = [
+            ("motion.still", |config| config.motion.still = StillRule::Prune),
+            ("loss.still_opacity", |config| config.loss.still_opacity = 0.1),
+            ("densify.motion_power", |config| config.densify.motion_power = 0.5),
+        ];
+        for (key, set) in keys {
+            assert_eq!(refusal_of(set), None);
+            let unmeasured: [Change; 2] =
+                [|config| config.model.deformation = false, |config| config.train.stages.refinement.0 = 0];
+            for change in unmeasured {
+                let said = refusal_of(|config| {
+                    set(config);
+                    change(config);
+                });
+                assert!(said.is_some_and(|said| said.starts_with(&format!("`{key}` is "))), "{key}");
+            }
+        }
+        let births = |stages| {
+            move |config: &mut Config| {
+                (config.init.photo_points, config.model.lifetime) = (1000, true);
+                config.train.stages = StageConfig::of(stages);
+            }
+        };
+        assert_eq!(refusal_of(births([1, 1, 1])), None);
+        let said = refusal_of(births([0, 1, 1])).expect("it is refused");
+        assert!(said.starts_with("`init.photo_points` is 1000:") && said.contains("train.stages.geometry"), "{said}");
     }
 
     #[test]

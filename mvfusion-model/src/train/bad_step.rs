@@ -48,8 +48,9 @@ impl Trainer {
         }
     }
 
-    /// Learns from a step unless its loss, or a gradient, is not finite: then nothing changes but the counts. Waits for
-    /// the device once.
+    /// Learns from a step unless its loss, or a gradient, is not finite: then nothing changes but the counts. If that
+    /// step ends a round of accumulation, the gradients of the round are dropped, so that the next one has its own
+    /// steps alone. Waits for the device once.
     ///
     /// # Errors
     /// [`ModelError::BadSteps`] after [`MOST_BAD_STEPS`] such steps in a row.
@@ -67,7 +68,7 @@ impl Trainer {
         match findings.first_bad()? {
             Some(found) => {
                 let error = self.not_finite(found, &shown, position)?;
-                self.count_bad_step(error)
+                self.skip(error, position)
             }
             None => {
                 self.state.bad_steps.in_a_row = 0;
@@ -76,7 +77,12 @@ impl Trainer {
         }
     }
 
-    fn count_bad_step(&mut self, error: ModelError) -> Result<(), ModelError> {
+    fn skip(&mut self, error: ModelError, position: &Position) -> Result<(), ModelError> {
+        if let Some(state) = &mut self.state.static_
+            && position.step.is_multiple_of(self.config.train.accumulation)
+        {
+            state.pending = None;
+        }
         let counts = &mut self.state.bad_steps;
         (counts.total, counts.in_a_row) = (counts.total + 1, counts.in_a_row + 1);
         if counts.in_a_row >= MOST_BAD_STEPS {
@@ -136,6 +142,41 @@ impl ModuleVisitor for GradientWalk<'_> {
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
         if let Some(gradient) = param.val().grad(self.gradients) {
             self.findings.take(format!("the gradient of {}", self.path.name()), gradient);
+        }
+    }
+}
+
+#[cfg(all(test, feature = "flex"))]
+mod tests {
+    use mvfusion_data::BuiltinOptions;
+    use mvfusion_data::builtin::builtin;
+
+    use super::*;
+    use crate::config::{Config, ModelConfig, StageConfig, TrainConfig};
+    use crate::device;
+
+    #[test]
+    fn a_skipped_step_that_ends_a_round_of_accumulation_drops_the_gradients_of_the_round() {
+        let mut scene = builtin(&BuiltinOptions { width: 24, height: 16, frames: 3, ..BuiltinOptions::default() });
+        scene.points.positions.truncate(12);
+        scene.points.colours.truncate(12);
+        let stages = StageConfig::of([1, 3, 0]);
+        let train = TrainConfig { stages, batch_size: 1, accumulation: 3, ..TrainConfig::default() };
+        let model = ModelConfig { width: 4, ..ModelConfig::default() };
+        let mut config = Config { train, model, ..Config::default() };
+        config.init.dynamic_points = 10;
+        let mut trainer = Trainer::new(config, &scene, &device::flex()).expect("the run can start");
+        let is_pending =
+            |trainer: &Trainer| trainer.state.static_.as_ref().is_some_and(|state| state.pending.is_some());
+        (0..2).for_each(|_| assert!(trainer.step().expect("a step succeeds").is_some()));
+        assert!(is_pending(&trainer));
+        for (ends_round, keeps) in [(false, true), (true, false)] {
+            let position = trainer.position().expect("a step is left");
+            assert_eq!(position.step.is_multiple_of(3), ends_round);
+            let error = position.not_finite("the loss".to_owned(), String::new());
+            trainer.skip(error, &position).expect("two are skipped");
+            trainer.state.completed += 1;
+            assert_eq!(is_pending(&trainer), keeps);
         }
     }
 }
