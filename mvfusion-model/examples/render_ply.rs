@@ -57,7 +57,7 @@ fn render(path: &Path, picture: &Path) -> Result<(), Box<dyn Error>> {
 
     let device = device::flex();
     let gaussians = gaussians_of(&cloud, Masking::Absent, cloud.sh_degree, &device, DType::F32);
-    let settings = SplatSettings { rules: SplatRules::inria(), ..SplatSettings::default() };
+    let settings = SplatSettings { rules: SplatRules::inria(), sh_degree: cloud.sh_degree, ..SplatSettings::default() };
     let behind = Behind { grey: 0.0, masks: [0.0; 3] };
     let rendered = gaussians.canonical().splat(None, None, &camera, &settings, behind)?;
 

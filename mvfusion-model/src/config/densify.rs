@@ -30,13 +30,14 @@ pub struct DensifyConfig {
     /// Gaussians below this opacity are pruned.
     pub min_opacity: f64,
     /// After the first `reset_interval` steps, Gaussians whose radius on the screen exceeded this many pixels are also
-    /// pruned; 0 keeps them (DeGauss; 4DGS: 20).
+    /// pruned; 0 keeps them (DeGauss; 4DGS: 20). A round of additions in the same step resets
+    /// the radii before pruning reads them.
     pub max_radius: f64,
     /// Likewise for Gaussians longer than this fraction of the extent; 0 keeps them (DeGauss; 4DGS: 0.1).
     pub max_scale: f64,
     /// Instead of pruning Gaussians, move at most this fraction of the branch each time, at a fixed count. The target
     /// of each is drawn by opacity times screen gradient, and the two then share its opacity and size (3DGS-MCMC: 0.05
-    /// of all). 0 prunes.
+    /// of all). It does not depend on `prune_above`. 0 prunes.
     pub relocate: f64,
     /// Power of the relative motion intensity `2 e / (e + mean e)` by which a dynamic Gaussian's screen gradient is
     /// multiplied when Gaussians are added or relocated, once motion was measured. Ours: motion then decides where

@@ -92,7 +92,7 @@ pub struct InitConfig {
     pub motion_points: usize,
     /// Their duration in frames, with `model.lifetime`.
     pub motion_duration: f64,
-    /// Their mask logit of the foreground.
+    /// Their mask logit of the foreground, and that of Gaussians that are born during training.
     pub motion_logit: f64,
     /// Dynamic Gaussians born at the end of the first stage where a photo differs from the static branch, instead of as
     /// many uniform ones. Needs photos with distinct moments, and `model.lifetime`. 0 switches births off. Ours

@@ -32,7 +32,7 @@ pub struct Batch {
     pub photos: Tensor<4>,
     /// 1 at valid pixels, otherwise 0: `[B, 1, H, W]`; absent if all are valid.
     pub valid: Option<Tensor<4>>,
-    /// Detected motion; absent if unknown.
+    /// Detected motion; absent if it is unknown in any view of the batch, because the masks cover all of them.
     pub motion: Option<MotionMasks>,
 }
 
@@ -118,7 +118,7 @@ impl TrainingViews {
         Ok(Batch { photos: photos * valid.clone(), valid: Some(valid), motion })
     }
 
-    /// [`Batch::motion`] of the given views.
+    /// [`Batch::motion`] of the given views: masks of all of them, or none.
     fn motion_masks(&self, indices: &[usize], device: &Device) -> Option<MotionMasks> {
         let moving = self.moving.as_ref()?;
         let masks = indices.iter().map(|&index| moving.mask(index)).collect::<Option<Vec<_>>>()?;

@@ -11,11 +11,12 @@ use super::densify::Visibility;
 use super::finite::Findings;
 use super::loss::MotionMasks;
 use super::parameters::Sink;
-use crate::model::composition::{Blending, BranchRenders, Composition};
+use crate::model::composition::{Blending, BranchRenders, Composition, within};
 use crate::model::exposure::Exposure;
 use crate::model::{BranchPictures, Probes};
 
-/// The renders of a step's training views, with the graph of the backward pass, and their photos.
+/// The renders of a step's training views, with the graph of the backward pass, and their photos. What the methods
+/// return is 0 at the pixels that a view's mask excludes, like the photos.
 #[derive(Debug)]
 pub struct RenderedBatch {
     /// The ground truth of the views.
@@ -28,27 +29,34 @@ pub struct RenderedBatch {
 }
 
 impl RenderedBatch {
-    /// The composed renders, clamped to `[0, 1]`; in a model with one branch its unclamped renders: `[B, 3, H, W]`.
+    /// The composed renders, clamped to `[0, 1]`; in a model with one branch its unclamped renders: `[B, 3, H, W]`. The
+    /// shares of the branches are those of the later stages, also in the first one.
     pub fn composed(&self) -> Tensor<4> {
         match self.views.has_static() {
-            true => self.views.composed(),
-            false => self.views.dynamic(),
+            true => self.valid(self.views.composed()),
+            false => self.dynamic(),
         }
     }
 
     /// Renders of the dynamic branch, with the cameras' exposures: `[B, 3, H, W]`.
     pub fn dynamic(&self) -> Tensor<4> {
-        self.views.dynamic()
+        self.valid(self.views.dynamic())
     }
 
     /// Renders of the static branch, with the cameras' exposures: `[B, 3, H, W]`; `None` in a model with one branch.
     pub fn static_(&self) -> Option<Tensor<4>> {
-        self.views.static_()
+        Some(self.valid(self.views.static_()?))
     }
 
-    /// Share of the dynamic branch in each pixel: `[B, 1, H, W]`; `None` in a model with one branch.
+    /// Share of the dynamic branch in each pixel, as in [`RenderedBatch::composed`]: `[B, 1, H, W]`; `None` in a model
+    /// with one branch.
     pub fn mask(&self) -> Option<Tensor<4>> {
-        self.views.has_static().then(|| self.views.composition().mask)
+        self.views.has_static().then(|| self.valid(self.views.composition().mask))
+    }
+
+    /// An image that is 0 at excluded pixels.
+    fn valid(&self, picture: Tensor<4>) -> Tensor<4> {
+        within(picture, self.batch.valid.as_ref())
     }
 
     /// The renders alone, for [`Trainer::bad_loss`](super::Trainer).

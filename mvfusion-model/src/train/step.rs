@@ -20,6 +20,9 @@ impl Trainer {
     ///
     /// # Errors
     /// If a photo cannot be read, or the splat op rejects its input.
+    ///
+    /// # Panics
+    /// If no view is given, or an index that the scene does not have.
     pub fn render_batch(&self, views: &[usize], position: &Position) -> Result<RenderedBatch, ModelError> {
         let model = &self.state.model;
         let level = position.stage.level(self.config.model.deformation);
