@@ -1,7 +1,6 @@
 //! How the program reports an error: one paragraph on stderr and an exit code.
 
 use std::fmt;
-use std::io;
 use std::process::ExitCode;
 
 use mvfusion_model::ModelError;
@@ -53,19 +52,13 @@ fn interruption(error: &anyhow::Error) -> Option<(u8, String)> {
     saved.or_else(|| error.downcast_ref::<Abandoned>().map(|error| (error.code, error.to_string())))
 }
 
-/// Tells on stderr how a command ended. A closed pipe (`mvfusion config | head`) is not a failure.
+/// Tells on stderr how a command ended.
 pub fn report(result: &anyhow::Result<()>, verbosity: Verbosity) -> ExitCode {
-    let closed = |cause: &(dyn std::error::Error + 'static)| {
-        cause.downcast_ref::<io::Error>().is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
-    };
-    let error = match result {
-        Err(error) if !error.chain().any(closed) => error,
-        _ => {
-            if verbosity.is_json() {
-                Event::end(Status::Ok, 0, None).print();
-            }
-            return ExitCode::SUCCESS;
+    let Err(error) = result else {
+        if verbosity.is_json() {
+            Event::end(Status::Ok, 0, None).print();
         }
+        return ExitCode::SUCCESS;
     };
     let code = exit_code(error);
     let (status, message) = match interruption(error) {

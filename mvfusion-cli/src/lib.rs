@@ -58,6 +58,7 @@ pub mod render;
 pub mod report;
 pub mod run;
 pub mod scene;
+pub mod stdout;
 pub mod sweep;
 pub mod table;
 pub mod tensorboard;

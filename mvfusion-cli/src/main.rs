@@ -5,6 +5,7 @@ use std::process::ExitCode;
 use clap::Parser;
 use mvfusion_cli::args::ProgressForm;
 use mvfusion_cli::progress::{Form, Verbosity};
+use mvfusion_cli::stdout::Output;
 use mvfusion_cli::{Cli, failure};
 
 fn main() -> ExitCode {
@@ -22,7 +23,8 @@ fn main() -> ExitCode {
     failure::report_panics(verbosity);
     let threads = mvfusion_cli::threads::count(cli.command.threads());
     limit_matrix_products(threads);
-    failure::report(&mvfusion_cli::run(&cli, threads, &mut std::io::stdout()), verbosity)
+    let mut out = Output::new(std::io::stdout());
+    failure::report(&mvfusion_cli::run(&cli, threads, &mut out), verbosity)
 }
 
 /// Tells the matrix products of the NdArray backend how many threads they may use: they know no other way, and read it once.

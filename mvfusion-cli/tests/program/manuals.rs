@@ -3,7 +3,7 @@
 use std::fs;
 use std::process::{Command, Stdio};
 
-use super::{USAGE, mvfusion};
+use super::{FAILED, USAGE, mvfusion, program};
 
 fn printed(arguments: &[&str]) -> String {
     let folder = tempfile::tempdir().expect("folder");
@@ -63,6 +63,23 @@ fn every_command_has_a_manual_page_with_its_examples() {
     assert!(page("mvfusion-sweep-status.1").starts_with(".ie"), "an inner command");
     let files = fs::read_dir(folder.path().join("a/b")).expect("the folder").count();
     assert_eq!(files, String::from_utf8(output.stdout).expect("text").lines().count());
+}
+
+#[test]
+fn a_reader_that_leaves_costs_neither_the_work_nor_the_failure() {
+    let folder = tempfile::tempdir().expect("folder");
+    let code = |arguments: &[&str]| {
+        let (reader, writer) = std::io::pipe().expect("a pipe");
+        drop(reader);
+        let mut command = program();
+        command.args(arguments).current_dir(folder.path()).stdout(writer).stderr(Stdio::null());
+        command.status().expect("the program starts").code()
+    };
+    assert_eq!(code(&["man", "--out", "pages"]), Some(0));
+    let pages = fs::read_dir(folder.path().join("pages")).expect("the folder").count();
+    assert!(pages > 10, "{pages}");
+    fs::create_dir(folder.path().join("empty")).expect("made");
+    assert_eq!(code(&["check", "empty", "--device", "cpu"]), Some(FAILED));
 }
 
 #[test]
