@@ -54,6 +54,7 @@ struct Report<'a> {
 pub fn check(args: &CheckArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let resolved = config::resolve(&args.sources, Some(&args.folder))?;
     device::check(&args.compute.device)?;
+    refuse_to_replace(args.picture.as_deref())?;
     let folder = std::path::absolute(&args.folder)?;
     let pictures = if args.quick { Pictures::Sampled } else { Pictures::Decoded };
     if pictures == Pictures::Decoded {
@@ -131,6 +132,17 @@ fn predicted(
 fn default_picture(folder: &Path) -> PathBuf {
     let name = folder.file_name().map_or("scene".into(), |name| name.to_string_lossy());
     PathBuf::from(format!("check-{name}.png"))
+}
+
+/// Refuses a picture in place of a file that is not known by its name as an earlier picture of this command.
+fn refuse_to_replace(picture: Option<&Path>) -> anyhow::Result<()> {
+    let Some(path) = picture.filter(|path| path.exists()) else { return Ok(()) };
+    let name = path.file_name().map_or("".into(), |name| name.to_string_lossy());
+    let is_own = name == "check.png" || (name.starts_with("check-") && name.ends_with(".png"));
+    if is_own && path.is_file() {
+        return Ok(());
+    }
+    bail!("{} exists, and --picture replaces only check.png and check-NAME.png. Choose another file.", path.display())
 }
 
 fn line(out: &mut dyn Write, label: &str, text: &str) -> std::io::Result<()> {
@@ -215,4 +227,20 @@ fn tell_problem(problem: &Problem, out: &mut dyn Write) -> std::io::Result<()> {
         Severity::Note => "note",
     };
     writeln!(out, "{severity}: {}.\n  {}", problem.what, problem.remedy)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_an_earlier_picture_is_replaced() {
+        let folder = tempfile::tempdir().expect("folder");
+        for (name, is_free) in [("check.png", true), ("check-steak.png", true), ("photo.png", false)] {
+            let path = folder.path().join(name);
+            refuse_to_replace(Some(&path)).expect("not there yet");
+            std::fs::write(&path, "x").expect("written");
+            assert_eq!(refuse_to_replace(Some(&path)).is_ok(), is_free, "{name}");
+        }
+    }
 }

@@ -2,10 +2,12 @@
 
 use std::path::Path;
 
+use mvfusion_data::files::read_text;
 use mvfusion_data::{Camera, Scene, View};
 use serde::Serialize;
 
 use crate::atomic;
+use crate::run::MOST_OF_RECORDS;
 
 /// The cameras of all views.
 pub const CAMERAS: &str = "cameras.json";
@@ -40,6 +42,12 @@ impl<'a> Entry<'a> {
             fy,
         }
     }
+}
+
+/// Whether the cameras in a folder were written here. 3DGS writes the same fields with `fy` before `fx`.
+pub(super) fn is_ours(folder: &Path) -> bool {
+    let Ok(text) = read_text(&folder.join(CAMERAS), MOST_OF_RECORDS) else { return false };
+    text.find("\"fx\"").zip(text.find("\"fy\"")).is_some_and(|(x, y)| x < y)
 }
 
 /// Writes the cameras of all views: the held-out views first, then the training views, as 3DGS orders them.

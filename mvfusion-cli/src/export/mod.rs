@@ -65,6 +65,8 @@ pub const CONTENTS: Contents = Contents {
         inria::POINTS,
     ],
     foreign: &[],
+    mark: CAMERAS,
+    is_ours: cameras::is_ours,
     // An export can be made again: what waits is dropped by the next one that is complete.
     is_complete: |_| false,
     is_of_use: |_| false,

@@ -89,7 +89,8 @@ pub fn put_away(checkpoint: &Checkpoint) -> anyhow::Result<()> {
     fs::rename(path, away).with_context(|| format!("cannot rename {}", path.display()))
 }
 
-/// Removes all checkpoints but the newest, the final one and `keep` of the others, if they are of step `least` or later.
+/// Removes checkpoints of steps. Kept are the newest `keep`, except for those before step `least`; whatever these
+/// numbers are, the newest checkpoint and the final one stay.
 ///
 /// # Errors
 /// If one cannot be removed.

@@ -9,11 +9,12 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use mvfusion_model::files::is_unfinished;
+use serde::Deserialize;
 use tracing::warn;
 
 use super::aside;
 use super::checkpoints::checkpoints;
-use super::files::{ENTRIES, FILMS, RECORD, read_json};
+use super::files::{ENTRIES, FILMS, METRICS, RECORD, TENSORBOARD, read_json};
 use super::lock::{FolderLock, LOCK};
 use super::record::RunRecord;
 
@@ -35,6 +36,10 @@ pub struct Contents {
     pub entries: &'static [&'static str],
     /// Those of them whose files other processes may be writing.
     pub foreign: &'static [&'static str],
+    /// The file by which such a folder is known, for messages.
+    pub mark: &'static str,
+    /// Whether this program wrote the folder, by the contents of that file: others use names like these as well.
+    pub is_ours: fn(&Path) -> bool,
     /// Whether everything in the folder has been written.
     pub is_complete: fn(&Path) -> bool,
     /// Whether an incomplete folder can be continued.
@@ -42,8 +47,24 @@ pub struct Contents {
 }
 
 /// A run.
-pub(super) const RUN: Contents =
-    Contents { what: "run", entries: &ENTRIES, foreign: &[FILMS], is_complete: is_finished, is_of_use: has_checkpoint };
+pub(super) const RUN: Contents = Contents {
+    what: "run",
+    entries: &ENTRIES,
+    foreign: &[FILMS],
+    mark: RECORD,
+    is_ours: is_run,
+    is_complete: is_finished,
+    is_of_use: has_checkpoint,
+};
+
+/// What every version of this program writes into [`RECORD`].
+#[derive(Deserialize)]
+struct Mark {
+    #[serde(rename = "burn")]
+    _burn: String,
+    #[serde(rename = "preset")]
+    _preset: String,
+}
 
 /// A folder that can be created. Nothing has been written yet, and no other process writes to it.
 #[derive(Debug)]
@@ -195,6 +216,13 @@ pub fn is_finished(run: &Path) -> bool {
     read_json::<RunRecord>(&run.join(RECORD)).is_ok_and(|record| record.finished.is_some())
 }
 
+/// Whether a folder is a run of this program, or an empty log: what is left of a training killed before its record.
+fn is_run(folder: &Path) -> bool {
+    let is_log = || fs::metadata(folder.join(METRICS)).is_ok_and(|log| log.is_file() && log.len() == 0);
+    let is_begun = || ENTRIES.iter().all(|name| [METRICS, TENSORBOARD].contains(name) || !folder.join(name).exists());
+    read_json::<Mark>(&folder.join(RECORD)).is_ok() || (is_log() && is_begun())
+}
+
 /// Whether a run can be continued.
 fn has_checkpoint(run: &Path) -> bool {
     // What cannot be listed may be of use.
@@ -249,6 +277,13 @@ fn check_existing(path: &Path, existing: Existing, contents: Contents) -> anyhow
     entries.retain(|name| !is_unfinished(name) && name != LOCK);
     if entries.is_empty() {
         return Ok(());
+    }
+    if !entries.iter().any(|name| aside::is_aside(name)) && !(contents.is_ours)(path) {
+        bail!(
+            "the folder {shown} is not empty, and was not made by this program: it has no {} as in every {what}. \
+             Choose another --out, or move away what it contains.",
+            contents.mark
+        );
     }
     if existing == Existing::Keep {
         match waiting_note(path) {

@@ -1,5 +1,6 @@
 //! The output folder: nothing of it is there before all of it is.
 
+use std::ffi::{OsStr, OsString};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -13,6 +14,9 @@ pub(super) const RECORD: &str = "prepare.json";
 /// COLMAP's log in the output folder.
 pub(super) const LOG: &str = "colmap.log";
 
+/// What lies in an output folder beside the videos or frames of cameras. `mvfusion check` draws `check.png`.
+const OUTPUTS: [&str; 6] = [RECORD, LOG, "images", "sparse", "sparse_", "check.png"];
+
 /// Beginning of the name of the unfinished folder.
 const UNFINISHED: &str = ".unfinished-";
 
@@ -24,20 +28,34 @@ pub(super) struct Draft {
 }
 
 impl Draft {
-    /// Checks the output folder. With `replace`, it may hold an earlier output.
+    /// Checks the output folder. With `replace`, it may hold an earlier output, and nothing beside that.
     ///
     /// # Errors
     /// [`PrepareError::Occupied`] if it holds something else.
     pub(super) fn check(out: &Path, replace: bool) -> Result<(), PrepareError> {
-        let refused = |reason| Err(PrepareError::Occupied { folder: out.to_owned(), reason });
-        match fs::read_dir(out).map(|mut entries| entries.next().is_none()) {
-            Err(_) if out.exists() => refused(" and is no folder: give another name"),
-            Err(_) | Ok(true) => Ok(()),
-            Ok(_) if !out.join(RECORD).is_file() => {
+        let refused = |reason: &str| Err(PrepareError::Occupied { folder: out.to_owned(), reason: reason.to_owned() });
+        let entries = match fs::read_dir(out) {
+            Err(_) if out.exists() => return refused(" and is no folder that can be listed: give another name"),
+            Err(_) => return Ok(()),
+            Ok(entries) => {
+                entries.map(|entry| entry.map(|entry| entry.file_name())).collect::<Result<Vec<OsString>, _>>()
+            }
+        };
+        let mut entries = entries.map_err(|error| PrepareError::unwritable(out, error))?;
+        // The same one is named every time.
+        entries.sort();
+        match entries.iter().find(|name| !is_own(name)) {
+            _ if entries.is_empty() => Ok(()),
+            _ if !out.join(RECORD).is_file() => {
                 refused(", holds files, and was not made by this command: give a folder that is new or empty")
             }
-            Ok(_) if !replace => refused(": give another one, or --force to replace it"),
-            Ok(_) => Ok(()),
+            _ if !replace => refused(": give another one, or --force to replace it"),
+            Some(other) => refused(&format!(
+                " and holds `{}`, which this command did not make and --force would remove: move it away, or give \
+                 another folder",
+                other.display()
+            )),
+            None => Ok(()),
         }
     }
 
@@ -123,6 +141,14 @@ impl Draft {
     }
 }
 
+/// Whether a preparation makes an entry of this name, or the check of the scene after it.
+fn is_own(name: &OsStr) -> bool {
+    let Some(name) = name.to_str() else { return false };
+    let camera = || name.strip_suffix(".mp4").unwrap_or(name).strip_prefix("cam");
+    let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    OUTPUTS.contains(&name) || camera().is_some_and(is_number)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -151,13 +177,19 @@ mod tests {
         assert!(Draft::check(&out, true).expect_err("not ours").to_string().contains("was not made by this command"));
         fs::write(out.join(RECORD), "old").expect("written");
         assert!(Draft::check(&out, false).expect_err("there").to_string().contains("--force"));
+        let said = Draft::check(&out, true).expect_err("the user's").to_string();
+        assert!(said.contains("holds `thesis.txt`"), "{said}");
+        fs::remove_file(out.join("thesis.txt")).expect("moved away");
+        for name in ["cam07.mp4", "check.png"] {
+            fs::write(out.join(name), "old").expect("written");
+        }
         Draft::check(&out, true).expect("ours");
         let draft = Draft::create(&out).expect("made");
         draft.make().expect("made");
         fs::write(draft.scene().join(RECORD), "new").expect("written");
         draft.publish().expect("published");
         assert_eq!(fs::read_to_string(out.join(RECORD)).expect("read"), "new");
-        assert!(!out.join("thesis.txt").exists());
+        assert!(!out.join("cam07.mp4").exists());
         assert!(Draft::check(&out.join(RECORD), true).expect_err("a file").to_string().contains("is no folder"));
     }
 

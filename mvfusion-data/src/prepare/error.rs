@@ -45,7 +45,7 @@ pub enum PrepareError {
         /// The folder.
         folder: PathBuf,
         /// What to do.
-        reason: &'static str,
+        reason: String,
     },
     /// A step of COLMAP failed.
     #[error("COLMAP's {step} failed ({status}){said}. Its log is {log}. {advice}.")]

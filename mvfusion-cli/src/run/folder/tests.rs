@@ -2,6 +2,10 @@
 
 use super::*;
 
+/// Records by which a folder is known as a run.
+const OLD: &str = r#"{ "burn": "1", "preset": "old" }"#;
+const NEW: &str = r#"{ "burn": "1", "preset": "new" }"#;
+
 fn names(folder: &Path) -> Vec<OsString> {
     fs::read_dir(folder).expect("listed").map(|entry| entry.expect("entry").file_name()).collect()
 }
@@ -24,28 +28,28 @@ fn a_failed_replacement_brings_the_old_run_back() {
     let ground = tempfile::tempdir().expect("folder");
     let path = ground.path().join("a");
     fs::create_dir(&path).expect("made");
-    fs::write(path.join(crate::run::RESULTS), "old").expect("written");
+    fs::write(path.join(RECORD), OLD).expect("written");
     let create = || RunPlan::new(&path, Existing::Replace).expect("planned").create().expect("made");
-    let write = |folder: &RunFolder| fs::write(folder.place(&["results.json"]).expect("placed"), "new");
+    let write = |folder: &RunFolder| fs::write(folder.place(&[RECORD]).expect("placed"), NEW);
     let folder = create();
     write(&folder).expect("written");
     drop(folder);
-    assert_eq!(names(&path), ["results.json"]);
-    assert_eq!(fs::read(path.join("results.json")).expect("read"), b"old");
+    assert_eq!(names(&path), [RECORD]);
+    assert_eq!(fs::read(path.join(RECORD)).expect("read"), OLD.as_bytes());
 
     let mut folder = create();
     write(&folder).expect("written");
     folder.keep();
     drop(folder);
-    assert_eq!(fs::read(path.join(aside::REPLACED).join("results.json")).expect("read"), b"old");
-    assert_eq!(fs::read(path.join("results.json")).expect("read"), b"new");
+    assert_eq!(fs::read(path.join(aside::REPLACED).join(RECORD)).expect("read"), OLD.as_bytes());
+    assert_eq!(fs::read(path.join(RECORD)).expect("read"), NEW.as_bytes());
 
     let mut folder = create();
     write(&folder).expect("written");
     folder.finish();
     drop(folder);
-    assert_eq!(names(&path), ["results.json"]);
-    assert_eq!(fs::read(path.join("results.json")).expect("read"), b"new");
+    assert_eq!(names(&path), [RECORD]);
+    assert_eq!(fs::read(path.join(RECORD)).expect("read"), NEW.as_bytes());
 }
 
 #[test]
@@ -74,6 +78,7 @@ fn what_a_killed_process_was_writing_is_in_nobodys_way() {
 /// The folder of a run with this text as its only checkpoint.
 fn interrupted(path: &Path, text: &str) {
     fs::create_dir_all(path.join("checkpoints")).expect("made");
+    fs::write(path.join(RECORD), NEW).expect("written");
     fs::write(path.join("checkpoints/step_7.safetensors"), text).expect("written");
 }
 
@@ -94,7 +99,7 @@ fn runs_that_replace_each_other_unfinished_come_back_one_by_one() {
         assert_eq!(checkpoint(&path), text);
         RunFolder::continued(&path).expect("locked").restore().expect("back");
     }
-    assert_eq!((checkpoint(&path).as_str(), names(&path).len()), ("first", 1));
+    assert_eq!((checkpoint(&path).as_str(), names(&path).len()), ("first", 2));
 }
 
 #[test]
@@ -106,11 +111,11 @@ fn files_that_were_on_their_way_when_a_process_was_killed_go_back() {
     fs::write(path.join("metrics.jsonl"), "old").expect("written");
     assert!(waiting_note(&path).is_some());
     RunFolder::continued(&path).expect("locked");
-    assert_eq!((checkpoint(&path).as_str(), names(&path).len()), ("old", 2));
+    assert_eq!((checkpoint(&path).as_str(), names(&path).len()), ("old", 3));
     // The rest of what was removed.
     interrupted(&path.join(".discarded"), "rubbish");
     RunFolder::continued(&path).expect("locked");
-    assert_eq!((checkpoint(&path).as_str(), names(&path).len()), ("old", 2));
+    assert_eq!((checkpoint(&path).as_str(), names(&path).len()), ("old", 3));
 }
 
 #[test]
@@ -163,4 +168,29 @@ fn what_is_no_run_is_never_replaced() {
     }
     let error = RunPlan::new(&ground.path().join("thesis.tex/a"), Existing::Keep).expect_err("refused");
     assert!(error.to_string().contains("thesis.tex is a file"), "{error}");
+}
+
+#[test]
+fn what_another_program_wrote_under_such_names_is_never_replaced() {
+    let ground = tempfile::tempdir().expect("folder");
+    let path = ground.path();
+    fs::create_dir(path.join("checkpoints")).expect("made");
+    fs::write(path.join("config.toml"), "x").expect("written");
+    for record in ["", r#"{ "id": 7 }"#] {
+        fs::write(path.join(RECORD), record).expect("written");
+        for existing in [Existing::Keep, Existing::Replace] {
+            let error = RunPlan::new(path, existing).expect_err("refused").to_string();
+            assert!(error.contains("was not made by this program") && !error.contains("--force"), "{error}");
+        }
+    }
+    fs::write(path.join(RECORD), OLD).expect("written");
+    RunPlan::new(path, Existing::Replace).expect("ours");
+}
+
+#[test]
+fn a_training_that_was_killed_before_its_record_is_in_nobodys_way() {
+    let ground = tempfile::tempdir().expect("folder");
+    fs::write(ground.path().join("metrics.jsonl"), "").expect("written");
+    RunPlan::new(ground.path(), Existing::Replace).expect("planned").create().expect("made").finish();
+    assert!(names(ground.path()).is_empty());
 }
