@@ -64,6 +64,11 @@ impl Signals {
     }
 }
 
+/// Whether a process with this exit code was interrupted by a signal, and not ended by a failure.
+pub fn is_by_signal(code: i32) -> bool {
+    SIGNALS.iter().any(|signal| code == BY_SIGNAL + signal)
+}
+
 /// Makes writing to a file beyond the limit of its size (`ulimit -f`) an error with a message: without a handler, the
 /// system's signal ends the process.
 ///
@@ -149,5 +154,6 @@ mod tests {
         assert_eq!(signals.exit_code(), Some(143));
         signals.raise();
         assert_eq!(signals.exit_code(), Some(130));
+        assert!([130, 143].into_iter().all(is_by_signal) && ![0, 1, 2, 101, 137].into_iter().any(is_by_signal));
     }
 }

@@ -1,21 +1,23 @@
 //! One cell as a process: what a job of this machine and a task of SLURM both run.
 
-use std::io::Write;
-use std::path::Path;
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
 
-use anyhow::{bail, ensure};
+use anyhow::{Context, bail, ensure};
 use bytesize::ByteSize;
-use mvfusion_model::ModelError;
 use mvfusion_model::evaluation::Protocol;
 use mvfusion_model::train::IMAGE_CACHE;
+use mvfusion_model::{Config, ModelError};
+use toml::{Table, Value};
 use tracing::warn;
 
 use super::folder::{Order, State, SweepFolder};
 use crate::args::{ComputeArgs, ConfigSourceArgs, EvalArgs, RunCellArgs, TrainArgs};
-use crate::command;
 use crate::interrupt::Interrupted;
 use crate::progress::Verbosity;
 use crate::run;
+use crate::{command, config};
 
 /// Trains a cell, evaluates it, and measures what else is wanted; does nothing if it is finished.
 ///
@@ -52,6 +54,8 @@ fn work(
     verbosity: Verbosity,
     out: &mut dyn Write,
 ) -> anyhow::Result<()> {
+    // Where the data lie now: they may have moved since the run's own configuration was written.
+    let places = config::read(&folder.config(id))?;
     if !folder.is_trained(id) {
         let sources = ConfigSourceArgs {
             preset: Some(order.preset.clone()),
@@ -73,13 +77,13 @@ fn work(
             init_from: None,
             resume: None,
         };
-        train(&folder.run(id), run, verbosity, out)?;
+        train(&folder.run(id), run, &places, verbosity, out)?;
     }
     if !folder.is_finished(id, &order.wanted) {
         let eval = EvalArgs {
             run: folder.run(id),
-            data: None,
-            masks: None,
+            data: places.scene.data,
+            masks: places.eval.dynamic_masks,
             lpips_weights: order.wanted.lpips_weights.clone(),
             protocol: Protocol::Mvfusion,
             speed_frames: order.wanted.speed_frames,
@@ -100,10 +104,20 @@ fn work(
 }
 
 /// Trains a cell: continues the run of its folder if that has a checkpoint that can be read, else begins anew.
-fn train(path: &Path, anew: TrainArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
+fn train(
+    path: &Path,
+    anew: TrainArgs,
+    places: &Config,
+    verbosity: Verbosity,
+    out: &mut dyn Write,
+) -> anyhow::Result<()> {
     if !run::checkpoints(path)?.is_empty() {
+        if run::is_finished(path) {
+            return drop_results(path);
+        }
         let resumed = TrainArgs {
-            sources: ConfigSourceArgs::default(),
+            data: places.scene.data.clone(),
+            sources: ConfigSourceArgs { table: Some(table_of(places)), ..ConfigSourceArgs::default() },
             out: None,
             force: false,
             resume: Some(path.to_owned()),
@@ -115,4 +129,63 @@ fn train(path: &Path, anew: TrainArgs, verbosity: Verbosity, out: &mut dyn Write
         }
     }
     command::train(&anew, verbosity, out)
+}
+
+/// Removes the metrics of a finished run, which cannot be read, if they are there at all. The evaluation writes them
+/// anew from the last checkpoint, without the cost of the training.
+fn drop_results(path: &Path) -> anyhow::Result<()> {
+    let results = path.join(run::RESULTS);
+    warn!("{} is missing or cannot be read, and is written anew", results.display());
+    match fs::remove_file(&results) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => {
+            Err(error).with_context(|| format!("cannot remove {}", results.display()))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The paths of a configuration that a resumed run may change, except for that of the scene.
+fn table_of(config: &Config) -> Table {
+    let Config { scene, eval, .. } = config;
+    let table = |paths: &[(&str, &Option<PathBuf>)]| {
+        let given = paths.iter().filter_map(|(key, path)| Some((*key, path.as_deref()?)));
+        // Nothing is lost: the paths come from TOML, which is UTF-8.
+        let values = given.map(|(key, path)| (key.to_owned(), Value::String(path.to_string_lossy().into_owned())));
+        values.collect::<Table>()
+    };
+    let tables = [
+        ("scene", table(&[("frame_store", &scene.frame_store)])),
+        ("eval", table(&[("dynamic_masks", &eval.dynamic_masks), ("lpips_weights", &eval.lpips_weights)])),
+    ];
+    let given = tables.into_iter().filter(|(_, table)| !table.is_empty());
+    given.map(|(key, table)| (key.to_owned(), Value::Table(table))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_resumed_cell_looks_for_its_data_where_the_sweep_says() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("config.toml");
+        let mut old = Config::default();
+        let place = |name: &str| Some(folder.path().join(name));
+        (old.scene.data, old.eval.dynamic_masks) = (place("old/scene"), place("old/masks"));
+        fs::write(&path, config::to_toml(&old).expect("written as TOML")).expect("written");
+        let mut new = old.clone();
+        (new.scene.data, new.eval.dynamic_masks) = (place("new/scene"), place("new/masks"));
+        let sources = ConfigSourceArgs { table: Some(table_of(&new)), ..ConfigSourceArgs::default() };
+        assert_eq!(config::resume(&path, &sources, new.scene.data.as_deref()).expect("resumed"), new);
+    }
+
+    #[test]
+    fn metrics_that_cannot_be_read_are_removed_and_none_are_no_error() {
+        let folder = tempfile::tempdir().expect("folder");
+        fs::write(folder.path().join(run::RESULTS), "{").expect("written");
+        for _ in 0..2 {
+            drop_results(folder.path()).expect("removed");
+            assert!(!folder.path().join(run::RESULTS).exists());
+        }
+    }
 }

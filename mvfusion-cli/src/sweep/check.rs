@@ -43,6 +43,10 @@ fn lists(grid: &Grid, axes: &[Axis]) -> Result<(), String> {
         return empty("`seeds`");
     }
     once("the scene", grid.scenes.iter().map(|scene| &scene.name))?;
+    // `--scenes` takes several names, with commas between them.
+    if let Some(scene) = grid.scenes.iter().find(|scene| scene.name.contains(',')) {
+        return Err(format!("the name of the scene `{}` has a comma, which separates names in --scenes.", scene.name));
+    }
     once("the variant", grid.variants.iter().map(|variant| &variant.name))?;
     once("the seed", grid.seeds.iter())?;
     for axis in axes {

@@ -24,11 +24,12 @@ pub fn default_jobs(plan: &Plan, to_do: &[&Cell], device: &str, threads: usize) 
 /// The most memory that a cell needs on a CPU, in bytes, at least 1. What cannot be read is left to the cell, which says
 /// so.
 fn largest_need(plan: &Plan, to_do: &[&Cell]) -> f64 {
-    // The seeds of a variant have the same scene.
+    // Only the seeds of a variant with the same values of the grid surely have the same scene.
     let mut scenes = BTreeMap::new();
     let mut largest = 1.0f64;
     for (cell, config) in plan.index.cells.iter().zip(&plan.configs).filter(|(cell, _)| to_do.contains(cell)) {
-        let scene = scenes.entry((&cell.scene, &cell.variant)).or_insert_with(|| scene::open(config).ok());
+        let scene =
+            scenes.entry((&cell.scene, &cell.variant, &cell.values)).or_insert_with(|| scene::open(config).ok());
         if let Some(need) = scene.as_ref().and_then(|scene| need_of_training(config, scene).ok()) {
             largest = largest.max(need.host() + need.most);
         }

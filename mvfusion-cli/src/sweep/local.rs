@@ -16,6 +16,7 @@ use super::folder::{State, SweepFolder};
 use super::index::{Cell, Index};
 use super::jobs::share;
 use crate::clock::spoken;
+use crate::interrupt::is_by_signal;
 use crate::progress::{Event, Verbosity};
 
 /// Time between two checks of cells that run in other processes.
@@ -144,6 +145,10 @@ impl Local<'_> {
         let status = self.process(cell, threads)?;
         let took = Some(started.elapsed());
         match look()? {
+            // It has not failed: the next sweep continues it from its checkpoint.
+            State::ToDo | State::Interrupted if status.code().is_some_and(is_by_signal) => {
+                Ok(End { state: State::Interrupted, took })
+            }
             // The process was killed, or could not record why it failed.
             State::ToDo | State::Interrupted => {
                 let words = format!("{status}; see the end of {}", self.folder.log(&cell.id).display());

@@ -14,6 +14,9 @@ use super::index::{Cell, Index, Wanted};
 use crate::config::{self, Origin, PRESETS, PartialConfig, Preset, leaves};
 use crate::failure::UsageError;
 
+/// Cells of a grid at most. They are all resolved and checked before anything runs.
+const MOST_CELLS: usize = 100_000;
+
 /// Digits of a cell's id. Among a million cells, the probability of a collision is below 1/500.
 const ID_LENGTH: usize = 12;
 
@@ -85,6 +88,7 @@ impl Plan {
         let ground = Ground { grid, origin: &source.origin, axes: &axes, additions, settings: &settings };
         let nameless = [VariantEntry::default()];
         let variants = if grid.variants.is_empty() { &nameless[..] } else { &grid.variants };
+        check_count(&axes, [grid.seeds.len(), grid.scenes.len(), variants.len()], &source.origin)?;
         let combinations = combinations(&axes);
         let mut excluded = vec![0; grid.exclude.len()];
         let (mut cells, mut configs) = (Vec::new(), Vec::new());
@@ -272,6 +276,19 @@ impl Ground<'_> {
         let mut methods = PRESETS.iter().filter(|method| is_relative(method.name));
         let is_a_methods = own.is_some() && methods.any(|method| schedule(method, Vec::new()) == own);
         if is_a_methods { Vec::new() } else { given }
+    }
+}
+
+/// Rejects more cells than can be planned, before any of them is made. Excluded ones count.
+fn check_count(axes: &[Axis], lists: [usize; 3], origin: &str) -> Result<(), UsageError> {
+    let mut lengths = axes.iter().map(|axis| axis.values.len()).chain(lists);
+    let count = lengths.try_fold(1, |count: usize, length| count.checked_mul(length));
+    match count.filter(|count| *count <= MOST_CELLS) {
+        Some(_) => Ok(()),
+        None => Err(UsageError::new(format!(
+            "{origin}: the grid has more than {MOST_CELLS} cells: all seeds times scenes times variants times values \
+             of [grid]. Shorten its lists, or split it."
+        ))),
     }
 }
 

@@ -376,3 +376,17 @@ fn the_weights_of_the_columns_networks_are_wanted_and_do_not_change_ids() {
     let by_vgg = format!("{GRID}\n[[columns]]\ntitle = \"a\"\nmetrics = [\"composed.lpips_vgg\"]\n");
     assert_eq!(wanted(&by_vgg).into_keys().collect::<Vec<_>>(), ["vgg"]);
 }
+
+#[test]
+fn a_grid_of_more_cells_than_can_be_planned_is_refused_before_any_is_made() {
+    let numbers = |count: usize| (3..3 + count).map(|value| value.to_string()).collect::<Vec<_>>().join(", ");
+    let axes = format!("motion.samples = [{0}]\nmotion.knots = [{0}]\nmodel.width = [{0}]", numbers(100));
+    let said = refusal(&GRID.replace("motion.window = [3, 5]", &axes));
+    assert!(said.contains("test.toml") && said.contains("more than 100000 cells"), "{said}");
+}
+
+#[test]
+fn a_scene_whose_name_has_a_comma_could_not_be_chosen_and_is_refused() {
+    let said = refusal(&GRID.replace("name = \"video\"", "name = \"a,b\""));
+    assert!(said.contains("`a,b`") && said.contains("--scenes"), "{said}");
+}

@@ -259,9 +259,13 @@ fn paper_decimals(rows: &[Row], place: usize, metric: &TableMetric) -> Option<us
     rows.iter().filter_map(|row| row.entries[place].paper).map(|value| decimals(value).min(metric.decimals)).max()
 }
 
-/// Marks the best entries of a column, if there is more than one to choose from. What looks the same is as good.
+/// Marks the best entries of a column, if there is more than one to choose from. What looks the same is as good. A mean
+/// over fewer seeds than that of another row does not compete: the seeds that it lacks may be the hard ones.
 fn mark_best(rows: &mut [Row], place: usize, metric: &TableMetric) {
-    let means = || rows.iter().filter_map(|row| row.entries[place].spread.map(|spread| spread.mean));
+    let most = rows.iter().map(|row| row.entries[place].seeds.len()).max().unwrap_or(0);
+    let competes = |entry: &Entry| entry.seeds.len() == most;
+    let competing = || rows.iter().map(|row| &row.entries[place]).filter(|entry| competes(entry));
+    let means = || competing().filter_map(|entry| entry.spread.map(|spread| spread.mean));
     let best = match metric.better {
         Some(Better::Higher) => means().max_by(f64::total_cmp),
         Some(Better::Lower) => means().min_by(f64::total_cmp),
@@ -269,7 +273,7 @@ fn mark_best(rows: &mut [Row], place: usize, metric: &TableMetric) {
     };
     let Some(best) = best.filter(|_| means().count() > 1).map(|best| metric.shown(best)) else { return };
     for entry in rows.iter_mut().map(|row| &mut row.entries[place]) {
-        entry.is_best = entry.spread.is_some_and(|spread| metric.shown(spread.mean) == best);
+        entry.is_best = competes(entry) && entry.spread.is_some_and(|spread| metric.shown(spread.mean) == best);
     }
 }
 

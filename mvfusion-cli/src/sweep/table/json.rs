@@ -157,7 +157,7 @@ mod tests {
                 "mean": 29.0,
                 "deviation": 1.0,
                 "seeds": [{ "seed": 0, "mean": 28.0 }, { "seed": 1, "mean": 29.0 }, { "seed": 2, "mean": 30.0 }],
-                "best": true,
+                "best": false,
                 "paper": 32.07,
                 "difference": 29.0 - 32.07,
                 "comparable": false,

@@ -62,7 +62,7 @@ fn the_table_is_as_in_a_paper() {
     3DGS\_2023 &  & 30.50 &  \\
     \midrule
     w/o MVG\textbar{}MFTA & 27.50 $\pm$ 0.71 (2 of 3 seeds) &  & \textbf{12,346} $\pm$ 1 \\
-    full & \textbf{29.00} $\pm$ 1.00 & 32.07 ($-$3.07)$^\dagger$ & \textbf{12,346} $\pm$ 1 \\
+    full & 29.00 $\pm$ 1.00 & 32.07 ($-$3.07)$^\dagger$ & \textbf{12,346} $\pm$ 1 \\
     broken & -- & 31.52 & \textbf{12,346} $\pm$ 1 \\
     \bottomrule
     \end{tabular}

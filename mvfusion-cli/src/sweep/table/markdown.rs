@@ -58,7 +58,7 @@ impl Table {
             let values = verdict.values.iter().map(|value| format!(", {value}")).collect::<String>();
             let mut row = vec![escaped(&format!("{} - {}{values}", verdict.variant, verdict.minus))];
             row.extend(verdict.scenes.iter().map(|scene| escaped(&scene.sentence(self.seeds.len()))));
-            row.push(verdict.recommended.map_or("not complete", |yes| if yes { "yes" } else { "no" }).to_owned());
+            row.push(verdict.recommendation(rule));
             rows.push(row);
         }
         let columns = rows[0].len();
@@ -177,7 +177,7 @@ mod tests {
         |:--------------|----------------------------:|---------------:|--------------------------:|
         | 3DGS\_2023    |                             |          30.50 |                           |
         | w/o MVG\|MFTA | 27.50 ± 0.71 (2 of 3 seeds) |                |            **12,346** ± 1 |
-        | full          |            **29.00** ± 1.00 | 32.07 (-3.07)† |            **12,346** ± 1 |
+        | full          |                29.00 ± 1.00 | 32.07 (-3.07)† |            **12,346** ± 1 |
         | broken        |                           - |          31.52 |            **12,346** ± 1 |
 
         - 3 seeds: mean ± sample standard deviation (n - 1) over seeds of the means over the scenes of a column.

@@ -20,7 +20,7 @@ pub struct Verdict {
     pub values: Vec<String>,
     /// The scenes of the rule.
     pub scenes: Vec<SceneVerdict>,
-    /// Whether the variant is recommended; absent until every seed has every metric.
+    /// Whether the variant is recommended; absent until every seed has every metric, and if too few scenes count.
     pub recommended: Option<bool>,
 }
 
@@ -74,6 +74,19 @@ impl Effect {
     }
 }
 
+impl Verdict {
+    /// Whether the variant is recommended, in words.
+    pub(super) fn recommendation(&self, rule: &Rule) -> String {
+        let (count, needed) = (self.scenes.iter().filter(|scene| scene.applies).count(), rule.least_helped);
+        match self.recommended {
+            Some(true) => "yes".to_owned(),
+            Some(false) => "no".to_owned(),
+            None if count < needed => format!("not decided: {count} of the {needed} scenes that it needs"),
+            None => "not complete".to_owned(),
+        }
+    }
+}
+
 impl SceneVerdict {
     /// The intervals and what follows: `helps: PSNR +0.21 [+0.05, +0.37], ..`. `seeds` is the number of all seeds.
     pub(super) fn sentence(&self, seeds: usize) -> String {
@@ -109,12 +122,15 @@ pub(super) fn of(rule: &Rule, rows: &[Row], columns: &[Column], seeds: &[u64]) -
         let applied = || scenes.iter().filter(|scene| scene.applies);
         let is_complete = applied().flat_map(|scene| &scene.intervals).all(|interval| interval.seeds == seeds.len());
         let count = |effect| scenes.iter().filter(|scene| scene.effect == Some(effect)).count();
-        let is_recommended = count(Effect::Helps) >= rule.least_helped && count(Effect::Harms) == 0;
+        let harms = count(Effect::Harms) > 0;
+        let is_recommended = count(Effect::Helps) >= rule.least_helped && !harms;
+        // With fewer scenes, only harm could decide.
+        let can_decide = harms || applied().count() >= rule.least_helped;
         Verdict {
             variant: variant.clone(),
             minus: minus.clone(),
             values: values.clone(),
-            recommended: (is_complete && seeds.len() > 1 && applied().next().is_some()).then_some(is_recommended),
+            recommended: (is_complete && seeds.len() > 1 && can_decide).then_some(is_recommended),
             scenes,
         }
     };
@@ -249,6 +265,10 @@ mod tests {
         table.rows.iter_mut().flat_map(|row| &mut row.entries[2..]).for_each(|entry| entry.state = State::Unknown);
         let verdicts = of(&rule, &table.rows, &table.columns, &table.seeds);
         assert_eq!(verdicts[0].recommended, Some(true), "a scene without any of the metrics does not count");
+        let strict = Rule { least_helped: 2, ..rule.clone() };
+        let verdict = &of(&strict, &table.rows, &table.columns, &table.seeds)[0];
+        assert_eq!(verdict.recommended, None);
+        assert_eq!(verdict.recommendation(&strict), "not decided: 1 of the 2 scenes that it needs");
         // Without LPIPS, nothing is known of the first scene.
         table.rows.iter_mut().for_each(|row| row.entries[1] = Entry { state: State::Unknown, ..Entry::default() });
         let verdict = &of(&rule, &table.rows, &table.columns, &table.seeds)[0];
