@@ -84,7 +84,10 @@ Exit codes:
   1  failure: unreadable data, a folder that cannot be written to, or a training
      that diverged
   2  wrong command line: an unknown option, preset, key or device, or a value of
-     the wrong type";
+     the wrong type
+  129, 130, 143
+     interrupted by SIGHUP, SIGINT (Ctrl-C) or SIGTERM; the last checkpoint is
+     that of the last step, and --resume goes on from it";
 
 /// `mvfusion eval --help`.
 pub const EVAL: &str = "\

@@ -7,7 +7,7 @@ use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use mvfusion_data::Layout;
 
-use crate::render::parse_size;
+use crate::render::{parse_frames, parse_size};
 
 /// `mvfusion synth`.
 #[derive(Clone, Debug, Args)]
@@ -25,10 +25,10 @@ pub struct SynthArgs {
     #[arg(long, value_name = "WxH", default_value = "160x120", value_parser = parse_size)]
     pub size: (usize, usize),
     /// Frames per camera of a video [default: 24]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = parse_frames)]
     pub frames: Option<NonZeroUsize>,
     /// Training photos [default: 60]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = parse_frames)]
     pub photos: Option<NonZeroUsize>,
 }
 

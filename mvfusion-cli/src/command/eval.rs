@@ -21,8 +21,8 @@ use crate::{atomic, lpips, report, table};
 /// Evaluates a run again from its checkpoint and compares the metrics with its earlier ones.
 ///
 /// # Errors
-/// If the run is not complete, its data are gone, the device fails, or a file cannot be written. If the parameters are
-/// not those of the run's results: with `--write` before anything is written, otherwise after the table.
+/// If the run has no checkpoint, its data are gone, the device fails, or a file cannot be written. If the parameters
+/// are not those of the run's results: with `--write` before anything is written, otherwise after the table.
 pub fn eval(args: &EvalArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let masks = args.masks.as_deref().map_or(MasksRequest::AsConfigured, MasksRequest::Folder);
     let request = RunRequest { run: &args.run, data: args.data.as_deref(), masks, device: &args.compute.device };

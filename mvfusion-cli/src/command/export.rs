@@ -23,7 +23,7 @@ const LABEL: usize = 16;
 /// Writes a run's Gaussians and cameras for other programs.
 ///
 /// # Errors
-/// If the run is not complete, its data are missing, the folder is not empty, the device fails, or a file cannot be
+/// If the run has no checkpoint, its data are missing, the folder is not empty, the device fails, or a file cannot be
 /// written.
 pub fn export(args: &ExportArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     if args.page.html.is_some() {

@@ -18,8 +18,8 @@ const LABEL: usize = 16;
 /// Writes an HTML file that plays the scene of a run.
 ///
 /// # Errors
-/// If the run is not complete, its data are missing, the file exists, the scene does not fit into it, the device fails,
-/// or the file cannot be written.
+/// If the run has no checkpoint, its data are missing, the file exists, the scene does not fit into it, the device
+/// fails, or the file cannot be written.
 pub fn export_page(args: &ExportArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let (path, _lock) = place(args)?;
     let data = args.data.as_deref();

@@ -18,8 +18,8 @@ const DEPTH_FRAMES: usize = 8;
 /// Renders a trained run in layers.
 ///
 /// # Errors
-/// If the run is not complete, its scene is missing, a camera path cannot be used, the model lacks a layer, files would
-/// be overwritten, the device fails, or a file cannot be written.
+/// If the run has no checkpoint, its scene is missing, a camera path cannot be used, the model lacks a layer, files
+/// would be overwritten, the device fails, or a file cannot be written.
 pub fn render(args: &RenderArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let request = RunRequest {
         run: &args.run,

@@ -76,7 +76,7 @@ pub fn resolve(args: &ConfigSourceArgs, data: Option<&Path>) -> anyhow::Result<R
     let format = given("format").and_then(Format::of_key);
     let default = given("data").map_or(FOR_BUILTIN, |folder| preset_for(Path::new(folder), format));
     let preset = Preset::find(args.preset.as_deref().unwrap_or(default))?;
-    let note = (args.preset.is_none() && data.is_some())
+    let note = (args.preset.is_none() && given("data").is_some())
         .then(|| format!("preset: {default} (chosen by the scene format; --preset overrides it)"));
 
     let mut config = resolve_over(preset, partials)?;
@@ -242,17 +242,24 @@ fn overlay(below: &mut Table, above: &Table) {
 }
 
 /// Makes all paths absolute, so that a run finds its data from any current folder.
+///
+/// # Errors
+/// [`UsageError`] for an empty path. If there is no current folder.
 pub(crate) fn make_absolute(config: &mut Config) -> anyhow::Result<()> {
     let Config { scene, init, eval, .. } = config;
-    let paths: [&mut Option<PathBuf>; 6] = [
-        &mut scene.data,
-        &mut scene.frame_store,
-        &mut init.static_ply,
-        &mut init.dynamic_ply,
-        &mut eval.dynamic_masks,
-        &mut eval.lpips_weights,
+    let paths: [(&str, &mut Option<PathBuf>); 6] = [
+        ("scene.data", &mut scene.data),
+        ("scene.frame_store", &mut scene.frame_store),
+        ("init.static_ply", &mut init.static_ply),
+        ("init.dynamic_ply", &mut init.dynamic_ply),
+        ("eval.dynamic_masks", &mut eval.dynamic_masks),
+        ("eval.lpips_weights", &mut eval.lpips_weights),
     ];
-    for path in paths.into_iter().flatten().filter(|path| !lpips::is_none(path)) {
+    for (key, path) in paths {
+        let Some(path) = path.as_mut().filter(|path| !lpips::is_none(path)) else { continue };
+        if path.as_os_str().is_empty() {
+            return Err(UsageError::new(format!("`{key}` is an empty path. Give a path, or leave it out.")).into());
+        }
         *path = std::path::absolute(&*path).with_context(|| format!("cannot use the path {}", path.display()))?;
     }
     Ok(())
@@ -415,6 +422,7 @@ mod tests {
             assert!(refusal(&[setting]).contains("--set"), "{setting}");
         }
         assert!(refusal(&["train.scale=0"]).contains("train.scale"));
+        assert!(refusal(&["scene.data="]).contains("`scene.data` is an empty path"));
     }
 
     #[test]

@@ -24,16 +24,21 @@ pub(super) fn scores(files: &RunFiles) -> Markup {
     };
     html! {
         (own)
-        @for (protocol, results) in &files.others { (by_another(*protocol, results)) }
+        @for (protocol, results) in &files.others { (by_another(*protocol, results, &files.results)) }
         h3 { "Per-view metrics" }
         (views)
     }
 }
 
 /// The metrics of the run under another protocol.
-fn by_another(protocol: Protocol, results: &Found<Results>) -> Markup {
+fn by_another(protocol: Protocol, results: &Found<Results>, own: &Found<Results>) -> Markup {
+    let hashes = [results, own].map(|found| found.as_ref().ok().map(|found| found.params_sha256.as_str()));
+    let is_stale = matches!(hashes, [Some(other), Some(own)] if other != own);
     html! {
         h3 { "Metrics under the protocol " (protocol.name()) }
+        @if is_stale {
+            p.note { "The parameters have changed since these metrics were computed." }
+        }
         @match results {
             Ok(results) => (means(results)),
             Err(missing) => (notice(missing)),

@@ -157,6 +157,18 @@ fn other_protocols_have_tables_of_their_own_in_a_fixed_order() {
 }
 
 #[test]
+fn metrics_of_an_earlier_model_are_told_from_those_of_this_one() {
+    let folder = run(Protocol::Mvfusion.statement());
+    for (params, notes) in [("0", 0), ("1", 1)] {
+        let protocol = Protocol::DeGauss.statement().to_owned();
+        let results = Results { protocol, params_sha256: params.to_owned(), ..specimen(scores()) };
+        write(folder.path(), "protocols/degauss/results.json", json(&results));
+        let page = html(folder.path()).expect("a page");
+        assert_eq!(count(&page, "The parameters have changed since these metrics were computed."), notes);
+    }
+}
+
+#[test]
 fn a_region_has_the_ssim_without_border_and_no_ms_ssim() {
     let folder = run(Protocol::Mvfusion.statement());
     let composed = LayerScores { ssim_valid: Some(0.9375), ms_ssim: Some(0.96875), ..LayerScores::default() };

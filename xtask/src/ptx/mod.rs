@@ -114,7 +114,10 @@ fn faults(compiled: &Compiled) -> Vec<String> {
                 usage.spills_in_loops
             ))
         } else if usage.spills.iter().any(|&bytes| bytes > MOST_SPILLED) {
-            Some(format!("{name} spills {} bytes on {architecture}; {MOST_SPILLED} at most", usage.spills[0]))
+            let [stored, loaded] = usage.spills;
+            Some(format!(
+                "{name} spills {stored} bytes and loads {loaded} on {architecture}; {MOST_SPILLED} of each at most"
+            ))
         } else if usage.registers > limit {
             Some(format!("{name} takes {} registers on {architecture}; {limit} at most", usage.registers))
         } else {
