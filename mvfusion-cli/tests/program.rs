@@ -157,6 +157,7 @@ fn a_run_is_not_overwritten_unless_told_so() {
     let folder = tempfile::tempdir().expect("folder");
     let run = folder.path().join("runs/quickstart-0");
     fs::create_dir_all(&run).expect("made");
+    fs::write(run.join("run.json"), r#"{ "burn": "1", "preset": "quickstart" }"#).expect("written");
     fs::write(run.join("results.json"), "precious").expect("written");
     let output = mvfusion(folder.path(), &["train"]);
     let said = text(&output.stderr);
