@@ -49,7 +49,7 @@ mod tests {
     fn numbers_go_in_and_come_out<B: HostBackend>() {
         let tensor = B::tensor(vec![1.0f64, 2.0, 3.0, 4.0, 5.0, 6.0], [2, 3]);
         assert_eq!(tensor.shape(), Shape::from([2, 3]));
-        assert_eq!(tensor.dtype(), f64::DTYPE);
+        assert_eq!(tensor.dtype(), burn::tensor::DType::F64);
         assert_eq!(&B::values::<f64>(tensor.clone())[..], [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
         let turned = B::float_swap_dims(tensor, 0, 1);
         assert_eq!(&B::values::<f64>(turned)[..], [1.0, 4.0, 2.0, 5.0, 3.0, 6.0]);

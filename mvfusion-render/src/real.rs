@@ -3,7 +3,7 @@
 use std::iter::Sum;
 use std::ops::{AddAssign, MulAssign, SubAssign};
 
-use burn::tensor::{DType, Element};
+use burn::tensor::Element;
 use bytemuck::Pod;
 use num_traits::{Float, FromPrimitive};
 
@@ -11,9 +11,6 @@ use num_traits::{Float, FromPrimitive};
 pub trait Real:
     Float + FromPrimitive + Element + Pod + Send + Sync + Sum + AddAssign + MulAssign + SubAssign + 'static
 {
-    /// The tensor type of this float.
-    const DTYPE: DType;
-
     /// The nearest value of this type.
     fn of(value: f64) -> Self;
 
@@ -28,8 +25,6 @@ pub trait Real:
 }
 
 impl Real for f32 {
-    const DTYPE: DType = DType::F32;
-
     #[inline(always)]
     fn of(value: f64) -> Self {
         value as f32
@@ -52,8 +47,6 @@ impl Real for f32 {
 }
 
 impl Real for f64 {
-    const DTYPE: DType = DType::F64;
-
     #[inline(always)]
     fn of(value: f64) -> Self {
         value

@@ -34,7 +34,7 @@ impl HostBackend for NdArray {
     type Indices = NdArrayValues<i32>;
 
     fn values<T: Real>(tensor: FloatTensor<Self>) -> NdArrayValues<T> {
-        assert_eq!(tensor.dtype(), T::DTYPE, "numbers are read in the tensor's own dtype");
+        assert_eq!(tensor.dtype(), T::dtype(), "numbers are read in the tensor's own dtype");
         NdArrayValues(in_standard_layout(tensor), PhantomData)
     }
 
@@ -43,7 +43,7 @@ impl HostBackend for NdArray {
     }
 
     fn values_mut<T: Real>(tensor: &mut FloatTensor<Self>) -> &mut [T] {
-        assert_eq!(tensor.dtype(), T::DTYPE, "numbers are changed in the tensor's own dtype");
+        assert_eq!(tensor.dtype(), T::dtype(), "numbers are changed in the tensor's own dtype");
         // The empty tensor is a placeholder, so that no second handle makes the buffer count as shared.
         let held = std::mem::replace(tensor, Self::tensor::<T>(Vec::new(), [0]));
         *tensor = in_standard_layout(held);
