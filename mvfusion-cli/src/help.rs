@@ -155,9 +155,9 @@ Make the files that LPIPS needs out of those in which its weights are published:
 downloaded. Names, shapes and numbers are checked before anything is written. A network whose parts are not all there \
 is left out, and the output says where to get them.
 
-`train`, `eval` and `sweep` look for weights in this order: --lpips-weights, the key eval.lpips_weights, the \
-environment variable MVFUSION_LPIPS, the default folder. Each of the first three may be `none`, which leaves LPIPS out. \
-The default folder is mvfusion/lpips in the user's data folder: $XDG_DATA_HOME or ~/.local/share on Linux, \
+`train`, `eval` and `sweep` look for weights in this order: --lpips-weights, the key eval.lpips_weights (not in a \
+grid), the environment variable MVFUSION_LPIPS, the default folder. Each of the first three may be `none`, which leaves \
+LPIPS out. The default folder is mvfusion/lpips in the user's data folder: $XDG_DATA_HOME or ~/.local/share on Linux, \
 ~/Library/Application Support on macOS, %APPDATA% on Windows.";
 
 /// `mvfusion lpips-weights --help`, below the options. Lines of at most 80 characters are not wrapped by any terminal.

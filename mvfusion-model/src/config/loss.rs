@@ -29,9 +29,9 @@ pub struct LossConfig {
     /// Likewise for the dynamic branch; with 0 it learns the whole image, whatever the mask.
     pub dynamic_above: f64,
     /// Whether the dynamic branch learns where motion was detected and where its share is above 0.51, instead of by
-    /// `dynamic_above`. The terms of the first stage alone use the detected motion alone. Needs fixed, synchronised
-    /// cameras, or photos with births (`init.photo_points`). Ours: a branch that learns the whole image spends its
-    /// Gaussians on a blur of the room.
+    /// `dynamic_above`. In the first stage's own terms, its share does not count. Needs fixed, synchronised cameras, or
+    /// photos with births (`init.photo_points`). Ours: a branch that learns the whole image spends its Gaussians on a
+    /// blur of the room.
     pub dynamic_where_moving: bool,
     /// Whether the static branch learns only where no motion was detected, from any loss and also in the first stage.
     /// Ours: otherwise, the first stage leaves a ghost of a moving person, which the mask then hides from the losses.
