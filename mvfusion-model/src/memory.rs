@@ -11,10 +11,11 @@ use mvfusion_render::objective::SLOPE_BYTES;
 use serde::Serialize;
 
 use crate::ModelError;
-use crate::config::{Branches, Config};
+use crate::config::{Branches, Config, ModelConfig, MotionConfig, Temporal, TokenMode};
 use crate::initial::{SceneMotion, initial_counts};
 use crate::model::Model;
 use crate::model::gaussians::Gaussians;
+use crate::model::motion::token_width;
 
 /// Bytes of the program itself, with its libraries and threads.
 const PROGRAM: f64 = 80e6;
@@ -75,7 +76,8 @@ pub struct MemoryParts {
     pub network: f64,
     /// The pixels of a step's views.
     pub pixels: f64,
-    /// The largest single buffer of the model that a device must hold: the planes, or the colour coefficients of a branch.
+    /// The largest single buffer of the model that a device must hold: the planes, the colour coefficients of a branch,
+    /// or the widest rows of the networks.
     pub largest: f64,
     /// The largest single buffer over pixels: the derivatives of SSIM.
     pub largest_of_pixels: f64,
@@ -114,7 +116,10 @@ impl MemoryNeed {
             planes: GRID_NUMBER * numbers,
             network: GRID_NUMBER * weights + (measurement - of_most - pixels).max(0.0),
             pixels,
-            largest: colours(most_static).max(colours(most_dynamic)).max(4.0 * numbers),
+            largest: colours(most_static)
+                .max(colours(most_dynamic))
+                .max(4.0 * numbers)
+                .max(4.0 * (most_dynamic * widest_row(model, motion)) as f64),
             largest_of_pixels: size * SLOPE_BYTES as f64,
         };
         let rest = parts.planes + parts.network + parts.pixels;
@@ -223,6 +228,23 @@ fn film(scene: &Scene, config: &Config) -> f64 {
     }
 }
 
+/// Values of a row of the widest tensor in the networks: a layer, or the tokens, keys and values around a Gaussian.
+fn widest_row(model: &ModelConfig, motion: &MotionConfig) -> usize {
+    if !model.deformation {
+        return 0;
+    }
+    let around = match (motion.temporal, motion.tokens) {
+        _ if !motion.mfta => 0,
+        (Temporal::Spatial, _) => motion.neighbours,
+        (_, TokenMode::Triple) => 2,
+        (_, TokenMode::FullWindow) => 2 * motion.window,
+    };
+    let current = usize::from(motion.include_self || motion.temporal == Temporal::SelfAttention);
+    let token = token_width(model.width, motion).max(2 * motion.attention_width);
+    let hidden = if motion.mvg || motion.mfta { motion.hidden } else { 0 };
+    model.width.max(hidden).max((around + current) * token)
+}
+
 /// Number of values in the planes of a grid.
 fn numbers(layout: &GridLayout) -> f64 {
     let [x, y, z, t] = layout.resolution.map(|cells| cells as f64);
@@ -253,6 +275,16 @@ mod tests {
         let layout = GridLayout { features: 3, resolution: [4, 5, 6, 7], multipliers: vec![1, 2] };
         // (xy xz yz) and (xt yt zt) at both scales.
         assert_eq!(numbers(&layout), 3.0 * ((20.0 + 24.0 + 30.0) * 5.0 + 7.0 * 15.0 * 3.0));
+    }
+
+    #[test]
+    fn the_widest_row_has_the_keys_and_values_of_both_neighbours() {
+        let Config { model, motion, .. } = Config::default();
+        assert_eq!(widest_row(&model, &motion), 2 * 2 * motion.attention_width);
+        let base = MotionConfig { mvg: false, mfta: false, ..motion.clone() };
+        assert_eq!(widest_row(&model, &base), model.width);
+        let window = MotionConfig { tokens: TokenMode::FullWindow, ..motion };
+        assert_eq!(widest_row(&model, &window), 2 * window.window * 2 * window.attention_width);
     }
 
     #[test]

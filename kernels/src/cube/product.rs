@@ -6,6 +6,7 @@
 
 use cubecl::prelude::*;
 
+use super::maths::at_most_zero;
 use super::stage::{FOUR, Four};
 
 /// Bytes of shared memory that every device has.
@@ -314,7 +315,7 @@ fn ended(
         value = rectified(value);
     }
     if comptime!(matches!(end, End::Adjoint { gated: true, .. })) {
-        let closed = gate[index_of(gate_layout, row, column)] <= 0.0f32;
+        let closed = at_most_zero(gate[index_of(gate_layout, row, column)]);
         value = select(closed, 0.0f32, value);
     }
     if comptime!(matches!(end, End::Adjoint { added: true, .. })) {
@@ -326,7 +327,7 @@ fn ended(
 /// The ReLU. NaN stays, so that it shows; `max` would turn it into zero.
 #[cube]
 fn rectified(value: f32) -> f32 {
-    select(value <= 0.0f32, 0.0f32, value)
+    select(at_most_zero(value), 0.0f32, value)
 }
 
 #[cube]

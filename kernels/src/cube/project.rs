@@ -51,6 +51,7 @@ pub fn project(
             && radius_x > 0
             && is_finite(logit)
             && is_finite(geometry.determinant)
+            && is_finite(covariance.x)
             && is_finite(splat.centre.x)
             && is_finite(splat.centre.y)
             && is_finite(splat.curve_x)

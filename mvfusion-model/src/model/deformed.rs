@@ -10,6 +10,10 @@ use super::network::Offsets;
 use super::{DeformationLevel, Model, RenderContext};
 use crate::tensors;
 
+/// Maximum number of rows that go through the networks together, beyond those of one moment. With more rows, launches
+/// are long enough by themselves. With the paper's widths, the largest tensor then has 128 MiB, which every GPU binds.
+const MOST_ROWS_TOGETHER: usize = 1 << 16;
+
 /// The dynamic Gaussians at a time: those that are alive, or all.
 pub(super) type Rows<'a> = (Option<&'a AliveRows>, f64);
 
@@ -26,7 +30,7 @@ impl Model {
         self.rows_at_each(&[moment], level, context).pop().expect("one moment")
     }
 
-    /// The same at several moments. On a GPU, their rows go through the networks together.
+    /// The same at several moments. On a GPU, few rows go through the networks together.
     pub(super) fn rows_at_each(
         &self,
         moments: &[Rows<'_>],
@@ -47,7 +51,8 @@ impl Model {
         }
         // A substitute has the rows of one moment. On a CPU, where launches cost nothing, fewer rows at a time are faster.
         let is_joint = self.substitutes.is_empty() && is_gpu(&canonical.means.device().inner());
-        let together = if is_joint { moments.len().max(1) } else { 1 };
+        let rows = moments.iter().map(|(alive, _)| self.count_of(*alive)).max().unwrap_or_default();
+        let together = if is_joint { moments_together(rows) } else { 1 };
         let offsets = moments.chunks(together).flat_map(|moments| self.offsets(moments, level, context));
         gaussians.zip(offsets).map(|(gaussians, offsets)| gaussians.deformed(offsets)).collect()
     }
@@ -126,5 +131,21 @@ impl Model {
         let RenderContext { timeline, extent, .. } = context;
         let config = RefinementConfig { timeline, moments: &moments, extent: *extent, substitutes: &substitutes };
         Some(evaluate(&config))
+    }
+}
+
+/// Moments of at most `rows` rows each that go through the networks together.
+fn moments_together(rows: usize) -> usize {
+    (MOST_ROWS_TOGETHER / rows.max(1)).max(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn moments_share_a_launch_unless_their_rows_make_it_long() {
+        assert_eq!([30_000, 32_768, 32_769, 360_000].map(moments_together), [2, 2, 1, 1]);
+        assert_eq!(moments_together(0), MOST_ROWS_TOGETHER);
     }
 }

@@ -36,4 +36,5 @@ pub use statistics::{AttributeSpread, SIGNATURE_WIDTH, Trajectories, TrajectoryS
 pub use substitute::{MotionModule, Substitute, Substitutes};
 pub use temporal::TemporalModule;
 pub use token::GEOMETRY_WIDTH;
+pub(crate) use token::token_width;
 pub use tokens::Tokens;

@@ -10,7 +10,7 @@ use crate::tensors::{self, some_rows};
 pub const GEOMETRY_WIDTH: usize = 10;
 
 /// Width `T` of the tokens for features of `feature_width`.
-pub(super) fn token_width(feature_width: usize, config: &MotionConfig) -> usize {
+pub(crate) fn token_width(feature_width: usize, config: &MotionConfig) -> usize {
     let distances = if config.temporal == Temporal::Spatial { 3 } else { 1 };
     let offset = match config.token_offset {
         TokenOffset::Absent => 0,

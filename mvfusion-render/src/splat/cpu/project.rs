@@ -90,7 +90,7 @@ fn project_rows<'a, S: Simd, T: Lane>(
     let sh = load_coefficients(simd, cloud, view.sh_degree, rows);
     let direction = Direction::between(simd, cloud, view, rows).unit;
     let [red, green, blue] = sh::colour(view.sh_degree, direction, sh.as_flattened());
-    let [_, xy, yy] = geometry.covariance;
+    let [xx, xy, yy] = geometry.covariance;
     let projected = Projected {
         centre: geometry.centre,
         curve_x: yy / geometry.determinant,
@@ -101,7 +101,7 @@ fn project_rows<'a, S: Simd, T: Lane>(
         depth: geometry.point[2],
         colour: [not_negative(red), not_negative(green), not_negative(blue)],
     };
-    let finite = are_finite([logit, geometry.determinant], &projected).to_lanes();
+    let finite = are_finite([logit, geometry.determinant, xx], &projected).to_lanes();
     let projected = to_rows(projected.to_row());
     for (lane, (record, radius)) in outputs.enumerate() {
         if seen[lane] && finite[lane] {
@@ -110,13 +110,13 @@ fn project_rows<'a, S: Simd, T: Lane>(
     }
 }
 
-/// Whether the numbers, the logit and the determinant, and the projection are finite. The reach is as finite as the
-/// opacity, or minus infinity if that has underflowed.
+/// Whether the projection is finite, and the numbers that it may hide: the logit, the determinant and the variance along
+/// x. The reach is as finite as the opacity, or minus infinity if that has underflowed.
 #[inline(always)]
-fn are_finite<S: Simd, T: Lane>(numbers: [Wide<S, T>; 2], projected: &Projected<Wide<S, T>>) -> Mask<S, T> {
+fn are_finite<S: Simd, T: Lane>(numbers: [Wide<S, T>; 3], projected: &Projected<Wide<S, T>>) -> Mask<S, T> {
     // A number times zero is zero if it is finite, else NaN.
-    let mut sum = numbers[0].times(0.0) + numbers[1].times(0.0);
-    for x in (Projected { reach: projected.opacity, ..*projected }).to_row() {
+    let mut sum = projected.opacity.times(0.0);
+    for x in numbers.into_iter().chain((Projected { reach: projected.opacity, ..*projected }).to_row()) {
         sum = sum + x.times(0.0);
     }
     sum.equal(sum.value(0.0))

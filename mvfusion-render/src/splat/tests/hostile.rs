@@ -106,6 +106,22 @@ fn a_rule_out_of_its_range_is_refused() {
     });
 }
 
+/// Without dilation, the determinant is that of the sharp ellipse, which can be finite where the variance is not.
+#[test]
+fn a_variance_that_overflows_along_one_axis_culls_the_gaussian() {
+    let camera = Camera::centred(37, 29, 34.0, DMat3::IDENTITY, DVec3::ZERO);
+    let rules = SplatRules { dilation: 0.0, ..SplatRules::inria() };
+    for_each_device(|device| {
+        let mut scene = Scene::random(5, 1);
+        scene.means.copy_from_slice(&[0.0, 0.0, 3.0]);
+        scene.quaternions.copy_from_slice(&[1.0, 0.0, 0.0, 0.0]);
+        scene.log_scales.copy_from_slice(&[43.5, -6.0, -50.0]);
+        let picture = splat(scene.inputs(&device, DType::F32), None, &camera, &settings(rules)).expect("shapes fit");
+        assert_background(&scene, &numbers(picture.packed), 37 * 29);
+        assert_eq!(indices(picture.radii), [0, 0]);
+    });
+}
+
 #[test]
 fn extreme_numbers_give_finite_pictures_and_gradients() {
     for_each_device(|device| {
