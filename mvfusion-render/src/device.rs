@@ -56,7 +56,7 @@ mod found {
     use burn::tensor::{Device, DeviceType};
     use burn_cubecl::CubeDevice;
     #[cfg(feature = "wgpu")]
-    use cubecl::wgpu::WgpuDeviceKind;
+    use cubecl::wgpu::{WgpuDeviceKind, wgpu};
     use mvfusion_kernels::cube::MOST_BUFFERS;
     use thiserror::Error;
 
@@ -111,11 +111,11 @@ mod found {
             /// Number of buffers that it binds.
             found: u32,
         },
-        /// It is a software driver, whose compiler crashes on CubeCL's SPIR-V: CubeCL 0.11 gets the types of shared memory
-        /// wrong where its layout is not explicit (`VK_KHR_workgroup_memory_explicit_layout`).
+        /// Its compiler may crash on CubeCL's SPIR-V: CubeCL 0.11 gets the types of shared memory wrong where its layout
+        /// is not explicit.
         #[error(
-            "{0} is a software driver, which cannot compile the SPIR-V that the feature `vulkan` makes of the kernels; \
-             build with `wgpu` and without `vulkan`"
+            "the driver of {0} lacks VK_KHR_workgroup_memory_explicit_layout, so it cannot compile the SPIR-V that the \
+             feature `vulkan` makes of the kernels; build with `wgpu` and without `vulkan`"
         )]
         SpirV(String),
     }
@@ -216,21 +216,44 @@ mod found {
         }
     }
 
-    /// The driver of the adapter with a name. CubeCL keeps the name alone.
+    /// The first answer of an adapter with a name. CubeCL keeps the name alone.
     #[cfg(feature = "wgpu")]
-    fn driver_of_adapter(name: &str) -> Option<String> {
-        use cubecl::wgpu::wgpu;
-
-        let ask = || {
+    fn of_adapter<T>(name: &str, ask: impl Fn(&wgpu::Adapter) -> Option<T>) -> Option<T> {
+        let answer = || {
             let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
                 backends: wgpu::Backends::PRIMARY,
                 ..wgpu::InstanceDescriptor::new_without_display_handle()
             });
             let adapters = cubecl::future::block_on(instance.enumerate_adapters(wgpu::Backends::PRIMARY));
-            adapters.iter().map(wgpu::Adapter::get_info).find(|info| info.name == name)
+            adapters.iter().filter(|adapter| adapter.get_info().name == name).find_map(ask)
         };
         // wgpu panics if a driver fails.
-        let info = catch_unwind(AssertUnwindSafe(ask)).ok()??;
+        catch_unwind(AssertUnwindSafe(answer)).ok()?
+    }
+
+    /// Whether the driver of the adapter with a name compiles the SPIR-V of CubeCL. A driver that does not answer is
+    /// tried.
+    #[cfg(feature = "vulkan")]
+    fn compiles_spirv(name: &str) -> bool {
+        let lays_out_shared_memory = |adapter: &wgpu::Adapter| {
+            // SAFETY: what belongs to the driver is only read, and dropped before the adapter.
+            let adapter = unsafe { adapter.as_hal::<wgpu::hal::api::Vulkan>() }?;
+            let found = adapter.physical_device_capabilities();
+            Some(found.supports_extension(c"VK_KHR_workgroup_memory_explicit_layout"))
+        };
+        of_adapter(name, lays_out_shared_memory).unwrap_or(true)
+    }
+
+    /// Without SPIR-V, there is nothing to compile.
+    #[cfg(not(feature = "vulkan"))]
+    fn compiles_spirv(_: &str) -> bool {
+        true
+    }
+
+    /// The driver of the adapter with a name.
+    #[cfg(feature = "wgpu")]
+    fn driver_of_adapter(name: &str) -> Option<String> {
+        let info = of_adapter(name, |adapter| Some(adapter.get_info()))?;
         let words = [info.driver, info.driver_info].into_iter().filter(|word| !word.is_empty()).collect::<Vec<_>>();
         (!words.is_empty()).then(|| words.join(" "))
     }
@@ -273,7 +296,7 @@ mod found {
                 return Err(GpuError::Buffers { label: self.label(), found: bindings });
             }
             let language = language(client.name());
-            if self.is_software && language == SPIR_V {
+            if language == SPIR_V && !compiles_spirv(&properties.identity.name) {
                 return Err(GpuError::SpirV(self.label()));
             }
             Ok(Card {
