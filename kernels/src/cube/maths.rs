@@ -71,7 +71,7 @@ pub fn is_finite(x: f32) -> bool {
     (u32::reinterpret(x) & 0x7f80_0000u32) != 0x7f80_0000u32
 }
 
-/// Whether a number is zero or negative. NaN is neither. It tests the bits, like [`is_finite`].
+/// Whether a number is zero or negative. NaN is neither. It tests the bits, like [`is_finite()`].
 #[cube]
 pub fn at_most_zero(x: f32) -> bool {
     let bits = u32::reinterpret(x);
