@@ -28,6 +28,7 @@ pub fn read_options(config: &Config) -> ReadOptions {
     let scene = &config.scene;
     ReadOptions {
         format: scene.format,
+        capture: scene.capture,
         downscale: scene.downscale,
         frames: Some(scene.frames),
         time: scene.time,

@@ -74,7 +74,8 @@ pub fn resolve(args: &ConfigSourceArgs, data: Option<&Path>) -> anyhow::Result<R
     let partials = given_partials(args, data)?;
     let given = |key: &str| partials.iter().rev().find_map(|partial| partial.table.get("scene")?.get(key)?.as_str());
     let format = given("format").and_then(Format::of_key);
-    let default = given("data").map_or(FOR_BUILTIN, |folder| preset_for(Path::new(folder), format));
+    let capture = given("capture").and_then(|word| Value::from(word).try_into().ok());
+    let default = given("data").map_or(FOR_BUILTIN, |folder| preset_for(Path::new(folder), format, capture));
     let preset = Preset::find(args.preset.as_deref().unwrap_or(default))?;
     let note = (args.preset.is_none() && given("data").is_some())
         .then(|| format!("preset: {default} (chosen by the scene format; --preset overrides it)"));
@@ -167,11 +168,14 @@ pub fn to_toml(config: &Config) -> anyhow::Result<String> {
     toml::to_string(config).context("the configuration cannot be written as TOML")
 }
 
-/// The preset for the scene in a folder, chosen by its format. A folder that cannot be read is rejected later.
-fn preset_for(folder: &Path, format: Option<Format>) -> &'static str {
+/// The preset for the scene in a folder, chosen by its format and what is said of its capture. A folder that cannot be
+/// read is rejected later.
+fn preset_for(folder: &Path, format: Option<Format>, capture: Option<Capture>) -> &'static str {
     match mvfusion_data::recognise(folder, format) {
+        Ok(_) if capture == Some(Capture::Photos) => FOR_PHOTOS,
+        Ok(Format::COLMAP | Format::ONTHEGO) if capture.is_some() => FOR_ONE_CAMERA,
         Ok(Format::COLMAP | Format::ONTHEGO) => FOR_PHOTOS,
-        Ok(Format::NERFSTUDIO) if nerfstudio::capture(folder) == Capture::Photos => FOR_PHOTOS,
+        Ok(Format::NERFSTUDIO) if capture.is_none() && nerfstudio::capture(folder) == Capture::Photos => FOR_PHOTOS,
         Ok(Format::DNERF) => FOR_OBJECTS,
         Ok(Format::HYPERNERF) => FOR_ONE_CAMERA,
         _ => FOR_VIDEO,
@@ -304,6 +308,11 @@ mod tests {
         let resolved = resolved();
         assert_eq!(resolved.preset.name, FOR_PHOTOS);
         assert!(resolved.note.is_some_and(|note| note.contains(FOR_PHOTOS)));
+        let preset = |capture: &str| {
+            let args = with_settings(&[&format!("scene.capture={capture}")]);
+            resolve(&args, Some(folder.path())).expect("resolved").preset.name
+        };
+        assert_eq!([preset("video"), preset("photos")], [FOR_ONE_CAMERA, FOR_PHOTOS]);
     }
 
     #[test]

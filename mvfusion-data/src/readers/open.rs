@@ -47,6 +47,7 @@ pub(crate) fn reader_for(folder: &Path, forced: Option<Format>) -> Result<&'stat
 pub fn open(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let reader = reader_for(folder, options.format)?;
     let scene = (reader.read)(folder, options)?;
+    let scene = Scene { capture: options.capture.unwrap_or(scene.capture), ..scene };
     match &options.test_cameras {
         Some(cameras) => hold_out(scene, folder, cameras),
         None => Ok(scene),

@@ -7,12 +7,15 @@ use serde::{Deserialize, Serialize};
 
 use super::format::Format;
 use crate::error::DataError;
+use crate::scene::Capture;
 
 /// Options for reading a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReadOptions {
     /// The format. By default it is detected.
     pub format: Option<Format>,
+    /// The kind of capture, instead of that of the format.
+    pub capture: Option<Capture>,
     /// Factor by which images are downscaled, at least 1. Default 1.
     pub downscale: f64,
     /// Number of frames of each camera of a video that are used, from the first on. `None` uses all. Default 300, as in
@@ -41,6 +44,7 @@ impl Default for ReadOptions {
     fn default() -> Self {
         Self {
             format: None,
+            capture: None,
             downscale: 1.0,
             frames: Some(ORIGINAL_FRAMES),
             time: TimeRule::default(),

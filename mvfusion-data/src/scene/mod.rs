@@ -18,6 +18,8 @@ mod undistort;
 mod view;
 
 use glam::DVec3;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 pub use activation::{logit, sigmoid, unit_quaternion};
 pub use cache::{Decoded, PictureCache};
@@ -36,10 +38,11 @@ pub use rig::{by_camera, distinct_cameras};
 pub(crate) use undistort::pinhole_within;
 pub use view::{Truth, View};
 
-/// The kind of capture, which determines the initialisation of the Gaussians (METHOD §3).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// The kind of capture, which determines the initialisation of the Gaussians (METHOD §3), and what is held out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
 pub enum Capture {
-    /// Synchronised cameras that film the same moments, as in Neu3D.
+    /// Moments of one scene, filmed by synchronised cameras as in Neu3D, or by one moving camera.
     Video,
     /// One photo per moment, with distractors, as in NeRF On-the-go and RobustNeRF.
     Photos,

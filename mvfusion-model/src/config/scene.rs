@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use mvfusion_data::builtin::BuiltinKind;
-use mvfusion_data::{Format, TimeRule};
+use mvfusion_data::{Capture, Format, TimeRule};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -19,6 +19,11 @@ pub struct SceneConfig {
     /// Format of the folder; detected if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub format: Option<Format>,
+    /// Kind of capture of the folder; that of the format if absent. `video` is for the frames of one moving camera in a
+    /// format of photos, such as `mvfusion prepare` makes: the frames that are held out are then compared with the whole
+    /// render, at their times.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub capture: Option<Capture>,
     /// Kind of the built-in scene, without a folder.
     pub kind: SceneKind,
     /// Seed of the built-in scene. It differs from the run's seed, so that the seeds of a sweep share one scene.
@@ -52,6 +57,7 @@ impl Default for SceneConfig {
         Self {
             data: None,
             format: None,
+            capture: None,
             kind: SceneKind::Video,
             seed: 1,
             photos: 60,
@@ -144,6 +150,7 @@ impl Default for InitConfig {
 keys!(SceneConfig {
     data: ANY,
     format: ANY,
+    capture: ANY,
     kind: ANY,
     seed: SEED,
     photos: FROM_1.from(2.0).to(1e5).saying("a walk has at least two photos"),

@@ -5,7 +5,7 @@
 use std::path::Path;
 
 use mvfusion_data::builtin::builtin;
-use mvfusion_data::{BuiltinKind, BuiltinOptions, Camera, ReadOptions, Scene, View, open};
+use mvfusion_data::{BuiltinKind, BuiltinOptions, Camera, Capture, ReadOptions, Scene, View, open};
 use mvfusion_data::{Layout, write};
 use mvfusion_model::config::Config;
 use mvfusion_model::train::Trainer;
@@ -109,6 +109,17 @@ fn the_layouts_whose_last_moment_is_time_one_give_one_scene_and_train_alike() {
     let last = (FRAMES - 1) as f64 / FRAMES as f64;
     stretched.train.iter_mut().chain(&mut stretched.test).for_each(|view| view.time /= last);
     assert_alike(&original, &stretched, &[Layout::DNerf, Layout::HyperNerf]);
+}
+
+#[test]
+fn a_format_of_photos_can_hold_the_frames_of_a_video() {
+    let (original, folder) = (original(BuiltinKind::Casual), tempfile::tempdir().expect("folder"));
+    let photos = read_back(&original, Layout::Colmap, folder.path());
+    let options = ReadOptions { capture: Some(Capture::Video), ..Default::default() };
+    let video = open(folder.path(), &options).expect("read");
+    assert_eq!((photos.capture, video.capture), (Capture::Photos, Capture::Video));
+    assert_same_views(Layout::Colmap, &video.train, &photos.train);
+    assert_same_views(Layout::Colmap, &video.test, &photos.test);
 }
 
 #[test]
