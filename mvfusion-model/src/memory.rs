@@ -11,11 +11,11 @@ use mvfusion_render::objective::SLOPE_BYTES;
 use serde::Serialize;
 
 use crate::ModelError;
-use crate::config::{Branches, Config, ModelConfig, MotionConfig, Temporal, TokenMode};
+use crate::config::{Branches, Config, ModelConfig, MotionConfig, Temporal};
 use crate::initial::{SceneMotion, initial_counts};
-use crate::model::Model;
 use crate::model::gaussians::Gaussians;
-use crate::model::motion::token_width;
+use crate::model::motion::{RefinementRules, token_width};
+use crate::model::{Model, moments_together};
 
 /// Bytes of the program itself, with its libraries and threads.
 const PROGRAM: f64 = 80e6;
@@ -109,6 +109,8 @@ impl MemoryNeed {
         let (of_most, pixels) = (of_dynamic(most_dynamic), PIXEL * config.train.batch_size as f64 * size);
         // Motion is measured between two steps, when their data are freed.
         let measurement = MEASUREMENT * (motion.chunk.min(most_dynamic) * motion.samples) as f64;
+        // On a GPU, which alone has a largest buffer.
+        let joint_rows = most_dynamic * moments_together(most_dynamic).min(config.train.batch_size);
         let weights = (width * width - PAPER_WIDTH * PAPER_WIDTH).max(0.0) * (model.depth + LAYERS) as f64;
         let parts = MemoryParts {
             static_: of_static(most_static),
@@ -119,7 +121,7 @@ impl MemoryNeed {
             largest: colours(most_static)
                 .max(colours(most_dynamic))
                 .max(4.0 * numbers)
-                .max(4.0 * (most_dynamic * widest_row(model, motion)) as f64),
+                .max(4.0 * (joint_rows * widest_row(model, motion)) as f64),
             largest_of_pixels: size * SLOPE_BYTES as f64,
         };
         let rest = parts.planes + parts.network + parts.pixels;
@@ -233,11 +235,10 @@ fn widest_row(model: &ModelConfig, motion: &MotionConfig) -> usize {
     if !model.deformation {
         return 0;
     }
-    let around = match (motion.temporal, motion.tokens) {
+    let around = match motion.temporal {
         _ if !motion.mfta => 0,
-        (Temporal::Spatial, _) => motion.neighbours,
-        (_, TokenMode::Triple) => 2,
-        (_, TokenMode::FullWindow) => 2 * motion.window,
+        Temporal::Spatial => motion.neighbours,
+        _ => RefinementRules::new(motion).frames.len(),
     };
     let current = usize::from(motion.include_self || motion.temporal == Temporal::SelfAttention);
     let token = token_width(model.width, motion).max(2 * motion.attention_width);
@@ -269,6 +270,7 @@ mod tests {
     use mvfusion_data::{BuiltinOptions, builtin};
 
     use super::*;
+    use crate::config::TokenMode;
 
     #[test]
     fn the_planes_are_counted_as_they_are_made() {

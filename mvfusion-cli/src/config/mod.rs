@@ -168,16 +168,19 @@ pub fn to_toml(config: &Config) -> anyhow::Result<String> {
     toml::to_string(config).context("the configuration cannot be written as TOML")
 }
 
-/// The preset for the scene in a folder, chosen by its format and what is said of its capture. A folder that cannot be
+/// The preset for the scene in a folder, chosen by its format and its capture, if that is given. A folder that cannot be
 /// read is rejected later.
 fn preset_for(folder: &Path, format: Option<Format>, capture: Option<Capture>) -> &'static str {
-    match mvfusion_data::recognise(folder, format) {
-        Ok(_) if capture == Some(Capture::Photos) => FOR_PHOTOS,
-        Ok(Format::COLMAP | Format::ONTHEGO) if capture.is_some() => FOR_ONE_CAMERA,
-        Ok(Format::COLMAP | Format::ONTHEGO) => FOR_PHOTOS,
-        Ok(Format::NERFSTUDIO) if capture.is_none() && nerfstudio::capture(folder) == Capture::Photos => FOR_PHOTOS,
-        Ok(Format::DNERF) => FOR_OBJECTS,
-        Ok(Format::HYPERNERF) => FOR_ONE_CAMERA,
+    let Ok(format) = mvfusion_data::recognise(folder, format) else { return FOR_VIDEO };
+    let capture = capture.unwrap_or_else(|| match format {
+        Format::COLMAP | Format::ONTHEGO => Capture::Photos,
+        Format::NERFSTUDIO => nerfstudio::capture(folder),
+        _ => Capture::Video,
+    });
+    match (format, capture) {
+        (_, Capture::Photos) => FOR_PHOTOS,
+        (Format::DNERF, Capture::Video) => FOR_OBJECTS,
+        (Format::COLMAP | Format::ONTHEGO | Format::HYPERNERF, Capture::Video) => FOR_ONE_CAMERA,
         _ => FOR_VIDEO,
     }
 }

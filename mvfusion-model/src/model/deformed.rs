@@ -10,8 +10,8 @@ use super::network::Offsets;
 use super::{DeformationLevel, Model, RenderContext};
 use crate::tensors;
 
-/// Maximum number of rows that go through the networks together, beyond those of one moment. With more rows, launches
-/// are long enough by themselves. With the paper's widths, the largest tensor then has 128 MiB, which every GPU binds.
+/// Maximum number of rows that go through the networks together, if one moment has no more. Beyond it, launches are long
+/// enough by themselves. With the paper's widths, the largest tensor then has 128 MiB, which every GPU binds.
 const MOST_ROWS_TOGETHER: usize = 1 << 16;
 
 /// The dynamic Gaussians at a time: those that are alive, or all.
@@ -30,7 +30,7 @@ impl Model {
         self.rows_at_each(&[moment], level, context).pop().expect("one moment")
     }
 
-    /// The same at several moments. On a GPU, few rows go through the networks together.
+    /// The same at several moments. On a GPU, they go through the networks together, up to [`MOST_ROWS_TOGETHER`].
     pub(super) fn rows_at_each(
         &self,
         moments: &[Rows<'_>],
@@ -134,8 +134,8 @@ impl Model {
     }
 }
 
-/// Moments of at most `rows` rows each that go through the networks together.
-fn moments_together(rows: usize) -> usize {
+/// Number of moments, of at most `rows` rows each, that go through the networks together on a GPU.
+pub(crate) fn moments_together(rows: usize) -> usize {
     (MOST_ROWS_TOGETHER / rows.max(1)).max(1)
 }
 

@@ -22,6 +22,7 @@ use crate::ModelError;
 use crate::config::MotionConfig;
 use crate::model::alive::AliveRows;
 use crate::model::deformed::Rows;
+pub(crate) use crate::model::deformed::moments_together;
 use crate::model::exposure::Exposures;
 use crate::model::gaussians::{Behind, Gaussians, RawGaussians, splat_frames};
 use crate::model::motion::{MotionCache, MotionRefinement, Substitutes};

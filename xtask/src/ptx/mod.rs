@@ -140,6 +140,7 @@ fn table(compiled: &[Compiled]) -> String {
             shown.iter().map(usize::to_string).collect::<Vec<_>>().join(", ")
         };
         // Proof: writing to a string does not fail.
+        // Proof: writing to a string does not fail.
         writeln!(
             text,
             "| `{}`{} | {} | {} B | {} | {} B |",
