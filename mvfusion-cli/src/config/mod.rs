@@ -77,8 +77,9 @@ pub fn resolve(args: &ConfigSourceArgs, data: Option<&Path>) -> anyhow::Result<R
     let capture = given("capture").and_then(|word| Value::from(word).try_into().ok());
     let default = given("data").map_or(FOR_BUILTIN, |folder| preset_for(Path::new(folder), format, capture));
     let preset = Preset::find(args.preset.as_deref().unwrap_or(default))?;
+    let by = if capture.is_some() { "format and capture" } else { "format" };
     let note = (args.preset.is_none() && given("data").is_some())
-        .then(|| format!("preset: {default} (chosen by the scene format; --preset overrides it)"));
+        .then(|| format!("preset: {default} (chosen by the scene {by}; --preset overrides it)"));
 
     let mut config = resolve_over(preset, partials)?;
     make_absolute(&mut config)?;
