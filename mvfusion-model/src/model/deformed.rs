@@ -5,7 +5,7 @@ use mvfusion_render::device::is_gpu;
 
 use super::alive::AliveRows;
 use super::gaussians::RawGaussians;
-use super::motion::{MomentRows, MotionCache, RefinedFeature, RefinementConfig};
+use super::motion::{MomentRows, MotionCache, RefinedFeature, RefinementConfig, Substitutes};
 use super::network::Offsets;
 use super::{DeformationLevel, Model, RenderContext};
 use crate::tensors;
@@ -76,6 +76,33 @@ impl Model {
             counts.iter().zip(moments).map(|(&count, &(_, time))| (count, vec![time])).collect();
         let times = tensors::rows_of_parts(&times, &means);
         self.network.decode_parts(self.network.feature(means, times), &counts)
+    }
+
+    /// The offsets of the centres of Gaussians that the model does not have yet: `[M, 3]`, for canonical centres `[M, 3]`.
+    /// `moments` holds the number of rows of each time, in turn. Of such Gaussians, no motion is measured.
+    pub(crate) fn offsets_of_further(
+        &self,
+        means: Tensor<2>,
+        moments: &[(usize, f64)],
+        level: DeformationLevel,
+        context: &RenderContext,
+    ) -> Tensor<2> {
+        let cache =
+            self.motion.as_ref().filter(|_| level == DeformationLevel::Refined && self.refinement.has_modules());
+        let Some(cache) = cache else {
+            let times: Vec<(usize, Vec<f64>)> = moments.iter().map(|&(count, time)| (count, vec![time])).collect();
+            let feature = self.network.feature(means.clone(), tensors::rows_of_parts(&times, &means));
+            return self.network.heads.geometry(feature).narrow(1, 0, 3);
+        };
+        let caches: Vec<MotionCache> = moments.iter().map(|&(count, _)| cache.of_further(count)).collect();
+        let moments: Vec<MomentRows<'_>> =
+            caches.iter().zip(moments).map(|(cache, &(_, time))| MomentRows { time, cache }).collect();
+        let RenderContext { timeline, extent, .. } = context;
+        // A substitute has the rows of the model's own Gaussians.
+        let substitutes = Substitutes::default();
+        let config = RefinementConfig { timeline, moments: &moments, extent: *extent, substitutes: &substitutes };
+        let offsets = self.refinement.offsets(&self.network, means, &config);
+        Tensor::cat(offsets.into_iter().map(|offsets| offsets.means).collect(), 0)
     }
 
     /// The refined feature of the rows that are alive; `None` until motion was measured.

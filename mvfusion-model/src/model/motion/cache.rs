@@ -136,6 +136,16 @@ impl MotionCache {
         }
     }
 
+    /// The descriptors that `count` further Gaussians without a parent would have.
+    pub fn of_further(&self, count: usize) -> Self {
+        let known = self.intensity.dims()[0];
+        let mut cache = self.clone();
+        cache.follow(&RowMap::appending(known, count));
+        let rows: Vec<usize> = (known..known + count).collect();
+        let rows = tensors::rows_like(&rows, &cache.intensity);
+        cache.select(&rows)
+    }
+
     /// The rows of the given Gaussians, in that order.
     pub fn select(self, rows: &Tensor<1, Int>) -> Self {
         Self {

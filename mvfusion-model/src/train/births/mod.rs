@@ -10,7 +10,7 @@ mod clusters;
 mod ellipse;
 mod rounds;
 
-use glam::{DVec2, DVec3, Vec3};
+use glam::{Affine3A, DVec2, DVec3, Vec3};
 use image::RgbImage;
 use mvfusion_data::{Camera, GaussianCloud, Lifetime};
 
@@ -35,6 +35,9 @@ pub const IN_FRONT: f32 = 0.75;
 
 /// Thickness of an ellipse along its ray, as a fraction of its smaller axis.
 const THICKNESS: f64 = 0.5;
+
+/// Determinant of a camera's colour map below which it is not inverted.
+const LEAST_GAIN: f32 = 0.1;
 
 /// The error threshold of pixels, and the opacity of the Gaussians born from them.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,10 +65,14 @@ pub struct ComparedView<'a> {
     pub camera: &'a Camera,
     /// The photo.
     pub photo: &'a RgbImage,
-    /// Pixels to compare, row by row; all, if absent.
+    /// Pixels that the view's mask keeps, row by row; all, if absent.
     pub valid: Option<&'a [bool]>,
+    /// Pixels that move, row by row; all, if absent. Gaussians are born only there.
+    pub moving: Option<&'a [bool]>,
     /// The model's colours, channel by channel, row by row, in `[0, 1]`.
     pub colours: &'a [f32],
+    /// The map from the scene's colours to those of the camera; the identity, if absent.
+    pub exposure: Option<Affine3A>,
     /// Fallback depth along the camera's axis for new Gaussians, row by row, in world units; 0 where it is unknown.
     pub depths: &'a [f32],
     /// The rule for errors.
@@ -84,9 +91,12 @@ impl ComparedView<'_> {
             ErrorPixel { position, colour, error: (colour - shown).abs().max_element(), index }
         };
         let pixels: Vec<ErrorPixel> = self.photo.pixels().enumerate().map(pixel).collect();
-        let counts = |index: usize| self.valid.is_none_or(|valid| valid[index]);
-        let least = self.least_error(pixels.iter().map(|pixel| pixel.error));
-        let is_wrong: Vec<bool> = pixels.iter().map(|pixel| counts(pixel.index) && pixel.error >= least).collect();
+        let among = |mask: Option<&[bool]>, pixel: &ErrorPixel| mask.is_none_or(|mask| mask[pixel.index]);
+        let is_valid = |pixel: &&ErrorPixel| among(self.valid, pixel);
+        // What a mask excludes is never learned, so its errors are the largest.
+        let least = self.least_error(pixels.iter().filter(is_valid).map(|pixel| pixel.error));
+        let is_wrong = |pixel: &ErrorPixel| is_valid(&pixel) && among(self.moving, pixel) && pixel.error >= least;
+        let is_wrong: Vec<bool> = pixels.iter().map(is_wrong).collect();
         // A missing object has errors all over. An edge that is not sharp yet has errors along a line.
         let among_wrong = |pixel: &ErrorPixel| {
             let reach = PATCH / 2;
@@ -138,11 +148,19 @@ impl ComparedView<'_> {
         let opacity = self.rule.opacity;
         let depth = self.camera.to_camera(place).z;
         cloud.means.push(place.as_vec3().to_array());
-        cloud.sh_dc.push(((ellipse.colour - 0.5) / SH_C0 as f32).to_array());
+        cloud.sh_dc.push(((self.own_colour(ellipse.colour) - 0.5) / SH_C0 as f32).to_array());
         cloud.opacity_logits.push((opacity / (1.0 - opacity)).ln());
         cloud.log_scales.push(self.log_scale(ellipse, depth).as_vec3().to_array());
         cloud.quaternions.push(ellipse.rotation(self.camera));
         cloud.lifetimes.iter_mut().for_each(|lifetimes| lifetimes.push(lifetime));
+    }
+
+    /// The scene's colour that the camera shows as `seen`.
+    fn own_colour(&self, seen: Vec3) -> Vec3 {
+        match self.exposure.filter(|map| map.matrix3.determinant() >= LEAST_GAIN) {
+            Some(map) => map.inverse().transform_point3(seen).clamp(Vec3::ZERO, Vec3::ONE),
+            None => seen,
+        }
     }
 
     fn log_scale(&self, ellipse: &Ellipse, depth: f64) -> DVec3 {
@@ -155,7 +173,7 @@ impl ComparedView<'_> {
 
 #[cfg(test)]
 mod tests {
-    use glam::DMat3;
+    use glam::{DMat3, Mat3};
     use image::Rgb;
 
     use super::*;
@@ -176,7 +194,8 @@ mod tests {
     }
 
     fn view<'a>(camera: &'a Camera, photo: &'a RgbImage, colours: &'a [f32], depths: &'a [f32]) -> ComparedView<'a> {
-        ComparedView { camera, photo, valid: None, colours, depths, rule: BirthRule::PHOTO }
+        let rule = BirthRule::PHOTO;
+        ComparedView { camera, photo, valid: None, moving: None, colours, exposure: None, depths, rule }
     }
 
     fn births(view: &ComparedView<'_>, count: usize) -> GaussianCloud {
@@ -233,6 +252,38 @@ mod tests {
         assert!(view(all).errors().len() > 150 && places(all) > 0);
         assert_eq!(view(BirthRule::FILM).errors().len(), 60, "the bar without its corners");
         assert!(view(BirthRule { least_error: 0.6, ..all }).errors().is_empty());
+    }
+
+    #[test]
+    fn what_a_mask_excludes_is_not_among_the_worst() {
+        let (camera, mut photo) = (camera(), photo());
+        // The worst fifth of the picture, and none of it counts.
+        (20..30).flat_map(|y| (0..24).map(move |x| (x, y))).for_each(|(x, y)| photo.put_pixel(x, y, Rgb([0, 255, 0])));
+        let (mut colours, depths) = (vec![128.0 / 255.0; 3 * 1200], vec![3.0; 1200]);
+        (0..1200).filter(|index| index / 40 >= 20).for_each(|index| colours[1200 + index] = 0.0);
+        let view = ComparedView { rule: BirthRule::FILM, ..view(&camera, &photo, &colours, &depths) };
+        let bar = |view: &ComparedView<'_>| view.errors().iter().filter(|pixel| pixel.index / 40 < 20).count();
+        assert_eq!((bar(&view), view.errors().is_empty()), (0, false));
+        let kept: Vec<bool> = (0..1200).map(|index| index / 40 < 20).collect();
+        assert_eq!(bar(&ComparedView { valid: Some(&kept), ..view }), 60, "the bar without its corners");
+        // Where things move is no excuse to look for smaller errors.
+        assert_eq!(ComparedView { moving: Some(&kept), ..view }.errors().len(), 0);
+    }
+
+    #[test]
+    fn a_camera_with_another_gain_gives_birth_to_the_colours_of_the_scene() {
+        let (camera, photo) = (camera(), photo());
+        let (colours, depths) = (vec![128.0 / 255.0; 3 * 1200], vec![3.0; 1200]);
+        let colour_of = |exposure| {
+            let view = ComparedView { exposure: Some(exposure), ..view(&camera, &photo, &colours, &depths) };
+            births(&view, 1).sh_dc[0].map(|dc| 0.5 + SH_C0 as f32 * dc)
+        };
+        let gain = Affine3A::from_mat3_translation(Mat3::from_diagonal(Vec3::new(1.25, 1.0, 0.8)), Vec3::Y * -0.125);
+        let expected = Vec3::new(0.8, 0.125, 0.0);
+        let found = Vec3::from_array(colour_of(gain));
+        assert!(found.distance(expected) < 1e-5, "{found}");
+        let flat = Affine3A::from_mat3(Mat3::from_diagonal(Vec3::new(1.0, 1.0, 0.01)));
+        assert!(Vec3::from_array(colour_of(flat)).distance(Vec3::X) < 1e-5, "it is left as it is");
     }
 
     #[test]

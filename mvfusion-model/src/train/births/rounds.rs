@@ -1,7 +1,8 @@
 //! Rounds of births in training views: once for photos, repeatedly for videos.
 
 use burn::tensor::{Tensor, TensorData};
-use glam::{DVec2, DVec3};
+use glam::{Affine3A, DVec2, DVec3, Mat3, Vec3};
+use image::GrayImage;
 use mvfusion_data::{GaussianCloud, Lifetime};
 
 use super::{BirthRule, ComparedView, Ellipse, IN_FRONT};
@@ -151,29 +152,30 @@ impl Trainer {
         Ok(())
     }
 
-    /// The cloud with canonical means, which the current network deforms to the given means at their moments.
+    /// The cloud with canonical means, which the model deforms to the given means at their moments.
     fn undeformed(&self, born: &GaussianCloud) -> Result<GaussianCloud, ModelError> {
-        let (position, Some(lifetimes)) = (self.position(), &born.lifetimes) else { return Ok(born.clone()) };
-        let stage = position.map_or(Stage::Geometry, |position| position.stage);
-        if stage.level(self.config.model.deformation) == DeformationLevel::Still {
+        let (level, Some(lifetimes)) = (self.level(), &born.lifetimes) else { return Ok(born.clone()) };
+        if level == DeformationLevel::Still {
             return Ok(born.clone());
         }
         let plain = self.state.model.plain();
-        let like = plain.dynamic.means.val();
-        let count = born.len();
-        let column = |values: Vec<f32>, width: usize| -> Tensor<2> {
-            tensors::from_data_like(TensorData::new(values, [count, width]), &like)
-        };
-        let places = column(born.means.as_flattened().to_vec(), 3);
-        let times = column(lifetimes.iter().map(|lifetime| lifetime.centre).collect(), 1);
+        let places = TensorData::new(born.means.as_flattened().to_vec(), [born.len(), 3]);
+        let places: Tensor<2> = tensors::from_data_like(places, &plain.dynamic.means.val());
+        let moments = lifetimes.chunk_by(|one, other| one.centre == other.centre);
+        let moments: Vec<(usize, f64)> = moments.map(|rows| (rows.len(), f64::from(rows[0].centre))).collect();
         let mut means = places.clone();
         for _ in 0..UNDEFORMING_ROUNDS {
-            let feature = plain.network.feature(means, times.clone());
-            means = places.clone() - plain.network.heads.geometry(feature).narrow(1, 0, 3);
+            means = places.clone() - plain.offsets_of_further(means, &moments, level, &self.context);
         }
         let means: Vec<f32> = tensors::read(means)?;
         let means = means.chunks_exact(3).map(|mean| std::array::from_fn(|axis| mean[axis])).collect();
         Ok(GaussianCloud { means, ..born.clone() })
+    }
+
+    /// The deformation level of the current step.
+    fn level(&self) -> DeformationLevel {
+        let stage = self.position().map_or(Stage::Geometry, |position| position.stage);
+        stage.level(self.config.model.deformation)
     }
 
     /// The lifetime of a Gaussian at this moment, with a duration of `duration` times the distance to the nearest other
@@ -193,44 +195,55 @@ impl Trainer {
         let depths = in_front(&known_depths(layers.depth, layers.alpha)?);
         let exposure = self.exposure(&[index]).map(Exposure::inner);
         let colours = layers.colour.unsqueeze_dim(0);
-        let colours = exposure.map_or(colours.clone(), |exposure| exposure.of_colours(colours));
-        self.compared(index, tensors::read(colours)?, depths)
+        let colours = exposure.as_ref().map_or(colours.clone(), |exposure| exposure.of_colours(colours));
+        self.compared(index, tensors::read(colours)?, exposure.as_ref(), depths)
     }
 
     /// A training view and the render of both branches, with the depth of the dynamic branch, or in front of the static
     /// branch.
     fn beside_whole_model(&self, index: usize) -> Result<Compared, ModelError> {
         let photo = self.photos.get(index);
-        let stage = self.position().map_or(Stage::Geometry, |position| position.stage);
-        let level = stage.level(self.config.model.deformation);
-        let seen = self.state.model.plain().render(&photo.camera, photo.time, level, None, &self.context)?;
+        let seen = self.state.model.plain().render(&photo.camera, photo.time, self.level(), None, &self.context)?;
         let [moving, still] = shown_depths(&seen).map(|[depth, alpha]| known_depths(depth, alpha));
         let depths = moving?.into_iter().zip(in_front(&still?));
         let depths = depths.map(|(moving, still)| if moving > 0.0 { moving } else { still }).collect();
         let exposure = self.exposure(&[index]).map(Exposure::inner);
-        let seen = RenderedViews { rendered: vec![seen], exposure };
+        let seen = RenderedViews { rendered: vec![seen], exposure: exposure.clone() };
         let colours = tensors::read(seen.composed())?;
-        let mut compared = self.compared(index, colours, depths)?;
-        if let Some(mask) = self.photos.moving_mask(index) {
-            let moves = mask.pixels().map(|pixel| pixel.0[0] > 0);
-            compared.valid = Some(match compared.valid {
-                Some(valid) => valid.into_iter().zip(moves).map(|(valid, moves)| valid && moves).collect(),
-                None => moves.collect(),
-            });
-        }
-        Ok(compared)
+        let moving = self.photos.moving_mask(index).map(|mask| set_pixels(&mask));
+        Ok(Compared { moving, ..self.compared(index, colours, exposure.as_ref(), depths)? })
     }
 
-    fn compared(&self, index: usize, colours: Vec<f32>, depths: Vec<f32>) -> Result<Compared, ModelError> {
+    fn compared(
+        &self,
+        index: usize,
+        colours: Vec<f32>,
+        exposure: Option<&Exposure>,
+        depths: Vec<f32>,
+    ) -> Result<Compared, ModelError> {
         let decoded = self.photos.pictures().get(index)?;
         Ok(Compared {
             photo: *self.photos.get(index),
-            valid: decoded.valid.as_ref().map(|mask| mask.pixels().map(|pixel| pixel.0[0] > 0).collect()),
+            valid: decoded.valid.as_ref().map(|mask| set_pixels(mask)),
+            moving: None,
             rgb: decoded.rgb.as_ref().clone(),
             colours,
+            exposure: exposure.map(colour_map).transpose()?,
             depths,
         })
     }
+}
+
+/// Whether each pixel of a mask is set.
+fn set_pixels(mask: &GrayImage) -> Vec<bool> {
+    mask.pixels().map(|pixel| pixel.0[0] > 0).collect()
+}
+
+/// The colour map of the only view.
+fn colour_map(exposure: &Exposure) -> Result<Affine3A, ModelError> {
+    let rows: Vec<f32> = tensors::read(exposure.of_view(0))?;
+    let column = |k: usize| Vec3::new(rows[k], rows[4 + k], rows[8 + k]);
+    Ok(Affine3A::from_mat3_translation(Mat3::from_cols(column(0), column(1), column(2)), column(3)))
 }
 
 /// Depth per pixel, 0 where a branch is transparent.
@@ -251,7 +264,9 @@ struct Compared {
     photo: TrainingView,
     rgb: image::RgbImage,
     valid: Option<Vec<bool>>,
+    moving: Option<Vec<bool>>,
     colours: Vec<f32>,
+    exposure: Option<Affine3A>,
     depths: Vec<f32>,
 }
 
@@ -261,9 +276,83 @@ impl Compared {
             camera: &self.photo.camera,
             photo: &self.rgb,
             valid: self.valid.as_deref(),
+            moving: self.moving.as_deref(),
             colours: &self.colours,
+            exposure: self.exposure,
             depths: &self.depths,
             rule,
         }
+    }
+}
+
+#[cfg(all(test, feature = "flex"))]
+mod tests {
+    use mvfusion_data::BuiltinOptions;
+    use mvfusion_data::builtin::builtin;
+
+    use super::*;
+    use crate::config::{Config, Decay, ModelConfig, MotionConfig, OptimConfig, StageConfig, TrainConfig};
+    use crate::device;
+    use crate::test_support::values;
+
+    /// A trainer in its last stage. The high rate gives the modules something to say.
+    fn refined(motion: MotionConfig) -> Trainer {
+        let scene = builtin(&BuiltinOptions { width: 24, height: 18, frames: 5, ..BuiltinOptions::default() });
+        let config = Config {
+            model: ModelConfig { lifetime: true, ..ModelConfig::default() },
+            motion: MotionConfig { window: 1, knot_stride: 1, ..motion },
+            optim: OptimConfig { motion: Decay { start: 2e-3, end: 2e-3 }, ..OptimConfig::default() },
+            train: TrainConfig { stages: StageConfig::of([1, 1, 9]), ..TrainConfig::default() },
+            ..Config::default()
+        };
+        let mut trainer = Trainer::new(config, &scene, &device::flex()).expect("the run can start");
+        (0..8).for_each(|_| assert!(trainer.step().expect("a step succeeds").is_some()));
+        trainer
+    }
+
+    /// The largest distance between where Gaussians should be born and where they are rendered, and how far MVG and MFTA
+    /// move them.
+    fn misplaced(trainer: &mut Trainer) -> [f64; 2] {
+        let lifetime = |centre| Lifetime { centre, log_duration: -3.0, velocity: [0.5; 3] };
+        let born = GaussianCloud {
+            means: vec![[0.1, 0.2, 0.3], [-0.4, 0.1, 0.2], [0.3, -0.2, 0.5]],
+            sh_dc: vec![[0.0; 3]; 3],
+            opacity_logits: vec![0.0; 3],
+            log_scales: vec![[-3.0; 3]; 3],
+            quaternions: vec![[1.0, 0.0, 0.0, 0.0]; 3],
+            lifetimes: Some(vec![lifetime(0.25), lifetime(0.25), lifetime(0.75)]),
+            ..GaussianCloud::default()
+        };
+        let known = trainer.state.model.dynamic.count();
+        trainer.add(&born).expect("the device answers");
+        let (model, context) = (trainer.state.model.plain(), &trainer.context);
+        let shown = |time, level| values(model.dynamic_at(time, level, context).means.narrow(0, known, 3));
+        let mut largest = [0.0f64; 2];
+        for (row, time) in [(0, 0.25), (1, 0.25), (2, 0.75)] {
+            let [refined, base] = [DeformationLevel::Refined, DeformationLevel::Base].map(|level| shown(time, level));
+            for axis in 0..3 {
+                let at = 3 * row + axis;
+                largest[0] = largest[0].max((refined[at] - f64::from(born.means[row][axis])).abs());
+                largest[1] = largest[1].max((refined[at] - base[at]).abs());
+            }
+        }
+        largest
+    }
+
+    #[test]
+    fn gaussians_are_born_where_the_refined_model_shows_them() {
+        for (mvg, mfta) in [(true, true), (false, true), (true, false)] {
+            let mut trainer = refined(MotionConfig { mvg, mfta, ..MotionConfig::default() });
+            let [off, moved] = misplaced(&mut trainer);
+            assert!(off < 0.1 * moved, "MVG {mvg}, MFTA {mfta}: off by {off}, moved by {moved}");
+        }
+    }
+
+    #[test]
+    fn without_modules_the_last_stage_places_them_as_the_base_deformation_does() {
+        let mut trainer = refined(MotionConfig { mvg: false, mfta: false, ..MotionConfig::default() });
+        let [off, moved] = misplaced(&mut trainer);
+        assert_eq!(moved, 0.0);
+        assert!(off < 1e-3, "off by {off}");
     }
 }
