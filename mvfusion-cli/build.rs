@@ -9,12 +9,25 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// What the program is made of, in the root of the repository.
-const SOURCES: [&str; 7] =
-    ["Cargo.toml", "Cargo.lock", "kernels", "mvfusion-data", "mvfusion-render", "mvfusion-model", "mvfusion-cli"];
-
-/// The parts of a crate that are compiled. Its tests are not among them.
-const OF_CRATE: [&str; 2] = ["Cargo.toml", "src"];
+/// What the program is made of, in the root of the repository: all that is compiled or compiled in. Tests and documents
+/// are not among them.
+const SOURCES: [&str; 15] = [
+    "Cargo.toml",
+    "Cargo.lock",
+    "kernels/Cargo.toml",
+    "kernels/src",
+    "mvfusion-data/Cargo.toml",
+    "mvfusion-data/src",
+    "mvfusion-render/Cargo.toml",
+    "mvfusion-render/src",
+    "mvfusion-model/Cargo.toml",
+    "mvfusion-model/src",
+    "mvfusion-cli/Cargo.toml",
+    "mvfusion-cli/build.rs",
+    "mvfusion-cli/src",
+    "mvfusion-cli/presets",
+    "mvfusion-cli/sweeps",
+];
 
 /// Written by `cargo package`.
 const OF_PACKAGE: &str = ".cargo_vcs_info.json";
@@ -55,12 +68,7 @@ fn of_repository(here: &Path) -> Option<Revision> {
     if place.trim_end_matches('/') != "mvfusion-cli" || !is_tracked {
         return None;
     }
-    for source in SOURCES.map(|source| root.join(source)) {
-        match source.is_dir() {
-            true => OF_CRATE.map(|part| watch(&source.join(part))),
-            false => [watch(&source), ()],
-        };
-    }
+    SOURCES.map(|source| watch(&root.join(source)));
     let with_sources = |arguments: &[&str]| {
         let arguments: Vec<&str> = arguments.iter().chain(&["--"]).chain(&SOURCES).copied().collect();
         git(root, &arguments)

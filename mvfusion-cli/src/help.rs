@@ -70,7 +70,8 @@ The run folder:
   tensorboard/                   the same for TensorBoard, if asked for:
                                  --set train.tensorboard=true
   config.toml, run.json          the configuration and the record of the run;
-                                 --config DIR/config.toml repeats the run
+                                 --config DIR/config.toml repeats the run, with
+                                 --init-from RUN if run.json has init_from
   checkpoints/final.safetensors  the complete training state, from which
                                  `mvfusion eval DIR` computes the same metrics
   checkpoints/step_N.safetensors the newest states before that, from which

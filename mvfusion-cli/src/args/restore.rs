@@ -7,7 +7,7 @@ use clap::Args;
 /// `mvfusion restore`.
 #[derive(Clone, Debug, Args)]
 pub struct RestoreArgs {
-    /// Run folder
+    /// Folder of the run, or of the export
     #[arg(value_name = "RUN")]
     pub run: PathBuf,
     /// Remove the unfinished run, even if it could be continued

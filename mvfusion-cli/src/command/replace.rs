@@ -45,8 +45,10 @@ pub(super) fn replace(
         found.replaced.push(Replaced { module, replacement, test, training_views });
     }
     if args.write {
-        atomic::write_json(&args.run.join(run::REPLACEMENTS), &found)?;
-        report::write(&args.run)?;
+        let path = args.run.join(run::REPLACEMENTS);
+        atomic::write_json(&path, &found)?;
+        verbosity.wrote("replacements", &path);
+        verbosity.wrote("report", &report::write(&args.run)?);
     }
     match args.json {
         true => json::print(&found, out),

@@ -45,6 +45,7 @@ fn table_of(args: &SweepFolderArgs, verbosity: Verbosity, out: &mut dyn Write) -
     if args.json {
         let outcomes = folder.outcomes(&index)?;
         table::write(&index, &outcomes, folder.path())?;
+        verbosity.wrote("sweep", folder.path());
         return json::print(&table::Table::of(&index, &outcomes).json(), out);
     }
     write_table(&folder, &index, verbosity, out)
@@ -122,7 +123,7 @@ impl<'a> Session<'a> {
         session.check_choice()?;
         session.check_weights()?;
         session.check_folders()?;
-        session.folder.check()?;
+        session.folder.check(&session.source.text)?;
         Ok(session)
     }
 

@@ -57,7 +57,7 @@ pub fn view_until(
         has_mfta: model.without_mfta(level).is_some(),
         background: context.behind.grey,
     };
-    let lines = socket.lines();
+    let lines = socket.lines(false);
     let unavailable = unavailable_layers(&model, level, source);
     let mut renderer = FrameRenderer::new(context, run.scene.clone(), source);
     renderer.show(step, || Shown { model, level, step });

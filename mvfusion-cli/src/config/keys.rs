@@ -63,6 +63,14 @@ impl KnownKeys {
     fn check_table(&self, partial: &PartialConfig, given: &Table, prefix: &str) -> Result<(), UsageError> {
         for (name, value) in given {
             let key = format!("{prefix}{name}");
+            // In quotes, `train.scale` is a name beside the table `train`, which no configuration has.
+            if name.contains('.') {
+                let place = partial.place(&key);
+                return Err(UsageError::new(format!(
+                    "\"{name}\" is one name with dots, not a key within a table ({place}). In TOML, write `{name}` without \
+                     quotes."
+                )));
+            }
             match (self.find(&key), value) {
                 (None, _) => return Err(self.unknown(partial, &key)),
                 (Some(KeyNotes { kind: KeyKind::Table, .. }), Value::Table(given)) => {

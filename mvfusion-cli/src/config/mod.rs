@@ -411,6 +411,21 @@ mod tests {
     }
 
     #[test]
+    fn a_dotted_key_in_quotes_is_refused_with_its_line() {
+        let folder = tempfile::tempdir().expect("folder");
+        let file = folder.path().join("a.toml");
+        for (text, name) in [
+            ("seed = 3\n'train.scale' = 0.5\n", "train.scale"),
+            ("[train]\n\"stages.geometry\" = 1\n", "stages.geometry"),
+        ] {
+            std::fs::write(&file, text).expect("written");
+            let args = ConfigSourceArgs { config: Some(file.clone()), ..Default::default() };
+            let error = resolve(&args, None).expect_err("refused").to_string();
+            assert!(error.contains("a.toml, line 2") && error.contains(&format!("`{name}` without quotes")), "{error}");
+        }
+    }
+
+    #[test]
     fn a_value_of_the_wrong_kind_is_refused_with_what_would_be_right() {
         for (setting, expected) in [
             ("model.width=wide", "must be a whole number, 0 or more, not \"wide\""),

@@ -7,8 +7,9 @@ use anyhow::Context;
 use gif::{Encoder, Frame, Repeat};
 use image::RgbImage;
 use image::imageops::{FilterType, resize};
-use mvfusion_model::files::beside;
 use tempfile::NamedTempFile;
+
+use crate::atomic::beside;
 
 /// Maximum width of an animation. Wider frames are downscaled, because a frame takes one byte per pixel before
 /// compression.

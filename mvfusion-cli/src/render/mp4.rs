@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use image::RgbImage;
 use mvfusion_data::VideoWriter;
-use mvfusion_model::files::beside;
 use tempfile::TempPath;
+
+use crate::atomic::beside;
 
 /// A video in progress.
 pub(super) struct Mp4Writer {

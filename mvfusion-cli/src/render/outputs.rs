@@ -55,8 +55,9 @@ impl OutputsPlan {
         }
     }
 
-    /// Creates the folders, removes the half-written files of a killed process, and starts the animations with frames of `size`. Files of an earlier rendering of the same
-    /// layers stay until they are replaced or everything has been written.
+    /// Creates the folders, removes the half-written files of a killed process of this program, and starts the
+    /// animations with frames of `size`. Files of an earlier rendering of the same layers stay until they are replaced or
+    /// everything has been written.
     ///
     /// # Errors
     /// If the file system refuses.
@@ -65,7 +66,7 @@ impl OutputsPlan {
         let stale = self.numbered()?;
         for folder in [self.folder.clone()].into_iter().chain(self.folders()) {
             fs::create_dir_all(&folder)
-                .and_then(|()| run::remove_unfinished(&folder))
+                .and_then(|()| run::remove_files(&folder, atomic::is_unfinished))
                 .with_context(|| format!("cannot write to the folder {}", folder.display()))?;
         }
         let gifs = self.files(FileFormat::Gif).into_iter().map(|path| GifWriter::create(&path, size, fps));
@@ -231,6 +232,16 @@ mod tests {
         write(folder.path(), &["mask/00007.png", "mask.gif"]);
         let error = plan.check_free().expect_err("refused").to_string();
         assert!(error.contains("00007.png") && error.contains("--force") && error.contains("--out"), "{error}");
+    }
+
+    #[test]
+    fn half_written_files_are_removed_if_they_are_ours() {
+        let folder = tempfile::tempdir().expect("folder");
+        let (ours, others) = (["mask/.mvfusion-x7Gh1s.part", ".mvfusion-x7Gh1s.part"], [".film.part", "mask/.a.part"]);
+        write(folder.path(), &[ours, others].concat());
+        drop(plan(folder.path()).create((16, 16), 30.0).expect("made"));
+        let is_there = |name: &str| folder.path().join(name).exists();
+        assert_eq!((ours.map(is_there), others.map(is_there)), ([false; 2], [true; 2]));
     }
 
     #[test]

@@ -25,6 +25,9 @@ mod views;
 
 use std::path::{Path, PathBuf};
 
+use anyhow::bail;
+use mvfusion_data::files::read_text;
+
 use album::Album;
 use files::RunFiles;
 use film::Film;
@@ -44,11 +47,26 @@ pub fn html(run: &Path) -> anyhow::Result<String> {
 /// Writes the report to the run folder, and returns its path.
 ///
 /// # Errors
-/// As [`html()`], and if the file cannot be written.
+/// As [`html()`]; if the folder holds a page of another program under that name; if the file cannot be written.
 pub fn write(run: &Path) -> anyhow::Result<PathBuf> {
     let path = run.join(run::REPORT);
-    atomic::write(&path, html(run)?.as_bytes())?;
+    let page = html(run)?;
+    // Others use names like those of a run as well, so a folder with some of them may be theirs.
+    if path.exists() && !run::is_run(run) && !is_ours(&path) {
+        bail!(
+            "{} was not written by this program, and its folder has no {} of a run, so the report does not replace it. \
+             Move it away, or give another folder.",
+            path.display(),
+            run::RECORD
+        );
+    }
+    atomic::write(&path, page.as_bytes())?;
     Ok(path)
+}
+
+/// Whether a file is a report of this program, of any version.
+fn is_ours(path: &Path) -> bool {
+    read_text(path, run::MOST_OF_RECORDS).is_ok_and(|text| text.contains(page::MARK))
 }
 
 #[cfg(test)]

@@ -14,6 +14,9 @@ use super::{head, images, modules, record, rig, scores, training};
 const STYLE: &str = include_str!("report.css");
 const SCRIPT: &str = include_str!("report.js");
 
+/// The end of the title of every report, by which one is known.
+pub(super) const MARK: &str = " \u{2013} MVFusion-GS</title>";
+
 /// A section.
 struct Section {
     /// Target of links.

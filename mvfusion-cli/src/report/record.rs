@@ -63,12 +63,21 @@ pub(super) fn config(files: &RunFiles) -> Markup {
     html! {
         @match &files.config_text {
             Ok(text) => {
-                p.note { code { "mvfusion train --config " (run::CONFIG) } " repeats the run." }
+                p.note { code { (repetition(files)) } " repeats the run." }
                 details { summary { (run::CONFIG) ", " (text.lines().count()) " lines" } pre { (text) } }
             },
             Err(missing) => (notice(missing)),
         }
         @if let (Err(missing), Ok(_)) = (&files.config, &files.config_text) { (notice(missing)) }
+    }
+}
+
+/// The command that repeats the run. The configuration does not say from which weights it began.
+fn repetition(files: &RunFiles) -> String {
+    let command = format!("mvfusion train --config {}", run::CONFIG);
+    match files.recorded(&["init_from", "run"]) {
+        Some(source) => format!("{command} --init-from {}", for_shell(&source)),
+        None => command,
     }
 }
 
@@ -108,6 +117,19 @@ mod tests {
     use serde_json::json;
 
     use super::*;
+
+    #[test]
+    fn a_run_that_began_with_other_weights_is_repeated_with_them() {
+        let folder = tempfile::tempdir().expect("folder");
+        let command = |record: Value| {
+            std::fs::write(folder.path().join(run::RECORD), record.to_string()).expect("written");
+            repetition(&RunFiles::read(folder.path()).expect("read"))
+        };
+        assert_eq!(command(json!({"preset": "a"})), "mvfusion train --config config.toml");
+        let weights = json!({"run": "/runs/my first", "steps": 7, "params_sha256": "c0ffee"});
+        let expected = "mvfusion train --config config.toml --init-from '/runs/my first'";
+        assert_eq!(command(json!({"init_from": weights})), expected);
+    }
 
     #[test]
     fn records_of_any_version_become_lines() {

@@ -320,3 +320,22 @@ fn a_film_has_every_view_in_every_layer_with_its_time_and_its_score() {
     // With a score of one view alone there is no curve.
     assert!(!page.contains("class=\"trace\""));
 }
+
+#[test]
+fn a_page_of_another_program_is_not_replaced_but_an_own_one_is() {
+    let folder = tempfile::tempdir().expect("folder");
+    write(folder.path(), "config.toml", "x");
+    write(folder.path(), "report.html", "<title>Accounts</title>");
+    let error = super::write(folder.path()).expect_err("refused").to_string();
+    assert!(error.contains("report.html was not written by this program"), "{error}");
+    assert_eq!(fs::read_to_string(folder.path().join("report.html")).expect("read"), "<title>Accounts</title>");
+    // A run that is too damaged to be known as one.
+    fs::remove_file(folder.path().join("report.html")).expect("removed");
+    for _ in 0..2 {
+        super::write(folder.path()).expect("written");
+    }
+    // The folder of a run is ours, whatever lies there.
+    write(folder.path(), "run.json", r#"{ "burn": "1", "preset": "a" }"#);
+    write(folder.path(), "report.html", "half a p");
+    super::write(folder.path()).expect("written");
+}

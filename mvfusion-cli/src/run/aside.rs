@@ -37,6 +37,12 @@ pub fn waits(folder: &Path) -> bool {
     [REPLACED, MOVING].iter().any(|name| folder.join(name).is_dir())
 }
 
+/// Whether a folder has a file of this name, among what waits or is on its way as well.
+pub fn has_anywhere(folder: &Path, name: &str) -> bool {
+    let places = [folder.to_owned(), folder.join(REPLACED), folder.join(MOVING)];
+    places.iter().any(|place| place.join(name).is_file())
+}
+
 /// Completes what a killed process began, and removes its half-written files.
 pub(super) fn settle(folder: &Path, contents: &Contents) -> io::Result<()> {
     remove_discarded(folder)?;
@@ -125,11 +131,16 @@ fn remove_discarded(folder: &Path) -> io::Result<()> {
     }
 }
 
-/// Removes the unfinished files of a killed process in a folder.
-pub(crate) fn remove_unfinished(folder: &Path) -> io::Result<()> {
+/// Removes the unfinished files of a killed process in a folder of this program.
+fn remove_unfinished(folder: &Path) -> io::Result<()> {
+    remove_files(folder, is_unfinished)
+}
+
+/// Removes the files of a folder whose names are such.
+pub(crate) fn remove_files(folder: &Path, is_such: fn(&OsStr) -> bool) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let entry = entry?;
-        if is_unfinished(&entry.file_name()) && entry.file_type()?.is_file() {
+        if is_such(&entry.file_name()) && entry.file_type()?.is_file() {
             fs::remove_file(entry.path())?;
         }
     }

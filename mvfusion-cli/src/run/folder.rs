@@ -47,7 +47,7 @@ pub struct Contents {
 }
 
 /// A run.
-pub(super) const RUN: Contents = Contents {
+pub const RUN: Contents = Contents {
     what: "run",
     entries: &ENTRIES,
     foreign: &[FILMS],
@@ -146,10 +146,18 @@ impl RunFolder {
     /// # Errors
     /// If it does not exist, cannot be written to, or another process writes to it.
     pub fn continued(path: &Path) -> anyhow::Result<Self> {
+        Self::continued_with(path, RUN)
+    }
+
+    /// The same for a folder with other contents.
+    ///
+    /// # Errors
+    /// As [`RunFolder::continued`].
+    pub fn continued_with(path: &Path, contents: Contents) -> anyhow::Result<Self> {
         let lock = lock(path)?;
-        trial_file(path, RUN.what)?;
-        aside::settle(path, &RUN).with_context(|| format!("cannot write to {}", path.display()))?;
-        Ok(Self { path: path.to_owned(), contents: RUN, kept: true, _lock: lock })
+        trial_file(path, contents.what)?;
+        aside::settle(path, &contents).with_context(|| format!("cannot write to {}", path.display()))?;
+        Ok(Self { path: path.to_owned(), contents, kept: true, _lock: lock })
     }
 
     /// Keeps the folder from now on, even after a failure. A replaced run stays aside.
@@ -202,11 +210,15 @@ pub(super) fn require_folder(run: &Path) -> anyhow::Result<()> {
 /// A note on the run that waits until its successor in `folder` is complete, and how to bring it back. `None` if none
 /// does.
 pub fn waiting_note(folder: &Path) -> Option<String> {
+    note_on_waiting(folder, RUN.what)
+}
+
+fn note_on_waiting(folder: &Path, what: &str) -> Option<String> {
     aside::waits(folder).then(|| {
         let shown = folder.display();
         format!(
-            "{shown} holds a replaced run, until the run that replaces it is finished. Bring it back with: mvfusion \
-             restore {shown}"
+            "{shown} holds a replaced {what}, until the {what} that replaces it is finished. Bring it back with: \
+             mvfusion restore {shown}"
         )
     })
 }
@@ -217,7 +229,7 @@ pub fn is_finished(run: &Path) -> bool {
 }
 
 /// Whether a folder is a run of this program, or an empty log: what is left of a training killed before its record.
-fn is_run(folder: &Path) -> bool {
+pub(crate) fn is_run(folder: &Path) -> bool {
     let is_log = || fs::metadata(folder.join(METRICS)).is_ok_and(|log| log.is_file() && log.len() == 0);
     let is_begun = || ENTRIES.iter().all(|name| [METRICS, TENSORBOARD].contains(name) || !folder.join(name).exists());
     read_json::<Mark>(&folder.join(RECORD)).is_ok() || (is_log() && is_begun())
@@ -280,14 +292,14 @@ fn check_existing(path: &Path, existing: Existing, contents: Contents) -> anyhow
     }
     if !entries.iter().any(|name| aside::is_aside(name)) && !(contents.is_ours)(path) {
         bail!(
-            "the folder {shown} is not empty, and was not made by this program: it has no {} as in every {what}. \
-             Choose another --out, or move away what it contains.",
+            "the folder {shown} is not empty, and was not made by this program: it has no {} as this program writes it \
+             into every {what}. Choose another --out, or move away what it contains.",
             contents.mark
         );
     }
     if existing == Existing::Keep {
-        match waiting_note(path) {
-            Some(note) => bail!("{note}. Or use --force to begin anew; the replaced run is kept until then."),
+        match note_on_waiting(path, what) {
+            Some(note) => bail!("{note}. Or use --force to begin anew; the replaced {what} is kept until then."),
             None if (contents.is_of_use)(path) && !(contents.is_complete)(path) => bail!(
                 "the folder {shown} contains an unfinished {what}. Continue it with --resume {shown}, replace it with \
                  --force, or choose another --out."

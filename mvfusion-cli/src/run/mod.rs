@@ -19,8 +19,8 @@ mod scene_file;
 mod size;
 
 pub use self::lock::FolderLock;
-pub(crate) use aside::remove_unfinished;
-pub use aside::waits;
+pub(crate) use aside::remove_files;
+pub use aside::{has_anywhere, waits};
 pub use checkpoints::{Checkpoint, checkpoints, make_intermediate, newest_checkpoint, put_away, step_file, thin_out};
 pub use evidence::{Change, Evidence, Part, config_hash};
 pub use field::{FieldPerView, FieldScores};
@@ -29,8 +29,8 @@ pub use files::{
     RENDERS, REPLACEMENTS, REPORT, RESULTS, SCENE, STRIPS, TENSORBOARD, read_json,
 };
 pub(crate) use files::{MOST_OF_PICTURE, MOST_OF_RECORDS, MOST_OF_SETTINGS};
-pub use folder::{Contents, Existing, RunFolder, RunPlan, is_finished, lock, waiting_note};
-pub(crate) use folder::{place, trial_file};
+pub use folder::{Contents, Existing, RUN, RunFolder, RunPlan, is_finished, lock, waiting_note};
+pub(crate) use folder::{is_run, place, trial_file};
 pub use metrics::{MetricsLine, MetricsLog, milliseconds};
 pub use open::{MasksRequest, OpenRun, RunRequest};
 pub use picture_kind::PictureKind;

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use mvfusion_model::Config;
 use toml::{Table, Value};
 
-use super::grid::{ALL_METRICS, Axis, ColumnGroup, Difference, Grid, PaperRow, Rule, RuleScene, is_same};
+use super::grid::{ALL_METRICS, Axis, ColumnGroup, Difference, Expected, Grid, PaperRow, Rule, RuleScene, is_same};
 use super::index::{Cell, Index};
 use super::metric;
 use crate::config::{self, PartialConfig, leaves, nearest};
@@ -23,6 +23,7 @@ const ELSEWHERE: [(&str, &str); 4] = [
 pub(super) fn grid(grid: &Grid, axes: &[Axis], settings: &[PartialConfig], origin: &str) -> Result<(), UsageError> {
     let wrong = |what: String| UsageError::new(format!("{origin}: {what}"));
     lists(grid, axes).map_err(wrong)?;
+    expected(grid.expected.as_ref()).map_err(wrong)?;
     presets(grid).map_err(wrong)?;
     keys(grid, axes, settings).map_err(wrong)?;
     exclusion_keys(grid, axes).map_err(wrong)?;
@@ -58,6 +59,16 @@ fn lists(grid: &Grid, axes: &[Axis]) -> Result<(), String> {
     match grid.variants.iter().position(|variant| variant.name.trim().is_empty()) {
         Some(place) => Err(format!("the name of variant {} is empty; its row needs a name.", place + 1)),
         None => Ok(()),
+    }
+}
+
+/// Checks the time that a cell takes. JSON, in which it is kept, has no infinity.
+fn expected(expected: Option<&Expected>) -> Result<(), String> {
+    match expected {
+        Some(Expected { minutes, .. }) if !(minutes.is_finite() && *minutes > 0.0) => {
+            Err(format!("`minutes` in `expected` is {minutes}; give a finite number above 0."))
+        }
+        _ => Ok(()),
     }
 }
 
@@ -203,6 +214,9 @@ fn paper(grid: &Grid, axes: &[Axis], row: &PaperRow) -> Result<(), String> {
     }
     if row.variant.is_some() && row.literature.is_some() {
         return lost("has both a `variant` and a `literature`".to_owned());
+    }
+    if let Some((metric, value)) = row.values.iter().find(|(_, value)| !value.is_finite()) {
+        return lost(format!("has {value} for `{metric}`; give a finite number"));
     }
     let at = leaves(&row.at);
     let is_swept = |key: &str, value: &Value| {

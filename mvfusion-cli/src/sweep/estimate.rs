@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use super::folder::{State, SweepFolder};
 use super::grid::Expected;
 use super::index::{Cell, Index};
+use crate::run::Results;
 
 /// Seconds per step of the finished cells, by scene and variant.
 #[derive(Clone, Debug, Default)]
@@ -42,15 +43,22 @@ impl Estimate {
         for cell in &index.cells {
             let is_finished = folder.state(&cell.id, &index.wanted)? == State::Finished;
             if let Some(results) = folder.results(&cell.id).filter(|_| is_finished) {
-                let training = results.train.map_or(0.0, |train| train.seconds);
-                estimate.add(cell, training + results.eval.seconds);
+                estimate.add_finished(cell, &results);
             }
         }
         Ok(estimate)
     }
 
+    /// Adds a finished cell with the seconds of its training and its evaluation, however often it was interrupted. If its
+    /// training's are lost, it says nothing.
+    pub fn add_finished(&mut self, cell: &Cell, results: &Results) {
+        if let Some(train) = results.train {
+            self.add(cell, train.seconds + results.eval.seconds);
+        }
+    }
+
     /// Adds a finished cell with its seconds.
-    pub fn add(&mut self, cell: &Cell, seconds: f64) {
+    fn add(&mut self, cell: &Cell, seconds: f64) {
         let pace = self.seen.entry(key(cell)).or_default();
         *pace = pace.with(Pace { seconds, steps: cell.steps });
     }
@@ -102,7 +110,10 @@ fn key(cell: &Cell) -> (String, String) {
 
 #[cfg(test)]
 mod tests {
+    use mvfusion_model::evaluation::Scores;
+
     use super::*;
+    use crate::run::{TrainCost, specimen};
 
     fn cell(scene: &str, variant: &str, steps: usize) -> Cell {
         Cell {
@@ -115,6 +126,19 @@ mod tests {
             steps,
             not_comparable: None,
         }
+    }
+
+    #[test]
+    fn a_finished_cell_counts_with_all_the_seconds_of_its_training() {
+        let (mut estimate, mut results) = (Estimate::default(), specimen(Scores::default()));
+        let one = |estimate: &Estimate| estimate.seconds([&cell("a", "x", 10)].into_iter(), 1);
+        results.eval.seconds = 20.0;
+        results.train = None;
+        estimate.add_finished(&cell("a", "x", 100), &results);
+        assert_eq!(one(&estimate), None, "the evaluation alone is no pace");
+        results.train = Some(TrainCost { seconds: 80.0, steps: 100, skipped: 0, peak_memory: None });
+        estimate.add_finished(&cell("a", "x", 100), &results);
+        assert_eq!(one(&estimate), Some(10.0));
     }
 
     #[test]

@@ -8,10 +8,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use mvfusion_data::files::{read_bytes, read_text};
 use mvfusion_model::evaluation::Scores;
-use mvfusion_model::files::is_unfinished;
+use mvfusion_model::files::{is_unfinished, sha256};
 use serde::{Deserialize, Serialize};
 
-use super::index::{Cell, INDEX, Index, Wanted, of_another_version};
+use super::index::{Cell, INDEX, Index, Wanted, grid_hash, of_another_version};
 use super::plan::Plan;
 use super::table::{CellMetrics, Outcome};
 use crate::lock::{FileLock, LockState, Refusal};
@@ -84,29 +84,56 @@ impl SweepFolder {
         &self.path
     }
 
-    /// Checks that files can be written and locked, before anything runs.
+    /// Checks that files can be written and locked, before anything runs, and that nothing of a user would be replaced.
+    /// `text` is that of the grid.
     ///
     /// # Errors
-    /// If the folder cannot be created or written to, or belongs to something else.
-    pub fn check(&self) -> anyhow::Result<()> {
+    /// If the folder cannot be created or written to, or belongs to something else, or its grid was changed there.
+    pub fn check(&self, text: &str) -> anyhow::Result<()> {
         let file = run::trial_file(&self.path, "sweep")?;
         file.try_lock().with_context(|| {
             format!("cannot lock files in {}; choose an --out whose file system supports locks", self.path.display())
         })?;
-        if self.path.is_dir() && !self.path.join(INDEX).is_file() {
-            self.check_stranger()?;
+        match self.path.join(INDEX).is_file() {
+            true => self.check_grid(text),
+            false if self.path.is_dir() => self.check_stranger(text),
+            false => Ok(()),
+        }
+    }
+
+    /// Rejects a grid that was changed in the folder since a sweep wrote it there.
+    fn check_grid(&self, text: &str) -> anyhow::Result<()> {
+        let path = self.path.join(GRID);
+        let Ok(now) = read_bytes(&path, run::MOST_OF_SETTINGS) else { return Ok(()) };
+        if now != text.as_bytes() && grid_hash(&self.path).is_some_and(|written| written != sha256(&now)) {
+            bail!(
+                "{} was changed since the sweep wrote it, and would be replaced. Give this file as the grid to use the \
+                 changes, or move it away.",
+                path.display()
+            );
         }
         Ok(())
     }
 
-    /// Rejects a folder without an index that contains files other than those that a sweep writes before the index.
-    fn check_stranger(&self) -> anyhow::Result<()> {
+    /// Rejects a folder without an index that contains files other than those that a sweep writes before the index: the
+    /// same grid, and cells only beside it.
+    fn check_stranger(&self, text: &str) -> anyhow::Result<()> {
         let shown = self.path.display();
+        let is_ours = read_bytes(&self.path.join(GRID), run::MOST_OF_SETTINGS).is_ok_and(|now| now == text.as_bytes());
+        let is_empty = |folder: PathBuf| fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
         let entries = fs::read_dir(&self.path).with_context(|| format!("cannot list the folder {shown}"))?;
         for entry in entries {
             let name = entry.with_context(|| format!("cannot list the folder {shown}"))?.file_name();
-            if ![GRID, CELLS].iter().any(|known| name == *known) && !is_unfinished(&name) {
-                bail!("the folder {shown} contains `{}`, but no sweep. Choose another --out.", name.display());
+            let is_known = match name.to_str() {
+                Some(GRID) => is_ours,
+                Some(CELLS) => is_ours || is_empty(self.cells()),
+                _ => is_unfinished(&name),
+            };
+            if !is_known {
+                bail!(
+                    "the folder {shown} contains `{}`, but no sweep of this grid. Choose another --out, or move it away.",
+                    name.display()
+                );
             }
         }
         Ok(())
@@ -175,17 +202,16 @@ impl SweepFolder {
         atomic::write(&self.beside(id, "failed"), format!("{words}\n").as_bytes())
     }
 
-    /// Removes the record of a failure.
+    /// Removes the record of a failure, and returns whether there was one.
     ///
     /// # Errors
     /// If the file cannot be removed.
-    pub fn forget_failure(&self, id: &str) -> anyhow::Result<()> {
+    pub fn forget_failure(&self, id: &str) -> anyhow::Result<bool> {
         let path = self.beside(id, "failed");
         match fs::remove_file(&path) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => {
-                Err(error).with_context(|| format!("cannot remove {}", path.display()))
-            }
-            _ => Ok(()),
+            Ok(()) => Ok(true),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
+            Err(error) => Err(error).with_context(|| format!("cannot remove {}", path.display())),
         }
     }
 
@@ -311,27 +337,4 @@ pub(super) fn metrics(results: &Results) -> BTreeMap<String, f64> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_run_is_measured_once_every_wanted_network_has_looked_at_it_with_the_wanted_weights() {
-        let mut results = run::specimen(Scores::default());
-        let wanted = |networks: &[(&str, &str)]| {
-            let lpips = networks.iter().map(|&(network, sha256)| (network.to_owned(), sha256.to_owned())).collect();
-            Wanted { lpips_weights: Some("weights".into()), lpips, ..Wanted::default() }
-        };
-        // Nothing is missed of a folder that has no network of a column.
-        assert!(is_measured(&results, &wanted(&[])));
-        assert!(!is_measured(&results, &wanted(&[("alex", "a")])));
-        results.lpips.insert("alex".into(), LpipsWeights::WeightsSha256("a".into()));
-        assert!(is_measured(&results, &wanted(&[("alex", "a")])));
-        assert!(!is_measured(&results, &wanted(&[("alex", "other")])), "other weights");
-        assert!(!is_measured(&results, &wanted(&[("alex", "a"), ("vgg", "v")])), "a further network");
-        assert!(!is_measured(&results, &wanted(&[("vgg", "v")])), "another network");
-        results.lpips.insert("vgg".into(), LpipsWeights::WeightsSha256("v".into()));
-        assert!(is_measured(&results, &wanted(&[("alex", "a"), ("vgg", "v")])));
-        let timed = Wanted { speed_frames: 1, ..wanted(&[("alex", "a")]) };
-        assert!(!is_measured(&results, &timed), "no speed");
-    }
-}
+mod tests;

@@ -38,6 +38,9 @@ pub struct Index {
     pub rule: Option<Rule>,
     /// What the paper has.
     pub paper: Vec<PaperRow>,
+    /// SHA-256 of the grid's text, by which a change of the copy in the folder is known; absent in earlier versions.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub grid_sha256: Option<String>,
     /// What is measured beside the metrics that a training leaves.
     pub wanted: Wanted,
     /// How long a cell takes, as the grid says.
@@ -106,6 +109,15 @@ impl Wanted {
 /// The networks of LPIPS that some column needs.
 fn lpips_networks(columns: &[ColumnGroup]) -> BTreeSet<Backbone> {
     columns.iter().flat_map(|column| &column.metrics).filter_map(|metric| lpips_network(metric)).collect()
+}
+
+/// The hash of the grid that was written into a sweep's folder, if an index of any version has it.
+pub(super) fn grid_hash(folder: &Path) -> Option<String> {
+    #[derive(Deserialize)]
+    struct Written {
+        grid_sha256: Option<String>,
+    }
+    run::read_json::<Written>(&folder.join(INDEX)).ok()?.grid_sha256
 }
 
 /// What is said of a file that this version did not write, and what to do about it.

@@ -119,9 +119,13 @@ impl Local<'_> {
             }
             let mut progress = held(progress);
             progress.done += 1;
-            match (&end.state, end.took) {
-                (State::Finished, Some(took)) => progress.estimate.add(cell, took.as_secs_f64()),
-                (State::Finished, None) => {}
+            match end.state {
+                State::Finished => {
+                    // This process may have done the last steps alone, or only the evaluation.
+                    if let Some(results) = self.folder.results(&cell.id).filter(|_| end.took.is_some()) {
+                        progress.estimate.add_finished(cell, &results);
+                    }
+                }
                 _ => progress.failed += 1,
             }
             self.tell(&progress, cell, &end, count);

@@ -114,6 +114,7 @@ impl Plan {
             title: grid.title.clone(),
             about: grid.about.trim().to_owned(),
             axes: axes.iter().map(|axis| axis.key.clone()).collect(),
+            grid_sha256: Some(sha256(source.text.as_bytes())),
             wanted: Wanted::new(grid.speed_frames, additions.lpips_weights.as_deref(), &columns)?,
             columns,
             differences: grid.differences.clone(),
@@ -225,7 +226,8 @@ impl Ground<'_> {
             reasons.insert(format!("preset {}", preset.name));
         }
         let mut add = |table: &Table, is_part_of_scene: fn(&str) -> bool| {
-            let counts = |key: &str| !key.starts_with("eval.") && !is_part_of_scene(key);
+            let is_output = |key: &str| key.starts_with("eval.") || UNSCHEDULED.contains(&key);
+            let counts = |key: &str| !is_output(key) && !is_part_of_scene(key);
             let given = leaves(table).into_iter().filter(|(key, _)| counts(key));
             reasons.extend(given.map(|(key, value)| format!("{key} = {value}")));
         };

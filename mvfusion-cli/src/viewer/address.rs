@@ -59,8 +59,8 @@ impl BoundSocket {
         self.place.port()
     }
 
-    /// The lines that tell how to get there.
-    pub fn lines(&self) -> Vec<(&'static str, String)> {
+    /// The lines that tell how to get there. A page of a training does more than look.
+    pub fn lines(&self, is_training: bool) -> Vec<(&'static str, String)> {
         let mut lines = vec![("viewer", self.address.clone())];
         if self.place.ip().is_loopback() {
             let machine = gethostname::gethostname().to_string_lossy().into_owned();
@@ -69,7 +69,11 @@ impl BoundSocket {
             let tunnel = format!("ssh -L {port}:{place} {user}{machine}, then http://{HOST}:{port}/");
             lines.push(("from elsewhere", tunnel));
         } else {
-            lines.push(("note", "whoever knows this address can look; it is not encrypted".to_owned()));
+            let rights = match is_training {
+                true => "look, pause the training and save checkpoints",
+                false => "look",
+            };
+            lines.push(("note", format!("whoever knows this address can {rights}; it is not encrypted")));
         }
         lines
     }
@@ -127,7 +131,7 @@ mod tests {
         let socket = BoundSocket::bind(HOST, 0).expect("a free port");
         let port = socket.port();
         assert_eq!(socket.address, format!("http://127.0.0.1:{port}/"));
-        assert!(socket.lines()[1].1.starts_with(&format!("ssh -L {port}:127.0.0.1:{port} ")));
+        assert!(socket.lines(false)[1].1.starts_with(&format!("ssh -L {port}:127.0.0.1:{port} ")));
     }
 
     #[test]
@@ -142,8 +146,16 @@ mod tests {
             assert_eq!(socket.address, format!("http://{place}/"));
             let head = RequestHead { method: "GET", path: "/", host: Some(&place), origin: None };
             assert_eq!(socket.guard.check(&head), Ok(()), "{host}");
-            assert!(socket.lines()[1].1.contains(&format!(":{place} ")), "{:?}", socket.lines());
+            assert!(socket.lines(true)[1].1.contains(&format!(":{place} ")), "{:?}", socket.lines(true));
         }
+    }
+
+    #[test]
+    fn who_may_pause_a_training_is_told() {
+        let socket = BoundSocket::bind("0.0.0.0", 0).expect("a free port");
+        let told = |is_training| socket.lines(is_training)[1].1.clone();
+        assert!(told(true).contains("can look, pause the training and save checkpoints;"), "{}", told(true));
+        assert!(told(false).contains("can look;"), "{}", told(false));
     }
 
     #[test]

@@ -90,7 +90,11 @@ class Run:
 
     @cached_property
     def config(self) -> dict[str, Any]:
-        """The configuration, every key with its value, as nested dicts. ``train(run.config)`` repeats the run."""
+        """The configuration, every key with its value, as nested dicts.
+
+        ``train(run.config)`` repeats the run, unless it began with the weights of another one: run.json then has
+        ``init_from``, and `train` needs it too.
+        """
         config: dict[str, Any] = json.loads(self._native.config())
         return config
 

@@ -51,7 +51,7 @@ impl Live {
     /// If the system refuses a thread.
     pub(super) fn start(socket: ViewerSocket, session: &Session) -> anyhow::Result<Option<Self>> {
         let Some(socket) = socket else { return Ok(None) };
-        let lines = socket.lines();
+        let lines = socket.lines(true);
         let Session { trainer, scene, folder, verbosity, .. } = session;
         let renderer = FrameRenderer::new(trainer.render_context().clone(), scene.clone(), MotionSource::Training);
         let facts = facts(trainer, folder.path());

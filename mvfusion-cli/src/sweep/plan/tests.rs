@@ -143,6 +143,16 @@ fn an_exclusion_leaves_out_what_agrees_with_all_of_it() {
     assert!(refusal(&unknown).contains("not `motion.windows`"), "{}", refusal(&unknown));
 }
 
+/// A key that changes only the output, with a value of its kind.
+fn setting_of(key: &str) -> String {
+    let value = match key {
+        "train.tensorboard" => "true",
+        "train.on_bad_step" => "skip",
+        _ => "7",
+    };
+    format!("{key}={value}")
+}
+
 #[test]
 fn the_papers_numbers_compare_with_its_data_and_schedule_alone() {
     let cells = cells(GRID);
@@ -160,6 +170,8 @@ fn the_papers_numbers_compare_with_its_data_and_schedule_alone() {
     };
     // The strips change nothing, the variants are the paper's, and the grid says how its scenes are read.
     assert_eq!(reason(&Additions::default()), None);
+    let noted = Additions { set: UNSCHEDULED.iter().map(|key| setting_of(key)).collect(), ..Additions::default() };
+    assert_eq!(reason(&noted), None, "how often it is written down changes nothing either");
     let smaller = Additions { set: vec!["scene.downscale=4".into()], ..Additions::default() };
     assert_eq!(reason(&smaller).as_deref(), Some("scene.downscale = 4"));
 }
@@ -197,6 +209,7 @@ fn a_variant_with_a_schedule_of_its_own_making_is_not_the_papers() {
 fn a_bad_grid_is_refused_with_what_is_wrong() {
     for (good, bad, words) in [
         ("train.scale = 0.5", "train.scael = 0.5", "test.toml, [set]).|`train.scael`|`train.scale`"),
+        ("train.scale = 0.5", "\"train.scale\" = 0.5", "test.toml, [set]|`train.scale` without quotes"),
         ("motion.mfta = false", "motion.mtfa = false", "the variant `w/o MFTA`|`motion.mfta`"),
         ("motion.window = [3, 5]", "motion.widow = [3, 5]", "[grid]|`motion.window`"),
         ("motion.window = [3, 5]", "motion.window = []", "`motion.window` in [grid] is empty"),
@@ -255,6 +268,20 @@ fn columns_and_paper_rows_belong_to_something() {
         assert!(said.contains(word), "{to}: {said}");
     }
     assert!(refusal(&paper("composed.pnsr", whole)).contains("`composed.pnsr`"));
+}
+
+#[test]
+fn numbers_that_sweep_json_cannot_hold_are_refused() {
+    for number in ["nan", "inf", "-inf"] {
+        let row = format!("variant = \"full\"\nvalues = {{ \"composed.psnr\" = {number} }}");
+        let said = refusal(&with_paper(&[&row]));
+        assert!(said.contains("`composed.psnr`") && said.contains("finite number"), "{said}");
+    }
+    for minutes in ["nan", "inf", "0", "-1.5"] {
+        let expected = format!("preset = \"quickstart\"\nexpected = {{ minutes = {minutes}, on = \"a snail\" }}");
+        let said = refusal(&GRID.replace("preset = \"quickstart\"", &expected));
+        assert!(said.contains("`minutes` in `expected`") && said.contains("above 0"), "{said}");
+    }
 }
 
 #[test]

@@ -30,7 +30,7 @@ impl Table {
             mark_best(&mut rows, place, &column.metric);
         }
         rows.extend(differences(index, &rows, &labels));
-        let verdicts = index.rule.iter().flat_map(|rule| verdict::of(rule, &rows, &columns, &seeds)).collect();
+        let verdicts = index.rule.iter().flat_map(|rule| verdict::of(rule, &rows, &columns, &cells)).collect();
         Self {
             name: index.name.clone(),
             title: index.title.clone(),

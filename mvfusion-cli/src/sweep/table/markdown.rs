@@ -57,7 +57,7 @@ impl Table {
         for verdict in &self.verdicts {
             let values = verdict.values.iter().map(|value| format!(", {value}")).collect::<String>();
             let mut row = vec![escaped(&format!("{} - {}{values}", verdict.variant, verdict.minus))];
-            row.extend(verdict.scenes.iter().map(|scene| escaped(&scene.sentence(self.seeds.len()))));
+            row.extend(verdict.scenes.iter().map(|scene| escaped(&scene.sentence())));
             row.push(verdict.recommendation(rule));
             rows.push(row);
         }

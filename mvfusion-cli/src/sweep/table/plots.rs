@@ -1,9 +1,11 @@
 //! Which curves a table has: each metric over each swept key whose values are numbers.
 
+use mvfusion_model::Config;
+
 use super::paper::spoken;
 use super::{Column, Method, Row, Spread, Table, paper};
 use crate::sweep::grid::number;
-use crate::sweep::metric::TableMetric;
+use crate::sweep::metric::{self, TableMetric};
 
 /// A value of the swept key.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -110,7 +112,7 @@ fn plot(table: &Table, axis: usize, metric: &TableMetric) -> Plot {
         series
     });
     Plot {
-        file: format!("{}_{}.svg", file_part(key), file_part(&metric.name)),
+        file: file_name(key, &metric.name),
         title: table.title.clone(),
         x_title: key.clone(),
         y_title: metric.heading(),
@@ -143,6 +145,19 @@ fn name(table: &Table, column: &Column, line: &Line, axis: usize) -> String {
     let others = others.filter_map(|(place, value)| Some(format!("{} = {}", table.axes.get(*place)?, spoken(value))));
     let parts: Vec<String> = group.into_iter().chain(variant).chain(others).collect();
     if parts.is_empty() { column.group.clone() } else { parts.join(", ") }
+}
+
+/// Name of the file of a key and a metric.
+fn file_name(key: &str, metric: &str) -> String {
+    format!("{}_{}.svg", file_part(key), file_part(metric))
+}
+
+/// Whether a file of this name can be a curve of an earlier table.
+pub(super) fn is_curve(file: &str) -> bool {
+    let keys = || Config::key_notes().iter();
+    metric::all().iter().any(|metric| {
+        file.ends_with(&file_name("", &metric.name)) && keys().any(|notes| file == file_name(&notes.key, &metric.name))
+    })
 }
 
 /// A key or a metric's name as a part of a file's name.
@@ -198,6 +213,16 @@ mod tests {
         assert!(of(&Table::of(&index, &[])).is_empty());
         index.cells[0].values[0] = "'five'".into();
         assert!(of(&Table::of(&index, &[metrics(&[("composed.psnr", 1.0)])])).is_empty());
+    }
+
+    #[test]
+    fn a_curve_is_known_by_its_key_and_its_metric() {
+        assert!(is_curve("motion-window_composed-psnr.svg") && is_curve("train-scale_movers-lpips_alex.svg"));
+        for other in
+            ["figure.svg", "mine_composed-psnr.svg", "motion-window_mine.svg", "motion-window_composed-psnr.png"]
+        {
+            assert!(!is_curve(other), "{other}");
+        }
     }
 
     #[test]

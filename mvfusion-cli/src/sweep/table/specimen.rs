@@ -23,6 +23,7 @@ pub(super) fn index(axes: &[&str], columns: Vec<ColumnGroup>, paper: &str) -> In
         differences: Vec::new(),
         rule: None,
         paper,
+        grid_sha256: None,
         wanted: Wanted::default(),
         expected: None,
         cells: Vec::new(),

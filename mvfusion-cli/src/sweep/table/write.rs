@@ -37,11 +37,11 @@ pub fn write(index: &Index, outcomes: &[Outcome], folder: &Path) -> anyhow::Resu
     Ok(written)
 }
 
-/// Removes curves that the table no longer has: its grid may have changed.
+/// Removes curves that the table no longer has: its grid may have changed. Other drawings are not ours.
 fn remove_others(folder: &Path, plots: &[plots::Plot]) -> anyhow::Result<()> {
     let Ok(entries) = std::fs::read_dir(folder) else { return Ok(()) };
     for path in entries.filter_map(|entry| Some(entry.ok()?.path())) {
-        let is_plot = path.extension().is_some_and(|extension| extension == "svg");
+        let is_plot = path.file_name().and_then(|name| name.to_str()).is_some_and(plots::is_curve);
         let is_wanted = plots.iter().any(|plot| path.ends_with(&plot.file));
         if is_plot && !is_wanted {
             std::fs::remove_file(&path).with_context(|| format!("cannot remove {}", path.display()))?;
@@ -68,6 +68,20 @@ mod tests {
         let tables = ["table.md", "table.tex", "table.csv", "table.json"];
         assert_eq!(names, [&tables[..], &plots[..]].concat());
         assert!(written.iter().all(|path| path.is_file()));
+    }
+
+    #[test]
+    fn curves_of_an_earlier_grid_are_removed_and_drawings_of_a_user_are_not() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = |name: &str| folder.path().join(PLOTS).join(name);
+        let (old, others) = ("motion-knots_composed-psnr.svg", ["figure.svg", "paper_composed-psnr.svg"]);
+        std::fs::create_dir(folder.path().join(PLOTS)).expect("made");
+        for name in [&[old], &others[..]].concat() {
+            std::fs::write(path(name), "x").expect("written");
+        }
+        let (index, outcomes) = windows();
+        write(&index, &outcomes, folder.path()).expect("written");
+        assert!(!path(old).exists() && others.iter().all(|name| path(name).exists()));
     }
 
     #[test]

@@ -1,0 +1,60 @@
+use super::*;
+
+fn in_folder() -> (tempfile::TempDir, SweepFolder) {
+    let folder = tempfile::tempdir().expect("folder");
+    let sweep = SweepFolder::new(folder.path()).expect("a path");
+    (folder, sweep)
+}
+
+#[test]
+fn a_grid_or_cells_of_somebody_else_are_not_written_over() {
+    let (folder, sweep) = in_folder();
+    let refusal = || sweep.check("mine").expect_err("refused").to_string();
+    fs::create_dir(folder.path().join(CELLS)).expect("made");
+    sweep.check("mine").expect("a sweep that was killed as it began");
+    fs::write(folder.path().join(CELLS).join("a.toml"), "x").expect("written");
+    assert!(refusal().contains("`cells`, but no sweep"), "{}", refusal());
+    fs::write(folder.path().join(GRID), "mine").expect("written");
+    sweep.check("mine").expect("a sweep that was killed before its index");
+    fs::remove_dir_all(folder.path().join(CELLS)).expect("removed");
+    fs::write(folder.path().join(GRID), "theirs").expect("written");
+    assert!(refusal().contains("`grid.toml`, but no sweep"), "{}", refusal());
+}
+
+#[test]
+fn a_grid_that_was_changed_in_the_folder_is_not_lost() {
+    let (folder, sweep) = in_folder();
+    let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).expect("written");
+    let index = serde_json::json!({ "grid_sha256": sha256(b"old") });
+    write(INDEX, &index.to_string());
+    sweep.check("new").expect("the grid is not there");
+    write(GRID, "old");
+    sweep.check("new").expect("the grid that is given has changed");
+    write(GRID, "own");
+    let said = sweep.check("new").expect_err("refused").to_string();
+    assert!(said.contains("grid.toml was changed") && said.contains("move it away"), "{said}");
+    sweep.check("own").expect("the changed grid itself is given");
+    write(INDEX, r#"{ "name": "of an earlier version" }"#);
+    sweep.check("new").expect("nothing tells whether it was changed");
+}
+
+#[test]
+fn a_run_is_measured_once_every_wanted_network_has_looked_at_it_with_the_wanted_weights() {
+    let mut results = run::specimen(Scores::default());
+    let wanted = |networks: &[(&str, &str)]| {
+        let lpips = networks.iter().map(|&(network, sha256)| (network.to_owned(), sha256.to_owned())).collect();
+        Wanted { lpips_weights: Some("weights".into()), lpips, ..Wanted::default() }
+    };
+    // Nothing is missed of a folder that has no network of a column.
+    assert!(is_measured(&results, &wanted(&[])));
+    assert!(!is_measured(&results, &wanted(&[("alex", "a")])));
+    results.lpips.insert("alex".into(), LpipsWeights::WeightsSha256("a".into()));
+    assert!(is_measured(&results, &wanted(&[("alex", "a")])));
+    assert!(!is_measured(&results, &wanted(&[("alex", "other")])), "other weights");
+    assert!(!is_measured(&results, &wanted(&[("alex", "a"), ("vgg", "v")])), "a further network");
+    assert!(!is_measured(&results, &wanted(&[("vgg", "v")])), "another network");
+    results.lpips.insert("vgg".into(), LpipsWeights::WeightsSha256("v".into()));
+    assert!(is_measured(&results, &wanted(&[("alex", "a"), ("vgg", "v")])));
+    let timed = Wanted { speed_frames: 1, ..wanted(&[("alex", "a")]) };
+    assert!(!is_measured(&results, &timed), "no speed");
+}
