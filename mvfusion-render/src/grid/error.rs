@@ -82,8 +82,8 @@ pub(super) fn check(
     }
 }
 
-/// Bytes of the largest buffer for `count` points. The forward pass has all features of a point at a scale, the backward
-/// pass the gradients of its four coordinates.
+/// Bytes of the largest buffer for `count` points. For each scale, the forward pass has the features of a point, the
+/// backward pass the gradients of its four coordinates.
 fn buffer_bytes(count: usize, layout: &GridLayout) -> u64 {
     const COORDINATES: usize = 4;
     let columns = layout.features.max(COORDINATES) * layout.multipliers.len();

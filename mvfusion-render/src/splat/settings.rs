@@ -112,8 +112,8 @@ impl SplatRules {
         }
     }
 
-    /// Whether an opaque Gaussian is added to an empty pixel, with the arithmetic of both precisions. A sum would round to
-    /// 1.
+    /// Whether an opaque Gaussian is added to an empty pixel, with the arithmetic of both precisions. The sum of both
+    /// numbers would round to 1.
     fn shows_opaque(&self) -> bool {
         let (behind, behind_single) = (1.0 - self.alpha_clamp, 1.0 - self.alpha_clamp as f32);
         match self.stop {
