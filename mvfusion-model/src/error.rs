@@ -8,6 +8,8 @@ use mvfusion_render::objective::ObjectiveError;
 use mvfusion_render::splat::SplatError;
 use thiserror::Error;
 
+use crate::config::BadStepRule;
+
 /// The reason why a run cannot continue. Each message states what failed, where, and what to do.
 #[derive(Debug, Error)]
 pub enum ModelError {
@@ -56,8 +58,8 @@ pub enum ModelError {
     },
     /// A value is not finite.
     #[error(
-        "{what} is not finite at step {run_step} (step {step} of stage {stage}), which showed {views}. Lower the \
-         learning rates, or set `train.on_bad_step = \"skip\"` to go on without such steps."
+        "{what} is not finite at step {run_step} (step {step} of stage {stage}), which showed {views}. {}",
+        remedy(*.rule)
     )]
     NotFinite {
         /// The first tensor with such a value.
@@ -70,6 +72,8 @@ pub enum ModelError {
         stage: &'static str,
         /// The views of the step, with their times.
         views: String,
+        /// `train.on_bad_step`, which the remedy depends on.
+        rule: BadStepRule,
     },
     /// Too many steps in a row were skipped.
     #[error("{in_a_row} steps in a row were skipped. The last one: {last}")]
@@ -120,4 +124,14 @@ pub enum ModelError {
         /// The problem: a missing tensor, its shape, or its values.
         found: String,
     },
+}
+
+/// What to do about numbers that are not finite.
+fn remedy(rule: BadStepRule) -> &'static str {
+    match rule {
+        BadStepRule::Stop => {
+            "Lower the learning rates, or set `train.on_bad_step = \"skip\"` to go on without such steps."
+        }
+        BadStepRule::Skip => "Lower the learning rates.",
+    }
 }

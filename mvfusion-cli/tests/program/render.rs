@@ -257,7 +257,14 @@ fn what_cannot_be_rendered_is_refused_before_anything_is_written() {
 
 #[test]
 fn a_model_of_one_branch_has_no_mask_and_one_that_stands_still_no_motion() {
-    let folder = trained(&["--set", "model.branches=dynamic"]);
+    let one_branch = [
+        "model.branches=dynamic",
+        "model.grid.bounds=cloud",
+        "init.motion_points=0",
+        "init.photo_points=0",
+        "densify.births_interval=0",
+    ];
+    let folder = trained(&one_branch.map(|setting| ["--set", setting]).concat());
     for layer in ["static", "mask", "masked_static", "masked-dynamic"] {
         refused(folder.path(), &["--layers", layer], USAGE, &[&layer.replace('-', "_"), "no static branch"]);
     }

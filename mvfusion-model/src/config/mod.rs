@@ -36,6 +36,7 @@ pub use loss::LossConfig;
 pub use model::{Background, Branches, GridBoundsRule, GridConfig, ModelConfig, TimeRows, Uncovered};
 pub use motion::{FusionWeights, MotionConfig, Spread, StillRule};
 pub use optim::{Decay, OptimConfig};
+pub(crate) use scene::LEAST_MOTION_DURATION;
 pub use scene::{InitConfig, SceneConfig, SceneKind};
 pub use steps::{Interval, Steps};
 pub use train::{BadStepRule, StageConfig, TrainConfig};

@@ -147,6 +147,9 @@ impl Default for InitConfig {
     }
 }
 
+/// Lower end of `init.motion_duration`, in frames.
+pub(crate) const LEAST_MOTION_DURATION: f64 = 1e-3;
+
 keys!(SceneConfig {
     data: ANY,
     format: ANY,
@@ -171,7 +174,7 @@ keys!(InitConfig {
     dynamic_cloud_share: SHARE,
     dynamic_cloud_colours: ANY,
     motion_points: GAUSSIANS,
-    motion_duration: ABOVE_0.from(1e-3).saying("a duration is a number above 0"),
+    motion_duration: ABOVE_0.from(LEAST_MOTION_DURATION).saying("a duration is a number above 0"),
     motion_logit: LOGIT.saying("give a number; above 0 is in favour of the foreground"),
     photo_points: GAUSSIANS,
     photo_duration: ABOVE_0.from(1e-3).saying("a duration is a number above 0"),

@@ -7,7 +7,7 @@ use mvfusion_data::Scene;
 
 use super::sample::Sample;
 use crate::ModelError;
-use crate::config::{Branches, Config, Interval, StageConfig, Steps};
+use crate::config::{Branches, Config, Interval, LEAST_MOTION_DURATION, StageConfig, Steps};
 use crate::initial::initial_counts;
 use crate::train::Trainer;
 
@@ -137,7 +137,7 @@ impl Ground<'_> {
             densify.static_.max_gaussians = most[1];
         }
         // With fewer moments, as many Gaussians are present at each of them.
-        init.motion_duration *= self.sample.share;
+        init.motion_duration = (init.motion_duration * self.sample.share).max(LEAST_MOTION_DURATION);
         let few = |stage: Steps| Steps(if stage.0 == 0 { 0 } else { steps });
         train.stages = StageConfig {
             geometry: few(train.stages.geometry),
@@ -175,4 +175,27 @@ fn timed_step(trainer: &mut Trainer, device: &Device) -> Result<f64, ModelError>
 pub(super) fn median(mut numbers: Vec<f64>) -> f64 {
     numbers.sort_by(f64::total_cmp);
     numbers.get(numbers.len() / 2).copied().unwrap_or(0.0)
+}
+
+#[cfg(all(test, feature = "flex"))]
+mod tests {
+    use mvfusion_data::{BuiltinOptions, builtin};
+
+    use super::*;
+
+    #[test]
+    fn the_configuration_of_a_copy_is_valid_however_few_moments_are_sampled() {
+        let scene = builtin::builtin(&BuiltinOptions { width: 16, height: 12, frames: 2, ..Default::default() });
+        let mut config = Config::default();
+        (config.init.motion_duration, config.init.motion_points) = (0.05, 100);
+        let mut sample = Sample::of(&scene).expect("in memory");
+        let device = crate::device::flex();
+        for (share, duration) in [(0.5, 0.025), (0.004, LEAST_MOTION_DURATION)] {
+            sample.share = share;
+            let ground = Ground { config: &config, sample: &sample, device: &device, deadline: Instant::now() };
+            let copy = ground.copy(Part::even(0.1), STEPS).expect("no files are needed");
+            assert_eq!(copy.init.motion_duration, duration);
+            copy.check().expect("the copy can be trained");
+        }
+    }
 }

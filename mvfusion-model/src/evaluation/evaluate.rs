@@ -168,7 +168,9 @@ impl Scoring<'_> {
         }
         .with_difference();
         if let Some(layers) = &pictures.branches {
-            if let (Some(_), Some(regions)) = (&given, &regions) {
+            // The mask of a clean view is black by construction, so there is no prediction.
+            let predicts = self.composed_shows != Some(HeldOutPhoto::StaticBranch);
+            if let (Some(_), Some(regions)) = (given.as_ref().filter(|_| predicts), &regions) {
                 let predicted = valid.visible(&layers.mask);
                 let (mut overlap, mut small) = (MaskOverlap::default(), SmallMovers::default());
                 overlap.add(&predicted, &regions.dynamic);
@@ -253,8 +255,12 @@ mod tests {
     use image::Luma;
     use mvfusion_data::BuiltinOptions;
     use mvfusion_data::builtin::builtin;
+    #[cfg(feature = "flex")]
+    use mvfusion_data::{BuiltinKind, Picture};
 
     use super::*;
+    #[cfg(feature = "flex")]
+    use crate::{config::Config, device, train::Trainer};
 
     #[test]
     fn pixels_that_do_not_count_are_in_neither_region() {
@@ -275,6 +281,35 @@ mod tests {
         let mut overlap = MaskOverlap::default();
         overlap.add(&valid.visible(&RgbImage::from_pixel(2, 1, image::Rgb([255; 3]))), &regions.dynamic);
         assert_eq!(overlap.ratio(), Some(1.0));
+    }
+
+    #[test]
+    #[cfg(feature = "flex")]
+    fn a_mask_that_is_black_by_construction_is_not_scored() {
+        let options =
+            BuiltinOptions { width: 16, height: 12, photos: 4, ..BuiltinOptions::of_kind(BuiltinKind::Casual) };
+        let mut scene = builtin(&options);
+        // Something small is known to move in every held-out photo.
+        scene.test.truncate(2);
+        for view in &mut scene.test {
+            let mut mask = RgbImage::new(16, 12);
+            mask.put_pixel(3, 4, image::Rgb([255; 3]));
+            view.truth.dynamic_mask = Some(Picture::Memory(Arc::new(mask)));
+        }
+        let mut config = Config::default();
+        (config.model.width, config.model.grid.resolution, config.init.dynamic_points) = (8, [4; 4], 20);
+        let trainer = Trainer::new(config, &scene, &device::flex()).expect("the run can start");
+        let (model, context) = (trainer.state().model.plain(), trainer.render_context());
+        for (protocol, is_scored) in [(Protocol::Mvfusion, false), (Protocol::ThreeDgs, true)] {
+            let (evaluator, nothing) = (Evaluator::without_lpips(protocol), |_, _: &_, _: &_| Ok::<(), ModelError>(()));
+            let scores = evaluate(&model, &scene, Split::Test, DeformationLevel::Still, context, &evaluator, nothing)
+                .expect("the views can be scored");
+            let means = std::iter::once(&scores.mean).chain(scores.views.iter().map(|view| &view.scores));
+            for mean in means {
+                assert_eq!([mean.mask_iou.is_some(), mean.small_movers.is_some()], [is_scored; 2], "{protocol:?}");
+                assert!(mean.composed.psnr.is_some() && mean.dynamic_region.is_some());
+            }
+        }
     }
 
     #[test]

@@ -22,7 +22,7 @@ use crate::ModelError;
 use crate::config::{Branches, Config, InitConfig};
 use crate::random::Stream;
 use neighbours::mean_squared_distances_within;
-use points::{merged, random_colour, region, sky, strew, thinned};
+use points::{merged, out_of_reach, random_colour, region, sky, strew, thinned};
 
 /// Initial duration of a permanent Gaussian: a thousand times the length of the video.
 const ALWAYS: f32 = 1000.0;
@@ -60,8 +60,14 @@ impl InitialClouds {
         let drawn = draw_points(scene, config.model.branches, &reduced, uniform(init), stream);
         let room = densify.dynamic.max_gaussians.saturating_sub(motion.map_or(0, |motion| motion.points.len()));
         let drawn = DrawnPoints {
-            static_: drawn.static_.map(|points| bounded(points, densify.static_.max_gaussians, "static", stream)),
-            dynamic: bounded(drawn.dynamic, room, "dynamic", stream),
+            static_: drawn.static_.map(|points| {
+                warn_of_excess("static", points.len(), densify.static_.max_gaussians, init.static_ply.as_deref());
+                thinned(points, densify.static_.max_gaussians, stream)
+            }),
+            dynamic: {
+                warn_of_excess("dynamic", drawn.dynamic.len(), room, init.dynamic_ply.as_deref());
+                thinned(drawn.dynamic, room, stream)
+            },
         };
         let mut dynamic = match &init.dynamic_ply {
             Some(path) => DYNAMIC_FILE.read(path, densify.dynamic.max_gaussians, degree)?,
@@ -96,16 +102,21 @@ fn strewn(config: &Config, scene: &Scene) -> usize {
     }
 }
 
-/// At most `most` points, because a branch never has more Gaussians than its `max_gaussians`.
-fn bounded(points: PointCloud, most: usize, branch: &str, stream: &mut Stream) -> PointCloud {
-    if points.len() > most {
-        tracing::warn!(
-            "the {branch} branch starts from {most} of its {} points, drawn at random, because of \
-             `densify.{branch}.max_gaussians`",
-            points.len()
-        );
+/// Warns if a branch starts from fewer points than were drawn for it, because it never has more Gaussians than its
+/// `max_gaussians`. A file of Gaussians replaces the points.
+fn warn_of_excess(branch: &str, count: usize, most: usize, file: Option<&Path>) {
+    if let Some(words) = excess(branch, count, most, file) {
+        tracing::warn!("{words}");
     }
-    thinned(points, most, stream)
+}
+
+fn excess(branch: &str, count: usize, most: usize, file: Option<&Path>) -> Option<String> {
+    (count > most && file.is_none()).then(|| {
+        format!(
+            "the {branch} branch starts from {most} of its {count} points, drawn at random, because of \
+             `densify.{branch}.max_gaussians`"
+        )
+    })
 }
 
 /// An upper bound of the numbers of Gaussians before the first step: dynamic, static. Nothing is drawn; only files of
@@ -236,6 +247,10 @@ fn draw_points(
     stream: &mut Stream,
 ) -> DrawnPoints {
     let region = region(scene, config);
+    let draws = config.static_points > 0 || config.dynamic_points > 0;
+    if let Some(words) = out_of_reach(scene, config).filter(|_| draws) {
+        tracing::warn!("{words}");
+    }
     // Points that coincide would be Gaussians of no size, and show nothing that one of them does not.
     let points = merged(&scene.points);
     let coinciding = scene.points.len() - points.len();
@@ -336,6 +351,14 @@ mod tests {
             assert_eq!(drawn(&scene, &config), [70, 90]);
             assert_eq!(initial_counts(&scene, &config).expect("no files are needed"), [70, 90]);
         }
+    }
+
+    #[test]
+    fn only_points_that_a_branch_starts_from_are_said_to_be_too_many() {
+        let said = excess("static", 100, 90, None).expect("ten are left out");
+        assert!(said.starts_with("the static branch starts from 90 of its 100 points"), "{said}");
+        assert_eq!(excess("static", 100, 90, Some(Path::new("static.ply"))), None);
+        assert_eq!(excess("dynamic", 90, 90, None), None);
     }
 
     #[test]

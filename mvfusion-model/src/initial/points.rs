@@ -11,21 +11,45 @@ use crate::model::gaussians::SH_C0;
 use crate::random::Stream;
 
 /// The box of random points: the box of the cloud with its margin, at most `box_reach` extents away from the cameras.
-/// Without a cloud it is the neighbourhood of the cameras.
+/// Along an axis on which all of the cloud is farther away, that would be the gap between cameras and cloud: there, the
+/// box is that of the cloud. Without a cloud it is the neighbourhood of the cameras.
 pub(super) fn region(scene: &Scene, config: &InitConfig) -> Bounds {
     let cameras = scene.camera_bounds();
+    let Some(mut cloud) = cloud_box(scene, config) else {
+        let reach = DVec3::splat(unit(scene));
+        return Bounds { min: cameras.min - reach, max: cameras.max + reach };
+    };
     let reach = DVec3::splat(config.box_reach * scene.extent());
-    let margin = DVec3::splat(config.box_margin * scene.extent());
-    match scene.points.bounds() {
-        Some((min, max)) => Bounds {
-            min: (min.as_dvec3() - margin).max(cameras.min - reach),
-            max: (max.as_dvec3() + margin).min(cameras.max + reach),
-        },
-        None => {
-            let reach = DVec3::splat(unit(scene));
-            Bounds { min: cameras.min - reach, max: cameras.max + reach }
-        }
+    let (min, max) = (cloud.min.max(cameras.min - reach), cloud.max.min(cameras.max + reach));
+    for axis in (0..3).filter(|&axis| min[axis] <= max[axis]) {
+        (cloud.min[axis], cloud.max[axis]) = (min[axis], max[axis]);
     }
+    cloud
+}
+
+/// A warning if the cloud is out of the cameras' reach along an axis.
+pub(super) fn out_of_reach(scene: &Scene, config: &InitConfig) -> Option<String> {
+    let (cameras, cloud) = (scene.camera_bounds(), cloud_box(scene, config)?);
+    let reach = config.box_reach * scene.extent();
+    let is_far =
+        |axis: &usize| cloud.min[*axis] > cameras.max[*axis] + reach || cloud.max[*axis] < cameras.min[*axis] - reach;
+    let axes: Vec<&str> = (0..3).filter(is_far).map(|axis| ["x", "y", "z"][axis]).collect();
+    (!axes.is_empty()).then(|| {
+        format!(
+            "all points are farther from the cameras than `init.box_reach` = {} extents along {}: there, random points \
+             are drawn in the range of the points. Check that cameras and points share their coordinates, or raise the \
+             reach",
+            config.box_reach,
+            axes.join(" and ")
+        )
+    })
+}
+
+/// The box of the cloud with its margin; `None` without points.
+fn cloud_box(scene: &Scene, config: &InitConfig) -> Option<Bounds> {
+    let margin = DVec3::splat(config.box_margin * scene.extent());
+    let (min, max) = scene.points.bounds()?;
+    Some(Bounds { min: min.as_dvec3() - margin, max: max.as_dvec3() + margin })
 }
 
 /// The extent of the scene, or one world unit if all cameras are at one place: points need some distance from them.
@@ -138,6 +162,27 @@ mod tests {
             let nearest = far.positions.iter().map(|p| p.as_dvec3().distance(centre)).fold(f64::INFINITY, f64::min);
             assert!(nearest > 1.5 * points.reach(centre) && points.reach(centre) > 0.5, "{nearest}");
         }
+    }
+
+    #[test]
+    fn a_cloud_out_of_reach_keeps_its_own_range() {
+        let mut scene = scene(&[DVec3::ZERO, 4.0 * DVec3::X]);
+        scene.points.push(Vec3::new(1.0, -1.0, 900.0), Vec3::ONE);
+        scene.points.push(Vec3::new(2.0, 1.0, 1000.0), Vec3::ONE);
+        let config = InitConfig::default();
+        let found = region(&scene, &config);
+        assert_eq!([found.min, found.max], [DVec3::new(1.0, -1.0, 900.0), DVec3::new(2.0, 1.0, 1000.0)]);
+        let said = out_of_reach(&scene, &config).expect("it is far away");
+        assert!(said.contains("`init.box_reach` = 5 extents along z:"), "{said}");
+
+        let everywhere = InitConfig { box_reach: f64::INFINITY, ..config.clone() };
+        assert_eq!([region(&scene, &everywhere).min, region(&scene, &everywhere).max], [found.min, found.max]);
+        assert_eq!(out_of_reach(&scene, &everywhere), None);
+        // A cloud that begins within reach ends there.
+        scene.points.positions[0].z = 0.5;
+        let found = region(&scene, &config);
+        assert_eq!([found.min.z, found.max.z], [0.5, 5.0 * scene.extent()]);
+        assert_eq!(out_of_reach(&scene, &config), None);
     }
 
     #[test]

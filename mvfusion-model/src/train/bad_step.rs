@@ -43,7 +43,10 @@ impl Trainer {
     /// [`ModelError::NotFinite`] with the parameter.
     pub(super) fn check_parameters(&self, position: &Position) -> Result<(), ModelError> {
         match Findings::of_parameters(&self.state.model).first_bad()? {
-            Some(parameter) => Err(position.not_finite(parameter, self.photos.describe(&self.shown))),
+            Some(parameter) => {
+                let rule = self.config.train.on_bad_step;
+                Err(position.not_finite(parameter, self.photos.describe(&self.shown), rule))
+            }
             None => Ok(()),
         }
     }
@@ -99,7 +102,8 @@ impl Trainer {
     /// The error for a step in which `found` is not finite. A parameter that is not finite either is the cause.
     fn not_finite(&self, found: String, shown: &[usize], position: &Position) -> Result<ModelError, ModelError> {
         let parameter = Findings::of_parameters(&self.state.model).first_bad()?;
-        Ok(position.not_finite(parameter.unwrap_or(found), self.photos.describe(shown)))
+        let rule = self.config.train.on_bad_step;
+        Ok(position.not_finite(parameter.unwrap_or(found), self.photos.describe(shown), rule))
     }
 }
 
@@ -152,7 +156,7 @@ mod tests {
     use mvfusion_data::builtin::builtin;
 
     use super::*;
-    use crate::config::{Config, ModelConfig, StageConfig, TrainConfig};
+    use crate::config::{BadStepRule, Config, ModelConfig, StageConfig, TrainConfig};
     use crate::device;
 
     #[test]
@@ -173,7 +177,7 @@ mod tests {
         for (ends_round, keeps) in [(false, true), (true, false)] {
             let position = trainer.position().expect("a step is left");
             assert_eq!(position.step.is_multiple_of(3), ends_round);
-            let error = position.not_finite("the loss".to_owned(), String::new());
+            let error = position.not_finite("the loss".to_owned(), String::new(), BadStepRule::Skip);
             trainer.skip(error, &position).expect("two are skipped");
             trainer.state.completed += 1;
             assert_eq!(is_pending(&trainer), keeps);

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::ModelError;
-use crate::config::{DensifyConfig, StageConfig, Steps};
+use crate::config::{BadStepRule, DensifyConfig, StageConfig, Steps};
 use crate::model::DeformationLevel;
 
 /// The three stages (paper, training strategy).
@@ -87,9 +87,9 @@ impl Position {
     }
 
     /// The error for a non-finite value at this step, which showed `views`.
-    pub(super) fn not_finite(&self, what: String, views: String) -> ModelError {
+    pub(super) fn not_finite(&self, what: String, views: String, rule: BadStepRule) -> ModelError {
         let Self { run_step, stage_step, stage, .. } = *self;
-        ModelError::NotFinite { what, run_step, step: stage_step, stage: stage.name(), views }
+        ModelError::NotFinite { what, run_step, step: stage_step, stage: stage.name(), views, rule }
     }
 
     /// Whether this is the stage's last step.
@@ -153,6 +153,16 @@ mod tests {
         let position = Position::after(5, &stages).expect("within the run");
         assert_eq!((position.stage, position.step), (Stage::Refinement, 1));
         assert!(position.restarts());
+    }
+
+    #[test]
+    fn only_a_run_that_stops_is_advised_to_skip() {
+        let position = Position::after(2, &STAGES).expect("within the run");
+        let said = |rule| position.not_finite("the loss".to_owned(), "cam01".to_owned(), rule).to_string();
+        let place = "the loss is not finite at step 3 (step 1 of stage deformation), which showed cam01. Lower the";
+        assert!([BadStepRule::Stop, BadStepRule::Skip].into_iter().all(|rule| said(rule).starts_with(place)));
+        assert!(said(BadStepRule::Stop).contains("`train.on_bad_step = \"skip\"`"));
+        assert!(said(BadStepRule::Skip).ends_with("Lower the learning rates."));
     }
 
     #[test]

@@ -26,7 +26,7 @@ pub enum GridError {
         /// Its dtype.
         found: DType,
     },
-    /// The features do not fit into a buffer of the device.
+    /// The features, or the gradients of the places at every scale, do not fit into a buffer of the device.
     #[error(
         "{points} points with {features} features need {bytes} bytes, but the largest buffer of this device has \
          {limit}: use fewer Gaussians or `--device cpu`"
@@ -36,7 +36,7 @@ pub enum GridError {
         points: usize,
         /// Features per point.
         features: usize,
-        /// Bytes of the result.
+        /// Bytes of the larger of both.
         bytes: u64,
         /// Bytes of the largest buffer.
         limit: u64,
@@ -72,7 +72,7 @@ pub(super) fn check(
         }
     }
     let features = layout.features * layout.multipliers.len();
-    let bytes = 4 * (count * features) as u64;
+    let bytes = buffer_bytes(count, layout);
     if let Some(limit) = buffer_limit(&planes.device()).filter(|&limit| bytes > limit) {
         return Err(GridError::Buffer { points: count, features, bytes, limit });
     }
@@ -80,6 +80,14 @@ pub(super) fn check(
         true => Ok(()),
         false => Err(GridError::Bounds(*bounds)),
     }
+}
+
+/// Bytes of the largest buffer for `count` points. For each scale, the forward pass has the features of a point, the
+/// backward pass the gradients of its four coordinates.
+fn buffer_bytes(count: usize, layout: &GridLayout) -> u64 {
+    const COORDINATES: usize = 4;
+    let columns = layout.features.max(COORDINATES) * layout.multipliers.len();
+    size_of::<f32>() as u64 * count as u64 * columns as u64
 }
 
 /// Checks only the planes.
@@ -96,5 +104,17 @@ pub(super) fn check_planes(planes: &Tensor<2>, layout: &GridLayout) -> Result<()
     match planes.dtype() {
         found if takes(&planes.device(), found) => Ok(()),
         found => Err(GridError::Type { argument: "planes", found }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_buffer_holds_the_features_and_the_gradients_of_the_places() {
+        let layout = |features| GridLayout { features, resolution: [2; 4], multipliers: vec![1, 2, 4] };
+        // With few features, the backward pass needs more: 16 bytes for each point and scale.
+        assert_eq!([1, 4, 16].map(|features| buffer_bytes(1000, &layout(features))), [48_000, 48_000, 192_000]);
     }
 }

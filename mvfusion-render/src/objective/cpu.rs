@@ -1,6 +1,6 @@
 //! CPU twin of the objective: prepare the pictures, compare them in windows, collect the terms and their gradients. Rows
-//! are independent, and sums follow the order of the pixels, so that results depend neither on the number of threads nor
-//! on the instruction set.
+//! are independent, and their sums are added in order, so that results do not depend on the number of threads. Within a
+//! row, sums are formed vector by vector: their last bits depend on the width of a vector.
 //!
 //! Code on vectors has plain loops instead of closures, which the compiler would leave without the instruction set.
 #![allow(clippy::needless_range_loop, reason = "loops over channels of several arrays are unrolled as they are")]

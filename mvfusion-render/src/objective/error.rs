@@ -35,6 +35,14 @@ pub enum ObjectiveError {
     /// The scene's extent cannot divide depths.
     #[error("`extent` is {0}; expected a number above 0")]
     Extent(f64),
+    /// A weight is no factor of a loss.
+    #[error("the weight `{name}` is {value}; expected a finite number that is not below 0")]
+    Weight {
+        /// Name of the field of [`ObjectiveTerms`], or of [`GeometryTerms`](super::GeometryTerms) behind `geometry.`.
+        name: &'static str,
+        /// The weight.
+        value: f64,
+    },
     /// The derivatives of SSIM do not fit into a buffer of the device.
     #[error(
         "pictures of {width} x {height} pixels need a buffer of {bytes} bytes, but the largest one of this device has \
@@ -69,6 +77,7 @@ pub(super) fn check(inputs: &ObjectiveInputs, terms: &ObjectiveTerms) -> Result<
     if terms.extent.is_nan() || terms.extent <= 0.0 {
         return Err(ObjectiveError::Extent(terms.extent));
     }
+    check_weights(terms)?;
     if let Some(limit) = buffer_limit(&inputs.dynamic.device()) {
         let bytes = (SLOPE_BYTES * height * width) as u64;
         if bytes > limit {
@@ -91,6 +100,14 @@ pub(super) fn check(inputs: &ObjectiveInputs, terms: &ObjectiveTerms) -> Result<
     Ok(())
 }
 
+/// A term with a negative weight would be left out on one device and not on another.
+fn check_weights(terms: &ObjectiveTerms) -> Result<(), ObjectiveError> {
+    match terms.weights().into_iter().find(|(_, weight)| !(weight.is_finite() && *weight >= 0.0)) {
+        Some((name, value)) => Err(ObjectiveError::Weight { name, value }),
+        None => Ok(()),
+    }
+}
+
 fn check_tensor<const D: usize>(
     argument: &'static str,
     tensor: &Tensor<D>,
@@ -105,4 +122,62 @@ fn check_tensor<const D: usize>(
         return Err(ObjectiveError::Type { argument, found: tensor.dtype() });
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{GeometryTerms, MaskNormalisation};
+    use super::*;
+    use crate::window::Window;
+
+    /// Every weight is 0.
+    fn terms() -> ObjectiveTerms {
+        ObjectiveTerms {
+            normalisation: MaskNormalisation::Geometry,
+            extent: 1.0,
+            dynamic_region: false,
+            static_region: false,
+            ssim: Window::gaussian(11, 1.5),
+            structure: Window::gaussian(5, 1.5),
+            geometry: Some(GeometryTerms { l1: 0.0, dssim: 0.0, mean: true }),
+            composed_l1: 0.0,
+            depth_back: 0.0,
+            depth_back_detached: true,
+            depth_forward: 0.0,
+            depth_smooth: 0.0,
+            likeness: 0.0,
+            branch_dssim: 0.0,
+            branch_l1: 0.0,
+            dynamic_above: 0.51,
+            static_above: 0.51,
+            composed_dssim: 0.0,
+            brightness: 0.0,
+            explicit_brightness: 0.0,
+            entropy: 0.0,
+            mask_motion: 0.0,
+            mask_still: 0.0,
+        }
+    }
+
+    #[test]
+    fn a_weight_that_is_negative_or_not_finite_is_refused_by_its_name() {
+        type Slot = fn(&mut ObjectiveTerms) -> &mut f64;
+        let slots: [(&str, Slot); 3] = [
+            ("geometry.dssim", |terms| &mut terms.geometry.as_mut().expect("it is the first stage").dssim),
+            ("depth_smooth", |terms| &mut terms.depth_smooth),
+            ("mask_still", |terms| &mut terms.mask_still),
+        ];
+        assert!(check_weights(&terms()).is_ok());
+        for (name, slot) in slots {
+            for bad in [-0.1, f64::NAN, f64::INFINITY] {
+                let mut terms = terms();
+                *slot(&mut terms) = bad;
+                let said = check_weights(&terms).expect_err("it is refused").to_string();
+                assert!(said.starts_with(&format!("the weight `{name}` is {bad}; expected")), "{said}");
+            }
+            let mut terms = terms();
+            *slot(&mut terms) = 1e6;
+            assert!(check_weights(&terms).is_ok(), "{name}");
+        }
+    }
 }

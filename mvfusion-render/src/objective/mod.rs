@@ -20,7 +20,8 @@ pub use terms::{GeometryTerms, MaskNormalisation, ObjectiveTerms};
 /// Bytes per pixel of the largest buffer on a GPU: three derivatives of SSIM for three images of three channels.
 pub const SLOPE_BYTES: usize = 4 * 27;
 
-/// A view: its renders, its photo and its masks. All tensors have one dtype (f32, or f64 on a CPU) and one device.
+/// A view: its renders, its photo and its masks. All tensors have one dtype (f32, or f64 on a CPU) and one device. The
+/// two copies of a render must be equal: values are read of the first alone, and the copies only part the gradients.
 #[derive(Clone, Debug)]
 pub struct ObjectiveInputs {
     /// Packed render of the dynamic branch, `[2, 8, H, W]`: colour, mask channels (static, brightness, dynamic), alpha and
@@ -59,7 +60,8 @@ pub struct Objective {
 /// The weighted sum of the terms (METHOD §4.4) and its gradients with respect to both renders and the exposure.
 ///
 /// # Errors
-/// If a shape or dtype does not match, `extent` is not above 0, or the pictures are too large for a buffer of the device.
+/// If a shape or dtype does not match, `extent` is not above 0, a weight is negative or not finite, or the pictures are
+/// too large for a buffer of the device.
 ///
 /// # Panics
 /// If a window is wider than a GPU compares, which is 193 pixels.

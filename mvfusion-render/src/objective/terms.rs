@@ -2,8 +2,8 @@
 
 use crate::window::Window;
 
-/// The weights of the picture terms (METHOD §4.4). A term with weight 0 is not computed. Means include all pixels, also
-/// where an indicator is 0.
+/// The weights of the picture terms (METHOD §4.4), finite and not below 0. A term with weight 0 is not computed. Means
+/// include all pixels, also where an indicator is 0.
 ///
 /// In the formulas, `d` is the clamped render of the dynamic branch, `l` that of the static branch with brightness `b`
 /// and clamped, `m` and `n` are their shares, `c = m d + n l` is the composed render, `p` the photo, `S` is SSIM and `K`
@@ -85,6 +85,28 @@ pub enum MaskNormalisation {
 }
 
 impl ObjectiveTerms {
+    /// All weights, by the names of their fields.
+    pub(super) fn weights(&self) -> [(&'static str, f64); 15] {
+        let geometry = |of: fn(&GeometryTerms) -> f64| self.geometry.as_ref().map_or(0.0, of);
+        [
+            ("geometry.l1", geometry(|terms| terms.l1)),
+            ("geometry.dssim", geometry(|terms| terms.dssim)),
+            ("composed_l1", self.composed_l1),
+            ("depth_back", self.depth_back),
+            ("depth_forward", self.depth_forward),
+            ("depth_smooth", self.depth_smooth),
+            ("likeness", self.likeness),
+            ("branch_dssim", self.branch_dssim),
+            ("branch_l1", self.branch_l1),
+            ("composed_dssim", self.composed_dssim),
+            ("brightness", self.brightness),
+            ("explicit_brightness", self.explicit_brightness),
+            ("entropy", self.entropy),
+            ("mask_motion", self.mask_motion),
+            ("mask_still", self.mask_still),
+        ]
+    }
+
     /// Whether SSIM of each branch is needed.
     pub(crate) fn branch_similarity(&self) -> bool {
         self.branch_dssim > 0.0 || self.geometry.as_ref().is_some_and(|geometry| geometry.dssim > 0.0)

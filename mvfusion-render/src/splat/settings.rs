@@ -64,8 +64,8 @@ pub struct SplatRules {
     pub depth_guard: f64,
     /// Added to both diagonal entries of the covariance on the image plane, in square pixels; 0 or more.
     pub dilation: f64,
-    /// Largest alpha of one Gaussian at one pixel, above 0. Together with the transmittance of `stop`, it is at most 1:
-    /// otherwise, an opaque Gaussian would not be added to an empty pixel.
+    /// Largest alpha of one Gaussian at one pixel, above 0. Its difference from 1 does not reach the transmittance of
+    /// `stop`: otherwise, an opaque Gaussian would not be added to an empty pixel.
     pub alpha_clamp: f64,
     /// Gradient of a clamped alpha.
     pub clamp_gradient: ClampGradient,
@@ -112,6 +112,16 @@ impl SplatRules {
         }
     }
 
+    /// Whether an opaque Gaussian is added to an empty pixel, with the arithmetic of both precisions. The sum of both
+    /// numbers would round to 1.
+    fn shows_opaque(&self) -> bool {
+        let (behind, behind_single) = (1.0 - self.alpha_clamp, 1.0 - self.alpha_clamp as f32);
+        match self.stop {
+            Stop::Below(stop) => behind >= stop && behind_single >= stop as f32,
+            Stop::AtOrBelow(stop) => behind > stop && behind_single > stop as f32,
+        }
+    }
+
     /// Checks the ranges of the fields. NaN is out of all of them.
     pub(super) fn check(&self) -> Result<(), SplatError> {
         let (Stop::Below(stop) | Stop::AtOrBelow(stop)) = self.stop;
@@ -121,13 +131,13 @@ impl SplatRules {
             ("far", self.far, self.far > self.near, "a number above `near`"),
             ("depth_guard", self.depth_guard, self.depth_guard >= 0.0, "0 or more"),
             ("dilation", self.dilation, self.dilation >= 0.0, "0 or more"),
-            ("stop", stop, stop > 0.0, "a number above 0"),
+            ("stop", stop, stop as f32 > 0.0, "a number above 0, also in single precision"),
             ("extent", sigmas, sigmas > 0.0, "more than 0 standard deviations"),
             (
                 "alpha_clamp",
                 self.alpha_clamp,
-                self.alpha_clamp > 0.0 && self.alpha_clamp + stop <= 1.0,
-                "a number above 0 that is at most 1 together with the transmittance of `stop`",
+                self.alpha_clamp as f32 > 0.0 && self.shows_opaque(),
+                "a number above 0 whose difference from 1 does not reach `stop`, also in single precision",
             ),
         ];
         match ranges.into_iter().find(|(.., is_valid, _)| !is_valid) {
@@ -162,4 +172,40 @@ pub struct SplatSettings {
     pub sh_degree: usize,
     /// Channels of the statistic.
     pub statistic: Statistic,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The rule that is refused, if any.
+    fn refused(alpha_clamp: f64, stop: Stop) -> Option<&'static str> {
+        match (SplatRules { alpha_clamp, stop, ..SplatRules::inria() }).check() {
+            Err(SplatError::Rule { rule, .. }) => Some(rule),
+            _ => None,
+        }
+    }
+
+    #[test]
+    fn an_opaque_gaussian_is_added_to_an_empty_pixel_in_both_precisions() {
+        // Sums that round to 1 in f64, a clamp that is 1 in f32, and a transmittance that is 0 there.
+        assert_eq!(refused(1.0, Stop::Below(1e-17)), Some("alpha_clamp"));
+        assert_eq!(refused(0.999_999_99, Stop::Below(1e-9)), Some("alpha_clamp"));
+        assert_eq!(refused(1.0, Stop::Below(1e-50)), Some("stop"));
+        assert_eq!(refused(f64::NAN, Stop::Below(1e-4)), Some("alpha_clamp"));
+        assert_eq!(refused(0.5, Stop::Below(f64::NAN)), Some("stop"));
+        // What is exactly reached counts for one rule alone.
+        assert_eq!(refused(0.75, Stop::Below(0.25)), None);
+        assert_eq!(refused(0.75, Stop::AtOrBelow(0.25)), Some("alpha_clamp"));
+    }
+
+    #[test]
+    fn the_shipped_rules_are_valid() {
+        for rules in [SplatRules::inria(), SplatRules::gsplat()] {
+            for antialias in [Antialias::Off, Antialias::Compensated] {
+                assert!((SplatRules { antialias, ..rules }).check().is_ok(), "{rules:?}");
+            }
+            assert!((SplatRules { alpha_clamp: 0.999, ..rules }).check().is_ok(), "the former clamp of gsplat");
+        }
+    }
 }

@@ -9,7 +9,8 @@ use super::{Window, op, similarity::Similarity};
 /// `Window::gaussian(11, 1.5)`). Gradients reach both images.
 ///
 /// # Panics
-/// If the shapes differ, the dtype is not f32, or f64 on a CPU, or the window has more than 193 pixels on a GPU.
+/// If the shapes differ, or the dtype is not f32, or f64 on a CPU. On a GPU also if the window has more than 193
+/// pixels, or no buffer holds four maps.
 pub fn ssim_map(a: Tensor<4>, b: Tensor<4>, window: &Window) -> Tensor<4> {
     op::similarity(a, b, window, Similarity::Ssim)
 }
@@ -19,7 +20,8 @@ pub fn ssim_map(a: Tensor<4>, b: Tensor<4>, window: &Window) -> Tensor<4> {
 /// `Window::gaussian(5, 1.5)`). Gradients reach both images, and are zero where the value is clipped.
 ///
 /// # Panics
-/// If the shapes differ, the dtype is not f32, or f64 on a CPU, or the window has more than 193 pixels on a GPU.
+/// If the shapes differ, or the dtype is not f32, or f64 on a CPU. On a GPU also if the window has more than 193
+/// pixels, or no buffer holds four maps.
 pub fn structure_map(a: Tensor<4>, b: Tensor<4>, window: &Window) -> Tensor<4> {
     op::similarity(a, b, window, Similarity::Structure)
 }

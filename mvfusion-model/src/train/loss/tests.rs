@@ -177,8 +177,8 @@ impl View {
         }
     }
 
-    /// The loss with tensor operations.
-    fn reference(&self, case: &Case, context: &LossContext<'_>) -> Tensor<1> {
+    /// The main loss and the light loss with tensor operations.
+    fn references(&self, case: &Case, context: &LossContext<'_>) -> [Tensor<1>; 2] {
         let colours = |render: &Tensor<4>| {
             let colours = render.clone().narrow(1, 0, 3);
             if case.exposed { self.exposures.of(&[0]).of_colours(colours) } else { colours }
@@ -198,17 +198,16 @@ impl View {
             dynamic_depth: self.dynamic.clone().narrow(1, 7, 1),
             static_depth: self.static_.clone().narrow(1, 4, 1),
         };
-        main_loss(&pictures, context) + light_picture_loss(&pictures, context)
+        [main_loss(&pictures, context), light_picture_loss(&pictures, context)]
     }
 
-    /// The loss by the op.
-    fn fused(&self, case: &Case, context: &LossContext<'_>) -> Tensor<1> {
+    /// The loss by the op, of both copies of the dynamic and of the static render.
+    fn fused(&self, case: &Case, context: &LossContext<'_>, [dynamic, static_]: [Tensor<4>; 2]) -> Tensor<1> {
         let [height, width] = case.size;
-        let both = |render: &Tensor<4>| Tensor::cat(vec![render.clone(); 2], 0);
         let mask = |mask: &Tensor<4>| mask.clone().reshape([1, height, width]);
         let inputs = ObjectiveInputs {
-            dynamic: both(&self.dynamic),
-            static_: both(&self.static_),
+            dynamic,
+            static_,
             exposure: case.exposed.then(|| self.exposures.of(&[0]).of_view(0)),
             photo: self.photo.clone().reshape([3, height, width]),
             masks: ObjectiveMasks {
@@ -245,8 +244,10 @@ fn the_objective_is_that_of_tensor_operations() {
         {
             let (view, windows) = (View::new(case, &device, dtype), Windows::default());
             let context = view.context(case, &windows);
-            let wanted = view.results(view.reference(case, &context));
-            let found = view.results(view.fused(case, &context));
+            let [main, light] = view.references(case, &context);
+            let wanted = view.results(main + light);
+            let both = [&view.dynamic, &view.static_].map(|render| Tensor::cat(vec![render.clone(); 2], 0));
+            let found = view.results(view.fused(case, &context, both));
             for ((part, wanted), (_, found)) in wanted.iter().zip(&found) {
                 assert_eq!(found.len(), wanted.len(), "{}, {part}", case.name);
                 let largest = wanted.iter().fold(0.0f64, |largest, x| largest.max(x.abs()));
@@ -264,28 +265,39 @@ fn the_objective_is_that_of_tensor_operations() {
 #[test]
 fn the_copies_of_a_render_have_the_gradients_of_their_own_loss() {
     for_each_device(|device| {
-        let case = Case { config: every_term(), seen_by: Some(MotionWitness::StillCamera), ..Case::default() };
-        let (view, windows) = (View::new(&case, &device, DType::F32), Windows::default());
-        let context = view.context(&case, &windows);
-        let alone = |keep: [bool; 2]| {
-            let copies = keep.map(|keep| if keep { view.dynamic.clone() } else { view.dynamic.clone().detach() });
-            let inputs = ObjectiveInputs {
-                dynamic: Tensor::cat(copies.to_vec(), 0),
-                static_: Tensor::cat(vec![view.static_.clone().detach(); 2], 0),
-                exposure: None,
-                photo: view.photo.clone().reshape([3, case.size[0], case.size[1]]),
-                masks: ObjectiveMasks::default(),
-            };
-            let loss = objective(inputs, &context.objective_terms()).expect("the shapes match").loss;
-            values(view.dynamic.grad(&loss.backward()).expect("it took part"))
+        let (dtype, tolerance) = match mvfusion_render::device::is_gpu(&device) {
+            true => (DType::F32, SINGLE),
+            false => (DType::F64, EXACT),
         };
-        let (main, light, both) = (alone([true, false]), alone([false, true]), alone([true, true]));
-        // Only the main loss has terms of depth, the last plane; only the light loss has one of brightness alone.
-        let depth = 7 * case.size[0] * case.size[1];
-        assert!(main[depth..].iter().any(|&v| v != 0.0) && light[depth..].iter().all(|&v| v == 0.0));
-        let largest = both.iter().fold(0.0f64, |largest, x| largest.max(x.abs()));
-        for ((main, light), both) in main.iter().zip(&light).zip(&both) {
-            assert!((main + light - both).abs() <= SINGLE * largest, "{main} and {light} are not {both}");
+        for case in &cases() {
+            let (view, windows) = (View::new(case, &device, dtype), Windows::default());
+            let context = view.context(case, &windows);
+            // Of the main loss and of the light loss, each with respect to the dynamic and the static render.
+            let wanted = [true, false].map(|is_main| {
+                // A backward pass consumes what both losses share, so each has its own forward pass.
+                let [main, light] = view.references(case, &context);
+                let gradients = if is_main { main } else { light }.backward();
+                [&view.dynamic, &view.static_].map(|render| values(render.grad(&gradients).expect("it took part")))
+            });
+            let copies = [&view.dynamic, &view.static_]
+                .map(|render| [(); 2].map(|()| render.clone().inner().autodiff().require_grad()));
+            let both = copies.each_ref().map(|copies| Tensor::cat(copies.to_vec(), 0));
+            let gradients = view.fused(case, &context, both).backward();
+            let found = copies.map(|copies| copies.map(|copy| values(copy.grad(&gradients).expect("it took part"))));
+            for (render, name) in ["dynamic", "static"].into_iter().enumerate() {
+                let of_render = wanted.iter().flat_map(|of_loss| &of_loss[render]);
+                let largest = of_render.fold(0.0f64, |largest, x| largest.max(x.abs()));
+                for (copy, loss) in ["main", "light"].into_iter().enumerate() {
+                    let (found, wanted) = (&found[render][copy], &wanted[copy][render]);
+                    assert_eq!(found.len(), wanted.len(), "{}, {name}", case.name);
+                    let worst = found.iter().zip(wanted).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                    assert!(
+                        worst <= tolerance * largest,
+                        "{}, {name}, {loss} loss: off by {worst}, the largest is {largest}",
+                        case.name
+                    );
+                }
+            }
         }
     });
 }
