@@ -292,7 +292,7 @@ mod tests {
         // Something small is known to move in every held-out photo.
         scene.test.truncate(2);
         for view in &mut scene.test {
-            let mut mask = RgbImage::new(16, 12);
+            let mut mask = RgbImage::new(view.camera.width as u32, view.camera.height as u32);
             mask.put_pixel(3, 4, image::Rgb([255; 3]));
             view.truth.dynamic_mask = Some(Picture::Memory(Arc::new(mask)));
         }

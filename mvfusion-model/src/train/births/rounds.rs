@@ -355,6 +355,7 @@ mod tests {
         let mut trainer = refined(MotionConfig { mvg: false, mfta: false, ..MotionConfig::default() });
         let [off, by_modules, moved] = misplaced(&mut trainer);
         assert_eq!(by_modules, 0.0);
-        assert!(off < 0.1 * moved, "off by {off}, moved by {moved}");
+        // Two rounds leave what the offsets vary over the length of an offset.
+        assert!(off < 0.2 * moved, "off by {off}, moved by {moved}");
     }
 }
