@@ -101,6 +101,14 @@ impl PrepareError {
         matches!(self, Self::NoColmap { .. } | Self::Input { .. } | Self::Option { .. } | Self::Occupied { .. })
     }
 
+    /// In a clause, for a note about a step whose failure ends nothing.
+    pub(super) fn in_short(&self) -> String {
+        match self {
+            Self::Step { step, status, said, .. } => format!("COLMAP's {step} failed ({status}){said}"),
+            other => other.to_string().trim_end_matches('.').to_owned(),
+        }
+    }
+
     pub(super) fn unwritable(path: &std::path::Path, error: impl ToString) -> Self {
         Self::Unwritable { path: path.to_owned(), reason: error.to_string() }
     }

@@ -1,5 +1,6 @@
 //! What is to be prepared: photos, one video, or one video for each camera of a rig.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use super::error::PrepareError;
@@ -10,6 +11,12 @@ const PHOTOS: [&str; 3] = ["png", "jpg", "jpeg"];
 
 /// Extensions of videos.
 const VIDEOS: [&str; 10] = ["mp4", "mov", "m4v", "mkv", "webm", "avi", "mts", "m2ts", "mpg", "3gp"];
+
+/// Extensions of pictures that are not read. COLMAP reads some of them, but training does not; of EXR it is the reverse.
+const OTHER_PICTURES: [&str; 18] = [
+    "heic", "heif", "avif", "webp", "jxl", "jp2", "tif", "tiff", "bmp", "gif", "exr", "dng", "cr2", "cr3", "nef",
+    "arw", "raf", "orf",
+];
 
 /// Fewest photos from which COLMAP can compute poses.
 const FEWEST_PHOTOS: usize = 3;
@@ -46,16 +53,19 @@ impl Input {
             files.iter().filter(|file| has(file, kinds) && file.is_file()).cloned().collect()
         };
         let (photos, mut videos) = (of(&PHOTOS), of(&VIDEOS));
+        let and_others = || left_out(&files).map(|others| format!("; {others}")).unwrap_or_default();
         match (photos.len(), videos.len()) {
             (0, 0) => Err(refused(format!(
-                "it holds neither photos ({}) nor videos ({}); subfolders are not searched",
+                "it holds neither photos ({}) nor videos ({}); subfolders are not searched{}",
                 PHOTOS.join(", "),
-                VIDEOS.join(", ")
+                VIDEOS.join(", "),
+                and_others()
             ))),
             (0, 1) => Ok(Self::Video(videos.remove(0))),
             (0, _) => Ok(Self::Rig(videos)),
             (few, 0) if few < FEWEST_PHOTOS => {
-                Err(refused(format!("it holds {few} photos, and poses need at least {FEWEST_PHOTOS}")))
+                let others = and_others();
+                Err(refused(format!("it holds {few} photos, and poses need at least {FEWEST_PHOTOS}{others}")))
             }
             (_, 0) => Ok(Self::Photos(photos)),
             (photos, videos) => {
@@ -63,6 +73,28 @@ impl Input {
             }
         }
     }
+
+    /// The pictures beside photos that are left out, in words.
+    pub(super) fn left_out(&self) -> Option<String> {
+        let Self::Photos(photos) = self else { return None };
+        left_out(&entries(photos.first()?.parent()?, "").ok()?)
+    }
+}
+
+/// The pictures among files that are not read, in words.
+fn left_out(files: &[PathBuf]) -> Option<String> {
+    let others = || files.iter().filter(|file| has(file, &OTHER_PICTURES) && file.is_file());
+    let kinds: BTreeSet<String> =
+        others().filter_map(|file| Some(file.extension()?.to_str()?.to_ascii_lowercase())).collect();
+    let kinds: Vec<String> = kinds.into_iter().collect();
+    (!kinds.is_empty()).then(|| {
+        format!(
+            "{} pictures of other kinds ({}) are left out: convert them to {} to use them",
+            others().count(),
+            kinds.join(", "),
+            PHOTOS[..2].join(" or ")
+        )
+    })
 }
 
 /// Whether a path ends in one of these extensions and is not hidden.
@@ -96,6 +128,19 @@ mod tests {
         assert_eq!(Input::of(&names[0]).expect("a video"), Input::Video(names[0].clone()));
         let one = folder(&["walk.mp4"]);
         assert_eq!(Input::of(one.path()).expect("a video"), Input::Video(one.path().join("walk.mp4")));
+    }
+
+    #[test]
+    fn pictures_that_are_not_read_are_counted_with_their_kinds() {
+        let mixed = folder(&["a.jpg", "b.jpg", "c.jpg", "d.HEIC", "e.heic", "f.tif", "._g.heic", "notes.txt"]);
+        let said = Input::of(mixed.path()).expect("photos").left_out().expect("some are left out");
+        assert_eq!(said, "3 pictures of other kinds (heic, tif) are left out: convert them to png or jpg to use them");
+        let pure = folder(&["a.jpg", "b.jpg", "c.jpg", "notes.txt"]);
+        assert_eq!(Input::of(pure.path()).expect("photos").left_out(), None);
+        for names in [&["a.heic", "b.heic"][..], &["a.jpg", "b.heic"]] {
+            let said = Input::of(folder(names).path()).expect_err("refused").to_string();
+            assert!(said.contains("pictures of other kinds (heic) are left out"), "{said}");
+        }
     }
 
     #[test]

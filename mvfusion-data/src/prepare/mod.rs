@@ -71,6 +71,9 @@ pub fn prepare(
     let colmap = Colmap::find(&options.colmap, listen)?;
     let draft = Draft::create(out)?;
     draft.make()?;
+    if let Some(others) = footage.left_out() {
+        listen.note(others)?;
+    }
     let mut log = Log::create(&draft.scene().join(LOG), &draft.failed_log())?;
     let tools = (&colmap, &mut log);
     let made = match &footage {

@@ -1,5 +1,7 @@
 //! Photos, or the frames of a hand-held video: `images/` and a COLMAP model in `sparse/0`.
 
+use std::collections::BTreeMap;
+use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -36,6 +38,7 @@ pub(super) fn prepare(
     fs::create_dir(&images).map_err(|error| PrepareError::unwritable(&images, error))?;
     let (names, footage, kind) = match source {
         Source::Photos(photos) => {
+            distinct_names(photos)?;
             same_size(photos)?;
             let names = frames::copy(photos, &images, listen)?;
             (names, Footage::Photos { photos: photos.len() }, Kind::Photos)
@@ -58,6 +61,27 @@ pub(super) fn prepare(
     let placed = Placed::of(&names, &models, place);
     placed.tell(what, help, listen)?;
     Ok((footage, placed))
+}
+
+/// Checks that all photos differ in more than their extensions. COLMAP would place them, and no reader could then tell
+/// their views apart.
+fn distinct_names(photos: &[PathBuf]) -> Result<(), PrepareError> {
+    let mut known: BTreeMap<&OsStr, &Path> = BTreeMap::new();
+    for photo in photos {
+        if let Some(twin) = known.insert(photo.file_stem().unwrap_or_default(), photo) {
+            let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            return Err(PrepareError::Input {
+                input: photo.parent().unwrap_or(photo).to_owned(),
+                reason: format!(
+                    "the photos {} and {} differ in nothing but their extensions, and views are named without: take one \
+                     of the two out, or rename it",
+                    name(twin),
+                    name(photo)
+                ),
+            });
+        }
+    }
+    Ok(())
 }
 
 /// Checks that all photos have one size, as training needs.

@@ -3,12 +3,11 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use rayon::prelude::*;
 use serde::Serialize;
 
-use super::delay::{Delay, LEAST_CONFIDENCE, delay};
+use super::delay::{Delay, LEAST_CONFIDENCE, Reference};
 use super::error::PrepareError;
-use super::event::{Listener, Tell};
+use super::event::{Event, Listener, Tell};
 use super::options::{PrepareOptions, Sync};
 use crate::video::sound;
 
@@ -67,7 +66,7 @@ pub(super) fn offsets(
     }
     let measured = match options.sync {
         Sync::None => BTreeMap::new(),
-        Sync::Sound => measured(clips, paths, &options.offsets)?,
+        Sync::Sound => measured(clips, paths, &options.offsets, listen)?,
     };
     let offset = |(place, clip): (usize, &Clip)| {
         let given = options.offsets.get(&clip.name).map(|&seconds| (seconds, OffsetSource::Given, None));
@@ -118,6 +117,7 @@ fn measured<'a>(
     clips: &'a [Clip],
     paths: &[&Path],
     given: &BTreeMap<String, f64>,
+    listen: &mut Listener<'_>,
 ) -> Result<BTreeMap<&'a str, Delay>, PrepareError> {
     let (Some(first), Some(path)) = (clips.first(), paths.first()) else { return Ok(BTreeMap::new()) };
     let wanted: Vec<(&Clip, &Path)> =
@@ -127,16 +127,12 @@ fn measured<'a>(
         return Ok(delays);
     }
     let zero = given.get(&first.name).copied().unwrap_or(0.0);
-    let reference = sound(path, RATE, LONGEST_SOUND)?;
-    let found: Vec<(&str, Result<Delay, PrepareError>)> = wanted
-        .into_par_iter()
-        .map(|(clip, path)| {
-            let delay = sound(path, RATE, LONGEST_SOUND).map(|other| delay(&reference, &other, RATE));
-            (clip.name.as_str(), delay.map_err(PrepareError::from))
-        })
-        .collect();
-    for (name, delay) in found {
-        let delay = delay?;
+    let mut reference = Reference::new(sound(path, RATE, LONGEST_SOUND)?, RATE);
+    // One after another: the transform of ten minutes takes hundreds of megabytes.
+    for (clip, path) in wanted {
+        listen.tell(Event::Continues)?;
+        let name = clip.name.as_str();
+        let delay = reference.delay(&sound(path, RATE, LONGEST_SOUND)?);
         if delay.confidence < LEAST_CONFIDENCE {
             let reason = format!(
                 "the sounds of {name} and {} have too little in common to tell their offset (the peak of their \
@@ -178,7 +174,6 @@ pub(super) fn timeline(clips: &[Clip], offsets: &[Offset], fps: f64) -> Result<V
 mod tests {
     use std::ops::ControlFlow;
 
-    use super::super::event::Event;
     use super::*;
 
     fn clip(name: &str, frames: usize, fps: f64) -> Clip {

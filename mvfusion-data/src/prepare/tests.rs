@@ -154,6 +154,38 @@ fn a_step_that_fails_is_named_with_its_last_words() {
 }
 
 #[test]
+fn a_mapper_that_fails_after_it_has_made_a_model_is_told() {
+    let footage = Footage::new(r#"cp -r MODEL "$2/0"; echo 'bad allocation' >&2; exit 3"#);
+    let mut notes = Vec::new();
+    footage.prepare(PrepareOptions::default(), &mut notes).expect("prepared");
+    let told = |note: &String| note.contains("mapper failed (exit code 3): bad allocation; models that it had made");
+    assert!(notes.iter().any(told), "{notes:?}");
+}
+
+#[test]
+fn photos_that_differ_in_their_extensions_only_are_refused_before_colmap_runs() {
+    let footage = Footage::new(r#"cp -r MODEL "$2/0""#);
+    let photo = listed(&footage.path("known/images")).remove(0);
+    let twin = Path::new(&photo).with_extension("jpg");
+    fs::copy(footage.path("known/images").join(&photo), footage.path("known/images").join(&twin)).expect("copied");
+    let error = footage.prepare(PrepareOptions::default(), &mut Vec::new()).expect_err("twins");
+    let said = error.to_string();
+    assert!(error.is_usage() && said.contains(&photo) && said.contains(&*twin.to_string_lossy()), "{said}");
+    assert!(said.contains("nothing but their extensions"), "{said}");
+    // Only its version was asked for.
+    assert_eq!(footage.calls(), "-h\n");
+}
+
+#[test]
+fn pictures_that_are_left_out_are_told() {
+    let footage = Footage::new(r#"cp -r MODEL "$2/0""#);
+    fs::write(footage.path("known/images/a.HEIC"), "").expect("written");
+    let mut notes = Vec::new();
+    footage.prepare(PrepareOptions::default(), &mut notes).expect("prepared");
+    assert!(notes[0].starts_with("1 pictures of other kinds (heic)"), "{notes:?}");
+}
+
+#[test]
 fn masks_reach_colmap_and_a_folder_without_any_is_refused() {
     let footage = Footage::new(r#"cp -r MODEL "$2/0""#);
     let masks = footage.path("masks");

@@ -69,6 +69,13 @@ fn has_random_points(folder: &Path) -> bool {
 pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let train = Transforms::read(&folder.join(TRAIN))?;
     let held_out = held_out_file(folder, &train);
+    if !folder.join(held_out).is_file() {
+        let advice = format!(
+            "{TRAIN} and {TEST} come together with the dataset; of footage of your own, move some frames of {TRAIN} to \
+             {TEST}"
+        );
+        return Err(DataError::Missing { what: held_out.into(), folder: folder.to_owned(), advice });
+    }
     let test = Transforms::read(&folder.join(held_out))?;
     let times = times(folder, [&train, &test])?;
     let shots = train.frames.iter().chain(&test.frames).zip(times).map(|(frame, time)| frame.shot(time)).collect();

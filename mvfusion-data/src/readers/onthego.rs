@@ -2,15 +2,15 @@
 //!
 //! Assumptions:
 //! * Cameras follow the module `transforms`.
-//! * `split.json` contains lists `clutter`, `extra` and `clean` of indices into the sorted file names in `images`.
+//! * `split.json` contains lists `clutter`, `extra` and `clean` of indices into the frames of `transforms.json` whose
+//!   photos exist, sorted by the names of their files, as in the published loader. A photo without a frame has no index.
 //!   Clutter trains, extra is held out, clean is unused.
-//! * A photo's time is the last number in its name, divided by the largest such number of all photos. (METHOD §5.2
-//!   states this rule for the names of the other layout.)
+//! * A photo's time is the last number in its name, rescaled so that the smallest such number of all photos is 0 and the
+//!   largest is 1. The counters of cameras start anywhere. (METHOD §5.2 has the rule for the names of the other layout.)
 //! * Smaller copies of the photos, `images_8`, are used as described in the module `reduced`.
 //! * The published scenes have no points. A `points3D.ply` or `fused.ply` is read if it was added.
 
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde::Deserialize;
 use tracing::{info, warn};
@@ -23,7 +23,7 @@ use super::shared::reduced::{listing_folder, views_of_pictures};
 use super::shared::shot::Shot;
 use super::shared::transforms::{Frame, POSES, Transforms};
 use crate::error::DataError;
-use crate::files::{pictures_in, read_json, scene_name};
+use crate::files::{picture_named, read_json, scene_name};
 use crate::scene::{Capture, Scene};
 
 impl Format {
@@ -40,7 +40,8 @@ const SPLIT: &str = "split.json";
 const IMAGES: &str = "images";
 
 /// Advice for an unusable split.
-const ADVICE: &str = "It must hold lists `clutter`, `extra` and `clean` of indices into the sorted photos, from 0 on";
+const ADVICE: &str = "It must hold lists `clutter`, `extra` and `clean` of indices into the frames of transforms.json whose \
+                      photos exist, sorted by file name, from 0 on";
 
 /// Scenes that were published at half the size of the others.
 const SMALL: [&str; 2] = ["patio", "arcdetriomphe"];
@@ -48,7 +49,7 @@ const SMALL: [&str; 2] = ["patio", "arcdetriomphe"];
 /// Names of point clouds. The first that exists is read.
 const POINTS: [&str; 2] = ["points3D.ply", "fused.ply"];
 
-/// `split.json`: indices into the sorted photos.
+/// `split.json`: indices into the sorted frames.
 #[derive(Debug, Deserialize)]
 struct Split {
     clutter: Vec<usize>,
@@ -78,22 +79,20 @@ pub(super) fn usual_size(scene: &Scene, _: f64) -> Option<UsualSize> {
 /// A [`DataError`] that names the problem with the folder, a file in it or an option.
 pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let cameras = Transforms::read(&folder.join(CAMERAS))?;
-    let photos = pictures_in(&listing_folder(folder, options)?)?;
-    let split = read_split(&folder.join(SPLIT), &photos)?;
-    let cameras = Cameras::new(&cameras, folder, &photos);
-    let mut shots = cameras.shots(&split.clutter, &photos)?;
-    let count = shots.len();
-    shots.extend(cameras.shots(&split.extra, &photos)?);
-    let unposed = split.clutter.len() + split.extra.len() - shots.len();
-    let mut train = views_of_pictures(folder, shots, options)?;
-    let test = train.split_off(count);
-    if unposed > 0 {
-        warn!(folder = %folder.display(), "{unposed} photos of {SPLIT} have no camera in {CAMERAS} and are left out");
+    let photos = Photos::new(&cameras, folder, &listing_folder(folder, options)?);
+    let absent = cameras.frames.len() - photos.frames.len();
+    if absent > 0 {
+        warn!(folder = %folder.display(), "{absent} frames of {CAMERAS} have no photo: {SPLIT} does not count them");
     }
-    if train.is_empty() {
+    let split = read_split(&folder.join(SPLIT), &photos.frames)?;
+    if split.clutter.is_empty() {
         let advice = format!("`clutter` in {SPLIT} lists the photos to train on, and {CAMERAS} has their cameras");
         return Err(DataError::Missing { what: "photo to train on".into(), folder: folder.join(IMAGES), advice });
     }
+    let mut shots = photos.shots(&split.clutter)?;
+    shots.extend(photos.shots(&split.extra)?);
+    let mut train = views_of_pictures(folder, shots, options)?;
+    let test = train.split_off(split.clutter.len());
     let points = read_first(folder, &POINTS)?;
     if points.is_none() {
         warn_of_none(folder, &POINTS);
@@ -104,53 +103,62 @@ pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
         "{name}: {} photos to train on, {} held out, {} unused, {} points",
         train.len(),
         test.len(),
-        photos.len() - train.len() - test.len(),
+        photos.frames.len() - train.len() - test.len(),
         points.len()
     );
     Ok(Scene { name, capture: Capture::Photos, train, test, points, near: None })
 }
 
-/// The cameras by the names of their photos. Extensions are dropped, because smaller copies may have others.
-struct Cameras<'a> {
-    frames: BTreeMap<PathBuf, &'a Frame>,
-    /// The largest number in the names, at least 1.
-    largest: u32,
+/// The frames whose photos exist, sorted by the names of their files.
+struct Photos<'a> {
+    frames: Vec<&'a Frame>,
+    /// The smallest and the largest number in the names.
+    range: (u32, u32),
 }
 
-impl<'a> Cameras<'a> {
-    fn new(cameras: &'a Transforms, folder: &Path, photos: &[PathBuf]) -> Self {
+impl<'a> Photos<'a> {
+    /// `listing` is `images` in the folder, or the smaller copy that replaces it.
+    fn new(cameras: &'a Transforms, folder: &Path, listing: &Path) -> Self {
         let images = folder.join(IMAGES);
-        let key = |frame: &Frame| frame.file.strip_prefix(&images).map(|name| name.with_extension("")).ok();
-        let frames = cameras.frames.iter().filter_map(|frame| Some((key(frame)?, frame))).collect();
-        let largest = photos.iter().filter_map(|photo| number_of(photo)).max().unwrap_or(0).max(1);
-        Self { frames, largest }
+        // Smaller copies may have other extensions.
+        let is_in_copy = |frame: &Frame| {
+            let stem = frame.file.strip_prefix(&images).map(|name| name.with_extension("")).ok();
+            listing != images && stem.is_some_and(|stem| picture_named(listing, &stem.to_string_lossy()).is_some())
+        };
+        let exists = |frame: &&Frame| frame.file.is_file() || is_in_copy(frame);
+        let mut frames: Vec<&Frame> = cameras.frames.iter().filter(exists).collect();
+        frames.sort_by(|a, b| a.file.file_name().cmp(&b.file.file_name()));
+        let numbers = || frames.iter().filter_map(|frame| number_of(&frame.file));
+        let range = (numbers().min().unwrap_or(0), numbers().max().unwrap_or(0));
+        Self { frames, range }
     }
 
-    /// The photos of a list that have a camera.
-    fn shots(&self, indices: &[usize], photos: &[PathBuf]) -> Result<Vec<Shot>, DataError> {
-        let mut shots = Vec::with_capacity(indices.len());
-        for photo in indices.iter().map(|&index| &photos[index]) {
-            let name = Path::new(photo.file_stem().unwrap_or_default());
-            let Some(frame) = self.frames.get(name) else { continue };
-            let number = number_of(photo).ok_or_else(|| no_number(photo))?;
-            shots.push(frame.shot(f64::from(number) / f64::from(self.largest)));
-        }
-        Ok(shots)
+    /// The photos of a list.
+    fn shots(&self, indices: &[usize]) -> Result<Vec<Shot>, DataError> {
+        let (smallest, largest) = self.range;
+        let shot = |&index: &usize| {
+            let frame = self.frames[index];
+            let number = number_of(&frame.file).ok_or_else(|| no_number(&frame.file))?;
+            // A single photo is at time 0.
+            Ok(frame.shot(f64::from(number - smallest) / f64::from((largest - smallest).max(1))))
+        };
+        indices.iter().map(shot).collect()
     }
 }
 
 /// Reads the split. Each index must exist and be in only one list.
-fn read_split(path: &Path, photos: &[PathBuf]) -> Result<Split, DataError> {
+fn read_split(path: &Path, photos: &[&Frame]) -> Result<Split, DataError> {
     let fail = |reason: String| DataError::Content { path: path.to_owned(), reason, advice: ADVICE };
     let split: Split = read_json(path, ADVICE)?;
     let mut uses = vec![0u32; photos.len()];
     for &index in split.clutter.iter().chain(&split.extra).chain(&split.clean) {
         let count = photos.len();
-        let uses = uses.get_mut(index).ok_or_else(|| fail(format!("it lists photo {index}, but there are {count}")))?;
+        let none = || fail(format!("it lists photo {index}, but there are {count} with a frame in {CAMERAS}"));
+        let uses = uses.get_mut(index).ok_or_else(none)?;
         *uses += 1;
     }
     match uses.iter().position(|&uses| uses > 1) {
-        Some(twice) => Err(fail(format!("it lists photo {twice} ({}) twice", photos[twice].display()))),
+        Some(twice) => Err(fail(format!("it lists photo {twice} ({}) twice", photos[twice].name))),
         None => Ok(split),
     }
 }

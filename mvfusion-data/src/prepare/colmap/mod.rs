@@ -48,7 +48,7 @@ impl<'a> Colmap<'a> {
     ///
     /// # Errors
     /// [`PrepareError::Step`] if a step fails, or if the listener ends it. That no model could be made is no error:
-    /// there is none then.
+    /// there is none then. If the last step fails after it has made some, a note says so.
     pub(super) fn models(
         &self,
         images: Images<'_>,
@@ -76,7 +76,12 @@ impl<'a> Colmap<'a> {
             // It also fails if it found no model, and says so.
             Err(PrepareError::Step { said, .. }) if models.is_empty() && is_no_model(&said) => Ok(models),
             Err(error) if models.is_empty() => Err(error),
-            _ => Ok(models),
+            Err(error) => {
+                let (reason, count) = (error.in_short(), models.len());
+                listen.note(format!("{reason}; models that it had made by then are used, {count} in number"))?;
+                Ok(models)
+            }
+            Ok(()) => Ok(models),
         }
     }
 }

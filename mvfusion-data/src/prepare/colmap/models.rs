@@ -39,6 +39,11 @@ impl MadeModel {
         numbers.into_iter().map(read).collect()
     }
 
+    #[cfg(test)]
+    pub(in super::super) fn example(number: usize, images: usize, points: usize) -> Self {
+        Self { number, folder: PathBuf::new(), images: vec![String::new(); images], points }
+    }
+
     /// Copies its files to a folder that is made.
     ///
     /// # Errors
@@ -81,13 +86,10 @@ pub(in super::super) fn chosen(models: &[MadeModel], asked: Option<usize>) -> Re
 mod tests {
     use super::*;
 
-    fn model(number: usize, images: usize, points: usize) -> MadeModel {
-        MadeModel { number, folder: PathBuf::new(), images: vec![String::new(); images], points }
-    }
-
     #[test]
     fn the_largest_model_is_chosen_by_images_then_by_points_unless_another_is_asked_for() {
-        let models = [model(0, 5, 900), model(1, 12, 100), model(2, 12, 300), model(3, 12, 300)];
+        let models = [(0, 5, 900), (1, 12, 100), (2, 12, 300), (3, 12, 300)]
+            .map(|(number, images, points)| MadeModel::example(number, images, points));
         assert_eq!(chosen(&models, None).expect("chosen"), Some(2));
         assert_eq!(chosen(&models, Some(0)).expect("chosen"), Some(0));
         assert_eq!(chosen(&[], Some(1)).expect("none"), None);

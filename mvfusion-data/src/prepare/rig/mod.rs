@@ -3,6 +3,7 @@
 mod analysis;
 mod camera;
 mod layout;
+mod models;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,7 +11,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::colmap::{Colmap, Effort, Images, Kind, Log, MadeModel, chosen};
+use super::colmap::{Colmap, Effort, Images, Kind, Log, chosen};
 use super::draft::Draft;
 use super::error::PrepareError;
 use super::event::{Event, Listener, Tell};
@@ -25,6 +26,7 @@ use crate::video::{FrameStore, Video};
 use analysis::{Start, is_still};
 use camera::Camera;
 use layout::{image_name, numbers};
+use models::best_models;
 
 /// Fewest cameras that see depth.
 const FEWEST_CAMERAS: usize = 2;
@@ -55,7 +57,11 @@ pub(super) fn prepare(
     let (masks, shares) = masks(&cameras, &starts, draft, options, listen)?;
     let names: Vec<String> = cameras.iter().map(|camera| image_name(camera.number)).collect();
     let wanted = Images { folder: &images, count: names.len(), masks: masks.folder(), kind: Kind::Rig };
-    let models = best_models(colmap, wanted, draft, log, listen)?;
+    let attempt = |effort, listen: &mut Listener<'_>| {
+        let work = draft.work().join(if effort == Effort::Usual { "usual" } else { "wide" });
+        colmap.models(wanted, effort, &work, log, listen)
+    };
+    let models = best_models(names.len(), attempt, listen)?;
     let place = chosen(&models, options.colmap.model)?;
     let titles: Vec<String> = cameras.iter().map(|camera| camera.clip.name.clone()).collect();
     let titles_of = |images: &[String]| -> Vec<String> {
@@ -185,35 +191,4 @@ fn masks(
         (false, None) => format!("what moves covers {mean:.0} % of the first frames: COLMAP ignores it"),
     })?;
     Ok((masks, shares))
-}
-
-/// The models with COLMAP's defaults and, if these leave a camera out, with more effort: those that place more cameras.
-fn best_models(
-    colmap: &Colmap<'_>,
-    images: Images<'_>,
-    draft: &Draft,
-    log: &mut Log,
-    listen: &mut Listener<'_>,
-) -> Result<Vec<MadeModel>, PrepareError> {
-    let size =
-        |models: &[MadeModel]| models.iter().map(|model| (model.images.len(), model.points)).max().unwrap_or((0, 0));
-    let mut best = Vec::new();
-    for effort in [Effort::Usual, Effort::Wide] {
-        let work = draft.work().join(if effort == Effort::Usual { "usual" } else { "wide" });
-        let models = colmap.models(images, effort, &work, log, listen)?;
-        if size(&models) > size(&best) {
-            best = models;
-        }
-        if size(&best).0 == images.count {
-            break;
-        }
-        if effort == Effort::Usual {
-            let (placed, total) = (size(&best).0, images.count);
-            listen.note(format!(
-                "COLMAP's defaults place {placed} of {total} cameras: it is tried again with features for wide \
-                 baselines"
-            ))?;
-        }
-    }
-    Ok(best)
 }

@@ -142,7 +142,7 @@ fn shots(camera: &CameraFrames, row: &[f64; ROW], divisor: f64) -> Vec<Shot> {
         name: format!("{}/{}", camera.name, frame.name),
         source: frame.source.clone(),
         mask: None,
-        lens: FrameLens::Angle { focal_in_widths: row[14] / row[9] },
+        lens: FrameLens::Angle { focal_in_widths: row[14] / row[9], focal_in_heights: None },
         rotation: pose.rotation,
         translation: pose.translation,
         time: index as f64 / divisor,

@@ -28,8 +28,9 @@ pub(crate) struct Shot {
 pub(crate) enum FrameLens {
     /// A lens for images of this width and height.
     Known { lens: Lens, size: DVec2 },
-    /// The focal length in widths of the image, for any size. Pixels are square, and the principal point is centred.
-    Angle { focal_in_widths: f64 },
+    /// The focal lengths in widths and heights of the image, for any size. The principal point is centred. Without the
+    /// second, pixels are square.
+    Angle { focal_in_widths: f64, focal_in_heights: Option<f64> },
 }
 
 impl FrameLens {
@@ -37,8 +38,10 @@ impl FrameLens {
     pub(super) fn at_size(&self, size: DVec2) -> Lens {
         match *self {
             Self::Known { lens, size: own } => lens.scaled(size / own),
-            Self::Angle { focal_in_widths } => {
-                Lens { focal: DVec2::splat(focal_in_widths * size.x), principal: 0.5 * size, bend: Bend::NONE }
+            Self::Angle { focal_in_widths, focal_in_heights } => {
+                let horizontal = focal_in_widths * size.x;
+                let vertical = focal_in_heights.map_or(horizontal, |focal| focal * size.y);
+                Lens { focal: DVec2::new(horizontal, vertical), principal: 0.5 * size, bend: Bend::NONE }
             }
         }
     }

@@ -20,21 +20,33 @@ pub(super) fn read_lens(record: &LensRecord) -> Result<FrameLens, String> {
             .map(|angle| 0.5 / (0.5 * angle).tan())
             .ok_or("it has neither fl_x nor a camera_angle_x below π".to_owned())
     };
+    let focal_in_heights = || match positive("camera_angle_y", record.camera_angle_y)? {
+        Some(angle) if angle >= std::f64::consts::PI => {
+            Err(format!("its camera_angle_y is {angle}, and π is too large"))
+        }
+        angle => Ok(angle.map(|angle| 0.5 / (0.5 * angle).tan())),
+    };
     let Some((w, h)) = size else {
-        // An angle alone is valid for images of any size, all other intrinsics only for one size.
+        // Angles alone are valid for images of any size, all other intrinsics only for one size.
         let alone = fl_x.or(fl_y).or(record.cx).or(record.cy).is_none() && bend.is_none();
         return match (fl_x, alone) {
-            (None, true) => Ok(FrameLens::Angle { focal_in_widths: focal_in_widths()? }),
+            (None, true) => {
+                Ok(FrameLens::Angle { focal_in_widths: focal_in_widths()?, focal_in_heights: focal_in_heights()? })
+            }
             (Some(_), _) => Err("it has fl_x but not w and h, the size that it is for".into()),
             (None, false) => Err("it has intrinsics but not w and h, the size that they are for".into()),
         };
     };
     let fl_x = fl_x.map_or_else(|| focal_in_widths().map(|focal| w * focal), Ok)?;
+    let fl_y = match fl_y {
+        Some(fl_y) => fl_y,
+        None => focal_in_heights()?.map_or(fl_x, |focal| h * focal),
+    };
     let principal = DVec2::new(record.cx.unwrap_or(0.5 * w), record.cy.unwrap_or(0.5 * h));
     if !principal.is_finite() {
         return Err(format!("its principal point is {principal}"));
     }
-    let lens = Lens { focal: DVec2::new(fl_x, fl_y.unwrap_or(fl_x)), principal, bend };
+    let lens = Lens { focal: DVec2::new(fl_x, fl_y), principal, bend };
     Ok(FrameLens::Known { lens, size: DVec2::new(w, h) })
 }
 

@@ -50,4 +50,4 @@ macro_rules! records {
     };
 }
 
-records!(camera_angle_x fl_x fl_y cx cy w h k1 k2 k3 k4 k5 k6 p1 p2);
+records!(camera_angle_x camera_angle_y fl_x fl_y cx cy w h k1 k2 k3 k4 k5 k6 p1 p2);

@@ -58,6 +58,30 @@ fn poses_and_lenses_become_ours() {
 }
 
 #[test]
+fn the_vertical_angle_of_view_is_used_where_fl_y_is_absent() {
+    let folder = SceneFolder::new();
+    folder.write_picture("a.png", SIZE, 7);
+    let focal = |value: Value| {
+        folder.write_json("transforms.json", &value);
+        let options = ReadOptions { test_every: 0, ..Default::default() };
+        let camera = open(folder.path(), &options).map(|scene| scene.train[0].camera);
+        camera.map(|camera| (camera.fx, camera.fy)).map_err(|error| error.to_string())
+    };
+    // With fy = h, the tangent of half the angle is a half.
+    let angle = json!(2.0 * 0.5f64.atan());
+    let known = with(file(vec![frame("a.png", 0.0)]), "camera_angle_y", angle.clone());
+    assert_eq!(focal(known.clone()), Ok((40.0, 42.0)));
+    let (fx, fy) = focal(with(known.clone(), "fl_y", Value::Null)).expect("read");
+    assert!(fx == 40.0 && (fy - 32.0).abs() < 1e-9, "{fx}, {fy}");
+    // Without a size, for images of any size.
+    let angles = json!({ "camera_angle_x": angle, "camera_angle_y": angle, "frames": [frame("a.png", 0.0)] });
+    let (fx, fy) = focal(angles.clone()).expect("read");
+    assert!((fx - 48.0).abs() < 1e-9 && (fy - 32.0).abs() < 1e-9, "{fx}, {fy}");
+    let said = focal(with(angles, "camera_angle_y", json!(3.2))).expect_err("no angle of view");
+    assert!(said.contains("its camera_angle_y is 3.2"), "{said}");
+}
+
+#[test]
 fn a_lens_that_bends_is_straightened_and_a_frame_may_have_its_own() {
     let folder = SceneFolder::new();
     for name in ["a.png", "b.png"] {
@@ -163,27 +187,29 @@ fn a_scene_of_d_nerf_is_read_with_times_over_both_files_and_its_backdrop() {
     folder.write_json("transforms_test.json", &of(vec![frame("./test/r_000", 0.0)]));
     let message = folder.open().expect_err("refused").to_string();
     assert!(message.contains("1 of 3 frames have no time (./test/r_000)"), "{message}");
+    fs::remove_file(folder.at("transforms_test.json")).expect("removed");
+    let message = folder.open().expect_err("half a scene").to_string();
+    assert!(message.contains("there is no transforms_test.json in") && message.contains("come together"), "{message}");
 }
 
 #[test]
-fn the_lists_of_on_the_go_part_the_sorted_photos() {
+fn the_lists_of_on_the_go_part_the_sorted_frames_whose_photos_exist() {
     let folder = SceneFolder::new();
-    let names = ["IMG_0004.JPG", "IMG_0001.JPG", "IMG_0003.JPG", "IMG_0002.JPG", "IMG_0008.JPG"];
-    for (i, name) in names.iter().enumerate() {
-        folder.write_picture(&format!("images/{name}"), SIZE, 10 * i as u8);
+    // The first photo has no frame, and the last frame has no photo: neither counts.
+    for (i, name) in ["0002", "8470", "8467", "8469", "8468"].iter().enumerate() {
+        folder.write_picture(&format!("images/IMG_{name}.JPG"), SIZE, 10 * i as u8);
     }
-    let frames = names[..4].iter().map(|name| frame(&format!("images/{name}"), 0.0)).collect();
-    folder.write_json("transforms.json", &file(frames));
-    folder.write_json("split.json", &json!({ "clutter": [0, 2, 4], "extra": [3], "clean": [1] }));
+    let frames = ["8470", "8467", "8469", "8468", "0001"].map(|name| frame(&format!("images/IMG_{name}.JPG"), 0.0));
+    folder.write_json("transforms.json", &file(frames.to_vec()));
+    folder.write_json("split.json", &json!({ "clutter": [0, 2], "extra": [3], "clean": [1] }));
     let scene = folder.open().expect("read");
     assert_eq!(recognise(folder.path(), None).expect("known"), Format::ONTHEGO);
-    // The fifth has no camera, but its number is the largest.
-    assert_eq!(shown(&scene.train), [("images/IMG_0001", 0.125), ("images/IMG_0003", 0.375)]);
-    assert_eq!(shown(&scene.test), [("images/IMG_0004", 0.5)]);
+    assert_eq!(shown(&scene.train), [("images/IMG_8467", 0.0), ("images/IMG_8469", 2.0 / 3.0)]);
+    assert_eq!(shown(&scene.test), [("images/IMG_8470", 1.0)]);
     for (split, part) in [
-        (json!({ "clutter": [0, 5], "extra": [] }), "photo 5, but there are 5"),
-        (json!({ "clutter": [0, 1], "extra": [1] }), "photo 1"),
-        (json!({ "clutter": [4], "extra": [1] }), "no photo to train on"),
+        (json!({ "clutter": [0, 4], "extra": [] }), "photo 4, but there are 4 with a frame"),
+        (json!({ "clutter": [0, 1], "extra": [1] }), "photo 1 (images/IMG_8468.JPG) twice"),
+        (json!({ "clutter": [], "extra": [1] }), "no photo to train on"),
         (json!({ "clutter": [-1], "extra": [1] }), "invalid value"),
         (json!({ "extra": [1] }), "clutter"),
     ] {
