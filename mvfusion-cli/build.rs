@@ -68,7 +68,7 @@ fn of_repository(here: &Path) -> Option<Revision> {
     if place.trim_end_matches('/') != "mvfusion-cli" || !is_tracked {
         return None;
     }
-    SOURCES.map(|source| watch(&root.join(source)));
+    SOURCES.iter().for_each(|source| watch(&root.join(source)));
     let with_sources = |arguments: &[&str]| {
         let arguments: Vec<&str> = arguments.iter().chain(&["--"]).chain(&SOURCES).copied().collect();
         git(root, &arguments)
