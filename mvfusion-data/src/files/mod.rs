@@ -8,6 +8,7 @@ mod open;
 mod paths;
 mod pictures;
 mod rotation;
+mod temporary;
 
 pub(crate) use npy::{read_npy, read_npz};
 pub(crate) use open::{COPY_OR_MEND, dataset_text, parse_json, read_json};
@@ -15,3 +16,4 @@ pub use open::{open_file, read_bytes, read_text};
 pub(crate) use paths::{below, scene_name};
 pub(crate) use pictures::{entries, picture_named, pictures_in};
 pub(crate) use rotation::rotation_of;
+pub(crate) use temporary::TemporaryFolder;

@@ -38,7 +38,8 @@ impl Reference {
     }
 
     /// The delay by which `other` started after this recording, with as many samples per second. Cross-correlation with
-    /// phase transform (Knapp and Carter 1976): every frequency has the same weight, so microphones and rooms may differ.
+    /// phase transform (Knapp and Carter 1976): every frequency has the same weight, so microphones and rooms may
+    /// differ.
     pub(super) fn delay(&mut self, other: &[f32]) -> Delay {
         let length = (self.samples.len() + other.len()).next_power_of_two();
         let own = match self.spectrum.take() {

@@ -4,9 +4,8 @@ use std::ffi::{OsStr, OsString};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use tempfile::TempDir;
-
 use super::error::PrepareError;
+use crate::files::TemporaryFolder;
 
 /// The record of what was done, in the output folder. A folder without it is never replaced.
 pub(super) const RECORD: &str = "prepare.json";
@@ -23,7 +22,7 @@ const UNFINISHED: &str = ".unfinished-";
 /// The folder in which everything is made, beside the output.
 #[derive(Debug)]
 pub(super) struct Draft {
-    folder: TempDir,
+    folder: TemporaryFolder,
     out: PathBuf,
 }
 
@@ -59,7 +58,8 @@ impl Draft {
         }
     }
 
-    /// An empty folder beside the output, or beside the nearest folder above it that exists.
+    /// An empty folder beside the output, or beside the nearest folder above it that exists. Those that killed programs
+    /// have left there are removed.
     ///
     /// # Errors
     /// [`PrepareError::Unwritable`].
@@ -67,14 +67,14 @@ impl Draft {
         let out = std::path::absolute(out).map_err(|error| PrepareError::unwritable(out, error))?;
         let parent = out.ancestors().skip(1).find(|folder| folder.is_dir()).unwrap_or(Path::new("."));
         let mut builder = tempfile::Builder::new();
-        builder.prefix(UNFINISHED);
         #[cfg(unix)]
         {
             use std::os::unix::fs::PermissionsExt;
             // By default, only the owner can read temporary folders. The umask still applies.
             builder.permissions(fs::Permissions::from_mode(0o777));
         }
-        let folder = builder.tempdir_in(parent).map_err(|error| PrepareError::unwritable(parent, error))?;
+        let folder = TemporaryFolder::new(parent, &mut builder, UNFINISHED);
+        let folder = folder.map_err(|error| PrepareError::unwritable(parent, error))?;
         Ok(Self { folder, out })
     }
 
@@ -191,6 +191,19 @@ mod tests {
         assert_eq!(fs::read_to_string(out.join(RECORD)).expect("read"), "new");
         assert!(!out.join("cam07.mp4").exists());
         assert!(Draft::check(&out.join(RECORD), true).expect_err("a file").to_string().contains("is no folder"));
+    }
+
+    #[test]
+    fn what_a_killed_preparation_left_goes_with_the_next_one() {
+        let folder = tempfile::tempdir().expect("folder");
+        let out = folder.path().join("scene");
+        let running = Draft::create(&out).expect("made");
+        running.make().expect("made");
+        let left = folder.path().join(format!("{UNFINISHED}left"));
+        fs::create_dir_all(left.join("scene")).expect("made");
+        fs::write(left.join("in-use"), "").expect("written");
+        Draft::create(&out).expect("made").make().expect("made");
+        assert!(!left.exists() && running.scene().is_dir());
     }
 
     #[test]

@@ -12,7 +12,7 @@ const PHOTOS: [&str; 3] = ["png", "jpg", "jpeg"];
 /// Extensions of videos.
 const VIDEOS: [&str; 10] = ["mp4", "mov", "m4v", "mkv", "webm", "avi", "mts", "m2ts", "mpg", "3gp"];
 
-/// Extensions of pictures that are not read. COLMAP reads some of them, but training does not; of EXR it is the reverse.
+/// Extensions of pictures that are not read. COLMAP reads some of them, and training does not. EXR is the reverse.
 const OTHER_PICTURES: [&str; 18] = [
     "heic", "heif", "avif", "webp", "jxl", "jp2", "tif", "tiff", "bmp", "gif", "exr", "dng", "cr2", "cr3", "nef",
     "arw", "raf", "orf",

@@ -73,8 +73,8 @@ fn distinct_names(photos: &[PathBuf]) -> Result<(), PrepareError> {
             return Err(PrepareError::Input {
                 input: photo.parent().unwrap_or(photo).to_owned(),
                 reason: format!(
-                    "the photos {} and {} differ in nothing but their extensions, and views are named without: take one \
-                     of the two out, or rename it",
+                    "the photos {} and {} differ in nothing but their extensions, and views are named without: rename \
+                     one of the two, or take it out",
                     name(twin),
                     name(photo)
                 ),

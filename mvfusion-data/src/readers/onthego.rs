@@ -3,10 +3,10 @@
 //! Assumptions:
 //! * Cameras follow the module `transforms`.
 //! * `split.json` contains lists `clutter`, `extra` and `clean` of indices into the frames of `transforms.json` whose
-//!   photos exist, sorted by the names of their files, as in the published loader. A photo without a frame has no index.
-//!   Clutter trains, extra is held out, clean is unused.
-//! * A photo's time is the last number in its name, rescaled so that the smallest such number of all photos is 0 and the
-//!   largest is 1. The counters of cameras start anywhere. (METHOD §5.2 has the rule for the names of the other layout.)
+//!   photos exist, sorted by the names of their files, as in the published loader. A photo without a frame has no
+//!   index. Clutter trains, extra is held out, clean is unused.
+//! * A photo's time is the last number in its name, rescaled so that the smallest such number of all photos is 0 and
+//!   the largest is 1. The counters of cameras start anywhere (METHOD §5.2).
 //! * Smaller copies of the photos, `images_8`, are used as described in the module `reduced`.
 //! * The published scenes have no points. A `points3D.ply` or `fused.ply` is read if it was added.
 
@@ -40,8 +40,8 @@ const SPLIT: &str = "split.json";
 const IMAGES: &str = "images";
 
 /// Advice for an unusable split.
-const ADVICE: &str = "It must hold lists `clutter`, `extra` and `clean` of indices into the frames of transforms.json whose \
-                      photos exist, sorted by file name, from 0 on";
+const ADVICE: &str = "It must hold lists `clutter`, `extra` and `clean` of indices into the frames of transforms.json \
+                      whose photos exist, sorted by file name, from 0 on";
 
 /// Scenes that were published at half the size of the others.
 const SMALL: [&str; 2] = ["patio", "arcdetriomphe"];

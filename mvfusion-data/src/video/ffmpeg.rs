@@ -18,6 +18,8 @@ use super::flaw::{CHECK_FILE, EXTRACT, Flaw, READ_FEWER};
 /// the option against that has different names in different versions. Interpolates the chroma instead of repeating it,
 /// which is 1 dB closer to the original images.
 const FILTERS: &str = "settb=1/25,setpts=N,scale=flags=bicubic+accurate_rnd+full_chroma_int";
+/// The codec in which a packet may hold a frame that is never shown. In others, as VP9, it comes with one that is.
+const INVISIBLE: &str = "vp8";
 /// Maximum number of lines of ffmpeg's messages to pass on.
 const MOST_COMPLAINTS: usize = 3;
 
@@ -92,13 +94,36 @@ pub(super) struct Probed {
     pub(super) fps: Option<f64>,
 }
 
-/// Size, number and rate of the frames, from ffprobe. It reads the file but decodes nothing.
+/// Size, number and rate of the frames, from ffprobe. It reads the file, and decodes it only if it must.
 pub(super) fn probe(path: &Path) -> Result<Probed, String> {
     const ENTRIES: &str =
-        "stream=width,height,avg_frame_rate,nb_read_packets:stream_side_data=rotation:stream_tags=rotate";
+        "stream=codec_name,width,height,avg_frame_rate,nb_read_packets:stream_side_data=rotation:stream_tags=rotate";
+    let answer = ask(path, ENTRIES, &["-count_packets"])?;
+    let told = &answer["streams"][0];
+    let mut probed = stream(told).ok_or("it finds no video in it")?;
+    if told["codec_name"] == INVISIBLE {
+        let counted = ask(path, "stream=nb_read_frames", &["-count_frames"])?;
+        let frames = counted["streams"][0]["nb_read_frames"].as_str().and_then(|frames| frames.parse().ok());
+        // The packets are an upper bound.
+        probed.frames = frames.unwrap_or(probed.frames).min(probed.frames);
+    }
+    Ok(probed)
+}
+
+/// When the first frame is shown, in seconds of the container's clock, from ffprobe. A container without a clock begins
+/// at 0.
+pub(super) fn start(path: &Path) -> Result<f64, String> {
+    let answer = ask(path, "stream=start_time:format=start_time", &[])?;
+    let seconds = |part: &Value| part["start_time"].as_str()?.parse::<f64>().ok().filter(|seconds| seconds.is_finite());
+    Ok(seconds(&answer["streams"][0]).or_else(|| seconds(&answer["format"])).unwrap_or(0.0))
+}
+
+/// What ffprobe answers about the first video in a file.
+fn ask(path: &Path, entries: &str, options: &[&str]) -> Result<Value, String> {
     let output = Command::new(ffprobe_path())
-        .args(["-v", "error", "-protocol_whitelist", "file", "-select_streams", "V:0", "-count_packets"])
-        .args(["-show_entries", ENTRIES, "-of", "json"])
+        .args(["-v", "error", "-protocol_whitelist", "file", "-select_streams", "V:0"])
+        .args(options)
+        .args(["-show_entries", entries, "-of", "json"])
         .arg(local(path))
         .stdin(Stdio::null())
         .output()
@@ -106,8 +131,7 @@ pub(super) fn probe(path: &Path) -> Result<Probed, String> {
     if !output.status.success() {
         return Err(String::from_utf8_lossy(&output.stderr).trim().to_owned());
     }
-    let answer: Value = serde_json::from_slice(&output.stdout).map_err(|e| e.to_string())?;
-    stream(&answer["streams"][0]).ok_or_else(|| "it finds no video in it".into())
+    serde_json::from_slice(&output.stdout).map_err(|e| e.to_string())
 }
 
 /// A stream in ffprobe's answer.

@@ -33,6 +33,12 @@ impl Flaw {
     pub(super) fn new(path: &Path, reason: impl ToString, advice: &'static str) -> Self {
         Self { path: path.to_owned(), reason: reason.to_string(), advice }
     }
+
+    /// The same for a program that reads whole videos, and has no option to read fewer frames.
+    pub(super) fn of_whole_video(self) -> Self {
+        let advice = if self.advice == READ_FEWER { CHECK_FILE } else { self.advice };
+        Self { advice, ..self }
+    }
 }
 
 impl From<Flaw> for DataError {

@@ -16,7 +16,6 @@ mod permit;
 mod samples;
 mod sound;
 mod store;
-mod temporary;
 #[cfg(test)]
 mod tests;
 
@@ -97,7 +96,7 @@ impl VideoDecoder {
 
 impl Video {
     /// Opens a video. Only its headers are read, except for containers other than mp4: ffprobe reads these through to
-    /// count their frames. `limit` is the number of frames to use, from the first on.
+    /// count their frames, and decodes VP8 for that. `limit` is the number of frames to use, from the first on.
     ///
     /// # Errors
     /// [`DataError::Content`] if the file is not a video, or cannot be decoded here.
@@ -180,7 +179,7 @@ impl Video {
         });
         match (refusal, decoded) {
             (Some(error), _) => Err(error),
-            (None, Err(flaw)) => Err(DataError::from(flaw).into()),
+            (None, Err(flaw)) => Err(DataError::from(flaw.of_whole_video()).into()),
             (None, Ok(())) if index < self.len => {
                 let reason = format!("only {index} of {} frames can be decoded", self.len);
                 Err(DataError::from(Flaw::new(&self.path, reason, CHECK_FILE)).into())

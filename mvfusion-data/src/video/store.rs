@@ -14,10 +14,12 @@ use tempfile::TempDir;
 
 use super::flaw::Flaw;
 use super::permit::Permit;
-use super::temporary::TemporaryFolder;
+use crate::files::TemporaryFolder;
 
 /// Part of the names of frame sets. Increase it when the same file results in different pixels.
 const VERSION: u32 = 1;
+/// Beginning of the names of temporary stores.
+const TEMPORARY: &str = "mvfusion-frames-";
 /// A partial set without a new frame for this time belongs to an interrupted run.
 const ABANDONED: Duration = Duration::from_secs(3600);
 const PARTIAL: &str = ".partial-";
@@ -52,7 +54,8 @@ impl FrameStore {
             return Ok(folder.path().to_owned());
         }
         let parent = std::env::temp_dir();
-        let folder = TemporaryFolder::new(&parent).map_err(|e| unwritable(&parent, &e))?;
+        let folder = TemporaryFolder::new(&parent, &mut tempfile::Builder::new(), TEMPORARY)
+            .map_err(|e| unwritable(&parent, &e))?;
         Ok(temporary.insert(folder).path().to_owned())
     }
 }

@@ -265,9 +265,33 @@ fn a_video_with_fewer_frames_than_its_header_tells_is_an_error_that_says_how_man
     file[start + 4] = 12;
     for decoder in decoders() {
         let (_folder, path) = saved(&file);
-        let error = opened(&path, &FrameStore::new(None), decoder).frame(0, SIZE).expect_err("11 frames").to_string();
+        let video = opened(&path, &FrameStore::new(None), decoder);
+        let error = video.frame(0, SIZE).expect_err("11 frames").to_string();
         assert!(error.contains("only 11 of 12 frames") && error.contains("the option frames"), "{decoder:?}: {error}");
+        // This is for `prepare`, which has no such option.
+        let error = video.each_frame(&mut |_, _| Ok::<(), DataError>(())).expect_err("11 frames").to_string();
+        assert!(error.contains("only 11 of 12 frames") && error.contains("copy it again"), "{decoder:?}: {error}");
+        assert!(!error.contains("option"), "{decoder:?}: {error}");
     }
+}
+
+#[test]
+fn frames_of_vp8_that_are_never_shown_do_not_count() {
+    // 25 frames in 26 packets.
+    let file = include_bytes!("../../tests-data/invisible.webm");
+    if !decoders().contains(&VideoDecoder::Ffmpeg) {
+        return;
+    }
+    let (_folder, path) = saved(file);
+    let video = opened(&path, &FrameStore::new(None), VideoDecoder::Ffmpeg);
+    let mut frames = 0;
+    video
+        .each_frame(&mut |_, _| -> Result<(), DataError> {
+            frames += 1;
+            Ok(())
+        })
+        .expect("intact");
+    assert_eq!((video.len(), frames), (25, 25));
 }
 
 #[test]

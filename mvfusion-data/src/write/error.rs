@@ -23,10 +23,14 @@ pub enum WriteError {
         advice: String,
     },
     /// The target folder is not empty.
-    #[error("{folder} is not empty, and nothing is overwritten. Give a folder that is new or empty.")]
+    #[error(
+        "{folder} is not empty (`{entry}` is in it), and nothing is overwritten. Give a folder that is new or empty."
+    )]
     Occupied {
         /// The folder.
         folder: PathBuf,
+        /// What is in it. Names that begin with a point are hidden from most listings.
+        entry: String,
     },
     /// A file or folder cannot be written.
     #[error("cannot write {path}: {reason}. Check free space and write permission.")]

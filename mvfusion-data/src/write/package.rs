@@ -8,6 +8,7 @@ use image::{ImageError, ImageFormat};
 use rayon::prelude::*;
 
 use super::{WriteError, encode};
+use crate::files::TemporaryFolder;
 use crate::scene::View;
 
 /// Folder of the motion masks (white = moving), as [`attach_masks`](crate::attach_masks) reads it.
@@ -46,7 +47,7 @@ pub(super) struct PictureEntry<'a> {
 
 impl Package<'_> {
     /// Writes everything to `folder`. Nothing appears there until all of it is written. An interrupted program leaves
-    /// nothing that looks like a scene, and an error leaves nothing at all.
+    /// nothing that looks like a scene, and the next one removes it. An error leaves nothing at all.
     pub(super) fn store(&self, folder: &Path) -> Result<(), WriteError> {
         let made = make_room(folder)?;
         let stored = self.store_within(folder);
@@ -59,9 +60,12 @@ impl Package<'_> {
 
     fn store_within(&self, folder: &Path) -> Result<(), WriteError> {
         // Within the folder, because that may be a link or a mount point.
-        let draft = tempfile::Builder::new().prefix(DRAFT).tempdir_in(folder).map_err(|e| unwritable(folder, &e))?;
-        self.store_draft(draft.path())?;
-        publish(draft.path(), folder).map_err(|e| unwritable(folder, &e))
+        let fail = |e: io::Error| unwritable(folder, &e);
+        let draft = TemporaryFolder::new(folder, &mut tempfile::Builder::new(), DRAFT).map_err(fail)?;
+        let content = draft.path().join("scene");
+        fs::create_dir(&content).map_err(fail)?;
+        self.store_draft(&content)?;
+        publish(&content, folder).map_err(fail)
     }
 
     /// Writes the images first. Without the files that describe them, they are not a scene.
@@ -116,9 +120,13 @@ fn make_room(folder: &Path) -> Result<Vec<PathBuf>, WriteError> {
     let missing = |folder: &&Path| !folder.as_os_str().is_empty() && !folder.exists();
     let made = folder.ancestors().take_while(missing).map(Path::to_owned).collect();
     fs::create_dir_all(folder).map_err(fail)?;
-    match fs::read_dir(folder).map_err(fail)?.next() {
+    TemporaryFolder::remove_abandoned(folder, DRAFT);
+    // The same one is named every time.
+    match fs::read_dir(folder).map_err(fail)?.flatten().map(|entry| entry.file_name()).min() {
         None => Ok(made),
-        Some(_) => Err(WriteError::Occupied { folder: folder.to_owned() }),
+        Some(entry) => {
+            Err(WriteError::Occupied { folder: folder.to_owned(), entry: entry.to_string_lossy().into_owned() })
+        }
     }
 }
 

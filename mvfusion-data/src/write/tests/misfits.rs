@@ -135,6 +135,20 @@ fn a_scene_that_cannot_be_written_to_its_end_leaves_nothing() {
 }
 
 #[test]
+fn what_a_killed_program_left_goes_and_a_hidden_leftover_is_named() {
+    let scene = scene(Capture::Photos);
+    let folder = tempfile::tempdir().expect("folder");
+    let left = folder.path().join(".unfinished-left");
+    std::fs::create_dir(&left).expect("made");
+    let said = write(&scene, Layout::Colmap, folder.path()).expect_err("not known to be left").to_string();
+    assert!(said.contains("`.unfinished-left` is in it"), "{said}");
+    // A program that still ran would have locked it.
+    std::fs::write(left.join("in-use"), "").expect("written");
+    write(&scene, Layout::Colmap, folder.path()).expect("written");
+    assert!(!left.exists() && !folder.path().join("in-use").exists());
+}
+
+#[test]
 fn nothing_is_overwritten() {
     let scene = scene(Capture::Photos);
     let folder = written(&scene, Layout::Colmap);

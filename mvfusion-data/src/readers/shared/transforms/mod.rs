@@ -5,9 +5,9 @@
 //!   converted to our convention here: along +z, y down.
 //! * Intrinsics are at the top or in a frame, and those in a frame take precedence: `fl_x fl_y cx cy w h`.
 //!   `camera_angle_x` may replace `fl_x`, and `camera_angle_y` may replace `fl_y`. Without either of the latter, pixels
-//!   are square. Angles alone mean a centred principal point, for images of any size. Distortion is `k1 … k6 p1 p2`, interpreted by `camera_model`. The default is OPENCV, or
-//!   OPENCV_FISHEYE if `is_fisheye` is set, as instant-ngp does. If all coefficients are zero or absent, a lens that is
-//!   not a fisheye is a pinhole.
+//!   are square. Angles alone mean a centred principal point, for images of any size. Distortion is `k1 … k6 p1 p2`,
+//!   interpreted by `camera_model`. The default is OPENCV, or OPENCV_FISHEYE if `is_fisheye` is set, as instant-ngp
+//!   does. If all coefficients are zero or absent, a lens that is not a fisheye is a pinhole.
 //! * Paths are relative to the file's folder and cannot lead out of it. A missing extension means .png.
 
 mod lens;
