@@ -1,40 +1,13 @@
 //! Files that are either whole or not there: written beside their place, then renamed.
 
-use std::ffi::OsStr;
 use std::io::Write;
 use std::path::Path;
 
 use anyhow::Context;
 use image::{DynamicImage, ImageFormat};
+pub(crate) use mvfusion_model::files::{beside, is_unfinished};
 use serde::Serialize;
 use tempfile::NamedTempFile;
-
-/// Prefix and suffix of temporary files. The prefix names the program, because they lie in folders of users as well.
-const UNFINISHED: [&str; 2] = [".mvfusion-", ".part"];
-
-/// Whether a file of this name is the rest of a file that this program was writing when it was killed.
-pub(crate) fn is_unfinished(name: &OsStr) -> bool {
-    let name = name.as_encoded_bytes();
-    name.starts_with(UNFINISHED[0].as_bytes()) && name.ends_with(UNFINISHED[1].as_bytes())
-}
-
-/// A temporary file in the folder of `path`, with the permissions of an ordinary new file. It is later renamed to
-/// `path`.
-///
-/// # Errors
-/// If the folder is not writable.
-pub(crate) fn beside(path: &Path) -> std::io::Result<NamedTempFile> {
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(UNFINISHED[0]).suffix(UNFINISHED[1]);
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // By default, only the owner can read temporary files. The umask still applies.
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    builder.tempfile_in(folder)
-}
 
 /// Writes a file and waits until it is on the disk.
 ///
@@ -97,15 +70,6 @@ mod tests {
         write_json(&path, &[0.1f64]).expect("written");
         assert_eq!(std::fs::read_to_string(&path).expect("read"), "[\n  0.1\n]\n");
         assert_eq!(std::fs::read_dir(folder.path()).expect("listed").count(), 1);
-    }
-
-    #[test]
-    fn a_half_written_file_is_known_by_its_name_here_and_in_the_folders_of_runs() {
-        let folder = tempfile::tempdir().expect("folder");
-        let file = beside(&folder.path().join("a.gif")).expect("made");
-        let name = file.path().file_name().expect("a name");
-        assert!(is_unfinished(name) && mvfusion_model::files::is_unfinished(name), "{}", name.display());
-        assert!(!is_unfinished(OsStr::new(".thesis.part")), "a file of somebody else");
     }
 
     #[test]

@@ -6,10 +6,10 @@ use std::path::Path;
 use sha2::{Digest, Sha256};
 use tempfile::NamedTempFile;
 
-/// Prefix and suffix of temporary files.
-const UNFINISHED: [&str; 2] = [".", ".part"];
+/// Prefix and suffix of temporary files. The prefix names the program, because they lie in folders of users as well.
+const UNFINISHED: [&str; 2] = [".mvfusion-", ".part"];
 
-/// Whether a file with this name was left over by a process that was killed. Such files can be deleted.
+/// Whether a file of this name is the rest of one that this program was writing when it was killed. It can be deleted.
 pub fn is_unfinished(name: &OsStr) -> bool {
     let name = name.as_encoded_bytes();
     name.starts_with(UNFINISHED[0].as_bytes()) && name.ends_with(UNFINISHED[1].as_bytes())
@@ -41,4 +41,18 @@ pub fn sha256(bytes: &[u8]) -> String {
 /// A finished SHA-256 in hexadecimal.
 pub(crate) fn hexadecimal(hash: Sha256) -> String {
     hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_half_written_file_is_known_by_its_name() {
+        let folder = tempfile::tempdir().expect("folder");
+        let file = beside(&folder.path().join("a.gif")).expect("made");
+        let name = file.path().file_name().expect("a name");
+        assert!(is_unfinished(name), "{}", name.display());
+        assert!(!is_unfinished(OsStr::new(".thesis.part")), "a file of somebody else");
+    }
 }

@@ -69,7 +69,7 @@ fn what_a_killed_process_was_writing_is_in_nobodys_way() {
     let path = ground.path().join("a");
     fs::create_dir(&path).expect("made");
     for existing in [Existing::Keep, Existing::Replace] {
-        fs::write(path.join(".x7Gh1s.part"), "half a file").expect("written");
+        fs::write(path.join(".mvfusion-x7Gh1s.part"), "half a file").expect("written");
         RunPlan::new(&path, existing).expect("planned").create().expect("made").finish();
         assert!(names(&path).is_empty());
     }
@@ -143,7 +143,7 @@ fn half_written_files_are_removed_at_every_depth_but_not_where_others_write() {
     let path = ground.path();
     for folder in ["checkpoints", "strips", "renders/test", "films/train"] {
         fs::create_dir_all(path.join(folder)).expect("made");
-        fs::write(path.join(folder).join(".x7Gh1s.part"), "half").expect("written");
+        fs::write(path.join(folder).join(".mvfusion-x7Gh1s.part"), "half").expect("written");
     }
     RunFolder::continued(path).expect("locked");
     let left = |folder: &str| names(&path.join(folder)).len();
