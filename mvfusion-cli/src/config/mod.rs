@@ -99,11 +99,11 @@ pub(crate) fn resolve_over(preset: &'static Preset, partials: Vec<PartialConfig>
 /// Reads the configuration file of a run.
 ///
 /// # Errors
-/// [`UsageError`] if the file cannot be read or is not a configuration of this version. A value that training does not
-/// accept is refused as well.
+/// [`UsageError`] if the file cannot be read or is not a configuration of this version. A value that no version trained
+/// with is refused as well.
 pub fn read(path: &Path) -> anyhow::Result<Config> {
     let config = merge(&[read_partial(path)?])?;
-    config.check().with_context(|| format!("cannot use the configuration {}", path.display()))?;
+    config.check_of_run().with_context(|| format!("cannot use the configuration {}", path.display()))?;
     Ok(config)
 }
 
@@ -115,7 +115,7 @@ pub(crate) fn resume(path: &Path, args: &ConfigSourceArgs, data: Option<&Path>) 
     let stored = read_partial(path)?;
     let before = merge(std::slice::from_ref(&stored))?;
     let mut config = merge(&[vec![stored], given_partials(args, data)?].concat())?;
-    config.check()?;
+    config.check_of_run()?;
     make_absolute(&mut config)?;
     let (last_stage, length) = last_stage(&before);
     let longer = |new: &str| new.parse().is_ok_and(|new: usize| new > length);

@@ -121,12 +121,8 @@ fn others(folder: &Path) -> Vec<(Protocol, Found<Results>)> {
 }
 
 fn configuration(folder: &Path) -> Found<Config> {
-    let read = || -> anyhow::Result<Config> {
-        let config = config::read(&folder.join(run::CONFIG))?;
-        config.check()?;
-        Ok(config)
-    };
-    read().map_err(|error| Missing::new(format!("{} was written by another version: {error:#}", run::CONFIG)))
+    config::read(&folder.join(run::CONFIG))
+        .map_err(|error| Missing::new(format!("{} was written by another version: {error:#}", run::CONFIG)))
 }
 
 fn text(folder: &Path, name: &str) -> Found<String> {

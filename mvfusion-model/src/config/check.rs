@@ -24,15 +24,33 @@ impl Config {
     /// # Errors
     /// [`ModelError::Config`] with the first invalid key.
     pub fn check(&self) -> Result<(), ModelError> {
-        self.check_as_it_is()?;
+        self.check_with_scale(|config| {
+            config.check_one_branch()?;
+            config.check_stillness()?;
+            config.check_values()
+        })
+    }
+
+    /// As [`Config::check`], for the configuration of a run that exists. Former versions accepted keys without an effect,
+    /// and their runs can still be opened and resumed.
+    ///
+    /// # Errors
+    /// As [`Config::check`].
+    pub fn check_of_run(&self) -> Result<(), ModelError> {
+        self.check_with_scale(Self::check_values)
+    }
+
+    /// Checks the values as they are, and what `train.scale` makes of them.
+    fn check_with_scale(&self, check: impl Fn(&Self) -> Result<(), ModelError>) -> Result<(), ModelError> {
+        check(self)?;
         match self.train.scale {
             1.0 => Ok(()),
-            _ => self.scaled().check_as_it_is().map_err(|error| self.of_scale(error)),
+            _ => check(&self.scaled()).map_err(|error| self.of_scale(error)),
         }
     }
 
-    /// Checks the values without the effect of `train.scale`.
-    fn check_as_it_is(&self) -> Result<(), ModelError> {
+    /// Checks all that every version refuses.
+    fn check_values(&self) -> Result<(), ModelError> {
         // The ranges are next to the fields. The following checks concern several keys, or lists.
         Key::check(self, "", Range::ANY)?;
         let (model, motion) = (&self.model, &self.motion);
@@ -73,7 +91,6 @@ impl Config {
             static_ply.map_or(String::new(), |path| path.display().to_string()),
             "a model of one branch has no static one; use `init.dynamic_ply`",
         )?;
-        self.check_one_branch()?;
         self.check_what_moves()?;
         self.check_lifetimes()?;
         self.check_stages()
@@ -104,6 +121,19 @@ impl Config {
         }
         let bounds = alone && self.model.grid.bounds == GridBoundsRule::Motion;
         refuse(bounds, "model.grid.bounds", "motion".into(), &format!("{NO_STATIC_BRANCH}; let it span the \"cloud\""))
+    }
+
+    /// Checks that the intensity has the unit of what `MotionCache::stillness` adds to it, a variance in square extents.
+    fn check_stillness(&self) -> Result<(), ModelError> {
+        let adds_travel = self.model.lifetime && self.motion.trajectory == Trajectory::Deformation;
+        let has_its_unit = self.motion.in_extents && self.motion.spread == Spread::Variance;
+        refuse(
+            self.loss.still_opacity > 0.0 && adds_travel && !has_its_unit,
+            "loss.still_opacity",
+            self.loss.still_opacity.to_string(),
+            "with lifetimes, the variance of their travel is added to the intensity, which has another unit; set \
+             `motion.in_extents = true` and `motion.spread = \"variance\"`, or `motion.trajectory = \"lifetime\"`",
+        )
     }
 
     /// Checks the keys that depend on detected motion.
@@ -149,16 +179,6 @@ impl Config {
                     "motion is measured while a Gaussian is there, so a brief one would pass for still; keep it"
                 }
             },
-        )?;
-        // `MotionCache::stillness` adds a variance in square extents to the intensity.
-        let adds_travel = has_lifetimes && self.motion.trajectory == Trajectory::Deformation;
-        let has_its_unit = self.motion.in_extents && self.motion.spread == Spread::Variance;
-        refuse(
-            self.loss.still_opacity > 0.0 && adds_travel && !has_its_unit,
-            "loss.still_opacity",
-            self.loss.still_opacity.to_string(),
-            "with lifetimes, the variance of their travel is added to the intensity, which has another unit; set \
-             `motion.in_extents = true` and `motion.spread = \"variance\"`, or `motion.trajectory = \"lifetime\"`",
         )?;
         refuse(
             self.motion.trajectory == Trajectory::Lifetime && !has_lifetimes,

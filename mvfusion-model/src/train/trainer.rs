@@ -50,6 +50,7 @@ impl Trainer {
     /// If the configuration is invalid or not scaled, the scene has too few training cameras or all of them at one
     /// place, or it or a file cannot be read.
     pub fn new(config: Config, scene: &Scene, device: &Device) -> Result<Self, ModelError> {
+        config.check()?;
         check_start(&config, scene)?;
         let config = config.for_times_of(scene);
         let device = device.clone().autodiff();
@@ -65,6 +66,7 @@ impl Trainer {
     /// that this one lacks some of the current round.
     pub fn with_state(config: Config, scene: &Scene, device: &Device, state: TrainState) -> Result<Self, ModelError> {
         state.check_scene(scene)?;
+        config.check_of_run()?;
         check_start(&config, scene)?;
         state.warn_of_excess(&config);
         let motion = SceneMotion::of_training(scene, &config)?;
@@ -234,9 +236,8 @@ impl Trainer {
     }
 }
 
-/// Rejects what cannot be trained.
+/// Rejects what cannot be trained, of a valid configuration.
 fn check_start(config: &Config, scene: &Scene) -> Result<(), ModelError> {
-    config.check()?;
     if config.train.scale != 1.0 {
         return Err(ModelError::Config {
             key: "train.scale".to_owned(),

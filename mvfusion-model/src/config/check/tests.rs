@@ -115,6 +115,11 @@ fn what_has_no_effect_with_one_branch_is_refused() {
         assert_eq!(refusal_of(with(Branches::Both)), None, "{key}");
         let said = refusal_of(with(Branches::Dynamic)).expect("it is refused");
         assert!(said.starts_with(&format!("`{key}` is ")) && said.contains("a model of one branch"), "{said}");
+        // Former versions trained with it.
+        let mut former = Config::default();
+        with(Branches::Dynamic)(&mut former);
+        former.init.motion_points = 2000;
+        former.check_of_run().expect("its runs can be opened");
     }
 }
 

@@ -73,7 +73,7 @@ impl Checkpoint {
     /// Checks the model's part before anything is allocated for it. The shapes of the networks' other layers are
     /// compared while they are filled.
     pub(super) fn check_model(&self, config: &Config) -> Result<(), ModelError> {
-        config.check()?;
+        config.check_of_run()?;
         let (header, model) = (&self.header, &config.model);
         let degrees = &header.sh_degrees;
         let branches = if model.branches == Branches::Both { 2 } else { 1 };
