@@ -34,11 +34,10 @@ pub fn run_cell(args: &RunCellArgs, verbosity: Verbosity, out: &mut dyn Write) -
         return Ok(writeln!(out, "{name}: {}", State::Finished.word())?);
     }
     writeln!(out, "{name}")?;
-    let has_failed = folder.forget_failure(id)?;
-    let task = Task { folder: &folder, id, order: &order, has_failed };
-    let result = work(&task, &args.compute, verbosity, out);
+    folder.forget_failure(id)?;
+    let result = work(&folder, id, &order, &args.compute, verbosity, out);
     if let Err(error) = &result
-        // An interrupted cell has not failed: it goes on from its checkpoint.
+        // An interrupted cell has not failed.
         && !error.is::<Interrupted>()
         && let Err(note) = folder.note_failure(id, &format!("{error:#}"))
     {
@@ -47,17 +46,14 @@ pub fn run_cell(args: &RunCellArgs, verbosity: Verbosity, out: &mut dyn Write) -
     result
 }
 
-/// A cell that is worked on.
-struct Task<'a> {
-    folder: &'a SweepFolder,
-    id: &'a str,
-    order: &'a Order,
-    /// Whether the try before this one failed.
-    has_failed: bool,
-}
-
-fn work(task: &Task<'_>, compute: &ComputeArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
-    let Task { folder, id, order, has_failed } = *task;
+fn work(
+    folder: &SweepFolder,
+    id: &str,
+    order: &Order,
+    compute: &ComputeArgs,
+    verbosity: Verbosity,
+    out: &mut dyn Write,
+) -> anyhow::Result<()> {
     // Where the data lie now: they may have moved since the run's own configuration was written.
     let places = config::read(&folder.config(id))?;
     if !folder.is_trained(id) {
@@ -74,19 +70,14 @@ fn work(task: &Task<'_>, compute: &ComputeArgs, verbosity: Verbosity, out: &mut 
             force_memory: false,
             lpips_weights: None,
             out: Some(folder.run(id)),
-            // What is there is the rest of an interrupted or a failed run.
+            // What is there is the rest of a run that has no checkpoint.
             force: true,
             #[cfg(feature = "viewer")]
             viewer: crate::args::TrainViewArgs::default(),
             init_from: None,
             resume: None,
         };
-        let path = folder.run(id);
-        match Beginning::of(&path, has_failed)? {
-            Beginning::Trained => drop_results(&path)?,
-            Beginning::Continued => go_on(&path, run, &places, verbosity, out)?,
-            Beginning::Anew => command::train(&run, verbosity, out)?,
-        }
+        train(&folder.run(id), run, &places, verbosity, out)?;
     }
     if !folder.is_finished(id, &order.wanted) {
         let eval = EvalArgs {
@@ -112,53 +103,32 @@ fn work(task: &Task<'_>, compute: &ComputeArgs, verbosity: Verbosity, out: &mut 
     Ok(())
 }
 
-/// How the training of a cell begins.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Beginning {
-    /// It does not: the training is finished, and its metrics are lost.
-    Trained,
-    /// At the newest checkpoint of an interrupted run.
-    Continued,
-    /// At the first step.
-    Anew,
-}
-
-impl Beginning {
-    /// That of a run. One that failed is not continued: its data may have been mended since, and its weights were
-    /// learned from what was wrong.
-    fn of(run: &Path, has_failed: bool) -> anyhow::Result<Self> {
-        Ok(match run::checkpoints(run)?.is_empty() {
-            true => Self::Anew,
-            false if run::is_finished(run) => Self::Trained,
-            false if has_failed => Self::Anew,
-            false => Self::Continued,
-        })
-    }
-}
-
-/// Continues the run of a folder; begins anew if its checkpoint cannot be read.
-fn go_on(
+/// Trains a cell: continues the run of its folder if that has a checkpoint that can be read, else begins anew.
+fn train(
     path: &Path,
     anew: TrainArgs,
     places: &Config,
     verbosity: Verbosity,
     out: &mut dyn Write,
 ) -> anyhow::Result<()> {
-    let resumed = TrainArgs {
-        data: places.scene.data.clone(),
-        sources: ConfigSourceArgs { table: Some(table_of(places)), ..ConfigSourceArgs::default() },
-        out: None,
-        force: false,
-        resume: Some(path.to_owned()),
-        ..anew.clone()
-    };
-    match command::train(&resumed, verbosity, out) {
-        Err(error) if matches!(error.downcast_ref(), Some(ModelError::Checkpoint { .. })) => {
-            warn!("{error:#}");
-            command::train(&anew, verbosity, out)
+    if !run::checkpoints(path)?.is_empty() {
+        if run::is_finished(path) {
+            return drop_results(path);
         }
-        result => result,
+        let resumed = TrainArgs {
+            data: places.scene.data.clone(),
+            sources: ConfigSourceArgs { table: Some(table_of(places)), ..ConfigSourceArgs::default() },
+            out: None,
+            force: false,
+            resume: Some(path.to_owned()),
+            ..anew.clone()
+        };
+        match command::train(&resumed, verbosity, out) {
+            Err(error) if matches!(error.downcast_ref(), Some(ModelError::Checkpoint { .. })) => warn!("{error:#}"),
+            result => return result,
+        }
     }
+    command::train(&anew, verbosity, out)
 }
 
 /// Removes the metrics of a finished run, which cannot be read, if they are there at all. The evaluation writes them
@@ -207,25 +177,6 @@ mod tests {
         (new.scene.data, new.eval.dynamic_masks) = (place("new/scene"), place("new/masks"));
         let sources = ConfigSourceArgs { table: Some(table_of(&new)), ..ConfigSourceArgs::default() };
         assert_eq!(config::resume(&path, &sources, new.scene.data.as_deref()).expect("resumed"), new);
-    }
-
-    #[test]
-    fn an_interrupted_cell_is_continued_and_one_that_failed_begins_anew() {
-        let folder = tempfile::tempdir().expect("folder");
-        let beginning = |has_failed| Beginning::of(folder.path(), has_failed).expect("listed");
-        assert_eq!([false, true].map(beginning), [Beginning::Anew; 2], "there is nothing to continue");
-        fs::create_dir(folder.path().join(run::CHECKPOINTS)).expect("made");
-        fs::write(folder.path().join(run::CHECKPOINTS).join(run::step_file(7)), "x").expect("written");
-        assert_eq!([false, true].map(beginning), [Beginning::Continued, Beginning::Anew]);
-    }
-
-    #[test]
-    fn a_failure_is_forgotten_once() {
-        let folder = tempfile::tempdir().expect("folder");
-        let sweep = SweepFolder::new(folder.path()).expect("a path");
-        fs::create_dir(sweep.cells()).expect("made");
-        sweep.note_failure("a", "no data").expect("written");
-        assert!(sweep.forget_failure("a").expect("removed") && !sweep.forget_failure("a").expect("nothing to remove"));
     }
 
     #[test]

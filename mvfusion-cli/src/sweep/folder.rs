@@ -1,7 +1,7 @@
 //! The sweep folder: its files, and the state of each cell.
 
 use std::collections::BTreeMap;
-use std::fs;
+use std::fs::{self, DirEntry};
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -115,18 +115,20 @@ impl SweepFolder {
         Ok(())
     }
 
-    /// Rejects a folder without an index that contains files other than those that a sweep writes before the index: the
-    /// same grid, and cells only beside it.
+    /// Rejects a folder without an index that contains anything but what a sweep writes before the index: the files of
+    /// cells that have not begun, and the same grid.
     fn check_stranger(&self, text: &str) -> anyhow::Result<()> {
         let shown = self.path.display();
         let is_ours = read_bytes(&self.path.join(GRID), run::MOST_OF_SETTINGS).is_ok_and(|now| now == text.as_bytes());
-        let is_empty = |folder: PathBuf| fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none());
+        let is_file =
+            |entry: io::Result<DirEntry>| entry.is_ok_and(|entry| entry.file_type().is_ok_and(|t| t.is_file()));
+        let has_begun = |cells: PathBuf| !fs::read_dir(cells).is_ok_and(|mut entries| entries.all(is_file));
         let entries = fs::read_dir(&self.path).with_context(|| format!("cannot list the folder {shown}"))?;
         for entry in entries {
             let name = entry.with_context(|| format!("cannot list the folder {shown}"))?.file_name();
             let is_known = match name.to_str() {
                 Some(GRID) => is_ours,
-                Some(CELLS) => is_ours || is_empty(self.cells()),
+                Some(CELLS) => is_ours || !has_begun(self.cells()),
                 _ => is_unfinished(&name),
             };
             if !is_known {
@@ -146,7 +148,6 @@ impl SweepFolder {
     pub fn prepare(&self, text: &str, plan: &Plan) -> anyhow::Result<()> {
         fs::create_dir_all(self.path.join(CELLS))
             .with_context(|| format!("cannot create the folder {}", self.path.display()))?;
-        atomic::write(&self.path.join(GRID), text.as_bytes())?;
         let Plan { index, configs } = plan;
         for (cell, config) in index.cells.iter().zip(configs) {
             write_changed(&self.config(&cell.id), config::to_toml(config)?.as_bytes())?;
@@ -154,6 +155,8 @@ impl SweepFolder {
                 Order { name: cell.name(&index.axes), preset: cell.preset.clone(), wanted: index.wanted.clone() };
             write_changed(&self.beside(&cell.id, "json"), serde_json::to_string_pretty(&order)?.as_bytes())?;
         }
+        // Next to the index, which has its hash: between them, a kill would make it look like a changed copy.
+        atomic::write(&self.path.join(GRID), text.as_bytes())?;
         index.write(&self.path)
     }
 
@@ -202,16 +205,17 @@ impl SweepFolder {
         atomic::write(&self.beside(id, "failed"), format!("{words}\n").as_bytes())
     }
 
-    /// Removes the record of a failure, and returns whether there was one.
+    /// Removes the record of a failure, if there is one.
     ///
     /// # Errors
     /// If the file cannot be removed.
-    pub fn forget_failure(&self, id: &str) -> anyhow::Result<bool> {
+    pub fn forget_failure(&self, id: &str) -> anyhow::Result<()> {
         let path = self.beside(id, "failed");
         match fs::remove_file(&path) {
-            Ok(()) => Ok(true),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(false),
-            Err(error) => Err(error).with_context(|| format!("cannot remove {}", path.display())),
+            Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                Err(error).with_context(|| format!("cannot remove {}", path.display()))
+            }
+            _ => Ok(()),
         }
     }
 

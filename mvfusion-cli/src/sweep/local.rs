@@ -153,10 +153,10 @@ impl Local<'_> {
             State::ToDo | State::Interrupted if status.code().is_some_and(is_by_signal) => {
                 Ok(End { state: State::Interrupted, took })
             }
-            // The process was killed, or could not record why it failed. This is not kept: what was trained is not at
-            // fault, so the next sweep continues it as well.
+            // The process was killed, or could not record why it failed.
             State::ToDo | State::Interrupted => {
                 let words = format!("{status}; see the end of {}", self.folder.log(&cell.id).display());
+                self.folder.note_failure(&cell.id, &words)?;
                 Ok(End { state: State::Failed(words), took })
             }
             state => Ok(End { state, took }),

@@ -11,8 +11,9 @@ fn a_grid_or_cells_of_somebody_else_are_not_written_over() {
     let (folder, sweep) = in_folder();
     let refusal = || sweep.check("mine").expect_err("refused").to_string();
     fs::create_dir(folder.path().join(CELLS)).expect("made");
-    sweep.check("mine").expect("a sweep that was killed as it began");
     fs::write(folder.path().join(CELLS).join("a.toml"), "x").expect("written");
+    sweep.check("mine").expect("a sweep that was killed as it began");
+    fs::create_dir(folder.path().join(CELLS).join("a")).expect("made");
     assert!(refusal().contains("`cells`, but no sweep"), "{}", refusal());
     fs::write(folder.path().join(GRID), "mine").expect("written");
     sweep.check("mine").expect("a sweep that was killed before its index");
