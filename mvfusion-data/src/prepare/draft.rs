@@ -127,6 +127,8 @@ impl Draft {
         let aside = self.folder.path().join("replaced");
         let is_replaced = self.out.exists();
         if is_replaced {
+            // If the program is killed before the scene is in its place, the folder has the only copy of the former one.
+            self.folder.keep_if_killed().map_err(unwritable)?;
             fs::rename(&self.out, &aside).map_err(unwritable)?;
         }
         if let Err(error) = fs::rename(self.scene(), &self.out) {
