@@ -120,12 +120,12 @@ impl<'a> Photos<'a> {
     /// `listing` is `images` in the folder, or the smaller copy that replaces it.
     fn new(cameras: &'a Transforms, folder: &Path, listing: &Path) -> Self {
         let images = folder.join(IMAGES);
-        // Smaller copies may have other extensions.
-        let is_in_copy = |frame: &Frame| {
+        // Smaller copies may have other extensions, and so may the photos beside them.
+        let is_listed = |frame: &Frame| {
             let stem = frame.file.strip_prefix(&images).map(|name| name.with_extension("")).ok();
-            listing != images && stem.is_some_and(|stem| picture_named(listing, &stem.to_string_lossy()).is_some())
+            stem.is_some_and(|stem| picture_named(listing, &stem.to_string_lossy()).is_some())
         };
-        let exists = |frame: &&Frame| frame.file.is_file() || is_in_copy(frame);
+        let exists = |frame: &&Frame| frame.file.is_file() || is_listed(frame);
         let mut frames: Vec<&Frame> = cameras.frames.iter().filter(exists).collect();
         frames.sort_by(|a, b| a.file.file_name().cmp(&b.file.file_name()));
         let numbers = || frames.iter().filter_map(|frame| number_of(&frame.file));

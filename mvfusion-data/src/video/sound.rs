@@ -10,7 +10,8 @@ use super::ffmpeg::{local, start};
 use super::flaw::Flaw;
 use crate::error::DataError;
 
-const ADVICE: &str = "Check that the program ffmpeg is installed and that the video has sound, or give the offset.";
+const ADVICE: &str =
+    "Check that the programs ffmpeg and ffprobe are installed and that the video has sound, or give the offset.";
 
 /// Bytes of ffmpeg's messages to pass on.
 const MOST_COMPLAINT: usize = 300;
