@@ -247,7 +247,9 @@ fn draw_points(
     stream: &mut Stream,
 ) -> DrawnPoints {
     let region = region(scene, config);
-    let draws = config.static_points > 0 || config.dynamic_points > 0;
+    // A file of Gaussians replaces the points of its branch.
+    let draws = (config.static_points > 0 && config.static_ply.is_none())
+        || (config.dynamic_points > 0 && config.dynamic_ply.is_none());
     if let Some(words) = out_of_reach(scene, config).filter(|_| draws) {
         tracing::warn!("{words}");
     }

@@ -11,20 +11,25 @@ use crate::model::gaussians::SH_C0;
 use crate::random::Stream;
 
 /// The box of random points: the box of the cloud with its margin, at most `box_reach` extents away from the cameras.
-/// Along an axis on which all of the cloud is farther away, that would be the gap between cameras and cloud: there, the
-/// box is that of the cloud. Without a cloud it is the neighbourhood of the cameras.
+/// Along an axis on which all of the cloud is farther away, that would be the gap between cameras and cloud: there, a box
+/// of the same width begins where the cloud does. Without a cloud it is the neighbourhood of the cameras.
 pub(super) fn region(scene: &Scene, config: &InitConfig) -> Bounds {
     let cameras = scene.camera_bounds();
-    let Some(mut cloud) = cloud_box(scene, config) else {
+    let Some(cloud) = cloud_box(scene, config) else {
         let reach = DVec3::splat(unit(scene));
         return Bounds { min: cameras.min - reach, max: cameras.max + reach };
     };
     let reach = DVec3::splat(config.box_reach * scene.extent());
-    let (min, max) = (cloud.min.max(cameras.min - reach), cloud.max.min(cameras.max + reach));
-    for axis in (0..3).filter(|&axis| min[axis] <= max[axis]) {
-        (cloud.min[axis], cloud.max[axis]) = (min[axis], max[axis]);
+    let (mut low, mut high) = (cameras.min - reach, cameras.max + reach);
+    let width = high - low;
+    for axis in 0..3 {
+        if cloud.min[axis] > high[axis] {
+            high[axis] = cloud.min[axis] + width[axis];
+        } else if cloud.max[axis] < low[axis] {
+            low[axis] = cloud.max[axis] - width[axis];
+        }
     }
-    cloud
+    Bounds { min: cloud.min.max(low), max: cloud.max.min(high) }
 }
 
 /// A warning if the cloud is out of the cameras' reach along an axis.
@@ -37,7 +42,7 @@ pub(super) fn out_of_reach(scene: &Scene, config: &InitConfig) -> Option<String>
     (!axes.is_empty()).then(|| {
         format!(
             "all points are farther from the cameras than `init.box_reach` = {} extents along {}: there, random points \
-             are drawn in the range of the points. Check that cameras and points share their coordinates, or raise the \
+             are drawn where the points begin. Check that cameras and points share their coordinates, or raise the \
              reach",
             config.box_reach,
             axes.join(" and ")
@@ -171,12 +176,23 @@ mod tests {
         scene.points.push(Vec3::new(2.0, 1.0, 1000.0), Vec3::ONE);
         let config = InitConfig::default();
         let found = region(&scene, &config);
-        assert_eq!([found.min, found.max], [DVec3::new(1.0, -1.0, 900.0), DVec3::new(2.0, 1.0, 1000.0)]);
+        let own = [DVec3::new(1.0, -1.0, 900.0), DVec3::new(2.0, 1.0, 1000.0)];
+        assert_eq!([found.min, found.max], own);
+        // An outlier does not stretch the box beyond the width of the reach.
+        scene.points.positions[1].z = 5000.0;
+        let found = region(&scene, &config);
+        assert_eq!([found.min.z, found.max.z], [900.0, 900.0 + 10.0 * scene.extent()]);
+        scene.points.positions[0].z = -900.0;
+        scene.points.positions[1].z = -5000.0;
+        let found = region(&scene, &config);
+        assert_eq!([found.min.z, found.max.z], [-900.0 - 10.0 * scene.extent(), -900.0]);
+        scene.points.positions[0].z = 900.0;
+        scene.points.positions[1].z = 1000.0;
         let said = out_of_reach(&scene, &config).expect("it is far away");
         assert!(said.contains("`init.box_reach` = 5 extents along z:"), "{said}");
 
         let everywhere = InitConfig { box_reach: f64::INFINITY, ..config.clone() };
-        assert_eq!([region(&scene, &everywhere).min, region(&scene, &everywhere).max], [found.min, found.max]);
+        assert_eq!([region(&scene, &everywhere).min, region(&scene, &everywhere).max], own);
         assert_eq!(out_of_reach(&scene, &everywhere), None);
         // A cloud that begins within reach ends there.
         scene.points.positions[0].z = 0.5;

@@ -87,9 +87,7 @@ impl Model {
         level: DeformationLevel,
         context: &RenderContext,
     ) -> Tensor<2> {
-        let cache =
-            self.motion.as_ref().filter(|_| level == DeformationLevel::Refined && self.refinement.has_modules());
-        let Some(cache) = cache else {
+        let Some(cache) = self.motion.as_ref().filter(|_| level == DeformationLevel::Refined) else {
             let times: Vec<(usize, Vec<f64>)> = moments.iter().map(|&(count, time)| (count, vec![time])).collect();
             let feature = self.network.feature(means.clone(), tensors::rows_of_parts(&times, &means));
             return self.network.heads.geometry(feature).narrow(1, 0, 3);

@@ -194,7 +194,7 @@ fn gaussians_are_born_where_a_film_is_wrong() {
         let moments = numbers(model.dynamic.plain(Attribute::TimeCentres).expect("it has lifetimes"));
         let (mut seen, mut right) = (0usize, 0usize);
         for (row, &moment) in moments.iter().enumerate().skip(before) {
-            let means = numbers(model.dynamic_at(moment, DeformationLevel::Base, trainer.render_context()).means);
+            let means = numbers(model.dynamic_at(moment, trainer.final_level(), trainer.render_context()).means);
             let place = DVec3::from_slice(&means[3 * row..]);
             for view in film.train.iter().filter(|view| (view.time - moment).abs() < 1e-6) {
                 let mask = view.truth.dynamic_mask.as_ref().expect("a built-in scene").mask().expect("in memory");

@@ -141,11 +141,6 @@ impl MotionRefinement {
         Self { guidance, temporal, rules: RefinementRules::new(config) }
     }
 
-    /// Whether there is a module. Without one, the refined offsets are the base offsets.
-    pub fn has_modules(&self) -> bool {
-        self.guidance.is_some() || self.temporal.is_some()
-    }
-
     /// The refined offsets of canonical centres `[M, 3]`, one after the other of the configured moments.
     ///
     /// Gradients reach the network only through the feature. Neighbour tokens (unless `neighbour_gradient` is on), the

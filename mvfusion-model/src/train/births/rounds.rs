@@ -291,7 +291,7 @@ mod tests {
     use mvfusion_data::builtin::builtin;
 
     use super::*;
-    use crate::config::{Config, Decay, ModelConfig, MotionConfig, OptimConfig, StageConfig, TrainConfig};
+    use crate::config::{Config, Decay, ModelConfig, MotionConfig, OptimConfig, Refinement, StageConfig, TrainConfig};
     use crate::device;
     use crate::test_support::values;
 
@@ -310,8 +310,8 @@ mod tests {
         trainer
     }
 
-    /// The largest distance between where Gaussians should be born and where they are rendered, how far MVG and MFTA move
-    /// them, and how far the whole deformation does.
+    /// The largest distance between where Gaussians should be born and where they are rendered, how far the refinement
+    /// moves them, and how far the whole deformation does.
     fn misplaced(trainer: &mut Trainer) -> [f64; 3] {
         let lifetime = |centre| Lifetime { centre, log_duration: -3.0, velocity: [0.5; 3] };
         let born = GaussianCloud {
@@ -351,11 +351,13 @@ mod tests {
     }
 
     #[test]
-    fn without_modules_the_last_stage_places_them_as_the_base_deformation_does() {
-        let mut trainer = refined(MotionConfig { mvg: false, mfta: false, ..MotionConfig::default() });
-        let [off, by_modules, moved] = misplaced(&mut trainer);
-        assert_eq!(by_modules, 0.0);
-        // Two rounds leave what the offsets vary over the length of an offset.
-        assert!(off < 0.2 * moved, "off by {off}, moved by {moved}");
+    fn without_modules_they_are_born_there_too() {
+        for refinement in [Refinement::Replace, Refinement::Sum] {
+            let motion = MotionConfig { mvg: false, mfta: false, refinement, ..MotionConfig::default() };
+            let [off, by_refinement, moved] = misplaced(&mut refined(motion));
+            assert_eq!(by_refinement == 0.0, refinement == Refinement::Replace, "a sum has the base offsets twice");
+            // Two rounds leave what the offsets vary over the length of an offset.
+            assert!(off < 0.2 * moved, "{refinement:?}: off by {off}, moved by {moved}");
+        }
     }
 }
