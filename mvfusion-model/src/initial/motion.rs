@@ -10,13 +10,10 @@ use mvfusion_data::{PointCloud, Scene};
 use mvfusion_render::grid::GridBounds;
 
 use super::Seeding;
+use super::points::range_without_strays;
 use crate::ModelError;
 use crate::config::{Branches, Config};
 use crate::timeline::Timeline;
-
-/// Fraction of the points that may be outside the motion box, on either side of each axis. Outliers are few but far
-/// away.
-const OUTSIDE: f64 = 0.01;
 
 /// Margin of the motion box, as a fraction of its sides. The hull has points only on visible surfaces, and objects
 /// rotate.
@@ -118,17 +115,10 @@ fn needs_moving_pixels(config: &Config) -> bool {
 }
 
 impl MotionPoints {
-    /// The motion box with its margin; `None` without points.
+    /// The box of what moves, without strays and with its margin; `None` without points.
     pub(crate) fn bounds(&self) -> Option<GridBounds> {
-        let positions = &self.points.positions;
-        let last = positions.len().checked_sub(1)?;
-        let skipped = (OUTSIDE * last as f64) as usize;
-        let along = |axis: usize| {
-            let mut sorted: Vec<f32> = positions.iter().map(|position| position[axis]).collect();
-            sorted.sort_by(f32::total_cmp);
-            [sorted[skipped], sorted[last - skipped]]
-        };
-        let axes = [along(0), along(1), along(2)];
+        let along = |axis| range_without_strays(&self.points.positions, axis);
+        let axes = [along(0)?, along(1)?, along(2)?];
         let corner = |side: usize| Vec3::from_array(axes.map(|ends| ends[side])).as_dvec3();
         let (min, max) = (corner(0), corner(1));
         let margin = (max - min) * MARGIN + DVec3::splat(f64::from(f32::EPSILON));

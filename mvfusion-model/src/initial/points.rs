@@ -10,9 +10,12 @@ use crate::config::InitConfig;
 use crate::model::gaussians::SH_C0;
 use crate::random::Stream;
 
+/// Fraction of the points that count as strays, on either side of an axis. They are few but far away.
+const STRAYS: f64 = 0.01;
+
 /// The box of random points: the box of the cloud with its margin, at most `box_reach` extents away from the cameras.
-/// Along an axis on which all of the cloud is farther away, that would be the gap between cameras and cloud: there, a box
-/// of the same width begins where the cloud does. Without a cloud it is the neighbourhood of the cameras.
+/// Along an axis on which all of the cloud is farther away, that would be the gap between cameras and cloud: there, the
+/// box is that of the cloud without its strays. Without a cloud it is the neighbourhood of the cameras.
 pub(super) fn region(scene: &Scene, config: &InitConfig) -> Bounds {
     let cameras = scene.camera_bounds();
     let Some(cloud) = cloud_box(scene, config) else {
@@ -20,16 +23,25 @@ pub(super) fn region(scene: &Scene, config: &InitConfig) -> Bounds {
         return Bounds { min: cameras.min - reach, max: cameras.max + reach };
     };
     let reach = DVec3::splat(config.box_reach * scene.extent());
-    let (mut low, mut high) = (cameras.min - reach, cameras.max + reach);
-    let width = high - low;
-    for axis in 0..3 {
-        if cloud.min[axis] > high[axis] {
-            high[axis] = cloud.min[axis] + width[axis];
-        } else if cloud.max[axis] < low[axis] {
-            low[axis] = cloud.max[axis] - width[axis];
+    let (low, high) = (cameras.min - reach, cameras.max + reach);
+    let (min, max) = (cloud.min.max(low), cloud.max.min(high));
+    let mut region = Bounds { min, max };
+    let margin = config.box_margin * scene.extent();
+    for axis in (0..3).filter(|&axis| min[axis] > max[axis]) {
+        if let Some([first, last]) = range_without_strays(&scene.points.positions, axis) {
+            (region.min[axis], region.max[axis]) = (f64::from(first) - margin, f64::from(last) + margin);
         }
     }
-    Bounds { min: cloud.min.max(low), max: cloud.max.min(high) }
+    region
+}
+
+/// The range of points along an axis; `None` without points.
+pub(super) fn range_without_strays(positions: &[Vec3], axis: usize) -> Option<[f32; 2]> {
+    let last = positions.len().checked_sub(1)?;
+    let skipped = (STRAYS * last as f64) as usize;
+    let mut sorted: Vec<f32> = positions.iter().map(|position| position[axis]).collect();
+    sorted.sort_by(f32::total_cmp);
+    Some([sorted[skipped], sorted[last - skipped]])
 }
 
 /// A warning if the cloud is out of the cameras' reach along an axis.
@@ -42,7 +54,7 @@ pub(super) fn out_of_reach(scene: &Scene, config: &InitConfig) -> Option<String>
     (!axes.is_empty()).then(|| {
         format!(
             "all points are farther from the cameras than `init.box_reach` = {} extents along {}: there, random points \
-             are drawn where the points begin. Check that cameras and points share their coordinates, or raise the \
+             are drawn in the range of the points. Check that cameras and points share their coordinates, or raise the \
              reach",
             config.box_reach,
             axes.join(" and ")
@@ -178,16 +190,12 @@ mod tests {
         let found = region(&scene, &config);
         let own = [DVec3::new(1.0, -1.0, 900.0), DVec3::new(2.0, 1.0, 1000.0)];
         assert_eq!([found.min, found.max], own);
-        // An outlier does not stretch the box beyond the width of the reach.
-        scene.points.positions[1].z = 5000.0;
-        let found = region(&scene, &config);
-        assert_eq!([found.min.z, found.max.z], [900.0, 900.0 + 10.0 * scene.extent()]);
-        scene.points.positions[0].z = -900.0;
-        scene.points.positions[1].z = -5000.0;
-        let found = region(&scene, &config);
-        assert_eq!([found.min.z, found.max.z], [-900.0 - 10.0 * scene.extent(), -900.0]);
-        scene.points.positions[0].z = 900.0;
-        scene.points.positions[1].z = 1000.0;
+        // Strays do not stretch it.
+        let mut strayed = scene.clone();
+        (0..200).for_each(|i| strayed.points.push(Vec3::new(1.5, 0.0, 900.0 + 0.5 * i as f32), Vec3::ONE));
+        strayed.points.push(Vec3::new(1.5, 0.0, 5e5), Vec3::ONE);
+        let found = region(&strayed, &config);
+        assert!(found.min.z >= 900.0 && found.max.z <= 1000.0 && found.max.z - found.min.z > 95.0, "{found:?}");
         let said = out_of_reach(&scene, &config).expect("it is far away");
         assert!(said.contains("`init.box_reach` = 5 extents along z:"), "{said}");
 
