@@ -103,7 +103,8 @@ fn work(
     Ok(())
 }
 
-/// Trains a cell: continues the run of its folder if that has a checkpoint that can be read, else begins anew.
+/// Trains a cell: continues the run of its folder if that has a checkpoint that can be read and is of this scene, which may
+/// have been mended, else begins anew.
 fn train(
     path: &Path,
     anew: TrainArgs,
@@ -124,11 +125,16 @@ fn train(
             ..anew.clone()
         };
         match command::train(&resumed, verbosity, out) {
-            Err(error) if matches!(error.downcast_ref(), Some(ModelError::Checkpoint { .. })) => warn!("{error:#}"),
+            Err(error) if is_of_checkpoint(&error) => warn!("{error:#}"),
             result => return result,
         }
     }
     command::train(&anew, verbosity, out)
+}
+
+/// Whether a checkpoint cannot be continued, and none of a new run would be refused for the same reason.
+fn is_of_checkpoint(error: &anyhow::Error) -> bool {
+    matches!(error.downcast_ref(), Some(ModelError::Checkpoint { .. } | ModelError::OtherScene { .. }))
 }
 
 /// Removes the metrics of a finished run, which cannot be read, if they are there at all. The evaluation writes them

@@ -120,9 +120,12 @@ impl SweepFolder {
     fn check_stranger(&self, text: &str) -> anyhow::Result<()> {
         let shown = self.path.display();
         let is_ours = read_bytes(&self.path.join(GRID), run::MOST_OF_SETTINGS).is_ok_and(|now| now == text.as_bytes());
-        let is_file =
-            |entry: io::Result<DirEntry>| entry.is_ok_and(|entry| entry.file_type().is_ok_and(|t| t.is_file()));
-        let has_begun = |cells: PathBuf| !fs::read_dir(cells).is_ok_and(|mut entries| entries.all(is_file));
+        let is_of_cell = |entry: io::Result<DirEntry>| {
+            let name = entry.map(|entry| entry.file_name()).unwrap_or_default();
+            let extension = Path::new(&name).extension();
+            is_unfinished(&name) || extension.is_some_and(|extension| extension == "toml" || extension == "json")
+        };
+        let has_begun = |cells: PathBuf| !fs::read_dir(cells).is_ok_and(|mut entries| entries.all(is_of_cell));
         let entries = fs::read_dir(&self.path).with_context(|| format!("cannot list the folder {shown}"))?;
         for entry in entries {
             let name = entry.with_context(|| format!("cannot list the folder {shown}"))?.file_name();

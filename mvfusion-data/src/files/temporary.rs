@@ -3,7 +3,7 @@
 
 use std::fs::{self, File};
 use std::io::{self, Read, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use tempfile::{Builder, TempDir};
 
@@ -37,14 +37,20 @@ impl TemporaryFolder {
         Ok(Self { _in_use: in_use, folder })
     }
 
-    /// From now on, the folder stays if the program is killed, because it has something to lose.
-    pub(crate) fn keep_if_killed(&self) -> io::Result<()> {
+    /// Whether the folder stays if the program is killed from now on, because it has something to lose.
+    pub(crate) fn set_kept(&self, is_kept: bool) -> io::Result<()> {
         let [in_use, undecided] = [IN_USE, UNDECIDED].map(|name| self.path().join(name));
-        match fs::rename(in_use, undecided) {
+        let [from, to] = if is_kept { [in_use, undecided] } else { [undecided, in_use] };
+        match fs::rename(from, to) {
             // The file system has no locks.
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+            Err(error) if is_kept && error.kind() == io::ErrorKind::NotFound => Ok(()),
             result => result,
         }
+    }
+
+    /// Leaves the folder where it is, and returns its path.
+    pub(crate) fn keep(self) -> PathBuf {
+        self.folder.keep()
     }
 
     pub(crate) fn path(&self) -> &Path {
@@ -67,13 +73,13 @@ impl TemporaryFolder {
     }
 }
 
-/// Whether a program of this machine made the file and has ended.
+/// Whether a program of this machine made the file and has ended. Former versions left the file empty.
 fn is_abandoned(in_use: &Path) -> io::Result<bool> {
     let file = File::options().read(true).write(true).open(in_use)?;
     let host = host();
     let mut text = String::new();
     (&file).take(host.len() as u64 + 1).read_to_string(&mut text)?;
-    Ok(text == host && file.try_lock().is_ok())
+    Ok((text.is_empty() || text == host) && file.try_lock().is_ok())
 }
 
 /// The name of this machine.
@@ -97,12 +103,15 @@ mod tests {
         let left = parent.path().join(format!("{PREFIX}left"));
         fs::create_dir_all(left.join("cam00")).expect("made");
         fs::write(left.join(IN_USE), host()).expect("written");
+        let former = parent.path().join(format!("{PREFIX}former"));
+        fs::create_dir_all(&former).expect("made");
+        fs::write(former.join(IN_USE), "").expect("written");
         let other = parent.path().join(format!("{PREFIX}other"));
         fs::create_dir_all(&other).expect("made");
         fs::write(other.join(IN_USE), format!("{}-2", host())).expect("written");
 
         let used = made(parent.path());
-        assert!(!left.exists() && other.exists());
+        assert!(!left.exists() && !former.exists() && other.exists());
         let second = made(parent.path());
         assert!(used.path().exists() && second.path().exists());
         let path = used.path().to_owned();
@@ -113,13 +122,14 @@ mod tests {
     #[test]
     fn a_folder_with_something_to_lose_stays_after_a_kill() {
         let parent = tempfile::tempdir().expect("folder");
-        let used = made(parent.path());
-        used.keep_if_killed().expect("renamed");
-        let TemporaryFolder { _in_use, folder } = used;
-        // As if the program was killed: the lock goes, the folder stays.
-        drop(_in_use);
-        let path = folder.keep();
-        drop(made(parent.path()));
-        assert!(path.exists());
+        for is_kept in [true, false] {
+            let used = made(parent.path());
+            used.set_kept(true).expect("renamed");
+            used.set_kept(is_kept).expect("renamed");
+            // As if the program was killed: the lock goes, the folder stays.
+            let path = used.keep();
+            drop(made(parent.path()));
+            assert_eq!(path.exists(), is_kept);
+        }
     }
 }

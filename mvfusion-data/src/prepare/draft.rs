@@ -118,7 +118,7 @@ impl Draft {
     /// Puts the scene in its place. What was there is removed once the new one is there.
     ///
     /// # Errors
-    /// [`PrepareError::Unwritable`]; then what was there still is.
+    /// [`PrepareError::Unwritable`]; then what was there still is, or the error says where it went.
     pub(super) fn publish(self) -> Result<(), PrepareError> {
         let unwritable = |error: std::io::Error| PrepareError::unwritable(&self.out, error);
         if let Some(parent) = self.out.parent() {
@@ -128,14 +128,19 @@ impl Draft {
         let is_replaced = self.out.exists();
         if is_replaced {
             // If the program is killed before the scene is in its place, the folder has the only copy of the former one.
-            self.folder.keep_if_killed().map_err(unwritable)?;
+            self.folder.set_kept(true).map_err(unwritable)?;
             fs::rename(&self.out, &aside).map_err(unwritable)?;
         }
         if let Err(error) = fs::rename(self.scene(), &self.out) {
-            if is_replaced {
-                let _ = fs::rename(&aside, &self.out);
+            if is_replaced && fs::rename(&aside, &self.out).is_err() {
+                let reason = format!("{error}; what was there is in {}", self.folder.keep().display());
+                return Err(PrepareError::unwritable(&self.out, reason));
             }
             return Err(unwritable(error));
+        }
+        if is_replaced {
+            // If this fails, the folder stays after a kill, and nothing is lost.
+            let _ = self.folder.set_kept(false);
         }
         // A log of a failure before has no meaning any more.
         let _ = fs::remove_file(self.failed_log());

@@ -10,7 +10,7 @@
 //! * Smaller copies of the photos, `images_8`, are used as described in the module `reduced`.
 //! * The published scenes have no points. A `points3D.ply` or `fused.ply` is read if it was added.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 use tracing::{info, warn};
@@ -110,23 +110,29 @@ pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
 }
 
 /// The frames whose photos exist, sorted by the names of their files.
-struct Photos<'a> {
-    frames: Vec<&'a Frame>,
+struct Photos {
+    frames: Vec<Frame>,
     /// The smallest and the largest number in the names.
     range: (u32, u32),
 }
 
-impl<'a> Photos<'a> {
+impl Photos {
     /// `listing` is `images` in the folder, or the smaller copy that replaces it.
-    fn new(cameras: &'a Transforms, folder: &Path, listing: &Path) -> Self {
+    fn new(cameras: &Transforms, folder: &Path, listing: &Path) -> Self {
         let images = folder.join(IMAGES);
-        // Smaller copies may have other extensions, and so may the photos beside them.
-        let is_listed = |frame: &Frame| {
-            let stem = frame.file.strip_prefix(&images).map(|name| name.with_extension("")).ok();
-            stem.is_some_and(|stem| picture_named(listing, &stem.to_string_lossy()).is_some())
+        let is_of_another = |file: &PathBuf| cameras.frames.iter().any(|frame| frame.file == *file);
+        // The photo, or its smaller copy, may have another extension.
+        let found = |frame: &Frame| {
+            if frame.file.is_file() {
+                return Some(frame.clone());
+            }
+            let stem = frame.file.strip_prefix(&images).ok()?.with_extension("");
+            let found = picture_named(listing, &stem.to_string_lossy()).filter(|file| !is_of_another(file))?;
+            // Whoever reads a copy looks for it by the name of the photo.
+            let file = if listing == images { found } else { frame.file.clone() };
+            Some(Frame { file, ..frame.clone() })
         };
-        let exists = |frame: &&Frame| frame.file.is_file() || is_listed(frame);
-        let mut frames: Vec<&Frame> = cameras.frames.iter().filter(exists).collect();
+        let mut frames: Vec<Frame> = cameras.frames.iter().filter_map(found).collect();
         frames.sort_by(|a, b| a.file.file_name().cmp(&b.file.file_name()));
         let numbers = || frames.iter().filter_map(|frame| number_of(&frame.file));
         let range = (numbers().min().unwrap_or(0), numbers().max().unwrap_or(0));
@@ -137,7 +143,7 @@ impl<'a> Photos<'a> {
     fn shots(&self, indices: &[usize]) -> Result<Vec<Shot>, DataError> {
         let (smallest, largest) = self.range;
         let shot = |&index: &usize| {
-            let frame = self.frames[index];
+            let frame = &self.frames[index];
             let number = number_of(&frame.file).ok_or_else(|| no_number(&frame.file))?;
             // A single photo is at time 0.
             Ok(frame.shot(f64::from(number - smallest) / f64::from((largest - smallest).max(1))))
@@ -147,7 +153,7 @@ impl<'a> Photos<'a> {
 }
 
 /// Reads the split. Each index must exist and be in only one list.
-fn read_split(path: &Path, photos: &[&Frame]) -> Result<Split, DataError> {
+fn read_split(path: &Path, photos: &[Frame]) -> Result<Split, DataError> {
     let fail = |reason: String| DataError::Content { path: path.to_owned(), reason, advice: ADVICE };
     let split: Split = read_json(path, ADVICE)?;
     let mut uses = vec![0u32; photos.len()];

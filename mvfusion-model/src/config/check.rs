@@ -27,7 +27,8 @@ impl Config {
         self.check_with_scale(|config| {
             config.check_one_branch()?;
             config.check_stillness()?;
-            config.check_values()
+            config.check_values()?;
+            config.check_stages()
         })
     }
 
@@ -49,7 +50,7 @@ impl Config {
         }
     }
 
-    /// Checks all that every version refuses.
+    /// Checks the values that no version trains with.
     fn check_values(&self) -> Result<(), ModelError> {
         // The ranges are next to the fields. The following checks concern several keys, or lists.
         Key::check(self, "", Range::ANY)?;
@@ -92,8 +93,7 @@ impl Config {
             "a model of one branch has no static one; use `init.dynamic_ply`",
         )?;
         self.check_what_moves()?;
-        self.check_lifetimes()?;
-        self.check_stages()
+        self.check_lifetimes()
     }
 
     /// The error for a value that `train.scale` derives.

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use super::probe::{Ground, Part, counts};
 use crate::ModelError;
-use crate::config::{Config, Interval, Steps};
+use crate::config::{Config, Interval, Steps, StillRule};
 use crate::train::{Stage, Trainer};
 
 /// Steps from one round to the next.
@@ -67,6 +67,9 @@ fn simplify(config: &mut Config) {
     stages.geometry = stages.geometry.min(Steps(ROUND * ROUNDS[0]));
     if stages.deformation.0 > 0 {
         stages.refinement = Steps(0);
+        // Motion is measured for the last stage alone.
+        (config.motion.still, config.loss.still_opacity) = (StillRule::Keep, 0.0);
+        config.densify.motion_power = 0.0;
     }
     *width = WIDTH.min(*width);
 }

@@ -249,6 +249,15 @@ mod tests {
     }
 
     #[test]
+    fn a_run_that_needs_measured_motion_is_predicted_too() {
+        let steered = |config: &mut Config| {
+            config.train.stages = StageConfig::of([50, 50, 100]);
+            (config.densify.motion_power, config.loss.still_opacity) = (0.5, 0.01);
+        };
+        assert!(predicted(steered, Duration::from_secs(600)).is_some());
+    }
+
+    #[test]
     fn without_time_there_is_no_prediction() {
         assert_eq!(predicted(|_| {}, Duration::ZERO), None);
     }

@@ -247,8 +247,9 @@ fn draw_points(
     stream: &mut Stream,
 ) -> DrawnPoints {
     let region = region(scene, config);
-    // A file of Gaussians replaces the points of its branch.
-    let draws = (config.static_points > 0 && config.static_ply.is_none())
+    // A file of Gaussians replaces the points of its branch. One branch has those of both.
+    let of_static = if branches == Branches::Dynamic { &config.dynamic_ply } else { &config.static_ply };
+    let draws = (config.static_points > 0 && of_static.is_none())
         || (config.dynamic_points > 0 && config.dynamic_ply.is_none());
     if let Some(words) = out_of_reach(scene, config).filter(|_| draws) {
         tracing::warn!("{words}");

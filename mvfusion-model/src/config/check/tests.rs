@@ -88,6 +88,9 @@ fn a_contradiction_that_follows_from_the_length_of_a_run_names_the_scale() {
     };
     assert_eq!(refusal_of(shortened(1.0)), None);
     assert_eq!(refusal_of(shortened(0.5)), None);
+    let mut former = Config::default();
+    shortened(0.1)(&mut former);
+    former.check_of_run().expect("a run of a former version can be opened");
     let said = refusal_of(shortened(0.1)).expect("no step of the last stage is left");
     assert!(said.starts_with("`loss.still_opacity` is 0.1: motion is measured"), "{said}");
     assert!(said.contains("it follows from `train.scale` = 0.1"), "{said}");

@@ -206,6 +206,13 @@ fn the_lists_of_on_the_go_part_the_sorted_frames_whose_photos_exist() {
     assert_eq!(recognise(folder.path(), None).expect("known"), Format::ONTHEGO);
     assert_eq!(shown(&scene.train), [("images/IMG_8467", 0.0), ("images/IMG_8469", 2.0 / 3.0)]);
     assert_eq!(shown(&scene.test), [("images/IMG_8470", 1.0)]);
+    // A photo with another extension is the frame's, unless a frame has it already.
+    fs::rename(folder.at("images/IMG_8469.JPG"), folder.at("images/IMG_8469.png")).expect("renamed");
+    let twin = frame("images/IMG_8467.png", 0.0);
+    folder.write_json("transforms.json", &file([frames.as_slice(), &[twin]].concat()));
+    let renamed = folder.open().expect("read");
+    assert_eq!(shown(&renamed.train), shown(&scene.train));
+    assert_eq!(renamed.train[1].image.rgb().expect("read").get_pixel(0, 0).0, [30; 3]);
     for (split, part) in [
         (json!({ "clutter": [0, 4], "extra": [] }), "photo 4, but there are 4 with a frame"),
         (json!({ "clutter": [0, 1], "extra": [1] }), "photo 1 (images/IMG_8468.JPG) twice"),
