@@ -103,8 +103,8 @@ fn work(
     Ok(())
 }
 
-/// Trains a cell: continues the run of its folder if that has a checkpoint that can be read and is of this scene, which may
-/// have been mended, else begins anew.
+/// Trains a cell: continues the run of its folder if that has a checkpoint that can be read and belongs to the scene as it
+/// is now, else begins anew.
 fn train(
     path: &Path,
     anew: TrainArgs,
@@ -132,7 +132,7 @@ fn train(
     command::train(&anew, verbosity, out)
 }
 
-/// Whether a checkpoint cannot be continued, and none of a new run would be refused for the same reason.
+/// Whether the checkpoint cannot be read, or is of a scene with other cameras. Neither keeps a new run from beginning.
 fn is_of_checkpoint(error: &anyhow::Error) -> bool {
     matches!(error.downcast_ref(), Some(ModelError::Checkpoint { .. } | ModelError::OtherScene { .. }))
 }
@@ -183,6 +183,28 @@ mod tests {
         (new.scene.data, new.eval.dynamic_masks) = (place("new/scene"), place("new/masks"));
         let sources = ConfigSourceArgs { table: Some(table_of(&new)), ..ConfigSourceArgs::default() };
         assert_eq!(config::resume(&path, &sources, new.scene.data.as_deref()).expect("resumed"), new);
+    }
+
+    #[test]
+    fn a_cell_begins_anew_only_if_its_checkpoint_is_at_fault() {
+        let other_scene = || ModelError::OtherScene { reason: "a camera was removed".to_owned() };
+        assert!(is_of_checkpoint(&other_scene().into()));
+        assert!(is_of_checkpoint(&anyhow::Error::from(other_scene()).context("cannot resume")));
+        assert!(!is_of_checkpoint(&anyhow::anyhow!("the GPU's memory is used by another program")));
+    }
+
+    #[test]
+    fn a_failure_is_forgotten_once_and_none_is_no_error() {
+        let folder = tempfile::tempdir().expect("folder");
+        let sweep = SweepFolder::new(folder.path()).expect("a path");
+        fs::create_dir(sweep.cells()).expect("made");
+        sweep.note_failure("a", "no data").expect("written");
+        let notes = || fs::read_dir(sweep.cells()).expect("listed").count();
+        assert_eq!(notes(), 1);
+        for _ in 0..2 {
+            sweep.forget_failure("a").expect("removed");
+            assert_eq!(notes(), 0);
+        }
     }
 
     #[test]

@@ -50,7 +50,7 @@ impl Config {
         }
     }
 
-    /// Checks the values that no version trains with.
+    /// Refuses the values that no version trains with.
     fn check_values(&self) -> Result<(), ModelError> {
         // The ranges are next to the fields. The following checks concern several keys, or lists.
         Key::check(self, "", Range::ANY)?;
