@@ -83,9 +83,9 @@ impl BlendBackwardKind {
         self.share.batch * self.share.units() * self.sums()
     }
 
-    /// Vectors of the sums over all rows, times 1, y and y².
+    /// Vectors of the sums down each column of units, times 1, y and y².
     pub(super) const fn totals(&self) -> usize {
-        self.share.batch * self.sums() * POWERS
+        self.share.batch * self.share.spans() * self.sums() * POWERS
     }
 
     /// Bytes of shared memory per cube.

@@ -3,8 +3,8 @@
 //!
 //! A cube processes a tile, one batch of Gaussians at a time. A batch has three phases between barriers. First, a unit
 //! is a few neighbouring pixels: it removes the batch's Gaussians from their transmittance, one after another, and sums
-//! each Gaussian's part of the cotangents. Then a unit is four of a Gaussian's values, which it sums over the rows of
-//! the tile. Finally, a unit is a Gaussian and writes its record. There are no atomics, so every sum has a fixed order.
+//! each Gaussian's part of the cotangents. Then a unit is four of a Gaussian's values, which it sums down a column of
+//! units. Finally, a unit is a Gaussian and writes its record. There are no atomics, so every sum has a fixed order.
 //! `project_backward` later sums a Gaussian's records in the order of its tiles.
 
 use cubecl::prelude::*;
@@ -13,8 +13,8 @@ use super::backward_kind::{BlendBackwardKind, MIDDLE, POWERS, SUM_CHANNELS, SUM_
 use super::maths::constant;
 use super::moments::write_records;
 use super::stage::{
-    FOUR, Four, Staged, TileShare, UnitPixels, WORD, four_of, in_picture, in_tiles, is_inside, met_by_row, stage_batch,
-    staged_at, unit_pixels,
+    FOUR, Four, GPU_SPAN, Staged, TileShare, UnitPixels, WORD, four_of, in_picture, in_tiles, is_inside, met_by_row,
+    stage_batch, staged_at, unit_pixels,
 };
 use super::tiles::tiles_along;
 use super::view::BlendRules;
@@ -245,7 +245,7 @@ fn composite_backward(
         let added = clamped >= constant(MIN_ALPHA) && place < taken.last[p];
         let alpha = select(added, clamped, 0.0f32);
         let gate = select(added && raw <= rules.gradient_clamp, falloff, 0.0f32);
-        let inverse = 1.0f32 / (1.0f32 - alpha);
+        let inverse = inverse_of(1.0f32 - alpha, kind.share);
         let before = taken.transmittance[p] * inverse;
         let weight = alpha * before;
         let mut shade = 0.0f32;
@@ -279,6 +279,19 @@ fn composite_backward(
     sums
 }
 
+/// One over a positive number up to one. CUDA divides with a branch, which would keep the pixels of a unit from being
+/// computed together on a GPU. A root has none, and a step of Newton's method makes up for its error.
+#[cube]
+fn inverse_of(x: f32, #[comptime] share: TileShare) -> f32 {
+    if comptime!(share.span > GPU_SPAN) {
+        1.0f32 / x
+    } else {
+        let root = x.inverse_sqrt();
+        let about = root * root;
+        about * (2.0f32 - x * about)
+    }
+}
+
 /// Writes a unit's sums of Gaussian `k` of a batch to shared memory.
 #[cube]
 fn write_parts(sums: &Array<f32>, k: usize, parts: &mut Shared<[Four]>, #[comptime] kind: BlendBackwardKind) {
@@ -289,7 +302,8 @@ fn write_parts(sums: &Array<f32>, k: usize, parts: &mut Shared<[Four]>, #[compti
     }
 }
 
-/// Sums the units' parts of a batch, times 1, y and y². A unit is four of a Gaussian's values.
+/// Sums the units' parts of a batch over the rows of the tile, times 1, y and y². A unit is four of a Gaussian's values in
+/// the columns of one span, so that most units have one.
 #[cube]
 fn sum_over_rows(
     parts: &Shared<[Four]>,
@@ -301,21 +315,18 @@ fn sum_over_rows(
     let (units, spans) = comptime!((kind.share.units(), kind.share.spans()));
     let vectors = comptime!(kind.sums());
     let mut task = UNIT_POS as usize;
-    while task < count * vectors {
-        let (k, vector) = (task / vectors, task % vectors);
+    while task < count * comptime!(spans * vectors) {
+        let (k, in_row) = (task / comptime!(spans * vectors), task % comptime!(spans * vectors));
         let met = rows[k];
         let mut once = Four::new(0.0f32);
         let mut by_y = Four::new(0.0f32);
         let mut by_yy = Four::new(0.0f32);
         for row in met.trailing_zeros()..comptime!(WORD as u32) - met.leading_zeros() {
             let y = Four::new(f32::cast_from(row) - constant(MIDDLE));
-            let from = k * units + row as usize * spans;
-            for span in 0..spans {
-                let four = parts[(from + span) * vectors + vector];
-                once += four;
-                by_y += four * y;
-                by_yy += four * y * y;
-            }
+            let four = parts[(k * units + row as usize * spans) * vectors + in_row];
+            once += four;
+            by_y += four * y;
+            by_yy += four * y * y;
         }
         totals[POWERS * task] = once;
         totals[POWERS * task + 1] = by_y;

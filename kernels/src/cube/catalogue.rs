@@ -19,12 +19,14 @@ use super::blend::blend;
 use super::blend_backward::blend_backward;
 use super::grid::{GridBoxCompilationArg, look_up, look_up_backward, sum_places};
 use super::maths::{PairCompilationArg, TripleCompilationArg};
+use super::matrix::MatrixLayoutCompilationArg;
 use super::objective::{
     Normalisation, ObjectiveKind, ObjectiveWeightsCompilationArg, objective_finish, objective_prepare,
 };
 use super::penalties::{penalties, penalties_backward};
 use super::picture::unpack;
-use super::product::{End, MatrixLayoutCompilationArg, ProductKind, ProductPlan, ProductSizeCompilationArg, product};
+use super::product::{ProductSizeCompilationArg, product};
+use super::product_kind::{End, ProductKind, ProductPlan};
 use super::project::project;
 use super::project_backward::project_backward;
 use super::records::sum_pieces;
@@ -35,7 +37,7 @@ use super::similarity::{
     similarity_adjoint,
 };
 use super::sort::{count_digits, move_keys};
-use super::stage::{GPU_MEMORY, GPU_SPAN, TileShare};
+use super::stage::{FOUR, GPU_MEMORY, GPU_SPAN, TileShare};
 use super::sums::{SumPlan, sum_rows};
 use super::tiles::{
     FramePlaceCompilationArg, begin_pairs, collect_visible, counts_by_depth, emit_pairs, find_starts, frame_keys,
@@ -50,6 +52,9 @@ const CHANNELS: [usize; 2] = [4, 7];
 
 /// Columns of the networks' layers at the paper's setting: heads, hidden layers.
 const COLUMNS: [usize; 2] = [4, 128];
+
+/// Rows of these layers: the dynamic Gaussians of two views.
+const ROWS: usize = 60_000;
 
 /// Columns whose rows are summed: a background, the parameters of a network.
 const SUMS: [usize; 2] = [4, 128];
@@ -151,7 +156,7 @@ arguments! {
     BlendRulesCompilationArg { alpha_clamp, gradient_clamp, stop }
     GridBoxCompilationArg { max, min, slope }
     AdamStepCompilationArg { beta1, rest1, beta2, rest2, rate, root, epsilon }
-    MatrixLayoutCompilationArg { first, row, column }
+    MatrixLayoutCompilationArg { first, stride }
     ScaleRuleCompilationArg { large, large_above, spiky, spiky_above }
     ProductSizeCompilationArg { rows, columns, depth, slab }
     ImageStartsCompilationArg { a, b, v_map }
@@ -284,11 +289,14 @@ impl Catalogue<'_> {
             ("an adjoint", End::Adjoint { gated: true, added: true }),
             ("slabs", End::Slabs),
         ];
+        let memory = self.target.device.hardware.max_shared_memory_size;
         for columns in COLUMNS {
             for (name, end) in ends {
-                let kind = ProductKind::new(ProductPlan::of_gpu(columns), columns, end == End::Slabs, end);
+                let rows = if end == End::Slabs { columns } else { ROWS };
+                let plan = ProductPlan::of_gpu([rows, columns]);
+                let kind = ProductKind::new(plan, columns, end == End::Slabs, end, memory);
                 let variant = format!("{name} of {columns} columns");
-                add!(self, Unchecked, kind.units, variant, product::Product, [_ _ _ _ _ _ _ _ _ _ _], kind);
+                add!(self, Unchecked, kind.units, variant, product::Product, [_ _ _ _ _ _ _ _ _ _ _], FOUR, FOUR, FOUR, kind);
             }
         }
         for columns in SUMS {
@@ -297,8 +305,8 @@ impl Catalogue<'_> {
             add!(self, Unchecked, UNITS, variant, sum_rows::SumRows, [_ _ _ _ _ _], across);
         }
         let (heads, queries, keys) = (4, 1, 2);
-        add!(self, Checked, UNITS, "", attention::Attention, [_ _ _ _ _], heads, queries, keys);
-        add!(self, Checked, UNITS, "", attention_backward::AttentionBackward, [_ _ _ _ _ _ _], heads, queries, keys);
+        add!(self, Checked, UNITS, "", attention::Attention, [_ _ _ _ _], FOUR, heads, queries, keys);
+        add!(self, Checked, UNITS, "", attention_backward::AttentionBackward, [_ _ _ _ _ _ _], FOUR, heads, queries, keys);
         add!(self, Checked, UNITS, "", adam::Adam, [_ _ _ _ _ _]);
         add!(self, Checked, UNITS, "", adam_of_three::AdamOfThree, [_ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _]);
     }

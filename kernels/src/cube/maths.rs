@@ -79,6 +79,12 @@ pub fn at_most_zero(x: f32) -> bool {
     magnitude == 0u32 || (bits != magnitude && magnitude <= 0x7f80_0000u32)
 }
 
+/// The ReLU. NaN stays, so that it shows; `max` would turn it into zero.
+#[cube]
+pub(super) fn rectified(value: f32) -> f32 {
+    select(at_most_zero(value), 0.0f32, value)
+}
+
 /// Whether all three are finite.
 #[cube]
 pub fn all_finite(a: &Triple) -> bool {

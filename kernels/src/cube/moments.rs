@@ -93,7 +93,7 @@ fn write_record(
     }
 }
 
-/// Value `number` of Gaussian `k`, summed over the rows times y to the given power.
+/// Value `number` of Gaussian `k`, summed over the tile, times y to the given power.
 #[cube]
 fn total(
     totals: &Shared<[Four]>,
@@ -102,6 +102,12 @@ fn total(
     #[comptime] power: usize,
     #[comptime] kind: BlendBackwardKind,
 ) -> f32 {
-    let vector = k * comptime!(kind.sums()) + comptime!(number / FOUR);
-    totals[POWERS * vector + power].extract(comptime!(number % FOUR))
+    let (spans, vectors) = comptime!((kind.share.spans(), kind.sums()));
+    let mut sum = 0.0f32;
+    #[unroll]
+    for span in 0..spans {
+        let vector = (k * spans + span) * vectors + comptime!(number / FOUR);
+        sum += totals[POWERS * vector + power].extract(comptime!(number % FOUR));
+    }
+    sum
 }

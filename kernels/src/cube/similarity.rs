@@ -226,15 +226,22 @@ pub fn similarity_adjoint(
             let column = column_of(item, &tile, &size, radius);
             if column.is_inside {
                 let (first, count, tap) = taps_down(column.pixel, weights, &size);
+                let mut down = Array::<f32>::new(maps);
                 #[unroll]
                 for map in 0..maps {
-                    let mut sum = 0.0f32;
-                    for i in 0..count {
-                        let at = first + i * size.width;
-                        let v = v_map[(starts.v_map + at) as usize];
-                        sum += weights[(tap + i) as usize] * v * slopes[map * pixels + at as usize];
+                    down[map] = 0.0f32;
+                }
+                for i in 0..count {
+                    let at = first + i * size.width;
+                    let v = weights[(tap + i) as usize] * v_map[(starts.v_map + at) as usize];
+                    #[unroll]
+                    for map in 0..maps {
+                        down[map] += v * slopes[map * pixels + at as usize];
                     }
-                    sums[comptime!(map * summed(radius)) + item as usize] = sum;
+                }
+                #[unroll]
+                for map in 0..maps {
+                    sums[comptime!(map * summed(radius)) + item as usize] = down[map];
                 }
             }
             item += comptime!(UNITS as u32);
@@ -244,14 +251,23 @@ pub fn similarity_adjoint(
         if own.is_inside {
             let (before, count, tap) = taps_along(own.pixel, weights, &size);
             let (pixel, first) = (own.pixel as usize, own.item - before);
-            let v_mean_a = sum_along(&sums, weights, first, count, tap);
-            let v_square = 2.0f32 * sum_along(&sums, weights, first + comptime!(summed(radius) as u32), count, tap);
-            let v_cross = sum_along(&sums, weights, first + comptime!(2 * summed(radius) as u32), count, tap);
+            let mut along = Array::<f32>::new(maps);
+            #[unroll]
+            for map in 0..maps {
+                along[map] = 0.0f32;
+            }
+            for i in 0..count {
+                let weight = weights[(tap + i) as usize];
+                #[unroll]
+                for map in 0..maps {
+                    along[map] += weight * sums[comptime!(map * summed(radius)) + (first + i) as usize];
+                }
+            }
+            let (v_mean_a, v_square, v_cross) = (along[0], 2.0f32 * along[1], along[2]);
             let (own_a, own_b) = (a[starts.a as usize + pixel], b[starts.b as usize + pixel]);
             v_a[pixel] = v_mean_a + own_a * v_square + own_b * v_cross;
             if comptime!(both) {
-                let v_mean_b = sum_along(&sums, weights, first + comptime!(3 * summed(radius) as u32), count, tap);
-                v_b[pixel] = v_mean_b + own_b * v_square + own_a * v_cross;
+                v_b[pixel] = along[3] + own_b * v_square + own_a * v_cross;
             }
         }
     }
@@ -312,15 +328,6 @@ fn own_pixel(tile: &Tile, size: &PlaneSize, #[comptime] radius: usize) -> Place 
     let across = comptime!(TILE[0] as u32);
     let item = UNIT_POS / across * comptime!(columns(radius) as u32) + UNIT_POS % across + comptime!(radius as u32);
     column_of(item, tile, size, radius)
-}
-
-#[cube]
-fn sum_along(sums: &Shared<[f32]>, weights: &[f32], first: u32, count: u32, tap: u32) -> f32 {
-    let mut sum = 0.0f32;
-    for i in 0..count {
-        sum += weights[(tap + i) as usize] * sums[(first + i) as usize];
-    }
-    sum
 }
 
 /// The windowed moments of two images: mean a, mean b, variance of a + variance of b, covariance.

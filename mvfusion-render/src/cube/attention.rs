@@ -4,6 +4,7 @@ use burn::backend::TensorMetadata;
 use burn::backend::tensor::FloatTensor;
 use burn_cubecl::CubeBackend;
 use mvfusion_kernels::cube::attention::{attention, attention_backward};
+use mvfusion_kernels::cube::stage::FOUR;
 
 use super::gpu::{CUBE, Flat, Gpu, single};
 use crate::attention::op::{Arguments, AttentionAdjoint, AttentionOps};
@@ -19,6 +20,7 @@ impl AttentionOps for CubeBackend {
                 &gpu.client,
                 gpu.units(rows * layout.queries * heads),
                 CUBE,
+                vector(layout.width, heads),
                 arguments.queries.flat(),
                 arguments.memory.flat(),
                 found.clone().flat(),
@@ -48,6 +50,7 @@ impl AttentionAdjoint for CubeBackend {
                 &gpu.client,
                 gpu.units(rows * heads),
                 CUBE,
+                vector(layout.width, heads),
                 single(arguments.queries).flat(),
                 single(arguments.memory).flat(),
                 single(v_found).flat(),
@@ -62,4 +65,9 @@ impl AttentionAdjoint for CubeBackend {
         }
         adjoints
     }
+}
+
+/// Numbers of a head that are read and written together.
+fn vector(width: usize, heads: usize) -> usize {
+    if (width / heads).is_multiple_of(FOUR) { FOUR } else { 1 }
 }

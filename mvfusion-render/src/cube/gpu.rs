@@ -17,7 +17,7 @@ use cubecl::prelude::*;
 use cubecl::wgpu::WgpuDeviceKind;
 use mvfusion_kernels::cube::UNITS;
 use mvfusion_kernels::cube::grid::GPU_LANES;
-use mvfusion_kernels::cube::product::ProductPlan;
+use mvfusion_kernels::cube::product_kind::ProductPlan;
 use mvfusion_kernels::cube::stage::{GPU_MEMORY, GPU_SPAN};
 use mvfusion_kernels::cube::sums::{SumPlan, sum_rows};
 use mvfusion_kernels::splat::TILE;
@@ -196,9 +196,14 @@ impl Gpu {
         TilePlan::of(&self.device)
     }
 
-    /// How a matrix product with this many columns is divided among units.
-    pub fn product_plan(&self, columns: usize) -> ProductPlan {
-        if computes_on_cpu(&self.device) { ProductPlan::SOFTWARE } else { ProductPlan::of_gpu(columns) }
+    /// Bytes of shared memory that a cube can have.
+    pub fn shared_memory(&self) -> usize {
+        self.client.properties().hardware.max_shared_memory_size
+    }
+
+    /// How a matrix product with this many rows and columns is divided among units.
+    pub fn product_plan(&self, size: [usize; 2]) -> ProductPlan {
+        if computes_on_cpu(&self.device) { ProductPlan::SOFTWARE } else { ProductPlan::of_gpu(size) }
     }
 
     /// Units that share the features of a point in the adjoint of a look-up of `rows` points and scales: one on a CPU,

@@ -6,7 +6,10 @@ use burn::tensor::DType;
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 use cubecl::CubeDim;
-use mvfusion_kernels::cube::product::{End, MatrixLayoutLaunch, ProductKind, ProductSizeLaunch, product};
+use mvfusion_kernels::cube::matrix::MatrixLayoutLaunch;
+use mvfusion_kernels::cube::product::{ProductSizeLaunch, product};
+use mvfusion_kernels::cube::product_kind::{End, ProductKind};
+use mvfusion_kernels::cube::stage::FOUR;
 
 use super::gpu::{Flat, Gpu, single};
 use crate::list::Floats;
@@ -15,28 +18,38 @@ use crate::mlp::cpu::Wanted;
 use crate::mlp::layout::LinearLayout;
 use crate::mlp::op::{Adjoints, Arguments, MlpAdjoint, MlpOps};
 
+/// Most bytes of hidden rows that a call keeps for its adjoint, which otherwise computes them again.
+const MOST_KEPT: usize = 512 << 20;
+
 /// Most slabs of rows for the adjoint of a weight.
 const MOST_SLABS: usize = 128;
 
 impl MlpOps for CubeBackend {
     fn mlp_forward(input: FloatTensor<Self>, parameters: Floats<Self>, layout: MlpLayout) -> FloatTensor<Self> {
-        let run = Run::new(input, parameters, &layout);
-        let outputs = run.gpu.floats([run.rows, layout.outputs()]);
-        let mut column = 0;
-        for chain in &run.layers {
-            let hidden = run.hidden(chain);
-            let last = &chain[chain.len() - 1];
-            let source = hidden.last().unwrap_or(&run.input);
-            run.layer(source, last, false, &Matrix::columns(&outputs, column, last.outputs));
-            column += last.outputs;
-        }
-        outputs
+        Run::new(input, parameters, &layout).forward(layout.outputs(), |_| ())
     }
 }
 
 impl MlpAdjoint for CubeBackend {
+    fn mlp_forward_kept(
+        input: FloatTensor<Self>,
+        parameters: Floats<Self>,
+        layout: MlpLayout,
+    ) -> (FloatTensor<Self>, Floats<Self>) {
+        let run = Run::new(input, parameters, &layout);
+        let is_kept = run.hidden_bytes() <= MOST_KEPT;
+        let mut kept = Vec::new();
+        let outputs = run.forward(layout.outputs(), |hidden| {
+            if is_kept {
+                kept.extend(hidden.into_iter().map(|matrix| matrix.tensor));
+            }
+        });
+        (outputs, Floats(kept))
+    }
+
     fn mlp_backward(
         arguments: Arguments<Self>,
+        kept: Floats<Self>,
         v_outputs: FloatTensor<Self>,
         layout: MlpLayout,
         wanted: Wanted,
@@ -53,8 +66,12 @@ impl MlpAdjoint for CubeBackend {
         let v_input = wanted.input.then(|| Matrix::of(run.gpu.floats(run.input.tensor.shape())));
         let shares = wanted.parameters.then(|| run.gpu.floats([run.rows.div_ceil(run.slab()), run.joined]));
         let mut column = 0;
+        let mut kept = kept.0.into_iter().peekable();
         for (number, chain) in run.layers.iter().enumerate() {
-            let hidden = run.hidden(chain);
+            let hidden = match kept.peek() {
+                Some(_) => kept.by_ref().take(chain.len() - 1).map(Matrix::of).collect(),
+                None => run.hidden(chain),
+            };
             let mut v = Matrix::columns(&v_outputs, column, chain[chain.len() - 1].outputs);
             column += v.columns;
             for (index, layer) in chain.iter().enumerate().rev() {
@@ -103,12 +120,12 @@ impl Matrix {
 
     /// The layout as a kernel argument.
     fn layout(&self) -> MatrixLayoutLaunch {
-        MatrixLayoutLaunch::new(self.first as u32, self.stride as u32, 1)
+        MatrixLayoutLaunch::new(self.first as u32, self.stride as u32)
     }
 
-    /// The layout of the transpose.
-    fn transposed_layout(&self) -> MatrixLayoutLaunch {
-        MatrixLayoutLaunch::new(self.first as u32, 1, self.stride as u32)
+    /// Whether each four columns lie where a kernel can read them together.
+    fn is_in_fours(&self) -> bool {
+        [self.first, self.stride, self.columns].iter().all(|number| number.is_multiple_of(FOUR))
     }
 }
 
@@ -138,8 +155,9 @@ impl Run {
         Self { gpu, input, layers, joined, parameters, rows, rectified: layout.rectified }
     }
 
-    fn weight(&self, layer: &LinearLayout) -> &CubeTensor {
-        &self.parameters[2 * layer.index]
+    /// The weight of a layer, `[inputs, outputs]`.
+    fn weight(&self, layer: &LinearLayout) -> Matrix {
+        Matrix::of(self.parameters[2 * layer.index].clone())
     }
 
     /// Rows that a cube sums for the adjoint of a weight, the same for all layers. The sums of all slabs fit into a
@@ -147,7 +165,7 @@ impl Run {
     fn slab(&self) -> usize {
         let fit = self.gpu.buffer_limit() / (DType::F32.size() * self.joined.max(1)) as u64;
         let slabs = (MOST_SLABS as u64).min(fit.max(1)) as usize;
-        self.rows.div_ceil(slabs).max(self.gpu.product_plan(1).least_slab)
+        self.rows.div_ceil(slabs).max(self.gpu.product_plan([1, 1]).least_slab)
     }
 
     /// The adjoints of the parameters, which share one tensor.
@@ -155,6 +173,27 @@ impl Run {
         let ranges = self.layers.iter().flatten().flat_map(|layer| [layer.weight.clone(), layer.bias.clone()]);
         let own = ranges.zip(&self.parameters).map(|(range, own)| self.gpu.part(&joined, range, own.shape()));
         Floats(own.collect())
+    }
+
+    /// The outputs `[rows, outputs]`. `done` takes the hidden rows of each chain.
+    fn forward(&self, outputs: usize, mut done: impl FnMut(Vec<Matrix>)) -> CubeTensor {
+        let outputs = self.gpu.floats([self.rows, outputs]);
+        let mut column = 0;
+        for chain in &self.layers {
+            let hidden = self.hidden(chain);
+            let last = &chain[chain.len() - 1];
+            let source = hidden.last().unwrap_or(&self.input);
+            self.layer(source, last, false, &Matrix::columns(&outputs, column, last.outputs));
+            column += last.outputs;
+            done(hidden);
+        }
+        outputs
+    }
+
+    /// Bytes of the hidden rows of all chains.
+    fn hidden_bytes(&self) -> usize {
+        let widths = self.layers.iter().flat_map(|chain| &chain[..chain.len() - 1]).map(|layer| layer.outputs);
+        self.rows * widths.sum::<usize>() * DType::F32.size()
     }
 
     /// The rectified outputs of all layers of a chain except the last.
@@ -176,10 +215,8 @@ impl Run {
     /// `source W + b`.
     fn layer(&self, source: &Matrix, layer: &LinearLayout, rectified: bool, result: &Matrix) {
         self.launch(Product {
-            left: &source.tensor,
-            left_layout: source.layout(),
-            right: self.weight(layer),
-            right_layout: MatrixLayoutLaunch::new(0, layer.outputs as u32, 1),
+            left: source,
+            right: &self.weight(layer),
             bias: Some(&self.parameters[2 * layer.index + 1]),
             size: [self.rows, layer.outputs, layer.inputs],
             result,
@@ -192,10 +229,8 @@ impl Run {
     /// The adjoint of a layer's source, `v Wᵀ`.
     fn source_adjoint(&self, v: &Matrix, layer: &LinearLayout, source: &Matrix, end: End, result: &Matrix) {
         self.launch(Product {
-            left: &v.tensor,
-            left_layout: v.layout(),
-            right: self.weight(layer),
-            right_layout: MatrixLayoutLaunch::new(0, 1, layer.outputs as u32),
+            left: v,
+            right: &self.weight(layer),
             bias: None,
             size: [self.rows, layer.inputs, layer.outputs],
             result,
@@ -211,10 +246,8 @@ impl Run {
         let result =
             Matrix { tensor: shares.clone(), columns: layer.outputs, first: layer.weight.start, stride: layer.outputs };
         self.launch(Product {
-            left: &source.tensor,
-            left_layout: source.transposed_layout(),
-            right: &v.tensor,
-            right_layout: v.layout(),
+            left: source,
+            right: v,
             bias: None,
             size: [layer.inputs, layer.outputs, self.rows],
             result: &result,
@@ -229,10 +262,21 @@ impl Run {
         if rows == 0 {
             return;
         }
-        let kind = ProductKind::new(self.gpu.product_plan(columns), columns, of.rectified, of.end);
+        let kind = ProductKind::new(
+            self.gpu.product_plan([rows, columns]),
+            columns,
+            of.rectified,
+            of.end,
+            self.gpu.shared_memory(),
+        );
         let slab = if of.end == End::Slabs { self.slab() } else { depth };
         let tiles = rows.div_ceil(kind.tile_rows()) * columns.div_ceil(kind.tile_columns());
         let slab_stride = of.result.tensor.shape()[1];
+        let gated = matches!(of.end, End::Adjoint { gated: true, .. });
+        let results_in_fours = of.result.is_in_fours()
+            && (of.end != End::Slabs || slab_stride.is_multiple_of(FOUR))
+            && (!gated || of.gate.is_in_fours());
+        let vector = |in_fours| if in_fours { FOUR } else { 1 };
         // SAFETY: rows, columns and depth are those of the matrices, and the kernel neither reads nor writes beyond
         // them.
         unsafe {
@@ -240,14 +284,17 @@ impl Run {
                 &self.gpu.client,
                 self.gpu.cubes(tiles * depth.div_ceil(slab)),
                 CubeDim::new_1d(kind.units as u32),
-                of.left.clone().flat(),
-                of.right.clone().flat(),
-                of.bias.unwrap_or(of.right).clone().flat(),
+                vector(of.left.is_in_fours()),
+                vector(of.right.is_in_fours()),
+                vector(results_in_fours),
+                of.left.tensor.clone().flat(),
+                of.right.tensor.clone().flat(),
+                of.bias.unwrap_or(&of.right.tensor).clone().flat(),
                 of.gate.tensor.clone().flat(),
                 of.result.tensor.clone().flat(),
                 ProductSizeLaunch::new(rows as u32, columns as u32, depth as u32, slab as u32),
-                of.left_layout,
-                of.right_layout,
+                of.left.layout(),
+                of.right.layout(),
                 of.result.layout(),
                 of.gate.layout(),
                 slab_stride as u32,
@@ -259,10 +306,10 @@ impl Run {
 
 /// A product to launch.
 struct Product<'a> {
-    left: &'a CubeTensor,
-    left_layout: MatrixLayoutLaunch,
-    right: &'a CubeTensor,
-    right_layout: MatrixLayoutLaunch,
+    /// In the adjoint of a weight, the transpose of the left matrix.
+    left: &'a Matrix,
+    /// In the adjoint of a source, the transpose of the right matrix.
+    right: &'a Matrix,
     /// The bias of a layer.
     bias: Option<&'a CubeTensor>,
     /// Rows, columns, depth.

@@ -29,9 +29,20 @@ pub(crate) trait MlpOps: Backend {
 
 /// The adjoint; only on backends without autodiff.
 pub(crate) trait MlpAdjoint: MlpOps {
-    /// The requested adjoints of input and parameters. `v_outputs` is `[N, outputs]`.
+    /// The forward pass, and what the adjoint then need not compute again: nothing, or the outputs of all hidden layers.
+    fn mlp_forward_kept(
+        input: FloatTensor<Self>,
+        parameters: Floats<Self>,
+        layout: MlpLayout,
+    ) -> (FloatTensor<Self>, Floats<Self>) {
+        (Self::mlp_forward(input, parameters, layout), Floats(Vec::new()))
+    }
+
+    /// The requested adjoints of input and parameters. `v_outputs` is `[N, outputs]`, and `kept` comes from the forward
+    /// pass.
     fn mlp_backward(
         arguments: Arguments<Self>,
+        kept: Floats<Self>,
         v_outputs: FloatTensor<Self>,
         layout: MlpLayout,
         wanted: Wanted,
@@ -68,6 +79,7 @@ impl<B: HostBackend> MlpOps for B {
 impl<B: HostBackend> MlpAdjoint for B {
     fn mlp_backward(
         arguments: Arguments<B>,
+        _kept: Floats<B>,
         v_outputs: FloatTensor<B>,
         layout: MlpLayout,
         wanted: Wanted,
@@ -99,14 +111,14 @@ fn weights<T, V: Deref<Target = [T]>>(parameters: &[V]) -> Vec<Weights<'_, T>> {
 struct MlpBackward;
 
 impl<B: MlpAdjoint> Backward<B, PARENTS> for MlpBackward {
-    type State = (Arguments<B>, MlpLayout, Option<Part>);
+    type State = (Arguments<B>, Floats<B>, MlpLayout, Option<Part>);
 
     fn backward(self, ops: Ops<Self::State, PARENTS>, gradients: &mut Gradients, _: &mut Checkpointer) {
-        let (arguments, layout, part) = ops.state;
+        let (arguments, kept, layout, part) = ops.state;
         let v_outputs = gradients.consume::<B>(&ops.node);
         let [input, parameters @ ..] = ops.parents;
         let wanted = Wanted { input: input.is_some(), parameters: parameters.iter().any(Option::is_some) };
-        let adjoints = profile::measure_backward(part, || B::mlp_backward(arguments, v_outputs, layout, wanted));
+        let adjoints = profile::measure_backward(part, || B::mlp_backward(arguments, kept, v_outputs, layout, wanted));
         let of_parameters = parameters.into_iter().zip(adjoints.parameters.into_iter().flat_map(|list| list.0));
         for (node, adjoint) in std::iter::once(input).zip(adjoints.input).chain(of_parameters) {
             if let Some(node) = node {
@@ -123,10 +135,12 @@ impl<B: MlpAdjoint, C: CheckpointStrategy> MlpOps for Autodiff<B, C> {
         let parameters = Floats(parameters.0.into_iter().map(|parameter| parameter.into_primitive()).collect());
         let arguments: Arguments<B> = Arguments { input: input.into_primitive(), parameters };
         let Arguments { input, parameters } = arguments.clone();
-        let outputs = B::mlp_forward(input, parameters, layout.clone());
         match prepared {
-            OpsKind::Tracked(prepared) => prepared.finish((arguments, layout, profile::current()), outputs),
-            OpsKind::UnTracked(prepared) => prepared.finish(outputs),
+            OpsKind::Tracked(prepared) => {
+                let (outputs, kept) = B::mlp_forward_kept(input, parameters, layout.clone());
+                prepared.finish((arguments, kept, layout, profile::current()), outputs)
+            }
+            OpsKind::UnTracked(prepared) => prepared.finish(B::mlp_forward(input, parameters, layout)),
         }
     }
 }

@@ -30,6 +30,9 @@ const ARCHITECTURES: [&str; 3] = ["sm_80", "sm_89", "sm_90a"];
 /// multiprocessor, and twelve of 168, which the products take.
 const LIMITS: [(&str, usize); 3] = [("blend", 128), ("blend_backward", 128), ("product", 168)];
 
+/// Bytes of shared memory of a cube on these architectures, without asking for more.
+const SHARED_MEMORY: usize = 48 << 10;
+
 /// Bytes that a kernel may spill outside of its loops.
 const MOST_SPILLED: usize = 32;
 
@@ -81,7 +84,11 @@ pub fn run(arguments: &PtxArguments) -> Result<()> {
     let scratch = tempfile::tempdir().context("cannot make a folder for the PTX")?;
     let folder = arguments.keep.as_deref().unwrap_or(scratch.path());
     fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
-    let kernels = catalogue(&Target::new(register_supported_types));
+    let target = Target::new(|device| {
+        device.hardware.max_shared_memory_size = SHARED_MEMORY;
+        register_supported_types(device);
+    });
+    let kernels = catalogue(&target);
     let compiled = kernels.into_iter().map(|kernel| toolkit.compile(kernel, folder)).collect::<Result<Vec<_>>>()?;
     let table = table(&compiled);
     print(&table);
