@@ -41,6 +41,7 @@
 //! | [`attention`] | multi-head attention of a few queries to a few keys, for every row |
 //! | [`window`] | Gaussian blur and SSIM |
 //! | [`objective`] | blends both branches and computes the losses over pixels with their gradients |
+//! | [`activation`] | the sigmoid, and the foreground's share of a mask |
 //! | [`scales`] | the cost of large and of elongated Gaussians |
 //! | [`picture`] | unpacks images of bytes |
 //! | [`blocks`] | takes a matrix apart into blocks |
@@ -66,6 +67,7 @@ mod simd;
 #[cfg(test)]
 mod test_support;
 
+pub mod activation;
 pub mod attention;
 pub mod blocks;
 pub mod device;

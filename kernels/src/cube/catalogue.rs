@@ -11,6 +11,7 @@ use cubecl::ir::{
 use cubecl::prelude::*;
 use cubecl::profile::TimingMethod;
 
+use super::activation::{ShareKindCompilationArg, foreground_share, logistic, logistic_backward};
 use super::adam::{AdamStepCompilationArg, adam, adam_of_three};
 use super::atomic::{ExchangedSum, NativeSum};
 use super::attention::{attention, attention_backward};
@@ -157,6 +158,7 @@ arguments! {
     GridBoxCompilationArg { max, min, slope }
     AdamStepCompilationArg { beta1, rest1, beta2, rest2, rate, root, epsilon }
     MatrixLayoutCompilationArg { first, stride }
+    ShareKindCompilationArg { columns, static_, dynamic, epsilon, margin }
     ScaleRuleCompilationArg { large, large_above, spiky, spiky_above }
     ProductSizeCompilationArg { rows, columns, depth, slab }
     ImageStartsCompilationArg { a, b, v_map }
@@ -283,6 +285,9 @@ impl Catalogue<'_> {
         add!(self, Unchecked, UNITS, "", penalties_backward::PenaltiesBackward, [_ _ _ _ _ _]);
         add!(self, Unchecked, UNITS, "", scale_cost::ScaleCost, [_ _ _ _ _]);
         add!(self, Unchecked, UNITS, "", scale_cost_backward::ScaleCostBackward, [_ _ _ _ _]);
+        add!(self, Unchecked, UNITS, "", logistic::Logistic, [_ _ _]);
+        add!(self, Unchecked, UNITS, "", logistic_backward::LogisticBackward, [_ _ _ _]);
+        add!(self, Unchecked, UNITS, "", foreground_share::ForegroundShare, [_ _ _ _]);
         let ends = [
             ("a layer", End::Layer { rectified: true }),
             ("a last layer", End::Layer { rectified: false }),

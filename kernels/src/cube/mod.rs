@@ -4,6 +4,7 @@
 //! arguments. The caller determines the launch size and the buffers. A launch may be folded into two dimensions:
 //! kernels count cubes by `CUBE_POS` and units by `ABSOLUTE_POS`, and excess ones do nothing.
 
+pub mod activation;
 pub mod adam;
 pub mod atomic;
 pub mod attention;

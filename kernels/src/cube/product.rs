@@ -2,7 +2,7 @@
 //! `mlp/cpu.rs`.
 //!
 //! A cube computes a tile of the result over a slab of the depth, a few columns of the depth at a time. A unit computes
-//! a block of the tile. While it does, the next columns are on their way from memory to its registers.
+//! a block of the tile. On a GPU, the next columns are meanwhile on their way from memory to its registers.
 
 use cubecl::prelude::*;
 
@@ -70,78 +70,38 @@ pub fn product<L: Size, R: Size, O: Size>(
         }
         // Sums over the depth of each right block's columns.
         let mut right_sums = Array::<Four>::new(turns);
-        let mut ahead = Array::<Four>::new(comptime!(FOUR * kind.turns()));
-        let mut depth = slab * size.slab;
-        let (from_left, from_right) = ((first_row, size.rows), (first_column, size.columns));
         #[unroll]
         for turn in 0..turns {
             right_sums[turn] = Four::new(0.0f32);
-            if is_of(turn, left_share) {
-                load(left, &left_layout, &mut ahead, turn, from_left, (depth, slab_end), left_share);
-            } else if is_of(turn, right_share) {
-                load(right, &right_layout, &mut ahead, turn, from_right, (depth, slab_end), right_share);
-            }
+        }
+        let mut ahead = Array::<Four>::new(comptime!(FOUR * kind.turns()));
+        let mut depth = slab * size.slab;
+        let sides = ((first_row, size.rows), (first_column, size.columns));
+        if comptime!(kind.reads_ahead) {
+            load_ahead(left, &left_layout, right, &right_layout, &mut ahead, sides, (depth, slab_end), kind);
         }
         while depth < slab_end {
+            if comptime!(!kind.reads_ahead) {
+                load_ahead(left, &left_layout, right, &right_layout, &mut ahead, sides, (depth, slab_end), kind);
+            }
             depth += comptime!(kind.stride as u32);
-            #[unroll]
-            for turn in 0..turns {
-                if is_of(turn, left_share) {
-                    stage(&ahead, &mut lefts, turn, left_share);
-                } else if is_of(turn, right_share) {
-                    stage(&ahead, &mut rights, turn, right_share);
-                    if sums_right {
-                        #[unroll]
-                        for i in 0..FOUR {
-                            right_sums[turn] += ahead[comptime!(FOUR * turn + i)];
-                        }
-                    }
-                }
-            }
+            stage_ahead(&ahead, &mut lefts, &mut rights, &mut right_sums, kind);
             sync_cube();
-            #[unroll]
-            for turn in 0..turns {
-                if is_of(turn, left_share) {
-                    load(left, &left_layout, &mut ahead, turn, from_left, (depth, slab_end), left_share);
-                } else if is_of(turn, right_share) {
-                    load(right, &right_layout, &mut ahead, turn, from_right, (depth, slab_end), right_share);
-                }
+            if comptime!(kind.reads_ahead) {
+                load_ahead(left, &left_layout, right, &right_layout, &mut ahead, sides, (depth, slab_end), kind);
             }
-            for part in 0..comptime!(kind.stride / FOUR) {
-                #[unroll]
-                for in_part in 0..FOUR {
-                    let step = part * FOUR + in_part;
-                    let mut own = Array::<Four>::new(fours);
-                    #[unroll]
-                    for i in 0..fours {
-                        own[i] = rights[step * comptime!(right_share.pitch()) + comptime!(i * kind.across) + across];
-                    }
-                    #[unroll]
-                    for quarter in 0..comptime!(kind.block_rows / FOUR) {
-                        let at = down * comptime!(kind.block_rows / FOUR) + quarter;
-                        let rows = lefts[step * comptime!(left_share.pitch()) + at];
-                        #[unroll]
-                        for part in 0..FOUR {
-                            let row = Four::new(rows.extract(part));
-                            #[unroll]
-                            for i in 0..fours {
-                                sums[comptime!((FOUR * quarter + part) * kind.fours() + i)] += row * own[i];
-                            }
-                        }
-                    }
-                }
-            }
+            add_products(&lefts, &rights, &mut sums, (across, down), kind);
             sync_cube();
         }
 
         let result_first = result_layout.first + slab * slab_stride;
         #[unroll]
-        for i in 0..fours {
-            let column = first_column + ((comptime!(i * kind.across) + across) * FOUR) as u32;
-            #[unroll]
-            for j in 0..comptime!(kind.block_rows) {
-                let row = first_row + (down * comptime!(kind.block_rows)) as u32 + comptime!(j as u32);
-                if row < size.rows {
+        for j in 0..comptime!(kind.block_rows) {
+            let row = first_row + (down * comptime!(kind.block_rows)) as u32 + comptime!(j as u32);
+            if row < size.rows {
+                #[unroll]
+                for i in 0..fours {
+                    let column = first_column + ((comptime!(i * kind.across) + across) * FOUR) as u32;
                     let sum = sums[comptime!(j * kind.fours() + i)];
                     let to = result_first + row * result_layout.stride + column;
                     let at = gate_layout.first + row * gate_layout.stride + column;
@@ -168,6 +128,93 @@ pub fn product<L: Size, R: Size, O: Size>(
                 let column = first_column + (four * FOUR) as u32;
                 let to = result_first + size.rows * result_layout.stride + column;
                 write_ended(sum, bias, gate, result, to, to, column, size.columns, End::Slabs);
+            }
+        }
+    }
+}
+
+/// Loads the unit's next block of each turn. `sides` are first and end positions of the tile in the left and in the right
+/// matrix, and `depth` are those along the depth.
+#[cube]
+fn load_ahead<L: Size, R: Size>(
+    left: &[Vector<f32, L>],
+    left_layout: &MatrixLayout,
+    right: &[Vector<f32, R>],
+    right_layout: &MatrixLayout,
+    ahead: &mut Array<Four>,
+    sides: ((u32, u32), (u32, u32)),
+    depth: (u32, u32),
+    #[comptime] kind: ProductKind,
+) {
+    let (left_share, right_share) = comptime!((kind.left_share(), kind.right_share()));
+    #[unroll]
+    for turn in 0..comptime!(kind.turns()) {
+        if is_of(turn, left_share) {
+            load(left, left_layout, ahead, turn, sides.0, depth, left_share);
+        } else if is_of(turn, right_share) {
+            load(right, right_layout, ahead, turn, sides.1, depth, right_share);
+        }
+    }
+}
+
+/// Moves the unit's blocks to shared memory. Adds those of the right matrix to `right_sums`, where the slabs need them.
+#[cube]
+fn stage_ahead(
+    ahead: &Array<Four>,
+    lefts: &mut Shared<[Four]>,
+    rights: &mut Shared<[Four]>,
+    right_sums: &mut Array<Four>,
+    #[comptime] kind: ProductKind,
+) {
+    let (left_share, right_share) = comptime!((kind.left_share(), kind.right_share()));
+    #[unroll]
+    for turn in 0..comptime!(kind.turns()) {
+        if is_of(turn, left_share) {
+            stage(ahead, lefts, turn, left_share);
+        } else if is_of(turn, right_share) {
+            stage(ahead, rights, turn, right_share);
+            if comptime!(kind.end == End::Slabs) {
+                #[unroll]
+                for i in 0..FOUR {
+                    right_sums[turn] += ahead[comptime!(FOUR * turn + i)];
+                }
+            }
+        }
+    }
+}
+
+/// Adds what the staged columns of the depth give to the unit's block of the result, whose `place` counts blocks across
+/// and down.
+#[cube]
+fn add_products(
+    lefts: &Shared<[Four]>,
+    rights: &Shared<[Four]>,
+    sums: &mut Array<Four>,
+    place: (usize, usize),
+    #[comptime] kind: ProductKind,
+) {
+    let (left_pitch, right_pitch) = comptime!((kind.left_share().pitch(), kind.right_share().pitch()));
+    let (fours, quarters) = comptime!((kind.fours(), kind.block_rows / FOUR));
+    for part in 0..comptime!(kind.stride / FOUR) {
+        #[unroll(kind.reads_ahead)]
+        for in_part in 0..FOUR {
+            let step = part * FOUR + in_part;
+            let mut own = Array::<Four>::new(fours);
+            #[unroll]
+            for i in 0..fours {
+                own[i] = rights[step * right_pitch + comptime!(i * kind.across) + place.0];
+            }
+            #[unroll]
+            for quarter in 0..quarters {
+                let rows = lefts[step * left_pitch + place.1 * quarters + quarter];
+                #[unroll]
+                for part in 0..FOUR {
+                    let row = Four::new(rows.extract(part));
+                    #[unroll]
+                    for i in 0..fours {
+                        sums[comptime!((FOUR * quarter + part) * fours + i)] += row * own[i];
+                    }
+                }
             }
         }
     }

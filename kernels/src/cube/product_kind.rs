@@ -19,6 +19,9 @@ pub struct ProductPlan {
     /// Rows that a cube sums at least for the adjoint of a weight. More rows mean fewer partial sums, fewer rows mean
     /// more parallel cubes.
     pub least_slab: usize,
+    /// Whether a unit loads its next numbers while it multiplies, in unrolled loops. A driver that computes on the CPU gains
+    /// nothing from it, and takes twice as long to compile the kernel.
+    pub reads_ahead: bool,
 }
 
 /// Compile-time parameters of a product.
@@ -34,6 +37,8 @@ pub struct ProductKind {
     pub across: usize,
     /// Columns of the depth that a cube processes between barriers.
     pub stride: usize,
+    /// Whether a unit loads its next numbers while it multiplies, in unrolled loops.
+    pub reads_ahead: bool,
     /// Whether negative values of the left matrix count as zero.
     pub rectified: bool,
     /// The operation on the result.
@@ -62,13 +67,13 @@ pub enum End {
 
 impl ProductPlan {
     /// The plan for a GPU.
-    pub const GPU: Self = Self { units: 64, block: [8, 8], stride: 8, least_slab: 256 };
+    pub const GPU: Self = Self { units: 64, block: [8, 8], stride: 8, least_slab: 256, reads_ahead: true };
     /// The plan for a GPU and a large result: larger tiles, so that memory is read less often.
-    pub const GPU_LARGE: Self = Self { units: 256, block: [8, 8], stride: 16, least_slab: 256 };
+    pub const GPU_LARGE: Self = Self { units: 256, block: [8, 8], stride: 16, least_slab: 256, reads_ahead: true };
     /// The plan for a GPU and at most eight columns, as the heads have: reading is all of the work, so many small cubes.
-    pub const GPU_NARROW: Self = Self { units: 32, block: [4, 4], stride: 8, least_slab: 256 };
+    pub const GPU_NARROW: Self = Self { units: 32, block: [4, 4], stride: 8, least_slab: 256, reads_ahead: true };
     /// The plan for a driver that computes on the CPU: larger blocks, because reading a number costs as much as a product.
-    pub const SOFTWARE: Self = Self { units: 16, block: [16, 8], stride: 4, least_slab: 1024 };
+    pub const SOFTWARE: Self = Self { units: 16, block: [16, 8], stride: 4, least_slab: 1024, reads_ahead: false };
 
     /// The plan for a GPU and a result of this many rows and columns.
     pub const fn of_gpu([rows, columns]: [usize; 2]) -> Self {
@@ -90,7 +95,8 @@ impl ProductKind {
         // The largest power of two in the root of the units, which are one themselves.
         let most = 1 << (plan.units.ilog2() / 2);
         let across = columns.div_ceil(block_columns).next_power_of_two().min(most);
-        let kind = Self { units: plan.units, block_rows, block_columns, across, stride: plan.stride, rectified, end };
+        let ProductPlan { units, stride, reads_ahead, .. } = plan;
+        let kind = Self { units, block_rows, block_columns, across, stride, reads_ahead, rectified, end };
         let strides = std::iter::successors(Some(kind), |kind| Some(Self { stride: kind.stride / 2, ..*kind }));
         // Proof: four columns of the largest tile fit into the 16 KiB that every device has.
         strides.take_while(|kind| kind.stride >= FOUR).find(|kind| kind.shared_bytes() <= memory).expect("a tile fits")

@@ -1,7 +1,7 @@
 //! The forward half of a step: render, blend, losses.
 
 use burn::tensor::Tensor;
-use burn::tensor::activation::sigmoid;
+use mvfusion_render::activation::sigmoid;
 use mvfusion_render::device::is_gpu;
 use mvfusion_render::grid;
 use mvfusion_render::profile::{Part, measure};

@@ -2,6 +2,7 @@
 //!
 //! All ops use single precision.
 
+mod activation;
 mod adam;
 mod attention;
 pub(crate) mod batch;

@@ -112,6 +112,11 @@ fn say(text: &str) {
 fn build(arguments: &PackArguments, command: &[&str]) -> Result<Vec<Value>> {
     let profile = &arguments.profile;
     let mut cargo = Command::new(env!("CARGO"));
+    // Build scripts that start `rustc` in their own folder would get the compiler of a toolchain file there. A start by
+    // `cargo xtask` has the variable already.
+    if let (None, Some(toolchain)) = (std::env::var_os("RUSTUP_TOOLCHAIN"), option_env!("RUSTUP_TOOLCHAIN")) {
+        cargo.env("RUSTUP_TOOLCHAIN", toolchain);
+    }
     cargo.current_dir(docs::root()).args(command).args(["--features", &arguments.features, "--profile", profile]);
     cargo.args([
         "--config",

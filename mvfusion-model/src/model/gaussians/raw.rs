@@ -1,7 +1,7 @@
 //! The raw attributes of Gaussians at one time: what is deformed and rendered.
 
-use burn::tensor::activation::sigmoid;
 use burn::tensor::{Int, Tensor};
+use mvfusion_render::activation::{self, sigmoid};
 
 use super::attribute::Attribute;
 use crate::model::mask::MaskChannel;
@@ -50,8 +50,7 @@ impl RawGaussians {
 
     /// Foreground probability of each Gaussian: `clamp(u_d / (u_d + u_s)) * opacity`, `[N, 1]` (METHOD §1.4).
     pub fn foreground_probability(&self) -> Option<Tensor<2>> {
-        let probabilities = sigmoid(self.mask_logits.clone()?.inner());
-        Some(foreground_share(&probabilities) * sigmoid(self.opacity_logits.clone().inner()))
+        Some(foreground_share(self.mask_logits.clone()?.inner()) * sigmoid(self.opacity_logits.clone().inner()))
     }
 
     /// The values of an attribute in the layout of [`Gaussians`](super::Gaussians).
@@ -85,10 +84,12 @@ impl RawGaussians {
     }
 }
 
-/// Share of the foreground in the mask probabilities of each Gaussian: `[N, 1]` (METHOD §1.4).
-pub(super) fn foreground_share(probabilities: &Tensor<2>) -> Tensor<2> {
-    let [static_, dynamic] = [MaskChannel::Static, MaskChannel::Dynamic].map(|channel| channel.of(probabilities));
-    (dynamic.clone() / (dynamic + static_ + 1e-6)).clamp(1e-9, 1.0 - 1e-9)
+/// Share of the foreground in the mask of each Gaussian: `[N, 1]`, without a gradient (METHOD §1.4).
+pub(super) fn foreground_share(mask_logits: Tensor<2>) -> Tensor<2> {
+    activation::foreground_share(
+        mask_logits,
+        [MaskChannel::Static, MaskChannel::Dynamic].map(|channel| channel as usize),
+    )
 }
 
 /// Values plus offsets, if there are any.

@@ -1,7 +1,7 @@
 //! Gaussians for viewers that know no masks.
 
 use burn::tensor::Tensor;
-use burn::tensor::activation::sigmoid;
+use mvfusion_render::activation::sigmoid;
 
 use super::raw::{RawGaussians, SH_C0, foreground_share};
 use crate::model::composition::brightness;
@@ -23,7 +23,7 @@ impl RawGaussians {
         let Some(logits) = &self.mask_logits else { return self };
         let probabilities = sigmoid(logits.clone());
         let light = brightness(MaskChannel::Brightness.of(&probabilities)).clamp_max(1.0);
-        let share = foreground_share(&probabilities);
+        let share = foreground_share(logits.clone());
         // 1 - (1 - d) l without the cancellation that would make it 0 for small shares.
         let hidden = share.clone() + (-share.clone() + 1.0) * (-light + 1.0);
         let opacity = (sigmoid(self.opacity_logits) * hidden.clone()).clamp(OPACITY_MARGIN, 1.0 - OPACITY_MARGIN);

@@ -1,7 +1,8 @@
 //! A branch in training: its Gaussians, and everything with one row per Gaussian.
 
-use burn::tensor::{Int, Tensor, TensorData, activation::sigmoid};
+use burn::tensor::{Int, Tensor, TensorData};
 use glam::{DQuat, DVec3};
+use mvfusion_render::activation::sigmoid;
 use serde::{Deserialize, Serialize};
 
 use super::plan::{SplitParent, logit_of, split_log_scale};

@@ -2,6 +2,7 @@
 
 use anyhow::{Result, ensure};
 use burn::tensor::{DType, Device, Tensor};
+use mvfusion_render::activation::{foreground_share, sigmoid};
 use mvfusion_render::grid::{GridBounds, GridLayout, look_up, regulariser::penalties};
 use mvfusion_render::mlp::{Layer, MlpLayout};
 use mvfusion_render::optim::{self, AdamMoments, AdamRule, AdamStep};
@@ -26,10 +27,11 @@ pub type Outcome = Vec<(String, Array, Tolerance)>;
 pub type Case = fn(&Device) -> Result<Outcome>;
 
 /// All of them, by name.
-pub const CASES: [(&str, Case); 13] = [
+pub const CASES: [(&str, Case); 14] = [
     ("look_up", look_up_and_back),
     ("penalties", penalties_and_back),
     ("scales", scales_and_back),
+    ("activations", activations_and_back),
     ("mlp", mlp_and_back),
     ("attention", attention_and_back),
     ("blocks", blocks_and_back),
@@ -87,6 +89,19 @@ pub fn scales_and_back(device: &Device) -> Result<Outcome> {
         let gradients = weighed(&found, 7).backward();
         outcome.push((format!("cost of {count}"), Array::of(found), SUMS));
         outcome.push((format!("log-scales of {count}"), gradient(&log_scales, &gradients), SUMS));
+    }
+    Ok(outcome)
+}
+
+fn activations_and_back(device: &Device) -> Result<Outcome> {
+    let mut outcome = Vec::new();
+    for count in [0, 1, 70_003] {
+        let logits = normal([count, 3], 4.0, 8, device);
+        let found = sigmoid(logits.clone());
+        let gradients = weighed(&found, 9).backward();
+        outcome.push((format!("sigmoids of {count}"), Array::of(found), SUMS));
+        outcome.push((format!("logits of {count}"), gradient(&logits, &gradients), SUMS));
+        outcome.push((format!("shares of {count}"), Array::of(foreground_share(logits, [0, 2])), SUMS));
     }
     Ok(outcome)
 }
