@@ -78,17 +78,17 @@ pub fn product<L: Size, R: Size, O: Size>(
         let mut depth = slab * size.slab;
         let sides = ((first_row, size.rows), (first_column, size.columns));
         if comptime!(kind.reads_ahead) {
-            load_ahead(left, &left_layout, right, &right_layout, &mut ahead, sides, (depth, slab_end), kind);
+            load_blocks(left, &left_layout, right, &right_layout, &mut ahead, sides, (depth, slab_end), kind);
         }
         while depth < slab_end {
             if comptime!(!kind.reads_ahead) {
-                load_ahead(left, &left_layout, right, &right_layout, &mut ahead, sides, (depth, slab_end), kind);
+                load_blocks(left, &left_layout, right, &right_layout, &mut ahead, sides, (depth, slab_end), kind);
             }
             depth += comptime!(kind.stride as u32);
-            stage_ahead(&ahead, &mut lefts, &mut rights, &mut right_sums, kind);
+            stage_blocks(&ahead, &mut lefts, &mut rights, &mut right_sums, kind);
             sync_cube();
             if comptime!(kind.reads_ahead) {
-                load_ahead(left, &left_layout, right, &right_layout, &mut ahead, sides, (depth, slab_end), kind);
+                load_blocks(left, &left_layout, right, &right_layout, &mut ahead, sides, (depth, slab_end), kind);
             }
             add_products(&lefts, &rights, &mut sums, (across, down), kind);
             sync_cube();
@@ -136,7 +136,7 @@ pub fn product<L: Size, R: Size, O: Size>(
 /// Loads the unit's next block of each turn. `sides` are first and end positions of the tile in the left and in the right
 /// matrix, and `depth` are those along the depth.
 #[cube]
-fn load_ahead<L: Size, R: Size>(
+fn load_blocks<L: Size, R: Size>(
     left: &[Vector<f32, L>],
     left_layout: &MatrixLayout,
     right: &[Vector<f32, R>],
@@ -159,7 +159,7 @@ fn load_ahead<L: Size, R: Size>(
 
 /// Moves the unit's blocks to shared memory. Adds those of the right matrix to `right_sums`, where the slabs need them.
 #[cube]
-fn stage_ahead(
+fn stage_blocks(
     ahead: &Array<Four>,
     lefts: &mut Shared<[Four]>,
     rights: &mut Shared<[Four]>,

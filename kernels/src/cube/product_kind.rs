@@ -20,7 +20,7 @@ pub struct ProductPlan {
     /// more parallel cubes.
     pub least_slab: usize,
     /// Whether a unit loads its next numbers while it multiplies, in unrolled loops. A driver that computes on the CPU gains
-    /// nothing from it, and takes twice as long to compile the kernel.
+    /// nothing from it, and takes half as long again to compile the kernel.
     pub reads_ahead: bool,
 }
 
