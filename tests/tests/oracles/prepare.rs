@@ -1,7 +1,9 @@
 //! Scenes that `mvfusion prepare` makes of real photos and videos with a real COLMAP, against known poses.
 //!
 //! Each trial, `prepare::<footage>`, needs the program `colmap` and a folder in `$MVFUSION_ORACLES`, and is ignored
-//! without them. COLMAP runs in one thread with a fixed seed, so that it finds the same poses each time.
+//! without them. COLMAP runs in one thread with a fixed seed, so that it finds the same poses each time on one machine.
+//! Processors round differently: one frame of a video in which few points are matched may be a degree off on one of
+//! them and not on another.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -20,7 +22,7 @@ use crate::tiny::{mvfusion, text};
 /// Number of photos: COLMAP compares each pair.
 const PHOTOS: usize = 16;
 
-/// Largest error of a rotation, in degrees, and of a centre, in shares of the extent.
+/// Bounds of a good camera's errors: of its rotation, in degrees, and of its centre, in shares of the extent.
 const DEGREES: f64 = 1.0;
 const SHARE: f64 = 0.02;
 
@@ -80,13 +82,18 @@ fn cameras(scene: &Scene, name: impl Fn(&str) -> String) -> BTreeMap<String, Cam
     scene.train.iter().chain(&scene.test).map(|view| (name(&view.name), view.camera)).collect()
 }
 
-/// Checks that enough cameras are near their known poses.
+/// Checks that at least `least` cameras were placed near their known poses.
 fn check(found: &BTreeMap<String, Camera>, known: &BTreeMap<String, Camera>, least: usize, axis: f64) -> Result<()> {
     let errors = PoseErrors::of(found, known, axis);
     eprintln!("{}", errors.describe());
     ensure!(errors.cameras >= least, "only {} of at least {least} cameras were placed", errors.cameras);
-    let (degrees, share) = (errors.degrees[errors.cameras - 1], errors.shares[errors.cameras - 1]);
-    ensure!(degrees < DEGREES && share < SHARE, "{}", errors.describe());
+    let (degrees, share) = (errors.degrees[least - 1], errors.shares[least - 1]);
+    ensure!(
+        degrees < DEGREES && share < SHARE,
+        "{least} cameras should be within {DEGREES}° and {} % of the extent: {}",
+        100.0 * SHARE,
+        errors.describe()
+    );
     Ok(())
 }
 
