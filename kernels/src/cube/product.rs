@@ -45,12 +45,9 @@ pub fn product<L: Size, R: Size, O: Size>(
     #[comptime] kind: ProductKind,
 ) {
     let (tile_rows, tile_columns) = comptime!((kind.tile_rows() as u32, kind.tile_columns() as u32));
-    let (left_share, right_share) = comptime!((kind.left_share(), kind.right_share()));
     let turns = comptime!(kind.turns());
-    let fours = comptime!(kind.fours());
-    let sums_right = comptime!(kind.end == End::Slabs);
-    let mut lefts = Shared::<[Four]>::new_slice(comptime!(left_share.vectors()));
-    let mut rights = Shared::<[Four]>::new_slice(comptime!(right_share.vectors()));
+    let mut lefts = Shared::<[Four]>::new_slice(comptime!(kind.left_share().vectors()));
+    let mut rights = Shared::<[Four]>::new_slice(comptime!(kind.right_share().vectors()));
 
     let tiles_across = (size.columns + (tile_columns - 1u32)) / tile_columns;
     let tiles_down = (size.rows + (tile_rows - 1u32)) / tile_rows;
@@ -94,40 +91,26 @@ pub fn product<L: Size, R: Size, O: Size>(
             sync_cube();
         }
 
-        let result_first = result_layout.first + slab * slab_stride;
-        #[unroll]
-        for j in 0..comptime!(kind.block_rows) {
-            let row = first_row + (down * comptime!(kind.block_rows)) as u32 + comptime!(j as u32);
-            if row < size.rows {
-                #[unroll]
-                for i in 0..fours {
-                    let column = first_column + ((comptime!(i * kind.across) + across) * FOUR) as u32;
-                    let sum = sums[comptime!(j * kind.fours() + i)];
-                    let to = result_first + row * result_layout.stride + column;
-                    let at = gate_layout.first + row * gate_layout.stride + column;
-                    write_ended(sum, bias, gate, result, to, at, column, size.columns, kind.end);
-                }
-            }
-        }
-        if sums_right {
-            #[unroll]
-            for turn in 0..turns {
-                if !is_of(turn, left_share) && is_of(turn, right_share) {
-                    let (four, quarter) = block_of(task_of(turn, right_share), right_share);
-                    rights[quarter * comptime!(right_share.pitch()) + four] = right_sums[turn];
-                }
-            }
-            sync_cube();
+        let to = MatrixLayout { first: result_layout.first + slab * slab_stride, stride: result_layout.stride };
+        write_block(
+            &sums,
+            bias,
+            gate,
+            result,
+            &to,
+            &gate_layout,
+            (first_row, first_column),
+            (across, down),
+            &size,
+            kind,
+        );
+        if comptime!(kind.end == End::Slabs) {
+            let sums = sum_over_quarters(&right_sums, &mut rights, kind);
             let four = UNIT_POS as usize;
-            if four < comptime!(right_share.fours) && first_row == 0u32 {
-                let mut sum = Four::new(0.0f32);
-                #[unroll]
-                for quarter in 0..comptime!(right_share.quarters()) {
-                    sum += rights[quarter * comptime!(right_share.pitch()) + four];
-                }
+            if four < comptime!(kind.right_share().fours) && first_row == 0u32 {
                 let column = first_column + (four * FOUR) as u32;
-                let to = result_first + size.rows * result_layout.stride + column;
-                write_ended(sum, bias, gate, result, to, to, column, size.columns, End::Slabs);
+                let to = to.first + size.rows * to.stride + column;
+                write_ended(sums, bias, gate, result, to, to, column, size.columns, End::Slabs);
             }
         }
     }
@@ -218,6 +201,59 @@ fn add_products(
             }
         }
     }
+}
+
+/// Writes the unit's block of the tile whose first row and column are `first`. `place` counts blocks across and down.
+#[cube]
+fn write_block<O: Size>(
+    sums: &Array<Four>,
+    bias: &[Vector<f32, O>],
+    gate: &[Vector<f32, O>],
+    result: &mut [Vector<f32, O>],
+    result_layout: &MatrixLayout,
+    gate_layout: &MatrixLayout,
+    first: (u32, u32),
+    place: (usize, usize),
+    size: &ProductSize,
+    #[comptime] kind: ProductKind,
+) {
+    #[unroll]
+    for j in 0..comptime!(kind.block_rows) {
+        let row = first.0 + (place.1 * comptime!(kind.block_rows)) as u32 + comptime!(j as u32);
+        if row < size.rows {
+            #[unroll]
+            for i in 0..comptime!(kind.fours()) {
+                let column = first.1 + ((comptime!(i * kind.across) + place.0) * FOUR) as u32;
+                let sum = sums[comptime!(j * kind.fours() + i)];
+                let to = result_layout.first + row * result_layout.stride + column;
+                let at = gate_layout.first + row * gate_layout.stride + column;
+                write_ended(sum, bias, gate, result, to, at, column, size.columns, kind.end);
+            }
+        }
+    }
+}
+
+/// The sums of the right matrix's columns over the slab, in the first units. Shared memory is used again for them.
+#[cube]
+fn sum_over_quarters(right_sums: &Array<Four>, scratch: &mut Shared<[Four]>, #[comptime] kind: ProductKind) -> Four {
+    let (left_share, right_share) = comptime!((kind.left_share(), kind.right_share()));
+    let pitch = comptime!(right_share.pitch());
+    #[unroll]
+    for turn in 0..comptime!(kind.turns()) {
+        if !is_of(turn, left_share) && is_of(turn, right_share) {
+            let (four, quarter) = block_of(task_of(turn, right_share), right_share);
+            scratch[quarter * pitch + four] = right_sums[turn];
+        }
+    }
+    sync_cube();
+    let mut sum = Four::new(0.0f32);
+    if UNIT_POS < comptime!(right_share.fours as u32) {
+        #[unroll]
+        for quarter in 0..comptime!(right_share.quarters()) {
+            sum += scratch[quarter * pitch + UNIT_POS as usize];
+        }
+    }
+    sum
 }
 
 /// Writes four columns of a row of the result to `to`, as far as there are columns. The gate's are at `at`.
