@@ -37,7 +37,7 @@ use super::similarity::{
     Derivatives, ImageStartsCompilationArg, SimilarityConstantsCompilationArg, SimilarityKind, similarity,
     similarity_adjoint,
 };
-use super::sort::{count_digits, move_keys};
+use super::sort::{MoveKind, count_digits, move_keys};
 use super::stage::{FOUR, GPU_MEMORY, GPU_SPAN, TileShare};
 use super::sums::{SumPlan, sum_rows};
 use super::tiles::{
@@ -240,7 +240,7 @@ impl Catalogue<'_> {
         add!(self, Checked, UNITS, "", frame_keys::FrameKeys, [_ _ _ _ _]);
         add!(self, Checked, UNITS, "", counts_by_depth::CountsByDepth, [_ _ _ _ _]);
         add!(self, Checked, UNITS, "", begin_pairs::BeginPairs, [_ _ _ _]);
-        add!(self, Checked, UNITS, "", emit_pairs::EmitPairs, [_ _ _ _ _ _ _ _ _ _ _], true);
+        add!(self, Checked, UNITS, "", emit_pairs::EmitPairs, [_ _ _ _ _ _ _ _ _ _], true);
         add!(self, Checked, UNITS, "", list_pairs::ListPairs, [_ _ _ _ _ _ _]);
         add!(self, Checked, UNITS, "", find_starts::FindStarts, [_ _ _ _ _]);
         add!(self, Checked, UNITS, "", sum_blocks::SumBlocks, [_ _ _ _]);
@@ -249,7 +249,10 @@ impl Catalogue<'_> {
             add!(self, Checked, UNITS, variant, scan_blocks::ScanBlocks, [_ _ _ _ _ _], one);
         }
         add!(self, Unchecked, UNITS, "", count_digits::CountDigits, [_ _ _ _ _]);
-        add!(self, Unchecked, UNITS, "", move_keys::MoveKeys, [_ _ _ _ _ _ _ _]);
+        for (numbered, variant) in [(true, ""), (false, "first of the tiles")] {
+            let kind = MoveKind { staged: true, numbered };
+            add!(self, Unchecked, UNITS, variant, move_keys::MoveKeys, [_ _ _ _ _ _ _ _], kind);
+        }
     }
 
     fn add_blending(&mut self) {

@@ -6,6 +6,9 @@
 //!
 //! Within a cube, the counters of a digit and of the digit eight above it share a word. No count exceeds a block's
 //! keys, so the lower half never carries into the upper half, and one addition updates both.
+//!
+//! The keys of a digit stay together within a block. A GPU therefore sorts the block in shared memory first: units that
+//! are neighbours then write neighbouring memory.
 
 use cubecl::prelude::*;
 
@@ -54,6 +57,19 @@ pub fn count_digits(keys: &[u32], total: &[u32], counts: &mut [u32], shift: u32,
     }
 }
 
+/// Compile-time parameters of [`move_keys`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct MoveKind {
+    /// Whether a block is sorted in shared memory before it is written, which takes [`STAGED_BYTES`]. A driver that
+    /// computes on the CPU gains nothing from it.
+    pub staged: bool,
+    /// Whether the keys have numbers already. Otherwise their indices become their numbers.
+    pub numbered: bool,
+}
+
+/// Bytes of shared memory that [`move_keys`] needs to sort blocks there.
+pub const STAGED_BYTES: usize = (SORT_BLOCK + WORDS + SCAN_SCRATCH + DIGITS) * size_of::<u32>();
+
 /// Moves keys and numbers to their places. `offsets` `[DIGITS, blocks]` are the prefix sums of the counts.
 #[cube(launch_unchecked)]
 pub fn move_keys(
@@ -65,17 +81,24 @@ pub fn move_keys(
     moved_numbers: &mut [u32],
     shift: u32,
     blocks: u32,
+    #[comptime] kind: MoveKind,
 ) {
     let mut counters = Shared::<[u32]>::new_slice(WORDS);
     let mut scratch = Shared::<[u32]>::new_slice(SCAN_SCRATCH);
-    let mut firsts = Shared::<[u32]>::new_slice(LOWER);
+    // What is added to a key's place in its sorted block, by digit, see `target_of`. It wraps.
+    let mut bases = Shared::<[u32]>::new_slice(DIGITS);
     if CUBE_POS < blocks as usize {
         count_run(keys, total[0], shift, &mut counters);
         let unit = UNIT_POS as usize;
         // From here on, a counter is the position of the unit's next key of that digit within its half of the digits.
-        let (before, _) = scan_units(sum_of_run(&counters), &mut scratch);
+        let (before, all) = scan_units(sum_of_run(&counters), &mut scratch);
+        let in_lower = all & COUNTER_MASK;
         if unit % DIGIT_UNITS == 0 {
-            firsts[unit / DIGIT_UNITS] = before;
+            #[unroll]
+            for half in 0..2 {
+                let digit = unit / DIGIT_UNITS + half * LOWER;
+                bases[digit] = offsets[digit * blocks as usize + CUBE_POS] - place_of(before, digit, in_lower) as u32;
+            }
         }
         let mut running = before;
         for i in unit * RUN..(unit + 1) * RUN {
@@ -84,22 +107,85 @@ pub fn move_keys(
             running += next;
         }
         sync_cube();
-        let begin = CUBE_POS * SORT_BLOCK + unit * ITEMS;
-        for i in begin..begin + ITEMS {
-            if i < total[0] as usize {
-                let key = keys[i];
+        let first = CUBE_POS * SORT_BLOCK;
+        let count = min(max(total[0] as usize, first) - first, SORT_BLOCK);
+        if comptime!(kind.staged) {
+            let mut staged = Shared::<[u32]>::new_slice(SORT_BLOCK);
+            let mut places = Array::<usize>::new(ITEMS);
+            let mut targets = Array::<usize>::new(ITEMS);
+            #[unroll]
+            for i in 0..ITEMS {
+                let from = unit * ITEMS + i;
+                if from < count {
+                    let key = keys[first + from];
+                    places[i] = next_place(&mut counters, digit_of(key, shift), in_lower);
+                    staged[places[i]] = key;
+                }
+            }
+            sync_cube();
+            #[unroll]
+            for i in 0..ITEMS {
+                let place = i * UNITS + unit;
+                if place < count {
+                    let key = staged[place];
+                    targets[i] = target_of(&bases, digit_of(key, shift), place);
+                    moved_keys[targets[i]] = key;
+                }
+            }
+            sync_cube();
+            #[unroll]
+            for i in 0..ITEMS {
+                let from = unit * ITEMS + i;
+                if from < count {
+                    staged[places[i]] = number_at(numbers, first + from, kind);
+                }
+            }
+            sync_cube();
+            #[unroll]
+            for i in 0..ITEMS {
+                let place = i * UNITS + unit;
+                if place < count {
+                    moved_numbers[targets[i]] = staged[place];
+                }
+            }
+        } else {
+            for from in unit * ITEMS..min((unit + 1) * ITEMS, count) {
+                let key = keys[first + from];
                 let digit = digit_of(key, shift);
-                let (word, half) = (digit % LOWER, half_of(digit));
-                let place = counters[word * UNITS + unit];
-                counters[word * UNITS + unit] = place + (1u32 << half);
-                // Both halves are subtracted at once; a digit's positions never precede its first.
-                let rank = ((place - firsts[word]) >> half) & COUNTER_MASK;
-                let target = (offsets[digit * blocks as usize + CUBE_POS] + rank) as usize;
+                let target = target_of(&bases, digit, next_place(&mut counters, digit, in_lower));
                 moved_keys[target] = key;
-                moved_numbers[target] = numbers[i];
+                moved_numbers[target] = number_at(numbers, first + from, kind);
             }
         }
     }
+}
+
+/// The index that a key moves to from its place in its sorted block.
+#[cube]
+fn target_of(bases: &Shared<[u32]>, digit: usize, place: usize) -> usize {
+    (bases[digit] + place as u32) as usize
+}
+
+/// The place of the unit's next key of a digit in its sorted block.
+#[cube]
+fn next_place(counters: &mut Shared<[u32]>, digit: usize, in_lower: u32) -> usize {
+    let at = digit % LOWER * UNITS + UNIT_POS as usize;
+    let positions = counters[at];
+    counters[at] = positions + (1u32 << half_of(digit));
+    place_of(positions, digit, in_lower)
+}
+
+/// The place in a sorted block, given the positions within both halves of the digits. `in_lower` keys have a digit of
+/// the lower half.
+#[cube]
+fn place_of(positions: u32, digit: usize, in_lower: u32) -> usize {
+    let position = (positions >> half_of(digit)) & COUNTER_MASK;
+    select(digit < LOWER, position, position + in_lower) as usize
+}
+
+#[cube]
+fn number_at(numbers: &[u32], index: usize, #[comptime] kind: MoveKind) -> u32 {
+    if comptime!(kind.numbered) { numbers[index] } else { index as u32 }
 }
 
 /// Counts the digits of each unit's keys in the unit's column of counters. All units can read the counters afterwards.

@@ -234,9 +234,8 @@ pub struct FramePlace {
 /// A Gaussian has room for as many pairs as the projection counted. Different rounding may find fewer or more pairs
 /// here, all on the edge of the ellipse. Missing pairs are assigned to a tile past the last; surplus pairs are dropped.
 ///
-/// `tiles`, `owners` and `numbers` have an entry for each pair of all frames: its tile among those of all frames, each
-/// of which has one past its last; its Gaussian; and its own number, which the sort by tile carries along. The positions
-/// are the head of the `slots` of [`list_pairs()`].
+/// `tiles` and `owners` have an entry for each pair of all frames: its tile among those of all frames, each of which has
+/// one past its last; and its Gaussian. The positions are the head of the `slots` of [`list_pairs()`].
 #[cube(launch)]
 pub fn emit_pairs(
     records: &[f32],
@@ -245,7 +244,6 @@ pub fn emit_pairs(
     begins: &[u32],
     tiles: &mut [u32],
     owners: &mut [u32],
-    numbers: &mut [u32],
     slots: &mut [i32],
     view: View,
     frame: FramePlace,
@@ -270,7 +268,6 @@ pub fn emit_pairs(
                     if at < end && touches_tile(&splat, tile_corner(column), tile_corner(row)) {
                         tiles[at as usize] = frame.tile + row * columns + column;
                         owners[at as usize] = id as u32;
-                        numbers[at as usize] = at;
                         at += 1u32;
                     }
                 }
@@ -281,14 +278,13 @@ pub fn emit_pairs(
         while at < end {
             tiles[at as usize] = frame.tile + tiles_along(view.width) * tiles_along(view.height);
             owners[at as usize] = id as u32;
-            numbers[at as usize] = at;
             at += 1u32;
         }
     }
 }
 
 /// The tile lists of a frame from the sorted pairs of all: Gaussians by tile and depth, and the position of each pair
-/// in the lists. The frame's pairs begin at `first`, the positions behind the `head` of `slots`.
+/// in the lists. `numbers` are the indices that the sorted pairs had before. The frame's pairs begin at `first`, the positions behind the `head` of `slots`.
 #[cube(launch)]
 pub fn list_pairs(
     owners: &[u32],

@@ -63,10 +63,9 @@ impl Run<'_> {
             // One more, for pairs that `emit_pairs` does not find again.
             tile += own.frame.view.tile_count() + 1;
         }
-        let [tiles, owners, numbers] = [(); 3].map(|()| gpu.naturals(total));
-        let unsorted = Keyed { keys: tiles, numbers };
-        let slots: Vec<CubeTensor> = parts.iter().map(|part| part.emit(self.begins, &unsorted, &owners)).collect();
-        let by_tile = sort(gpu, unsorted, &gpu.upload(&[total as u32]), total, bits_of(tile));
+        let [tiles, owners] = [(); 2].map(|()| gpu.naturals(total));
+        let slots: Vec<CubeTensor> = parts.iter().map(|part| part.emit(self.begins, &tiles, &owners)).collect();
+        let by_tile = sort(gpu, tiles, None, &gpu.upload(&[total as u32]), total, bits_of(tile));
         parts.iter().zip(slots).map(|(part, slots)| part.list(&by_tile, &owners, slots)).collect()
     }
 }
@@ -77,7 +76,7 @@ impl Part<'_> {
     }
 
     /// Writes the frame's pairs. Returns its slots, of which the positions are still missing.
-    fn emit(&self, begins: &CubeTensor, pairs: &Keyed, owners: &CubeTensor) -> CubeTensor {
+    fn emit(&self, begins: &CubeTensor, tiles: &CubeTensor, owners: &CubeTensor) -> CubeTensor {
         let ProjectedFrame { frame, projected } = self.own;
         let gpu = &frame.gpu;
         let slots = gpu.integers([2 * frame.count() + self.pairs]);
@@ -89,9 +88,8 @@ impl Part<'_> {
             projected.radii.clone().flat(),
             projected.touched.clone().flat(),
             begins.clone().flat(),
-            pairs.keys.clone().flat(),
+            tiles.clone().flat(),
             owners.clone().flat(),
-            pairs.numbers.clone().flat(),
             slots.clone().flat(),
             frame.view(),
             self.place(),

@@ -38,7 +38,7 @@ pub(super) fn sort_by_depth(frames: &[Arc<ProjectedFrame>]) -> CubeTensor {
         );
     }
     let RunningSums { before: ranks, total: visible } = running_sums(gpu, &marks, count);
-    let by_index = Keyed { keys: gpu.naturals(count), numbers: gpu.naturals(count) };
+    let [keys, ids] = [(); 2].map(|()| gpu.naturals(count));
     for (ProjectedFrame { frame, projected }, first) in frames.iter().map(Arc::as_ref).zip(&firsts) {
         collect_visible::launch(
             &gpu.client,
@@ -47,13 +47,13 @@ pub(super) fn sort_by_depth(frames: &[Arc<ProjectedFrame>]) -> CubeTensor {
             projected.records.clone().flat(),
             projected.touched.clone().flat(),
             ranks.clone().flat(),
-            by_index.keys.clone().flat(),
-            by_index.numbers.clone().flat(),
+            keys.clone().flat(),
+            ids.clone().flat(),
             *first as u32,
             frame.count() as u32,
         );
     }
-    let by_depth = sort(gpu, by_index, &visible, count, DEPTH_BITS);
+    let by_depth = sort(gpu, keys, Some(ids), &visible, count, DEPTH_BITS);
     let ids = if frames.len() > 1 { sort_by_frame(gpu, by_depth, &visible, &firsts, count) } else { by_depth }.numbers;
     let counts = marks;
     counts_by_depth::launch(
@@ -92,5 +92,5 @@ fn sort_by_frame(gpu: &Gpu, by_depth: Keyed, visible: &CubeTensor, firsts: &[usi
         by_depth.keys.clone().flat(),
         frames as u32,
     );
-    sort(gpu, by_depth, visible, count, bits_of(frames))
+    sort(gpu, by_depth.keys, Some(by_depth.numbers), visible, count, bits_of(frames))
 }

@@ -18,6 +18,7 @@ use cubecl::wgpu::WgpuDeviceKind;
 use mvfusion_kernels::cube::UNITS;
 use mvfusion_kernels::cube::grid::GPU_LANES;
 use mvfusion_kernels::cube::product_kind::ProductPlan;
+use mvfusion_kernels::cube::sort::STAGED_BYTES;
 use mvfusion_kernels::cube::stage::{GPU_MEMORY, GPU_SPAN};
 use mvfusion_kernels::cube::sums::{SumPlan, sum_rows};
 use mvfusion_kernels::splat::TILE;
@@ -214,6 +215,11 @@ impl Gpu {
         }
         let most = MOST_LANE_SUMS / (rows * size_of::<[f32; 4]>()).max(1);
         features.min(most).clamp(1, GPU_LANES)
+    }
+
+    /// Whether a block of keys is sorted in shared memory before it is written: not on a CPU, which has caches.
+    pub fn stages_keys(&self) -> bool {
+        !computes_on_cpu(&self.device) && self.shared_memory() >= STAGED_BYTES
     }
 
     /// Whether the records of a Gaussian are summed in pieces first: not on a CPU, where no unit waits for another.

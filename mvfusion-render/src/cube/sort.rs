@@ -1,7 +1,7 @@
 //! The radix sort on the device.
 
 use burn_cubecl::tensor::CubeTensor;
-use mvfusion_kernels::cube::sort::{DIGIT_BITS, DIGITS, SORT_BLOCK, count_digits, move_keys};
+use mvfusion_kernels::cube::sort::{DIGIT_BITS, DIGITS, MoveKind, SORT_BLOCK, count_digits, move_keys};
 
 use super::gpu::{CUBE, Flat, Gpu};
 use super::scan::running_sums;
@@ -12,12 +12,20 @@ pub(super) struct Keyed {
     pub numbers: CubeTensor,
 }
 
-/// Sorts by the lowest `bits` bits of the keys; equal keys keep their order. The buffers have room for `capacity > 0`
-/// keys, of which the first `total` `[1]` are valid.
-pub(super) fn sort(gpu: &Gpu, mut sorted: Keyed, total: &CubeTensor, capacity: usize, bits: usize) -> Keyed {
+/// Sorts by the lowest `bits > 0` bits of the keys; equal keys keep their order. Without `numbers`, a key's number is its
+/// index. The buffers have room for `capacity > 0` keys, of which the first `total` `[1]` are valid.
+pub(super) fn sort(
+    gpu: &Gpu,
+    keys: CubeTensor,
+    numbers: Option<CubeTensor>,
+    total: &CubeTensor,
+    capacity: usize,
+    bits: usize,
+) -> Keyed {
     let blocks = capacity.div_ceil(SORT_BLOCK);
     let counts = gpu.naturals(DIGITS * blocks);
-    let mut moved = Keyed { keys: gpu.naturals(capacity), numbers: gpu.naturals(capacity) };
+    let (mut keys, mut numbers) = (keys, numbers);
+    let (mut moved_keys, mut spare) = (gpu.naturals(capacity), None);
     for shift in (0..bits).step_by(DIGIT_BITS) {
         // SAFETY: keys are read below `total`, which is at most the capacity; counts have an entry for each digit and
         // block.
@@ -26,7 +34,7 @@ pub(super) fn sort(gpu: &Gpu, mut sorted: Keyed, total: &CubeTensor, capacity: u
                 &gpu.client,
                 gpu.cubes(blocks),
                 CUBE,
-                sorted.keys.clone().flat(),
+                keys.clone().flat(),
                 total.clone().flat(),
                 counts.clone().flat(),
                 shift as u32,
@@ -34,25 +42,31 @@ pub(super) fn sort(gpu: &Gpu, mut sorted: Keyed, total: &CubeTensor, capacity: u
             );
         }
         let offsets = running_sums(gpu, &counts, DIGITS * blocks).before;
+        let kind = MoveKind { staged: gpu.stages_keys(), numbered: numbers.is_some() };
+        let moved_numbers = spare.take().unwrap_or_else(|| gpu.naturals(capacity));
         // SAFETY: as above; a position is the number of preceding keys, so it is less than the number of keys.
         unsafe {
             move_keys::launch_unchecked(
                 &gpu.client,
                 gpu.cubes(blocks),
                 CUBE,
-                sorted.keys.clone().flat(),
-                sorted.numbers.clone().flat(),
+                keys.clone().flat(),
+                // Not read without numbers.
+                numbers.as_ref().unwrap_or(&keys).clone().flat(),
                 total.clone().flat(),
                 offsets.flat(),
-                moved.keys.clone().flat(),
-                moved.numbers.clone().flat(),
+                moved_keys.clone().flat(),
+                moved_numbers.clone().flat(),
                 shift as u32,
                 blocks as u32,
+                kind,
             );
         }
-        std::mem::swap(&mut sorted, &mut moved);
+        std::mem::swap(&mut keys, &mut moved_keys);
+        spare = numbers.replace(moved_numbers);
     }
-    sorted
+    // Proof: there is a pass, because there are bits.
+    Keyed { keys, numbers: numbers.expect("a pass gives numbers") }
 }
 
 /// Bits needed for the numbers below `count`.
