@@ -1,39 +1,61 @@
-//! `table.csv`: a line for each metric of each row, for other programs.
+//! `table.csv` and `seeds.csv`: a line for each metric of each row, and one for each seed of it, for other programs.
 
 use csv::{Terminator, WriterBuilder};
 
-use super::Table;
+use super::{Column, Entry, SeedMean, Table};
 
-/// The columns behind the labels.
+/// The columns behind the labels in `table.csv`.
 const HEADER: [&str; 8] = ["column", "metric", "mean", "deviation", "seeds", "paper", "difference", "comparable"];
+
+/// The columns behind the labels in `seeds.csv`.
+const SEED_HEADER: [&str; 4] = ["column", "metric", "seed", "value"];
 
 impl Table {
     /// The table as RFC 4180 has it, in long form and full precision; what is absent is empty.
     pub fn csv(&self) -> String {
-        // Proof: memory takes whatever is written, and every field is text.
-        self.written().unwrap_or_else(|error| panic!("{error}"))
+        let line = |column: &Column, entry: &Entry| {
+            let number = |value: Option<f64>| value.map_or(String::new(), |value| value.to_string());
+            vec![vec![
+                column.group.clone(),
+                column.metric.name.clone(),
+                number(entry.spread.map(|spread| spread.mean)),
+                number(entry.spread.and_then(|spread| spread.deviation)),
+                entry.spread.map_or(String::new(), |_| entry.seeds.len().to_string()),
+                number(entry.paper),
+                number(entry.difference()),
+                entry.is_comparable().map_or(String::new(), |is| is.to_string()),
+            ]]
+        };
+        self.lines(&HEADER, line)
     }
 
-    fn written(&self) -> anyhow::Result<String> {
-        let mut lines = WriterBuilder::new().flexible(true).terminator(Terminator::CRLF).from_writer(Vec::new());
-        lines.write_record(self.headings.iter().map(String::as_str).chain(HEADER))?;
-        for row in &self.rows {
-            for (column, entry) in self.columns.iter().zip(&row.entries) {
-                let number = |value: Option<f64>| value.map_or(String::new(), |value| value.to_string());
-                let metrics = [
-                    column.group.clone(),
-                    column.metric.name.clone(),
-                    number(entry.spread.map(|spread| spread.mean)),
-                    number(entry.spread.and_then(|spread| spread.deviation)),
-                    entry.spread.map_or(String::new(), |_| entry.seeds.len().to_string()),
-                    number(entry.paper),
-                    number(entry.difference()),
-                    entry.is_comparable().map_or(String::new(), |is| is.to_string()),
-                ];
-                lines.write_record(row.labels.iter().chain(&metrics))?;
+    /// What the means are taken over, in the same form: the value of each seed, of those that were trained here.
+    pub fn seeds_csv(&self) -> String {
+        let lines = |column: &Column, entry: &Entry| {
+            let line = |of: &SeedMean| {
+                vec![column.group.clone(), column.metric.name.clone(), of.seed.to_string(), of.mean.to_string()]
+            };
+            entry.seeds.iter().map(line).collect()
+        };
+        self.lines(&SEED_HEADER, lines)
+    }
+
+    /// The header, and what `of` makes of each entry, each line behind its row's labels.
+    fn lines(&self, header: &[&str], of: impl Fn(&Column, &Entry) -> Vec<Vec<String>>) -> String {
+        let write = || -> anyhow::Result<String> {
+            let mut lines = WriterBuilder::new().flexible(true).terminator(Terminator::CRLF).from_writer(Vec::new());
+            lines.write_record(self.headings.iter().map(String::as_str).chain(header.iter().copied()))?;
+            for row in &self.rows {
+                for (column, entry) in self.columns.iter().zip(&row.entries) {
+                    for fields in of(column, entry) {
+                        lines.write_record(row.labels.iter().chain(&fields))?;
+                    }
+                }
             }
-        }
-        Ok(String::from_utf8(lines.into_inner().map_err(|error| error.into_error())?)?)
+            Ok(String::from_utf8(lines.into_inner().map_err(|error| error.into_error())?)?)
+        };
+        // Proof: memory takes whatever is written, and every field is text.
+        write().unwrap_or_else(|error| panic!("{error}"))
     }
 }
 
@@ -54,6 +76,21 @@ mod tests {
         assert_eq!(lines[8], "w/o MVG|MFTA,Mean,mask_iou,,,,,,");
         assert_eq!(lines[11], "full,Mean,composed.psnr,29,1,3,32.07,-3.0700000000000003,false");
         assert_eq!(lines[15], "full,Video,gaussians.dynamic,12346,1,3,,,");
+    }
+
+    #[test]
+    fn a_mean_is_that_of_its_seeds_lines() {
+        let (index, outcomes) = ablation();
+        let table = Table::of(&index, &outcomes);
+        let text = table.seeds_csv();
+        let lines: Vec<&str> = text.split_terminator("\r\n").collect();
+        assert_eq!(lines[0], "method,column,metric,seed,value");
+        let of = |row: &str| -> Vec<f64> {
+            let values = lines.iter().filter_map(|line| line.strip_prefix(row)?.rsplit_once(','));
+            values.map(|(_, value)| value.parse().expect("a number")).collect()
+        };
+        assert_eq!(of("w/o MVG|MFTA,Mean,composed.psnr,"), [27.0, 28.0]);
+        assert!(of("3DGS_2023,Mean,composed.psnr,").is_empty());
     }
 
     #[test]

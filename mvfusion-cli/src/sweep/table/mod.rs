@@ -1,7 +1,7 @@
 //! The table that a sweep is for, and the curves over its swept keys.
 //!
 //! [`Table::of`] makes the means and spreads from what the cells yielded; the other files write them down, each in one
-//! format. What is shown is rounded; `table.csv` and `table.json` have the numbers in full.
+//! format. What is shown is rounded; `table.csv`, `seeds.csv` and `table.json` have the numbers in full.
 
 mod build;
 mod csv;

@@ -11,7 +11,7 @@ use crate::{atomic, run};
 /// Folder of the curves.
 const PLOTS: &str = "plots";
 
-/// Writes `table.md`, `table.tex`, `table.csv`, `table.json` and the curves into the sweep's folder; returns where they
+/// Writes `table.md`, `table.tex`, `table.csv`, `seeds.csv`, `table.json` and the curves into the sweep's folder; returns where they
 /// lie. `outcomes` are in the order of the index's cells.
 ///
 /// # Errors
@@ -19,7 +19,13 @@ const PLOTS: &str = "plots";
 pub fn write(index: &Index, outcomes: &[Outcome], folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let table = Table::of(index, outcomes);
     let mut written = Vec::new();
-    for (name, text) in [("table.md", table.markdown()), ("table.tex", table.latex()), ("table.csv", table.csv())] {
+    let texts = [
+        ("table.md", table.markdown()),
+        ("table.tex", table.latex()),
+        ("table.csv", table.csv()),
+        ("seeds.csv", table.seeds_csv()),
+    ];
+    for (name, text) in texts {
         let path = run::place(folder, &[name])?;
         atomic::write(&path, text.as_bytes())?;
         written.push(path);
@@ -65,7 +71,7 @@ mod tests {
             .map(|path| path.strip_prefix(folder.path()).expect("within").to_string_lossy().replace('\\', "/"))
             .collect();
         let plots = ["plots/motion-window_composed-psnr.svg", "plots/motion-window_composed-lpips_alex.svg"];
-        let tables = ["table.md", "table.tex", "table.csv", "table.json"];
+        let tables = ["table.md", "table.tex", "table.csv", "seeds.csv", "table.json"];
         assert_eq!(names, [&tables[..], &plots[..]].concat());
         assert!(written.iter().all(|path| path.is_file()));
     }
@@ -92,7 +98,7 @@ mod tests {
             paths.iter().map(|path| std::fs::read_to_string(path).expect("read")).collect()
         };
         let first = read(&write(&index, &outcomes, folder.path()).expect("written"));
-        assert_eq!(first.len(), 4);
+        assert_eq!(first.len(), 5);
         assert_eq!(read(&write(&index, &outcomes, folder.path()).expect("written")), first);
     }
 }
