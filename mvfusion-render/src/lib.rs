@@ -44,7 +44,7 @@
 //! | [`activation`] | the sigmoid, and the foreground's share of a mask |
 //! | [`scales`] | the cost of large and of elongated Gaussians |
 //! | [`picture`] | unpacks images of bytes |
-//! | [`blocks`] | takes a matrix apart into blocks |
+//! | [`offsets`] | adds the offsets that a network gives to the attributes of Gaussians |
 //! | [`optim`] | a step of Adam, for many parameters at once |
 //! | [`device`] | the devices of this build |
 //!
@@ -69,11 +69,11 @@ mod test_support;
 
 pub mod activation;
 pub mod attention;
-pub mod blocks;
 pub mod device;
 pub mod grid;
 pub mod mlp;
 pub mod objective;
+pub mod offsets;
 pub mod optim;
 pub mod picture;
 pub mod profile;

@@ -24,6 +24,7 @@ use super::matrix::MatrixLayoutCompilationArg;
 use super::objective::{
     Normalisation, ObjectiveKind, ObjectiveWeightsCompilationArg, objective_finish, objective_prepare,
 };
+use super::offsets::{EachAttributeCompilationArg, add_offsets, join_cotangents};
 use super::penalties::{penalties, penalties_backward};
 use super::picture::unpack;
 use super::product::{ProductSizeCompilationArg, product};
@@ -158,6 +159,7 @@ arguments! {
     GridBoxCompilationArg { max, min, slope }
     AdamStepCompilationArg { beta1, rest1, beta2, rest2, rate, root, epsilon }
     MatrixLayoutCompilationArg { first, stride }
+    EachAttributeCompilationArg { a, b, c, d, e, f }
     ShareKindCompilationArg { columns, static_, dynamic, epsilon, margin }
     ScaleRuleCompilationArg { large, large_above, spiky, spiky_above }
     ProductSizeCompilationArg { rows, columns, depth, slab }
@@ -288,6 +290,8 @@ impl Catalogue<'_> {
         add!(self, Unchecked, UNITS, "", penalties_backward::PenaltiesBackward, [_ _ _ _ _ _]);
         add!(self, Unchecked, UNITS, "", scale_cost::ScaleCost, [_ _ _ _ _]);
         add!(self, Unchecked, UNITS, "", scale_cost_backward::ScaleCostBackward, [_ _ _ _ _]);
+        add!(self, Unchecked, UNITS, "", add_offsets::AddOffsets, [_ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ _]);
+        add!(self, Unchecked, UNITS, "", join_cotangents::JoinCotangents, [_ _ _ _ _ _ _ _ _ _ _]);
         add!(self, Unchecked, UNITS, "", logistic::Logistic, [_ _ _]);
         add!(self, Unchecked, UNITS, "", logistic_backward::LogisticBackward, [_ _ _ _]);
         add!(self, Unchecked, UNITS, "", foreground_share::ForegroundShare, [_ _ _ _]);

@@ -18,6 +18,7 @@ pub mod maths;
 pub mod matrix;
 mod moments;
 pub mod objective;
+pub mod offsets;
 pub mod penalties;
 pub mod picture;
 pub mod product;

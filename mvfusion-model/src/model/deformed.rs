@@ -45,20 +45,22 @@ impl Model {
                 None => gaussians,
             }
         };
-        let gaussians = moments.iter().map(of_rows);
         if level == DeformationLevel::Still {
-            return gaussians.collect();
+            return moments.iter().map(of_rows).collect();
         }
         // A substitute has the rows of one moment. On a CPU, where launches cost nothing, fewer rows at a time are faster.
         let is_joint = self.substitutes.is_empty() && is_gpu(&canonical.means.device().inner());
         let rows = moments.iter().map(|(alive, _)| self.count_of(*alive)).max().unwrap_or_default();
         let together = if is_joint { moments_together(rows) } else { 1 };
-        let offsets = moments.chunks(together).flat_map(|moments| self.offsets(moments, level, context));
-        gaussians.zip(offsets).map(|(gaussians, offsets)| gaussians.deformed(offsets)).collect()
+        let deformed = |moments: &[Rows<'_>]| {
+            let sets = moments.iter().map(of_rows).collect();
+            RawGaussians::deformed_each(sets, self.offsets(moments, level, context))
+        };
+        moments.chunks(together).flat_map(deformed).collect()
     }
 
-    /// The offsets of some moments, computed together.
-    fn offsets(&self, moments: &[Rows<'_>], level: DeformationLevel, context: &RenderContext) -> Vec<Offsets> {
+    /// The offsets of some moments, one after the other, computed together.
+    fn offsets(&self, moments: &[Rows<'_>], level: DeformationLevel, context: &RenderContext) -> Offsets {
         let means = self.means_of(moments);
         let refined = match level {
             DeformationLevel::Still | DeformationLevel::Base => None,
@@ -70,12 +72,11 @@ impl Model {
     }
 
     /// The offsets of the base deformation for the canonical centres of some moments.
-    fn base_offsets(&self, means: Tensor<2>, moments: &[Rows<'_>]) -> Vec<Offsets> {
-        let counts: Vec<usize> = moments.iter().map(|(alive, _)| self.count_of(*alive)).collect();
+    fn base_offsets(&self, means: Tensor<2>, moments: &[Rows<'_>]) -> Offsets {
         let times: Vec<(usize, Vec<f64>)> =
-            counts.iter().zip(moments).map(|(&count, &(_, time))| (count, vec![time])).collect();
+            moments.iter().map(|&(alive, time)| (self.count_of(alive), vec![time])).collect();
         let times = tensors::rows_of_parts(&times, &means);
-        self.network.decode_parts(self.network.feature(means, times), &counts)
+        self.network.decode(self.network.feature(means, times))
     }
 
     /// The offsets of the centres of Gaussians that the model does not have yet: `[M, 3]`, for canonical centres `[M, 3]`.
@@ -99,8 +100,7 @@ impl Model {
         // A substitute has the rows of the model's own Gaussians.
         let substitutes = Substitutes::default();
         let config = RefinementConfig { timeline, moments: &moments, extent: *extent, substitutes: &substitutes };
-        let offsets = self.refinement.offsets(&self.network, means, &config);
-        Tensor::cat(offsets.into_iter().map(|offsets| offsets.means).collect(), 0)
+        self.refinement.offsets(&self.network, means, &config).means()
     }
 
     /// The refined feature of the rows that are alive; `None` until motion was measured.

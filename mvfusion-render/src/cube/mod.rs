@@ -13,6 +13,7 @@ pub(crate) mod gpu;
 mod grid;
 mod mlp;
 mod objective;
+mod offsets;
 mod penalties;
 mod picture;
 mod scales;

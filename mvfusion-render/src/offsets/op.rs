@@ -1,6 +1,6 @@
-//! Taking apart as a Burn backend extension.
+//! Sums with offsets as a Burn backend extension.
 //!
-//! A node of Burn's graph has one result. The parts are therefore nodes of their own, which leave their cotangents with
+//! A node of Burn's graph has one result. The sums are therefore nodes of their own, which leave their cotangents with
 //! the node of the whole matrix. That node comes after all of them in the backward pass, and joins the cotangents.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -10,58 +10,100 @@ use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Backend, Dispatch, TensorMetadata, backend_extension};
-use burn::tensor::{Shape, Slice, Tensor};
+use burn::tensor::Tensor;
 
-#[cfg(feature = "cube")]
-use burn_cubecl::CubeBackend;
-
+use super::cpu::{self, Place};
+use crate::Real;
 use crate::host::HostBackend;
 use crate::list::Floats;
+use crate::real::with_real;
 
-/// The sizes of the blocks.
+/// How the matrix of offsets is divided.
 #[derive(Clone, Debug)]
-pub(crate) struct Blocks {
+pub(crate) struct Division {
+    /// Rows of each set of attributes.
     pub heights: Vec<usize>,
+    /// Columns of each block of offsets.
+    pub blocks: Vec<usize>,
+    /// Columns of each attribute: the first of its block.
     pub widths: Vec<usize>,
+}
+
+impl Division {
+    /// Columns of the matrix.
+    pub fn columns(&self) -> usize {
+        self.blocks.iter().sum()
+    }
+
+    /// Rows of the matrix.
+    pub fn rows(&self) -> usize {
+        self.heights.iter().sum()
+    }
+
+    /// Where the offsets of each attribute are, set by set.
+    fn places(&self) -> Vec<Place> {
+        let mut places = Vec::new();
+        let mut row = 0;
+        for height in &self.heights {
+            let mut column = 0;
+            for (block, &width) in self.blocks.iter().zip(&self.widths) {
+                places.push(Place { rows: row..row + height, column, width });
+                column += block;
+            }
+            row += height;
+        }
+        places
+    }
 }
 
 /// The op.
 #[backend_extension(Flex: cfg(feature = "flex"), NdArray: cfg(feature = "ndarray"), Cube: cfg(feature = "cube"), Autodiff)]
-pub(crate) trait BlockOps: Backend {
-    /// See [`apart`](super::apart).
-    fn apart(matrix: FloatTensor<Self>, size: Blocks) -> Floats<Self>;
+pub(crate) trait OffsetOps: Backend {
+    /// See [`add`](super::add). The attributes are listed set by set.
+    fn add_offsets(
+        offsets: FloatTensor<Self>,
+        #[extension_type] attributes: Floats<Self>,
+        division: Division,
+    ) -> Floats<Self>;
 }
 
-impl<B: HostBackend> BlockOps for B {
-    fn apart(matrix: FloatTensor<Self>, size: Blocks) -> Floats<Self> {
-        slices::<Self>(&matrix, &size)
+/// The adjoint; only on backends without autodiff.
+pub(crate) trait OffsetAdjoint: OffsetOps {
+    /// The adjoint of the offsets for the cotangents of the sums, of which at least one is there.
+    fn join_cotangents(v_sums: Vec<Option<FloatTensor<Self>>>, division: &Division) -> FloatTensor<Self>;
+}
+
+impl<B: HostBackend> OffsetOps for B {
+    fn add_offsets(offsets: FloatTensor<Self>, attributes: Floats<Self>, division: Division) -> Floats<Self> {
+        with_real!(offsets.dtype(), T => {
+            let (offsets, columns) = (B::values::<T>(offsets), division.columns());
+            let add = |(attribute, place): (FloatTensor<B>, &Place)| {
+                let shape = attribute.shape();
+                B::tensor(cpu::add(&B::values::<T>(attribute), &offsets, columns, place), shape)
+            };
+            Floats(attributes.0.into_iter().zip(&division.places()).map(add).collect())
+        })
     }
 }
 
-#[cfg(feature = "cube")]
-impl BlockOps for CubeBackend {
-    fn apart(matrix: FloatTensor<Self>, size: Blocks) -> Floats<Self> {
-        slices::<Self>(&matrix, &size)
+impl<B: HostBackend> OffsetAdjoint for B {
+    fn join_cotangents(v_sums: Vec<Option<FloatTensor<B>>>, division: &Division) -> FloatTensor<B> {
+        let (rows, columns) = (division.rows(), division.columns());
+        // Proof: see the trait.
+        let dtype = v_sums.iter().flatten().next().expect("a cotangent").dtype();
+        with_real!(dtype, T => {
+            let mut v_offsets = vec![T::of(0.0); rows * columns];
+            for (v_sums, place) in v_sums.into_iter().zip(&division.places()) {
+                if let Some(v_sums) = v_sums {
+                    cpu::put(&B::values::<T>(v_sums), &mut v_offsets, columns, place);
+                }
+            }
+            B::tensor(v_offsets, [rows, columns])
+        })
     }
 }
 
-fn slices<B: Backend>(matrix: &FloatTensor<B>, size: &Blocks) -> Floats<B> {
-    let columns = ranges(&size.widths);
-    let block = |rows: Slice| columns.iter().map(move |&columns| B::float_slice(matrix.clone(), &[rows, columns]));
-    Floats(ranges(&size.heights).into_iter().flat_map(block).collect())
-}
-
-/// Neighbouring ranges of these lengths.
-fn ranges(lengths: &[usize]) -> Vec<Slice> {
-    let mut end = 0;
-    let range = |&length: &usize| {
-        end += length as isize;
-        Slice::new(end - length as isize, Some(end), 1)
-    };
-    lengths.iter().map(range).collect()
-}
-
-/// The cotangents of the parts, as far as there are any.
+/// The cotangents of the sums, as far as there are any.
 #[derive(Clone, Debug)]
 struct Cotangents<B: Backend>(Arc<Mutex<Vec<Option<FloatTensor<B>>>>>);
 
@@ -71,26 +113,29 @@ impl<B: Backend> Cotangents<B> {
     }
 }
 
-/// The backward step of a part.
+/// The backward step of a sum.
 #[derive(Debug)]
-struct PartBackward;
+struct SumBackward;
 
-impl<B: Backend> Backward<B, 1> for PartBackward {
+impl<B: Backend> Backward<B, 2> for SumBackward {
     type State = (Cotangents<B>, usize);
 
-    fn backward(self, ops: Ops<Self::State, 1>, gradients: &mut Gradients, _: &mut Checkpointer) {
+    fn backward(self, ops: Ops<Self::State, 2>, gradients: &mut Gradients, _: &mut Checkpointer) {
         let (cotangents, index) = ops.state;
-        let v_part = gradients.consume::<B>(&ops.node);
-        let mut cotangents = cotangents.lock();
-        // The first part that has a cotangent registers one for the whole matrix, as Burn expects it. `WholeBackward`
-        // ignores its values.
-        if cotangents.iter().all(Option::is_none) {
-            let [whole] = ops.parents;
-            if let Some(whole) = whole {
-                gradients.register::<B>(whole.id, v_part.clone());
-            }
+        let v_sum = gradients.consume::<B>(&ops.node);
+        let [whole, attribute] = ops.parents;
+        if let Some(attribute) = attribute {
+            gradients.register::<B>(attribute.id, v_sum.clone());
         }
-        cotangents[index] = Some(v_part);
+        if let Some(whole) = whole {
+            let mut cotangents = cotangents.lock();
+            // The first sum that has a cotangent registers one for the whole matrix, as Burn expects it. `WholeBackward`
+            // ignores its values.
+            if cotangents.iter().all(Option::is_none) {
+                gradients.register::<B>(whole.id, v_sum.clone());
+            }
+            cotangents[index] = Some(v_sum);
+        }
     }
 }
 
@@ -98,50 +143,42 @@ impl<B: Backend> Backward<B, 1> for PartBackward {
 #[derive(Debug)]
 struct WholeBackward;
 
-impl<B: Backend> Backward<B, 1> for WholeBackward {
-    type State = (Cotangents<B>, Blocks);
+impl<B: OffsetAdjoint> Backward<B, 1> for WholeBackward {
+    type State = (Cotangents<B>, Division);
 
     fn backward(self, ops: Ops<Self::State, 1>, gradients: &mut Gradients, _: &mut Checkpointer) {
-        let (cotangents, Blocks { heights, widths }) = ops.state;
-        let any = gradients.consume::<B>(&ops.node);
-        let (device, dtype) = (any.device(), any.dtype().into());
-        let v_parts = std::mem::take(&mut *cotangents.lock());
-        let mut v_parts = v_parts.into_iter();
-        let mut row = |height: usize| {
-            let zeros = |width: usize| B::float_zeros(Shape::from([height, width]), &device, dtype);
-            // Widths first: at their end, nothing more is taken of the parts.
-            let row = widths.iter().zip(v_parts.by_ref());
-            B::float_cat(row.map(|(&width, v_part)| v_part.unwrap_or_else(|| zeros(width))).collect(), 1)
-        };
-        let mut v_rows: Vec<FloatTensor<B>> = heights.into_iter().map(&mut row).collect();
-        let v_matrix = match v_rows.len() {
-            1 => v_rows.remove(0),
-            _ => B::float_cat(v_rows, 0),
-        };
-        let [matrix] = ops.parents;
-        if let Some(matrix) = matrix {
-            gradients.register::<B>(matrix.id, v_matrix);
+        let (cotangents, division) = ops.state;
+        gradients.consume::<B>(&ops.node);
+        let v_sums = std::mem::take(&mut *cotangents.lock());
+        let [offsets] = ops.parents;
+        if let Some(offsets) = offsets {
+            gradients.register::<B>(offsets.id, B::join_cotangents(v_sums, &division));
         }
     }
 }
 
-impl<B: BlockOps, C: CheckpointStrategy> BlockOps for Autodiff<B, C> {
-    fn apart(matrix: FloatTensor<Self>, size: Blocks) -> Floats<Self> {
-        let parts = B::apart(matrix.primitive().clone(), size.clone());
-        let cotangents = Cotangents::<B>(Arc::new(Mutex::new(vec![None; parts.0.len()])));
-        let whole = match WholeBackward.prepare::<C>([matrix.node()]).compute_bound().stateful() {
-            OpsKind::Tracked(prepared) => prepared.finish((cotangents.clone(), size), matrix.into_primitive()),
-            OpsKind::UnTracked(prepared) => prepared.finish(matrix.into_primitive()),
+impl<B: OffsetAdjoint, C: CheckpointStrategy> OffsetOps for Autodiff<B, C> {
+    fn add_offsets(offsets: FloatTensor<Self>, attributes: Floats<Self>, division: Division) -> Floats<Self> {
+        let plain = Floats(attributes.0.iter().map(|attribute| attribute.primitive().clone()).collect());
+        let sums = B::add_offsets(offsets.primitive().clone(), plain, division.clone());
+        let cotangents = Cotangents::<B>(Arc::new(Mutex::new(vec![None; sums.0.len()])));
+        let whole = match WholeBackward.prepare::<C>([offsets.node()]).compute_bound().stateful() {
+            OpsKind::Tracked(prepared) => prepared.finish((cotangents.clone(), division), offsets.into_primitive()),
+            OpsKind::UnTracked(prepared) => prepared.finish(offsets.into_primitive()),
         };
-        let record = |(index, part)| match PartBackward.prepare::<C>([whole.node()]).compute_bound().stateful() {
-            OpsKind::Tracked(prepared) => prepared.finish((cotangents.clone(), index), part),
-            OpsKind::UnTracked(prepared) => prepared.finish(part),
+        let record = |(index, (sum, attribute)): (usize, (FloatTensor<B>, &FloatTensor<Self>))| match SumBackward
+            .prepare::<C>([whole.node(), attribute.node()])
+            .compute_bound()
+            .stateful()
+        {
+            OpsKind::Tracked(prepared) => prepared.finish((cotangents.clone(), index), sum),
+            OpsKind::UnTracked(prepared) => prepared.finish(sum),
         };
-        Floats(parts.0.into_iter().enumerate().map(record).collect())
+        Floats(sums.0.into_iter().zip(&attributes.0).enumerate().map(record).collect())
     }
 }
 
-pub(super) fn apart(matrix: Tensor<2>, heights: &[usize], widths: &[usize]) -> Vec<Tensor<2>> {
-    let size = Blocks { heights: heights.to_vec(), widths: widths.to_vec() };
-    <Dispatch as BlockOps>::apart(matrix.into_dispatch(), size).into_tensors().collect()
+pub(super) fn add(offsets: Tensor<2>, attributes: Vec<Tensor<2>>, division: Division) -> Vec<Tensor<2>> {
+    let attributes = Floats::of(attributes);
+    <Dispatch as OffsetOps>::add_offsets(offsets.into_dispatch(), attributes, division).into_tensors().collect()
 }

@@ -128,9 +128,9 @@ pub fn compare_layers(
 /// All offsets in the order of the files: centre, log-scale, quaternion, opacity, colour, then mask logits dynamic,
 /// bright, static. `[N, 62]`, or `[N, 59]` without masks.
 pub fn in_file_order(offsets: Offsets) -> Tensor<2> {
-    let mut columns = vec![offsets.means, offsets.log_scales, offsets.quaternions];
-    columns.extend(offsets.opacity_logits.into_iter().chain(offsets.sh));
-    if let Some(masks) = offsets.mask_logits {
+    let mut columns = vec![offsets.means(), offsets.log_scales(), offsets.quaternions()];
+    columns.extend(offsets.opacity_logits().into_iter().chain(offsets.sh()));
+    if let Some(masks) = offsets.mask_logits() {
         let order = [MaskChannel::Dynamic, MaskChannel::Brightness, MaskChannel::Static];
         columns.extend(order.map(|channel| channel.of(&masks)));
     }
@@ -178,14 +178,14 @@ pub fn check(archive: &Archive, device: &Device) -> Result<()> {
     };
     compare("out.feat", Array::of(network.grid.forward(canonical.means.clone(), times)));
     compare("out.hidden", Array::of(feature));
-    compare("out.head.pos", Array::of(offsets.means.clone()));
-    compare("out.head.scale", Array::of(offsets.log_scales.clone()));
-    compare("out.head.rot", Array::of(offsets.quaternions.clone()));
-    for (name, offsets) in [("out.head.opacity", &offsets.opacity_logits), ("out.head.sh", &offsets.sh)] {
-        let offsets = offsets.clone().with_context(|| format!("the network has no head for {name}"))?;
+    compare("out.head.pos", Array::of(offsets.means()));
+    compare("out.head.scale", Array::of(offsets.log_scales()));
+    compare("out.head.rot", Array::of(offsets.quaternions()));
+    for (name, offsets) in [("out.head.opacity", offsets.opacity_logits()), ("out.head.sh", offsets.sh())] {
+        let offsets = offsets.with_context(|| format!("the network has no head for {name}"))?;
         compare(name, Array::of(offsets));
     }
-    if let Some(masks) = &offsets.mask_logits {
+    if let Some(masks) = &offsets.mask_logits() {
         for (channel, name) in MaskChannel::ALL.into_iter().zip(["static", "bright", "dynamic"]) {
             compare(&format!("out.head.mask_{name}"), Array::of(channel.of(masks)));
         }

@@ -80,11 +80,11 @@ impl Setting {
 
     /// The refined offsets `[N, 62]` at a time.
     fn delta(&self, time: f64) -> Tensor<2> {
-        self.deltas(&[time]).pop().expect("one moment")
+        self.deltas(&[time])
     }
 
-    /// The refined offsets at several times, computed together.
-    fn deltas(&self, times: &[f64]) -> Vec<Tensor<2>> {
+    /// The refined offsets at several times, one after the other, computed together.
+    fn deltas(&self, times: &[f64]) -> Tensor<2> {
         let moments: Vec<_> = times.iter().map(|&time| MomentRows { time, cache: &self.cache }).collect();
         let config = RefinementConfig {
             timeline: &self.timeline,
@@ -93,7 +93,7 @@ impl Setting {
             substitutes: &Substitutes::default(),
         };
         let means = Tensor::cat(vec![self.means.val(); times.len()], 0);
-        self.refinement.offsets(&self.network, means, &config).into_iter().map(in_file_order).collect()
+        in_file_order(self.refinement.offsets(&self.network, means, &config))
     }
 
     /// The hidden feature at a time.
@@ -108,8 +108,8 @@ impl Setting {
         let feature = self.feature(time);
         let offsets = self.network.decode(feature.clone());
         let local = self.cache.local_at(time);
-        Tensor::cat(vec![feature, offsets.means / self.extent, offsets.log_scales, offsets.quaternions, local], 1)
-            .inner()
+        let geometry = [offsets.means() / self.extent, offsets.log_scales(), offsets.quaternions()];
+        Tensor::cat([vec![feature], geometry.into(), vec![local]].concat(), 1).inner()
     }
 
     /// Every layer under its name in the files, but for a convolution.
@@ -125,7 +125,7 @@ pub fn check(archive: &Archive, device: &Device) -> Result<()> {
     for (variant, switch) in VARIANTS {
         let setting = Setting::read(archive, switch, device)?;
         // As in a step of several views.
-        let together = setting.deltas(times);
+        let together = setting.deltas(times).chunk(times.len(), 0);
         for ((query, &time), delta) in times.iter().enumerate().zip(together) {
             let prefix = format!("out.{variant}.q{query}.");
             let Some(expected) = archive.find(&format!("{prefix}delta")) else { continue };

@@ -142,7 +142,7 @@ fn check_raw(checks: &mut Checklist, archive: &Archive, setting: &Setting, devic
         let time = setting.timeline.times()[samples[sample]];
         let time = tensor(&[time], [1, 1], device, DType::F32);
         let offsets = setting.network.decode(setting.network.feature(means.clone(), time));
-        let found = [Array::of(offsets.means / setting.extent), Array::of(offsets.log_scales)];
+        let found = [Array::of(offsets.means() / setting.extent), Array::of(offsets.log_scales())];
         for (all, found) in [&mut displacements, &mut log_scales].into_iter().zip(found) {
             for (row, values) in found.values.chunks_exact(3).enumerate() {
                 let begin = (row * some.len() + place) * 3;

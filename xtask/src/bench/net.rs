@@ -74,21 +74,7 @@ fn look_up(network: &DeformationNetwork, points: Tensor<2>, time: Tensor<2>) -> 
 
 /// The features, the trunk and all heads.
 fn decode(network: &DeformationNetwork, points: Tensor<2>, time: Tensor<2>) -> Tensor<1> {
-    let offsets = network.decode(network.feature(points, time));
-    [
-        Some(offsets.means),
-        Some(offsets.log_scales),
-        Some(offsets.quaternions),
-        offsets.opacity_logits,
-        offsets.sh,
-        offsets.mask_logits,
-    ]
-    .into_iter()
-    .flatten()
-    .map(|offset| offset.powf_scalar(2.0).sum())
-    .reduce(|sum, part| sum + part)
-    // Proof: the first three of the list are always there.
-    .expect("six offsets were listed")
+    network.decode(network.feature(points, time)).joined().powf_scalar(2.0).sum()
 }
 
 /// Seconds of one forward and one backward pass.

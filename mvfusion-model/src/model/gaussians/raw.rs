@@ -2,10 +2,11 @@
 
 use burn::tensor::{Int, Tensor};
 use mvfusion_render::activation::{self, sigmoid};
+use mvfusion_render::offsets;
 
 use super::attribute::Attribute;
 use crate::model::mask::MaskChannel;
-use crate::model::network::Offsets;
+use crate::model::network::{HeadChoice, Offsets};
 
 /// The colour of a Gaussian at SH degree 0 is `0.5 + SH_C0 * dc`.
 pub const SH_C0: f64 = 0.282_094_791_773_878_14;
@@ -29,17 +30,46 @@ pub struct RawGaussians {
 
 impl RawGaussians {
     /// The Gaussians plus `offsets`, all in raw units (METHOD §2.3).
+    ///
+    /// # Panics
+    /// If there are not as many offsets.
     pub fn deformed(self, offsets: Offsets) -> Self {
-        let [count, coefficients, _] = self.sh.dims();
-        let sh_offsets =
-            offsets.sh.map(|offsets| offsets.narrow(1, 0, coefficients * 3).reshape([count, coefficients, 3]));
+        // Proof: there is a result for each set.
+        Self::deformed_each(vec![self], offsets).pop().expect("one")
+    }
+
+    /// The same for sets of Gaussians, whose offsets follow one another.
+    pub(crate) fn deformed_each(sets: Vec<Self>, offsets: Offsets) -> Vec<Self> {
+        let heads = offsets.heads();
+        let widths: Vec<usize> = heads.widths().into_iter().filter(|&width| width > 0).collect();
+        let attributes = sets.iter().map(|set| set.of_heads(heads)).collect();
+        let sums = offsets::add(attributes, offsets.joined(), &widths);
+        sets.into_iter().zip(sums).map(|(set, sums)| set.with(heads, sums)).collect()
+    }
+
+    /// The attributes that heads deform, in the order of [`Offsets::joined`].
+    fn of_heads(&self, heads: HeadChoice) -> Vec<Tensor<2>> {
+        let [count, coefficients, channels] = self.sh.dims();
+        let geometry = [&self.means, &self.log_scales, &self.quaternions].map(Tensor::clone);
+        let opacity = heads.opacity.then(|| self.opacity_logits.clone());
+        let sh = heads.sh.then(|| self.sh.clone().reshape([count, coefficients * channels]));
+        let masks = self.mask_logits.clone().filter(|_| heads.masks);
+        geometry.into_iter().chain(opacity).chain(sh).chain(masks).collect()
+    }
+
+    /// These Gaussians with other values of the attributes of [`RawGaussians::of_heads`].
+    fn with(self, heads: HeadChoice, attributes: Vec<Tensor<2>>) -> Self {
+        let mut attributes = attributes.into_iter();
+        // Proof: each head's attribute has a sum.
+        let mut next = || attributes.next().expect("an attribute");
+        let shape = self.sh.dims();
         Self {
-            means: self.means + offsets.means,
-            sh: plus(self.sh, sh_offsets),
-            opacity_logits: plus(self.opacity_logits, offsets.opacity_logits),
-            log_scales: self.log_scales + offsets.log_scales,
-            quaternions: self.quaternions + offsets.quaternions,
-            mask_logits: self.mask_logits.map(|logits| plus(logits, offsets.mask_logits)),
+            means: next(),
+            log_scales: next(),
+            quaternions: next(),
+            opacity_logits: if heads.opacity { next() } else { self.opacity_logits },
+            sh: if heads.sh { next().reshape(shape) } else { self.sh },
+            mask_logits: self.mask_logits.map(|logits| if heads.masks { next() } else { logits }),
         }
     }
 
@@ -90,12 +120,4 @@ pub(super) fn foreground_share(mask_logits: Tensor<2>) -> Tensor<2> {
         mask_logits,
         [MaskChannel::Static, MaskChannel::Dynamic].map(|channel| channel as usize),
     )
-}
-
-/// Values plus offsets, if there are any.
-fn plus<const D: usize>(values: Tensor<D>, offsets: Option<Tensor<D>>) -> Tensor<D> {
-    match offsets {
-        Some(offsets) => values + offsets,
-        None => values,
-    }
 }

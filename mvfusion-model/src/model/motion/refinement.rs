@@ -141,34 +141,22 @@ impl MotionRefinement {
         Self { guidance, temporal, rules: RefinementRules::new(config) }
     }
 
-    /// The refined offsets of canonical centres `[M, 3]`, one after the other of the configured moments.
+    /// The refined offsets of canonical centres `[M, 3]`, which are those of the configured moments in turn.
     ///
     /// Gradients reach the network only through the feature. Neighbour tokens (unless `neighbour_gradient` is on), the
     /// geometry inside the centre token and all descriptors are constants (A17).
-    pub fn offsets(
-        &self,
-        network: &DeformationNetwork,
-        means: Tensor<2>,
-        config: &RefinementConfig<'_>,
-    ) -> Vec<Offsets> {
+    pub fn offsets(&self, network: &DeformationNetwork, means: Tensor<2>, config: &RefinementConfig<'_>) -> Offsets {
         let feature = self.feature(network, means, config);
         let base = feature.base.clone();
-        let counts: Vec<usize> = config.moments.iter().map(MomentRows::count).collect();
-        let refined = network.decode_parts(feature.fused(), &counts);
-        let with_base = |join: fn(Offsets, Offsets) -> Offsets, refined: Vec<Offsets>| {
-            let base = network.decode_parts(base, &counts);
-            base.into_iter().zip(refined).map(|(base, refined)| join(base, refined)).collect()
-        };
+        let refined = network.decode(feature.fused());
+        let of_base = || network.decode(base);
         match (self.rules.refinement, self.rules.refine_masks) {
             (Refinement::Replace, true) => refined,
-            (Refinement::Replace, false) => {
-                with_base(|base, refined| Offsets { mask_logits: base.mask_logits, ..refined }, refined)
-            }
-            (Refinement::Sum, true) => with_base(|base, refined| base + refined, refined),
+            (Refinement::Replace, false) => refined.with_masks_of(&of_base()),
+            (Refinement::Sum, true) => of_base() + refined,
             (Refinement::Sum, false) => {
-                let of_base =
-                    |base: Offsets, refined| Offsets { mask_logits: base.mask_logits.clone(), ..base + refined };
-                with_base(of_base, refined)
+                let base = of_base();
+                (base.clone() + refined).with_masks_of(&base)
             }
         }
     }

@@ -68,13 +68,6 @@ impl DeformationNetwork {
 
     /// The offsets of all attributes for a hidden feature `[N, width]`.
     pub fn decode(&self, feature: Tensor<2>) -> Offsets {
-        let count = feature.dims()[0];
-        // Proof: there are offsets for each number of rows.
-        self.decode_parts(feature, &[count]).pop().expect("one part")
-    }
-
-    /// The same for neighbouring parts of the rows, each with the given number of them.
-    pub fn decode_parts(&self, feature: Tensor<2>, counts: &[usize]) -> Vec<Offsets> {
-        measure(Part::Network, || decode(feature, counts, &self.heads, self.masks.as_ref()))
+        measure(Part::Network, || decode(feature, &self.heads, self.masks.as_ref()))
     }
 }

@@ -1,21 +1,22 @@
 //! The heads: offsets of each attribute from a feature (METHOD §2.3, §2.4).
 
+use std::ops::Add;
+
 use burn::module::Module;
 use burn::nn::Linear;
 use burn::tensor::Tensor;
-use mvfusion_render::blocks::apart;
 
 use super::{Mlp, ModuleInit, Rectified, side_by_side};
 use crate::model::mask::MaskChannel;
-
-/// Number of values of centre, log-scale and quaternion.
-const GEOMETRY_OUTPUTS: usize = 10;
 
 /// Number of deformed colour coefficients: degree 3, three channels.
 const SH_OUTPUTS: usize = 48;
 
 /// Number of mask logits.
 const MASK_OUTPUTS: usize = MaskChannel::ALL.len();
+
+/// Number of the mask logits in the order of [`Offsets::joined`].
+const MASKS: usize = 5;
 
 /// The heads of a network other than those for centres, log-scales and quaternions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,26 +37,93 @@ impl HeadChoice {
 impl HeadChoice {
     /// Number of outputs of the heads per Gaussian; 62 with all heads.
     pub fn outputs(self) -> usize {
+        self.widths().iter().sum()
+    }
+
+    /// Number of outputs for each attribute, in the order of [`Offsets::joined`]; 0 without a head.
+    pub(crate) fn widths(self) -> [usize; 6] {
         let of = |there: bool, outputs: usize| if there { outputs } else { 0 };
-        GEOMETRY_OUTPUTS + of(self.opacity, 1) + of(self.sh, SH_OUTPUTS) + of(self.masks, MASK_OUTPUTS)
+        [3, 3, 4, of(self.opacity, 1), of(self.sh, SH_OUTPUTS), of(self.masks, MASK_OUTPUTS)]
     }
 }
 
-/// Offsets of the raw attributes of the dynamic Gaussians.
+/// Offsets of the raw attributes of the dynamic Gaussians, as the heads give them: side by side in one matrix.
 #[derive(Clone, Debug)]
 pub struct Offsets {
+    joined: Tensor<2>,
+    heads: HeadChoice,
+}
+
+impl Offsets {
     /// Centres, in world units: `[N, 3]`.
-    pub means: Tensor<2>,
+    pub fn means(&self) -> Tensor<2> {
+        self.columns(0)
+    }
+
     /// Log-scales: `[N, 3]`.
-    pub log_scales: Tensor<2>,
+    pub fn log_scales(&self) -> Tensor<2> {
+        self.columns(1)
+    }
+
     /// Quaternions, component-wise: `[N, 4]`.
-    pub quaternions: Tensor<2>,
+    pub fn quaternions(&self) -> Tensor<2> {
+        self.columns(2)
+    }
+
     /// Opacity logits: `[N, 1]`; absent if they do not change.
-    pub opacity_logits: Option<Tensor<2>>,
+    pub fn opacity_logits(&self) -> Option<Tensor<2>> {
+        self.heads.opacity.then(|| self.columns(3))
+    }
+
     /// Colour coefficients, coefficient by coefficient, colour fastest: `[N, 48]`; absent if they do not change.
-    pub sh: Option<Tensor<2>>,
+    pub fn sh(&self) -> Option<Tensor<2>> {
+        self.heads.sh.then(|| self.columns(4))
+    }
+
     /// Mask logits, one column per [`MaskChannel`]: `[N, 3]`; absent without mask heads.
-    pub mask_logits: Option<Tensor<2>>,
+    pub fn mask_logits(&self) -> Option<Tensor<2>> {
+        self.heads.masks.then(|| self.columns(MASKS))
+    }
+
+    /// All offsets, `[N, outputs]`: centres, log-scales, quaternions, opacity, colour, mask logits. Absent heads leave no
+    /// gap.
+    pub fn joined(self) -> Tensor<2> {
+        self.joined
+    }
+
+    /// Which heads there are besides those for centres, log-scales and quaternions.
+    pub fn heads(&self) -> HeadChoice {
+        self.heads
+    }
+
+    /// These offsets, but the mask logits of others.
+    pub(crate) fn with_masks_of(self, other: &Self) -> Self {
+        match other.mask_logits() {
+            Some(masks) => {
+                let kept = self.joined.clone().narrow(1, 0, self.first_column(MASKS));
+                Self { joined: Tensor::cat(vec![kept, masks], 1), ..self }
+            }
+            None => self,
+        }
+    }
+
+    /// The columns of an attribute, by its number in the order of [`Offsets::joined`].
+    fn columns(&self, attribute: usize) -> Tensor<2> {
+        self.joined.clone().narrow(1, self.first_column(attribute), self.heads.widths()[attribute])
+    }
+
+    fn first_column(&self, attribute: usize) -> usize {
+        self.heads.widths()[..attribute].iter().sum()
+    }
+}
+
+impl Add for Offsets {
+    type Output = Self;
+
+    /// The sums of the offsets of the same heads.
+    fn add(self, other: Self) -> Self {
+        Self { joined: self.joined + other.joined, ..self }
+    }
 }
 
 /// The attribute heads, each ReLU, linear, ReLU, linear.
@@ -132,56 +200,10 @@ impl MaskHeads {
     }
 }
 
-/// All offsets of a feature `[N, width]`, taken before its ReLU: one after the other, those of the given numbers of rows.
-pub(super) fn decode(
-    feature: Tensor<2>,
-    counts: &[usize],
-    heads: &AttributeHeads,
-    masks: Option<&MaskHeads>,
-) -> Vec<Offsets> {
+/// All offsets of a feature `[N, width]`, taken before its ReLU.
+pub(super) fn decode(feature: Tensor<2>, heads: &AttributeHeads, masks: Option<&MaskHeads>) -> Offsets {
     let chains = heads.chains().chain(masks.iter().flat_map(|masks| masks.chains()));
     let chains: Vec<&[Linear]> = chains.map(|chain| &*chain.layers).collect();
-    let mut widths = vec![3, 3, 4];
-    widths.extend(heads.opacity_logits.as_ref().map(|_| 1));
-    widths.extend(heads.sh.as_ref().map(|_| SH_OUTPUTS));
-    widths.extend(masks.map(|_| MASK_OUTPUTS));
-    let offsets = |parts: Vec<Tensor<2>>| {
-        let mut parts = parts.into_iter();
-        // Proof: there is a part for each width.
-        let mut next = || parts.next().expect("a head has its columns");
-        Offsets {
-            means: next(),
-            log_scales: next(),
-            quaternions: next(),
-            opacity_logits: heads.opacity_logits.as_ref().map(|_| next()),
-            sh: heads.sh.as_ref().map(|_| next()),
-            mask_logits: masks.map(|_| next()),
-        }
-    };
-    apart(side_by_side(&chains, feature, Rectified::Yes), counts, &widths).into_iter().map(offsets).collect()
-}
-
-impl Offsets {
-    /// All offsets concatenated, `[N, outputs]`: centres, log-scales, quaternions, opacity, colour, mask logits. Absent
-    /// heads leave no gap.
-    pub fn joined(self) -> Tensor<2> {
-        let geometry = [self.means, self.log_scales, self.quaternions];
-        Tensor::cat(geometry.into_iter().chain(self.opacity_logits).chain(self.sh).chain(self.mask_logits).collect(), 1)
-    }
-}
-
-impl std::ops::Add for Offsets {
-    type Output = Self;
-
-    fn add(self, other: Self) -> Self {
-        let both = |a: Option<Tensor<2>>, b: Option<Tensor<2>>| a.zip(b).map(|(a, b)| a + b);
-        Self {
-            means: self.means + other.means,
-            log_scales: self.log_scales + other.log_scales,
-            quaternions: self.quaternions + other.quaternions,
-            opacity_logits: both(self.opacity_logits, other.opacity_logits),
-            sh: both(self.sh, other.sh),
-            mask_logits: both(self.mask_logits, other.mask_logits),
-        }
-    }
+    let choice = HeadChoice { opacity: heads.opacity_logits.is_some(), sh: heads.sh.is_some(), masks: masks.is_some() };
+    Offsets { joined: side_by_side(&chains, feature, Rectified::Yes), heads: choice }
 }

@@ -1,6 +1,6 @@
 //! The ops but for the splat: each there and back, as a case.
 
-use anyhow::{Result, ensure};
+use anyhow::{Context, Result, ensure};
 use burn::tensor::{DType, Device, Tensor};
 use mvfusion_render::activation::{foreground_share, sigmoid};
 use mvfusion_render::grid::{GridBounds, GridLayout, look_up, regulariser::penalties};
@@ -8,7 +8,7 @@ use mvfusion_render::mlp::{Layer, MlpLayout};
 use mvfusion_render::optim::{self, AdamMoments, AdamRule, AdamStep};
 use mvfusion_render::scales::{self, ScaleRule};
 use mvfusion_render::window::{Window, blur, ssim_map, structure_map};
-use mvfusion_render::{attention, blocks, mlp};
+use mvfusion_render::{attention, mlp, offsets};
 use mvfusion_tests::{Array, Tolerance, gradient};
 
 use super::photos::{objective_and_back, unpacked};
@@ -34,7 +34,7 @@ pub const CASES: [(&str, Case); 14] = [
     ("activations", activations_and_back),
     ("mlp", mlp_and_back),
     ("attention", attention_and_back),
-    ("blocks", blocks_and_back),
+    ("offsets", offsets_and_back),
     ("blur", blur_and_back),
     ("ssim", ssim_and_back),
     ("structure", structure_and_back),
@@ -136,13 +136,20 @@ fn attention_and_back(device: &Device) -> Result<Outcome> {
     Ok(outcome)
 }
 
-fn blocks_and_back(device: &Device) -> Result<Outcome> {
-    let matrix = normal([1003, 12], 1.0, 24, device);
-    let parts = blocks::apart(matrix.clone(), &[400, 603], &[3, 4, 5]).concat();
-    // The other parts have no gradient.
-    let gradients = (weighed(&parts[0], 25) + weighed(&parts[2], 26) + weighed(&parts[4], 27)).backward();
-    let mut outcome = vec![("matrix".into(), gradient(&matrix, &gradients), SUMS)];
-    outcome.extend(parts.into_iter().map(|part| ("part".into(), Array::of(part), SUMS)));
+fn offsets_and_back(device: &Device) -> Result<Outcome> {
+    let (blocks, widths) = ([3, 4, 48, 5], [3, 4, 12, 5]);
+    let matrix = normal([1003, 60], 1.0, 24, device);
+    let set = |rows: usize| widths.map(|width| normal([rows, width], 1.0, (rows + width) as u64, device)).into();
+    let attributes: Vec<Vec<Tensor<2>>> = vec![set(400), set(603)];
+    let sums = offsets::add(attributes.clone(), matrix.clone(), &blocks).concat();
+    // The other sums have no gradient.
+    let gradients = [0, 2, 3, 5].map(|index| weighed(&sums[index], 25 + index as u64));
+    let gradients = gradients.into_iter().reduce(|sum, term| sum + term).context("a sum")?.backward();
+    let mut outcome = vec![
+        ("offsets".into(), gradient(&matrix, &gradients), SUMS),
+        ("an attribute".into(), gradient(&attributes[0][2], &gradients), SUMS),
+    ];
+    outcome.extend(sums.into_iter().map(|sum| ("sum".into(), Array::of(sum), SUMS)));
     Ok(outcome)
 }
 
