@@ -38,7 +38,7 @@ use super::similarity::{
     Derivatives, ImageStartsCompilationArg, SimilarityConstantsCompilationArg, SimilarityKind, similarity,
     similarity_adjoint,
 };
-use super::sort::{MoveKind, count_digits, move_keys};
+use super::sort::{MoveKind, STAGED_BYTES, count_digits, move_keys};
 use super::stage::{FOUR, GPU_MEMORY, GPU_SPAN, TileShare};
 use super::sums::{SumPlan, sum_rows};
 use super::tiles::{
@@ -222,6 +222,11 @@ impl Catalogue<'_> {
         KernelSettings::new(*CubeDim::new_1d(units as u32), mode, AddressType::U32)
     }
 
+    /// Bytes of shared memory that a cube can have.
+    fn memory(&self) -> usize {
+        self.target.device.hardware.max_shared_memory_size
+    }
+
     fn add_projection(&mut self) {
         let kind = ProjectionKind { square: true, compensated: false, degree: 3 };
         add!(self, Checked, UNITS, "", project::Project, [_ _ _ _ _ _ _ _ _ _ _ _ _ _], kind);
@@ -252,7 +257,7 @@ impl Catalogue<'_> {
         }
         add!(self, Unchecked, UNITS, "", count_digits::CountDigits, [_ _ _ _ _]);
         for (numbered, variant) in [(true, ""), (false, "first of the tiles")] {
-            let kind = MoveKind { staged: true, numbered };
+            let kind = MoveKind { staged: self.memory() >= STAGED_BYTES, numbered };
             add!(self, Unchecked, UNITS, variant, move_keys::MoveKeys, [_ _ _ _ _ _ _ _], kind);
         }
     }
@@ -301,7 +306,7 @@ impl Catalogue<'_> {
             ("an adjoint", End::Adjoint { gated: true, added: true }),
             ("slabs", End::Slabs),
         ];
-        let memory = self.target.device.hardware.max_shared_memory_size;
+        let memory = self.memory();
         for columns in COLUMNS {
             for (name, end) in ends {
                 let rows = if end == End::Slabs { columns } else { ROWS };

@@ -29,6 +29,10 @@ pub const SORT_BLOCK: usize = UNITS * ITEMS;
 const COUNTER_BITS: u32 = 16;
 const COUNTER_MASK: u32 = (1 << COUNTER_BITS) - 1;
 const _: () = assert!(SORT_BLOCK <= COUNTER_MASK as usize);
+/// Bits of a key's place in its sorted block, in half a word.
+const PLACE_BITS: usize = 16;
+const WORD_BITS: usize = 32;
+const _: () = assert!(SORT_BLOCK <= 1 << PLACE_BITS);
 /// Words of a cube's counters, by digit, then by unit.
 const WORDS: usize = LOWER * UNITS;
 /// Words that a unit sums: neighbours of the same digit.
@@ -111,15 +115,17 @@ pub fn move_keys(
         let count = min(max(total[0] as usize, first) - first, SORT_BLOCK);
         if comptime!(kind.staged) {
             let mut staged = Shared::<[u32]>::new_slice(SORT_BLOCK);
-            let mut places = Array::<usize>::new(ITEMS);
-            let mut targets = Array::<usize>::new(ITEMS);
+            // Where the unit's keys went, and the digits of those that it writes.
+            let mut places = packed_zeros(PLACE_BITS);
+            let mut digits = packed_zeros(DIGIT_BITS);
             #[unroll]
             for i in 0..ITEMS {
                 let from = unit * ITEMS + i;
                 if from < count {
                     let key = keys[first + from];
-                    places[i] = next_place(&mut counters, digit_of(key, shift), in_lower);
-                    staged[places[i]] = key;
+                    let place = next_place(&mut counters, digit_of(key, shift), in_lower);
+                    staged[place] = key;
+                    pack(&mut places, i, place, PLACE_BITS);
                 }
             }
             sync_cube();
@@ -128,8 +134,9 @@ pub fn move_keys(
                 let place = i * UNITS + unit;
                 if place < count {
                     let key = staged[place];
-                    targets[i] = target_of(&bases, digit_of(key, shift), place);
-                    moved_keys[targets[i]] = key;
+                    let digit = digit_of(key, shift);
+                    moved_keys[target_of(&bases, digit, place)] = key;
+                    pack(&mut digits, i, digit, DIGIT_BITS);
                 }
             }
             sync_cube();
@@ -137,7 +144,7 @@ pub fn move_keys(
             for i in 0..ITEMS {
                 let from = unit * ITEMS + i;
                 if from < count {
-                    staged[places[i]] = number_at(numbers, first + from, kind);
+                    staged[unpack(&places, i, PLACE_BITS)] = number_at(numbers, first + from, kind);
                 }
             }
             sync_cube();
@@ -145,7 +152,7 @@ pub fn move_keys(
             for i in 0..ITEMS {
                 let place = i * UNITS + unit;
                 if place < count {
-                    moved_numbers[targets[i]] = staged[place];
+                    moved_numbers[target_of(&bases, unpack(&digits, i, DIGIT_BITS), place)] = staged[place];
                 }
             }
         } else {
@@ -181,6 +188,32 @@ fn next_place(counters: &mut Shared<[u32]>, digit: usize, in_lower: u32) -> usiz
 fn place_of(positions: u32, digit: usize, in_lower: u32) -> usize {
     let position = (positions >> half_of(digit)) & COUNTER_MASK;
     select(digit < LOWER, position, position + in_lower) as usize
+}
+
+/// Zeros of so many bits each for the unit's keys, packed into words, which take fewer registers.
+#[cube]
+fn packed_zeros(#[comptime] bits: usize) -> Array<u32> {
+    let words = comptime!(ITEMS.div_ceil(WORD_BITS / bits));
+    let mut packed = Array::<u32>::new(words);
+    #[unroll]
+    for word in 0..words {
+        packed[word] = 0u32;
+    }
+    packed
+}
+
+/// Sets the packed number of key `i`, which is zero.
+#[cube]
+fn pack(packed: &mut Array<u32>, #[comptime] i: usize, number: usize, #[comptime] bits: usize) {
+    let (word, shift) = comptime!((i / (WORD_BITS / bits), (i % (WORD_BITS / bits) * bits) as u32));
+    packed[word] |= (number as u32) << shift;
+}
+
+/// The packed number of key `i`.
+#[cube]
+fn unpack(packed: &Array<u32>, #[comptime] i: usize, #[comptime] bits: usize) -> usize {
+    let (word, shift) = comptime!((i / (WORD_BITS / bits), (i % (WORD_BITS / bits) * bits) as u32));
+    ((packed[word] >> shift) & comptime!((1u32 << bits) - 1)) as usize
 }
 
 #[cube]
