@@ -138,18 +138,19 @@ fn attention_and_back(device: &Device) -> Result<Outcome> {
 
 fn offsets_and_back(device: &Device) -> Result<Outcome> {
     let (blocks, widths) = ([3, 4, 48, 5], [3, 4, 12, 5]);
-    let matrix = normal([1003, 60], 1.0, 24, device);
-    let set = |rows: usize| widths.map(|width| normal([rows, width], 1.0, (rows + width) as u64, device)).into();
-    let attributes: Vec<Vec<Tensor<2>>> = vec![set(400), set(603)];
-    let sums = offsets::add(attributes.clone(), matrix.clone(), &blocks).concat();
-    // The other sums have no gradient.
-    let gradients = [0, 2, 3, 5].map(|index| weighed(&sums[index], 25 + index as u64));
-    let gradients = gradients.into_iter().reduce(|sum, term| sum + term).context("a sum")?.backward();
-    let mut outcome = vec![
-        ("offsets".into(), gradient(&matrix, &gradients), SUMS),
-        ("an attribute".into(), gradient(&attributes[0][2], &gradients), SUMS),
-    ];
-    outcome.extend(sums.into_iter().map(|sum| ("sum".into(), Array::of(sum), SUMS)));
+    let mut outcome = Vec::new();
+    for rows in [[400, 603], [0, 7]] {
+        let matrix = normal([rows[0] + rows[1], 60], 1.0, 24, device);
+        let set = |rows: usize| widths.map(|width| normal([rows, width], 1.0, (rows + width) as u64, device)).into();
+        let attributes: Vec<Vec<Tensor<2>>> = rows.map(set).into();
+        let sums = offsets::add(attributes.clone(), matrix.clone(), &blocks).concat();
+        // The other sums have no gradient.
+        let gradients = [0, 2, 3, 5].map(|index| weighed(&sums[index], 25 + index as u64));
+        let gradients = gradients.into_iter().reduce(|sum, term| sum + term).context("a sum")?.backward();
+        outcome.push((format!("offsets of {rows:?}"), gradient(&matrix, &gradients), SUMS));
+        outcome.push((format!("an attribute of {rows:?}"), gradient(&attributes[1][1], &gradients), SUMS));
+        outcome.extend(sums.into_iter().map(|sum| (format!("a sum of {rows:?}"), Array::of(sum), SUMS)));
+    }
     Ok(outcome)
 }
 
