@@ -61,7 +61,7 @@ pub fn count_digits(keys: &[u32], total: &[u32], counts: &mut [u32], shift: u32,
     }
 }
 
-/// Compile-time parameters of [`move_keys`].
+/// Compile-time parameters of [`move_keys()`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct MoveKind {
     /// Whether a block is sorted in shared memory before it is written, which takes [`STAGED_BYTES`]. A driver that
@@ -71,7 +71,7 @@ pub struct MoveKind {
     pub numbered: bool,
 }
 
-/// Bytes of shared memory that [`move_keys`] needs to sort blocks there.
+/// Bytes of shared memory that [`move_keys()`] needs to sort blocks there.
 pub const STAGED_BYTES: usize = (SORT_BLOCK + WORDS + SCAN_SCRATCH + DIGITS) * size_of::<u32>();
 
 /// Moves keys and numbers to their places. `offsets` `[DIGITS, blocks]` are the prefix sums of the counts.
