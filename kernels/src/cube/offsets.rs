@@ -54,7 +54,8 @@ pub fn add_offsets(
         let (row, column) = (at / columns, at % columns);
         let offset = offsets[(first * columns + at) as usize];
         add_within(a, sum_a, offset, row, column, widths.a);
-        // The column within a block before the offset's own wraps, and is then beyond every width.
+        // Behind the offset's own block, the column has wrapped, and is beyond every width. Before it, the column is beyond
+        // the block, and no attribute is wider than its block.
         let column = column - blocks.a;
         add_within(b, sum_b, offset, row, column, widths.b);
         let column = column - blocks.b;

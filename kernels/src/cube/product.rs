@@ -105,12 +105,12 @@ pub fn product<L: Size, R: Size, O: Size>(
             kind,
         );
         if comptime!(kind.end == End::Slabs) {
-            let sums = sum_over_quarters(&right_sums, &mut rights, kind);
+            let column_sums = sum_over_quarters(&right_sums, &mut rights, kind);
             let four = UNIT_POS as usize;
             if four < comptime!(kind.right_share().fours) && first_row == 0u32 {
                 let column = first_column + (four * FOUR) as u32;
                 let to = to.first + size.rows * to.stride + column;
-                write_ended(sums, bias, gate, result, to, to, column, size.columns, End::Slabs);
+                write_ended(column_sums, bias, gate, result, to, to, column, size.columns, End::Slabs);
             }
         }
     }

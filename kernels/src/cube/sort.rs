@@ -7,8 +7,8 @@
 //! Within a cube, the counters of a digit and of the digit eight above it share a word. No count exceeds a block's
 //! keys, so the lower half never carries into the upper half, and one addition updates both.
 //!
-//! The keys of a digit stay together within a block. A GPU therefore sorts the block in shared memory first: units that
-//! are neighbours then write neighbouring memory.
+//! The keys of a digit stay together within a block. A GPU with enough shared memory therefore sorts the block there
+//! first: units that are neighbours then write neighbouring memory.
 
 use cubecl::prelude::*;
 

@@ -284,7 +284,8 @@ pub fn emit_pairs(
 }
 
 /// The tile lists of a frame from the sorted pairs of all: Gaussians by tile and depth, and the position of each pair
-/// in the lists. `numbers` are the indices that the sorted pairs had before. The frame's pairs begin at `first`, the positions behind the `head` of `slots`.
+/// in the lists. `numbers` are the indices that the sorted pairs had before. The frame's pairs begin at `first`, the
+/// positions behind the `head` of `slots`.
 #[cube(launch)]
 pub fn list_pairs(
     owners: &[u32],

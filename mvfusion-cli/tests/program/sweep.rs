@@ -190,7 +190,7 @@ fn a_sweep_that_was_killed_goes_on_where_it_was_and_ends_with_the_same_table() {
     assert!(whole.status().ends_with("4 cells: 4 finished\n"), "{}", whole.status());
     let said = text(&output.stdout);
     assert!(said.contains("w/o MFTA") && said.contains("built-in scene") && said.contains("32.07"), "{said}");
-    for file in ["table.md", "table.tex", "table.csv", "table.json", "grid.toml", "sweep.json"] {
+    for file in ["table.md", "table.tex", "table.csv", "seeds.csv", "table.json", "grid.toml", "sweep.json"] {
         assert!(whole.path().join("out").join(file).is_file(), "{file}");
     }
 

@@ -11,8 +11,8 @@ use crate::{atomic, run};
 /// Folder of the curves.
 const PLOTS: &str = "plots";
 
-/// Writes `table.md`, `table.tex`, `table.csv`, `seeds.csv`, `table.json` and the curves into the sweep's folder; returns where they
-/// lie. `outcomes` are in the order of the index's cells.
+/// Writes `table.md`, `table.tex`, `table.csv`, `seeds.csv`, `table.json` and the curves into the sweep's folder;
+/// returns where they lie. `outcomes` are in the order of the index's cells.
 ///
 /// # Errors
 /// If a file cannot be written.
