@@ -26,6 +26,9 @@ const PHOTOS: usize = 16;
 const DEGREES: f64 = 1.0;
 const SHARE: f64 = 0.02;
 
+/// The bounds of every other camera that was placed, as a multiple of these.
+const POOR: f64 = 5.0;
+
 /// Length of the axes that are aligned, see [`PoseErrors::of`]. The few cameras of the rig stand nearly on a line, so that
 /// only their directions say how it is turned around that line.
 const AXIS: f64 = 0.1;
@@ -82,7 +85,7 @@ fn cameras(scene: &Scene, name: impl Fn(&str) -> String) -> BTreeMap<String, Cam
     scene.train.iter().chain(&scene.test).map(|view| (name(&view.name), view.camera)).collect()
 }
 
-/// Checks that at least `least` cameras were placed near their known poses.
+/// Checks that at least `least` cameras were placed near their known poses, and none far off.
 fn check(found: &BTreeMap<String, Camera>, known: &BTreeMap<String, Camera>, least: usize, axis: f64) -> Result<()> {
     let errors = PoseErrors::of(found, known, axis);
     eprintln!("{}", errors.describe());
@@ -94,6 +97,8 @@ fn check(found: &BTreeMap<String, Camera>, known: &BTreeMap<String, Camera>, lea
         100.0 * SHARE,
         errors.describe()
     );
+    let (degrees, share) = (errors.degrees[errors.cameras - 1], errors.shares[errors.cameras - 1]);
+    ensure!(degrees < POOR * DEGREES && share < POOR * SHARE, "a camera is far off: {}", errors.describe());
     Ok(())
 }
 
