@@ -67,12 +67,17 @@ fn largest_eigenvector(matrix: [[f64; 4]; 4]) -> [f64; 4] {
 /// centre and the tips of its camera's axes.
 #[derive(Clone, Debug)]
 pub struct PoseErrors {
-    /// Number of cameras.
-    pub cameras: usize,
-    /// Angles between found and known rotations in degrees, ascending.
-    pub degrees: Vec<f64>,
-    /// Distances between found and known centres in shares of the largest distance of two known centres, ascending.
-    pub shares: Vec<f64>,
+    /// The errors of each camera, by name.
+    pub cameras: BTreeMap<String, PoseError>,
+}
+
+/// How far a camera is from where it is known to be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PoseError {
+    /// Angle between found and known rotation, in degrees.
+    pub degrees: f64,
+    /// Distance between found and known centre, as a share of the largest distance of two known centres.
+    pub share: f64,
 }
 
 impl PoseErrors {
@@ -80,32 +85,40 @@ impl PoseErrors {
     /// quadratic means of the distances of the centres from their mean. The longer it is, the more the alignment takes
     /// over of what centres and rotations are turned against each other: 0.1 takes over a hundredth for a ring.
     pub fn of(found: &BTreeMap<String, Camera>, known: &BTreeMap<String, Camera>, axis: f64) -> Self {
-        let pairs: Vec<(&Camera, &Camera)> =
-            found.iter().filter_map(|(name, camera)| Some((camera, known.get(name)?))).collect();
-        let (found, known): (Vec<&Camera>, Vec<&Camera>) = pairs.iter().copied().unzip();
+        let pairs: BTreeMap<&String, (&Camera, &Camera)> =
+            found.iter().filter_map(|(name, camera)| Some((name, (camera, known.get(name)?)))).collect();
+        let (found, known): (Vec<&Camera>, Vec<&Camera>) = pairs.values().copied().unzip();
         let alignment = Similarity::between(&tripods(&found, axis), &tripods(&known, axis));
-        let [from, to] = [found, known].map(|cameras| cameras.iter().map(|c| c.centre()).collect::<Vec<DVec3>>());
-        let extent = to.iter().flat_map(|a| to.iter().map(move |b| a.distance(*b))).fold(0.0, f64::max);
-        let mut shares: Vec<f64> =
-            from.iter().zip(&to).map(|(a, b)| alignment.apply(*a).distance(*b) / extent).collect();
-        let turn = |(a, b): &(&Camera, &Camera)| {
-            let between = DQuat::from_mat3(&(a.rotation * alignment.rotation.transpose() * b.rotation.transpose()));
-            2.0 * between.xyz().length().atan2(between.w.abs()).to_degrees()
+        let centres: Vec<DVec3> = known.iter().map(|camera| camera.centre()).collect();
+        let extent = centres.iter().flat_map(|a| centres.iter().map(move |b| a.distance(*b))).fold(0.0, f64::max);
+        let error = |found: &Camera, known: &Camera| {
+            let turn = found.rotation * alignment.rotation.transpose() * known.rotation.transpose();
+            let turn = DQuat::from_mat3(&turn);
+            PoseError {
+                degrees: 2.0 * turn.xyz().length().atan2(turn.w.abs()).to_degrees(),
+                share: alignment.apply(found.centre()).distance(known.centre()) / extent,
+            }
         };
-        let mut degrees: Vec<f64> = pairs.iter().map(turn).collect();
-        shares.sort_by(f64::total_cmp);
-        degrees.sort_by(f64::total_cmp);
-        Self { cameras: pairs.len(), degrees, shares }
+        Self { cameras: pairs.into_iter().map(|(name, (found, known))| (name.clone(), error(found, known))).collect() }
     }
 
-    /// Median and largest error, for people.
+    /// Number of cameras whose errors are both below these.
+    pub fn below(&self, limit: PoseError) -> usize {
+        self.cameras.values().filter(|error| error.degrees < limit.degrees && error.share < limit.share).count()
+    }
+
+    /// Median and largest errors, for people.
     pub fn describe(&self) -> String {
-        let of = |values: &[f64]| [values.get(values.len() / 2), values.last()].map(|v| v.copied().unwrap_or(f64::NAN));
-        let ([degree, degrees], [share, shares]) = (of(&self.degrees), of(&self.shares));
+        let of = |value: fn(&PoseError) -> f64| {
+            let mut values: Vec<f64> = self.cameras.values().map(value).collect();
+            values.sort_by(f64::total_cmp);
+            [values.get(values.len() / 2), values.last()].map(|value| value.copied().unwrap_or(f64::NAN))
+        };
+        let ([degree, degrees], [share, shares]) = (of(|error| error.degrees), of(|error| error.share));
         format!(
             "{} cameras: rotations {degree:.3}° in the median, {degrees:.3}° at most; centres {:.3} % of the extent, \
              {:.3} % at most",
-            self.cameras,
+            self.cameras.len(),
             100.0 * share,
             100.0 * shares
         )
@@ -147,7 +160,7 @@ mod tests {
         };
         let mut found: BTreeMap<String, Camera> = known.iter().map(|(name, c)| (name.clone(), moved(c))).collect();
         let errors = PoseErrors::of(&found, &known, 0.1);
-        assert!(errors.degrees[6] < 1e-6 && errors.shares[6] < 1e-9, "{}", errors.describe());
+        assert_eq!(errors.below(PoseError { degrees: 1e-6, share: 1e-9 }), 7, "{}", errors.describe());
         if let Some(camera) = found.get_mut("cam3") {
             let centre = camera.centre();
             camera.rotation = DMat3::from_rotation_x(2f64.to_radians()) * camera.rotation;
@@ -155,7 +168,8 @@ mod tests {
         }
         let errors = PoseErrors::of(&found, &known, 0.1);
         // The alignment hardly follows it.
-        assert!((1.9..2.0).contains(&errors.degrees[6]) && errors.degrees[5] < 0.1, "{}", errors.describe());
+        assert!((1.9..2.0).contains(&errors.cameras["cam3"].degrees), "{}", errors.describe());
+        assert_eq!(errors.below(PoseError { degrees: 0.1, share: 0.01 }), 6, "{}", errors.describe());
     }
 
     #[test]
@@ -169,6 +183,6 @@ mod tests {
             (0..5).map(camera).collect()
         };
         let errors = PoseErrors::of(&rig(0.004), &rig(-0.004), 1.0);
-        assert!(errors.degrees[4] < 0.2 && errors.shares[4] < 0.005, "{}", errors.describe());
+        assert_eq!(errors.below(PoseError { degrees: 0.2, share: 0.005 }), 5, "{}", errors.describe());
     }
 }

@@ -12,7 +12,7 @@ mod slurm;
 mod torch;
 mod viewer;
 
-pub use alignment::{PoseErrors, Similarity};
+pub use alignment::{PoseError, PoseErrors, Similarity};
 pub use backends::{Backend, backends, every_backend, gpu_backends, is_there};
 pub use checklist::{Checklist, Few, Tolerance};
 pub use glb::Glb;

@@ -114,47 +114,18 @@ pub fn move_keys(
         let first = CUBE_POS * SORT_BLOCK;
         let count = min(max(total[0] as usize, first) - first, SORT_BLOCK);
         if comptime!(kind.staged) {
-            let mut staged = Shared::<[u32]>::new_slice(SORT_BLOCK);
-            // Where the unit's keys went, and the digits of those that it writes.
-            let mut places = packed_zeros(PLACE_BITS);
-            let mut digits = packed_zeros(DIGIT_BITS);
-            #[unroll]
-            for i in 0..ITEMS {
-                let from = unit * ITEMS + i;
-                if from < count {
-                    let key = keys[first + from];
-                    let place = next_place(&mut counters, digit_of(key, shift), in_lower);
-                    staged[place] = key;
-                    pack(&mut places, i, place, PLACE_BITS);
-                }
-            }
-            sync_cube();
-            #[unroll]
-            for i in 0..ITEMS {
-                let place = i * UNITS + unit;
-                if place < count {
-                    let key = staged[place];
-                    let digit = digit_of(key, shift);
-                    moved_keys[target_of(&bases, digit, place)] = key;
-                    pack(&mut digits, i, digit, DIGIT_BITS);
-                }
-            }
-            sync_cube();
-            #[unroll]
-            for i in 0..ITEMS {
-                let from = unit * ITEMS + i;
-                if from < count {
-                    staged[unpack(&places, i, PLACE_BITS)] = number_at(numbers, first + from, kind);
-                }
-            }
-            sync_cube();
-            #[unroll]
-            for i in 0..ITEMS {
-                let place = i * UNITS + unit;
-                if place < count {
-                    moved_numbers[target_of(&bases, unpack(&digits, i, DIGIT_BITS), place)] = staged[place];
-                }
-            }
+            move_sorted(
+                keys,
+                numbers,
+                moved_keys,
+                moved_numbers,
+                &mut counters,
+                &bases,
+                (first, count),
+                in_lower,
+                shift,
+                kind,
+            );
         } else {
             for from in unit * ITEMS..min((unit + 1) * ITEMS, count) {
                 let key = keys[first + from];
@@ -163,6 +134,66 @@ pub fn move_keys(
                 moved_keys[target] = key;
                 moved_numbers[target] = number_at(numbers, first + from, kind);
             }
+        }
+    }
+}
+
+/// Moves the `count` keys of a block that begins at `first`, and their numbers, by way of the sorted block in shared
+/// memory. For `in_lower`, see [`place_of`].
+#[cube]
+fn move_sorted(
+    keys: &[u32],
+    numbers: &[u32],
+    moved_keys: &mut [u32],
+    moved_numbers: &mut [u32],
+    counters: &mut Shared<[u32]>,
+    bases: &Shared<[u32]>,
+    block: (usize, usize),
+    in_lower: u32,
+    shift: u32,
+    #[comptime] kind: MoveKind,
+) {
+    let (first, count) = block;
+    let unit = UNIT_POS as usize;
+    let mut staged = Shared::<[u32]>::new_slice(SORT_BLOCK);
+    // Where the unit's keys went, and the digits of those that it writes.
+    let mut places = packed_zeros(PLACE_BITS);
+    let mut digits = packed_zeros(DIGIT_BITS);
+    #[unroll]
+    for i in 0..ITEMS {
+        let from = unit * ITEMS + i;
+        if from < count {
+            let key = keys[first + from];
+            let place = next_place(counters, digit_of(key, shift), in_lower);
+            staged[place] = key;
+            pack(&mut places, i, place, PLACE_BITS);
+        }
+    }
+    sync_cube();
+    #[unroll]
+    for i in 0..ITEMS {
+        let place = i * UNITS + unit;
+        if place < count {
+            let key = staged[place];
+            let digit = digit_of(key, shift);
+            moved_keys[target_of(bases, digit, place)] = key;
+            pack(&mut digits, i, digit, DIGIT_BITS);
+        }
+    }
+    sync_cube();
+    #[unroll]
+    for i in 0..ITEMS {
+        let from = unit * ITEMS + i;
+        if from < count {
+            staged[unpack(&places, i, PLACE_BITS)] = number_at(numbers, first + from, kind);
+        }
+    }
+    sync_cube();
+    #[unroll]
+    for i in 0..ITEMS {
+        let place = i * UNITS + unit;
+        if place < count {
+            moved_numbers[target_of(bases, unpack(&digits, i, DIGIT_BITS), place)] = staged[place];
         }
     }
 }

@@ -13,7 +13,7 @@ use std::process::Command;
 use anyhow::{Context, Result, ensure};
 use libtest_mimic::{Completion, Trial};
 use mvfusion_data::{Camera, ReadOptions, Scene, VideoWriter, can_write_videos, open};
-use mvfusion_tests::PoseErrors;
+use mvfusion_tests::{PoseError, PoseErrors};
 use serde_json::Value;
 
 use crate::failed;
@@ -22,12 +22,11 @@ use crate::tiny::{mvfusion, text};
 /// Number of photos: COLMAP compares each pair.
 const PHOTOS: usize = 16;
 
-/// Bounds of a good camera's errors: of its rotation, in degrees, and of its centre, in shares of the extent.
-const DEGREES: f64 = 1.0;
-const SHARE: f64 = 0.02;
+/// Bounds of a good camera's errors.
+const GOOD: PoseError = PoseError { degrees: 1.0, share: 0.02 };
 
-/// The bounds of every other camera that was placed, as a multiple of these.
-const POOR: f64 = 5.0;
+/// Bounds of every camera that was placed.
+const POOR: PoseError = PoseError { degrees: 5.0, share: 0.1 };
 
 /// Length of the axes that are aligned, see [`PoseErrors::of`]. The few cameras of the rig stand nearly on a line, so that
 /// only their directions say how it is turned around that line.
@@ -89,16 +88,8 @@ fn cameras(scene: &Scene, name: impl Fn(&str) -> String) -> BTreeMap<String, Cam
 fn check(found: &BTreeMap<String, Camera>, known: &BTreeMap<String, Camera>, least: usize, axis: f64) -> Result<()> {
     let errors = PoseErrors::of(found, known, axis);
     eprintln!("{}", errors.describe());
-    ensure!(errors.cameras >= least, "only {} of at least {least} cameras were placed", errors.cameras);
-    let (degrees, share) = (errors.degrees[least - 1], errors.shares[least - 1]);
-    ensure!(
-        degrees < DEGREES && share < SHARE,
-        "{least} cameras should be within {DEGREES}° and {} % of the extent: {}",
-        100.0 * SHARE,
-        errors.describe()
-    );
-    let (degrees, share) = (errors.degrees[errors.cameras - 1], errors.shares[errors.cameras - 1]);
-    ensure!(degrees < POOR * DEGREES && share < POOR * SHARE, "a camera is far off: {}", errors.describe());
+    ensure!(errors.below(GOOD) >= least, "fewer than {least} cameras are within {GOOD:?}: {}", errors.describe());
+    ensure!(errors.below(POOR) == errors.cameras.len(), "a camera is not within {POOR:?}: {}", errors.describe());
     Ok(())
 }
 

@@ -15,8 +15,16 @@ const SH_OUTPUTS: usize = 48;
 /// Number of mask logits.
 const MASK_OUTPUTS: usize = MaskChannel::ALL.len();
 
-/// Number of the mask logits in the order of [`Offsets::joined`].
-const MASKS: usize = 5;
+/// An attribute that has a head, in the order of [`Offsets::joined`].
+#[derive(Clone, Copy, Debug)]
+enum Attribute {
+    Means,
+    LogScales,
+    Quaternions,
+    OpacityLogits,
+    Sh,
+    MaskLogits,
+}
 
 /// The heads of a network other than those for centres, log-scales and quaternions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,32 +65,32 @@ pub struct Offsets {
 impl Offsets {
     /// Centres, in world units: `[N, 3]`.
     pub fn means(&self) -> Tensor<2> {
-        self.columns(0)
+        self.columns(Attribute::Means)
     }
 
     /// Log-scales: `[N, 3]`.
     pub fn log_scales(&self) -> Tensor<2> {
-        self.columns(1)
+        self.columns(Attribute::LogScales)
     }
 
     /// Quaternions, component-wise: `[N, 4]`.
     pub fn quaternions(&self) -> Tensor<2> {
-        self.columns(2)
+        self.columns(Attribute::Quaternions)
     }
 
     /// Opacity logits: `[N, 1]`; absent if they do not change.
     pub fn opacity_logits(&self) -> Option<Tensor<2>> {
-        self.heads.opacity.then(|| self.columns(3))
+        self.heads.opacity.then(|| self.columns(Attribute::OpacityLogits))
     }
 
     /// Colour coefficients, coefficient by coefficient, colour fastest: `[N, 48]`; absent if they do not change.
     pub fn sh(&self) -> Option<Tensor<2>> {
-        self.heads.sh.then(|| self.columns(4))
+        self.heads.sh.then(|| self.columns(Attribute::Sh))
     }
 
     /// Mask logits, one column per [`MaskChannel`]: `[N, 3]`; absent without mask heads.
     pub fn mask_logits(&self) -> Option<Tensor<2>> {
-        self.heads.masks.then(|| self.columns(MASKS))
+        self.heads.masks.then(|| self.columns(Attribute::MaskLogits))
     }
 
     /// All offsets, `[N, outputs]`: centres, log-scales, quaternions, opacity, colour, mask logits. Absent heads leave no
@@ -100,20 +108,20 @@ impl Offsets {
     pub(crate) fn with_masks_of(self, other: &Self) -> Self {
         match other.mask_logits() {
             Some(masks) => {
-                let kept = self.joined.clone().narrow(1, 0, self.first_column(MASKS));
+                let kept = self.joined.clone().narrow(1, 0, self.first_column(Attribute::MaskLogits));
                 Self { joined: Tensor::cat(vec![kept, masks], 1), ..self }
             }
             None => self,
         }
     }
 
-    /// The columns of an attribute, by its number in the order of [`Offsets::joined`].
-    fn columns(&self, attribute: usize) -> Tensor<2> {
-        self.joined.clone().narrow(1, self.first_column(attribute), self.heads.widths()[attribute])
+    /// The columns of an attribute.
+    fn columns(&self, attribute: Attribute) -> Tensor<2> {
+        self.joined.clone().narrow(1, self.first_column(attribute), self.heads.widths()[attribute as usize])
     }
 
-    fn first_column(&self, attribute: usize) -> usize {
-        self.heads.widths()[..attribute].iter().sum()
+    fn first_column(&self, attribute: Attribute) -> usize {
+        self.heads.widths()[..attribute as usize].iter().sum()
     }
 }
 
