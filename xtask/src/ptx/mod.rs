@@ -37,7 +37,7 @@ const SHARED_MEMORY: usize = 48 << 10;
 const MOST_SPILLED: usize = 32;
 
 /// The page that shows the table, and its place.
-const PAGE: &str = "docs/performance.md";
+const PAGE: &str = "docs/performance-kernels.md";
 const START: &str = "<!-- registers: written by `cargo xtask ptx --write` -->";
 const END: &str = "<!-- end of registers -->";
 
@@ -53,7 +53,7 @@ pub struct PtxArguments {
     /// Folder of the toolkit.
     #[arg(long, value_name = "DIR")]
     toolkit: PathBuf,
-    /// Write the table into docs/performance.md.
+    /// Write the table into docs/performance-kernels.md.
     #[arg(long)]
     write: bool,
     /// Keep the sources and the PTX in this folder.

@@ -37,7 +37,10 @@ fn all() -> Result<()> {
         found += usize::from(judged(&kernel, false, folder.path()).is_err());
     }
     ensure!(faults.is_empty(), "{}", faults.join("\n"));
-    ensure!(found > 0, "CubeCL lays out shared memory everywhere: README and docs/performance.md say otherwise");
+    ensure!(
+        found > 0,
+        "CubeCL lays out shared memory everywhere: README and docs/performance-kernels.md say otherwise"
+    );
     Ok(())
 }
 
