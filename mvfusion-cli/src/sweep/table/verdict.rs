@@ -133,7 +133,8 @@ impl SceneVerdict {
         };
         let intervals: Vec<String> = self.intervals.iter().map(of).collect();
         let effect = self.effect.map_or("not known", Effect::word);
-        format!("{effect}: {}", intervals.join("; "))
+        let provisional = self.effect.is_some() && !self.is_complete() && !self.is_harmed_for_good();
+        format!("{effect}{}: {}", if provisional { " so far" } else { "" }, intervals.join("; "))
     }
 
     /// Whether every seed has a metric.

@@ -116,10 +116,12 @@ fn harm_is_shown_without_the_other_metrics_of_the_scene() {
     forget(&index, &mut outcomes, "a", "composed.lpips_alex");
     let verdict = &Table::of(&index, &outcomes).verdicts[0];
     assert_eq!((verdict.scenes[0].effect, verdict.recommended), (Some(Effect::Harms), Some(false)));
+    assert!(verdict.scenes[0].sentence().starts_with("harms: "), "{}", verdict.scenes[0].sentence());
     // One seed to go could still widen the interval.
     outcomes[0] = Outcome::Unfinished;
     let verdict = &Table::of(&index, &outcomes).verdicts[0];
     assert_eq!((verdict.scenes[0].effect, verdict.recommended), (Some(Effect::Harms), None));
+    assert!(verdict.scenes[0].sentence().starts_with("harms so far: "), "{}", verdict.scenes[0].sentence());
     assert_eq!(verdict.recommendation(index.rule.as_ref().expect("it has one")), "not complete");
 }
 
