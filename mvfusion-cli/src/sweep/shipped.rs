@@ -25,6 +25,7 @@ pub const SHIPPED: &[Shipped] = shipped![
     "methods",
     "claim",
     "claim-small",
+    "claim-again",
     "readings",
     "convergence",
     "costs",
