@@ -5,16 +5,29 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
+/// Advice for a file or folder that this program may not read.
+pub(crate) const MAKE_READABLE: &str = "Make it readable for the user who runs this program.";
+
+/// Advice for an unusable image. The frames of several cameras belong together.
+pub(crate) const REPLACE_IMAGE: &str = "Replace the file. If it is not needed, remove it: a photo together with its \
+                                        pose, a frame of several cameras from every camera.";
+
 /// The reason why a scene cannot be read or written. Each message names the file and the remedy.
 #[derive(Debug, Error)]
 pub enum DataError {
     /// An image cannot be opened or decoded.
-    #[error("cannot read the picture {path}: {reason}. Replace the file, or remove it if the frame is not needed.")]
+    #[error("cannot read the image {path}: {reason}. {REPLACE_IMAGE}")]
     Image {
         /// The file.
         path: PathBuf,
         /// The decoder's message.
         reason: String,
+    },
+    /// A file or folder exists, but this program may not read it.
+    #[error("cannot read {path}: permission denied. {MAKE_READABLE}")]
+    Denied {
+        /// The file or folder.
+        path: PathBuf,
     },
     /// A folder does not exist or cannot be listed.
     #[error("cannot open the folder {folder}: {reason}. {advice}")]
@@ -36,7 +49,7 @@ pub enum DataError {
         /// What to do.
         advice: String,
     },
-    /// The content of a file other than an image cannot be used.
+    /// The content of a file cannot be used.
     #[error("cannot use {path}: {reason}. {advice}")]
     Content {
         /// The file.
@@ -46,27 +59,29 @@ pub enum DataError {
         /// What to do.
         advice: &'static str,
     },
-    /// Two numbers that must agree differ.
+    /// Two numbers, or two lists of frames, that must agree differ.
     #[error("{folder}: {first}, but {second}. {advice}")]
     Disagreement {
         /// The scene's folder.
         folder: PathBuf,
-        /// One side, with its number: `cam00 has 24 frames`.
+        /// One side: `cam00 has 24 frames`.
         first: String,
-        /// The other side, with its number.
+        /// The other side.
         second: String,
         /// What to do.
         advice: String,
     },
-    /// The value of an option is invalid for this scene.
-    #[error("the option {option} = {value} cannot be used: {reason}.")]
+    /// The value of an option of [`ReadOptions`](crate::ReadOptions) is invalid for this scene.
+    #[error("scene.{option} = {value} cannot be used: {reason}. {advice}")]
     Setting {
-        /// Name of the option.
+        /// Name of the option, which is a key of `[scene]` in a configuration.
         option: &'static str,
         /// Its value, as given.
         value: String,
-        /// The reason, and the valid values.
+        /// The problem.
         reason: String,
+        /// A valid value, and how to set it.
+        advice: String,
     },
     /// No reader recognises the folder.
     #[error("{folder} is in no format that can be read:{}", listed(.refusals))]

@@ -233,7 +233,7 @@ fn a_scene_that_vanishes_for_a_while_stops_the_run_and_it_resumes() {
     fs::rename(place.join("scene"), place.join("elsewhere")).expect("moved");
     let (code, said) = ended(child);
     assert_eq!(code, Some(FAILED), "{said}");
-    assert_says(&said, &["cannot read the picture", "scene/cam", "Continue with: mvfusion train --resume run"]);
+    assert_says(&said, &["cannot read the image", "scene/cam", "Continue with: mvfusion train --resume run"]);
     fs::rename(place.join("elsewhere"), place.join("scene")).expect("moved back");
     assert_resumes(place, &place.join("run"), &outcome(&place.join("whole")));
 }

@@ -20,7 +20,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use crate::error::DataError;
-use crate::files::{read_json, rotation_of};
+use crate::files::{or_denied, read_json, rotation_of};
 use crate::scene::{Camera, LARGEST_COORDINATE};
 
 const ADVICE: &str = "Camera paths are what nerfstudio's viewer exports, or lists like the cameras.json of 3DGS: \
@@ -86,7 +86,7 @@ struct Listed {
 /// # Errors
 /// [`DataError::Content`] that names the entry by its index, from 0.
 pub fn read_camera_path(path: &Path) -> Result<CameraPath, DataError> {
-    let value: Value = read_json(path, ADVICE)?;
+    let value: Value = read_json(path, ADVICE).map_err(or_denied)?;
     let parsed = if value.is_array() { parse_list(value) } else { parse_export(value) };
     parsed.map_err(|reason| DataError::Content { path: path.to_owned(), reason, advice: ADVICE })
 }
@@ -142,7 +142,7 @@ fn check(entry: PathEntry) -> Result<PathEntry, String> {
 pub fn check_camera(camera: &Camera) -> Result<(), String> {
     let Camera { width, height, fx, fy, .. } = *camera;
     if width == 0 || height == 0 || width.max(height) > LONGEST_SIDE {
-        return Err(format!("its picture has {width} x {height} pixels, and a side has 1 to {LONGEST_SIDE}"));
+        return Err(format!("its image has {width} x {height} pixels, and a side has 1 to {LONGEST_SIDE}"));
     }
     if ![fx, fy].iter().all(|focal| focal.is_finite() && *focal > 0.0) {
         return Err(format!("its focal lengths are {fx} and {fy} pixels, and both must be above zero"));

@@ -3,6 +3,7 @@
 //! The content of files is not trusted: no path leads out of the scene's folder, no header determines how much memory
 //! is allocated, and what is no regular file is not opened. The files of a run or a sweep are opened in the same way.
 
+mod denied;
 mod npy;
 mod open;
 mod paths;
@@ -10,6 +11,7 @@ mod pictures;
 mod rotation;
 mod temporary;
 
+pub(crate) use denied::{denied, or_denied};
 pub(crate) use npy::{read_npy, read_npz};
 pub(crate) use open::{COPY_OR_MEND, dataset_text, parse_json, read_json};
 pub use open::{open_file, read_bytes, read_text};

@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use super::denied::or_denied;
 use crate::error::DataError;
 
 /// Extensions of images, in lower case and in search order. Some cameras write capitals.
@@ -11,7 +12,7 @@ const PICTURE_EXTENSIONS: [&str; 4] = ["png", "jpg", "jpeg", "exr"];
 /// The images in a folder, sorted by name.
 ///
 /// # Errors
-/// [`DataError::Folder`] if it cannot be listed.
+/// [`DataError::Folder`] if it cannot be listed, [`DataError::Denied`] if it may not be.
 pub(crate) fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, DataError> {
     let mut paths = entries(folder, "Put the photos there")?;
     paths.retain(|path| is_picture(path));
@@ -33,7 +34,8 @@ fn is_picture(path: &Path) -> bool {
 
 /// The entries of a folder, sorted by name.
 pub(crate) fn entries(folder: &Path, advice: &'static str) -> Result<Vec<PathBuf>, DataError> {
-    let fail = |e: std::io::Error| DataError::Folder { folder: folder.to_owned(), reason: e.to_string(), advice };
+    let fail =
+        |e: std::io::Error| or_denied(DataError::Folder { folder: folder.to_owned(), reason: e.to_string(), advice });
     let listing: Result<Vec<_>, _> = fs::read_dir(folder).map_err(fail)?.map(|e| e.map(|e| e.path())).collect();
     let mut paths = listing.map_err(fail)?;
     paths.sort();

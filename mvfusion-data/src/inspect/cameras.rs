@@ -51,7 +51,7 @@ fn fields_of_view(scene: &Scene) -> Option<Problem> {
         first.name
     );
     let remedy =
-        "Usual are 20 to 120 degrees. Check that the focal length is in pixels, and for this size of the pictures.";
+        "Usual are 20 to 120 degrees. Check that the focal length is in pixels, and for this size of the images.";
     Some(Problem::warning(Subject::Cameras, what, remedy))
 }
 
@@ -63,8 +63,8 @@ fn principal_points(scene: &Scene) -> Option<Problem> {
     let odd = those(scene, outside);
     (!odd.is_empty()).then(|| {
         let what =
-            format!("the principal point of {} lies outside the picture ({})", count(odd.len(), "view"), few(&odd));
-        let remedy = "Check cx and cy: they are in pixels from the upper left corner, for this size of the pictures.";
+            format!("the principal point of {} lies outside the image ({})", count(odd.len(), "view"), few(&odd));
+        let remedy = "Check cx and cy: they are in pixels from the upper left corner, for this size of the images.";
         Problem::warning(Subject::Cameras, what, remedy)
     })
 }
@@ -77,7 +77,7 @@ fn places(scene: &Scene) -> Option<Problem> {
     if extent <= ONE_SPOT * distance || extent <= ROUNDING * centre.length() {
         let what =
             format!("all training cameras stand in one spot (extent {extent:.2e}): depths cannot be told from it");
-        let remedy = "Train on pictures from several places. If these are, the translations of the poses are lost.";
+        let remedy = "Train on images from several places. If these are, the translations of the poses are lost.";
         let problem = Problem::warning(Subject::Cameras, what, remedy);
         // Losses and learning rates scale with the extent (METHOD §3).
         let is_nothing = extent <= ROUNDING * distance.max(centre.length());

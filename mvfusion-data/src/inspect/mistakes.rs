@@ -24,7 +24,7 @@ const INVERSE_OPENGL: &str = "the poses lead the other way (camera-to-world, wor
                               where they should be OpenCV's, or the other way round";
 const AXES: &str = "the columns or rows of the poses stand in another order";
 const WORLD: &str = "the points were turned, and the cameras were not";
-const MIRRORED: &str = "the pictures are mirrored, or an axis of the cameras has the wrong sign";
+const MIRRORED: &str = "the images are mirrored, or an axis of the cameras has the wrong sign";
 const UNIT: &str = "cameras and points are in different units";
 
 /// All mistakes to try, the most likely first.
@@ -54,7 +54,7 @@ pub(super) fn all() -> Vec<Mistake> {
         [(DVec3::new(-1.0, 1.0, 1.0), "left and right"), (DVec3::new(1.0, -1.0, 1.0), "top and bottom")]
     {
         let axes = DMat3::from_diagonal(signs);
-        let undone = format!("with {sides} of the pictures exchanged");
+        let undone = format!("with {sides} of the images exchanged");
         all.push(Mistake { warp: Warp { axes, ..Warp::NONE }, undone, cause: MIRRORED });
     }
     for scale in [1e-3, 1e3, 1e-2, 1e2, 1e-1, 1e1] {

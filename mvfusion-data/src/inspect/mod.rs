@@ -3,6 +3,7 @@
 //! Each kind of problem has its own file. All problems are reported, and the scene is not changed.
 
 mod cameras;
+mod masks;
 mod mistakes;
 mod order;
 mod origin;
@@ -88,6 +89,7 @@ pub fn inspect(folder: &Path, options: &ReadOptions, pictures: Pictures) -> (Ins
         Ok(scene) => {
             let mut inspection = inspect_scene(&scene, &origin, pictures);
             inspection.problems.extend(size::odd_shape(reader, folder, &scene));
+            inspection.problems.extend(masks::ignored(reader, folder, &scene));
             inspection.problems.sort_by_key(|problem| problem.severity);
             (inspection, Some(scene))
         }

@@ -35,14 +35,15 @@ pub(super) fn problem(scene: &Scene, cloud: &Cloud, witnesses: &[Witness<'_>]) -
         return None;
     }
     let what = format!(
-        "for {} of {} cameras looked at, the picture of another fits the pose much better than their own: for {} that of {}",
+        "for {} of {} cameras looked at, the image of another fits the pose much better than their own: for {} that of \
+         {}",
         strangers.len(),
         witnesses.len(),
         witnesses[pose].name,
         witnesses[picture].name
     );
     let remedy = "Check the order: rows of poses_bounds.npy follow the sorted names of the cameras, and other formats name \
-                  the picture of each pose.";
+                  the image of each pose.";
     Some(Problem::warning(Subject::Poses, what, remedy))
 }
 

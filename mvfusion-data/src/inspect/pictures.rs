@@ -24,6 +24,9 @@ const NOTHING: f64 = 0.01;
 /// Fraction of pixels, over all masks, below which the masks may be inverted.
 const LITTLE: f64 = 0.5;
 
+/// What must be removed together.
+const TOGETHER: &str = "photos together with their poses, and frames of several cameras from every camera";
+
 /// How closely the images are inspected.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Pictures {
@@ -135,25 +138,33 @@ fn turned(scene: &Scene) -> Vec<Problem> {
     );
     let applied = note(
         names(ExifOrientation::Applied),
-        "applied: only the turned pictures fit the cameras",
+        "applied: only the turned images fit the cameras",
         "Look at the contact sheet: the points must lie on the photos.",
     );
     [ignored, applied].into_iter().flatten().collect()
 }
 
-/// A number of images as a subject: `1 picture has`.
+/// A number of images as a subject: `1 image has`.
 fn having(number: usize) -> String {
-    format!("{} {}", count(number, "picture"), if number == 1 { "has" } else { "have" })
+    format!("{} {}", count(number, "image"), if number == 1 { "has" } else { "have" })
 }
 
 fn broken(looks: &BTreeMap<usize, Looked<'_>>) -> Option<Problem> {
     // A broken video breaks all its frames, but is named once.
     let mut reasons: BTreeMap<&Path, String> = BTreeMap::new();
+    let mut remedy = format!("Copy them again from where they came from, or remove {TOGETHER}.");
     for error in looks.values().filter_map(|looked| looked.look.as_ref().err()).flatten() {
-        if let DataError::Image { path, reason } | DataError::Content { path, reason, .. } = error {
-            reasons.entry(path).or_insert_with(|| reason.clone());
-        } else {
-            reasons.entry(Path::new("a picture")).or_insert_with(|| error.to_string());
+        match error {
+            DataError::Image { path, reason } | DataError::Content { path, reason, .. } => {
+                reasons.entry(path).or_insert_with(|| reason.clone());
+            }
+            DataError::Denied { path } => {
+                reasons.entry(path).or_insert_with(|| "permission denied".into());
+                remedy = "Make the files readable for the user who runs this program, and check again.".into();
+            }
+            error => {
+                reasons.entry(Path::new("an image")).or_insert_with(|| error.to_string());
+            }
         }
     }
     if reasons.is_empty() {
@@ -163,15 +174,14 @@ fn broken(looks: &BTreeMap<usize, Looked<'_>>) -> Option<Problem> {
     let more = reasons.len().saturating_sub(LISTED);
     let more = if more > 0 { format!("\nand {more} more") } else { String::new() };
     let what = format!("cannot decode {}{}{more}", count(reasons.len(), "file"), listed.collect::<String>());
-    let remedy = "Copy them again from where they came from, or remove them and their poses.";
     Some(Problem::error(Subject::Pictures, what, remedy))
 }
 
 fn blank(seen: &[(&View, &Look)]) -> Option<Problem> {
     let names: Vec<&str> = seen.iter().filter(|(_, look)| look.blank).map(|(view, _)| view.name.as_str()).collect();
     (!names.is_empty()).then(|| {
-        let what = format!("found {} of one colour and nothing else ({})", count(names.len(), "picture"), few(&names));
-        Problem::warning(Subject::Pictures, what, "Remove them with their poses, or extract them again.")
+        let what = format!("found {} of one colour and nothing else ({})", count(names.len(), "image"), few(&names));
+        Problem::warning(Subject::Pictures, what, format!("Extract them again, or remove {TOGETHER}."))
     })
 }
 
@@ -201,10 +211,12 @@ fn twins(scene: &Scene, looks: &BTreeMap<usize, Looked<'_>>) -> Option<Problem> 
     };
     let what = format!(
         "found {}, equal bit by bit (the first: {other}, equal to {one}){leaked}",
-        count(pairs.len(), "repeated picture")
+        count(pairs.len(), "repeated image")
     );
-    let remedy = "Remove the copies with their poses; for a video, extract the frames at its own rate. Where nothing changes \
-                  in front of a camera, it is as it should be.";
+    let remedy = format!(
+        "For a video, extract the frames at its own rate; otherwise remove {TOGETHER}. Where nothing changes in front of \
+         a camera, it is as it should be."
+    );
     Some(Problem::warning(Subject::Pictures, what, remedy))
 }
 
@@ -212,11 +224,8 @@ fn empty_masks(seen: &[(&View, &Look)]) -> Option<Problem> {
     let empty = seen.iter().filter(|(_, look)| look.kept.is_some_and(|kept| kept < NOTHING));
     let names: Vec<&str> = empty.map(|(view, _)| view.name.as_str()).collect();
     (!names.is_empty()).then(|| {
-        let what = format!(
-            "the masks of {} leave next to nothing of the picture ({})",
-            count(names.len(), "view"),
-            few(&names)
-        );
+        let what =
+            format!("the masks of {} leave next to nothing of the image ({})", count(names.len(), "view"), few(&names));
         Problem::warning(
             Subject::Masks,
             what,
@@ -233,7 +242,7 @@ fn small_masks(scene: &Scene, seen: &[(&View, &Look)]) -> Option<Problem> {
         return None;
     }
     let views = scene.train.len() + scene.test.len();
-    let what = format!("the masks of {} of {views} views leave {} of the pictures", shares.len(), percent(mean));
+    let what = format!("the masks of {} of {views} views leave {} of the images", shares.len(), percent(mean));
     let remedy = "If they are meant the other way round, add `--set scene.invert_masks=true`.";
     Some(Problem::note(Subject::Masks, what, remedy))
 }

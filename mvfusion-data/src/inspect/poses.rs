@@ -113,10 +113,10 @@ fn unexplained(witnesses: &[Witness<'_>], fit: Fit, format: Option<Format>) -> O
     if let Some(agreement) = fit.agreement.filter(|&agreement| agreement < DISAGREEMENT && photos >= ENOUGH_PHOTOS) {
         let what = format!(
             "the points' colours do not agree with the photos where they fall (correlation {agreement:.2}): poses, \
-             points and pictures do not seem to belong together"
+             points and images do not seem to belong together"
         );
         let remedy = format!(
-            "Look at the points drawn over the photos. Check that the pictures are in the order of the poses, and that \
+            "Look at the points drawn over the photos. Check that the images are in the order of the poses, and that \
              the points are of this scene and have the colours of its photos. {}",
             convention(format)
         );

@@ -75,7 +75,7 @@ pub(super) fn few(names: &[&str]) -> String {
     }
 }
 
-/// A number with its noun: `1 picture`, `3 pictures`.
+/// A number with its noun: `1 image`, `3 images`.
 pub(super) fn count(number: usize, thing: &str) -> String {
     if number == 1 { format!("1 {thing}") } else { format!("{number} {thing}s") }
 }

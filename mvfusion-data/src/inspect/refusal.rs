@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::problem::{Problem, Subject};
-use crate::error::{DataError, Refusal};
+use crate::error::{DataError, MAKE_READABLE, REPLACE_IMAGE, Refusal};
 use crate::files::pictures_in;
 use crate::readers::{Format, recognise};
 
@@ -13,10 +13,12 @@ const LOOKED_INTO: usize = 100;
 /// The problem for a reader's error.
 pub(super) fn problem(error: &DataError) -> Problem {
     let (what, remedy) = match error {
-        DataError::Image { path, reason } => (
-            format!("cannot read the picture {}: {reason}", path.display()),
-            "Replace the file, or remove it if the frame is not needed.".into(),
-        ),
+        DataError::Image { path, reason } => {
+            (format!("cannot read the image {}: {reason}", path.display()), REPLACE_IMAGE.into())
+        }
+        DataError::Denied { path } => {
+            (format!("cannot read {}: permission denied", path.display()), MAKE_READABLE.into())
+        }
         DataError::Folder { folder, reason, advice } => {
             (format!("cannot open the folder {}: {reason}", folder.display()), stopped(advice))
         }
@@ -29,8 +31,8 @@ pub(super) fn problem(error: &DataError) -> Problem {
         DataError::Disagreement { folder, first, second, advice } => {
             (format!("{}: {first}, but {second}", folder.display()), stopped(advice))
         }
-        DataError::Setting { option, value, reason } => {
-            (format!("the option {option} = {value} cannot be used: {reason}"), "Change the option.".into())
+        DataError::Setting { option, value, reason, advice } => {
+            (format!("scene.{option} = {value} cannot be used: {reason}"), stopped(advice))
         }
         DataError::Unrecognised { folder, refusals } => (unrecognised(folder, refusals), where_to_look(folder)),
     };
@@ -54,7 +56,7 @@ fn where_to_look(folder: &Path) -> String {
     }
     let holds_pictures = |folder: &Path| pictures_in(folder).is_ok_and(|pictures| !pictures.is_empty());
     if holds_pictures(folder) || holds_pictures(&folder.join("images")) {
-        return "It holds pictures but no cameras: `mvfusion prepare` finds them with COLMAP. So does nerfstudio's \
+        return "It holds images but no cameras: `mvfusion prepare` finds them with COLMAP. So does nerfstudio's \
                 `ns-process-data`, which writes transforms.json."
             .into();
     }

@@ -19,14 +19,14 @@ pub(super) fn problems(scene: &Scene, origin: &Origin) -> Vec<Problem> {
     // The factor refers to the files' size.
     let on_disk = f64::from(width) * origin.downscale;
     let UsualSize { factor, source } = usual_size(scene, origin.format, on_disk);
-    let what = format!("the pictures are {width}x{height}: training is slow, and {source}");
+    let what = format!("the images are {width}x{height}: training is slow, and {source}");
     vec![Problem::note(Subject::Size, what, format!("Add `--set scene.downscale={factor}`."))]
 }
 
 /// Images in another shape than the cameras were calibrated for.
 pub(super) fn odd_shape(reader: &Reader, folder: &Path, scene: &Scene) -> Option<Problem> {
     let what = (reader.hints.odd_shape)(folder, scene)?;
-    let remedy = "A centre and a focal length that belong to other pictures blur everything. Scale the frames without \
+    let remedy = "A centre and a focal length that belong to other images blur everything. Scale the frames without \
                   cropping them, or correct height, width and focal length in the rows.";
     Some(Problem::warning(Subject::Size, what, remedy))
 }

@@ -21,7 +21,7 @@ pub(super) fn problems(scene: &Scene) -> Vec<Problem> {
 /// Too few training views, or views of one still camera. Losses and learning rates scale with the distance between
 /// cameras (METHOD §3), which is 0 then.
 pub(super) fn obstacle(scene: &Scene) -> Option<Problem> {
-    const ADD: &str = "Hold out fewer views, or add pictures with cameras.";
+    const ADD: &str = "Hold out fewer views, or add images with cameras.";
     let (what, remedy) = match scene.train.len() {
         0 => ("there is no view to train on".to_owned(), ADD),
         1 => ("there is one view to train on: shapes cannot be learned from it".to_owned(), ADD),

@@ -55,7 +55,7 @@ impl Display for MotionSummary {
         write!(f, "{seeds} seeds at {seeded_moments} of {moments} moments, of {candidates} places where {cameras} ")?;
         write!(f, "cameras see motion ({:.2} % of their pixels", 100.0 * moving_share)?;
         if *reduction > 1 {
-            write!(f, ", pictures reduced {reduction} times")?;
+            write!(f, ", images reduced {reduction} times")?;
         }
         write!(f, ")")
     }

@@ -9,6 +9,7 @@ use super::error::PrepareError;
 use super::event::{Event, Listener, Tell};
 use super::sharp::{Sharpest, Windows};
 use crate::error::DataError;
+use crate::files::denied;
 use crate::video::{FrameStore, Video};
 
 /// Frames per second that are taken by default.
@@ -112,7 +113,10 @@ pub(super) fn copy(photos: &[PathBuf], images: &Path, listen: &mut Listener<'_>)
             input: photo.clone(),
             reason: "its name is no UTF-8: rename it".into(),
         })?;
-        fs::copy(photo, images.join(name)).map_err(|error| PrepareError::unwritable(&images.join(name), error))?;
+        fs::copy(photo, images.join(name)).map_err(|error| match denied(photo) {
+            Some(path) => DataError::Denied { path }.into(),
+            None => PrepareError::unwritable(&images.join(name), error),
+        })?;
         Ok(name.to_owned())
     };
     photos.iter().map(copied).collect()

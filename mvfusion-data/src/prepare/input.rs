@@ -89,7 +89,7 @@ fn left_out(files: &[PathBuf]) -> Option<String> {
     let kinds: Vec<String> = kinds.into_iter().collect();
     (!kinds.is_empty()).then(|| {
         format!(
-            "{} pictures of other kinds ({}) are left out: convert them to {} to use them",
+            "{} images of other kinds ({}) are left out: convert them to {} to use them",
             others().count(),
             kinds.join(", "),
             PHOTOS[..2].join(" or ")
@@ -134,12 +134,12 @@ mod tests {
     fn pictures_that_are_not_read_are_counted_with_their_kinds() {
         let mixed = folder(&["a.jpg", "b.jpg", "c.jpg", "d.HEIC", "e.heic", "f.tif", "._g.heic", "notes.txt"]);
         let said = Input::of(mixed.path()).expect("photos").left_out().expect("some are left out");
-        assert_eq!(said, "3 pictures of other kinds (heic, tif) are left out: convert them to png or jpg to use them");
+        assert_eq!(said, "3 images of other kinds (heic, tif) are left out: convert them to png or jpg to use them");
         let pure = folder(&["a.jpg", "b.jpg", "c.jpg", "notes.txt"]);
         assert_eq!(Input::of(pure.path()).expect("photos").left_out(), None);
         for names in [&["a.heic", "b.heic"][..], &["a.jpg", "b.heic"]] {
             let said = Input::of(folder(names).path()).expect_err("refused").to_string();
-            assert!(said.contains("pictures of other kinds (heic) are left out"), "{said}");
+            assert!(said.contains("images of other kinds (heic) are left out"), "{said}");
         }
     }
 

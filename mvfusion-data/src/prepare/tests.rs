@@ -182,7 +182,7 @@ fn pictures_that_are_left_out_are_told() {
     fs::write(footage.path("known/images/a.HEIC"), "").expect("written");
     let mut notes = Vec::new();
     footage.prepare(PrepareOptions::default(), &mut notes).expect("prepared");
-    assert!(notes[0].starts_with("1 pictures of other kinds (heic)"), "{notes:?}");
+    assert!(notes[0].starts_with("1 images of other kinds (heic)"), "{notes:?}");
 }
 
 #[test]

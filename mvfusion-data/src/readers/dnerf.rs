@@ -83,7 +83,7 @@ pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let test_views = train_views.split_off(train.frames.len());
     let name = scene_name(folder);
     let points = read_first(folder, &POINTS)?.unwrap_or_else(random_points);
-    info!("{name}: {} pictures to train on, {} held out, {} points", train_views.len(), test_views.len(), points.len());
+    info!("{name}: {} images to train on, {} held out, {} points", train_views.len(), test_views.len(), points.len());
     Ok(Scene { name, capture: Capture::Video, train: train_views, test: test_views, points, near: None })
 }
 
@@ -94,7 +94,7 @@ fn held_out_file(folder: &Path, train: &Transforms) -> &'static str {
     if !(is_lego && folder.join(VALIDATION).is_file()) {
         return TEST;
     }
-    info!("{LEGO} shows another shape in {TEST}: the pictures of {VALIDATION} are held out instead");
+    info!("{LEGO} shows another shape in {TEST}: the images of {VALIDATION} are held out instead");
     VALIDATION
 }
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use tracing::debug;
 
 use crate::error::DataError;
-use crate::files::picture_named;
+use crate::files::{denied, or_denied, picture_named};
 use crate::scene::{ExifOrientation, Picture, PictureFile, PictureHeader, PictureSource, Scene, check_shape};
 
 /// Sets [`Truth::dynamic_mask`](crate::Truth) of every view that has a file with its name in `folder`, such as
@@ -13,16 +13,22 @@ use crate::scene::{ExifOrientation, Picture, PictureFile, PictureHeader, Picture
 /// than its view's image is resized without interpolation, and undistorted like the image.
 ///
 /// # Errors
-/// [`DataError::Folder`] if the folder does not exist. [`DataError::Image`] if a mask has no readable header or a
-/// different aspect ratio from its image. [`DataError::Missing`] if no view has a mask.
+/// [`DataError::Folder`] if the folder does not exist, [`DataError::Denied`] if it may not be read.
+/// [`DataError::Image`] if a mask has no readable header or a different aspect ratio from its image.
+/// [`DataError::Missing`] if no view has a mask.
 pub fn attach_masks(scene: &mut Scene, folder: &Path) -> Result<usize, DataError> {
     if let Err(error) = std::fs::read_dir(folder) {
         let advice = "Give the folder that holds the masks, named as the frames (white = moving)";
-        return Err(DataError::Folder { folder: folder.to_owned(), reason: error.to_string(), advice });
+        return Err(or_denied(DataError::Folder { folder: folder.to_owned(), reason: error.to_string(), advice }));
     }
     let mut attached = 0;
     for view in scene.train.iter_mut().chain(&mut scene.test) {
-        let Some(path) = picture_named(folder, &view.name) else { continue };
+        let Some(path) = picture_named(folder, &view.name) else {
+            match denied(&folder.join(&view.name)) {
+                Some(path) => return Err(DataError::Denied { path }),
+                None => continue,
+            }
+        };
         let (width, height) = (view.camera.width as u32, view.camera.height as u32);
         check_shape(&path, PictureHeader::read(&path)?.size, (width, height))?;
         let lenses = match &view.image {

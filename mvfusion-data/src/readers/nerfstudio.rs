@@ -21,7 +21,7 @@ use super::reader::{Hints, Reader};
 use super::shared::ply::read_points;
 use super::shared::reduced::views_of_pictures;
 use super::shared::shot::Shot;
-use super::shared::transforms::{Frame, POSES, Transforms, plain};
+use super::shared::transforms::{Frame, POSES, Transforms, ignored_masks, plain};
 use crate::error::DataError;
 use crate::files::scene_name;
 use crate::scene::{Capture, PointCloud, Scene};
@@ -32,7 +32,8 @@ impl Format {
 }
 
 /// The entry in the table of readers.
-pub(super) const READER: Reader = Reader { format: Format::NERFSTUDIO, recognise, read, hints: Hints::of_poses(POSES) };
+pub(super) const READER: Reader =
+    Reader { format: Format::NERFSTUDIO, recognise, read, hints: Hints { ignored_masks, ..Hints::of_poses(POSES) } };
 
 const CAMERAS: &str = "transforms.json";
 
@@ -71,16 +72,15 @@ pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let mut shots: Vec<Shot> = of(Part::Train).collect();
     let count = shots.len();
     if count == 0 {
-        let advice =
-            format!("{CAMERAS} holds out every picture: list some in `train_filenames`, or make no such lists");
-        return Err(DataError::Missing { what: "picture to train on".into(), folder: folder.to_owned(), advice });
+        let advice = format!("{CAMERAS} holds out every image: list some in `train_filenames`, or make no such lists");
+        return Err(DataError::Missing { what: "image to train on".into(), folder: folder.to_owned(), advice });
     }
     shots.extend(of(Part::Test));
     let mut train = views_of_pictures(folder, shots, options)?;
     let test = train.split_off(count);
     let points = points(&transforms, folder)?;
     let name = scene_name(folder);
-    info!("{name}: {} pictures to train on, {} held out, {} points", train.len(), test.len(), points.len());
+    info!("{name}: {} images to train on, {} held out, {} points", train.len(), test.len(), points.len());
     Ok(Scene { name, capture, train, test, points, near: None })
 }
 

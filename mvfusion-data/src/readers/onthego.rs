@@ -21,9 +21,9 @@ use super::reader::{Hints, Reader, UsualSize};
 use super::shared::ply::{read_first, warn_of_none};
 use super::shared::reduced::{listing_folder, views_of_pictures};
 use super::shared::shot::Shot;
-use super::shared::transforms::{Frame, POSES, Transforms};
+use super::shared::transforms::{Frame, POSES, Transforms, ignored_masks};
 use crate::error::DataError;
-use crate::files::{picture_named, read_json, scene_name};
+use crate::files::{denied, picture_named, read_json, scene_name};
 use crate::scene::{Capture, Scene};
 
 impl Format {
@@ -32,8 +32,12 @@ impl Format {
 }
 
 /// The entry in the table of readers.
-pub(super) const READER: Reader =
-    Reader { format: Format::ONTHEGO, recognise, read, hints: Hints { usual_size, ..Hints::of_poses(POSES) } };
+pub(super) const READER: Reader = Reader {
+    format: Format::ONTHEGO,
+    recognise,
+    read,
+    hints: Hints { usual_size, ignored_masks, ..Hints::of_poses(POSES) },
+};
 
 const CAMERAS: &str = "transforms.json";
 const SPLIT: &str = "split.json";
@@ -79,7 +83,12 @@ pub(super) fn usual_size(scene: &Scene, _: f64) -> Option<UsualSize> {
 /// A [`DataError`] that names the problem with the folder, a file in it or an option.
 pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let cameras = Transforms::read(&folder.join(CAMERAS))?;
-    let photos = Photos::new(&cameras, folder, &listing_folder(folder, options)?);
+    let listing = listing_folder(folder, options)?;
+    // Photos that may not be read would seem to be absent, and the indices of the split to be wrong.
+    if let Some(path) = denied(&listing) {
+        return Err(DataError::Denied { path });
+    }
+    let photos = Photos::new(&cameras, folder, &listing);
     let absent = cameras.frames.len() - photos.frames.len();
     if absent > 0 {
         warn!(folder = %folder.display(), "{absent} frames of {CAMERAS} have no photo: {SPLIT} does not count them");

@@ -3,18 +3,21 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use tracing::warn;
+
 use super::format::Format;
 use super::options::ReadOptions;
 use super::reader::Reader;
 use super::table::READERS;
 use crate::error::{DataError, Refusal};
+use crate::files::or_denied;
 use crate::scene::{Scene, View};
 
 /// The format of the scene in `folder`: the first that fits, or the `forced` one if it fits.
 ///
 /// # Errors
-/// [`DataError::Folder`] if the folder does not exist, [`DataError::Unrecognised`] with the reasons of all formats that
-/// were tried.
+/// [`DataError::Folder`] if the folder does not exist, [`DataError::Denied`] if it may not be read.
+/// [`DataError::Unrecognised`] with the reasons of all formats that were tried.
 pub fn recognise(folder: &Path, forced: Option<Format>) -> Result<Format, DataError> {
     reader_for(folder, forced).map(|reader| reader.format)
 }
@@ -26,7 +29,7 @@ pub fn recognise(folder: &Path, forced: Option<Format>) -> Result<Format, DataEr
 pub(crate) fn reader_for(folder: &Path, forced: Option<Format>) -> Result<&'static Reader, DataError> {
     if let Err(error) = std::fs::read_dir(folder) {
         let advice = "Give the folder of a scene";
-        return Err(DataError::Folder { folder: folder.to_owned(), reason: error.to_string(), advice });
+        return Err(or_denied(DataError::Folder { folder: folder.to_owned(), reason: error.to_string(), advice }));
     }
     let is_tried = |reader: &&Reader| forced.is_none_or(|format| format == reader.format);
     let mut refusals = Vec::new();
@@ -36,7 +39,7 @@ pub(crate) fn reader_for(folder: &Path, forced: Option<Format>) -> Result<&'stat
             Some(reason) => refusals.push(Refusal { format: reader.format.name(), reason }),
         }
     }
-    Err(DataError::Unrecognised { folder: folder.to_owned(), refusals })
+    Err(or_denied(DataError::Unrecognised { folder: folder.to_owned(), refusals }))
 }
 
 /// Reads the scene in `folder`, whichever format it has (see [`recognise`]).
@@ -46,7 +49,10 @@ pub(crate) fn reader_for(folder: &Path, forced: Option<Format>) -> Result<&'stat
 /// it or an option.
 pub fn open(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let reader = reader_for(folder, options.format)?;
-    let scene = (reader.read)(folder, options)?;
+    let scene = (reader.read)(folder, options).map_err(or_denied)?;
+    if let Some(what) = (reader.hints.ignored_masks)(folder, &scene) {
+        warn!(folder = %folder.display(), "{what}");
+    }
     let scene = Scene { capture: options.capture.unwrap_or(scene.capture), ..scene };
     match &options.test_cameras {
         Some(cameras) => hold_out(scene, folder, cameras),
@@ -67,15 +73,22 @@ fn hold_out(scene: Scene, folder: &Path, cameras: &[String]) -> Result<Scene, Da
     if let Some(unknown) = cameras.iter().find(|camera| !views.iter().any(|view| is_of(view, camera))) {
         let example = views.first().map_or("", |view| view.name.as_str());
         let reason = format!("no view is named `{unknown}/…`; the first is `{example}`");
-        return Err(DataError::Setting { option: "test_cameras", value: format!("{cameras:?}"), reason });
+        let advice = format!("Name cameras of this scene, for example {}", set_cameras(&views));
+        return Err(DataError::Setting { option: "test_cameras", value: format!("{cameras:?}"), reason, advice });
     }
     let (test, train): (Vec<_>, Vec<_>) =
         views.into_iter().partition(|view| cameras.iter().any(|camera| is_of(view, camera)));
     if train.is_empty() {
-        let advice = "Name fewer cameras in the option test_cameras".into();
+        let advice = format!("Hold out fewer cameras, for example {}", set_cameras(&test));
         return Err(DataError::Missing { what: "camera to train on".into(), folder: folder.to_owned(), advice });
     }
     Ok(Scene { train, test, ..scene })
+}
+
+/// How to hold out only the camera of the first view.
+fn set_cameras(views: &[View]) -> String {
+    let camera = views.first().and_then(|view| view.name.rsplit_once('/')).map_or("cam00", |(camera, _)| camera);
+    format!("`--set 'scene.test_cameras=[{camera:?}]'`")
 }
 
 #[cfg(test)]

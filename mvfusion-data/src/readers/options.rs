@@ -77,8 +77,9 @@ impl ReadOptions {
     pub(crate) fn frame_limit(&self) -> Result<usize, DataError> {
         match self.frames {
             Some(0) => {
-                let reason = "at least one frame is needed; leave it out for all".into();
-                Err(DataError::Setting { option: "frames", value: "0".into(), reason })
+                let (reason, advice) =
+                    ("at least one frame is needed".into(), "Set it with `--set scene.frames=300`".into());
+                Err(DataError::Setting { option: "frames", value: "0".into(), reason, advice })
             }
             limit => Ok(limit.unwrap_or(usize::MAX)),
         }
@@ -95,9 +96,9 @@ impl ReadOptions {
             TimeRule::FrameOver300 => Err(DataError::Setting {
                 option: "time",
                 value: "frame-over-300".into(),
-                reason: format!(
-                    "{count} frames would reach beyond time 1; set frames = 300 or time = \"frame-over-count\""
-                ),
+                reason: format!("{count} frames would reach beyond time 1"),
+                advice: "Read fewer frames with `--set scene.frames=300`, or set `--set scene.time=frame-over-count`"
+                    .into(),
             }),
         }
     }
@@ -110,8 +111,9 @@ impl ReadOptions {
 /// [`DataError::Setting`] if it would hold out every photo.
 pub(crate) fn every_so_many(test_every: usize) -> Result<impl Fn(usize) -> bool, DataError> {
     if test_every == 1 {
-        let reason = "it would hold out every photo; 8 is usual, 0 holds none out".into();
-        return Err(DataError::Setting { option: "test_every", value: test_every.to_string(), reason });
+        let reason = "it would hold out every photo".into();
+        let advice = "Hold out every 8th, as usual, with `--set scene.test_every=8`, or none with 0".into();
+        return Err(DataError::Setting { option: "test_every", value: test_every.to_string(), reason, advice });
     }
     Ok(move |place: usize| test_every > 0 && place.is_multiple_of(test_every))
 }

@@ -29,6 +29,8 @@ pub(crate) struct Hints {
     pub(crate) has_random_points: fn(&Path) -> bool,
     /// How the shape of the scene's images differs from that in the folder's camera file; `None` if it does not.
     pub(crate) odd_shape: fn(&Path, &Scene) -> Option<String>,
+    /// The masks in the scene's folder that no view uses, and what is expected of them; `None` if there are none.
+    pub(crate) ignored_masks: fn(&Path, &Scene) -> Option<String>,
 }
 
 /// The size at which a scene is usually trained.
@@ -43,6 +45,12 @@ pub(crate) struct UsualSize {
 impl Hints {
     /// The hints of a format with only a convention of its poses.
     pub(crate) const fn of_poses(poses: &'static str) -> Self {
-        Self { poses, usual_size: |_, _| None, has_random_points: |_| false, odd_shape: |_, _| None }
+        Self {
+            poses,
+            usual_size: |_, _| None,
+            has_random_points: |_| false,
+            odd_shape: |_, _| None,
+            ignored_masks: |_, _| None,
+        }
     }
 }

@@ -19,7 +19,7 @@ const QUALITY: &str = "18";
 /// Maximum number of lines of ffmpeg's messages to pass on.
 const MOST_COMPLAINTS: usize = 3;
 
-const ADVICE: &str = "Check that the program ffmpeg was built with libx264, or write the frames as pictures.";
+const ADVICE: &str = "Check that the program ffmpeg was built with libx264, or write the frames as images.";
 
 /// Whether videos can be written, that is, whether the program ffmpeg can be run.
 pub fn can_write_videos() -> bool {

@@ -33,6 +33,7 @@ pub(crate) use sound::sound;
 pub(crate) use store::FrameStore;
 
 use crate::error::DataError;
+use crate::files::or_denied;
 use flaw::{CHECK_FILE, EXTRACT, Flaw, READ_FEWER};
 use permit::Permit;
 
@@ -99,9 +100,11 @@ impl Video {
     /// count their frames, and decodes VP8 for that. `limit` is the number of frames to use, from the first on.
     ///
     /// # Errors
-    /// [`DataError::Content`] if the file is not a video, or cannot be decoded here.
+    /// [`DataError::Content`] if the file is not a video, or cannot be decoded here. [`DataError::Denied`] if it may
+    /// not be read.
     pub(crate) fn open(path: &Path, limit: usize, store: &FrameStore) -> Result<Arc<Self>, DataError> {
-        Ok(Arc::new(Self::with_decoder(path, limit, store, VideoDecoder::Auto)?))
+        let video = Self::with_decoder(path, limit, store, VideoDecoder::Auto);
+        video.map(Arc::new).map_err(|flaw| or_denied(flaw.into()))
     }
 
     fn with_decoder(path: &Path, limit: usize, store: &FrameStore, decoder: VideoDecoder) -> Result<Self, Flaw> {

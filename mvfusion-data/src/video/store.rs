@@ -24,9 +24,9 @@ const TEMPORARY: &str = "mvfusion-frames-";
 const ABANDONED: Duration = Duration::from_secs(3600);
 const PARTIAL: &str = ".partial-";
 
-const MAKE_WRITABLE: &str = "Name a folder in which this program may write with the option frame_store.";
-const MAKE_ROOM: &str = "Free some space there, or name a folder on a disk with more room with the option frame_store; smaller \
-                         or fewer frames need less.";
+const MAKE_WRITABLE: &str = "Name a folder in which this program may write with `--set scene.frame_store=FOLDER`.";
+const MAKE_ROOM: &str = "Free some space there, or name a folder on a disk with more room with `--set \
+                         scene.frame_store=FOLDER`; smaller or fewer frames need less.";
 
 /// The store of decoded video frames.
 #[derive(Clone, Debug)]

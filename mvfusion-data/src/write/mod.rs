@@ -56,11 +56,11 @@ pub fn write(scene: &Scene, layout: Layout, folder: &Path) -> Result<(), WriteEr
     let package = package(scene, layout).map_err(|reason| refusal(scene.capture, layout, reason))?;
     let unplaced = package.pictures.iter().filter(|p| p.view.mask.is_some() && p.mask.is_none()).count();
     if unplaced > 0 {
-        warn!("{} has no place for masks: those of {unplaced} pictures are left out", layout.key());
+        warn!("{} has no place for masks: those of {unplaced} images are left out", layout.key());
     }
     package.store(folder)?;
     let (pictures, points) = (package.pictures.len(), scene.points.len());
-    info!("{}: {pictures} pictures and {points} points as {}", folder.display(), layout.key());
+    info!("{}: {pictures} images and {points} points as {}", folder.display(), layout.key());
     Ok(())
 }
 
@@ -77,7 +77,7 @@ fn package(scene: &Scene, layout: Layout) -> Result<Package<'_>, Misfit> {
     let size = |v: &View| (v.camera.width, v.camera.height);
     if let Some(other) = scene.train.iter().chain(&scene.test).find(|view| size(view) != size(first)) {
         let ((w, h), (v, g)) = (size(first), size(other));
-        return Err(format!("its pictures differ in size ({} is {w}x{h}, {} is {v}x{g})", first.name, other.name));
+        return Err(format!("its images differ in size ({} is {w}x{h}, {} is {v}x{g})", first.name, other.name));
     }
     if scene.test.is_empty() && layout.needs_test_views() {
         return Err("it holds nothing out, and that layout has no word for this".into());

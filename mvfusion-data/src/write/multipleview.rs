@@ -17,7 +17,10 @@ pub(super) fn package(scene: &Scene) -> Result<Package<'_>, Misfit> {
     let rig = Rig::of(scene)?;
     let held_out: Vec<String> = rig.part(true).map(folder).collect();
     if !held_out.is_empty() {
-        warn!("this layout cannot say that {held_out:?} are held out: set test_cameras to them when it is read");
+        warn!(
+            "this layout cannot say that {held_out:?} are held out: read it with \
+             `--set 'scene.test_cameras={held_out:?}'`"
+        );
     }
     let stills = rig.cameras.iter().map(|camera| Ok((format!("image{}.jpg", camera.number), camera.still()?)));
     let stills = stills.collect::<Result<Vec<_>, Misfit>>()?;

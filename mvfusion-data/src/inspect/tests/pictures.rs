@@ -70,7 +70,7 @@ fn pictures_of_one_colour_are_named() {
     scene.test[1].image = in_memory(RgbImage::from_pixel(SIZE.0, SIZE.1, Rgb([7, 8, 9])));
     let problem = only_problem(&scene);
     assert_eq!(problem.severity, Severity::Warning);
-    assert!(problem.what.contains("2 pictures of one colour") && problem.what.contains("cam01/0005"), "{problem:?}");
+    assert!(problem.what.contains("2 images of one colour") && problem.what.contains("cam01/0005"), "{problem:?}");
 }
 
 #[test]
@@ -78,11 +78,11 @@ fn repeated_pictures_are_named_and_held_out_ones_counted() {
     let mut scene = video();
     scene.train[6].image = scene.train[5].image.clone();
     let problem = only_problem(&scene);
-    assert!(problem.what.contains("1 repeated picture,") && !problem.what.contains("held out"), "{problem:?}");
+    assert!(problem.what.contains("1 repeated image,") && !problem.what.contains("held out"), "{problem:?}");
     assert!(problem.what.contains("cam01/0006, equal to cam01/0005"), "{problem:?}");
     scene.test[0].image = scene.train[11].image.clone();
     let problem = only_problem(&scene);
-    assert!(problem.what.contains("2 repeated pictures,") && problem.what.contains("held out are 1"), "{problem:?}");
+    assert!(problem.what.contains("2 repeated images,") && problem.what.contains("held out are 1"), "{problem:?}");
 }
 
 #[test]

@@ -69,7 +69,7 @@ fn mirrored_pictures_are_named() {
         view.image = in_memory(imageops::flip_horizontal(&*view.image.rgb().expect("in memory")));
     }
     let problem = only_problem(&scene);
-    assert!(problem.what.contains("left and right of the pictures exchanged"), "{problem:?}");
+    assert!(problem.what.contains("left and right of the images exchanged"), "{problem:?}");
 }
 
 #[test]

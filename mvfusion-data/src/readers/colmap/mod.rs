@@ -18,6 +18,7 @@
 //! Departure: DeGauss ignores the principal point and processes the photos in the order of the model's numbers.
 
 mod lists;
+mod masks;
 pub(crate) mod model;
 mod purpose;
 mod split;
@@ -47,8 +48,12 @@ impl Format {
 }
 
 /// The entry in the table of readers.
-pub(super) const READER: Reader =
-    Reader { format: Format::COLMAP, recognise, read, hints: Hints { usual_size, ..Hints::of_poses(POSES) } };
+pub(super) const READER: Reader = Reader {
+    format: Format::COLMAP,
+    recognise,
+    read,
+    hints: Hints { usual_size, ignored_masks, ..Hints::of_poses(POSES) },
+};
 
 /// The convention of the poses.
 pub(super) const POSES: &str = "COLMAP's poses lead from the world to the camera: quaternion w, x, y, z and translation, \
@@ -83,12 +88,9 @@ fn usual_size(scene: &Scene, width: f64) -> Option<UsualSize> {
     is_clutter.then(|| onthego::usual_size(scene, width)).flatten()
 }
 
-/// The mask of an image in `masks/` next to the images' folder. For `2clutter008.JPG` it is `2clutter008.png` or, as
-/// COLMAP names it, `2clutter008.JPG.png`.
-fn mask_beside(folder: &Path, picture: &str) -> Option<PathBuf> {
-    let masks = folder.join("masks");
-    let candidates = [masks.join(picture).with_extension("png"), masks.join(format!("{picture}.png"))];
-    candidates.into_iter().find(|path| path.is_file())
+/// The masks that no photo of a scene uses; `None` if there are none.
+fn ignored_masks(folder: &Path, scene: &Scene) -> Option<String> {
+    masks::ignored(&inner(folder), scene)
 }
 
 /// Reads a photo collection (METHOD §5.2). Only the headers of photos that are used are read here.
@@ -104,11 +106,12 @@ pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let images = inner.join(IMAGES);
     let Model { photos, points } = model::read(&inner.join(SPARSE))?;
     let lists = Lists::read(inner)?;
+    masks::check_access(inner)?;
     let split = split(photos, lists.as_ref(), options.test_every, &images)?;
     let shot = |moment: &Moment| Shot {
         name: moment.photo.view_name(),
         source: PictureSource::Image(images.join(&moment.photo.name)),
-        mask: mask_beside(inner, &moment.photo.name),
+        mask: masks::beside(inner, &moment.photo.name),
         lens: FrameLens::Known { lens: moment.photo.lens, size: moment.photo.size },
         rotation: moment.photo.rotation,
         translation: moment.photo.translation,

@@ -114,7 +114,7 @@ fn by_position(photos: Vec<Photo>, test_every: usize) -> Result<Split, DataError
     let (test, train): (Vec<_>, Vec<_>) = moments.enumerate().partition(|(index, _)| is_test(*index));
     let moments = |part: Vec<(usize, Moment)>| part.into_iter().map(|(_, moment)| moment).collect();
     let rule = match test_every {
-        0 => "test_every = 0".to_owned(),
+        0 => "scene.test_every = 0".to_owned(),
         _ => format!("one in {test_every}, as no name contains clutter or extra"),
     };
     Ok(Split { train: moments(train), test: moments(test), unused: 0, rule })

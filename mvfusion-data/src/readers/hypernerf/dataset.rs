@@ -25,7 +25,7 @@ struct Dataset {
 
 /// The name of an image. Some tools write numbers.
 #[derive(Debug, Deserialize)]
-#[serde(untagged, expecting = "a picture's id is neither a text nor a whole number")]
+#[serde(untagged, expecting = "an image's id is neither a text nor a whole number")]
 enum Id {
     Text(String),
     Number(u64),
@@ -77,7 +77,7 @@ pub(super) fn parts(path: &Path) -> Result<(Vec<String>, Vec<Option<Part>>), Dat
     }
     let both = train.intersection(&val).count();
     if both > 0 {
-        warn!(file = %path.display(), "{both} pictures are in train_ids and in val_ids: they are held out");
+        warn!(file = %path.display(), "{both} images are in train_ids and in val_ids: they are held out");
     }
     let part = |id: &String| match (val.contains(id), train.contains(id)) {
         (true, _) => Some(Part::Test),
@@ -105,7 +105,7 @@ pub(super) fn times(path: &Path, ids: &[String]) -> Result<Vec<f64>, DataError> 
     let warp = |id: &String| {
         moments.get(id).map(|moment| f64::from(moment.warp_id)).ok_or_else(|| DataError::Content {
             path: path.to_owned(),
-            reason: format!("it has no entry for the picture {id} of {DATASET}"),
+            reason: format!("it has no entry for the image {id} of {DATASET}"),
             advice: COPY_OR_MEND,
         })
     };

@@ -88,7 +88,7 @@ pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let count = shots.len();
     if count == 0 {
         let advice = format!("{DATASET} must list some in `ids`, and in `train_ids` unless `val_ids` is empty");
-        return Err(DataError::Missing { what: "picture to train on".into(), folder: folder.to_owned(), advice });
+        return Err(DataError::Missing { what: "image to train on".into(), folder: folder.to_owned(), advice });
     }
     shots.extend(held_out);
     let mut train = views(folder, shots, &ReadOptions { downscale, ..options.clone() })?;
@@ -97,7 +97,7 @@ pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let near = near(folder)?;
     let name = scene_name(folder);
     info!(
-        "{name}: {} pictures to train on, {} held out, {} unused, {} points",
+        "{name}: {} images to train on, {} held out, {} unused, {} points",
         train.len(),
         test.len(),
         ids.len() - train.len() - test.len(),
@@ -125,7 +125,7 @@ fn picture_folder(folder: &Path, downscale: f64) -> Result<(PathBuf, f64), DataE
     let fail = |e: std::io::Error| DataError::Folder {
         folder: pictures.clone(),
         reason: e.to_string(),
-        advice: "Put the pictures there, in a folder 2x or the like",
+        advice: "Put the images there, in a folder 2x or the like",
     };
     let mut factors = Vec::new();
     for entry in std::fs::read_dir(&pictures).map_err(fail)? {
@@ -137,7 +137,7 @@ fn picture_folder(folder: &Path, downscale: f64) -> Result<(PathBuf, f64), DataE
     }
     factors.sort_unstable();
     let Some(&finest) = factors.first() else {
-        let advice = "Pictures lie in folders 1x, 2x, …, named by how many times smaller they are".into();
+        let advice = "Images lie in folders 1x, 2x, …, named by how many times smaller they are".into();
         return Err(DataError::Missing { what: "folder 2x or the like".into(), folder: pictures, advice });
     };
     let factor = factors.into_iter().rfind(|&factor| f64::from(factor) <= downscale).unwrap_or(finest);
@@ -145,7 +145,7 @@ fn picture_folder(folder: &Path, downscale: f64) -> Result<(PathBuf, f64), DataE
     let left = if downscale >= 1.0 { (downscale / f64::from(factor)).max(1.0) } else { downscale };
     if f64::from(factor) != downscale {
         let further = if left == 1.0 { "as they are".into() } else { format!("made smaller by {left}") };
-        info!("for downscale = {downscale} the pictures in {PICTURES}/{factor}x are read {further}");
+        info!("for scene.downscale = {downscale} the images in {PICTURES}/{factor}x are read {further}");
     }
     Ok((pictures.join(format!("{factor}x")), left))
 }

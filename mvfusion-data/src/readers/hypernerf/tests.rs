@@ -197,8 +197,8 @@ fn lists_that_do_not_fit_are_refused() {
         (with(dataset(), "ids", json!([""])), &["dataset.json", "``"]),
         (with(dataset(), "ids", json!([[1]])), &["dataset.json", "neither a text nor a whole number"]),
         (with(dataset(), "val_ids", json!(["up_3"])), &["dataset.json", "names up_3"]),
-        (with(dataset(), "train_ids", json!([])), &["no picture to train on"]),
-        (json!({}), &["no picture to train on"]),
+        (with(dataset(), "train_ids", json!([])), &["no image to train on"]),
+        (json!({}), &["no image to train on"]),
         (json!([]), &["dataset.json"]),
     ] {
         folder.write_json("dataset.json", &value);
@@ -206,7 +206,7 @@ fn lists_that_do_not_fit_are_refused() {
     }
     folder.write_json("dataset.json", &dataset());
     for (value, parts) in [
-        (json!({}), &["metadata.json", "no entry for the picture left_0"][..]),
+        (json!({}), &["metadata.json", "no entry for the image left_0"][..]),
         (with(metadata(), "left_1", json!({ "warp_id": -1 })), &["metadata.json", "-1"]),
         (with(metadata(), "left_1", json!({ "camera_id": 1 })), &["metadata.json", "warp_id"]),
     ] {
@@ -215,7 +215,7 @@ fn lists_that_do_not_fit_are_refused() {
     }
     folder.write_json("metadata.json", &metadata());
     folder.remove("rgb/2x/right_1.png");
-    folder.complaint(&["no picture rgb/2x/right_1.png", "1 of 3"]);
+    folder.complaint(&["no image rgb/2x/right_1.png", "1 of 3"]);
 }
 
 #[test]

@@ -4,8 +4,8 @@
 //! Assumptions:
 //! * The model has one image per camera: `imageN.jpg` for `camNN`, matched by number. Cameras that COLMAP could not
 //!   place are skipped, and so are images without a camera folder. Both are logged.
-//! * All cameras have equally many frames, sorted by the number at the end of the file name. A frame's time is its
-//!   index divided by the number of frames (`ReadOptions::time`).
+//! * Frames are sorted and matched by the number at the end of the file name, as in the module `neu3d`. A frame's time
+//!   is its index divided by the number of frames (`ReadOptions::time`).
 //! * Every frame trains. As in 4DGS (METHOD §5.7), the test views are also training views: the first frame of each
 //!   camera, and those after a third and two thirds of the time. Metrics on them measure the fit of the training
 //!   images, not novel views. The option `test_cameras` holds whole cameras out instead.
@@ -77,11 +77,12 @@ pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let near = near(folder)?;
     let name = scene_name(folder);
     info!(
-        "{name}: {} cameras x {count} frames, {} points; the test views are {} of the training views, as in 4DGS: set the \
-         option test_cameras to hold cameras out",
+        "{name}: {} cameras x {count} frames, {} points; the test views are {} of the training views, as in 4DGS: hold \
+         cameras out with `--set 'scene.test_cameras=[{:?}]'`",
         names.len(),
         points.len(),
-        test.len()
+        test.len(),
+        names[0]
     );
     Ok(Scene { name, capture: Capture::Video, train, test, points, near })
 }

@@ -3,8 +3,9 @@
 //! Assumptions:
 //! * The rows of `poses_bounds.npy` follow the sorted names of the cameras. Their numbers may have gaps.
 //! * Pixels are square and the principal point is centred. A row's focal length refers to the image width in that row.
-//! * All cameras have equally many frames, sorted by the number at the end of the file name. Extracted frames take
-//!   precedence over a video of the same camera.
+//! * Extracted frames take precedence over a video of the same camera. They are sorted by the number at the end of the
+//!   file name. Frames of several cameras with the same number show the same moment, and no camera lacks a number that
+//!   another one has. Without such numbers, frames are matched by their order.
 //! * The first camera is held out. A frame's time is its index divided by the number of frames (`ReadOptions::time`).
 
 #[cfg(test)]

@@ -1,5 +1,7 @@
 //! A tiny scene in a temporary folder, intact and with the usual kinds of damage.
 
+mod frames;
+
 use std::fs;
 use std::path::PathBuf;
 
@@ -194,36 +196,6 @@ fn bad_poses_are_refused() {
     assert_says(&fixture.complaint(), &[POSES]);
     fs::remove_file(fixture.at(POSES)).expect("removed");
     assert_says(&fixture.complaint(), &["no poses_bounds.npy"]);
-}
-
-#[test]
-fn bad_frames_are_refused() {
-    let fixture = Fixture::new();
-    fs::remove_file(fixture.at("cam02/images/0003.png")).expect("removed");
-    assert_says(&fixture.complaint(), &["cam00 has 4 frames", "cam02 has 3 frames", "frames = 3"]);
-    assert!(fixture.read_with(ReadOptions { frames: Some(3), ..Default::default() }).is_ok());
-    fs::write(fixture.at("cam02/images/0003.png"), b"torn").expect("written");
-    assert_says(&fixture.complaint(), &["cam02/images/0003.png"]);
-    fixture.write_frame("cam02/images/0003.png", (40, 32), [1, 2, 3]);
-    assert_says(&fixture.complaint(), &["48 x 32", "40 x 32", "cam02/images/0003.png"]);
-    fixture.write_frame("cam02/images/0003.png", SIZE, [1, 2, 3]);
-    fixture.write_frame("cam02/images/0003.jpg", SIZE, [1, 2, 3]);
-    assert_says(&fixture.complaint(), &["same frame", "0003.jpg", "0003.png"]);
-    fs::remove_file(fixture.at("cam02/images/0003.jpg")).expect("removed");
-    assert!(fixture.read().is_ok());
-}
-
-#[test]
-fn a_camera_without_frames_is_named_and_so_is_a_video_that_is_none() {
-    let fixture = Fixture::new();
-    fs::remove_dir_all(fixture.at("cam05/images")).expect("removed");
-    assert_says(&fixture.complaint(), &["no frame of the camera cam05", "png or jpg"]);
-    fs::remove_dir_all(fixture.at("cam05")).expect("removed");
-    for video in ["cam05.mp4", "cam05.MP4"] {
-        fs::write(fixture.at(video), b"video").expect("written");
-        assert_says(&fixture.complaint(), &[video]);
-        fs::remove_file(fixture.at(video)).expect("removed");
-    }
 }
 
 #[test]

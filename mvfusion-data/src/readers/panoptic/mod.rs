@@ -6,12 +6,14 @@
 //!   pixels. `w2c[time][camera]` is the 4x4 pose from the world to OpenCV axes. There is no distortion.
 //!   `cam_id[time][camera]` identifies the camera; without it, the position in the list does.
 //! * Both files have the same times. An image's time is its time's index divided by the number of times
-//!   (`ReadOptions::time`). The cameras of `test_meta.json` are held out.
+//!   (`ReadOptions::time`). If the names of a camera's images end in increasing numbers, these are the numbers of
+//!   frames, and all images of one time have the same. The cameras of `test_meta.json` are held out.
 //! * Views are named by the image, `0/000012`: the camera's number and the frame's.
 //! * The array `data` of `init_pt_cld.npz` has one point per row: x, y, z, then red, green, blue up to 1. A foreground
 //!   flag follows and is skipped. Without this file, `fused.ply` or `points3D.ply` is read.
 
 mod matrices;
+mod moments;
 #[cfg(test)]
 mod tests;
 
@@ -31,6 +33,7 @@ use crate::error::DataError;
 use crate::files::{COPY_OR_MEND, below, read_json, read_npz, scene_name};
 use crate::scene::{Capture, PictureSource, PointCloud, Scene, check_place};
 use matrices::Matrix;
+use moments::{ListedImage, Moments, common_times};
 
 impl Format {
     /// Scenes of Dynamic 3D Gaussians: see [`panoptic`](crate::readers::panoptic).
@@ -71,8 +74,7 @@ struct Record {
 /// A file of cameras.
 #[derive(Debug)]
 struct Meta {
-    /// Number of times.
-    times: usize,
+    moments: Moments,
     /// Camera by camera, each with the index of its time.
     shots: Vec<(usize, Shot)>,
 }
@@ -89,22 +91,14 @@ pub fn recognise(folder: &Path) -> Option<String> {
 /// A [`DataError`] that names the problem with the folder, a file in it or an option.
 pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let limit = options.frame_limit()?;
-    let metas = [read_meta(folder, TRAIN)?, read_meta(folder, TEST)?];
-    let [count, other] = [&metas[0], &metas[1]].map(|meta| meta.times.min(limit));
-    if count != other {
-        return Err(DataError::Disagreement {
-            folder: folder.to_owned(),
-            first: format!("{TRAIN} has {count} times"),
-            second: format!("{TEST} has {other}"),
-            advice: format!("Copy both again, or read fewer with the option frames = {}", count.min(other)),
-        });
-    }
+    let metas = [read_meta(folder, TRAIN, limit)?, read_meta(folder, TEST, limit)?];
+    let count = common_times(folder, metas.each_ref().map(|meta| &meta.moments), limit)?;
     let divisor = options.times_divisor(count)?;
     let [mut shots, held_out] = metas.map(|meta| meta.timed(count, divisor));
     let parted = shots.len();
     if parted == 0 {
         let advice = format!("{TRAIN} lists no camera: copy it again from the dataset");
-        return Err(DataError::Missing { what: "picture to train on".into(), folder: folder.to_owned(), advice });
+        return Err(DataError::Missing { what: "image to train on".into(), folder: folder.to_owned(), advice });
     }
     shots.extend(held_out);
     let mut train = views(folder, shots, options)?;
@@ -112,7 +106,7 @@ pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let points = points(folder)?;
     let name = scene_name(folder);
     info!(
-        "{name}: {} pictures to train on and {} held out, at {count} times, {} points",
+        "{name}: {} images to train on and {} held out, at {count} times, {} points",
         train.len(),
         test.len(),
         points.len()
@@ -128,19 +122,23 @@ impl Meta {
     }
 }
 
-/// Reads a file. All lists must have the same shape, and all entries must be valid cameras.
-fn read_meta(folder: &Path, file: &'static str) -> Result<Meta, DataError> {
+/// Reads a file. All lists must have the same shape, all entries must be valid cameras, and all images of one of the
+/// first `limit` times must have the same number.
+fn read_meta(folder: &Path, file: &'static str, limit: usize) -> Result<Meta, DataError> {
     let path = folder.join(file);
     if !path.is_file() {
         let advice = format!("{TRAIN} and {TEST} come together with the dataset");
         return Err(DataError::Missing { what: file.into(), folder: folder.to_owned(), advice });
     }
     let record: Record = read_json(&path, COPY_OR_MEND)?;
-    record.meta(&folder.join(PICTURES)).map_err(|reason| DataError::Content { path, reason, advice: COPY_OR_MEND })
+    let shots = record.shots(&folder.join(PICTURES));
+    let shots = shots.map_err(|reason| DataError::Content { path, reason, advice: COPY_OR_MEND })?;
+    Ok(Meta { moments: Moments::of(folder, file, record.names.len(), limit, record.images())?, shots })
 }
 
 impl Record {
-    fn meta(&self, pictures: &Path) -> Result<Meta, String> {
+    /// The shots camera by camera, each with the index of its time.
+    fn shots(&self, pictures: &Path) -> Result<Vec<(usize, Shot)>, String> {
         self.check_shapes()?;
         let size = DVec2::new(self.w, self.h);
         if !(size.is_finite() && size.min_element() > 0.0) {
@@ -151,13 +149,25 @@ impl Record {
             for (place, name) in names.iter().enumerate() {
                 let shot = self.shot(time, place, size, pictures);
                 let shot = shot.map_err(|reason| format!("time {time}, camera {place} ({name}): {reason}"))?;
-                let camera = self.cam_id.as_ref().map_or(place as i64, |ids| ids[time][place]);
-                shots.push((camera, (time, shot)));
+                shots.push((self.camera(time, place), (time, shot)));
             }
         }
         // Camera by camera, like the views of other formats. The times of each camera stay in order.
         shots.sort_by_key(|(camera, _)| *camera);
-        Ok(Meta { times: self.names.len(), shots: shots.into_iter().map(|(_, shot)| shot).collect() })
+        Ok(shots.into_iter().map(|(_, shot)| shot).collect())
+    }
+
+    /// The camera of an image of the lists, whose shapes were checked.
+    fn camera(&self, time: usize, place: usize) -> i64 {
+        self.cam_id.as_ref().map_or(place as i64, |ids| ids[time][place])
+    }
+
+    /// All images of the lists, in the order of time.
+    fn images(&self) -> impl Iterator<Item = ListedImage<'_>> {
+        self.names.iter().enumerate().flat_map(move |(time, names)| {
+            let image = move |(place, name)| ListedImage { time, camera: self.camera(time, place), name };
+            names.iter().map(String::as_str).enumerate().map(image)
+        })
     }
 
     /// Checks that every list has an entry for each image.

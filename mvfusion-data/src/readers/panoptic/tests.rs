@@ -80,6 +80,53 @@ fn fewer_frames_and_other_cameras_may_be_asked_for() {
     assert!(folder.open_with(ReadOptions { frames: Some(0), ..Default::default() }).is_err());
 }
 
+/// A file of cameras without the frame 1 of one of them: its place has the frame after.
+fn shifted(cameras: &[i64], camera: i64) -> Value {
+    let place = cameras.iter().position(|known| *known == camera).expect("a camera");
+    let mut value = meta(cameras);
+    for time in 1..TIMES {
+        value["fn"][time][place] = json!(format!("{camera}/{:06}.png", time + 1));
+    }
+    value
+}
+
+#[test]
+fn images_of_one_time_have_the_same_number() {
+    let folder = scene();
+    for camera in [0, 2, 5] {
+        folder.write_picture(&format!("ims/{camera}/{TIMES:06}.png"), (48, 32), 9);
+    }
+    folder.write_json(TRAIN, &shifted(&[5, 2], 2));
+    folder.complaint(&["camera 2 has no frame 000001 at time 1 of train_meta.json", "camera 5 has it", "both files"]);
+    folder.write_json(TRAIN, &meta(&[5, 2]));
+    folder.write_json(TEST, &shifted(&[0], 0));
+    folder.complaint(&["test_meta.json has no frame 000001, but train_meta.json has it", "from both files"]);
+    // Times before the first difference are read.
+    let one = ReadOptions { frames: Some(1), ..Default::default() };
+    assert_eq!(folder.open_with(one).expect("read").test.len(), 1);
+    // A gap in all lists is fine.
+    let mut train = shifted(&[5, 2], 5);
+    train["fn"][1][1] = json!("2/000002.png");
+    train["fn"][2][1] = json!("2/000003.png");
+    folder.write_json(TRAIN, &train);
+    assert_eq!(folder.open().expect("read").test[1].name, "0/000002");
+}
+
+#[test]
+fn numbers_of_cameras_at_the_end_of_names_are_not_those_of_frames() {
+    let folder = scene();
+    for (file, cameras) in [(TRAIN, &[5, 2][..]), (TEST, &[0])] {
+        let mut value = meta(cameras);
+        for (time, (place, camera)) in (0..TIMES).flat_map(|t| cameras.iter().enumerate().map(move |at| (t, at))) {
+            let name = format!("{time:06}/cam{camera:02}.png");
+            folder.write_picture(&format!("ims/{name}"), (48, 32), 7);
+            value["fn"][time][place] = json!(name);
+        }
+        folder.write_json(file, &value);
+    }
+    assert_eq!(shown(&folder.open().expect("read").test)[1], ("000001/cam00", 1.0 / 3.0));
+}
+
 #[test]
 fn without_numbers_cameras_go_by_their_places() {
     let folder = scene();
@@ -154,7 +201,7 @@ fn lists_of_other_shapes_are_refused() {
     folder.write_json(TRAIN, &json!({ "w": 48, "h": 32, "k": [], "w2c": [], "fn": [] }));
     folder.complaint(&["train_meta.json has 0 times", "test_meta.json has 3"]);
     folder.write_json(TEST, &json!({ "w": 48, "h": 32, "k": [], "w2c": [], "fn": [] }));
-    folder.complaint(&["no picture to train on"]);
+    folder.complaint(&["no image to train on"]);
 }
 
 #[test]
@@ -163,7 +210,7 @@ fn pictures_are_there_and_named_once() {
     folder.write_json(TEST, &meta(&[5]));
     folder.complaint(&["ims/5/000000.png", "would have the name"]);
     folder.write_json(TEST, &meta(&[7]));
-    folder.complaint(&["no picture ims/7/000000.png", "3 of 9"]);
+    folder.complaint(&["no image ims/7/000000.png", "3 of 9"]);
     folder.remove(TEST);
     folder.complaint(&["no test_meta.json"]);
 }

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use super::frame_numbers::{FrameNumber, NumberedFrames, check_numbers};
 use crate::error::DataError;
 use crate::files::{entries, pictures_in};
 use crate::readers::options::ReadOptions;
@@ -20,6 +21,18 @@ pub(crate) struct CameraFrames {
     pub(crate) name: String,
     /// The frames, in temporal order.
     pub(crate) frames: Vec<Frame>,
+    matching: Matching,
+}
+
+/// How the frames of a camera are matched with those of other cameras.
+#[derive(Debug)]
+enum Matching {
+    /// By the numbers at the end of their names. These are the numbers of all frames, used or not.
+    Numbers(Vec<FrameNumber>),
+    /// By their order, because their names differ in more than a number. This is such a name.
+    Names(String),
+    /// By their order in a video, which has no gaps.
+    Video,
 }
 
 /// A frame of a camera.
@@ -49,12 +62,12 @@ pub(crate) fn camera_names(folder: &Path) -> Result<Vec<String>, DataError> {
     Ok(names)
 }
 
-/// The first `limit` frames of each camera. They are the images in the subfolder `inner` of the camera's folder,
-/// otherwise the frames of its video.
+/// The first frames of each camera ([`ReadOptions::frames`]). They are the images in the subfolder `inner` of the
+/// camera's folder, otherwise the frames of its video. Frames at the same place show the same moment.
 ///
 /// # Errors
-/// [`DataError::Missing`] if a camera has no frames. [`DataError::Disagreement`] if two cameras have different numbers
-/// of frames. [`DataError::Content`] if two files are the same frame, or a video cannot be used.
+/// [`DataError::Missing`] if a camera has no frames. [`DataError::Disagreement`] if a camera lacks a frame that another
+/// one has. [`DataError::Content`] if two files are the same frame, or a video cannot be used.
 pub(crate) fn list_frames(
     folder: &Path,
     names: &[String],
@@ -63,37 +76,102 @@ pub(crate) fn list_frames(
 ) -> Result<Vec<CameraFrames>, DataError> {
     let limit = options.frame_limit()?;
     let store = FrameStore::new(options.frame_store.as_deref());
-    let mut cameras = Vec::with_capacity(names.len());
-    for name in names {
-        let pictures = folder.join(name).join(inner);
-        let mut frames = extracted_frames(&pictures)?;
-        let mut videos = VIDEO_EXTENSIONS.iter().map(|extension| folder.join(format!("{name}.{extension}")));
-        if let Some(video) = videos.find(|path| frames.is_empty() && path.is_file()) {
-            frames = frames_of_video(&video, limit, &store)?;
-        }
-        if frames.is_empty() {
-            let what = format!("frame of the camera {name}");
-            let advice = format!("Put its frames there as png or jpg files, or its video beside it as {name}.mp4");
-            return Err(DataError::Missing { what, folder: pictures, advice });
-        }
-        frames.truncate(limit);
-        cameras.push(CameraFrames { name: name.clone(), frames });
-    }
-    if let Some(other) = cameras.iter().find(|c| c.frames.len() != cameras[0].frames.len()) {
-        let count = |c: &CameraFrames| format!("{} has {} frames", c.name, c.frames.len());
-        let least = other.frames.len().min(cameras[0].frames.len());
-        return Err(DataError::Disagreement {
-            folder: folder.to_owned(),
-            first: count(&cameras[0]),
-            second: count(other),
-            advice: format!("Extract the missing frames, or read fewer with the option frames = {least}"),
-        });
-    }
+    let camera = |name: &String| frames_of_camera(folder, name, inner, limit, &store);
+    let cameras = names.iter().map(camera).collect::<Result<Vec<_>, _>>()?;
+    check_numbered(folder, &cameras, limit)?;
+    check_counts(folder, &cameras)?;
     Ok(cameras)
 }
 
+/// The first `limit` frames of a camera.
+fn frames_of_camera(
+    folder: &Path,
+    name: &str,
+    inner: &str,
+    limit: usize,
+    store: &FrameStore,
+) -> Result<CameraFrames, DataError> {
+    let pictures = folder.join(name).join(inner);
+    let (mut frames, mut matching) = extracted_frames(&pictures)?;
+    let mut videos = VIDEO_EXTENSIONS.iter().map(|extension| folder.join(format!("{name}.{extension}")));
+    if let Some(video) = videos.find(|path| frames.is_empty() && path.is_file()) {
+        (frames, matching) = (frames_of_video(&video, limit, store)?, Matching::Video);
+    }
+    if frames.is_empty() {
+        let what = format!("frame of the camera {name}");
+        let advice = format!("Put its frames there as png or jpg files, or its video beside it as {name}.mp4");
+        return Err(DataError::Missing { what, folder: pictures, advice });
+    }
+    frames.truncate(limit);
+    Ok(CameraFrames { name: name.to_owned(), frames, matching })
+}
+
+/// Checks cameras whose frames are numbered: no camera lacks a frame that another one has.
+fn check_numbered(folder: &Path, cameras: &[CameraFrames], limit: usize) -> Result<(), DataError> {
+    let numbered = cameras.iter().find_map(|camera| match camera {
+        CameraFrames { name, matching: Matching::Numbers(numbers), .. } => Some(NumberedFrames { name, numbers }),
+        _ => None,
+    });
+    let Some(first) = numbered else { return Ok(()) };
+    // With one photo of each camera, nothing can be in the place of another.
+    if cameras.iter().all(|camera| matches!(&camera.matching, Matching::Numbers(numbers) if numbers.len() == 1)) {
+        return Ok(());
+    }
+    let disagreement = |first, second, advice: &str| DataError::Disagreement {
+        folder: folder.to_owned(),
+        first,
+        second,
+        advice: advice.into(),
+    };
+    for other in cameras {
+        match &other.matching {
+            Matching::Numbers(numbers) => {
+                let other = NumberedFrames { name: &other.name, numbers };
+                check_numbers(folder, [first, other], limit, "every camera")?;
+            }
+            Matching::Names(name) => {
+                return Err(disagreement(
+                    format!("the frames of {} are named by their numbers", first.name),
+                    format!("{} has a frame {name}", other.name),
+                    "Name all frames alike, one text and a number, and move other images elsewhere",
+                ));
+            }
+            Matching::Video => {
+                let gap = first.used(limit).windows(2).find_map(|pair| pair[0].next().filter(|next| *next != pair[1]));
+                if let Some(absent) = gap {
+                    return Err(disagreement(
+                        format!("{} has no frame {absent}", first.name),
+                        format!("{} is a video, which has every frame", other.name),
+                        "Add the frame, or extract the frames of the video and remove those that others lack",
+                    ));
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Checks that all cameras have equally many frames.
+fn check_counts(folder: &Path, cameras: &[CameraFrames]) -> Result<(), DataError> {
+    let Some(other) = cameras.iter().find(|c| c.frames.len() != cameras[0].frames.len()) else { return Ok(()) };
+    let count = |camera: &CameraFrames| match camera.frames.len() {
+        1 => format!("{} has 1 frame", camera.name),
+        many => format!("{} has {many} frames", camera.name),
+    };
+    let least = other.frames.len().min(cameras[0].frames.len());
+    Err(DataError::Disagreement {
+        folder: folder.to_owned(),
+        first: count(&cameras[0]),
+        second: count(other),
+        advice: format!(
+            "Without numbers in their names, frames are matched by their order: add the missing ones. If only the last \
+             ones are missing, read fewer with `--set scene.frames={least}`"
+        ),
+    })
+}
+
 /// The images of a folder as frames; none if the folder does not exist.
-fn extracted_frames(pictures: &Path) -> Result<Vec<Frame>, DataError> {
+fn extracted_frames(pictures: &Path) -> Result<(Vec<Frame>, Matching), DataError> {
     let mut frames = BTreeMap::new();
     let files = if pictures.is_dir() { pictures_in(pictures)? } else { Vec::new() };
     for path in files {
@@ -105,11 +183,25 @@ fn extracted_frames(pictures: &Path) -> Result<Vec<Frame>, DataError> {
             });
         }
     }
+    let matching = matching(frames.keys());
     let frame = |path: PathBuf| Frame {
         name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
         source: PictureSource::Image(path),
     };
-    Ok(frames.into_values().map(frame).collect())
+    Ok((frames.into_values().map(frame).collect(), matching))
+}
+
+/// How frames with these names, each a text and a number, are matched: by number if there is one text, and all have a
+/// number.
+fn matching<'a>(names: impl Iterator<Item = &'a (String, Option<FrameNumber>)> + Clone) -> Matching {
+    let unnumbered = names.clone().find(|(_, number)| number.is_none());
+    let usual = names.clone().next().map(|(text, _)| text);
+    match unnumbered.or_else(|| names.clone().find(|(text, _)| Some(text) != usual)) {
+        Some((text, number)) => {
+            Matching::Names(format!("{text}{}", number.as_ref().map_or(String::new(), ToString::to_string)))
+        }
+        None => Matching::Numbers(names.filter_map(|(_, number)| number.clone()).collect()),
+    }
 }
 
 fn frames_of_video(path: &Path, limit: usize, store: &FrameStore) -> Result<Vec<Frame>, DataError> {
@@ -122,11 +214,10 @@ fn frames_of_video(path: &Path, limit: usize, store: &FrameStore) -> Result<Vec<
 }
 
 /// Sort key: the name, with a number at its end compared by value, so that `frame_9` precedes `frame_10`.
-fn temporal_order(path: &Path) -> (String, usize, String) {
-    let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
-    let text = stem.trim_end_matches(|c: char| c.is_ascii_digit()).to_owned();
-    let number = stem[text.len()..].trim_start_matches('0').to_owned();
-    (text, number.len(), number)
+fn temporal_order(path: &Path) -> (String, Option<FrameNumber>) {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let (text, number) = FrameNumber::split(&stem);
+    (text.to_owned(), number)
 }
 
 #[cfg(test)]

@@ -1,7 +1,9 @@
 //! Code for several readers: file types, and the conversion of a reader's shot to a view.
 
 mod exif;
+pub(crate) mod frame_numbers;
 pub(crate) mod frames;
+pub(crate) mod ignored_masks;
 pub(crate) mod ply;
 pub(crate) mod poses;
 pub(crate) mod reduced;

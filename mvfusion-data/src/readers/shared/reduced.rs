@@ -64,7 +64,7 @@ fn redirect(scene: &Path, shots: &mut [Shot], options: &ReadOptions) -> Result<f
     if absent > 0 && images.is_dir() {
         warn!(
             folder = %folder.display(),
-            "{absent} of {} pictures are not in {IMAGES}_{factor}: those in {IMAGES} are read and made smaller",
+            "{absent} of {} images are not in {IMAGES}_{factor}: those in {IMAGES} are read and made smaller",
             names.len()
         );
         return Ok(downscale);
@@ -74,7 +74,7 @@ fn redirect(scene: &Path, shots: &mut [Shot], options: &ReadOptions) -> Result<f
     }
     let left = (downscale / f64::from(factor)).max(1.0);
     let further = if left > 1.0 { format!("made smaller by {left}") } else { "as they are".into() };
-    info!("the pictures in {IMAGES}_{factor}, {factor} times smaller than those in {IMAGES}, are read {further}");
+    info!("the images in {IMAGES}_{factor}, {factor} times smaller than those in {IMAGES}, are read {further}");
     Ok(left)
 }
 
@@ -100,7 +100,7 @@ fn stand_in(scene: &Path, options: &ReadOptions) -> Result<Option<u32>, DataErro
             Err(DataError::Missing {
                 what: format!("folder {IMAGES}"),
                 folder: scene.to_owned(),
-                advice: format!("There are {names}: set the option downscale to the number of one of them"),
+                advice: format!("There are {names}: read one of them with `--set scene.downscale={}`", factors[0]),
             })
         }
     }

@@ -39,7 +39,7 @@ pub(super) fn common_size(folder: &Path, shots: &[Shot], images: &[Used]) -> Res
         folder: folder.to_owned(),
         first: shown(0),
         second: shown(other),
-        advice: "All pictures of a scene must have one size: extract them again, or scale them alike".into(),
+        advice: "All images of a scene must have one size: extract them again, or scale them alike".into(),
     })
 }
 
@@ -57,10 +57,10 @@ pub(super) fn check_shapes(folder: &Path, (width, height): (u32, u32), shots: &[
         if !is_scaled((full.x, full.y), (f64::from(width), f64::from(height))) {
             return Err(DataError::Disagreement {
                 folder: folder.to_owned(),
-                first: format!("the pictures have {width} x {height} pixels"),
+                first: format!("the images have {width} x {height} pixels"),
                 second: format!("the camera of {} is for {} x {}", shot.name, full.x, full.y),
                 advice:
-                    "Use the pictures that the cameras were made from, or copies scaled by one factor along both sides"
+                    "Use the images that the cameras were made from, or copies scaled by one factor along both sides"
                         .into(),
             });
         }
@@ -68,8 +68,8 @@ pub(super) fn check_shapes(folder: &Path, (width, height): (u32, u32), shots: &[
     }
     if let Some(full) = scaled {
         info!(
-            "the pictures have {width}x{height} pixels, their cameras are for {}x{}: \
-             focal lengths and principal points are scaled to the pictures",
+            "the images have {width}x{height} pixels, their cameras are for {}x{}: \
+             focal lengths and principal points are scaled to the images",
             full.x, full.y
         );
     }
@@ -91,22 +91,33 @@ pub(super) fn is_scaled(one: (f64, f64), other: (f64, f64)) -> bool {
         })
 }
 
-/// The size of images of `width` by `height` pixels after downscaling by the option `downscale`.
+/// The size of images of `width` by `height` pixels, such as `first`, after downscaling by the option `downscale`.
 ///
 /// # Errors
-/// [`DataError::Setting`] if the factor is below 1, or so large that nothing useful remains.
-pub(super) fn reduced_size((width, height): (u32, u32), downscale: f64) -> Result<(u32, u32), DataError> {
-    let refuse = |reason| DataError::Setting { option: "downscale", value: downscale.to_string(), reason };
+/// [`DataError::Setting`] if the factor is below 1, or so large that nothing useful remains. [`DataError::Content`] if
+/// the images are too small as they are.
+pub(super) fn reduced_size(first: &Path, (width, height): (u32, u32), downscale: f64) -> Result<(u32, u32), DataError> {
+    let refuse =
+        |reason, advice| DataError::Setting { option: "downscale", value: downscale.to_string(), reason, advice };
     if !downscale.is_finite() || downscale < 1.0 {
-        return Err(refuse("it must be 1 or more: pictures are made smaller, never larger".into()));
+        let advice = "Read the images in their own size with `--set scene.downscale=1`".into();
+        return Err(refuse("it must be 1 or more: images are made smaller, never larger".into(), advice));
+    }
+    let least = width.min(height);
+    if least < LEAST_SIDE {
+        let reason = format!("it has {width}x{height} pixels, and each side needs at least {LEAST_SIDE}");
+        return Err(DataError::Content { path: first.to_owned(), reason, advice: "Use larger images" });
     }
     let smaller = |side: u32| (f64::from(side) / downscale).round() as u32;
     let (small_width, small_height) = (smaller(width), smaller(height));
     if small_width.min(small_height) < LEAST_SIDE {
-        return Err(refuse(format!(
-            "pictures of {width}x{height} would become {small_width}x{small_height}, \
-             and each side needs at least {LEAST_SIDE} pixels"
-        )));
+        let reason = format!(
+            "images of {width}x{height} would become {small_width}x{small_height}, and each side needs at least \
+             {LEAST_SIDE} pixels"
+        );
+        // Rounded down to hundredths.
+        let most = f64::from(100 * least / LEAST_SIDE) / 100.0;
+        return Err(refuse(reason, format!("Make them less small, with `--set scene.downscale={most}` at most")));
     }
     Ok((small_width, small_height))
 }
@@ -114,6 +125,23 @@ pub(super) fn reduced_size((width, height): (u32, u32), downscale: f64) -> Resul
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn images_that_are_too_small_as_they_are_do_not_blame_the_factor() {
+        for (size, downscale) in [((1, 1), 1.0), ((1, 1), 4.0), ((640, 15), 1.0)] {
+            let said = reduced_size(Path::new("a.png"), size, downscale).expect_err("too small").to_string();
+            assert!(said.contains("a.png") && said.contains(&format!("{}x{} pixels", size.0, size.1)), "{said}");
+            assert!(said.contains("at least 16") && !said.contains("downscale"), "{said}");
+        }
+    }
+
+    #[test]
+    fn a_factor_that_is_too_large_is_refused_with_the_largest_that_fits() {
+        let reduced = |downscale| reduced_size(Path::new("a.png"), (1352, 1014), downscale);
+        let said = reduced(100.0).expect_err("too small").to_string();
+        assert!(said.contains("scene.downscale = 100") && said.contains("--set scene.downscale=63.37"), "{said}");
+        assert_eq!(reduced(63.37).expect("fits"), (21, 16));
+    }
 
     #[test]
     fn scaled_copies_are_accepted_however_their_sides_were_rounded() {

@@ -10,6 +10,7 @@ use tracing::info;
 use super::shot::Shot;
 use super::sizes::{check_shapes, common_size, images_as_used, reduced_size};
 use crate::error::DataError;
+use crate::files::denied;
 use crate::readers::options::ReadOptions;
 use crate::scene::{
     Bend, Camera, ExifOrientation, Lens, Mask, Picture, PictureFile, PictureSource, Truth, View, pinhole_within,
@@ -19,10 +20,11 @@ use crate::scene::{
 /// headers of the images are read.
 ///
 /// # Errors
-/// [`DataError::Missing`] if an image or mask does not exist, [`DataError::Image`] if a header cannot be read.
+/// [`DataError::Missing`] if an image or mask does not exist, [`DataError::Denied`] if it may not be read,
+/// [`DataError::Image`] if a header cannot be read.
 /// [`DataError::Disagreement`] if sizes or aspect ratios differ. [`DataError::Setting`] if `downscale` is invalid.
-/// [`DataError::Content`] if two views have the same name, a lens shows nothing that a pinhole could show, or a
-/// camera's values are out of range.
+/// [`DataError::Content`] if images are too small, two views have the same name, a lens shows nothing that a pinhole
+/// could show, or a camera's values are out of range.
 pub(crate) fn views(folder: &Path, shots: Vec<Shot>, options: &ReadOptions) -> Result<Vec<View>, DataError> {
     if shots.is_empty() {
         return Ok(Vec::new());
@@ -32,15 +34,15 @@ pub(crate) fn views(folder: &Path, shots: Vec<Shot>, options: &ReadOptions) -> R
     let images = images_as_used(&shots)?;
     let on_disk = common_size(folder, &shots, &images)?;
     check_shapes(folder, on_disk, &shots)?;
-    let size = reduced_size(on_disk, options.downscale)?;
+    let size = reduced_size(shots[0].source.path(), on_disk, options.downscale)?;
     let bent = shots.iter().filter(|shot| shot.lens.at_size(DVec2::ONE).bend != Bend::NONE).count();
     if bent > 0 {
-        info!("{bent} pictures are straightened as they are read: their lenses bend");
+        info!("{bent} images are undistorted as they are read: their lenses bend");
     }
     let masked = shots.iter().filter(|shot| shot.mask.is_some()).count();
     if masked > 0 {
         let counting = if options.invert_masks { "black" } else { "white" };
-        info!("{masked} of {} pictures have masks: {counting} counts, the rest is ignored", shots.len());
+        info!("{masked} of {} images have masks: {counting} counts, the rest is ignored", shots.len());
     }
 
     // Most images are from one camera, and computing its pinhole traverses the border.
@@ -108,9 +110,12 @@ impl Pinholes {
 fn check_presence(folder: &Path, shots: &[Shot]) -> Result<(), DataError> {
     let pictures: Vec<&Path> = shots.iter().map(|shot| shot.source.path()).collect();
     let masks: Vec<&Path> = shots.iter().filter_map(|shot| shot.mask.as_deref()).collect();
-    for (what, paths) in [("picture", pictures), ("mask", masks)] {
+    for (what, paths) in [("image", pictures), ("mask", masks)] {
         let absent: Vec<&Path> = paths.iter().copied().filter(|path| !path.is_file()).collect();
         let Some(first) = absent.first() else { continue };
+        if let Some(path) = denied(first) {
+            return Err(DataError::Denied { path });
+        }
         let path = first.strip_prefix(folder).unwrap_or(first);
         return Err(DataError::Missing {
             what: format!("{what} {}", path.display()),
@@ -144,7 +149,7 @@ fn no_pinhole(shot: &Shot) -> DataError {
     DataError::Content {
         path: shot.source.path().to_owned(),
         reason: "its lens, as the scene describes it, shows nothing in front of the camera".into(),
-        advice: "Check the distortion coefficients, or undistort the pictures with another program",
+        advice: "Check the distortion coefficients, or undistort the images with another program",
     }
 }
 
@@ -157,6 +162,6 @@ fn no_camera(shot: &Shot, camera: &Camera) -> DataError {
              large or too small to compute with",
             translation.to_array()
         ),
-        advice: "Check the entry of the picture in the scene's files",
+        advice: "Check the entry of the image in the scene's files",
     }
 }

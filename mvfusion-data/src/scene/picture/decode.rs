@@ -9,7 +9,7 @@ use image::{DynamicImage, ImageDecoder, ImageReader, ImageResult};
 
 use super::{ExifOrientation, check_shape, jpeg};
 use crate::error::DataError;
-use crate::files::open_file;
+use crate::files::{open_file, or_denied};
 
 /// What the header of an image file says.
 #[derive(Clone, Copy, Debug)]
@@ -24,7 +24,7 @@ impl PictureHeader {
     /// Reads only the header.
     ///
     /// # Errors
-    /// [`DataError::Image`] if the header cannot be read.
+    /// [`DataError::Image`] if the header cannot be read, [`DataError::Denied`] if the file may not be.
     pub(crate) fn read(path: &Path) -> Result<Self, DataError> {
         Self::of(opened(path)?).map_err(|e| unreadable(path, &e))
     }
@@ -58,7 +58,7 @@ pub(super) fn decode(path: &Path, wanted: (u32, u32), exif: ExifOrientation) -> 
     let mut file = open_file(path).map_err(|e| unreadable(path, &e))?;
     file.read_to_end(&mut bytes).map_err(|e| unreadable(path, &e))?;
     if jpeg::is_broken_off(&bytes) {
-        return Err(unreadable(path, &"the file ends before the picture does"));
+        return Err(unreadable(path, &"the file ends before the image does"));
     }
     let guessed = || ImageReader::new(Cursor::new(&bytes)).with_guessed_format().map_err(|e| unreadable(path, &e));
     let mut header = PictureHeader::of(guessed()?).map_err(|e| unreadable(path, &e))?;
@@ -78,5 +78,5 @@ fn opened(path: &Path) -> Result<ImageReader<BufReader<File>>, DataError> {
 }
 
 fn unreadable(path: &Path, reason: &dyn std::fmt::Display) -> DataError {
-    DataError::Image { path: path.to_owned(), reason: reason.to_string() }
+    or_denied(DataError::Image { path: path.to_owned(), reason: reason.to_string() })
 }

@@ -136,7 +136,7 @@ impl CameraRecord {
         }
         let side = |pixels: u64| u32::try_from(pixels).ok().filter(|&p| p > 0).map(f64::from);
         let (Some(width), Some(height)) = (side(self.width), side(self.height)) else {
-            return Err(format!("{about} has pictures of {} x {} pixels", self.width, self.height).into());
+            return Err(format!("{about} has images of {} x {} pixels", self.width, self.height).into());
         };
         let bend = (self.model.bend)(coefficients);
         if matches!(bend, Bend::Unified { alpha, beta } if !(0.0..=1.0).contains(&alpha) || beta <= 0.0) {

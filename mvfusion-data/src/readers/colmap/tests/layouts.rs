@@ -70,7 +70,7 @@ fn smaller_copies_of_the_photos_stand_for_those_made_smaller_here() {
     fixture.write_photo("images_4/2clutter002.png", (12, 8), [100; 3]);
     assert_eq!(read(2.0).expect("read"), (24, 20.0, 200));
     assert_says(&fixture.complaint(), &["no folder images in", "images_2, images_4", "downscale"]);
-    assert_says(&read(4.0).expect_err("incomplete").to_string(), &["no picture images_4/", "3 of 4"]);
+    assert_says(&read(4.0).expect_err("incomplete").to_string(), &["no image images_4/", "3 of 4"]);
 }
 
 #[test]

@@ -8,12 +8,13 @@ use image::{Rgb, RgbImage};
 use tempfile::TempDir;
 
 use super::*;
-use crate::readers::{attach_masks, open};
+use crate::readers::open;
 use crate::scene::{Camera, PointCloud};
 use sample::Sample;
 
 mod hostile;
 mod layouts;
+mod masks;
 mod sample;
 
 const NAMES: [&str; 5] = ["2clutter010.png", "1extra005.png", "0clean003.png", "2clutter002.png", "1extra000.png"];
@@ -208,7 +209,7 @@ fn photos_of_several_sizes_are_refused() {
     fixture.write_photo("images/2clutter010.png", (96, 64), [1, 2, 3]);
     assert_says(&fixture.complaint(), &["48 x 32", "96 x 64", "2clutter010.png", "one size"]);
     fixture.write("images/2clutter010.png", "torn");
-    assert_says(&fixture.complaint(), &["cannot read the picture", "2clutter010.png"]);
+    assert_says(&fixture.complaint(), &["cannot read the image", "2clutter010.png"]);
 }
 
 #[test]
@@ -238,7 +239,7 @@ fn missing_files_are_named() {
     fixture.read().expect("clean photos are not used");
     fs::remove_file(fixture.at("images/1extra005.png")).expect("removed");
     fs::remove_file(fixture.at("images/2clutter002.png")).expect("removed");
-    assert_says(&fixture.complaint(), &["no picture images/2clutter002.png in", "2 of 4 pictures"]);
+    assert_says(&fixture.complaint(), &["no image images/2clutter002.png in", "2 of 4 images"]);
     for part in ["images.bin", "points3D.bin"] {
         let fixture = Fixture::new(&NAMES);
         fixture.write_text(&Sample::new(&NAMES));
@@ -304,17 +305,4 @@ fn a_model_without_points_is_allowed() {
     let fixture = Fixture::new(&NAMES);
     fixture.write_binary(&Sample { points: Vec::new(), ..Sample::new(&NAMES) });
     assert!(fixture.read().expect("read").points.is_empty());
-}
-
-#[test]
-fn masks_are_found_by_the_names_of_the_photos() {
-    let fixture = Fixture::new(&NAMES);
-    let mut scene = fixture.read().expect("read");
-    fixture.write_photo("masks/2clutter002.png", SIZE, [255; 3]);
-    fixture.write_photo("masks/1extra000.png", SIZE, [0; 3]);
-    fs::rename(fixture.at("masks/1extra000.png"), fixture.at("masks/1extra000.PNG")).expect("renamed");
-    assert_eq!(attach_masks(&mut scene, &fixture.at("masks")).expect("attached"), 2);
-    let mask = scene.train[0].truth.dynamic_mask.as_ref().expect("attached").mask().expect("mask");
-    assert_eq!((mask.dimensions(), mask.get_pixel(40, 20).0), (SIZE, [255]));
-    assert!(scene.train[1].truth.dynamic_mask.is_none());
 }

@@ -12,7 +12,7 @@ use tracing::warn;
 
 use super::element::{check_room, scalar, vertex_element};
 use crate::error::DataError;
-use crate::files::open_file;
+use crate::files::{open_file, or_denied};
 use crate::scene::{PointCloud, check_place};
 
 /// Colour of points in files without colours.
@@ -75,10 +75,9 @@ impl<'de> Deserialize<'de> for Vertices {
 /// [`DataError::Content`] if the file cannot be read, has no vertices with positions, ends early or contains a
 /// number that is not finite or too large to compute with.
 pub fn read_points(path: &Path) -> Result<PointCloud, DataError> {
-    let fail = |reason: String| DataError::Content {
-        path: path.to_owned(),
-        reason,
-        advice: "Export the point cloud again, or remove the file to start without points",
+    let fail = |reason: String| {
+        let advice = "Export the point cloud again, or remove the file to start without points";
+        or_denied(DataError::Content { path: path.to_owned(), reason, advice })
     };
     let file = open_file(path).map_err(|e| fail(e.to_string()))?;
     let room = file.metadata().map_err(|e| fail(e.to_string()))?.len();

@@ -23,7 +23,7 @@ use glam::{DMat3, DVec3};
 use super::shot::{FrameLens, Shot};
 use crate::error::DataError;
 use crate::files::{below, dataset_text, parse_json, rotation_of};
-use crate::scene::PictureSource;
+use crate::scene::{PictureSource, Scene};
 use lens::read_lens;
 use record::{FileRecord, FrameRecord, LensRecord};
 
@@ -65,6 +65,11 @@ pub(crate) struct Frame {
     pub(crate) timestamp: Option<f64>,
     /// A mask: white is valid, black is ignored.
     pub(crate) mask: Option<PathBuf>,
+}
+
+/// The masks in the folder of a `transforms.json` that no frame names; `None` if there are none.
+pub(crate) fn ignored_masks(folder: &Path, scene: &Scene) -> Option<String> {
+    super::ignored_masks::ignored_masks(folder, scene, "no frame of transforms.json has a `mask_path`")
 }
 
 /// A path without a leading `./`. A file may write the same path with and without it.

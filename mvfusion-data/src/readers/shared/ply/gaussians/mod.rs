@@ -14,7 +14,7 @@ use serde_ply::{DeserializeError, PlyReader};
 
 use super::element::{check_room, vertex_element};
 use crate::error::DataError;
-use crate::files::open_file;
+use crate::files::{open_file, or_denied};
 use crate::scene::GaussianCloud;
 use table::{Columns, Table};
 
@@ -28,10 +28,9 @@ use table::{Columns, Table};
 /// [`DataError::Content`] if the file cannot be read, lacks a field, or contains more or fewer rows than announced.
 /// Also if a number is not finite or too large to compute with, or a size is beyond single precision.
 pub fn read_gaussians(path: &Path) -> Result<GaussianCloud, DataError> {
-    let fail = |reason: String| DataError::Content {
-        path: path.to_owned(),
-        reason,
-        advice: "Export the Gaussians again as an uncompressed PLY file in the layout of 3DGS",
+    let fail = |reason: String| {
+        let advice = "Export the Gaussians again as an uncompressed PLY file in the layout of 3DGS";
+        or_denied(DataError::Content { path: path.to_owned(), reason, advice })
     };
     let file = open_file(path).map_err(|error| fail(error.to_string()))?;
     let room = file.metadata().map_err(|error| fail(error.to_string()))?.len();

@@ -97,6 +97,6 @@ fn check_tells_what_became_of_the_orientation() {
     for (camera, words) in [((32, 48), "which is applied"), ((48, 32), "which is not applied")] {
         write_scene(&folder, camera);
         let said = said();
-        assert!(said.contains("1 picture has") && said.contains(words) && said.contains("(a)"), "{said}");
+        assert!(said.contains("1 image has") && said.contains(words) && said.contains("(a)"), "{said}");
     }
 }

@@ -160,7 +160,7 @@ fn damaged_files_are_refused_with_the_frame_and_the_reason() {
     assert!(folder.open().expect_err("torn").to_string().contains("EOF"));
     folder.write_json("transforms.json", &file(vec![frame("a.png", 0.0), frame("b.png", 0.0)]));
     let message = folder.open().expect_err("absent").to_string();
-    assert!(message.contains("no picture b.png") && message.contains("1 of 2"), "{message}");
+    assert!(message.contains("no image b.png") && message.contains("1 of 2"), "{message}");
 }
 
 #[test]

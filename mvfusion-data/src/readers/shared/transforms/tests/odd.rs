@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::error::DataError;
+use crate::readers::shared::transforms::ignored_masks;
 use crate::scene::{Bend, Picture, Scene};
 
 /// Three images below `images`, and their frames.
@@ -34,7 +35,7 @@ fn one_list_is_enough_to_part_the_pictures_and_paths_may_be_written_in_two_ways(
     let validated = with(validated, "test_filenames", json!([]));
     assert_eq!(names(&opened(&folder, &validated)), [vec!["images/0", "images/2"], vec!["images/1"]]);
     let message = complaint(&folder, &only("test_filenames", &["images/0.png", "images/1.png", "images/2.png"]));
-    assert!(message.contains("holds out every picture"), "{message}");
+    assert!(message.contains("holds out every image"), "{message}");
     let message = complaint(&folder, &only("val_filenames", &["images/7.png"]));
     assert!(message.contains("images/7.png, which is no frame"), "{message}");
 }
@@ -85,6 +86,19 @@ fn points_and_masks_that_the_file_names_must_be_there() {
     frames[1]["mask_path"] = json!("masks/1.png");
     folder.write_json("transforms.json", &file(frames));
     folder.complaint(&["no mask masks/1.png", "1 of 1 masks"]);
+}
+
+#[test]
+fn masks_that_no_frame_names_are_told() {
+    let folder = SceneFolder::new();
+    let mut frames = three(&folder);
+    let told = |frames: &[Value]| ignored_masks(folder.path(), &opened(&folder, &file(frames.to_vec())));
+    assert_eq!(told(&frames), None);
+    folder.write_picture("masks/1.png", SIZE, 255);
+    let said = "masks/ contains 1 file, but no frame of transforms.json has a `mask_path`";
+    assert_eq!(told(&frames).as_deref(), Some(said));
+    frames[1]["mask_path"] = json!("masks/1.png");
+    assert_eq!(told(&frames), None);
 }
 
 #[test]
