@@ -72,13 +72,23 @@ fn print(found: &Replacements, figures: RefinementFigures, out: &mut dyn Write) 
         print_changes(&changes, out)?;
     }
     for (name, figures) in [("MVG", figures.mvg), ("MFTA", figures.mfta)] {
-        let Some(ModuleFigures { norm, constant, over_gaussians, over_time }) = figures else { continue };
+        let Some(ModuleFigures { norm, constant, over_gaussians, over_time, active, silent }) = figures else {
+            continue;
+        };
         let [constant, over_gaussians, over_time] = [constant, over_gaussians, over_time].map(|share| 1e2 * share);
         writeln!(
             out,
             "{name:LABEL$}{norm:.3} of the feature's norm; {constant:.1} % constant, {over_gaussians:.1} % over \
              Gaussians, {over_time:.1} % over time"
         )?;
+        if let (Some(active), Some(silent)) = (active, silent) {
+            let [active, silent] = [active, silent].map(|share| 1e2 * share);
+            writeln!(
+                out,
+                "{:LABEL$}{active:.1} % of the hidden units are active; {silent:.1} % of the Gaussians have none",
+                ""
+            )?;
+        }
     }
     if let Some(AttentionFigures { entropy, uniform_entropy }) = figures.attention {
         writeln!(out, "{:LABEL$}entropy {entropy:.3} of {uniform_entropy:.3} nats", "attention")?;

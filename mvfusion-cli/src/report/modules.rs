@@ -42,13 +42,20 @@ fn of_outputs(figures: &RefinementFigures) -> Markup {
                     th scope="col" title="share of the mean square in the mean over everything" { "constant" }
                     th scope="col" title="share in the differences between Gaussians" { "over Gaussians" }
                     th scope="col" title="share in the changes over time" { "over time" }
+                    th scope="col" title="mean share of hidden units that are active" { "active units" }
+                    th scope="col" title="share of Gaussians of which no hidden unit is active" { "silent" }
                 } }
                 tbody {
                     @for (name, figures) in rows {
-                        @if let Some(ModuleFigures { norm, constant, over_gaussians, over_time }) = figures { tr {
+                        @if let Some(figures) = figures { tr {
                             th scope="row" { (name) }
-                            td { (number(norm, 3)) }
-                            @for share in [constant, over_gaussians, over_time] { td { (number(1e2 * share, 1)) " %" } }
+                            td { (number(figures.norm, 3)) }
+                            @for share in shares_of(&figures) { td {
+                                @match share {
+                                    Some(share) => { (number(1e2 * share, 1)) " %" }
+                                    None => { "-" }
+                                }
+                            } }
                         } }
                     }
                 }
@@ -61,6 +68,12 @@ fn of_outputs(figures: &RefinementFigures) -> Markup {
             }
         }
     }
+}
+
+/// The shares of a row of that table. Earlier versions did not count units.
+fn shares_of(figures: &ModuleFigures) -> [Option<f64>; 5] {
+    let ModuleFigures { norm: _, constant, over_gaussians, over_time, active, silent } = *figures;
+    [Some(constant), Some(over_gaussians), Some(over_time), active, silent]
 }
 
 fn replaced(found: &Replacements, files: &RunFiles) -> Markup {

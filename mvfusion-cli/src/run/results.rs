@@ -251,10 +251,13 @@ const OF_MODULES: &str = "refinement.";
 fn metrics_of_modules(figures: &RefinementFigures) -> Vec<(String, f64)> {
     let mut metrics = Vec::new();
     for (module, figures) in [("mvg", figures.mvg), ("mfta", figures.mfta)] {
-        let Some(ModuleFigures { norm, constant, over_gaussians, over_time }) = figures else { continue };
-        for (name, value) in
-            [("norm", norm), ("constant", constant), ("over_gaussians", over_gaussians), ("over_time", over_time)]
-        {
+        let Some(ModuleFigures { norm, constant, over_gaussians, over_time, active, silent }) = figures else {
+            continue;
+        };
+        let shares = [("constant", constant), ("over_gaussians", over_gaussians), ("over_time", over_time)];
+        let counted = [("active", active), ("silent", silent)];
+        let counted = counted.into_iter().filter_map(|(name, share)| Some((name, share?)));
+        for (name, value) in std::iter::once(("norm", norm)).chain(shares).chain(counted) {
             metrics.push((format!("{OF_MODULES}{module}.{name}"), value));
         }
     }
@@ -362,7 +365,14 @@ mod tests {
     fn a_metric_that_changed_or_became_known_is_a_difference() {
         let mut other = results();
         assert!(results().differences(&other).is_empty());
-        let module = |norm| ModuleFigures { norm, constant: 0.75, over_gaussians: 0.125, over_time: 0.125 };
+        let module = |norm| ModuleFigures {
+            norm,
+            constant: 0.75,
+            over_gaussians: 0.125,
+            over_time: 0.125,
+            active: None,
+            silent: None,
+        };
         let figures = |norm| Some(RefinementFigures { mvg: Some(module(norm)), mfta: None, attention: None });
         other.refinement = figures(0.5);
         assert!(results().differences(&other).is_empty(), "earlier versions did not measure the modules");

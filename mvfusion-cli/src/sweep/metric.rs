@@ -55,6 +55,8 @@ static OF_MODULES: LazyLock<Vec<TableMetric>> = LazyLock::new(|| {
             ("constant", "constant share"),
             ("over_gaussians", "share over Gaussians"),
             ("over_time", "share over time"),
+            ("active", "active hidden units"),
+            ("silent", "Gaussians without active units"),
         ] {
             metrics.push(metric(&format!("refinement.{module}.{name}"), &format!("{label} {what}"), None, 3, None));
         }

@@ -182,8 +182,11 @@ impl Ground<'_> {
         config.scene.frame_store = None;
         config.eval.dynamic_masks.clone_from(&place.scene.masks);
         config.train.tensorboard = false;
-        // Sweeps that were started before this key existed keep their cells.
-        let text = config::to_toml(&config)?.replace("tensorboard = false\n", "");
+        // Sweeps that were started before these keys existed keep their cells.
+        let mut text = config::to_toml(&config)?;
+        for later in ["tensorboard = false\n", "normalisation = \"moments\"\n", "activation = \"relu\"\n"] {
+            text = text.replace(later, "");
+        }
         Ok(sha256(text.as_bytes())[..ID_LENGTH].to_owned())
     }
 

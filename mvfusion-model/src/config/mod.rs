@@ -40,7 +40,9 @@ pub(crate) use scene::LEAST_MOTION_DURATION;
 pub use scene::{InitConfig, SceneConfig, SceneKind};
 pub use steps::{Interval, Steps};
 pub use train::{BadStepRule, StageConfig, TrainConfig};
-pub use variants::{Descriptor, Refinement, Temporal, TokenMode, TokenOffset, TokenValues, Trajectory};
+pub use variants::{
+    Activation, Descriptor, Normalisation, Refinement, Temporal, TokenMode, TokenOffset, TokenValues, Trajectory,
+};
 
 /// The configuration of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]

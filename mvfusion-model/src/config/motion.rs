@@ -4,7 +4,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::keys::{keys, leaves};
-use super::{Descriptor, Interval, Refinement, Temporal, TokenMode, TokenOffset, TokenValues, Trajectory};
+use super::{
+    Activation, Descriptor, Interval, Normalisation, Refinement, Temporal, TokenMode, TokenOffset, TokenValues,
+    Trajectory,
+};
 
 /// Minimum number of steps between measurements of motion in shortened runs. While motion is being learned, its
 /// descriptors change by more than the period of their encoding, so each measurement sets back the refined deformation.
@@ -52,6 +55,8 @@ pub struct MotionConfig {
     /// settings. One of them is `1, 0, 0`, which keeps the other columns and therefore differs from
     /// `descriptor = "position_variance"`.
     pub weights: FusionWeights,
+    /// How descriptors are normalised.
+    pub normalisation: Normalisation,
     /// Decay of the moving mean and variance of the descriptors (A10).
     pub decay: f64,
     /// Whether mean and variance start from zero instead of the first measurement (A10).
@@ -66,6 +71,8 @@ pub struct MotionConfig {
     pub octaves: usize,
     /// Hidden width of both MLPs (paper: 256; A11, A16).
     pub hidden: usize,
+    /// The activation of both MLPs.
+    pub activation: Activation,
     /// Width of queries, keys and values over all heads (A15).
     pub attention_width: usize,
     /// Attention heads (A15).
@@ -119,6 +126,7 @@ impl Default for MotionConfig {
             window: 5,
             by_times: false,
             weights: FusionWeights::default(),
+            normalisation: Normalisation::default(),
             decay: 0.99,
             zero_start: false,
             normalise_local: true,
@@ -126,6 +134,7 @@ impl Default for MotionConfig {
             soft_clip: 3.0,
             octaves: 4,
             hidden: 256,
+            activation: Activation::default(),
             attention_width: 128,
             heads: 4,
             tokens: TokenMode::Triple,
@@ -219,6 +228,7 @@ keys!(MotionConfig {
     window: FROM_1.to(1e3).saying("a neighbour is at least one frame away"),
     by_times: ANY,
     weights: ANY,
+    normalisation: ANY,
     decay: SHARE,
     zero_start: ANY,
     normalise_local: ANY,
@@ -226,6 +236,7 @@ keys!(MotionConfig {
     soft_clip: ABOVE_0.from(1e-6),
     octaves: FROM_0.to(16.0),
     hidden: WIDTH,
+    activation: ANY,
     attention_width: WIDTH.saying("queries, keys and values need at least one column"),
     heads: WIDTH.saying("it must divide motion.attention_width"),
     tokens: ANY,

@@ -75,6 +75,28 @@ pub enum TokenValues {
     Velocities,
 }
 
+/// The activation between the layers of the modules' MLPs (A11, A16).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Activation {
+    /// A ReLU. Units that are negative for every Gaussian no longer learn.
+    #[default]
+    Relu,
+    /// `x sigmoid(x)`, which always learns.
+    Silu,
+}
+
+/// Centre and scale of the normalised descriptors (A10).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Normalisation {
+    /// Mean and standard deviation. A few Gaussians with far larger values than the others determine both.
+    #[default]
+    Moments,
+    /// The median, and the interquartile range over that of the standard normal distribution. Ours.
+    Quantiles,
+}
+
 /// The trajectories whose statistics MVG reads.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
@@ -97,4 +119,4 @@ pub enum Refinement {
     Sum,
 }
 
-leaves!(Descriptor, Temporal, TokenMode, TokenOffset, TokenValues, Trajectory, Refinement);
+leaves!(Activation, Descriptor, Normalisation, Temporal, TokenMode, TokenOffset, TokenValues, Trajectory, Refinement);

@@ -40,6 +40,13 @@ pub struct ModuleFigures {
     pub over_gaussians: f64,
     /// Share of the mean square in the changes over time.
     pub over_time: f64,
+    /// Mean share of the hidden units of the module's MLP that are positive. Earlier versions did not count them.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub active: Option<f64>,
+    /// Share of the Gaussians, over all times, of which no hidden unit is positive. With ReLUs, their output is the last
+    /// layer's bias.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub silent: Option<f64>,
 }
 
 /// Figures of an attention.
@@ -105,6 +112,11 @@ impl RefinementSurvey {
                     let sums = sums.entry(module).or_insert_with(|| Sums::new(model.dynamic.count(), output));
                     sums.add(output, alive.as_ref())?;
                 }
+                if let (Some(sums), Some(hidden)) =
+                    (sums.get_mut(&module), model.hidden_units(module, (alive.as_ref(), time), context))
+                {
+                    sums.add_hidden(hidden)?;
+                }
             }
             if let Some(entropy) = model.attention_entropy((alive.as_ref(), time), context) {
                 entropies.extend(tensors::read::<1, f64>(entropy)?);
@@ -166,12 +178,15 @@ struct Sums {
     /// Number of these times: `[N, 1]`.
     times: Tensor<2>,
     squares: f64,
+    /// Sums over Gaussians and times: the share of positive hidden units, and how often there is none.
+    positive: f64,
+    none_positive: f64,
 }
 
 impl Sums {
     fn new(count: usize, like: &Tensor<2>) -> Self {
         let zeros = |columns| Tensor::zeros([count, columns], (&like.device(), like.dtype()));
-        Self { outputs: zeros(like.dims()[1]), times: zeros(1), squares: 0.0 }
+        Self { outputs: zeros(like.dims()[1]), times: zeros(1), squares: 0.0, positive: 0.0, none_positive: 0.0 }
     }
 
     fn add(&mut self, output: &Tensor<2>, alive: Option<&AliveRows>) -> Result<(), ModelError> {
@@ -183,6 +198,16 @@ impl Sums {
         self.outputs = self.outputs.clone() + among_all(output.clone());
         self.times = self.times.clone() + among_all(ones);
         self.squares += sum_of_squares(output)?;
+        Ok(())
+    }
+
+    /// Counts the positive ones of hidden units `[N, hidden]`.
+    fn add_hidden(&mut self, hidden: Tensor<2>) -> Result<(), ModelError> {
+        let shares = hidden.greater_elem(0.0).float().mean_dim(1);
+        let none = shares.clone().equal_elem(0.0).float();
+        let sums: Vec<f64> = tensors::read(Tensor::cat(vec![shares.sum(), none.sum()], 0))?;
+        self.positive += sums[0];
+        self.none_positive += sums[1];
         Ok(())
     }
 
@@ -202,6 +227,8 @@ impl Sums {
             over_gaussians,
             // What remains, but for rounding.
             over_time: if self.squares > 0.0 { (1.0 - constant - over_gaussians).max(0.0) } else { 0.0 },
+            active: Some(self.positive / total[0].max(1.0)),
+            silent: Some(self.none_positive / total[0].max(1.0)),
         };
         Ok((figures, [of_all, of_each]))
     }
@@ -225,11 +252,17 @@ mod tests {
             let outputs = [moment([[5.0], [1.0]]), moment([[7.0], [3.0]])];
             let mut sums = Sums::new(2, &outputs[0]);
             outputs.iter().for_each(|output| sums.add(output, None).expect("the device answers"));
+            // One unit of the first Gaussian is positive once.
+            for first in [1.0, 0.0] {
+                let hidden = Tensor::<2>::from_data([[first, -1.0], [-1.0, -2.0f32]], &device);
+                sums.add_hidden(hidden).expect("the device answers");
+            }
             let (figures, [of_all, of_each]) = sums.finish(21.0).expect("the device answers");
             let squares = 25.0 + 49.0 + 1.0 + 9.0;
             let expected = [64.0 / squares, 16.0 / squares, 4.0 / squares, 2.0];
             let found = [figures.constant, figures.over_gaussians, figures.over_time, figures.norm];
             assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-6), "{found:?}, not {expected:?}");
+            assert_eq!((figures.active, figures.silent), (Some(0.125), Some(0.75)));
             assert_eq!((values(of_all), values(of_each)), (vec![4.0], vec![6.0, 2.0]));
         });
     }

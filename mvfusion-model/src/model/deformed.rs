@@ -5,7 +5,7 @@ use mvfusion_render::device::is_gpu;
 
 use super::alive::AliveRows;
 use super::gaussians::RawGaussians;
-use super::motion::{MomentRows, MotionCache, RefinedFeature, RefinementConfig, Substitutes};
+use super::motion::{MomentRows, MotionCache, MotionModule, RefinedFeature, RefinementConfig, Substitutes};
 use super::network::Offsets;
 use super::{DeformationLevel, Model, RenderContext};
 use crate::tensors;
@@ -114,6 +114,18 @@ impl Model {
     pub(crate) fn attention_entropy(&self, moment: Rows<'_>, context: &RenderContext) -> Option<Tensor<1>> {
         let means = self.means_of(&[moment]);
         self.refine(&[moment], context, |config| self.refinement.entropy(&self.network, means, config)).flatten()
+    }
+
+    /// The hidden units of a module's MLP, before their activation, of the rows that are alive. `None` without the
+    /// module, or until motion was measured.
+    pub(crate) fn hidden_units(
+        &self,
+        module: MotionModule,
+        moment: Rows<'_>,
+        context: &RenderContext,
+    ) -> Option<Tensor<2>> {
+        let means = self.means_of(&[moment]);
+        self.refine(&[moment], context, |config| self.refinement.hidden(module, &self.network, means, config)).flatten()
     }
 
     /// Number of rows that are alive, or of all.

@@ -50,13 +50,12 @@ struct Parts {
 impl Parts {
     /// The parts made of `values`.
     fn new(values: &Values, device: &Device) -> Self {
-        let chain = |name: &str, layers: usize| Mlp {
-            layers: (1..=layers)
-                .map(|layer| Linear {
-                    weight: parameter(values, &format!("{name}.{layer}.weight"), device),
-                    bias: Some(parameter(values, &format!("{name}.{layer}.bias"), device)),
-                })
-                .collect(),
+        let chain = |name: &str, layers: usize| {
+            let layers = (1..=layers).map(|layer| Linear {
+                weight: parameter(values, &format!("{name}.{layer}.weight"), device),
+                bias: Some(parameter(values, &format!("{name}.{layer}.bias"), device)),
+            });
+            Mlp::rectified(layers.collect())
         };
         let network = DeformationNetwork {
             grid: HexPlane::from_planes(parameter(values, "planes", device), layout(), bounds()),

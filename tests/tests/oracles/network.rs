@@ -43,7 +43,8 @@ pub fn linear(archive: &Archive, name: &str, device: &Device) -> Result<Linear> 
 
 /// The layers of the given names, one after another.
 pub fn mlp(archive: &Archive, names: &[&str], device: &Device) -> Result<Mlp> {
-    Ok(Mlp { layers: names.iter().map(|name| linear(archive, name, device)).collect::<Result<_>>()? })
+    let layers: Result<_> = names.iter().map(|name| linear(archive, name, device)).collect();
+    Ok(Mlp::rectified(layers?))
 }
 
 /// A file's network; with mask heads if the file has them.

@@ -65,7 +65,7 @@ fn check_hexplane(archive: &Archive, device: &Device) -> Result<()> {
         weight: Param::from_tensor(tensor(&weight.values, shape, device, DType::F32)),
         bias: Some(Param::from_tensor(archive.tensor("in.bias", device)?)),
     };
-    let trunk = Mlp { layers: vec![layer] };
+    let trunk = Mlp::rectified(vec![layer]);
     let value = trunk.forward(field.forward(points.clone(), times.clone()));
 
     let mut checks = Checklist::default();

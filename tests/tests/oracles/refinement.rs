@@ -205,7 +205,7 @@ fn check_parts(checks: &mut Checklist, archive: &Archive, setting: &Setting, tim
     let (signatures, local) = (setting.cache.signatures.clone(), setting.cache.local_at(time));
     compare("e", local.clone());
     // An encoder without layers shows the encoding itself.
-    let encoding = MotionEncoder::from_layers(Mlp { layers: Vec::new() }, setting.motion.octaves);
+    let encoding = MotionEncoder::from_layers(Mlp::rectified(Vec::new()), setting.motion.octaves);
     compare("posenc", encoding.forward(signatures, local));
 
     let feature = setting.feature(time);

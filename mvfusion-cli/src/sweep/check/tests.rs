@@ -67,7 +67,14 @@ fn the_names_that_are_known_are_those_of_a_run_that_has_everything() {
     results.training_views = Some(scores);
     results.speed =
         Some(RenderSpeed { width: 8, height: 8, warm_up: 1, frames: 1, fps: 60.0, fps_without_mfta: Some(70.0) });
-    let module = ModuleFigures { norm: 0.5, constant: 0.5, over_gaussians: 0.25, over_time: 0.25 };
+    let module = ModuleFigures {
+        norm: 0.5,
+        constant: 0.5,
+        over_gaussians: 0.25,
+        over_time: 0.25,
+        active: Some(0.5),
+        silent: Some(0.25),
+    };
     results.refinement = Some(RefinementFigures {
         mvg: Some(module),
         mfta: Some(module),

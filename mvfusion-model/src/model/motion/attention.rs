@@ -11,7 +11,7 @@ use mvfusion_render::attention;
 use super::Tokens;
 use super::token::token_width;
 use crate::config::MotionConfig;
-use crate::model::network::{Mlp, ModuleInit, Rectified, side_by_side, zero_last_layer};
+use crate::model::network::{Mlp, ModuleInit, Rectified, residual_mlp, side_by_side};
 
 /// The current token attends to tokens around it. An MLP that starts at zero maps the result to a residual of the
 /// deformation feature. The attention is multi-head, scaled by `1 / sqrt(d)`, without dropout or output projection. It
@@ -39,7 +39,7 @@ impl TemporalAttention {
     pub fn new(feature_width: usize, config: &MotionConfig, init: &mut ModuleInit<'_>) -> Self {
         let (token, width) = (token_width(feature_width, config), config.attention_width);
         let [query, key, value] = [(); 3].map(|()| init.linear(token, width));
-        let mlp = zero_last_layer(init.mlp(&[width, config.hidden, feature_width]));
+        let mlp = residual_mlp(&[width, config.hidden, feature_width], config.activation, init);
         let norm = config.residual.then(|| {
             let mut norm = LayerNormConfig::new(token).init(init.device);
             norm.gamma = init.parameter(vec![1.0; token], [token]);

@@ -5,7 +5,7 @@ use burn::tensor::Tensor;
 
 use super::token::token_width;
 use crate::config::MotionConfig;
-use crate::model::network::{Mlp, ModuleInit, zero_last_layer};
+use crate::model::network::{Mlp, ModuleInit, residual_mlp};
 
 /// The mean of the tokens instead of attention. It has a separate MLP, because tokens are wider than the output of
 /// attention.
@@ -19,7 +19,7 @@ impl TemporalAverage {
     /// Averaging over tokens for features of `feature_width`.
     pub fn new(feature_width: usize, config: &MotionConfig, init: &mut ModuleInit<'_>) -> Self {
         let token = token_width(feature_width, config);
-        Self { mlp: zero_last_layer(init.mlp(&[token, config.hidden, feature_width])) }
+        Self { mlp: residual_mlp(&[token, config.hidden, feature_width], config.activation, init) }
     }
 
     /// The mean of the tokens, before the MLP: `[N, S, T]` to `[N, T]`.

@@ -8,7 +8,7 @@ use burn::tensor::Tensor;
 
 use super::token::token_width;
 use crate::config::MotionConfig;
-use crate::model::network::{Mlp, ModuleInit, Rectified, side_by_side, zero_last_layer};
+use crate::model::network::{Mlp, ModuleInit, Rectified, residual_mlp, side_by_side};
 
 /// Taps of the convolution: previous, current and next frame.
 const TAPS: usize = 3;
@@ -29,7 +29,7 @@ impl TemporalConvolution {
         let width = config.attention_width;
         Self {
             taps: init.linear(TAPS * token_width(feature_width, config), width),
-            mlp: zero_last_layer(init.mlp(&[width, config.hidden, feature_width])),
+            mlp: residual_mlp(&[width, config.hidden, feature_width], config.activation, init),
         }
     }
 

@@ -3,7 +3,8 @@
 use burn::module::Module;
 use burn::tensor::Tensor;
 
-use crate::model::network::{HeadChoice, Mlp, ModuleInit, Offsets, zero_last_layer};
+use crate::config::MotionConfig;
+use crate::model::network::{HeadChoice, Mlp, ModuleInit, Offsets, residual_mlp};
 
 /// MVG with raw offsets instead of statistics: `h_MVG = W2 relu(W1 heads(h))`, with `W2` zero at the start. It
 /// deliberately has no encoding, normaliser or local variance, although raw values differ by orders of magnitude.
@@ -14,9 +15,9 @@ pub struct DirectEncoder {
 }
 
 impl DirectEncoder {
-    /// An encoder from the outputs of `heads` to features of `width`, through `hidden` units.
-    pub fn new(heads: HeadChoice, width: usize, hidden: usize, init: &mut ModuleInit<'_>) -> Self {
-        Self { mlp: zero_last_layer(init.mlp(&[heads.outputs(), hidden, width])) }
+    /// An encoder from the outputs of `heads` to features of `width`.
+    pub fn new(heads: HeadChoice, width: usize, config: &MotionConfig, init: &mut ModuleInit<'_>) -> Self {
+        Self { mlp: residual_mlp(&[heads.outputs(), config.hidden, width], config.activation, init) }
     }
 
     /// Maps the offsets of `N` Gaussians to `[N, width]`.

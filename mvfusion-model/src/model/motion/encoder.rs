@@ -6,7 +6,7 @@ use mvfusion_render::device::is_gpu;
 
 use super::statistics::{SIGNATURE_WIDTH, VELOCITY_WIDTH};
 use crate::config::{Descriptor, MotionConfig};
-use crate::model::network::{Mlp, ModuleInit, zero_last_layer};
+use crate::model::network::{Mlp, ModuleInit, residual_mlp};
 use crate::tensors;
 
 /// Encodes the signature and what is known of the moment into a residual of the deformation feature:
@@ -25,7 +25,7 @@ impl MotionEncoder {
     pub fn new(width: usize, config: &MotionConfig, init: &mut ModuleInit<'_>) -> Self {
         let moment = if config.descriptor == Descriptor::Momentary { 1 + VELOCITY_WIDTH } else { 1 };
         let inputs = (SIGNATURE_WIDTH + moment) * (1 + 2 * config.octaves);
-        Self { mlp: zero_last_layer(init.mlp(&[inputs, config.hidden, width])), octaves: config.octaves }
+        Self { mlp: residual_mlp(&[inputs, config.hidden, width], config.activation, init), octaves: config.octaves }
     }
 
     /// An encoder with given layers.
@@ -35,7 +35,7 @@ impl MotionEncoder {
 
     /// Maps `[N, 13]` signatures and `[N, 1 or 4]` values of the moment to `[N, width]`.
     pub fn forward(&self, signatures: Tensor<2>, moment: Tensor<2>) -> Tensor<2> {
-        self.forward_encoded(self.encode(signatures), moment)
+        self.mlp.forward(self.join(self.encode(signatures), moment))
     }
 
     /// The encoding of signatures. It is the same at all times.
@@ -43,14 +43,13 @@ impl MotionEncoder {
         sinusoidal(signatures, self.octaves)
     }
 
-    /// Maps encoded signatures, `[N, 13 (1 + 2 octaves)]`, and `[N, 1 or 4]` values of the moment to `[N, width]`.
-    pub(super) fn forward_encoded(&self, signatures: Tensor<2>, moment: Tensor<2>) -> Tensor<2> {
+    /// Joins encoded signatures, `[N, 13 (1 + 2 octaves)]`, with the encoding of `[N, 1 or 4]` values of the moment.
+    pub(super) fn join(&self, signatures: Tensor<2>, moment: Tensor<2>) -> Tensor<2> {
         let ([count, columns], blocks) = (moment.dims(), 1 + 2 * self.octaves);
         let signatures = signatures.reshape([count, blocks, SIGNATURE_WIDTH]);
         let moment = sinusoidal(moment, self.octaves).reshape([count, blocks, columns]);
         // Each block is a function of all values, so those of the moment are the last columns of every block.
-        let rows = Tensor::cat(vec![signatures, moment], 2).reshape([count, blocks * (SIGNATURE_WIDTH + columns)]);
-        self.mlp.forward(rows)
+        Tensor::cat(vec![signatures, moment], 2).reshape([count, blocks * (SIGNATURE_WIDTH + columns)])
     }
 }
 
@@ -105,7 +104,7 @@ mod tests {
             };
             for (octaves, columns) in [(0, 1), (1, 1), (4, 1), (2, 1 + VELOCITY_WIDTH)] {
                 let (signatures, moment) = (matrix(SIGNATURE_WIDTH), matrix(columns));
-                let encoder = MotionEncoder::from_layers(Mlp { layers: Vec::new() }, octaves);
+                let encoder = MotionEncoder::from_layers(Mlp::rectified(Vec::new()), octaves);
                 let wanted = sinusoidal(Tensor::cat(vec![signatures.clone(), moment.clone()], 1), octaves);
                 assert_eq!(values(encoder.forward(signatures, moment)), values(wanted));
             }

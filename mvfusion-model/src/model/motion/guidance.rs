@@ -19,12 +19,22 @@ pub enum Guidance {
 impl Guidance {
     /// `h_MVG` of the rows of some moments, for their feature `[N, H]`. The inputs of the modules have no gradient (A17).
     pub fn forward(&self, network: &DeformationNetwork, feature: &Tensor<2>, moments: &[MomentRows<'_>]) -> Tensor<2> {
+        self.mlp().forward(self.input(network, feature, moments))
+    }
+
+    /// The input of the layers: `[N, columns]`.
+    pub(super) fn input(
+        &self,
+        network: &DeformationNetwork,
+        feature: &Tensor<2>,
+        moments: &[MomentRows<'_>],
+    ) -> Tensor<2> {
         match self {
             Self::Encoder(encoder) => {
                 let signatures = joined(moments, |rows| rows.cache.encoded(|signatures| encoder.encode(signatures)));
-                encoder.forward_encoded(signatures, joined(moments, |rows| rows.cache.moment_at(rows.time)))
+                encoder.join(signatures, joined(moments, |rows| rows.cache.moment_at(rows.time)))
             }
-            Self::Direct(encoder) => encoder.forward(network.valid().decode(feature.clone().inner())),
+            Self::Direct(_) => network.valid().decode(feature.clone().inner()).joined(),
         }
     }
 

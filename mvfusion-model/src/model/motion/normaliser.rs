@@ -2,17 +2,22 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::config::MotionConfig;
+use crate::config::{MotionConfig, Normalisation};
 
-/// Moving mean and variance of each column over all Gaussians, updated with the statistics.
+/// The interquartile range of the standard normal distribution.
+const NORMAL_RANGE: f64 = 1.348_979_500_392_163_5;
+
+/// Moving mean and variance of each column over all Gaussians, updated with the statistics; with
+/// `motion.normalisation = "quantiles"`, the median and the variance of a normal distribution with the same interquartile
+/// range.
 ///
 /// The first batch initialises the state, unless it starts from zero. Later batches have weight `1 - decay`. A value
 /// `v` becomes `c tanh((v - mean) / (sqrt(variance) + epsilon) / c)` with the soft clip `c`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MovingNormaliser {
-    /// Moving mean of each column; empty before the first update.
+    /// Moving mean or median of each column; empty before the first update.
     pub means: Vec<f64>,
-    /// Moving population variance of each column.
+    /// Moving population variance of each column, or what stands for it.
     pub variances: Vec<f64>,
 }
 
@@ -22,7 +27,10 @@ impl MovingNormaliser {
         if values.is_empty() {
             return Vec::new();
         }
-        let (means, variances) = column_moments(values, columns);
+        let (means, variances) = match config.normalisation {
+            Normalisation::Moments => column_moments(values, columns),
+            Normalisation::Quantiles => column_quantiles(values, columns),
+        };
         if self.means.is_empty() && config.zero_start {
             (self.means, self.variances) = (vec![0.0; columns], vec![0.0; columns]);
         }
@@ -62,6 +70,24 @@ fn column_moments(values: &[f64], columns: usize) -> (Vec<f64>, Vec<f64>) {
     (means, variances)
 }
 
+/// The median of each column, and the variance of a normal distribution with its interquartile range.
+fn column_quantiles(values: &[f64], columns: usize) -> (Vec<f64>, Vec<f64>) {
+    let of_column = |column: usize| {
+        let mut sorted: Vec<f64> = values.iter().skip(column).step_by(columns).copied().collect();
+        sorted.sort_unstable_by(f64::total_cmp);
+        let [lower, median, upper] = [0.25, 0.5, 0.75].map(|share| quantile(&sorted, share));
+        (median, ((upper - lower) / NORMAL_RANGE).powi(2))
+    };
+    (0..columns).map(of_column).unzip()
+}
+
+/// The quantile of sorted values, linear between two of them.
+fn quantile(sorted: &[f64], share: f64) -> f64 {
+    let place = share * (sorted.len() - 1) as f64;
+    let (below, above) = (sorted[place.floor() as usize], sorted[place.ceil() as usize]);
+    below + (above - below) * place.fract()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -92,6 +118,20 @@ mod tests {
         values[0] = 1e6;
         let normalised = normaliser.update_and_normalise(&values, 2, &MotionConfig::default());
         assert!(normalised.iter().all(|v| v.abs() <= 3.0));
+        assert!(normalised.iter().skip(1).step_by(2).all(|&v| v == 0.0));
+    }
+
+    #[test]
+    fn quantiles_do_not_follow_outliers() {
+        let config =
+            MotionConfig { normalisation: Normalisation::Quantiles, soft_clip: 1e6, ..MotionConfig::default() };
+        let mut values: Vec<f64> = (0..=100).flat_map(|i| [f64::from(i), 7.0]).collect();
+        values[200] = 1e9;
+        let mut normaliser = MovingNormaliser::default();
+        let normalised = normaliser.update_and_normalise(&values, 2, &config);
+        assert_eq!(normaliser.means, [50.0, 7.0]);
+        // The quartiles 25 and 75 lie 0.6745 standard deviations from the median.
+        assert!((normalised[150] - 0.674_489_75).abs() < 1e-6, "{}", normalised[150]);
         assert!(normalised.iter().skip(1).step_by(2).all(|&v| v == 0.0));
     }
 }

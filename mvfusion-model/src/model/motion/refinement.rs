@@ -115,7 +115,7 @@ impl MotionRefinement {
     /// The stream always advances past the paper's own two modules. A variant is drawn from the position where the
     /// paper's module starts. Runs that differ in one module therefore start with the same weights in the other.
     pub fn new(network: &DeformationConfig, config: &MotionConfig, init: &mut ModuleInit<'_>) -> Self {
-        let (width, hidden) = (network.width, config.hidden);
+        let width = network.width;
         let mut start = init.stream.clone();
         let paper = MotionConfig { descriptor: Descriptor::Variances, ..config.clone() };
         let encoder = MotionEncoder::new(width, &paper, init);
@@ -126,7 +126,7 @@ impl MotionRefinement {
             }
             Descriptor::Offsets => {
                 let mut init = init.drawing_from(&mut start);
-                Guidance::Direct(DirectEncoder::new(network.heads, width, hidden, &mut init))
+                Guidance::Direct(DirectEncoder::new(network.heads, width, config, &mut init))
             }
         });
 
@@ -193,6 +193,28 @@ impl MotionRefinement {
         let temporal = self.temporal.as_ref().filter(|temporal| temporal.attends())?;
         let base = network.feature(means.clone(), of_time(config.moments, &means, |time| vec![time]));
         temporal.entropy(self.tokens(network, means, base, config))
+    }
+
+    /// The hidden units of a module's MLP before their activation, over the Gaussians of the configured moments: `[M,
+    /// hidden]`; `None` without the module.
+    pub fn hidden(
+        &self,
+        module: MotionModule,
+        network: &DeformationNetwork,
+        means: Tensor<2>,
+        config: &RefinementConfig<'_>,
+    ) -> Option<Tensor<2>> {
+        let base = network.feature(means.clone(), of_time(config.moments, &means, |time| vec![time]));
+        Some(match module {
+            MotionModule::Mvg => {
+                let guidance = self.guidance.as_ref()?;
+                guidance.mlp().hidden(guidance.input(network, &base, config.moments))
+            }
+            MotionModule::Mfta => {
+                let temporal = self.temporal.as_ref()?;
+                temporal.mlp().hidden(temporal.mix(self.tokens(network, means, base, config)))
+            }
+        })
     }
 
     /// The tokens of canonical centres `[M, 3]` with the feature `[M, H]`, each at its moment and around it.

@@ -1,8 +1,8 @@
 //! What each switch changes in what comes out, and what it does not.
 
 use mvfusion_model::config::{
-    Descriptor, FusionWeights, Interval, MotionConfig, Refinement, Spread, Temporal, TokenMode, TokenOffset,
-    TokenValues,
+    Activation, Descriptor, FusionWeights, Interval, MotionConfig, Normalisation, Refinement, Spread, Temporal,
+    TokenMode, TokenOffset, TokenValues,
 };
 use mvfusion_model::model::motion::SIGNATURE_WIDTH;
 
@@ -72,7 +72,7 @@ pub fn spatial(motion: &mut MotionConfig) {
 /// A switch turned from a starting point, and whether another picture comes out.
 type Effect = (&'static str, Switch, Switch, bool);
 
-const EFFECTS: [Effect; 41] = [
+const EFFECTS: [Effect; 44] = [
     ("mvg", |_| (), no_mvg, true),
     ("mfta", |_| (), no_mfta, true),
     ("position variance", |_| (), position, true),
@@ -97,6 +97,8 @@ const EFFECTS: [Effect; 41] = [
     ("sines", |_| (), sines, true),
     ("velocities", |_| (), velocities, true),
     ("residual", |_| (), residual, true),
+    ("SiLU", |_| (), |motion| motion.activation = Activation::Silu, true),
+    ("quantiles", |_| (), |motion| motion.normalisation = Normalisation::Quantiles, true),
     ("spatial", |_| (), spatial, true),
     ("neighbours in space", spatial, |motion| motion.neighbours = 3, true),
     ("neighbours in time", |_| (), |motion| motion.neighbours = 3, false),
@@ -109,6 +111,7 @@ const EFFECTS: [Effect; 41] = [
     // Without MVG there are no statistics, in the tokens neither.
     ("no MVG, samples", no_mvg, |motion| motion.samples = 6, false),
     ("no MVG, weights", no_mvg, |motion| motion.weights.scale = 0.9, false),
+    ("no MVG, quantiles", no_mvg, |motion| motion.normalisation = Normalisation::Quantiles, false),
     ("no MVG, spread", no_mvg, |motion| motion.spread = Spread::Deviation, false),
     ("no MVG, window", no_mvg, |motion| motion.window = 3, true),
     // Without MFTA there are no tokens. The window is then that of the local variance alone.
