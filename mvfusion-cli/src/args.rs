@@ -8,6 +8,7 @@ mod eval;
 mod export;
 mod lpips;
 mod manuals;
+mod numbers;
 mod output;
 mod page;
 mod prepare;

@@ -98,7 +98,7 @@ nothing unless --write is given. With --write, it writes metrics, images and rep
 than ours go to protocols/NAME, without images.
 
 If the parameters in the checkpoint are not those that results.json describes, the exit code is 1, and --write writes \
-nothing. --write also refuses if config.toml has changed since.
+nothing. --write also refuses if config.toml has changed since, or if the held-out photos are others.
 
 Different projects compute metrics of the same name in different ways. A protocol fixes the definitions that one group \
 of results uses. The protocol mvfusion has every metric; degauss, 3dgs and nerfbaselines have the metrics that these \

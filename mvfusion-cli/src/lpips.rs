@@ -1,12 +1,14 @@
 //! The folder of the LPIPS weights: which one a command uses, and who named it.
 
+use std::collections::BTreeSet;
 use std::ffi::OsStr;
 use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use anyhow::{Context, bail};
 use etcetera::BaseStrategy;
-use mvfusion_model::evaluation::Backbone;
+use mvfusion_model::evaluation::{Backbone, Protocol};
 use serde::{Deserialize, Serialize};
 
 /// The environment variable that names a folder.
@@ -63,6 +65,46 @@ pub fn kept(setting: &Path) -> io::Result<PathBuf> {
     if is_none(setting) { Ok(setting.to_owned()) } else { std::path::absolute(setting) }
 }
 
+/// The value of `--lpips-weights` as it is kept.
+///
+/// # Errors
+/// If the folder has no weights of a network that the protocol needs, or the path has no absolute form.
+pub fn of_option(option: &Path, protocol: Protocol) -> anyhow::Result<PathBuf> {
+    if !is_none(option) {
+        check_option(option, &protocol.lpips().map(|variant| variant.backbone).collect())?;
+    }
+    kept(option).with_context(|| format!("cannot use the path {}", option.display()))
+}
+
+/// Rejects a folder that `--lpips-weights` names if it has no weights of any of the networks.
+///
+/// # Errors
+/// With the files that were looked for.
+pub fn check_option(folder: &Path, networks: &BTreeSet<Backbone>) -> anyhow::Result<()> {
+    let missing = missing(folder, networks);
+    if !networks.is_empty() && missing.len() == networks.len() {
+        let (folder, files) = (folder.display(), files_of(&missing));
+        bail!("--lpips-weights {folder}: found no {files} or equivalent (docs/evaluation.md)");
+    }
+    Ok(())
+}
+
+/// Those of the networks whose weights are not in a folder.
+pub fn missing(folder: &Path, networks: &BTreeSet<Backbone>) -> Vec<Backbone> {
+    networks.iter().copied().filter(|network| network.file_in(folder).is_none()).collect()
+}
+
+/// The files of networks, in the words that follow "no".
+pub fn files_of(networks: &[Backbone]) -> String {
+    let files = networks.iter().map(|network| format!("lpips_{}_f32.safetensors", network.name()));
+    files.collect::<Vec<_>>().join(" and no ")
+}
+
+/// Whether a folder has the weights of any network.
+pub fn has_weights(folder: &Path) -> bool {
+    Backbone::ALL.iter().any(|backbone| backbone.file_in(folder).is_some())
+}
+
 /// The folder that `train` and `eval` look into by themselves; `None` where the system does not tell the user's.
 pub fn default_folder() -> Option<PathBuf> {
     let strategy = etcetera::base_strategy::choose_native_strategy().ok()?;
@@ -88,8 +130,7 @@ fn choose(setting: Option<&Path>, variable: Option<&OsStr>, default: Option<Path
     if let Some(variable) = variable.filter(|variable| !variable.is_empty()) {
         return named(Path::new(variable), NamedBy::Variable);
     }
-    let has_weights = |folder: &PathBuf| Backbone::ALL.iter().any(|backbone| backbone.file_in(folder).is_some());
-    default.filter(has_weights).map(|folder| LpipsFolder { folder, named_by: NamedBy::Default })
+    default.filter(|folder| has_weights(folder)).map(|folder| LpipsFolder { folder, named_by: NamedBy::Default })
 }
 
 #[cfg(test)]
@@ -111,6 +152,20 @@ mod tests {
         assert_eq!(chosen(None, Some("")), by_default);
         assert_eq!(chosen(None, Some("b")), Some(("b".into(), NamedBy::Variable)));
         assert_eq!(chosen(Some("a"), Some("b")), Some(("a".into(), NamedBy::Setting)));
+    }
+
+    #[test]
+    fn an_option_names_a_folder_with_weights_that_the_protocol_needs_or_none() {
+        let folder = tempfile::tempdir().expect("folder");
+        let given = |protocol| of_option(folder.path(), protocol).map_err(|error| error.to_string());
+        let said = given(Protocol::Mvfusion).expect_err("nothing is in the folder");
+        let files = "found no lpips_alex_f32.safetensors and no lpips_vgg_f32.safetensors or equivalent";
+        assert!(said.starts_with("--lpips-weights ") && said.contains(files), "{said}");
+        std::fs::write(folder.path().join("lpips_alex.safetensors"), b"").expect("written");
+        assert_eq!(given(Protocol::Mvfusion).as_deref(), Ok(folder.path()));
+        let said = given(Protocol::ThreeDgs).expect_err("it needs another network");
+        assert!(said.contains("found no lpips_vgg_f32.safetensors or"), "{said}");
+        assert_eq!(of_option(Path::new("none"), Protocol::Mvfusion).expect("none"), Path::new("none"));
     }
 
     #[test]

@@ -18,6 +18,9 @@ const FIGURES: usize = 4;
 /// Terminal width that a line must fit.
 const LINE: usize = 80;
 
+/// The smallest images of the networks, as in `Lpips::distances`.
+const LEAST_SIDES: &str = "alex needs 31 pixels per side, vgg 16";
+
 /// Writes the metrics of a run under a protocol, one line per layer: the main ones that fit into a line, or all of them
 /// if the user wants to see more.
 ///
@@ -132,13 +135,13 @@ fn write_flicker(results: &Results, out: &mut dyn Write) -> io::Result<()> {
     let Some(temporal) = results.test.temporal else { return Ok(()) };
     for (label, alex, vgg) in [
         ("T-LPIPS", temporal.t_lpips_alex, temporal.t_lpips_vgg),
-        ("plain mean", temporal.consecutive_lpips_alex, temporal.consecutive_lpips_vgg),
+        ("consecutive LPIPS", temporal.consecutive_lpips_alex, temporal.consecutive_lpips_vgg),
     ] {
         let known = [("alex", alex), ("vgg", vgg)];
         let metrics = known.into_iter().filter_map(|(network, metric)| Some(format!("{:.4} ({network})", metric?)));
         let metrics: Vec<String> = metrics.collect();
         if !metrics.is_empty() {
-            writeln!(out, "{label:LABEL$}{}", metrics.join(", "))?;
+            writeln!(out, "{:LABEL$}{}", format!("{label} "), metrics.join(", "))?;
         }
     }
     Ok(())
@@ -156,7 +159,23 @@ fn write_absent(results: &Results, out: &mut dyn Write) -> io::Result<()> {
     }
     by_reason.into_iter().try_for_each(|(reason, networks)| {
         writeln!(out, "{:LABEL$}absent ({}): {reason}; see `mvfusion lpips-weights`", "LPIPS", networks.join(", "))
-    })
+    })?;
+    let silent = silent_networks(results).join(", ");
+    match silent.is_empty() {
+        true => Ok(()),
+        false => writeln!(out, "{:LABEL$}absent ({silent}): the images are too small; {LEAST_SIDES}", "LPIPS"),
+    }
+}
+
+/// The networks that have weights and no metric of any view. The only other reason is that the images are too small.
+fn silent_networks(results: &Results) -> Vec<&str> {
+    let known: Vec<Metric> = known(results, &Metric::ALL).collect();
+    let is_silent = |network: &str| {
+        !known.iter().any(|metric| matches!(metric, Metric::Lpips(variant) if variant.backbone.name() == network))
+    };
+    let there = results.lpips.iter().filter(|(_, weights)| matches!(weights, LpipsWeights::WeightsSha256(_)));
+    // Without any metric, there is no view.
+    there.map(|(network, _)| network.as_str()).filter(|network| !known.is_empty() && is_silent(network)).collect()
 }
 
 fn speed_sentence(speed: &RenderSpeed) -> String {
@@ -222,6 +241,21 @@ mod tests {
         time            training 2 min 51 s (1400 steps), evaluation 9 s
         device          flex, 2 threads
         ");
+    }
+
+    #[test]
+    fn images_that_are_too_small_for_a_network_are_told() {
+        let weights = || LpipsWeights::WeightsSha256("0".into());
+        let lpips = BTreeMap::from([("alex".into(), weights()), ("vgg".into(), weights())]);
+        let composed = LayerScores { psnr: Some(27.0), lpips_vgg: Some(0.125), ..Default::default() };
+        let temporal = TemporalScores { consecutive_lpips_vgg: Some(0.25), ..Default::default() };
+        let scores = Scores { composed, temporal: Some(temporal), ..Default::default() };
+        let shown = table(&Results { lpips: lpips.clone(), ..specimen(scores) }, Protocol::Mvfusion);
+        let words = "absent (alex): the images are too small; alex needs 31 pixels per side, vgg 16\n";
+        assert!(shown.contains(words), "{shown}");
+        assert!(shown.contains("consecutive LPIPS 0.2500 (vgg)\n"), "{shown}");
+        let shown = table(&Results { lpips, ..specimen(Scores::default()) }, Protocol::Mvfusion);
+        assert!(!shown.contains("absent"), "without views, nothing is too small: {shown}");
     }
 
     #[test]

@@ -105,6 +105,19 @@ fn a_bad_value_is_a_usage_error_that_says_what_would_be_right() {
 }
 
 #[test]
+fn a_number_that_an_option_cannot_use_is_refused_with_an_example() {
+    misused(&["train", "--threads", "0"], &["--threads", "1 or more, such as 4"]);
+    misused(&["train", "--image-cache", "lots"], &["--image-cache", "512MB"]);
+}
+
+#[test]
+fn a_misspelt_grid_is_a_usage_error_that_names_the_nearest() {
+    for command in [["sweep", "component-small"].as_slice(), &["sweep", "show", "component-small"]] {
+        refuses(command, USAGE, &["`components-small`?", "claim-small"]);
+    }
+}
+
+#[test]
 fn an_unknown_preset_is_a_usage_error_that_lists_them() {
     refuses(&["train", "--preset", "quickstrat"], USAGE, &["`quickstrat`", "`quickstart`", "neu3d"]);
 }
@@ -184,7 +197,7 @@ fn a_run_that_fails_at_its_first_step_takes_its_folder_with_it() {
     let output = train_tiny(folder.path(), &settings);
     let said = text(&output.stderr);
     assert_eq!(output.status.code(), Some(FAILED), "{said}");
-    assert!(said.contains("cannot read the picture") && !said.contains("panicked"), "{said}");
+    assert!(said.contains("cannot read the image") && !said.contains("panicked"), "{said}");
     assert!(!folder.path().join("run").exists());
 }
 
@@ -297,6 +310,9 @@ fn weights_that_cannot_be_used_are_found_before_training() {
     let folder = tempfile::tempdir().expect("folder");
     refuses(&["train", "--lpips-weights", "no/weights", "--quiet"], FAILED, &["no/weights", "--lpips-weights"]);
     let path = folder.path().to_str().expect("UTF-8");
+    let none = ["--lpips-weights", path, "found no lpips_alex_f32.safetensors and no lpips_vgg_f32.safetensors"];
+    refuses(&["train", "--lpips-weights", path, "--quiet"], FAILED, &none);
+    refuses(&["eval", "no/run/here", "--lpips-weights", path], FAILED, &none);
     fs::write(folder.path().join("lpips_vgg_f32.safetensors"), "nonsense").expect("written");
     refuses(&["train", "--lpips-weights", path, "--quiet"], FAILED, &["lpips_vgg_f32.safetensors"]);
     let setting = format!("eval.lpips_weights={path}");

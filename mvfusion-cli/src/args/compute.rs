@@ -4,6 +4,7 @@ use std::num::NonZeroUsize;
 
 use clap::Args;
 
+use super::numbers::parse_count;
 use crate::device;
 
 /// Device and threads.
@@ -13,7 +14,7 @@ pub struct ComputeArgs {
     #[arg(long, value_name = "D", default_value = device::AUTO)]
     pub device: String,
     /// CPU threads; the result does not depend on their number [default: all cores]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = parse_count)]
     pub threads: Option<NonZeroUsize>,
 }
 

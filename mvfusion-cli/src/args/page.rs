@@ -5,6 +5,8 @@ use std::path::PathBuf;
 use bytesize::ByteSize;
 use clap::Args;
 
+use super::numbers::parse_bytes;
+
 /// Size of a page if none is asked for.
 const DEFAULT_SIZE: ByteSize = ByteSize::mb(20);
 
@@ -23,7 +25,7 @@ pub struct PageArgs {
     /// Until it fits, these are left out, in this order: precision, twice; keyframes between training times; a fifth of
     /// the Gaussians, those that contribute least to the training views; the highest degree of the colours; every other
     /// keyframe, as long as 12 are left; more Gaussians and degrees in turn; more Gaussians and keyframes.
-    #[arg(long, value_name = "SIZE", default_value_t = DEFAULT_SIZE, requires = "html")]
+    #[arg(long, value_name = "SIZE", default_value_t = DEFAULT_SIZE, value_parser = parse_bytes, requires = "html")]
     pub size: ByteSize,
 }
 

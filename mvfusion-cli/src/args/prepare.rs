@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use mvfusion_data::prepare::{Gpu, Matcher, Sync};
 
+use super::numbers::parse_count;
 use crate::render::parse_fps;
 
 /// `mvfusion prepare`.
@@ -51,7 +52,7 @@ pub struct PrepareArgs {
     #[arg(long, value_name = "WHEN", value_enum, default_value_t)]
     pub gpu: GpuChoice,
     /// CPU threads; with one and without a GPU, COLMAP gives the same poses again [default: all cores]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = parse_count)]
     pub threads: Option<NonZeroUsize>,
     /// Seed of COLMAP's random numbers
     // COLMAP reads an int.

@@ -8,6 +8,7 @@ use mvfusion_model::config::FusionWeights;
 
 use super::compute::ComputeArgs;
 use super::crop::CropArgs;
+use super::numbers::parse_count;
 use crate::render::{
     FileFormat, LayerChoice, Views, parse_fps, parse_frames, parse_layer, parse_size, parse_time, parse_weights,
 };
@@ -45,7 +46,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "WxH", value_parser = parse_size, conflicts_with = "downscale")]
     pub size: Option<(usize, usize)>,
     /// Divide width and height by N
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = parse_count)]
     pub downscale: Option<NonZeroUsize>,
     /// Weights of position, scale and rotation in the motion intensity [default: motion.weights of the run]
     #[arg(long, value_name = "P,S,R", value_parser = parse_weights)]

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand, ValueEnum};
 
 use super::compute::ComputeArgs;
+use super::numbers::parse_count;
 
 /// `mvfusion sweep`.
 #[derive(Clone, Debug, Args)]
@@ -97,11 +98,11 @@ pub struct SweepRunArgs {
     pub seeds: Vec<u64>,
     /// Number of cells to run at the same time; with slurm, an upper limit [default: on a CPU as many as threads, as far as
     /// the memory suffices; on a GPU, or if the grid measures frame rates, 1; with slurm, no limit]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = parse_count)]
     pub jobs: Option<NonZeroUsize>,
     /// CPU threads, shared by the cells that run at the same time; with slurm, the threads of each cell [default: all
     /// cores; with slurm, 4]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = parse_count)]
     pub threads: Option<NonZeroUsize>,
     /// Device of every cell (see `mvfusion train --help`)
     #[arg(long, value_name = "D", default_value = "auto")]

@@ -8,6 +8,7 @@ use mvfusion_model::train::IMAGE_CACHE;
 
 use super::compute::ComputeArgs;
 use super::config::ConfigSourceArgs;
+use super::numbers::parse_bytes;
 #[cfg(feature = "viewer")]
 use super::viewer::TrainViewArgs;
 
@@ -24,7 +25,7 @@ pub struct TrainArgs {
     #[command(flatten)]
     pub compute: ComputeArgs,
     /// Memory for decoded images; images that do not fit are decoded again shortly before use
-    #[arg(long, value_name = "SIZE", default_value_t = ByteSize(IMAGE_CACHE))]
+    #[arg(long, value_name = "SIZE", default_value_t = ByteSize(IMAGE_CACHE), value_parser = parse_bytes)]
     pub image_cache: ByteSize,
     /// Try even if the memory does not suffice by our estimate
     #[arg(long)]
@@ -53,9 +54,10 @@ pub struct TrainArgs {
     pub init_from: Option<PathBuf>,
     /// Continue the run in this folder from its newest checkpoint
     ///
-    /// The result is that of an uninterrupted run. The configuration is that of the run; --set may change keys of
-    /// `eval` and those of checkpoints and logs, and lengthen the last stage, also of a finished run. The device is that of
-    /// the run too, unless --device names another one.
+    /// The result is that of an uninterrupted run. --data names a scene that has moved; other images are refused. The
+    /// configuration is that of the run; --set may change keys of `eval` and those of checkpoints and logs, and
+    /// lengthen the last stage, also of a finished run. The device is that of the run too, unless --device names
+    /// another one.
     #[arg(long, value_name = "RUN", conflicts_with_all = ["out", "force", "preset", "config", "format", "seed"])]
     pub resume: Option<PathBuf>,
 }

@@ -14,7 +14,8 @@ use super::{json, replace};
 use crate::args::EvalArgs;
 use crate::progress::Verbosity;
 use crate::run::{
-    self, Change, Evidence, MasksRequest, OpenRun, Part, PicturesWriter, Results, RunRequest, SceneFile, TrainCost,
+    self, Change, Evidence, MasksRequest, OpenRun, Part, PicturesHash, PicturesWriter, Results, RunRequest, SceneFile,
+    TrainCost,
 };
 use crate::{atomic, lpips, report, table};
 
@@ -22,20 +23,30 @@ use crate::{atomic, lpips, report, table};
 ///
 /// # Errors
 /// If the run has no checkpoint, its data are gone, the device fails, or a file cannot be written. If the parameters
-/// are not those of the run's results: with `--write` before anything is written, otherwise after the table.
+/// are not those of the run's results: with `--write` before anything is written, otherwise after the table. With
+/// `--write`, also if the configuration or the held-out photos are not those of the run's results.
 pub fn eval(args: &EvalArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let masks = args.masks.as_deref().map_or(MasksRequest::AsConfigured, MasksRequest::Folder);
     let request = RunRequest { run: &args.run, data: args.data.as_deref(), masks, device: &args.compute.device };
     let folder = metrics_folder(&args.run, args.protocol);
+    let weights = args.lpips_weights.as_deref().map(|weights| lpips::of_option(weights, args.protocol)).transpose()?;
     let _lock = args.write.then(|| run::lock(&args.run)).transpose()?;
     let before = earlier_results(&folder)?;
     let OpenRun { config, device, scene, trained } = OpenRun::open(&request, verbosity)?;
-    let now = Evidence { params_sha256: parameter_hash(&trained.model)?, config_sha256: run::config_hash(&args.run)? };
+    let mut now = Evidence {
+        params_sha256: parameter_hash(&trained.model)?,
+        config_sha256: run::config_hash(&args.run)?,
+        photos_sha256: None,
+    };
     let changes = now.changes(with_results(&args.run, &folder))?;
-    if let Some(change) = changes.first().filter(|_| args.write) {
-        bail!("{change}. Nothing was written. To evaluate the run as it is now, move that file away first");
+    if args.write {
+        refuse_to_write(&changes)?;
+        if with_results(&args.run, &folder).any(|folder| folder.join(run::RESULTS).is_file()) {
+            now.photos_sha256 = Some(PicturesHash::of_photos(&scene.test)?.finish());
+            refuse_to_write(&now.changes(with_results(&args.run, &folder))?)?;
+        }
     }
-    let weights = lpips::find(args.lpips_weights.as_deref().or_else(|| configured_weights(&config, verbosity)))?;
+    let weights = lpips::find(weights.as_deref().or_else(|| configured_weights(&config, verbosity)))?;
     if let Some(weights) = &weights {
         verbosity.note(&format!("lpips:  {weights}"));
     }
@@ -87,6 +98,19 @@ pub fn eval(args: &EvalArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyho
 /// The folders whose results must describe the same model: the run's own, and that of the protocol.
 fn with_results<'a>(run: &'a Path, folder: &'a Path) -> impl Iterator<Item = &'a Path> {
     std::iter::once(run).chain((folder != run).then_some(folder))
+}
+
+/// The error for results that describe something else, which `--write` would replace.
+fn refuse_to_write(changes: &[Change]) -> anyhow::Result<()> {
+    let Some(change) = changes.first() else { return Ok(()) };
+    let remedy = match change.part {
+        Part::Parameters | Part::Configuration => "To evaluate the run as it is now, move that file away first",
+        Part::Photos => {
+            "Give the scene of the run with --data, or evaluate without --write. To keep only the metrics of these \
+             photos, move that file away first"
+        }
+    };
+    bail!("{change}. Nothing was written. {remedy}")
 }
 
 /// The error for other parameters than those of the results. A changed configuration was warned of.
@@ -158,6 +182,12 @@ fn compare(now: &Results, before: Option<&Results>, folder: &Path, out: &mut dyn
             "The earlier ones were computed on {}, these on {}; sums may round differently.",
             before.device, now.device
         )?;
+    }
+    if !before.photos_sha256.is_empty() && now.photos_sha256 != before.photos_sha256 {
+        writeln!(out, "The earlier ones were computed on other photos: photos_sha256 was {}.", before.photos_sha256)?;
+    }
+    if before.masks_sha256.as_ref().is_some_and(|before| now.masks_sha256.as_ref() != Some(before)) {
+        writeln!(out, "The earlier ones were computed with other masks of moving objects.")?;
     }
     if now.protocol != before.protocol {
         writeln!(out, "The earlier ones follow another protocol: {}", before.protocol)?;

@@ -73,8 +73,8 @@ fn show(name: &str, out: &mut dyn Write) -> anyhow::Result<()> {
     match sweep::find_shipped(name) {
         Some(shipped) => Ok(write!(out, "{}", shipped.text)?),
         None => {
-            let all = sweep::shipped_names();
-            Err(UsageError::new(format!("unknown grid `{name}`. The shipped grids are: {all}.")).into())
+            let (meant, all) = (sweep::suggested_grid(name), sweep::shipped_names());
+            Err(UsageError::new(format!("unknown grid `{name}`.{meant} The shipped grids are: {all}.")).into())
         }
     }
 }
@@ -221,17 +221,14 @@ impl<'a> Session<'a> {
     fn check_weights(&self) -> anyhow::Result<()> {
         let Some(folder) = self.plan.index.wanted.lpips_weights.as_deref() else { return Ok(()) };
         let needed = self.plan.index.lpips_networks();
-        let asked = if needed.is_empty() { BTreeSet::from(Backbone::ALL) } else { needed.clone() };
-        let (there, missing): (Vec<_>, Vec<_>) =
-            asked.into_iter().partition(|network: &Backbone| network.file_in(folder).is_some());
-        let files: Vec<String> =
-            missing.iter().map(|network| format!("lpips_{}_f32.safetensors", network.name())).collect();
-        let (folder, files) = (folder.display(), files.join(" and no "));
         // Weights that lie where they are looked for by themselves were not asked for.
-        if there.is_empty() && self.args.lpips_weights.is_some() {
-            bail!("--lpips-weights {folder}: found no {files} or equivalent (docs/evaluation.md)");
+        if self.args.lpips_weights.is_some() {
+            let asked = if needed.is_empty() { BTreeSet::from(Backbone::ALL) } else { needed.clone() };
+            lpips::check_option(folder, &asked)?;
         }
-        if !needed.is_empty() && !missing.is_empty() {
+        let missing = lpips::missing(folder, &needed);
+        if !missing.is_empty() {
+            let (folder, files) = (folder.display(), lpips::files_of(&missing));
             self.verbosity
                 .note(&format!("note:   {folder} has no {files} or equivalent; columns that need it stay empty"));
         }

@@ -93,7 +93,9 @@ impl KnownKeys {
         let key = &notes.key;
         let mut trial = self.defaults.clone();
         put(&mut trial, key, value.clone());
-        if Value::Table(trial).try_into::<Config>().is_ok() {
+        // A list would pass for a table: its items would become the first keys, and the others would be reset.
+        let is_table = notes.kind == KeyKind::Table;
+        if !is_table && Value::Table(trial).try_into::<Config>().is_ok() {
             return Ok(());
         }
         let expected = self.expectation(notes);

@@ -13,7 +13,7 @@ use anyhow::Context;
 use mvfusion_data::files::read_text;
 use mvfusion_data::readers::nerfstudio;
 use mvfusion_data::{Capture, Format};
-use mvfusion_model::Config;
+use mvfusion_model::{Config, ModelError};
 use toml::{Table, Value};
 
 use crate::args::ConfigSourceArgs;
@@ -91,9 +91,20 @@ pub fn resolve(args: &ConfigSourceArgs, data: Option<&Path>) -> anyhow::Result<R
 /// # Errors
 /// As [`resolve`].
 pub(crate) fn resolve_over(preset: &'static Preset, partials: Vec<PartialConfig>) -> anyhow::Result<Config> {
-    let config = merge(&[preset_chain(preset)?, partials].concat())?;
-    config.check()?;
+    let config = merge(&[preset_chain(preset)?, partials.clone()].concat())?;
+    config.check().map_err(|error| placed(error, &partials))?;
     Ok(config)
+}
+
+/// The error for a value that training does not accept, with the place where it was written. Later partials override
+/// earlier ones.
+fn placed(error: ModelError, partials: &[PartialConfig]) -> anyhow::Error {
+    let ModelError::Config { key, .. } = &error else { return error.into() };
+    match partials.iter().rev().find(|partial| partial.has(key)) {
+        Some(partial) => UsageError::new(format!("{}: {error}", partial.place(key))).into(),
+        // A value of the preset, which contradicts another one.
+        None => error.into(),
+    }
 }
 
 /// Reads the configuration file of a run.
@@ -114,8 +125,9 @@ pub fn read(path: &Path) -> anyhow::Result<Config> {
 pub(crate) fn resume(path: &Path, args: &ConfigSourceArgs, data: Option<&Path>) -> anyhow::Result<Config> {
     let stored = read_partial(path)?;
     let before = merge(std::slice::from_ref(&stored))?;
-    let mut config = merge(&[vec![stored], given_partials(args, data)?].concat())?;
-    config.check_of_run()?;
+    let partials = [vec![stored], given_partials(args, data)?].concat();
+    let mut config = merge(&partials)?;
+    config.check_of_run().map_err(|error| placed(error, &partials))?;
     make_absolute(&mut config)?;
     let (last_stage, length) = last_stage(&before);
     let longer = |new: &str| new.parse().is_ok_and(|new: usize| new > length);
@@ -411,6 +423,23 @@ mod tests {
     }
 
     #[test]
+    fn a_list_for_a_table_and_a_value_out_of_range_are_refused_with_their_line() {
+        let folder = tempfile::tempdir().expect("folder");
+        let file = folder.path().join("a.toml");
+        for (text, expected) in [
+            ("seed = 3\nloss = [2.0]\n", "`loss` must be a table with the keys "),
+            ("[train]\nscale = 0\n", "`train.scale` is 0: give a number above 0"),
+        ] {
+            std::fs::write(&file, text).expect("written");
+            let args = ConfigSourceArgs { config: Some(file.clone()), ..Default::default() };
+            let error = resolve(&args, None).expect_err("refused");
+            assert_eq!(crate::failure::exit_code(&error), crate::failure::USAGE, "{error}");
+            let said = error.to_string();
+            assert!(said.contains("a.toml, line 2") && said.contains(expected), "{said}");
+        }
+    }
+
+    #[test]
     fn a_dotted_key_in_quotes_is_refused_with_its_line() {
         let folder = tempfile::tempdir().expect("folder");
         let file = folder.path().join("a.toml");
@@ -437,6 +466,11 @@ mod tests {
             ("scene.data=3", "must be a string, not 3"),
             ("model.grid.resolution=[1, 2]", "must be a list such as [64, 64, 64, 150], not [1, 2]"),
             ("train=3", "must be a table"),
+            ("train=[0.003]", "`train` must be a table with the keys scale, "),
+            ("loss=[2.0]", "must be a table"),
+            ("scene=[\"casual\"]", "must be a table"),
+            ("train.stages=[]", "must be a table"),
+            ("motion.weights=[1, 2]", "`motion.weights` must be a table with the keys position, scale, rotation"),
             ("optim.means={start=\"x\"}", "`optim.means.start` must be a number, not \"x\""),
         ] {
             let message = refusal(&[setting]);

@@ -86,6 +86,11 @@ impl PartialConfig {
         self.lines.get(key).copied()
     }
 
+    /// Whether it has a value for a key.
+    pub fn has(&self, key: &str) -> bool {
+        leaves(&self.table).iter().any(|(own, _)| own == key)
+    }
+
     /// Where a key was written, for messages.
     pub fn place(&self, key: &str) -> String {
         match self.lines.get(key) {

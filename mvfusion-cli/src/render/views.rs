@@ -1,5 +1,6 @@
 //! The cameras and times of a rendering.
 
+use std::collections::BTreeSet;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -172,20 +173,40 @@ fn running(scene: &Scene, cameras: Vec<Camera>) -> Vec<Frame> {
 /// One camera, repeated.
 fn still(scene: &Scene, selection: &Selection) -> anyhow::Result<Vec<Camera>> {
     let wanted = selection.camera.as_deref().unwrap_or("0");
-    let Some(view) = find_view(scene, wanted) else {
-        let (first, last) = (&scene.train[0].name, &scene.train[scene.train.len() - 1].name);
-        bail!(UsageError::new(format!(
-            "the scene has no view or camera `{wanted}`. Give the name of a view ({first} to {last}) or of its camera, \
-             or the index of one of the {} held-out views.",
-            scene.test.len()
-        )));
-    };
+    let Some(view) = find_view(scene, wanted) else { bail!(no_such_camera(scene, wanted)) };
     let moments = scene.training_times().len().min(MOST_MOMENTS);
     Ok(vec![view.camera; selection.frames.map_or(moments, usize::from)])
 }
 
+/// The error for a camera that the scene does not have, with those that it has.
+fn no_such_camera(scene: &Scene, wanted: &str) -> UsageError {
+    let views = || scene.test.iter().chain(&scene.train);
+    let cameras: BTreeSet<&str> = views().filter_map(|view| Some(view.name.rsplit_once('/')?.0)).collect();
+    let (first, last) = (&scene.train[0].name, &scene.train[scene.train.len() - 1].name);
+    let names = if cameras.is_empty() {
+        format!("Give the name of a view, such as {first} or {last}")
+    } else {
+        let cameras = cameras.into_iter().collect::<Vec<_>>().join(", ");
+        format!("Its cameras are {cameras}. Give one of them, the name of a view, such as {first}")
+    };
+    let (count, kind) = match scene.test.len() {
+        0 => (scene.train.len(), "training"),
+        held_out => (held_out, "held-out"),
+    };
+    UsageError::new(format!(
+        "the scene has no view or camera `{wanted}`. {names}, or the index of one of the {count} {kind} views, from 0."
+    ))
+}
+
 /// The frames of a camera path, evenly spaced, and its frame rate.
 fn from_file(path: &Path, scene: &Scene, selection: &Selection) -> anyhow::Result<(Vec<Frame>, Option<f64>)> {
+    if let Ok(false) = path.try_exists() {
+        bail!(
+            "the camera path {} does not exist. Give --views the path of a JSON file, or train, test, spiral, orbit or \
+             still.",
+            path.display()
+        );
+    }
     let read = read_camera_path(path)?;
     let chosen = spread(read.entries.len(), selection.frames.map_or(usize::MAX, usize::from));
     let entries: Vec<_> = chosen.into_iter().map(|index| read.entries[index]).collect();
@@ -315,6 +336,7 @@ mod tests {
         assert_eq!(Views::Still.film(&scene, &with(&name)).expect("frames").frames[0].camera, scene.train[0].camera);
         let error = Views::Still.film(&scene, &with("cam77")).expect_err("refused").to_string();
         assert!(error.contains("`cam77`") && error.contains(&name), "{error}");
+        assert!(error.contains("Its cameras are cam00, cam01, "), "the held-out camera is among them: {error}");
         assert!(Views::Orbit.film(&scene, &with("0")).expect_err("refused").to_string().contains("--views still"));
     }
 
@@ -329,6 +351,8 @@ mod tests {
             )
         };
         let (scene, views) = (scene(), Views::File(path.clone()));
+        let error = views.film(&scene, &Selection::default()).expect_err("no file").to_string();
+        assert!(error.contains("fly.json does not exist"), "{error}");
         std::fs::write(&path, format!("[{}, {}]", entry(64, ""), entry(64, ",\"time\":0.125"))).expect("written");
         let film = views.film(&scene, &Selection::default()).expect("frames");
         assert_eq!((film.frames[0].time, film.frames[1].time, film.fps), (scene.training_times()[0], 0.125, FPS));

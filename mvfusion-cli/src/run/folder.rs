@@ -313,8 +313,8 @@ fn check_existing(path: &Path, existing: Existing, contents: Contents) -> anyhow
     let is_known = |name: &OsString| aside::is_aside(name) || contents.entries.iter().any(|&known| *name == known);
     match entries.iter().find(|name| !is_known(name)) {
         Some(other) => bail!(
-            "the folder {shown} contains `{}`, which does not belong to such a {what}, so --force does not replace it. \
-             Move it away, or choose another --out.",
+            "the folder {shown} contains `{}`, which no {what} of this program contains, so --force does not replace \
+             it. Move it away, or choose another --out.",
             other.display()
         ),
         None => Ok(()),

@@ -6,6 +6,7 @@ mod evidence;
 mod field;
 mod files;
 mod folder;
+mod images_hash;
 mod lock;
 mod metrics;
 mod open;
@@ -31,6 +32,7 @@ pub use files::{
 pub(crate) use files::{MOST_OF_PICTURE, MOST_OF_RECORDS, MOST_OF_SETTINGS};
 pub use folder::{Contents, Existing, RUN, RunFolder, RunPlan, is_finished, lock, waiting_note};
 pub(crate) use folder::{is_run, place, trial_file};
+pub use images_hash::images_hash;
 pub use metrics::{MetricsLine, MetricsLog, milliseconds};
 pub use open::{MasksRequest, OpenRun, RunRequest};
 pub use picture_kind::PictureKind;

@@ -5,9 +5,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use mvfusion_data::Scene;
+use mvfusion_model::ModelError;
 use mvfusion_model::train::{TrainState, parameter_hash};
 use serde::{Deserialize, Serialize};
 
+use super::images_hash::images_hash;
 use crate::clock;
 use crate::program::{BURN, GitRevision, Program};
 
@@ -89,7 +91,7 @@ impl fmt::Display for InitialWeights {
     }
 }
 
-/// A scene in numbers.
+/// A scene in numbers, and what identifies its images.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SceneRecord {
     /// Its name.
@@ -100,25 +102,52 @@ pub struct SceneRecord {
     pub test_views: usize,
     /// Initial points.
     pub points: usize,
+    /// A hash of the training images, see [`images_hash`]; former versions wrote none.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub images_sha256: Option<String>,
 }
 
 impl SceneRecord {
     /// The numbers of a scene.
-    pub fn of(scene: &Scene) -> Self {
-        Self {
+    ///
+    /// # Errors
+    /// If an image cannot be read.
+    pub fn of(scene: &Scene) -> anyhow::Result<Self> {
+        Ok(Self {
             name: scene.name.clone(),
             train_views: scene.train.len(),
             test_views: scene.test.len(),
             points: scene.points.len(),
+            images_sha256: Some(images_hash(&scene.train)?),
+        })
+    }
+
+    /// Rejects a scene whose training images are not the recorded ones. Without a recorded hash, any scene is accepted.
+    ///
+    /// # Errors
+    /// [`ModelError::OtherScene`] with both hashes. If an image cannot be read.
+    pub fn check_images(&self, scene: &Scene) -> anyhow::Result<()> {
+        let Some(written) = &self.images_sha256 else { return Ok(()) };
+        let now = images_hash(&scene.train)?;
+        if now == *written {
+            return Ok(());
         }
+        let reason = format!(
+            "its training images are not those of the run, whose `images_sha256` was written as {written} and is now \
+             {now}"
+        );
+        Err(ModelError::OtherScene { reason }.into())
     }
 }
 
 impl RunRecord {
     /// The record of a run that begins now.
-    pub fn begin(preset: &str, scene: &Scene, seed: u64, device: &str) -> Self {
+    ///
+    /// # Errors
+    /// If an image of the scene cannot be read.
+    pub fn begin(preset: &str, scene: &Scene, seed: u64, device: &str) -> anyhow::Result<Self> {
         let Program { version, git, features } = Program::this();
-        Self {
+        Ok(Self {
             version,
             burn: BURN.to_owned(),
             git,
@@ -127,7 +156,7 @@ impl RunRecord {
             arch: std::env::consts::ARCH.to_owned(),
             command: std::env::args_os().map(|argument| argument.to_string_lossy().into_owned()).collect(),
             preset: preset.to_owned(),
-            scene: SceneRecord::of(scene),
+            scene: SceneRecord::of(scene)?,
             seed,
             device: device.to_owned(),
             threads: rayon::current_num_threads(),
@@ -135,7 +164,7 @@ impl RunRecord {
             started: clock::now(),
             resumed: Vec::new(),
             finished: None,
-        }
+        })
     }
 
     /// The same for a run that begins with these weights.
@@ -152,5 +181,28 @@ impl RunRecord {
     /// The same at the end of the run.
     pub fn finished(self) -> Self {
         Self { finished: Some(clock::now()), ..self }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use mvfusion_data::{BuiltinOptions, Picture, builtin};
+
+    use super::*;
+
+    #[test]
+    fn other_images_are_refused_unless_none_were_recorded() {
+        let folder = tempfile::tempdir().expect("folder");
+        let mut scene = builtin::builtin(&BuiltinOptions { width: 16, height: 16, frames: 1, ..Default::default() });
+        let record = SceneRecord::of(&scene).expect("in memory");
+        record.check_images(&scene).expect("the same");
+        let file = folder.path().join("other.png");
+        std::fs::write(&file, "other").expect("written");
+        scene.train[0].image = Picture::file(file, (16, 16));
+        let error = record.check_images(&scene).expect_err("refused");
+        assert!(matches!(error.downcast_ref(), Some(ModelError::OtherScene { .. })), "{error}");
+        let former = r#"{"name": "a", "train_views": 7, "test_views": 1, "points": 3}"#;
+        let former: SceneRecord = serde_json::from_str(former).expect("read");
+        former.check_images(&scene).expect("former versions recorded none");
     }
 }

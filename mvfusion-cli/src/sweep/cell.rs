@@ -17,7 +17,7 @@ use crate::args::{ComputeArgs, ConfigSourceArgs, EvalArgs, RunCellArgs, TrainArg
 use crate::interrupt::Interrupted;
 use crate::progress::Verbosity;
 use crate::run;
-use crate::{command, config};
+use crate::{command, config, lpips};
 
 /// Trains a cell, evaluates it, and measures what else is wanted; does nothing if it is finished.
 ///
@@ -84,7 +84,7 @@ fn work(
             run: folder.run(id),
             data: places.scene.data,
             masks: places.eval.dynamic_masks,
-            lpips_weights: order.wanted.lpips_weights.clone(),
+            lpips_weights: weights_of_option(order),
             protocol: Protocol::Mvfusion,
             speed_frames: order.wanted.speed_frames,
             replace: Vec::new(),
@@ -101,6 +101,13 @@ fn work(
         );
     }
     Ok(())
+}
+
+/// The folder of weights as an option of the evaluation, which refuses an empty one. A sweep also begins with an empty
+/// folder that nobody asked for; the run's configuration then names it.
+fn weights_of_option(order: &Order) -> Option<PathBuf> {
+    let is_used = |folder: &PathBuf| lpips::is_none(folder) || lpips::has_weights(folder) || !folder.is_dir();
+    order.wanted.lpips_weights.clone().filter(is_used)
 }
 
 /// Trains a cell: continues the run of its folder if that has a checkpoint that can be read and belongs to the scene as it

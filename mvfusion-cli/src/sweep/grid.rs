@@ -213,7 +213,10 @@ impl Grid {
         let shown = name_or_path.display().to_string();
         let text = read_text(name_or_path, run::MOST_OF_SETTINGS).map_err(|error| {
             let hint = match error.kind() {
-                ErrorKind::NotFound => format!(" The grids that ship with the program are: {}.", shipped::names()),
+                ErrorKind::NotFound => {
+                    let meant = shipped::suggestion(&shown);
+                    format!("{meant} The grids that ship with the program are: {}.", shipped::names())
+                }
                 _ => String::new(),
             };
             UsageError::new(format!("cannot read the grid {shown}: {error}.{hint}"))

@@ -33,5 +33,5 @@ pub use local::Local;
 pub use metric::TableMetric;
 pub use plan::{Additions, Plan};
 pub use probe::seconds as probe_seconds;
-pub use shipped::{SHIPPED, Shipped, find as find_shipped, names as shipped_names};
+pub use shipped::{SHIPPED, Shipped, find as find_shipped, names as shipped_names, suggestion as suggested_grid};
 pub use slurm::Slurm;

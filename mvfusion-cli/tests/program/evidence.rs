@@ -1,4 +1,4 @@
-//! Runs whose checkpoint or configuration is no longer the one that their results describe.
+//! Runs whose checkpoint, configuration or images are no longer those that their results describe.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -7,6 +7,9 @@ use std::path::Path;
 use super::{FAILED, USAGE, mvfusion, text, train_tiny};
 
 const CHECKPOINT: &str = "run/checkpoints/final.safetensors";
+
+/// Adds a step to the last stage of a tiny run.
+const LONGER: &str = "train.stages.refinement=3";
 
 /// The bytes of all files that an evaluation may write.
 fn contents(run: &Path) -> BTreeMap<String, Vec<u8>> {
@@ -82,4 +85,51 @@ fn the_results_of_a_run_that_changed_are_never_overwritten() {
     assert!(contents(&run) == before, "a file has changed");
     let output = mvfusion(place, &[eval.as_slice(), &["--write"]].concat());
     assert!(output.status.success() && !text(&output.stderr).contains("is not what"), "{}", text(&output.stderr));
+}
+
+#[test]
+fn a_run_is_neither_written_to_nor_resumed_with_the_images_of_another_scene() {
+    let folder = tempfile::tempdir().expect("folder");
+    let place = folder.path();
+    for (scene, seed) in [("scene", "1"), ("other", "2")] {
+        let small = ["--layout", "neu3d", "--size", "48x36", "--frames", "3", "--seed", seed];
+        let made = mvfusion(place, &[&["synth", scene][..], &small].concat());
+        assert!(made.status.success(), "{}", text(&made.stderr));
+    }
+    let still = ["--set", "init.motion_points=0", "--set", "eval.pictures=false"];
+    let trained = train_tiny(place, &[&["--quiet", "--data", "scene", "--out", "run"][..], &still].concat());
+    assert!(trained.status.success(), "{}", text(&trained.stderr));
+    let run = place.join("run");
+    let before = contents(&run);
+    let eval = |data, more: &[&str]| {
+        mvfusion(place, &[&["eval", "run", "--speed-frames", "0", "--data", data][..], more].concat())
+    };
+    let resume = |data| mvfusion(place, &["train", "--resume", "run", "--data", data, "--set", LONGER]);
+
+    for more in [&["--write"][..], &["--write", "--protocol", "3dgs"], &["--write", "--replace", "all"]] {
+        let refused = eval("other", more);
+        let said = text(&refused.stderr);
+        assert_eq!(refused.status.code(), Some(FAILED), "{more:?}: {said}");
+        let hash = recorded(&run)["photos_sha256"].as_str().expect("a hash").to_owned();
+        for word in ["the held-out photos are not what run/results.json describes", "without --write", &hash] {
+            assert!(said.contains(word), "{more:?}: `{word}` is missing: {said}");
+        }
+    }
+    let compared = eval("other", &[]);
+    assert!(compared.status.success(), "{}", text(&compared.stderr));
+    assert!(text(&compared.stdout).contains("were computed on other photos"), "{}", text(&compared.stdout));
+    let refused = resume("other");
+    let said = text(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(FAILED), "{said}");
+    assert!(said.contains("its training images are not those of the run") && said.contains("--data"), "{said}");
+    assert!(contents(&run) == before, "a file has changed");
+
+    fs::rename(place.join("scene"), place.join("moved")).expect("moved");
+    let lost = mvfusion(place, &["train", "--resume", "run", "--set", LONGER]);
+    let said = text(&lost.stderr);
+    assert!(!lost.status.success() && said.contains("if it has moved, give its folder with --data"), "{said}");
+    let written = eval("moved", &["--write"]);
+    assert!(written.status.success(), "{}", text(&written.stderr));
+    let longer = resume("moved");
+    assert!(longer.status.success(), "{}", text(&longer.stderr));
 }

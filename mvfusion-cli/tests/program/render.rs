@@ -236,8 +236,8 @@ fn what_cannot_be_rendered_is_refused_before_anything_is_written() {
     parse(&["--size", "20000x100"], &["--size", "16 to 16384 pixels"]);
     parse(&["--frames", "108001"], &["--frames", "from 1 to 108000"]);
     parse(&["--fps", "1e300"], &["--fps", "between 0.1 and 240"]);
-    refused(path, &["--views", "still", "--camera", "cam99"], USAGE, &["cam99", "cam01/"]);
-    refused(path, &["--views", "fly.json"], FAILED, &["fly.json"]);
+    refused(path, &["--views", "still", "--camera", "cam99"], USAGE, &["cam99", "cam00", "cam01/"]);
+    refused(path, &["--views", "fly.json"], FAILED, &["fly.json does not exist"]);
     fs::write(path.join("fly.json"), "[{\"position\": [0, 0").expect("written");
     refused(path, &["--views", "fly.json"], FAILED, &["fly.json", "line 1"]);
     fs::write(path.join("fly.json"), "[{\"position\": [0, 0, 0]}]").expect("written");

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use mvfusion_data::{BuiltinKind, Scene};
+use mvfusion_model::evaluation::Protocol;
 use mvfusion_model::train::{TrainState, Trainer};
 use mvfusion_model::{Config, ModelError};
 use tracing::{info, warn};
@@ -31,7 +32,7 @@ pub(super) fn begun(args: &TrainArgs, signals: Signals, verbosity: Verbosity) ->
         verbosity.note(note);
     }
     if let Some(weights) = &args.lpips_weights {
-        resolved.config.eval.lpips_weights = Some(lpips::kept(weights)?);
+        resolved.config.eval.lpips_weights = Some(lpips::of_option(weights, Protocol::Mvfusion)?);
     }
     let device = device::open(&args.compute.device)?;
     let path = args.out.clone().unwrap_or_else(|| default_folder(&resolved));
@@ -65,7 +66,7 @@ pub(super) fn begun(args: &TrainArgs, signals: Signals, verbosity: Verbosity) ->
 
     let folder = plan.create()?;
     let Setup { config, device, scene, .. } = &setup;
-    let record = RunRecord::begin(resolved.preset.name, scene, config.seed, &device.name).initialised(weights);
+    let record = RunRecord::begin(resolved.preset.name, scene, config.seed, &device.name)?.initialised(weights);
     let log = MetricsLog::create(&folder.place(&[run::METRICS])?)?;
     Session::new(setup, RunFiles { folder, record, log, elapsed: 0.0 }, signals, verbosity)
 }

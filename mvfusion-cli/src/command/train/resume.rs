@@ -4,6 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, anyhow};
 use mvfusion_model::Config;
+use mvfusion_model::evaluation::Protocol;
 use mvfusion_model::train::{TrainState, Trainer};
 use tracing::warn;
 
@@ -46,10 +47,14 @@ pub(super) fn resumed(
         .into());
     }
     if let Some(weights) = &args.lpips_weights {
-        config.eval.lpips_weights = Some(lpips::kept(weights)?);
+        config.eval.lpips_weights = Some(lpips::of_option(weights, Protocol::Mvfusion)?);
     }
     let device = device_of_run(&args.compute.device, &record.device)?;
-    let scene = scene::open(&config)?;
+    let scene = scene::open(&config).context(
+        "cannot open the scene of the run; if it has moved, give its folder with --data and the folder of the masks \
+         with --set eval.dynamic_masks=DIR",
+    )?;
+    record.scene.check_images(&scene)?;
     setup::check_memory(args, &config, &scene, &device)?;
     let (checkpoint, state) = newest_state(path, &config.scaled(), &device, verbosity)?;
     let step = state.completed;

@@ -49,6 +49,10 @@ impl Setup {
         verbosity.note(&format!("scene:  {}", scene::describe(&self.scene)));
         if let Some(folder) = &self.lpips_folder {
             verbosity.note(&format!("lpips:  {folder}"));
+            // The option refuses such a folder; a key and the variable may name it.
+            if self.evaluator.weights().next().is_none() {
+                verbosity.note("note:   the folder of the LPIPS weights has none, so LPIPS stays unknown");
+            }
         }
     }
 }
