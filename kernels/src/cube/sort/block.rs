@@ -55,16 +55,20 @@ pub(super) fn read_in_turn(values: &[u32], block: &Block) -> Array<u32> {
     read
 }
 
-/// The unit's values of a block, see [`in_run`], which units that are neighbours read together. All units can write to
-/// `staged` after the next barrier.
+/// Copies the values of a block to shared memory. Units that are neighbours read neighbouring memory.
 #[cube]
-pub(super) fn read_run(values: &[u32], block: &Block, staged: &mut Shared<[u32]>) -> Array<u32> {
-    let mut run = read_in_turn(values, block);
+pub(super) fn stage(values: &[u32], block: &Block, staged: &mut Shared<[u32]>) {
+    let read = read_in_turn(values, block);
     #[unroll]
     for i in 0..ITEMS {
-        staged[padded(in_turn(i))] = run[i];
+        staged[padded(in_turn(i))] = read[i];
     }
-    sync_cube();
+}
+
+/// The unit's values of a staged block, see [`in_run`].
+#[cube]
+pub(super) fn run_of(staged: &mut Shared<[u32]>) -> Array<u32> {
+    let mut run = Array::<u32>::new(ITEMS);
     #[unroll]
     for i in 0..ITEMS {
         run[i] = staged[padded(in_run(i))];

@@ -13,7 +13,7 @@ mod order;
 use cubecl::prelude::*;
 
 use self::block::{
-    Block, STAGED_WORDS, block_of, in_run, in_turn, pack, packed_zeros, padded, read_in_turn, read_run, unpack,
+    Block, STAGED_WORDS, block_of, in_run, in_turn, pack, packed_zeros, padded, read_in_turn, run_of, stage, unpack,
 };
 use self::order::{
     COUNTER_BITS, COUNTER_MASK, DIGIT_UNITS, LOWER, Order, WORDS, clear, count, digit_of, next_place, order_of,
@@ -95,15 +95,16 @@ pub fn move_keys(
         clear(&mut counters);
         if comptime!(kind.staged) {
             let mut staged = Shared::<[u32]>::new_slice(STAGED_WORDS);
-            let run = read_run(keys, &block, &mut staged);
+            stage(keys, &block, &mut staged);
+            sync_cube();
             #[unroll]
             for i in 0..ITEMS {
                 if in_run(i) < block.count {
-                    count(&mut counters, run[i], shift);
+                    count(&mut counters, staged[padded(in_run(i))], shift);
                 }
             }
             let mut order = order_of(counters, offsets, shift, blocks);
-            move_sorted(&run, numbers, moved_keys, moved_numbers, &mut order, &mut staged, &block, kind);
+            move_sorted(numbers, moved_keys, moved_numbers, &mut order, &mut staged, &block, kind);
         } else {
             let end = min(in_run(ITEMS), block.count);
             for i in in_run(0usize)..end {
@@ -121,11 +122,9 @@ pub fn move_keys(
     }
 }
 
-/// Moves the keys of a block, of which the unit has a `run`, and their numbers, by way of the sorted block in shared
-/// memory.
+/// Moves the keys of a staged block, and their numbers, by way of the sorted block.
 #[cube]
 fn move_sorted(
-    run: &Array<u32>,
     numbers: &[u32],
     moved_keys: &mut [u32],
     moved_numbers: &mut [u32],
@@ -137,11 +136,13 @@ fn move_sorted(
     // Where the unit's keys go, and the digits of those that it writes.
     let mut places = packed_zeros(PLACE_BITS);
     let mut digits = packed_zeros(DIGIT_BITS);
+    let keys = run_of(staged);
+    sync_cube();
     #[unroll]
     for i in 0..ITEMS {
         if in_run(i) < block.count {
-            let place = next_place(order, run[i]);
-            staged[padded(place)] = run[i];
+            let place = next_place(order, keys[i]);
+            staged[padded(place)] = keys[i];
             pack(&mut places, i, place, PLACE_BITS);
         }
     }
@@ -183,7 +184,9 @@ fn numbers_of_run(
     #[comptime] kind: MoveKind,
 ) -> Array<u32> {
     if comptime!(kind.numbered) {
-        let run = read_run(numbers, block, staged);
+        stage(numbers, block, staged);
+        sync_cube();
+        let run = run_of(staged);
         sync_cube();
         run
     } else {
