@@ -276,6 +276,9 @@ impl Run {
         let results_in_fours = of.result.is_in_fours()
             && (of.end != End::Slabs || slab_stride.is_multiple_of(FOUR))
             && (!gated || of.gate.is_in_fours());
+        // A gate that is not read is bound as if it were, so it must not be too short for a vector. The right matrix has a
+        // row or column of the result's columns.
+        let gate = if gated { of.gate } else { of.right };
         let vector = |in_fours| if in_fours { FOUR } else { 1 };
         // SAFETY: rows, columns and depth are those of the matrices, and the kernel neither reads nor writes beyond
         // them.
@@ -290,13 +293,13 @@ impl Run {
                 of.left.tensor.clone().flat(),
                 of.right.tensor.clone().flat(),
                 of.bias.unwrap_or(&of.right.tensor).clone().flat(),
-                of.gate.tensor.clone().flat(),
+                gate.tensor.clone().flat(),
                 of.result.tensor.clone().flat(),
                 ProductSizeLaunch::new(rows as u32, columns as u32, depth as u32, slab as u32),
                 of.left.layout(),
                 of.right.layout(),
                 of.result.layout(),
-                of.gate.layout(),
+                gate.layout(),
                 slab_stride as u32,
                 kind,
             );
