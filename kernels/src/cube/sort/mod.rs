@@ -33,6 +33,7 @@ pub const SORT_BLOCK: usize = UNITS * ITEMS;
 /// Bits of a place in a block.
 const PLACE_BITS: usize = 16;
 const _: () = assert!(SORT_BLOCK <= 1 << PLACE_BITS);
+
 /// Counts each digit in each block: `counts` `[DIGITS, blocks]`. `total[0]` is the number of keys.
 #[cube(launch_unchecked)]
 pub fn count_digits(keys: &[u32], total: &[u32], counts: &mut [u32], shift: u32, blocks: u32) {
