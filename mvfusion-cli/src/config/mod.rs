@@ -75,11 +75,18 @@ pub fn resolve(args: &ConfigSourceArgs, data: Option<&Path>) -> anyhow::Result<R
     let given = |key: &str| partials.iter().rev().find_map(|partial| partial.table.get("scene")?.get(key)?.as_str());
     let format = given("format").and_then(Format::of_key);
     let capture = given("capture").and_then(|word| Value::from(word).try_into().ok());
-    let default = given("data").map_or(FOR_BUILTIN, |folder| preset_for(Path::new(folder), format, capture));
+    let (default, reason) = match given("data") {
+        None => (FOR_BUILTIN, None),
+        Some(folder) => match (preset_for(Path::new(folder), format, capture), capture) {
+            (Some(preset), None) => (preset, Some("chosen by the scene format".to_owned())),
+            (Some(preset), Some(_)) => (preset, Some("chosen by the scene format and capture".to_owned())),
+            // Training refuses the folder; a configuration may be for another machine.
+            (None, _) => (FOR_VIDEO, Some(format!("no known format was found in {folder}"))),
+        },
+    };
     let preset = Preset::find(args.preset.as_deref().unwrap_or(default))?;
-    let by = if capture.is_some() { "format and capture" } else { "format" };
-    let note = (args.preset.is_none() && given("data").is_some())
-        .then(|| format!("preset: {default} (chosen by the scene {by}; --preset overrides it)"));
+    let note = reason.filter(|_| args.preset.is_none());
+    let note = note.map(|reason| format!("preset: {default} ({reason}; --preset overrides it)"));
 
     let mut config = resolve_over(preset, partials)?;
     make_absolute(&mut config)?;
@@ -181,21 +188,21 @@ pub fn to_toml(config: &Config) -> anyhow::Result<String> {
     toml::to_string(config).context("the configuration cannot be written as TOML")
 }
 
-/// The preset for the scene in a folder, chosen by its format and its capture, if that is given. A folder that cannot be
-/// read is rejected later.
-fn preset_for(folder: &Path, format: Option<Format>, capture: Option<Capture>) -> &'static str {
-    let Ok(format) = mvfusion_data::recognise(folder, format) else { return FOR_VIDEO };
+/// The preset for the scene in a folder, chosen by its format and its capture, if that is given; `None` if no format is
+/// recognised.
+fn preset_for(folder: &Path, format: Option<Format>, capture: Option<Capture>) -> Option<&'static str> {
+    let format = mvfusion_data::recognise(folder, format).ok()?;
     let capture = capture.unwrap_or_else(|| match format {
         Format::COLMAP | Format::ONTHEGO => Capture::Photos,
         Format::NERFSTUDIO => nerfstudio::capture(folder),
         _ => Capture::Video,
     });
-    match (format, capture) {
+    Some(match (format, capture) {
         (_, Capture::Photos) => FOR_PHOTOS,
         (Format::DNERF, Capture::Video) => FOR_OBJECTS,
         (Format::COLMAP | Format::ONTHEGO | Format::HYPERNERF, Capture::Video) => FOR_ONE_CAMERA,
         _ => FOR_VIDEO,
-    }
+    })
 }
 
 /// A preset and the presets that it builds on, the most basic first.
@@ -323,7 +330,8 @@ mod tests {
         }
         let resolved = resolved();
         assert_eq!(resolved.preset.name, FOR_PHOTOS);
-        assert!(resolved.note.is_some_and(|note| note.contains(FOR_PHOTOS)));
+        let note = resolved.note.expect("said");
+        assert!(note.contains(FOR_PHOTOS) && note.contains("chosen by the scene format;"), "{note}");
         let preset = |capture: &str| {
             let args = with_settings(&[&format!("scene.capture={capture}")]);
             resolve(&args, Some(folder.path())).expect("resolved").preset.name
@@ -371,7 +379,8 @@ mod tests {
     fn a_folder_asks_for_its_own_preset_and_is_written_down_absolute() {
         let resolved = resolve(&ConfigSourceArgs::default(), Some(Path::new("scenes/steak"))).expect("resolved");
         assert_eq!(resolved.preset.name, FOR_VIDEO);
-        assert!(resolved.note.expect("said").contains(FOR_VIDEO));
+        let note = resolved.note.expect("said");
+        assert!(note.contains(FOR_VIDEO) && note.contains("no known format was found in scenes/steak"), "{note}");
         let data = resolved.config.scene.data.expect("set");
         assert!(data.is_absolute() && data.ends_with("scenes/steak"), "{}", data.display());
         assert_eq!(

@@ -80,7 +80,7 @@ pub fn inspect(folder: &Path, options: &ReadOptions, pictures: Pictures) -> (Ins
         Err(error) => return refused(None, &error),
     };
     let points = match (reader.hints.has_random_points)(folder) {
-        true => PointsOrigin::Strewn,
+        true => PointsOrigin::Random,
         false => PointsOrigin::Measured,
     };
     let format = Some(reader.format);

@@ -20,7 +20,7 @@ pub enum PointsOrigin {
     #[default]
     Measured,
     /// Random points from the reader. Their colours are meaningless.
-    Strewn,
+    Random,
 }
 
 impl Default for Origin {

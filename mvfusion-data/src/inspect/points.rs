@@ -20,7 +20,7 @@ const TOO_NEAR: f64 = 0.05;
 
 pub(super) fn problems(scene: &Scene, origin: &Origin, cloud: &Cloud, witnesses: &[Witness<'_>]) -> Vec<Problem> {
     const REMEDY: &str = "Add a point cloud: COLMAP's points3D, or a PLY file under a name that the format knows.";
-    if origin.points == PointsOrigin::Strewn {
+    if origin.points == PointsOrigin::Random {
         let what = format!("no point cloud: {} random points stand in for it", scene.points.len());
         return vec![Problem::note(Subject::Points, what, "Usual for synthetic scenes. Otherwise add a fused.ply.")];
     }

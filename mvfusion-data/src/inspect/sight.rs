@@ -28,7 +28,7 @@ impl Cloud {
         let positions = chosen.iter().map(|&i| points.positions[i].as_dvec3()).collect();
         let colours = match origin {
             PointsOrigin::Measured => chosen.iter().map(|&i| points.colours[i]).collect(),
-            PointsOrigin::Strewn => Vec::new(),
+            PointsOrigin::Random => Vec::new(),
         };
         Self { positions, colours }
     }

@@ -33,9 +33,9 @@ impl Config {
             (self.model.grid.time_rows, self.motion.by_times) = (TimeRows::ByTimes, true);
         }
         if train.scale_cloud && self.model.branches == Branches::Both {
-            let strewn = (init.dynamic_points as f64 * factor).round() as usize;
-            init.dynamic_from_cloud += init.dynamic_points - strewn;
-            init.dynamic_points = strewn;
+            let uniform = (init.dynamic_points as f64 * factor).round() as usize;
+            init.dynamic_from_cloud += init.dynamic_points - uniform;
+            init.dynamic_points = uniform;
             (init.dynamic_cloud_share, init.dynamic_cloud_colours) = (1.0, true);
         }
     }

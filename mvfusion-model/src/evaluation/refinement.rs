@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::ModelError;
 use crate::model::alive::AliveRows;
-use crate::model::motion::{MotionModule, Substitute, Substitutes, TemporalModule};
+use crate::model::motion::{ModuleProbe, MotionModule, Substitute, Substitutes, TemporalModule};
 use crate::model::{Model, RenderContext};
 use crate::tensors;
 
@@ -105,20 +105,13 @@ impl RefinementSurvey {
         let times = context.timeline.sample_indices(context.motion.samples);
         for time in times.into_iter().map(|index| context.timeline.times()[index]) {
             let alive = AliveRows::of(&model.dynamic, time)?;
-            let Some(feature) = model.refined_feature((alive.as_ref(), time), context) else { return Ok(None) };
-            base += sum_of_squares(&feature.base)?;
-            for module in MotionModule::ALL {
-                if let Some(output) = feature.of(module) {
-                    let sums = sums.entry(module).or_insert_with(|| Sums::new(model.dynamic.count(), output));
-                    sums.add(output, alive.as_ref())?;
-                }
-                if let (Some(sums), Some(hidden)) =
-                    (sums.get_mut(&module), model.hidden_units(module, (alive.as_ref(), time), context))
-                {
-                    sums.add_hidden(hidden)?;
-                }
+            let Some(probe) = model.probe((alive.as_ref(), time), context) else { return Ok(None) };
+            base += sum_of_squares(&probe.base)?;
+            for (module, found) in probe.modules {
+                let sums = sums.entry(module).or_insert_with(|| Sums::new(model.dynamic.count(), &found.output));
+                sums.add(found, alive.as_ref())?;
             }
-            if let Some(entropy) = model.attention_entropy((alive.as_ref(), time), context) {
+            if let Some(entropy) = probe.entropy {
                 entropies.extend(tensors::read::<1, f64>(entropy)?);
             }
         }
@@ -189,20 +182,18 @@ impl Sums {
         Self { outputs: zeros(like.dims()[1]), times: zeros(1), squares: 0.0, positive: 0.0, none_positive: 0.0 }
     }
 
-    fn add(&mut self, output: &Tensor<2>, alive: Option<&AliveRows>) -> Result<(), ModelError> {
+    /// Adds what the module computes at a time for the Gaussians that are alive.
+    fn add(&mut self, found: ModuleProbe, alive: Option<&AliveRows>) -> Result<(), ModelError> {
         let among_all = |values: Tensor<2>| match alive {
             Some(alive) => alive.among_all(values),
             None => values,
         };
+        let ModuleProbe { output, hidden } = found;
         let ones = Tensor::ones([output.dims()[0], 1], (&output.device(), output.dtype()));
-        self.outputs = self.outputs.clone() + among_all(output.clone());
         self.times = self.times.clone() + among_all(ones);
-        self.squares += sum_of_squares(output)?;
-        Ok(())
-    }
+        self.squares += sum_of_squares(&output)?;
+        self.outputs = self.outputs.clone() + among_all(output);
 
-    /// Counts the positive ones of hidden units `[N, hidden]`.
-    fn add_hidden(&mut self, hidden: Tensor<2>) -> Result<(), ModelError> {
         let shares = hidden.greater_elem(0.0).float().mean_dim(1);
         let none = shares.clone().equal_elem(0.0).float();
         let sums: Vec<f64> = tensors::read(Tensor::cat(vec![shares.sum(), none.sum()], 0))?;
@@ -251,11 +242,10 @@ mod tests {
             // The first Gaussian has 5 and 7, the second 1 and 3: mean 4, Gaussians 2 apart from it, times 1.
             let outputs = [moment([[5.0], [1.0]]), moment([[7.0], [3.0]])];
             let mut sums = Sums::new(2, &outputs[0]);
-            outputs.iter().for_each(|output| sums.add(output, None).expect("the device answers"));
             // One unit of the first Gaussian is positive once.
-            for first in [1.0, 0.0] {
+            for (output, first) in outputs.into_iter().zip([1.0, 0.0]) {
                 let hidden = Tensor::<2>::from_data([[first, -1.0], [-1.0, -2.0f32]], &device);
-                sums.add_hidden(hidden).expect("the device answers");
+                sums.add(ModuleProbe { output, hidden }, None).expect("the device answers");
             }
             let (figures, [of_all, of_each]) = sums.finish(21.0).expect("the device answers");
             let squares = 25.0 + 49.0 + 1.0 + 9.0;

@@ -22,13 +22,13 @@ use crate::ModelError;
 use crate::config::{Branches, Config, InitConfig};
 use crate::random::Stream;
 use neighbours::mean_squared_distances_within;
-use points::{merged, out_of_reach, random_colour, region, sky, strew, thinned};
+use points::{add_uniform, merged, out_of_reach, random_colour, region, sky, thinned};
 
 /// Initial duration of a permanent Gaussian: a thousand times the length of the video.
 const ALWAYS: f32 = 1000.0;
 
 /// Minimum number of uniform Gaussians, also with births, because they determine the box of the HexPlane.
-const LEAST_STREWN: usize = 64;
+const LEAST_UNIFORM: usize = 64;
 
 /// The initial Gaussians of the branches. Gaussians on points have SH degree 0, Gaussians from a file the degree of the
 /// file.
@@ -55,8 +55,8 @@ impl InitialClouds {
         let (init, densify, degree) = (&config.init, &config.densify, config.model.sh_degree);
         let motion = motion.filter(|motion| !motion.points.is_empty());
         // Always drawn, so that a drawn branch does not depend on the source of the other branch.
-        let strewn = if motion.is_some() { 0 } else { strewn(config, scene) };
-        let reduced = InitConfig { dynamic_points: strewn, ..init.clone() };
+        let dynamic_points = if motion.is_some() { 0 } else { uniform_dynamic(config, scene) };
+        let reduced = InitConfig { dynamic_points, ..init.clone() };
         let drawn = draw_points(scene, config.model.branches, &reduced, uniform(init), stream);
         let room = densify.dynamic.max_gaussians.saturating_sub(motion.map_or(0, |motion| motion.points.len()));
         let drawn = DrawnPoints {
@@ -94,10 +94,10 @@ fn uniform(init: &InitConfig) -> usize {
 }
 
 /// Number of uniform dynamic Gaussians without detected motion.
-fn strewn(config: &Config, scene: &Scene) -> usize {
+fn uniform_dynamic(config: &Config, scene: &Scene) -> usize {
     let init = &config.init;
     match config.has_births(scene) {
-        true => init.dynamic_points.saturating_sub(init.photo_points).max(LEAST_STREWN),
+        true => init.dynamic_points.saturating_sub(init.photo_points).max(LEAST_UNIFORM),
         false => init.dynamic_points,
     }
 }
@@ -127,16 +127,16 @@ fn excess(branch: &str, count: usize, most: usize, file: Option<&Path>) -> Optio
 pub(crate) fn initial_counts(scene: &Scene, config: &Config) -> Result<[usize; 2], ModelError> {
     let (init, densify, known) = (&config.init, &config.densify, scene.points.len());
     let from_cloud = init.dynamic_from_cloud.min((known as f64 * init.dynamic_cloud_share) as usize);
-    let without_motion = strewn(config, scene);
-    let strewn = without_motion.max(init.motion_points);
+    let without_motion = uniform_dynamic(config, scene);
+    let placed = without_motion.max(init.motion_points);
     let still = known.saturating_add(init.static_points).saturating_add(init.sky_points);
     let (dynamic, static_) = match config.model.branches {
-        Branches::Dynamic => (still.saturating_add(strewn), 0),
+        Branches::Dynamic => (still.saturating_add(placed), 0),
         Branches::Both if known == 0 => {
             let random = without_motion.saturating_add(init.dynamic_from_cloud).max(uniform(init));
-            (strewn.saturating_add(init.dynamic_from_cloud), if still == 0 { random } else { still })
+            (placed.saturating_add(init.dynamic_from_cloud), if still == 0 { random } else { still })
         }
-        Branches::Both => (strewn.saturating_add(from_cloud), still),
+        Branches::Both => (placed.saturating_add(from_cloud), still),
     };
     let [dynamic_most, static_most] = [densify.dynamic.max_gaussians, densify.static_.max_gaussians];
     let of_file = |file: &FileKey, path: &Option<PathBuf>, most| {
@@ -261,10 +261,10 @@ fn draw_points(
         tracing::warn!("{coinciding} of {} points coincide with others and were merged with them", scene.points.len());
     }
     let mut known = points.clone();
-    strew(&mut known, config.static_points, &region, stream);
+    add_uniform(&mut known, config.static_points, &region, stream);
     sky(&mut known, config.sky_points, scene, &region, stream);
     if branches == Branches::Dynamic {
-        strew(&mut known, config.dynamic_points, &region, stream);
+        add_uniform(&mut known, config.dynamic_points, &region, stream);
         return DrawnPoints { static_: None, dynamic: known };
     }
 
@@ -275,13 +275,13 @@ fn draw_points(
         dynamic.push(points.positions[index], colour);
     }
     // Without points, Gaussians for points are placed uniformly, too.
-    let strewn = config.dynamic_points + if points.is_empty() { config.dynamic_from_cloud } else { 0 };
-    strew(&mut dynamic, strewn, &region, stream);
+    let count = config.dynamic_points + if points.is_empty() { config.dynamic_from_cloud } else { 0 };
+    add_uniform(&mut dynamic, count, &region, stream);
     if known.is_empty() && config.static_ply.is_none() {
         // Without points from structure from motion, the static branch also starts from random points: those of the
         // dynamic branch, unless seeds or births replace some of them.
         if dynamic.len() < uniform {
-            strew(&mut known, uniform, &region, stream);
+            add_uniform(&mut known, uniform, &region, stream);
         } else {
             known = dynamic.clone();
         }

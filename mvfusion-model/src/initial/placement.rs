@@ -131,15 +131,15 @@ mod tests {
     }
 
     #[test]
-    fn strewn_gaussians_are_warned_of_and_those_on_the_motion_hull_are_not() {
+    fn uniform_gaussians_are_warned_of_and_those_on_the_motion_hull_are_not() {
         let scene =
             builtin::builtin(&BuiltinOptions { width: 80, height: 60, frames: 12, ..BuiltinOptions::default() });
         for_each_device(|device| {
             let mut config = Config::default();
             config.init.dynamic_points = 4000;
-            let strewn = placement(&scene, &config, &device).expect("cameras stand still");
-            assert_eq!(strewn.pictures, CAMERAS * MOMENTS);
-            let advice = strewn.advice().expect("they are all over the room");
+            let uniform = placement(&scene, &config, &device).expect("cameras stand still");
+            assert_eq!(uniform.pictures, CAMERAS * MOMENTS);
+            let advice = uniform.advice().expect("they are all over the room");
             assert!(advice.contains("init.motion_points"), "{advice}");
 
             config.init.motion_points = 1000;

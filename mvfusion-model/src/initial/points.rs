@@ -75,7 +75,8 @@ fn unit(scene: &Scene) -> f64 {
     if extent > 0.0 { extent } else { 1.0 }
 }
 
-pub(super) fn strew(cloud: &mut PointCloud, count: usize, region: &Bounds, stream: &mut Stream) {
+/// Adds points that are uniform in `region`, in random colours.
+pub(super) fn add_uniform(cloud: &mut PointCloud, count: usize, region: &Bounds, stream: &mut Stream) {
     for _ in 0..count {
         let position =
             DVec3::from_array(std::array::from_fn(|axis| stream.uniform(region.min[axis], region.max[axis])));
@@ -173,7 +174,7 @@ mod tests {
             let (config, stream) = (InitConfig::default(), &mut Stream::new(1, 0));
             let region = region(&scene, &config);
             let (mut points, mut far) = (PointCloud::default(), PointCloud::default());
-            strew(&mut points, 500, &region, stream);
+            add_uniform(&mut points, 500, &region, stream);
             sky(&mut far, 500, &scene, &region, stream);
             let centre = scene.training_centre();
             let nearest = far.positions.iter().map(|p| p.as_dvec3().distance(centre)).fold(f64::INFINITY, f64::min);
@@ -226,7 +227,7 @@ mod tests {
         let stream = &mut Stream::new(3, 0);
         let mut points = PointCloud::default();
         let region = Bounds { min: DVec3::ZERO, max: DVec3::ONE };
-        strew(&mut points, 1000, &region, stream);
+        add_uniform(&mut points, 1000, &region, stream);
         assert_eq!(merged(&points), points);
         assert_eq!(thinned(points.clone(), 1000, stream), points);
         let few = thinned(points.clone(), 300, stream);

@@ -34,19 +34,19 @@ impl Seeding {
 
 impl Display for Seeding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        const STREWN: &str = "the dynamic Gaussians are strewn in the room";
+        const UNIFORM: &str = "the dynamic Gaussians are uniform in the room";
         let Self::Searched { summary, seconds, bytes } = self else {
-            return write!(f, "no three still cameras film the same moments; {STREWN}");
+            return write!(f, "no three still cameras film the same moments; {UNIFORM}");
         };
         let MotionSummary { cameras, moments, reduction, moving_share, candidates, seeds, .. } = *summary;
         write!(f, "{:.1} % of the pixels of {cameras} cameras x {moments} frames move", 100.0 * moving_share)?;
         if reduction > 1 {
-            write!(f, " (pictures reduced {reduction} times)")?;
+            write!(f, " (images reduced {reduction} times)")?;
         }
         let cost = format!("{seconds:.1} s, {:.0} MiB", (*bytes as f64 / MIB).ceil());
         match seeds {
-            0 => write!(f, "; no place that nearly all of them see moving in one colour in {cost}: {STREWN}"),
-            _ => write!(f, "; {seeds} seeds of {candidates} places in {cost}"),
+            0 => write!(f, "; no place that nearly all of them see moving in one colour in {cost}: {UNIFORM}"),
+            _ => write!(f, "; {seeds} seeds from {candidates} candidates in {cost}"),
         }
     }
 }
@@ -68,11 +68,11 @@ mod tests {
         let line = |summary| Seeding::Searched { summary, seconds: 1.84, bytes: 240 << 20 }.to_string();
         let found = line(MotionSummary { seeds: 2000, ..summary });
         let move_ = "4.9 % of the pixels of 7 cameras x 24 frames move";
-        assert_eq!(found, format!("{move_}; 2000 seeds of 25000 places in 1.8 s, 240 MiB"));
+        assert_eq!(found, format!("{move_}; 2000 seeds from 25000 candidates in 1.8 s, 240 MiB"));
         let reduced = line(MotionSummary { seeds: 2000, reduction: 3, ..summary });
-        assert!(reduced.starts_with(&format!("{move_} (pictures reduced 3 times); 2000 seeds")), "{reduced}");
+        assert!(reduced.starts_with(&format!("{move_} (images reduced 3 times); 2000 seeds")), "{reduced}");
         for nothing in [line(summary), Seeding::NoStillCameras.to_string()] {
-            assert!(nothing.ends_with("the dynamic Gaussians are strewn in the room"), "{nothing}");
+            assert!(nothing.ends_with("the dynamic Gaussians are uniform in the room"), "{nothing}");
         }
     }
 }

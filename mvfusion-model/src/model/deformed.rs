@@ -5,7 +5,7 @@ use mvfusion_render::device::is_gpu;
 
 use super::alive::AliveRows;
 use super::gaussians::RawGaussians;
-use super::motion::{MomentRows, MotionCache, MotionModule, RefinedFeature, RefinementConfig, Substitutes};
+use super::motion::{MomentRows, MotionCache, RefinementConfig, RefinementProbe, Substitutes};
 use super::network::Offsets;
 use super::{DeformationLevel, Model, RenderContext};
 use crate::tensors;
@@ -103,29 +103,10 @@ impl Model {
         self.refinement.offsets(&self.network, means, &config).means()
     }
 
-    /// The refined feature of the rows that are alive; `None` until motion was measured.
-    pub(crate) fn refined_feature(&self, moment: Rows<'_>, context: &RenderContext) -> Option<RefinedFeature> {
+    /// What the motion-aware modules compute for the rows that are alive; `None` until motion was measured.
+    pub(crate) fn probe(&self, moment: Rows<'_>, context: &RenderContext) -> Option<RefinementProbe> {
         let means = self.means_of(&[moment]);
-        self.refine(&[moment], context, |config| self.refinement.feature(&self.network, means, config))
-    }
-
-    /// The mean entropy of MFTA's attention over the rows that are alive, in nats: `[1]`. `None` without attention, or
-    /// until motion was measured.
-    pub(crate) fn attention_entropy(&self, moment: Rows<'_>, context: &RenderContext) -> Option<Tensor<1>> {
-        let means = self.means_of(&[moment]);
-        self.refine(&[moment], context, |config| self.refinement.entropy(&self.network, means, config)).flatten()
-    }
-
-    /// The hidden units of a module's MLP, before their activation, of the rows that are alive. `None` without the
-    /// module, or until motion was measured.
-    pub(crate) fn hidden_units(
-        &self,
-        module: MotionModule,
-        moment: Rows<'_>,
-        context: &RenderContext,
-    ) -> Option<Tensor<2>> {
-        let means = self.means_of(&[moment]);
-        self.refine(&[moment], context, |config| self.refinement.hidden(module, &self.network, means, config)).flatten()
+        self.refine(&[moment], context, |config| self.refinement.probe(&self.network, means, config))
     }
 
     /// Number of rows that are alive, or of all.

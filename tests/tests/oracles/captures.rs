@@ -61,7 +61,7 @@ fn is_sound(folder: &Path) -> Result<()> {
     let bad: Vec<_> = inspection.problems.iter().filter(|problem| problem.severity != Severity::Note).collect();
     ensure!(bad.is_empty(), "{bad:?}");
     let summary = inspection.summary.context("the scene was read")?;
-    // Points that were strewn have no colours to compare.
+    // Random points have no colours to compare.
     if let Some(agreement) = summary.colour_agreement {
         ensure!(agreement > COLOURS, "the points' colours agree with the photos by {agreement} alone");
     }

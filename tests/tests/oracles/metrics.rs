@@ -45,8 +45,8 @@ const GRADIENTS: Tolerance = Tolerance::of_largest(1e-4);
 /// Of the gradient of LPIPS: where two numbers of a window of a pooling are nearly equal, rounding picks the other one.
 const LPIPS_GRADIENT: Tolerance = Tolerance::of_largest(1e-3);
 
-/// The pairs whose LPIPS the GPU kernels compute unless all are asked for (`--include-ignored`): a driver that computes on
-/// the CPU takes most of a minute for each of the others.
+/// Two small pairs. Where convolutions are slow, the LPIPS of the others is computed only if all are asked for
+/// (`--include-ignored`).
 const SMALL: [&str; 2] = ["07_odd_size_101x67", "09_lpips_ex_p1"];
 
 /// The trials of the pairs.
@@ -75,13 +75,18 @@ pub fn trials(backend: Backend) -> Vec<Trial> {
             check_metrics(&own.0, &pair_name, &own.1, &(backend.device)()).map_err(failed)
         }));
         let title = name("lpips", &pair);
-        let is_too_slow = backend.name == "wgpu" && !SMALL.contains(&pair.as_str());
+        let slowness = match backend.name {
+            "wgpu" => "a minute by a software driver",
+            "ndarray" => "a quarter of a minute without SIMD",
+            _ => "",
+        };
+        let is_too_slow = !slowness.is_empty() && !SMALL.contains(&pair.as_str());
         if weights().is_none() {
             trials.push(ignored(title, format!("there is no folder {WEIGHTS}")));
             continue;
         }
         let check = move || check_lpips(&its.0, &pair, &its.1, &(backend.device)()).map_err(failed);
-        let kind = if is_too_slow { "a minute by a software driver" } else { "" };
+        let kind = if is_too_slow { slowness } else { "" };
         trials.push(Trial::test(title, check).with_kind(kind).with_ignored_flag(is_too_slow));
     }
     trials

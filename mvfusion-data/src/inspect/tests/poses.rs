@@ -143,8 +143,8 @@ fn colours_that_say_nothing_raise_no_doubt() {
     assert_eq!(problems_in(&scene, Format::NEU3D), []);
     scene.points.colours = video().points.colours;
     scene.points.colours.rotate_left(1234);
-    let strewn = Origin { points: PointsOrigin::Strewn, ..Default::default() };
-    let problems = inspect_scene(&scene, &strewn, Pictures::Decoded).problems;
+    let random = Origin { points: PointsOrigin::Random, ..Default::default() };
+    let problems = inspect_scene(&scene, &random, Pictures::Decoded).problems;
     assert!(problems.iter().all(|problem| problem.severity == Severity::Note), "{problems:?}");
 }
 

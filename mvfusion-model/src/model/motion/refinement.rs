@@ -61,32 +61,6 @@ pub struct RefinementConfig<'a> {
     pub substitutes: &'a Substitutes,
 }
 
-/// The parts of a refined feature, `[N, H]` each.
-#[derive(Clone, Debug)]
-pub struct RefinedFeature {
-    /// The feature of the base deformation.
-    pub base: Tensor<2>,
-    /// What MVG adds.
-    pub mvg: Option<Tensor<2>>,
-    /// What MFTA adds.
-    pub mfta: Option<Tensor<2>>,
-}
-
-impl RefinedFeature {
-    /// What a module adds.
-    pub fn of(&self, module: MotionModule) -> Option<&Tensor<2>> {
-        match module {
-            MotionModule::Mvg => self.mvg.as_ref(),
-            MotionModule::Mfta => self.mfta.as_ref(),
-        }
-    }
-
-    /// The sum of all parts.
-    fn fused(self) -> Tensor<2> {
-        self.mvg.into_iter().chain(self.mfta).fold(self.base, |sum, part| sum + part)
-    }
-}
-
 impl RefinementRules {
     /// The rules of a configuration.
     pub fn new(config: &MotionConfig) -> Self {
@@ -146,9 +120,8 @@ impl MotionRefinement {
     /// Gradients reach the network only through the feature. Neighbour tokens (unless `neighbour_gradient` is on), the
     /// geometry inside the centre token and all descriptors are constants (A17).
     pub fn offsets(&self, network: &DeformationNetwork, means: Tensor<2>, config: &RefinementConfig<'_>) -> Offsets {
-        let feature = self.feature(network, means, config);
-        let base = feature.base.clone();
-        let refined = network.decode(feature.fused());
+        let (base, added) = self.features(network, means, config);
+        let refined = network.decode(added.into_iter().flatten().fold(base.clone(), |sum, part| sum + part));
         let of_base = || network.decode(base);
         match (self.rules.refinement, self.rules.refine_masks) {
             (Refinement::Replace, true) => refined,
@@ -161,15 +134,15 @@ impl MotionRefinement {
         }
     }
 
-    /// The refined feature of canonical centres `[M, 3]`, which are those of the configured moments in turn.
-    pub fn feature(
+    /// The feature of the base deformation of canonical centres `[M, 3]`, and what MVG and MFTA add to it: `[M, H]` each.
+    fn features(
         &self,
         network: &DeformationNetwork,
         means: Tensor<2>,
         config: &RefinementConfig<'_>,
-    ) -> RefinedFeature {
+    ) -> (Tensor<2>, [Option<Tensor<2>>; 2]) {
         let count = means.dims()[0];
-        let base = network.feature(means.clone(), of_time(config.moments, &means, |time| vec![time]));
+        let base = self.base(network, &means, config);
         let mvg = self.guidance.as_ref().map(|guidance| {
             let own = || measure(Part::Mvg, || guidance.forward(network, &base, config.moments));
             config.substitutes.output(MotionModule::Mvg, count, own)
@@ -179,46 +152,21 @@ impl MotionRefinement {
             let own = || measure(Part::Mfta, || temporal.forward(tokens()));
             config.substitutes.output(MotionModule::Mfta, count, own)
         });
-        RefinedFeature { base, mvg, mfta }
+        (base, [mvg, mfta])
     }
 
-    /// The mean entropy of MFTA's attention over the Gaussians of the configured moments, in nats: `[1]`; `None` without
-    /// attention.
-    pub fn entropy(
+    /// The feature of the base deformation of canonical centres `[M, 3]`: `[M, H]`.
+    pub(super) fn base(
         &self,
         network: &DeformationNetwork,
-        means: Tensor<2>,
+        means: &Tensor<2>,
         config: &RefinementConfig<'_>,
-    ) -> Option<Tensor<1>> {
-        let temporal = self.temporal.as_ref().filter(|temporal| temporal.attends())?;
-        let base = network.feature(means.clone(), of_time(config.moments, &means, |time| vec![time]));
-        temporal.entropy(self.tokens(network, means, base, config))
-    }
-
-    /// The hidden units of a module's MLP before their activation, over the Gaussians of the configured moments: `[M,
-    /// hidden]`; `None` without the module.
-    pub fn hidden(
-        &self,
-        module: MotionModule,
-        network: &DeformationNetwork,
-        means: Tensor<2>,
-        config: &RefinementConfig<'_>,
-    ) -> Option<Tensor<2>> {
-        let base = network.feature(means.clone(), of_time(config.moments, &means, |time| vec![time]));
-        Some(match module {
-            MotionModule::Mvg => {
-                let guidance = self.guidance.as_ref()?;
-                guidance.mlp().hidden(guidance.input(network, &base, config.moments))
-            }
-            MotionModule::Mfta => {
-                let temporal = self.temporal.as_ref()?;
-                temporal.mlp().hidden(temporal.mix(self.tokens(network, means, base, config)))
-            }
-        })
+    ) -> Tensor<2> {
+        network.feature(means.clone(), of_time(config.moments, means, |time| vec![time]))
     }
 
     /// The tokens of canonical centres `[M, 3]` with the feature `[M, H]`, each at its moment and around it.
-    fn tokens(
+    pub(super) fn tokens(
         &self,
         network: &DeformationNetwork,
         means: Tensor<2>,

@@ -41,6 +41,10 @@ pub fn convolution(motion: &mut MotionConfig) {
     motion.temporal = Temporal::Convolution;
 }
 
+pub fn sum(motion: &mut MotionConfig) {
+    motion.refinement = Refinement::Sum;
+}
+
 pub fn full_window(motion: &mut MotionConfig) {
     motion.tokens = TokenMode::FullWindow;
 }
@@ -72,7 +76,7 @@ pub fn spatial(motion: &mut MotionConfig) {
 /// A switch turned from a starting point, and whether another picture comes out.
 type Effect = (&'static str, Switch, Switch, bool);
 
-const EFFECTS: [Effect; 44] = [
+const EFFECTS: [Effect; 45] = [
     ("mvg", |_| (), no_mvg, true),
     ("mfta", |_| (), no_mfta, true),
     ("position variance", |_| (), position, true),
@@ -80,8 +84,9 @@ const EFFECTS: [Effect; 44] = [
     ("self-attention", |_| (), self_attention, true),
     ("average", |_| (), average, true),
     ("convolution", |_| (), convolution, true),
-    ("sum", |_| (), |motion| motion.refinement = Refinement::Sum, true),
+    ("sum", |_| (), sum, true),
     ("masks", |_| (), |motion| motion.refine_masks = false, true),
+    ("sum, masks", sum, |motion| motion.refine_masks = false, true),
     ("deviation", |_| (), |motion| motion.spread = Spread::Deviation, true),
     ("weights", |_| (), |motion| motion.weights.scale = 0.9, true),
     ("samples", |_| (), |motion| motion.samples = 6, true),

@@ -7,6 +7,7 @@ use burn::tensor::{DType, Device};
 use glam::{DMat3, DVec3};
 use libtest_mimic::Trial;
 use mvfusion_data::Camera;
+use mvfusion_kernels::cube::sort::STAGED_BYTES;
 use mvfusion_model::device::gpus;
 use mvfusion_render::device::{Card, fold_launches, imitate_dirt, imitate_hardware, sort_apart};
 use mvfusion_render::grid::{GridBounds, look_up, regulariser::penalties};
@@ -98,6 +99,8 @@ fn folded(pair: Pair) -> Result<()> {
 
 /// Work shared out as on hardware, which a driver that computes on the CPU would not do.
 fn as_on_hardware(pair: Pair) -> Result<()> {
+    let found = card(pair)?.shared_memory;
+    ensure!(found >= STAGED_BYTES, "keys are not sorted in {found} bytes of shared memory, which takes {STAGED_BYTES}");
     imitate_hardware(|| {
         pair.compare(mlp_and_back)?;
         pair.compare(look_up_and_back)?;
