@@ -80,20 +80,27 @@ impl Model {
     }
 
     /// The offsets of the centres of Gaussians that the model does not have yet: `[M, 3]`, for canonical centres `[M, 3]`.
-    /// `moments` holds the number of rows of each time, in turn. Of such Gaussians, no motion is measured.
+    /// `moments` holds the number of rows of each time, in turn. The offsets are refined if there are descriptors of
+    /// these Gaussians.
     pub(crate) fn offsets_of_further(
         &self,
         means: Tensor<2>,
         moments: &[(usize, f64)],
-        level: DeformationLevel,
+        descriptors: Option<&MotionCache>,
         context: &RenderContext,
     ) -> Tensor<2> {
-        let Some(cache) = self.motion.as_ref().filter(|_| level == DeformationLevel::Refined) else {
+        let Some(cache) = descriptors else {
             let times: Vec<(usize, Vec<f64>)> = moments.iter().map(|&(count, time)| (count, vec![time])).collect();
             let feature = self.network.feature(means.clone(), tensors::rows_of_parts(&times, &means));
             return self.network.heads.geometry(feature).narrow(1, 0, 3);
         };
-        let caches: Vec<MotionCache> = moments.iter().map(|&(count, _)| cache.of_further(count)).collect();
+        let mut first = 0;
+        let caches = moments.iter().map(|&(count, _)| {
+            let rows: Vec<usize> = (first..first + count).collect();
+            first += count;
+            cache.clone().select(&tensors::rows_like(&rows, &means))
+        });
+        let caches: Vec<MotionCache> = caches.collect();
         let moments: Vec<MomentRows<'_>> =
             caches.iter().zip(moments).map(|(cache, &(_, time))| MomentRows { time, cache }).collect();
         let RenderContext { timeline, extent, .. } = context;

@@ -1,12 +1,15 @@
 //! The backward half of a step: gradients, row changes, optimiser steps (METHOD §4.1, order inside an iteration).
 
 use burn::tensor::{Gradients, Tensor};
+use mvfusion_data::Lifetime;
 use mvfusion_render::profile::{Part, measure};
 
 use super::turn::BranchTurn;
 use super::{BranchGradients, Losses, Position, RenderedBatch, Stage, Trainer};
 use crate::ModelError;
 use crate::model::motion::{Lifetimes, MotionCache, Trajectories};
+use crate::model::network::DeformationNetwork;
+use crate::model::{Model, RenderContext};
 use crate::tensors::Reading;
 use crate::train::optim::Rates;
 
@@ -166,18 +169,35 @@ impl Trainer {
     fn measure_motion(&mut self) -> Result<(), ModelError> {
         let model = self.state.model.plain();
         let lifetimes = Lifetimes::of(&model.dynamic, &self.config.motion)?;
-        let trajectories = Trajectories {
-            network: &model.network,
-            timeline: &self.context.timeline,
-            config: &self.config.motion,
-            extent: self.context.extent,
-            lifetimes: lifetimes.as_ref(),
-        };
         let means = model.dynamic.means.val();
-        let statistics = trajectories.measure(&means)?;
+        let statistics = self.trajectories(&model.network, lifetimes.as_ref()).measure(&means)?;
         let cache = MotionCache::new(statistics, &mut self.state.normalisers, &self.config.motion, &means)?;
         self.state.model.motion = Some(cache);
         self.state.refreshes += 1;
         Ok(())
+    }
+
+    /// The descriptors of Gaussians that `model`, which is without autodiff, does not have yet, for canonical centres
+    /// `[M, 3]`; `None` until motion was measured.
+    pub(super) fn descriptors_of_further(
+        &self,
+        model: &Model,
+        means: &Tensor<2>,
+        lifetimes: &[Lifetime],
+    ) -> Result<Option<MotionCache>, ModelError> {
+        let Some(known) = &model.motion else { return Ok(None) };
+        let (config, normalisers) = (&self.config.motion, &self.state.normalisers);
+        let lifetimes = Lifetimes::of_further(lifetimes, config);
+        let statistics = self.trajectories(&model.network, lifetimes.as_ref()).measure(means)?;
+        known.of_further(statistics, normalisers, config, [&model.dynamic.means.val(), means]).map(Some)
+    }
+
+    fn trajectories<'a>(
+        &'a self,
+        network: &'a DeformationNetwork,
+        lifetimes: Option<&'a Lifetimes>,
+    ) -> Trajectories<'a> {
+        let RenderContext { timeline, extent, .. } = &self.context;
+        Trajectories { network, timeline, config: &self.config.motion, extent: *extent, lifetimes }
     }
 }

@@ -18,7 +18,7 @@ use crate::timeline::{Between, between};
 const VARIANCE_OF_TIME: f64 = 1.0 / 12.0;
 
 /// Normalised descriptors, one row per Gaussian, without gradient (METHOD A10, A25). Rows follow the Gaussians.
-/// Gaussians without a parent have none until the next measurement.
+/// Gaussians without a parent have none until they are measured.
 #[derive(Clone, Debug)]
 pub struct MotionCache {
     /// Normalised signatures: `[N, 13]`.
@@ -58,8 +58,22 @@ pub struct Normalisers {
     pub velocities: MovingNormaliser,
 }
 
+impl Normalisers {
+    /// Updates them with what the modules read of the statistics of all Gaussians.
+    fn update(&mut self, statistics: &TrajectoryStatistics, config: &MotionConfig) {
+        let TrajectoryStatistics { signatures, local, velocities, knot_times: _ } = statistics;
+        self.signatures.update(signatures, SIGNATURE_WIDTH, config);
+        if config.normalise_local {
+            self.local.update(local, 1, config);
+        }
+        if config.descriptor == Descriptor::Momentary {
+            self.velocities.update(velocities, VELOCITY_WIDTH, config);
+        }
+    }
+}
+
 impl MotionCache {
-    /// The cache of new statistics of the canonical centres `[N, 3]`, or of the part of them that the modules read.
+    /// The cache of new statistics of all canonical centres `[N, 3]`, with which the normalisers are updated.
     ///
     /// # Errors
     /// If the device fails to return values.
@@ -69,36 +83,64 @@ impl MotionCache {
         config: &MotionConfig,
         means: &Tensor<2>,
     ) -> Result<Self, ModelError> {
-        let statistics = match config.descriptor {
-            // Applied before the normaliser, which keeps columns of zeros.
-            Descriptor::PositionVariance => statistics.position_only(),
-            // Raw offsets are computed when they are needed. Tokens and intensity use the measurement.
-            Descriptor::Variances | Descriptor::Offsets | Descriptor::Momentary => statistics,
-        };
-        let signatures = normalisers.signatures.update_and_normalise(&statistics.signatures, SIGNATURE_WIDTH, config);
-        let local = match config.normalise_local {
-            true => normalisers.local.update_and_normalise(&statistics.local, 1, config),
-            false => statistics.local.clone(),
-        };
+        let statistics = read_by_modules(statistics, config);
+        normalisers.update(&statistics, config);
+        let cache = Self::normalised(statistics, normalisers, config, means);
+        Ok(Self {
+            near: config.reads_neighbours().then(|| Near::of(means, &cache.local, config.neighbours)).transpose()?,
+            ..cache
+        })
+    }
+
+    /// The cache of further Gaussians, of statistics of their canonical centres `[M, 3]`. The centres `[N, 3]` of the
+    /// Gaussians of this cache may be neighbours of theirs. The normalisers have been updated with those alone.
+    ///
+    /// # Errors
+    /// If the device fails to return values.
+    pub fn of_further(
+        &self,
+        statistics: TrajectoryStatistics,
+        normalisers: &Normalisers,
+        config: &MotionConfig,
+        [known, further]: [&Tensor<2>; 2],
+    ) -> Result<Self, ModelError> {
+        let cache = Self::normalised(read_by_modules(statistics, config), normalisers, config, further);
+        let near = config.reads_neighbours().then(|| {
+            let [first, count] = [known, further].map(|means| means.dims()[0]);
+            let rows: Vec<usize> = (first..first + count).collect();
+            let joined = |first: &Tensor<2>, last: &Tensor<2>| Tensor::cat(vec![first.clone(), last.clone()], 0);
+            let near = Near::of(&joined(known, further), &joined(&self.local, &cache.local), config.neighbours)?;
+            Ok::<_, ModelError>(near.select(&tensors::rows_like(&rows, further)))
+        });
+        Ok(Self { near: near.transpose()?, ..cache })
+    }
+
+    /// The normalised statistics of canonical centres, without neighbours.
+    fn normalised(
+        statistics: TrajectoryStatistics,
+        normalisers: &Normalisers,
+        config: &MotionConfig,
+        means: &Tensor<2>,
+    ) -> Self {
         let knots = statistics.knot_times.len();
         let table = |values, columns| tensors::from_data_like(TrajectoryStatistics::table(values, columns), means);
-        let velocities = (config.descriptor == Descriptor::Momentary).then(|| {
-            let normalised =
-                normalisers.velocities.update_and_normalise(&statistics.velocities, VELOCITY_WIDTH, config);
-            table(normalised, VELOCITY_WIDTH * knots)
-        });
-        let local = table(local, knots);
-        Ok(Self {
-            near: config.reads_neighbours().then(|| Near::of(means, &local, config.neighbours)).transpose()?,
-            signatures: table(signatures, SIGNATURE_WIDTH),
-            local,
-            velocities,
+        let local = match config.normalise_local {
+            true => normalisers.local.normalise(&statistics.local, config),
+            false => statistics.local.clone(),
+        };
+        let velocities = (config.descriptor == Descriptor::Momentary)
+            .then(|| normalisers.velocities.normalise(&statistics.velocities, config));
+        Self {
+            signatures: table(normalisers.signatures.normalise(&statistics.signatures, config), SIGNATURE_WIDTH),
+            local: table(local, knots),
+            velocities: velocities.map(|velocities| table(velocities, VELOCITY_WIDTH * knots)),
+            near: None,
             intensity: table(statistics.intensities(), 1),
             knot_times: statistics.knot_times,
             inherits: config.inherit,
             includes_travel: config.trajectory == Trajectory::Lifetime,
             encoding: Encoding::default(),
-        })
+        }
     }
 
     /// The signatures as `encode` encodes them, always in the same way: `[N, columns]`.
@@ -136,14 +178,23 @@ impl MotionCache {
         }
     }
 
-    /// The descriptors that `count` further Gaussians without a parent would have.
-    pub fn of_further(&self, count: usize) -> Self {
-        let known = self.intensity.dims()[0];
-        let mut cache = self.clone();
-        cache.follow(&RowMap::appending(known, count));
-        let rows: Vec<usize> = (known..known + count).collect();
-        let rows = tensors::rows_like(&rows, &cache.intensity);
-        cache.select(&rows)
+    /// Gives the last rows, those of Gaussians without a parent, their own descriptors.
+    pub fn replace_last(&mut self, further: Self) {
+        let replace = |values: &mut Tensor<2>, further: Tensor<2>| {
+            let kept = values.dims()[0] - further.dims()[0];
+            *values = Tensor::cat(vec![values.clone().narrow(0, 0, kept), further], 0);
+        };
+        replace(&mut self.signatures, further.signatures);
+        replace(&mut self.local, further.local);
+        replace(&mut self.intensity, further.intensity);
+        if let (Some(values), Some(further)) = (&mut self.velocities, further.velocities) {
+            replace(values, further);
+        }
+        if let (Some(near), Some(further)) = (&mut self.near, further.near) {
+            replace(&mut near.means, further.means);
+            replace(&mut near.local, further.local);
+        }
+        self.encoding = Encoding::default();
     }
 
     /// The rows of the given Gaussians, in that order.
@@ -157,6 +208,16 @@ impl MotionCache {
             encoding: Encoding::default(),
             ..self
         }
+    }
+}
+
+/// The part of statistics that the modules read.
+fn read_by_modules(statistics: TrajectoryStatistics, config: &MotionConfig) -> TrajectoryStatistics {
+    match config.descriptor {
+        // Applied before the normaliser, which keeps columns of zeros.
+        Descriptor::PositionVariance => statistics.position_only(),
+        // Raw offsets are computed when they are needed. Tokens and intensity use the measurement.
+        Descriptor::Variances | Descriptor::Offsets | Descriptor::Momentary => statistics,
     }
 }
 

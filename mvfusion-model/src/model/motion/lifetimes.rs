@@ -1,5 +1,7 @@
 //! When Gaussians are there, for statistics of what they do while they are.
 
+use mvfusion_data::Lifetime;
+
 use crate::config::{MotionConfig, Trajectory};
 use crate::model::gaussians::{Attribute, Gaussians, LEAST_LOG_DURATION, MOST_LOG_DURATION};
 use crate::{ModelError, tensors};
@@ -31,6 +33,16 @@ impl Lifetimes {
             durations: tensors::read(durations.clamp(LEAST_LOG_DURATION, MOST_LOG_DURATION).exp())?,
             velocities: tensors::read(velocities)?,
         }))
+    }
+
+    /// Those of Gaussians that are not in a model yet, if trajectories are measured over lifetimes.
+    pub fn of_further(lifetimes: &[Lifetime], config: &MotionConfig) -> Option<Self> {
+        let duration = |log: f32| f64::from(log).clamp(LEAST_LOG_DURATION, MOST_LOG_DURATION).exp();
+        (config.trajectory == Trajectory::Lifetime).then(|| Self {
+            centres: lifetimes.iter().map(|lifetime| f64::from(lifetime.centre)).collect(),
+            durations: lifetimes.iter().map(|lifetime| duration(lifetime.log_duration)).collect(),
+            velocities: lifetimes.iter().flat_map(|lifetime| lifetime.velocity.map(f64::from)).collect(),
+        })
     }
 
     /// Given lifetimes, for tests.

@@ -69,8 +69,8 @@ impl Near {
 }
 
 impl PerGaussian for Near {
-    /// A new Gaussian has the neighbours of its parent. Without a parent, its neighbours are at the origin until the next
-    /// measurement.
+    /// A new Gaussian has the neighbours of its parent. Without a parent, its neighbours are at the origin until it is
+    /// measured.
     fn follow(&mut self, map: &RowMap) {
         let Self { means, local } = self;
         *means = map.inherit(means);

@@ -22,10 +22,10 @@ pub struct MovingNormaliser {
 }
 
 impl MovingNormaliser {
-    /// Updates the state with row-major `values` of `columns` columns, then normalises them.
-    pub fn update_and_normalise(&mut self, values: &[f64], columns: usize, config: &MotionConfig) -> Vec<f64> {
+    /// Updates the state with row-major `values` of `columns` columns.
+    pub fn update(&mut self, values: &[f64], columns: usize, config: &MotionConfig) {
         if values.is_empty() {
-            return Vec::new();
+            return;
         }
         let (means, variances) = match config.normalisation {
             Normalisation::Moments => column_moments(values, columns),
@@ -39,6 +39,14 @@ impl MovingNormaliser {
         } else {
             blend(&mut self.means, &means, config.decay);
             blend(&mut self.variances, &variances, config.decay);
+        }
+    }
+
+    /// Normalises row-major `values`, with as many columns as those of the updates. Before the first, all are 0.
+    pub fn normalise(&self, values: &[f64], config: &MotionConfig) -> Vec<f64> {
+        let columns = self.means.len();
+        if columns == 0 {
+            return vec![0.0; values.len()];
         }
         let clip = config.soft_clip;
         let scales: Vec<f64> = self.variances.iter().map(|v| v.sqrt() + config.epsilon).collect();
@@ -96,9 +104,9 @@ mod tests {
     fn the_first_batch_sets_the_state_and_later_ones_blend_in() {
         let mut normaliser = MovingNormaliser::default();
         let config = MotionConfig::default();
-        normaliser.update_and_normalise(&[0.0, 2.0], 1, &config);
+        normaliser.update(&[0.0, 2.0], 1, &config);
         assert_eq!((normaliser.means[0], normaliser.variances[0]), (1.0, 1.0));
-        normaliser.update_and_normalise(&[11.0, 11.0], 1, &config);
+        normaliser.update(&[11.0, 11.0], 1, &config);
         assert!((normaliser.means[0] - (0.99 + 0.11)).abs() < 1e-12);
         assert!((normaliser.variances[0] - 0.99).abs() < 1e-12);
     }
@@ -107,7 +115,7 @@ mod tests {
     fn a_state_that_starts_from_zero_is_slow_to_learn() {
         let mut normaliser = MovingNormaliser::default();
         let config = MotionConfig { zero_start: true, ..MotionConfig::default() };
-        normaliser.update_and_normalise(&[0.0, 2.0], 1, &config);
+        normaliser.update(&[0.0, 2.0], 1, &config);
         assert!((normaliser.means[0] - 0.01).abs() < 1e-15 && (normaliser.variances[0] - 0.01).abs() < 1e-15);
     }
 
@@ -116,7 +124,9 @@ mod tests {
         let mut normaliser = MovingNormaliser::default();
         let mut values: Vec<f64> = (0..1000).flat_map(|i| [f64::from(i % 2), 4.0]).collect();
         values[0] = 1e6;
-        let normalised = normaliser.update_and_normalise(&values, 2, &MotionConfig::default());
+        let config = MotionConfig::default();
+        normaliser.update(&values, 2, &config);
+        let normalised = normaliser.normalise(&values, &config);
         assert!(normalised.iter().all(|v| v.abs() <= 3.0));
         assert!(normalised.iter().skip(1).step_by(2).all(|&v| v == 0.0));
     }
@@ -128,7 +138,8 @@ mod tests {
         let mut values: Vec<f64> = (0..=100).flat_map(|i| [f64::from(i), 7.0]).collect();
         values[200] = 1e9;
         let mut normaliser = MovingNormaliser::default();
-        let normalised = normaliser.update_and_normalise(&values, 2, &config);
+        normaliser.update(&values, 2, &config);
+        let normalised = normaliser.normalise(&values, &config);
         assert_eq!(normaliser.means, [50.0, 7.0]);
         // The quartiles 25 and 75 lie 0.6745 standard deviations from the median.
         assert!((normalised[150] - 0.674_489_75).abs() < 1e-6, "{}", normalised[150]);

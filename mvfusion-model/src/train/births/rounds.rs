@@ -9,6 +9,7 @@ use super::{BirthRule, ComparedView, Ellipse, IN_FRONT};
 use crate::initial::{Masking, gaussians_of};
 use crate::model::DeformationLevel;
 use crate::model::exposure::Exposure;
+use crate::model::motion::MotionCache;
 use crate::random::Stream;
 use crate::train::rendered::{RenderedViews, shown_depths};
 use crate::train::{Position, Stage, Trainer, TrainingView};
@@ -142,34 +143,42 @@ impl Trainer {
         }
     }
 
-    /// Adds Gaussians to the dynamic branch. Their means are positions at their moments.
+    /// Adds Gaussians to the dynamic branch. Their means are positions at their moments. From then on, they have the
+    /// descriptors by which they were placed: otherwise, the next measurement would move them.
     fn add(&mut self, born: &GaussianCloud) -> Result<(), ModelError> {
         let masking = Masking::Blended { dynamic_logit: self.config.init.motion_logit };
-        let born = self.undeformed(born)?;
+        let (born, descriptors) = self.undeformed(born)?;
         let dtype = self.state.model.dynamic.means.val().dtype();
         let further = gaussians_of(&born, masking, self.config.model.sh_degree, &self.device, dtype);
         self.state.dynamic_branch().append(&further);
+        if let (Some(motion), Some(descriptors)) = (&mut self.state.model.motion, descriptors) {
+            motion.replace_last(descriptors);
+        }
         Ok(())
     }
 
-    /// The cloud with canonical means, which the model deforms to the given means at their moments.
-    fn undeformed(&self, born: &GaussianCloud) -> Result<GaussianCloud, ModelError> {
-        let (level, Some(lifetimes)) = (self.level(), &born.lifetimes) else { return Ok(born.clone()) };
+    /// The cloud with canonical means, which the model deforms to the given means at their moments, and the descriptors
+    /// by which it refines them.
+    fn undeformed(&self, born: &GaussianCloud) -> Result<(GaussianCloud, Option<MotionCache>), ModelError> {
+        let (level, Some(lifetimes)) = (self.level(), &born.lifetimes) else { return Ok((born.clone(), None)) };
         if level == DeformationLevel::Still {
-            return Ok(born.clone());
+            return Ok((born.clone(), None));
         }
         let plain = self.state.model.plain();
         let places = TensorData::new(born.means.as_flattened().to_vec(), [born.len(), 3]);
         let places: Tensor<2> = tensors::from_data_like(places, &plain.dynamic.means.val());
         let moments = lifetimes.chunk_by(|one, other| one.centre == other.centre);
         let moments: Vec<(usize, f64)> = moments.map(|rows| (rows.len(), f64::from(rows[0].centre))).collect();
-        let mut means = places.clone();
+        let (mut means, mut descriptors) = (places.clone(), None);
         for _ in 0..UNDEFORMING_ROUNDS {
-            means = places.clone() - plain.offsets_of_further(means, &moments, level, &self.context);
+            if level == DeformationLevel::Refined {
+                descriptors = self.descriptors_of_further(&plain, &means, lifetimes)?;
+            }
+            means = places.clone() - plain.offsets_of_further(means, &moments, descriptors.as_ref(), &self.context);
         }
         let means: Vec<f32> = tensors::read(means)?;
         let means = means.chunks_exact(3).map(|mean| std::array::from_fn(|axis| mean[axis])).collect();
-        Ok(GaussianCloud { means, ..born.clone() })
+        Ok((GaussianCloud { means, ..born.clone() }, descriptors))
     }
 
     /// The deformation level of the current step.
@@ -291,7 +300,10 @@ mod tests {
     use mvfusion_data::builtin::builtin;
 
     use super::*;
-    use crate::config::{Config, Decay, ModelConfig, MotionConfig, OptimConfig, Refinement, StageConfig, TrainConfig};
+    use crate::config::{
+        Config, Decay, Descriptor, ModelConfig, MotionConfig, OptimConfig, Refinement, StageConfig, Temporal,
+        TrainConfig, Trajectory,
+    };
     use crate::device;
     use crate::test_support::values;
 
@@ -310,8 +322,8 @@ mod tests {
         trainer
     }
 
-    /// The largest distance between where Gaussians should be born and where they are rendered, how far the refinement
-    /// moves them, and how far the whole deformation does.
+    /// The largest distance between where Gaussians should be born and where they are rendered, before and after the next
+    /// measurement; how far the refinement moves them, and how far the whole deformation does.
     fn misplaced(trainer: &mut Trainer) -> [f64; 3] {
         let lifetime = |centre| Lifetime { centre, log_duration: -3.0, velocity: [0.5; 3] };
         let born = GaussianCloud {
@@ -325,17 +337,23 @@ mod tests {
         };
         let known = trainer.state.model.dynamic.count();
         trainer.add(&born).expect("the device answers");
-        let (model, context) = (trainer.state.model.plain(), &trainer.context);
-        let shown = |time, level| values(model.dynamic_at(time, level, context).means.narrow(0, known, 3));
-        let canonical = values(model.dynamic.means.val().narrow(0, known, 3));
         let mut largest = [0.0f64; 3];
-        for (row, time) in [(0, 0.25), (1, 0.25), (2, 0.75)] {
-            let [refined, base] = [DeformationLevel::Refined, DeformationLevel::Base].map(|level| shown(time, level));
-            for axis in 0..3 {
-                let at = 3 * row + axis;
-                largest[0] = largest[0].max((refined[at] - f64::from(born.means[row][axis])).abs());
-                largest[1] = largest[1].max((refined[at] - base[at]).abs());
-                largest[2] = largest[2].max((refined[at] - canonical[at]).abs());
+        for measured_again in [false, true] {
+            if measured_again {
+                trainer.refresh_motion().expect("the device answers");
+            }
+            let (model, context) = (trainer.state.model.plain(), &trainer.context);
+            let shown = |time, level| values(model.dynamic_at(time, level, context).means.narrow(0, known, 3));
+            let canonical = values(model.dynamic.means.val().narrow(0, known, 3));
+            for (row, time) in [(0, 0.25), (1, 0.25), (2, 0.75)] {
+                let [refined, base] =
+                    [DeformationLevel::Refined, DeformationLevel::Base].map(|level| shown(time, level));
+                for axis in 0..3 {
+                    let at = 3 * row + axis;
+                    largest[0] = largest[0].max((refined[at] - f64::from(born.means[row][axis])).abs());
+                    largest[1] = largest[1].max((refined[at] - base[at]).abs());
+                    largest[2] = largest[2].max((refined[at] - canonical[at]).abs());
+                }
             }
         }
         largest
@@ -343,10 +361,19 @@ mod tests {
 
     #[test]
     fn gaussians_are_born_where_the_refined_model_shows_them() {
-        for (mvg, mfta) in [(true, true), (false, true), (true, false)] {
-            let mut trainer = refined(MotionConfig { mvg, mfta, ..MotionConfig::default() });
+        let all = MotionConfig::default();
+        for (motion, most) in [
+            (MotionConfig { mvg: false, ..all.clone() }, 0.1),
+            (MotionConfig { mfta: false, ..all.clone() }, 0.1),
+            (MotionConfig { trajectory: Trajectory::Lifetime, ..all.clone() }, 0.1),
+            // Two rounds leave more where both modules, velocities or neighbours change with the place.
+            (MotionConfig { descriptor: Descriptor::Momentary, ..all.clone() }, 0.4),
+            (MotionConfig { temporal: Temporal::Spatial, ..all.clone() }, 0.4),
+            (all, 0.25),
+        ] {
+            let mut trainer = refined(motion.clone());
             let [off, moved, _] = misplaced(&mut trainer);
-            assert!(off < 0.1 * moved, "MVG {mvg}, MFTA {mfta}: off by {off}, moved by {moved}");
+            assert!(off < most * moved, "{motion:?}: off by {off}, moved by {moved}");
         }
     }
 
