@@ -75,18 +75,16 @@ pub fn resolve(args: &ConfigSourceArgs, data: Option<&Path>) -> anyhow::Result<R
     let given = |key: &str| partials.iter().rev().find_map(|partial| partial.table.get("scene")?.get(key)?.as_str());
     let format = given("format").and_then(Format::of_key);
     let capture = given("capture").and_then(|word| Value::from(word).try_into().ok());
-    let (default, reason) = match given("data") {
-        None => (FOR_BUILTIN, None),
-        Some(folder) => match (preset_for(Path::new(folder), format, capture), capture) {
-            (Some(preset), None) => (preset, Some("chosen by the scene format".to_owned())),
-            (Some(preset), Some(_)) => (preset, Some("chosen by the scene format and capture".to_owned())),
-            // Training refuses the folder; a configuration may be for another machine.
-            (None, _) => (FOR_VIDEO, Some(format!("no known format was found in {folder}"))),
-        },
-    };
+    let chosen = given("data").map(|folder| match (preset_for(Path::new(folder), format, capture), capture) {
+        (Some(preset), None) => (preset, "chosen by the scene format".to_owned()),
+        (Some(preset), Some(_)) => (preset, "chosen by the scene format and capture".to_owned()),
+        // Training refuses the folder; a configuration may be for another machine.
+        (None, _) => (FOR_VIDEO, format!("no known format was found in {folder}")),
+    });
+    let default = chosen.as_ref().map_or(FOR_BUILTIN, |&(preset, _)| preset);
     let preset = Preset::find(args.preset.as_deref().unwrap_or(default))?;
-    let note = reason.filter(|_| args.preset.is_none());
-    let note = note.map(|reason| format!("preset: {default} ({reason}; --preset overrides it)"));
+    let note = chosen.filter(|_| args.preset.is_none());
+    let note = note.map(|(preset, reason)| format!("preset: {preset} ({reason}; --preset overrides it)"));
 
     let mut config = resolve_over(preset, partials)?;
     make_absolute(&mut config)?;
