@@ -181,8 +181,11 @@ impl MotionCache {
     /// Gives the last rows, those of Gaussians without a parent, their own descriptors.
     pub fn replace_last(&mut self, further: Self) {
         let replace = |values: &mut Tensor<2>, further: Tensor<2>| {
-            let kept = values.dims()[0] - further.dims()[0];
-            *values = Tensor::cat(vec![values.clone().narrow(0, 0, kept), further], 0);
+            // Ops do not accept empty tensors, and there may have been no Gaussian.
+            *values = match values.dims()[0] - further.dims()[0] {
+                0 => further,
+                kept => Tensor::cat(vec![values.clone().narrow(0, 0, kept), further], 0),
+            };
         };
         replace(&mut self.signatures, further.signatures);
         replace(&mut self.local, further.local);
@@ -252,13 +255,47 @@ impl PerGaussian for MotionCache {
 
 #[cfg(test)]
 mod tests {
-    use burn::tensor::DType;
+    use burn::tensor::{DType, TensorData};
     use glam::Vec3;
     use mvfusion_data::{GaussianCloud, Lifetime, PointCloud};
 
     use super::*;
     use crate::initial::{Masking, cloud_on, gaussians_of};
     use crate::test_support::{for_each_device, values};
+
+    /// A cache whose signatures and local variances have the same single column.
+    fn of_columns(signatures: Tensor<2>, intensity: Tensor<2>) -> MotionCache {
+        MotionCache {
+            local: signatures.clone(),
+            signatures,
+            velocities: None,
+            near: None,
+            intensity,
+            knot_times: vec![0.5],
+            inherits: true,
+            includes_travel: false,
+            encoding: Encoding::default(),
+        }
+    }
+
+    #[test]
+    fn further_gaussians_get_their_own_descriptors_even_if_there_was_none() {
+        for_each_device(|device| {
+            let column = |numbers: &[f64]| {
+                let data = TensorData::new(numbers.to_vec(), [numbers.len(), 1]);
+                Tensor::<2>::from_data(data, (&device, DType::F32))
+            };
+            for known in [&[][..], &[1.0, 2.0]] {
+                let mut cache = of_columns(column(known), column(known));
+                cache.follow(&RowMap::appending(known.len(), 2));
+                cache.replace_last(of_columns(column(&[7.0, 8.0]), column(&[9.0, 10.0])));
+                let with = |further: [f64; 2]| [known, &further].concat();
+                assert_eq!(values(cache.signatures), with([7.0, 8.0]));
+                assert_eq!(values(cache.local), with([7.0, 8.0]));
+                assert_eq!(values(cache.intensity), with([9.0, 10.0]));
+            }
+        });
+    }
 
     #[test]
     fn what_neither_moves_nor_travels_nor_goes_is_still() {
@@ -272,17 +309,7 @@ mod tests {
             let like = gaussians.plain(Attribute::Means).expect("centres are always there");
             let column =
                 |column: [f64; 4]| tensors::from_data_like(TrajectoryStatistics::table(column.to_vec(), 1), &like);
-            let cache = MotionCache {
-                signatures: column([0.0; 4]),
-                local: column([0.0; 4]),
-                velocities: None,
-                near: None,
-                intensity: column([0.0, 3.0, 0.0, 0.0]),
-                knot_times: vec![0.5],
-                inherits: true,
-                includes_travel: false,
-                encoding: Encoding::default(),
-            };
+            let cache = of_columns(column([0.0; 4]), column([0.0, 3.0, 0.0, 0.0]));
             // Velocity 6, extent 2: a variance of 9 / 12, so the mean is 3.75 / 4.
             let stillness = values(cache.stillness(&gaussians, 2.0));
             let expected = [1.0, (-3.0f64 * 4.0 / 3.75).exp(), (-0.75f64 * 4.0 / 3.75).exp(), 0.25];
@@ -291,21 +318,12 @@ mod tests {
             }
         });
     }
+
     #[test]
     fn an_encoding_is_kept_until_the_signatures_change() {
         for_each_device(|device| {
             let column = Tensor::<2>::from_data([[1.0f32], [2.0], [3.0]], &device);
-            let mut cache = MotionCache {
-                signatures: column.clone(),
-                local: column.clone(),
-                velocities: None,
-                near: None,
-                intensity: column,
-                knot_times: vec![0.5],
-                inherits: true,
-                includes_travel: false,
-                encoding: Encoding::default(),
-            };
+            let mut cache = of_columns(column.clone(), column);
             let encoded = |cache: &MotionCache, offset: f32| values(cache.encoded(|signatures| signatures + offset));
             let clone = cache.clone();
             assert_eq!(encoded(&clone, 10.0), [11.0, 12.0, 13.0]);
