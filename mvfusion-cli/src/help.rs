@@ -37,7 +37,7 @@ Examples:
   mvfusion train --data ~/scenes/flame_steak --set train.scale=0.05
           the same video with a twentieth of the steps
   mvfusion train --view
-          the built-in video, with a page on which the training can be watched
+          the built-in video, watched in a browser (feature viewer)
   mvfusion train --set model.deformation=false --out runs/still
           a baseline without deformation
   mvfusion train --config runs/quickstart-0/config.toml --seed 1

@@ -16,7 +16,6 @@ use mvfusion_cli::run::{self, MasksRequest, OpenRun, RunRequest};
 use mvfusion_data::camera_path::check_camera as check;
 use mvfusion_data::{Camera, NamedArray, View};
 use mvfusion_model::evaluation::{Layer, LayerRenderer, MotionLayers, RenderedLayer};
-use mvfusion_model::train::final_level;
 use pyo3::prelude::*;
 use serde_json::{Value, json};
 
@@ -52,7 +51,7 @@ impl NativeRun {
     fn facts(&self) -> String {
         let OpenRun { config, device, scene, trained } = &self.run;
         let counts = run::GaussianCounts::of(&trained.model);
-        let layers = chosen_layers(&[LayerChoice::All], &trained.model, final_level(config));
+        let layers = chosen_layers(&[LayerChoice::All], &trained.model, trained.level(config));
         json!({
             "device": device.name,
             "scene": scene.name,
@@ -176,7 +175,7 @@ impl NativeRun {
         let unknown = |name: &str, reason: String| UsageError::new(format!("unknown layer `{name}`: {reason}."));
         let choices = layers.iter().map(|name| parse_layer(name).map_err(|reason| unknown(name, reason)));
         let choices = choices.collect::<Result<Vec<_>, _>>()?;
-        let (config, level) = (&self.run.config, final_level(&self.run.config));
+        let (config, level) = (&self.run.config, self.run.level());
         let model = self.run.model(without_mfta, Verbosity::SILENT);
         let layers = chosen_layers(&choices, &model, level);
         let size = (camera.width, camera.height);

@@ -42,8 +42,8 @@ pub struct ConfigSourceArgs {
     /// Scene format, instead of detecting it; same as --set scene.format=NAME
     #[arg(long, value_name = "NAME", value_parser = formats())]
     pub format: Option<Format>,
-    /// Preset to start from (see `mvfusion presets`) [default: quickstart; with --data neu3d, or hypernerf for one
-    /// moving camera, dnerf for synthetic objects, onthego-indoor for photos]
+    /// Preset to start from (see `mvfusion presets`) [default: quickstart; with --data neu3d, or hypernerf for layouts
+    /// of one moving camera, dnerf for synthetic objects, onthego-indoor for photos]
     #[arg(long, value_name = "NAME", value_parser = presets(), hide_possible_values = true)]
     pub preset: Option<String>,
     /// TOML file that overrides the preset

@@ -4,7 +4,6 @@ use std::io::Write;
 
 use mvfusion_model::evaluation::{Layer, LayerRenderer};
 use mvfusion_model::timeline::spread;
-use mvfusion_model::train::final_level;
 
 use crate::args::RenderArgs;
 use crate::memory::{self, MemoryRule};
@@ -28,7 +27,7 @@ pub fn render(args: &RenderArgs, verbosity: Verbosity, out: &mut dyn Write) -> a
         device: &args.compute.device,
     };
     let run = OpenRun::open(&request, verbosity)?;
-    let (level, context) = (final_level(&run.config), run.render_context());
+    let (level, context) = (run.level(), run.render_context());
     let model = args.crop.crop(run.model(args.no_mfta, verbosity), level, &context, verbosity)?;
     let OpenRun { config, scene, device, .. } = run;
     let film = args.views.film(&scene, &selection(args))?;

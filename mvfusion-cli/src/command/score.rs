@@ -10,7 +10,7 @@ use mvfusion_model::evaluation::{
     Evaluation, Evaluator, Layer, LayerRenderer, Protocol, RefinementSurvey, Scores, Split, ViewPictures, evaluate,
 };
 use mvfusion_model::model::{DeformationLevel, Model, RenderContext};
-use mvfusion_model::train::{TrainedModel, final_level, parameter_hash};
+use mvfusion_model::train::{TrainedModel, parameter_hash};
 use mvfusion_model::{Config, Device, ModelError};
 use tracing::warn;
 
@@ -123,7 +123,7 @@ impl Scoring<'_> {
             false => None,
         };
         let seconds = started.elapsed().as_secs_f64();
-        let level = final_level(self.config);
+        let level = self.trained.level(self.config);
         let speed = speed::measure(model, &self.scene.test, level, &context, self.speed_frames, verbosity);
         let speed = speed.unwrap_or_else(|error| {
             // The metrics are more important and took longer to compute.
@@ -175,7 +175,7 @@ impl Scoring<'_> {
 
     /// What the motion-aware modules of a model contribute; `None` if they do not take part.
     pub fn survey(&self, model: &Model, context: &RenderContext) -> Result<Option<RefinementSurvey>, ModelError> {
-        match final_level(self.config) {
+        match self.trained.level(self.config) {
             DeformationLevel::Refined => RefinementSurvey::of(model, context),
             DeformationLevel::Still | DeformationLevel::Base => Ok(None),
         }
@@ -192,7 +192,7 @@ impl Scoring<'_> {
         mut add: impl FnMut(usize, &View, &RgbImage) -> anyhow::Result<()>,
     ) -> anyhow::Result<Evaluation> {
         let mut progress = Progress::new("evaluation", split.views(self.scene).len(), verbosity);
-        let level = final_level(self.config);
+        let level = self.trained.level(self.config);
         let variances = match pictures.filter(|pictures| pictures.writes_layers()) {
             Some(_) => self.variances(model, level, context)?,
             None => None,

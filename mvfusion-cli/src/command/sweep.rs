@@ -133,6 +133,13 @@ impl<'a> Session<'a> {
         if self.args.dry_run {
             return self.show(&to_do, out);
         }
+        if self.folder.has_other_cells(index) {
+            self.verbosity.note(&format!(
+                "note:   {} has a sweep without any cell of this grid. Its table is replaced; its cells stay. Choose \
+                 another --out to keep both",
+                self.folder.path().display()
+            ));
+        }
         self.folder.prepare(&self.source.text, &self.plan)?;
         self.verbosity.wrote("sweep", self.folder.path());
         let count = index.cells.len();

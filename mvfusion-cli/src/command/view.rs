@@ -4,7 +4,6 @@ use std::io::Write;
 use std::time::Duration;
 
 use anyhow::Context;
-use mvfusion_model::train::final_level;
 
 use crate::args::ViewArgs;
 use crate::interrupt::Signals;
@@ -48,7 +47,7 @@ pub fn view_until(
         device: &args.compute.device,
     };
     let run = OpenRun::open(&request, verbosity)?;
-    let (context, level, step) = (run.render_context(), final_level(&run.config), run.trained.steps);
+    let (context, level, step) = (run.render_context(), run.level(), run.trained.steps);
     let source = MotionSource::Measured(run.config.motion.weights);
     let model = run.trained.model;
     let facts = RunFacts {

@@ -62,7 +62,8 @@ fn of_key(notes: &KeyNotes) -> anyhow::Result<String> {
     let of_table = notes.source_table.as_ref().map_or(String::new(), |table| format!(" (said of the table `{table}`)"));
     fact(&mut text, "source", &format!("{}{of_table}", notes.sources.join("; ")));
     if let Some(least) = notes.scaled_from {
-        let floor = if least > 1 { format!(", but leaves at least {least}") } else { String::new() };
+        let floor =
+            if least > 1 { format!(", but leaves at least {least}; a shorter one stays") } else { String::new() };
         fact(&mut text, "length", &format!("`train.scale` multiplies it{floor}"));
     }
     fact(&mut text, "resume", on_resume(&notes.key));

@@ -32,7 +32,11 @@ macro_rules! preset {
 /// All presets. A base comes before the presets that build on it.
 pub const PRESETS: &[Preset] = &[
     preset!("quickstart", "the built-in scenes in a few minutes on a CPU", None),
-    preset!("quickstart-degauss", "the same without motion-aware refinement: DeGauss", Some("quickstart")),
+    preset!(
+        "quickstart-degauss",
+        "the same without MVG and MFTA: our base, DeGauss with additions",
+        Some("quickstart")
+    ),
     preset!("quickstart-4dgs", "the same with only the dynamic branch: 4DGS", Some("quickstart")),
     preset!("quickstart-4dgs-motion", "4DGS with motion-aware refinement plugged in", Some("quickstart-4dgs")),
     preset!("neu3d", "multi-camera video in the layout of Neu3D, at the paper's full length", None),

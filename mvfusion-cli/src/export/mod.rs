@@ -24,7 +24,6 @@ use mvfusion_model::ModelError;
 use mvfusion_model::model::gaussians::{Gaussians, RawGaussians};
 use mvfusion_model::model::{DeformationLevel, Model, RenderContext};
 use mvfusion_model::timeline::spread;
-use mvfusion_model::train::final_level;
 
 use crate::args::CropArgs;
 use crate::progress::Verbosity;
@@ -95,8 +94,7 @@ pub struct Exporter {
 impl Exporter {
     /// The model of a run; without temporal attention on request.
     pub fn of(run: &OpenRun, no_mfta: bool, verbosity: Verbosity) -> Self {
-        let level = final_level(&run.config);
-        Self { model: run.model(no_mfta, verbosity), level, context: run.render_context() }
+        Self { model: run.model(no_mfta, verbosity), level: run.level(), context: run.render_context() }
     }
 
     /// The part of the model in the box of the arguments, if they have one. Prints what is kept.

@@ -261,7 +261,7 @@ mod tests {
         let mut views = frames(Some(RegionSource::TemporalDeviation));
         views.iter_mut().for_each(|view| view.scores.movers = None);
         let said = |views: &[ViewScores]| lowest(&views.iter().collect::<Vec<_>>()).into_string();
-        assert!(said(&views).contains("dynamic region (photo deviation), dB: median 25.00"), "{}", said(&views));
+        assert!(said(&views).contains("dynamic region (temporal deviation), dB: median 25.00"), "{}", said(&views));
         views.iter_mut().for_each(|view| view.scores.dynamic_region = None);
         assert_eq!(said(&views), "");
     }

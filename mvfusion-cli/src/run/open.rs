@@ -5,8 +5,8 @@ use std::path::Path;
 use anyhow::Context;
 use mvfusion_data::Scene;
 use mvfusion_model::Config;
-use mvfusion_model::model::{Model, RenderContext};
-use mvfusion_model::train::{TrainedModel, final_level};
+use mvfusion_model::model::{DeformationLevel, Model, RenderContext};
+use mvfusion_model::train::TrainedModel;
 use tracing::warn;
 
 use super::checkpoints::newest_checkpoint;
@@ -94,10 +94,15 @@ impl OpenRun {
         if !no_mfta {
             return model.clone();
         }
-        model.without_mfta(final_level(&self.config)).unwrap_or_else(|| {
-            verbosity.note("note:   the model was trained without MFTA, so --no-mfta has no effect");
+        model.without_mfta(self.level()).unwrap_or_else(|| {
+            verbosity.note("note:   MFTA takes no part in this model, so --no-mfta has no effect");
             model.clone()
         })
+    }
+
+    /// The deformation level of the model.
+    pub fn level(&self) -> DeformationLevel {
+        self.trained.level(&self.config)
     }
 
     /// The context for rendering the model.

@@ -121,7 +121,7 @@ fn train(
 ) -> anyhow::Result<()> {
     if !run::checkpoints(path)?.is_empty() {
         if run::is_finished(path) {
-            return drop_results(path);
+            return put_results_away(path);
         }
         let resumed = TrainArgs {
             data: places.scene.data.clone(),
@@ -144,14 +144,14 @@ fn is_of_checkpoint(error: &anyhow::Error) -> bool {
     matches!(error.downcast_ref(), Some(ModelError::Checkpoint { .. } | ModelError::OtherScene { .. }))
 }
 
-/// Removes the metrics of a finished run, which cannot be read, if they are there at all. The evaluation writes them
-/// anew from the last checkpoint, without the cost of the training.
-fn drop_results(path: &Path) -> anyhow::Result<()> {
+/// Moves the metrics of a finished run, which cannot be read, beside it, if they are there at all. The evaluation
+/// writes them anew from the last checkpoint, without the cost of the training.
+fn put_results_away(path: &Path) -> anyhow::Result<()> {
     let results = path.join(run::RESULTS);
     warn!("{} is missing or cannot be read, and is written anew", results.display());
-    match fs::remove_file(&results) {
+    match fs::rename(&results, path.with_extension("results.unreadable")) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => {
-            Err(error).with_context(|| format!("cannot remove {}", results.display()))
+            Err(error).with_context(|| format!("cannot move {}", results.display()))
         }
         _ => Ok(()),
     }
@@ -215,12 +215,15 @@ mod tests {
     }
 
     #[test]
-    fn metrics_that_cannot_be_read_are_removed_and_none_are_no_error() {
+    fn metrics_that_cannot_be_read_are_kept_beside_the_run_and_none_are_no_error() {
         let folder = tempfile::tempdir().expect("folder");
-        fs::write(folder.path().join(run::RESULTS), "{").expect("written");
+        let run = folder.path().join("a");
+        fs::create_dir(&run).expect("made");
+        fs::write(run.join(run::RESULTS), "{").expect("written");
         for _ in 0..2 {
-            drop_results(folder.path()).expect("removed");
-            assert!(!folder.path().join(run::RESULTS).exists());
+            put_results_away(&run).expect("moved");
+            assert!(!run.join(run::RESULTS).exists());
         }
+        assert_eq!(fs::read(folder.path().join("a.results.unreadable")).expect("kept"), b"{");
     }
 }

@@ -144,6 +144,12 @@ impl SweepFolder {
         Ok(())
     }
 
+    /// Whether a sweep is here that has no cell of this index.
+    pub fn has_other_cells(&self, index: &Index) -> bool {
+        let is_new = |old: &Cell| index.cells.iter().all(|cell| cell.id != old.id);
+        Index::read(&self.path).is_ok_and(|old| !old.cells.is_empty() && old.cells.iter().all(is_new))
+    }
+
     /// Writes the grid, the files that each cell needs to run on its own, and the index.
     ///
     /// # Errors

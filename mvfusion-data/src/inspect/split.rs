@@ -48,7 +48,10 @@ fn shared(scene: &Scene) -> Option<Problem> {
             scene.test.len(),
             few(&names)
         );
-        let remedy = "Hold whole cameras out, for example with `--set 'scene.test_cameras=[\"cam00\"]'`.";
+        let camera = scene.test.iter().find_map(|view| view.name.rsplit_once('/'));
+        let remedy = camera.map_or("Hold other views out.".to_owned(), |(camera, _)| {
+            format!("Hold whole cameras out, for example with `--set 'scene.test_cameras=[{camera:?}]'`.")
+        });
         Problem::warning(Subject::Split, what, remedy)
     })
 }

@@ -7,8 +7,8 @@
 //!   any list, every 8th image by name is held out.
 //! * Smaller copies of the images, `images_2`, are used as described in the module `reduced`.
 //! * Frames with `time`, or else with `timestamp` in nanoseconds, are a video. Times within `[0, 1]` are kept, others
-//!   are scaled to start at 0 and end at 1. Without either, the images are photos of one moment each, and their order
-//!   is their time.
+//!   are scaled to start at 0 and end at 1. Without either, the images are photos of one moment each, and their order,
+//!   with numbers in names compared by value, is their time.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -18,6 +18,7 @@ use tracing::{info, warn};
 use super::format::Format;
 use super::options::{ReadOptions, every_so_many};
 use super::reader::{Hints, Reader};
+use super::shared::frame_numbers::places_in_time;
 use super::shared::ply::read_points;
 use super::shared::reduced::views_of_pictures;
 use super::shared::shot::Shot;
@@ -149,8 +150,8 @@ fn moments(transforms: &Transforms, frames: &[&Frame]) -> Result<(Capture, Vec<f
                 advice: "Give every frame a `time`, or every frame a `timestamp`, or none either",
             });
         }
-        let count = frames.len() as f64;
-        return Ok((Capture::Photos, (0..frames.len()).map(|index| index as f64 / count).collect()));
+        let (count, places) = (frames.len() as f64, places_in_time(frames.iter().map(|frame| frame.name.as_str())));
+        return Ok((Capture::Photos, places.into_iter().map(|place| place as f64 / count).collect()));
     };
     let (first, last) = times.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &t| (a.min(t), b.max(t)));
     if first >= 0.0 && last <= 1.0 {

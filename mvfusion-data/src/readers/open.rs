@@ -73,22 +73,26 @@ fn hold_out(scene: Scene, folder: &Path, cameras: &[String]) -> Result<Scene, Da
     if let Some(unknown) = cameras.iter().find(|camera| !views.iter().any(|view| is_of(view, camera))) {
         let example = views.first().map_or("", |view| view.name.as_str());
         let reason = format!("no view is named `{unknown}/…`; the first is `{example}`");
-        let advice = format!("Name cameras of this scene, for example {}", set_cameras(&views));
+        let advice = match set_cameras(&views) {
+            Some(setting) => format!("Name cameras of this scene, for example {setting}"),
+            None => "Remove it: the views of this scene are not named by cameras".to_owned(),
+        };
         return Err(DataError::Setting { option: "test_cameras", value: format!("{cameras:?}"), reason, advice });
     }
     let (test, train): (Vec<_>, Vec<_>) =
         views.into_iter().partition(|view| cameras.iter().any(|camera| is_of(view, camera)));
     if train.is_empty() {
-        let advice = format!("Hold out fewer cameras, for example {}", set_cameras(&test));
+        let example = set_cameras(&test).map_or(String::new(), |setting| format!(", for example {setting}"));
+        let advice = format!("Hold out fewer cameras{example}");
         return Err(DataError::Missing { what: "camera to train on".into(), folder: folder.to_owned(), advice });
     }
     Ok(Scene { train, test, ..scene })
 }
 
-/// How to hold out only the camera of the first view.
-fn set_cameras(views: &[View]) -> String {
-    let camera = views.first().and_then(|view| view.name.rsplit_once('/')).map_or("cam00", |(camera, _)| camera);
-    format!("`--set 'scene.test_cameras=[{camera:?}]'`")
+/// How to hold out only the camera of the first view; `None` if its name has none.
+fn set_cameras(views: &[View]) -> Option<String> {
+    let (camera, _) = views.first()?.name.rsplit_once('/')?;
+    Some(format!("`--set 'scene.test_cameras=[{camera:?}]'`"))
 }
 
 #[cfg(test)]

@@ -1,9 +1,10 @@
 //! Options for reading a scene.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use tracing::warn;
 
 use super::format::Format;
 use crate::error::DataError;
@@ -82,6 +83,16 @@ impl ReadOptions {
                 Err(DataError::Setting { option: "frames", value: "0".into(), reason, advice })
             }
             limit => Ok(limit.unwrap_or(usize::MAX)),
+        }
+    }
+
+    /// Warns if the default limit leaves out some of the `available` frames of a camera. Any other limit was chosen.
+    pub(crate) fn warn_of_unused_frames(&self, folder: &Path, available: usize) {
+        if self.frames == Some(ORIGINAL_FRAMES) && available > ORIGINAL_FRAMES {
+            warn!(
+                folder = %folder.display(),
+                "only the first {ORIGINAL_FRAMES} of {available} frames of each camera are read (scene.frames)"
+            );
         }
     }
 

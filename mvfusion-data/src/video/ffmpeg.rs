@@ -41,6 +41,7 @@ pub(super) fn decode(
         .arg(local(path))
         .args(["-map", "0:V:0", "-vf", FILTERS, "-r", "25", "-frames:v", &wanted.to_string()])
         .rawvideo();
+    keep_signals_from(command.as_inner_mut());
     let mut child = command.spawn().map_err(|e| Flaw::new(path, format!("ffmpeg cannot be started ({e})"), EXTRACT))?;
     let passed = pass_on(&mut child, path, wanted, sink);
     // If a frame was rejected, the program is still running.
@@ -120,7 +121,9 @@ pub(super) fn start(path: &Path) -> Result<f64, String> {
 
 /// What ffprobe answers about the first video in a file.
 fn ask(path: &Path, entries: &str, options: &[&str]) -> Result<Value, String> {
-    let output = Command::new(ffprobe_path())
+    let mut command = Command::new(ffprobe_path());
+    keep_signals_from(&mut command);
+    let output = command
         .args(["-v", "error", "-protocol_whitelist", "file", "-select_streams", "V:0"])
         .args(options)
         .args(["-show_entries", entries, "-of", "json"])
@@ -152,9 +155,33 @@ fn rate(text: &str) -> Option<f64> {
     (rate.is_finite() && rate > 0.0).then_some(rate)
 }
 
+/// Keeps a Ctrl-C at the terminal from a program. It is meant for this one, which would otherwise take the missing
+/// frames for a damaged video.
+fn keep_signals_from(command: &mut Command) {
+    #[cfg(unix)]
+    std::os::unix::process::CommandExt::process_group(command, 0);
+    #[cfg(not(unix))]
+    let _ = command;
+}
+
 /// A file name that ffmpeg mistakes for neither an option nor an address.
 pub(super) fn local(path: &Path) -> OsString {
     let mut name = OsString::from("file:");
     name.push(path);
     name
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_program_has_a_process_group_of_its_own() {
+        let mut command = Command::new("sh");
+        keep_signals_from(&mut command);
+        let output = command.args(["-c", "echo $$; cut -d ' ' -f 5 /proc/$$/stat"]).output().expect("a shell");
+        let said = String::from_utf8(output.stdout).expect("text");
+        let (process, group) = said.trim().split_once('\n').expect("two lines");
+        assert_eq!(process, group);
+    }
 }

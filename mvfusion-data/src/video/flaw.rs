@@ -12,14 +12,16 @@ pub(super) const READ_FEWER: &str = "Check that the file is complete and plays, 
                                      frames of all videos with `--set scene.frames=N`.";
 
 /// Advice for a file that cannot be decoded here.
-pub(super) const EXTRACT: &str = "Install the program ffmpeg, or turn the video into images on another computer with \
-                                  `ffmpeg -i NAME.mp4 NAME/images/%04d.png`.";
+pub(super) const EXTRACT: &str = "Install the program ffmpeg, or turn the video into images on another computer: make \
+                                  the folder NAME/images (in the layout of MultipleView, NAME), and in it \
+                                  `ffmpeg -i VIDEO %04d.png`.";
 
 /// Advice for a file that the built-in decoder might decode, in a program without it.
 #[cfg(not(feature = "h264"))]
-pub(super) const BUILD: &str = "Install the program ffmpeg, or build this program with `--features h264` for a built-in \
-                                decoder, or turn the video into images on another computer with \
-                                `ffmpeg -i NAME.mp4 NAME/images/%04d.png`.";
+pub(super) const BUILD: &str = "Install the program ffmpeg, or build this program with `--features h264` for a \
+                                built-in decoder, or turn the video into images on another computer: make the folder \
+                                NAME/images (in the layout of MultipleView, NAME), and in it \
+                                `ffmpeg -i VIDEO %04d.png`.";
 
 /// A problem with a video. Unlike [`DataError`], it can be cloned and reported again.
 #[derive(Clone, Debug)]

@@ -48,6 +48,8 @@ pub struct Video {
     /// Size of the upright frames.
     size: (u32, u32),
     len: usize,
+    /// Number of frames of the file.
+    available: usize,
     fps: Option<f64>,
     /// Absent if only ffmpeg can read the container.
     track: Option<mp4::Track>,
@@ -132,7 +134,8 @@ impl Video {
             can_decode(path, track)?;
         }
         let (path, store, len) = (path.to_owned(), store.clone(), frames.min(limit));
-        Ok(Self { path, metadata, size, len, fps, track, decoder, store, sets: Mutex::default() })
+        let sets = Mutex::default();
+        Ok(Self { path, metadata, size, len, available: frames, fps, track, decoder, store, sets })
     }
 
     /// The file.
@@ -143,6 +146,11 @@ impl Video {
     /// Number of frames, at most the limit.
     pub fn len(&self) -> usize {
         self.len
+    }
+
+    /// Number of frames of the file, used or not.
+    pub(crate) fn available(&self) -> usize {
+        self.available
     }
 
     /// Whether there is no frame.

@@ -70,8 +70,8 @@ pub struct LossConfig {
     pub penalize_dynamic: f64,
     /// Weight that pulls the brightness to 1, in all stages.
     pub brightness: f64,
-    /// Weight of the same term at the end of densification, growing linearly from 0.001 (`weight_penal_light_end`). It
-    /// does not fall below 0.
+    /// Weight of the same term at the end of densification, or of the run without densification, growing linearly from
+    /// 0.001 (`weight_penal_light_end`). It does not fall below 0.
     pub brightness_end: f64,
     /// Weight of the difference between the brightened background and the photo, early in training; 0 switches the
     /// term off.

@@ -22,7 +22,7 @@ pub struct OptimConfig {
     pub grid: Decay,
     /// MVG and MFTA; times the extent (A22: as `deformation`).
     pub motion: Decay,
-    /// Steps over which the rates above decay.
+    /// Steps over which the learning rates with `start` and `end` change.
     pub decay_steps: Steps,
     /// Constant colour of both branches.
     pub sh_dc: f64,
@@ -38,11 +38,11 @@ pub struct OptimConfig {
     pub scale: f64,
     /// Quaternions.
     pub rotation: f64,
-    /// Moments of lifetimes, in frames; with `model.lifetime`. Ours, like the next two.
+    /// Temporal centres of lifetimes, in frames; with `model.lifetime`. Ours.
     pub time_centre: f64,
-    /// Log-durations of lifetimes.
+    /// Log-durations of lifetimes. Ours.
     pub duration: f64,
-    /// Velocities of lifetimes, per frame; times the extent.
+    /// Velocities of lifetimes, per frame; times the extent. Ours.
     pub velocity: Decay,
     /// Exposures of the training cameras; with `model.exposure`. Ours; 3DGS: 0.01 to 0.001, for maps that are used once
     /// per round.
@@ -55,7 +55,7 @@ pub struct OptimConfig {
     pub epsilon: f64,
 }
 
-/// A learning rate that decays log-linearly from `start` to `end` (METHOD §4.5). A `start` of 0 is off: the rate is
+/// A learning rate that changes log-linearly from `start` to `end` (METHOD §4.5). A `start` of 0 is off: the rate is
 /// always 0.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]

@@ -77,6 +77,10 @@ impl Range {
 
 /// A number as people write it.
 pub(super) fn written(value: f64) -> String {
+    // The largest integer of TOML, which no floating-point number is.
+    if value == i64::MAX as f64 {
+        return i64::MAX.to_string();
+    }
     let is_short = value == 0.0 || (1e-4..1e7).contains(&value.abs());
     if is_short || !value.is_finite() { value.to_string() } else { format!("{value:e}") }
 }

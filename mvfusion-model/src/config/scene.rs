@@ -88,23 +88,25 @@ pub struct InitConfig {
     pub dynamic_points: usize,
     /// Dynamic Gaussians on random points of the cloud. DeGauss: 100 for video, none for photos.
     pub dynamic_from_cloud: usize,
-    /// Maximum fraction of the cloud for them (DeGauss: 0.1).
+    /// Maximum fraction of the cloud for `dynamic_from_cloud` (DeGauss: 0.1).
     pub dynamic_cloud_share: f64,
-    /// Whether they have the colours of their points (DeGauss: random colours, like the uniform ones).
+    /// Whether the Gaussians of `dynamic_from_cloud` have the colours of their points (DeGauss: random colours, like
+    /// the uniform ones).
     pub dynamic_cloud_colours: bool,
     /// Dynamic Gaussians where fixed, synchronised cameras see motion, instead of uniform ones; 0 switches detection
     /// off. Without detected motion, they are uniform. Ours (docs/METHOD.md, section 13); about a quarter of
     /// `densify.dynamic.max_gaussians` leaves room for splitting.
     pub motion_points: usize,
-    /// Their duration in frames, with `model.lifetime`.
+    /// Duration in frames of the Gaussians of `motion_points` and of those born in a video, with `model.lifetime`.
     pub motion_duration: f64,
-    /// Their mask logit of the foreground, and that of Gaussians that are born during training.
+    /// Mask logit of the foreground of the Gaussians of `motion_points`, and of those born during training.
     pub motion_logit: f64,
     /// Dynamic Gaussians born at the end of the first stage where a photo differs from the static branch, instead of as
     /// many uniform ones. Needs photos with distinct moments, and `model.lifetime`. 0 switches births off. Ours
     /// (docs/METHOD.md, section 13).
     pub photo_points: usize,
-    /// Their duration as a fraction of the time to the nearest photo: well below 1, so that no other photo shows them.
+    /// Duration of the Gaussians of `photo_points`, as a fraction of the time to the nearest photo: well below 1, so
+    /// that no other photo shows them.
     pub photo_duration: f64,
     /// Additional static Gaussians placed uniformly in the scene's box. Ours, for clouds with gaps.
     pub static_points: usize,

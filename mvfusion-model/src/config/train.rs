@@ -68,7 +68,7 @@ pub enum BadStepRule {
     /// It ends with the first number that is not finite.
     Stop,
     /// The step changes no parameter. Gradients are checked as well, which takes a pass over them. Training ends after
-    /// [`MOST_BAD_STEPS`](crate::train::MOST_BAD_STEPS) such steps in a row.
+    /// ten such steps in a row.
     Skip,
 }
 

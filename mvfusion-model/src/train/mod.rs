@@ -30,6 +30,6 @@ pub use rendered::RenderedBatch;
 pub use sampler::{Sampler, Visits};
 pub use stage::{Position, Stage};
 pub use state::TrainState;
-pub use trainer::{IMAGE_CACHE, Trainer, final_level};
+pub use trainer::{IMAGE_CACHE, Trainer};
 pub use update::StepGradients;
 pub use view::TrainingView;

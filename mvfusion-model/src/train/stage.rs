@@ -31,6 +31,12 @@ impl Stage {
         }
     }
 
+    /// The stage of the last of `completed` steps; before any step, the first stage.
+    pub(super) fn of_last(completed: usize, stages: &StageConfig) -> Self {
+        let last = completed.min(stages.total()).saturating_sub(1);
+        Position::after(last, stages).map_or(Self::Geometry, |position| position.stage)
+    }
+
     /// The deformation level of this stage.
     pub fn level(self, deformation: bool) -> DeformationLevel {
         match self {
@@ -145,6 +151,16 @@ mod tests {
         assert_eq!(at(5), (Stage::Refinement, 1, 4));
         assert_eq!(at(8), (Stage::Refinement, 4, 7));
         assert_eq!(Position::after(9, &STAGES), None);
+    }
+
+    #[test]
+    fn a_model_is_of_the_stage_of_its_last_step() {
+        let of_last = |completed| Stage::of_last(completed, &STAGES);
+        assert_eq!([0, 1, 2].map(of_last), [Stage::Geometry; 3]);
+        assert_eq!([3, 5].map(of_last), [Stage::Deformation; 2]);
+        assert_eq!([6, 9, 99].map(of_last), [Stage::Refinement; 3]);
+        assert_eq!(Stage::of_last(7, &StageConfig::of([2, 3, 0])), Stage::Deformation);
+        assert_eq!(Stage::of_last(0, &StageConfig::of([0, 0, 0])), Stage::Geometry);
     }
 
     #[test]

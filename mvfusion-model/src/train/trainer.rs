@@ -197,9 +197,10 @@ impl Trainer {
             }
     }
 
-    /// The deformation level of the finished model.
+    /// The deformation level of the finished model: that of the last stage.
     pub fn final_level(&self) -> DeformationLevel {
-        final_level(&self.config)
+        let stages = &self.config.train.stages;
+        Stage::of_last(stages.total(), stages).level(self.config.model.deformation)
     }
 
     /// The configuration of the state, which loading a checkpoint requires.
@@ -258,17 +259,6 @@ fn check_start(config: &Config, scene: &Scene) -> Result<(), ModelError> {
         "all training cameras are at one place, so no distance is known".to_owned(),
         "Train on pictures from several places.".to_owned(),
     )
-}
-
-/// The deformation level of a model trained with `config`: the level of its last stage.
-pub fn final_level(config: &Config) -> DeformationLevel {
-    let stages = &config.train.stages;
-    let last = match (stages.refinement.0, stages.deformation.0) {
-        (0, 0) => Stage::Geometry,
-        (0, _) => Stage::Deformation,
-        _ => Stage::Refinement,
-    };
-    last.level(config.model.deformation)
 }
 
 impl RenderContext {

@@ -6,7 +6,7 @@ use mvfusion_render::profile::{Part, measure};
 
 use super::{BranchGradients, Position, Sampler, Stage, Visibility};
 use crate::ModelError;
-use crate::config::{BranchDensifyConfig, Config};
+use crate::config::{BranchDensifyConfig, Config, Steps};
 use crate::model::gaussians::Gaussians;
 use crate::model::motion::MotionCache;
 use crate::random::Stream;
@@ -29,6 +29,8 @@ pub(super) struct BranchTurn<'a> {
     pub rates: &'a GaussianRates,
     /// Whether additions must wait.
     pub waits: bool,
+    /// Steps from one turn to the next.
+    pub accumulation: usize,
     pub config: &'a Config,
     pub position: &'a Position,
     pub extent: f64,
@@ -75,8 +77,9 @@ impl BranchTurn<'_> {
     /// Clones, splits, prunes and resets, each when due.
     fn change_rows(&mut self, gradients: &mut GaussianGradients) -> Result<(), ModelError> {
         let config = &self.config.densify;
-        let step = self.position.step;
-        let tidies = step > config.prune_from.0 && config.prune_interval.is_due(step);
+        let (step, accumulation) = (self.position.step, self.accumulation);
+        let after = |first: Steps| move |event: usize| event > first.0;
+        let tidies = config.prune_interval.latest_within(accumulation, step).is_some_and(after(config.prune_from));
         if tidies && config.relocate > 0.0 && !self.waits {
             // Before densification, which resets the statistics.
             let most = (config.relocate * self.gaussians.count() as f64) as usize;
@@ -86,7 +89,7 @@ impl BranchTurn<'_> {
             branch.relocate(&priorities, &rule, most, stream)?;
             self.begin_round(round_ended);
         }
-        let adds = step > config.from.0 && config.interval.is_due(step);
+        let adds = config.interval.latest_within(accumulation, step).is_some_and(after(config.from));
         if adds && !self.waits && self.gaussians.count() < self.limits.max_gaussians {
             let (threshold, clone_size) = (self.threshold(), config.clone_below * self.extent);
             let most = self.limits.max_gaussians;
@@ -100,7 +103,8 @@ impl BranchTurn<'_> {
             self.begin_round(round_ended);
         }
         let ends_geometry = self.position.stage == Stage::Geometry && self.position.ends_stage();
-        if config.reset_interval.is_due(step) && (config.reset_at_stage_end || !ends_geometry) {
+        let resets = config.reset_interval.latest_within(accumulation, step).is_some();
+        if resets && (config.reset_at_stage_end || !ends_geometry) {
             let plan = ResetPlan::draw(self.gaussians.count(), self.limits.reset_share, self.stream);
             self.branch(gradients).0.reset_opacity(&plan, config.reset)?;
         }

@@ -112,6 +112,7 @@ impl Trainer {
             limits: &self.config.densify.dynamic,
             rates: &rates.dynamic,
             waits: waits_for_births,
+            accumulation: 1,
             config: &self.config,
             position,
             extent: self.context.extent,
@@ -126,6 +127,7 @@ impl Trainer {
         rates: &Rates,
         position: &Position,
     ) -> Result<(), ModelError> {
+        let accumulation = self.accumulation(position);
         let state = &mut self.state;
         let (Some(gaussians), Some(branch)) = (&mut state.model.static_, &mut state.static_) else { return Ok(()) };
         let turn = BranchTurn {
@@ -136,6 +138,7 @@ impl Trainer {
             limits: &self.config.densify.static_,
             rates: &rates.static_,
             waits: false,
+            accumulation,
             config: &self.config,
             position,
             extent: self.context.extent,
@@ -178,7 +181,7 @@ impl Trainer {
     }
 
     /// The descriptors of Gaussians that `model`, which is without autodiff, does not have yet, for canonical centres
-    /// `[M, 3]`; `None` until motion was measured.
+    /// `[M, 3]`; `None` until motion was measured, or if another run measured it at another number of knots.
     pub(super) fn descriptors_of_further(
         &self,
         model: &Model,
@@ -189,6 +192,10 @@ impl Trainer {
         let (config, normalisers) = (&self.config.motion, &self.state.normalisers);
         let lifetimes = Lifetimes::of_further(lifetimes, config);
         let statistics = self.trajectories(&model.network, lifetimes.as_ref()).measure(means)?;
+        // Statistics that another run measured may have other knots.
+        if statistics.knot_times.len() != known.knot_times.len() {
+            return Ok(None);
+        }
         known.of_further(statistics, normalisers, config, [&model.dynamic.means.val(), means]).map(Some)
     }
 

@@ -45,7 +45,8 @@ fn write_rows<'a>(page: &mut String, keys: impl Iterator<Item = &'a KeyNotes>) {
             meaning.extend(choices.iter().map(|choice| format!("`{}`: {}", choice.name, choice.comment)));
         }
         if let Some(least) = notes.scaled_from {
-            let floor = if least > 1 { format!(", to no less than {least}") } else { String::new() };
+            let floor =
+                if least > 1 { format!(", but not to less than {least}; a shorter one stays") } else { String::new() };
             meaning.push(format!("Scaled by `train.scale`{floor}."));
         }
         let meaning: Vec<String> = meaning.iter().map(|part| escaped(part)).collect();

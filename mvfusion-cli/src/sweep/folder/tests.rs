@@ -1,4 +1,6 @@
 use super::*;
+use crate::sweep::grid::Grid;
+use crate::sweep::plan::Additions;
 
 fn in_folder() -> (tempfile::TempDir, SweepFolder) {
     let folder = tempfile::tempdir().expect("folder");
@@ -37,6 +39,25 @@ fn a_grid_that_was_changed_in_the_folder_is_not_lost() {
     sweep.check("own").expect("the changed grid itself is given");
     write(INDEX, r#"{ "name": "of an earlier version" }"#);
     sweep.check("new").expect("nothing tells whether it was changed");
+}
+
+#[test]
+fn a_sweep_without_any_cell_of_the_grid_is_noticed() {
+    let (_folder, sweep) = in_folder();
+    let grids = tempfile::tempdir().expect("folder");
+    let text = |seeds: &str| {
+        format!("title = \"a test\"\npreset = \"quickstart\"\nseeds = {seeds}\n[[scenes]]\nname = \"video\"\n")
+    };
+    let plan = |seeds: &str| {
+        let path = grids.path().join("grid.toml");
+        fs::write(&path, text(seeds)).expect("written");
+        Plan::new(&Grid::read(&path).expect("a grid"), &Additions::default()).expect("planned")
+    };
+    let first = plan("[1, 2]");
+    assert!(!sweep.has_other_cells(&first.index), "there is no sweep");
+    sweep.prepare(&text("[1, 2]"), &first).expect("written");
+    assert!(!sweep.has_other_cells(&plan("[2, 3]").index));
+    assert!(sweep.has_other_cells(&plan("[3]").index));
 }
 
 #[test]

@@ -65,7 +65,7 @@ mod tests {
                 .map(|(test, training)| metrics(test, training));
             Table::of(&index, &outcomes).region_note()
         };
-        let test = "Dynamic and still regions: true masks (video); photo deviation (steak).";
+        let test = "Dynamic and still regions: true masks (video); temporal deviation (steak).";
         assert_eq!(note("dynamic_region.psnr").as_deref(), Some(test));
         assert_eq!(note("dynamic_minus_still_psnr").as_deref(), Some(test));
         let training = "Dynamic and still regions: true masks (casual).";

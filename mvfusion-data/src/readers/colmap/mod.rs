@@ -10,7 +10,7 @@
 //!   convention, so nothing is converted.
 //! * The photos are sorted by name, and the names define the split. `clutter` trains, `extra` is held out, and all
 //!   others are unused. The number after the word is the time. If no name contains these words, every 8th photo is held
-//!   out.
+//!   out, and times follow the order of the names, with numbers compared by value.
 //! * `train_list.txt` and `test_list.txt`, as in the undistorted On-the-go scenes, override the names.
 //! * Smaller copies of the photos, `images_4`, are used as described in the module `reduced`.
 //! * All photos have one size. It may differ from the cameras' if both sides were scaled by one factor.

@@ -8,14 +8,19 @@ pub(super) enum Purpose {
     Neither,
 }
 
-/// Words that define a photo's purpose. The first one found in the file's name decides.
+/// Words that define a photo's purpose. The first one found in the file's name decides; within a longer word, as in
+/// `extracted`, they mean nothing.
 const KEYWORDS: [(&str, Purpose); 3] =
     [("extra", Purpose::Test), ("clutter", Purpose::Train), ("clean", Purpose::Neither)];
 
 /// The purpose that a file's name defines, and the text after the word that defines it.
 pub(super) fn purpose(name: &str) -> Option<(&str, Purpose)> {
     let file = name.rsplit('/').next().unwrap_or(name);
-    KEYWORDS.into_iter().find_map(|(word, purpose)| file.split_once(word).map(|(_, tail)| (tail, purpose)))
+    let tail_of = |word: &str| {
+        let mut tails = file.match_indices(word).map(|(start, _)| &file[start + word.len()..]);
+        tails.find(|tail| !tail.starts_with(|c: char| c.is_alphabetic()))
+    };
+    KEYWORDS.into_iter().find_map(|(word, purpose)| tail_of(word).map(|tail| (tail, purpose)))
 }
 
 /// The number right after the word, if it fits into 32 bits.

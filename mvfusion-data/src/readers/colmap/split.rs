@@ -7,6 +7,7 @@ use super::model::Photo;
 use super::purpose::{Purpose, number, purpose};
 use crate::error::DataError;
 use crate::readers::options::every_so_many;
+use crate::readers::shared::frame_numbers::places_in_time;
 
 /// Photos by purpose. Each part keeps the order of the names.
 #[derive(Debug)]
@@ -59,8 +60,8 @@ pub(super) fn split(
     Ok(split)
 }
 
-/// Splits by the lists. If all names have numbers, times are as in [`by_name`]. Otherwise a photo's time is its
-/// position among all photos.
+/// Splits by the lists. If all names have numbers, times are as in [`by_name`]. Otherwise a photo's time is its place
+/// among all photos in temporal order.
 fn by_list(purposes: Vec<Purpose>, photos: Vec<Photo>) -> Split {
     let count = photos.len() as f64;
     let largest = photos.iter().filter_map(|photo| number(&photo.name)).max().unwrap_or(0).max(1);
@@ -68,10 +69,11 @@ fn by_list(purposes: Vec<Purpose>, photos: Vec<Photo>) -> Split {
     let numbered = listed().all(|(photo, _)| number(&photo.name).is_some());
     let rule = format!("by {} and {}", LISTS[0].0, LISTS[1].0);
     let mut split = Split { train: Vec::new(), test: Vec::new(), unused: 0, rule };
-    for (index, (photo, purpose)) in photos.into_iter().zip(purposes).enumerate() {
+    let places = places(&photos);
+    for ((photo, purpose), place) in photos.into_iter().zip(purposes).zip(places) {
         let time = match number(&photo.name).filter(|_| numbered) {
             Some(number) => f64::from(number) / f64::from(largest),
-            None => index as f64 / count,
+            None => place as f64 / count,
         };
         match purpose {
             Purpose::Train => split.train.push(Moment { photo, time }),
@@ -106,11 +108,13 @@ fn by_name(photos: Vec<Photo>, images: &Path) -> Result<Split, DataError> {
     Ok(split)
 }
 
-/// LLFF's rule: every n-th photo is held out. A photo's time is its position, divided by the number of photos.
+/// LLFF's rule: every n-th photo by name is held out. A photo's time is its place in temporal order, divided by the
+/// number of photos.
 fn by_position(photos: Vec<Photo>, test_every: usize) -> Result<Split, DataError> {
     let is_test = every_so_many(test_every)?;
     let count = photos.len() as f64;
-    let moments = photos.into_iter().enumerate().map(|(index, photo)| Moment { photo, time: index as f64 / count });
+    let places = places(&photos);
+    let moments = photos.into_iter().zip(places).map(|(photo, place)| Moment { photo, time: place as f64 / count });
     let (test, train): (Vec<_>, Vec<_>) = moments.enumerate().partition(|(index, _)| is_test(*index));
     let moments = |part: Vec<(usize, Moment)>| part.into_iter().map(|(_, moment)| moment).collect();
     let rule = match test_every {
@@ -118,6 +122,11 @@ fn by_position(photos: Vec<Photo>, test_every: usize) -> Result<Split, DataError
         _ => format!("one in {test_every}, as no name contains clutter or extra"),
     };
     Ok(Split { train: moments(train), test: moments(test), unused: 0, rule })
+}
+
+/// The place of each photo in temporal order.
+fn places(photos: &[Photo]) -> Vec<usize> {
+    places_in_time(photos.iter().map(|photo| photo.name.as_str()))
 }
 
 #[cfg(test)]
@@ -178,6 +187,21 @@ mod tests {
         assert_eq!((split.train.len(), split.train[0].time), (14, 1.0 / 17.0));
         let split = parted(&names, 0).expect("parted");
         assert_eq!((split.train.len(), split.test.len()), (17, 0));
+    }
+
+    #[test]
+    fn times_follow_the_numbers_in_names_and_the_split_their_text() {
+        let split = parted(&["f_1.png", "f_10.png", "f_2.png", "f_3.png"], 2).expect("parted");
+        assert_eq!(shown(&split.test), [("f_1.png", 0.0), ("f_2.png", 0.25)]);
+        assert_eq!(shown(&split.train), [("f_10.png", 0.75), ("f_3.png", 0.5)]);
+    }
+
+    #[test]
+    fn words_that_contain_extra_or_clutter_do_not_part_the_photos() {
+        let split = parted(&["cluttered_1.png", "extracted_2.png"], 2).expect("parted by position");
+        assert_eq!((split.train.len(), split.test.len(), split.unused), (1, 1, 0));
+        let split = parted(&["1clutter1.png", "1extra2.png", "extracted_3.png"], 2).expect("parted by name");
+        assert_eq!((split.train.len(), split.test.len(), split.unused), (1, 1, 1));
     }
 
     #[test]

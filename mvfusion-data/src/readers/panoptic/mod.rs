@@ -93,6 +93,7 @@ pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let limit = options.frame_limit()?;
     let metas = [read_meta(folder, TRAIN, limit)?, read_meta(folder, TEST, limit)?];
     let count = common_times(folder, metas.each_ref().map(|meta| &meta.moments), limit)?;
+    options.warn_of_unused_frames(folder, metas[0].moments.times);
     let divisor = options.times_divisor(count)?;
     let [mut shots, held_out] = metas.map(|meta| meta.timed(count, divisor));
     let parted = shots.len();

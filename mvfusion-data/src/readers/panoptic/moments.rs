@@ -12,7 +12,7 @@ pub(super) struct Moments {
     /// Name of the file.
     file: &'static str,
     /// Number of times.
-    times: usize,
+    pub(super) times: usize,
     /// The number of the frames of each time; `None` if the names do not tell it.
     numbers: Option<Vec<FrameNumber>>,
 }

@@ -59,6 +59,33 @@ impl Ord for FrameNumber {
     }
 }
 
+/// The place of each name in temporal order. Numbers are compared by value, so that `frame_9.png` precedes
+/// `frame_10.png`; names that do not differ otherwise keep their order.
+pub(crate) fn places_in_time<'a>(names: impl Iterator<Item = &'a str>) -> Vec<usize> {
+    let keys: Vec<_> = names.map(natural_key).collect();
+    let mut order: Vec<usize> = (0..keys.len()).collect();
+    order.sort_by(|&a, &b| keys[a].cmp(&keys[b]));
+    let mut places = vec![0; order.len()];
+    for (place, index) in order.into_iter().enumerate() {
+        places[index] = place;
+    }
+    places
+}
+
+/// What orders names: in turn a text, the number of digits of the number after it, and these digits.
+fn natural_key(name: &str) -> Vec<(&str, usize, &str)> {
+    let mut key = Vec::new();
+    let mut rest = name;
+    while !rest.is_empty() {
+        let (text, tail) = rest.split_at(rest.find(|c: char| c.is_ascii_digit()).unwrap_or(rest.len()));
+        let (digits, tail) = tail.split_at(tail.find(|c: char| !c.is_ascii_digit()).unwrap_or(tail.len()));
+        let digits = digits.trim_start_matches('0');
+        key.push((text, digits.len(), digits));
+        rest = tail;
+    }
+    key
+}
+
 /// A list of frames: those of a camera, or of a file of cameras.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct NumberedFrames<'a> {
@@ -134,6 +161,14 @@ mod tests {
         let lists =
             [NumberedFrames { name: "cam00", numbers: &one }, NumberedFrames { name: "cam02", numbers: &other }];
         check_numbers(Path::new("scene"), lists, limit, "every camera").map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn places_in_time_follow_the_numbers_in_names() {
+        let names = ["f_1.png", "f_10.png", "f_9.png", "f_0011_b.png", "f_11.png", "e_12.png", "g.png"];
+        assert_eq!(places_in_time(names.into_iter()), [1, 3, 2, 5, 4, 0, 6]);
+        assert_eq!(places_in_time(["a", "a"].into_iter()), [0, 1]);
+        assert!(places_in_time(std::iter::empty()).is_empty());
     }
 
     #[test]

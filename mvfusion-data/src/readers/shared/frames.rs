@@ -21,6 +21,8 @@ pub(crate) struct CameraFrames {
     pub(crate) name: String,
     /// The frames, in temporal order.
     pub(crate) frames: Vec<Frame>,
+    /// Number of its frames, used or not.
+    available: usize,
     matching: Matching,
 }
 
@@ -80,6 +82,7 @@ pub(crate) fn list_frames(
     let cameras = names.iter().map(camera).collect::<Result<Vec<_>, _>>()?;
     check_numbered(folder, &cameras, limit)?;
     check_counts(folder, &cameras)?;
+    options.warn_of_unused_frames(folder, cameras.iter().map(|camera| camera.available).max().unwrap_or(0));
     Ok(cameras)
 }
 
@@ -93,9 +96,12 @@ fn frames_of_camera(
 ) -> Result<CameraFrames, DataError> {
     let pictures = folder.join(name).join(inner);
     let (mut frames, mut matching) = extracted_frames(&pictures)?;
+    let mut available = frames.len();
     let mut videos = VIDEO_EXTENSIONS.iter().map(|extension| folder.join(format!("{name}.{extension}")));
     if let Some(video) = videos.find(|path| frames.is_empty() && path.is_file()) {
-        (frames, matching) = (frames_of_video(&video, limit, store)?, Matching::Video);
+        let video = Video::open(&video, limit, store)?;
+        available = video.available();
+        (frames, matching) = (frames_of_video(&video), Matching::Video);
     }
     if frames.is_empty() {
         let what = format!("frame of the camera {name}");
@@ -103,7 +109,7 @@ fn frames_of_camera(
         return Err(DataError::Missing { what, folder: pictures, advice });
     }
     frames.truncate(limit);
-    Ok(CameraFrames { name: name.to_owned(), frames, matching })
+    Ok(CameraFrames { name: name.to_owned(), frames, available, matching })
 }
 
 /// Checks cameras whose frames are numbered: no camera lacks a frame that another one has.
@@ -204,13 +210,10 @@ fn matching<'a>(names: impl Iterator<Item = &'a (String, Option<FrameNumber>)> +
     }
 }
 
-fn frames_of_video(path: &Path, limit: usize, store: &FrameStore) -> Result<Vec<Frame>, DataError> {
-    let video = Video::open(path, limit, store)?;
-    let frame = |index| Frame {
-        name: format!("{index:04}"),
-        source: PictureSource::Frame { video: Arc::clone(&video), index },
-    };
-    Ok((0..video.len()).map(frame).collect())
+fn frames_of_video(video: &Arc<Video>) -> Vec<Frame> {
+    let frame =
+        |index| Frame { name: format!("{index:04}"), source: PictureSource::Frame { video: Arc::clone(video), index } };
+    (0..video.len()).map(frame).collect()
 }
 
 /// Sort key: the name, with a number at its end compared by value, so that `frame_9` precedes `frame_10`.

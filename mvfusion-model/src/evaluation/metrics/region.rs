@@ -28,7 +28,7 @@ impl RegionSource {
         match self {
             Self::TrueMasks => "true masks",
             Self::GivenMasks => "given masks",
-            Self::TemporalDeviation => "photo deviation",
+            Self::TemporalDeviation => "temporal deviation",
         }
     }
 }

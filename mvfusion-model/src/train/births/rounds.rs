@@ -171,10 +171,10 @@ impl Trainer {
         let moments: Vec<(usize, f64)> = moments.map(|rows| (rows.len(), f64::from(rows[0].centre))).collect();
         let (mut means, mut descriptors) = (places.clone(), None);
         for _ in 0..UNDEFORMING_ROUNDS {
-            if level == DeformationLevel::Refined {
-                descriptors = self.descriptors_of_further(&plain, &means, lifetimes)?;
-            }
-            means = places.clone() - plain.offsets_of_further(means, &moments, descriptors.as_ref(), &self.context);
+            // Motion is also known at the end of the deformation stage, which does not refine yet.
+            descriptors = self.descriptors_of_further(&plain, &means, lifetimes)?;
+            let refining = descriptors.as_ref().filter(|_| level == DeformationLevel::Refined);
+            means = places.clone() - plain.offsets_of_further(means, &moments, refining, &self.context);
         }
         let means: Vec<f32> = tensors::read(means)?;
         let means = means.chunks_exact(3).map(|mean| std::array::from_fn(|axis| mean[axis])).collect();
@@ -307,18 +307,23 @@ mod tests {
     use crate::device;
     use crate::test_support::values;
 
-    /// A trainer in its last stage. The high rate gives the modules something to say.
+    /// A trainer in its last stage.
     fn refined(motion: MotionConfig) -> Trainer {
+        begun(motion, [1, 1, 9], 8)
+    }
+
+    /// A trainer after some steps of its stages. The high rate gives the modules something to say.
+    fn begun(motion: MotionConfig, stages: [usize; 3], steps: usize) -> Trainer {
         let scene = builtin(&BuiltinOptions { width: 24, height: 18, frames: 5, ..BuiltinOptions::default() });
         let config = Config {
             model: ModelConfig { lifetime: true, ..ModelConfig::default() },
             motion: MotionConfig { window: 1, knot_stride: 1, ..motion },
             optim: OptimConfig { motion: Decay { start: 2e-3, end: 2e-3 }, ..OptimConfig::default() },
-            train: TrainConfig { stages: StageConfig::of([1, 1, 9]), ..TrainConfig::default() },
+            train: TrainConfig { stages: StageConfig::of(stages), ..TrainConfig::default() },
             ..Config::default()
         };
         let mut trainer = Trainer::new(config, &scene, &device::flex()).expect("the run can start");
-        (0..8).for_each(|_| assert!(trainer.step().expect("a step succeeds").is_some()));
+        (0..steps).for_each(|_| assert!(trainer.step().expect("a step succeeds").is_some()));
         trainer
     }
 
@@ -363,6 +368,24 @@ mod tests {
             trainer.add(&newborns()).expect("the device answers");
             let [off, moved, _] = misplaced(&trainer, &newborns());
             assert!(off < 0.1 * moved, "MVG {mvg}, MFTA {mfta}: off by {off}, moved by {moved}");
+        }
+    }
+
+    #[test]
+    fn those_of_the_last_step_before_the_refinement_are_measured() {
+        let mut trainer = begun(MotionConfig::default(), [1, 5, 5], 5);
+        let intensities = |trainer: &Trainer| {
+            let all = values(trainer.state.model.motion.as_ref().expect("measured").intensity.clone());
+            all[all.len() - 3..].to_vec()
+        };
+        assert_eq!(trainer.level(), DeformationLevel::Base);
+        trainer.refresh_motion().expect("the device answers");
+        trainer.add(&newborns()).expect("the device answers");
+        let at_birth = intensities(&trainer);
+        trainer.refresh_motion().expect("the device answers");
+        for (at_birth, then) in at_birth.into_iter().zip(intensities(&trainer)) {
+            // They are placed once more after they were measured.
+            assert!(at_birth > 0.3 * then && then > 0.3 * at_birth, "{at_birth} at birth, then {then}");
         }
     }
 

@@ -18,10 +18,10 @@ pub use self::open::Checkpoint;
 
 use self::contents::Contents;
 use self::header::Header;
-use super::TrainState;
+use super::{Stage, TrainState};
 use crate::ModelError;
 use crate::config::Config;
-use crate::model::Model;
+use crate::model::{DeformationLevel, Model};
 
 impl TrainState {
     /// Writes the state with a checksum to a temporary file and renames it, so that a crash does not damage the old
@@ -86,6 +86,12 @@ impl TrainedModel {
         let model = checkpoint.model(config, device)?;
         checkpoint.check_training(&model, config)?;
         Ok(Self { model: model.plain(), steps: checkpoint.steps() })
+    }
+
+    /// The deformation level of the last training step, with the run's scaled configuration. Above it, the network may
+    /// be untrained.
+    pub fn level(&self, config: &Config) -> DeformationLevel {
+        Stage::of_last(self.steps, &config.train.stages).level(config.model.deformation)
     }
 }
 

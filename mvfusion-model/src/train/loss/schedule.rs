@@ -9,9 +9,9 @@ pub struct LossSchedule {
     pub step: usize,
     /// Steps of the deformation and refinement stages together.
     pub total: usize,
-    /// Step at which densification ends.
+    /// Step at which densification ends; 0 without densification.
     pub densify_until: usize,
-    /// Brightness weight at that step.
+    /// Brightness weight at that step, or at the end of the run without densification.
     pub brightness_end: f64,
 }
 
@@ -25,15 +25,20 @@ const SPIKY_INTERVAL: usize = 10;
 const EXPLICIT_BELOW: f64 = 0.01;
 
 impl LossSchedule {
-    /// Start of the brightness ramp: a tenth of the densification.
+    /// Step at which the brightness ramp reaches its end weight.
+    fn ramp_end(&self) -> usize {
+        if self.densify_until == 0 { self.total } else { self.densify_until }
+    }
+
+    /// Start of the brightness ramp: a tenth of it.
     fn ramp_start(&self) -> usize {
-        self.densify_until / 10
+        self.ramp_end() / 10
     }
 
     /// The ramp `omega(it)`: linear, also beyond its end, but never below 0, where a small end would lead.
     fn ramp(&self) -> f64 {
         let start = self.ramp_start() as f64;
-        let length = (self.densify_until as f64 - start).max(1.0);
+        let length = (self.ramp_end() as f64 - start).max(1.0);
         let ramp = BRIGHTNESS_START + (self.brightness_end - BRIGHTNESS_START) * (self.step as f64 - start) / length;
         ramp.max(0.0)
     }
@@ -80,5 +85,12 @@ mod tests {
         assert!(at(290, 0.5).brightness_weight() > 0.5, "the ramp goes on");
         assert_eq!([5, 50].map(|step| at(step, 0.0).explicit_weight(0.0)), [0.0; 2]);
         assert!(at(50, 0.0).explicit_weight(0.01) > 0.0);
+    }
+
+    #[test]
+    fn without_densification_the_brightness_weight_grows_over_the_run() {
+        let at = |step| LossSchedule { geometry: false, step, total: 300, densify_until: 0, brightness_end: 0.5 };
+        assert_eq!(at(30).brightness_weight(), 0.0);
+        assert!((at(300).brightness_weight() - 0.5).abs() < 1e-12);
     }
 }
