@@ -19,7 +19,8 @@ use mvfusion_render::{attention, mlp};
 use mvfusion_tests::{gpu_backends, tensor, with_padded_rows};
 
 use super::ops::{CASES, adam_steps, layout, look_up_and_back, mlp_and_back};
-use super::pictures::{SCENES, Scene, compare_needles, render_together, render_twice};
+use super::pictures::on_gpus::{compare_needles, render_together, render_twice};
+use super::pictures::{SCENES, Scene};
 use super::{Pair, device};
 
 /// Trials for a backend of GPUs; none for another.
