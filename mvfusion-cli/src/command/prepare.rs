@@ -92,7 +92,7 @@ fn tell(made: &Prepared, args: &PrepareArgs, out: &mut dyn Write) -> std::io::Re
     let (placed, total) = (made.placed.placed.len(), made.placed.total);
     let (what, hint) = match &made.footage {
         Footage::Photos { .. } => ("photos", String::new()),
-        // Otherwise, the frames would be photos, at half their size by the preset for one camera.
+        // Without these keys, the frames are photos; as a video, the preset of one camera halves them.
         Footage::Video { .. } => ("frames", " --set scene.capture=video --set scene.downscale=1".to_owned()),
         Footage::Rig { cameras, .. } => {
             let name = cameras.iter().find(|camera| camera.placed).map_or("cam00", |camera| camera.name.as_str());

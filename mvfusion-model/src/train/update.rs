@@ -192,7 +192,6 @@ impl Trainer {
         let (config, normalisers) = (&self.config.motion, &self.state.normalisers);
         let lifetimes = Lifetimes::of_further(lifetimes, config);
         let statistics = self.trajectories(&model.network, lifetimes.as_ref()).measure(means)?;
-        // Statistics that another run measured may have other knots.
         if statistics.knot_times.len() != known.knot_times.len() {
             return Ok(None);
         }
