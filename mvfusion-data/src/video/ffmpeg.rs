@@ -6,9 +6,10 @@ use std::process::{Command, Stdio};
 use std::sync::OnceLock;
 
 use ffmpeg_sidecar::child::FfmpegChild;
-use ffmpeg_sidecar::command::{FfmpegCommand, ffmpeg_is_installed};
+use ffmpeg_sidecar::command::FfmpegCommand;
 use ffmpeg_sidecar::event::{FfmpegEvent, LogLevel};
 use ffmpeg_sidecar::ffprobe::ffprobe_path;
+use ffmpeg_sidecar::paths::ffmpeg_path;
 use image::RgbImage;
 use serde_json::Value;
 
@@ -26,7 +27,11 @@ const MOST_COMPLAINTS: usize = 3;
 /// Whether the program can be run.
 pub(super) fn is_installed() -> bool {
     static INSTALLED: OnceLock<bool> = OnceLock::new();
-    *INSTALLED.get_or_init(ffmpeg_is_installed)
+    *INSTALLED.get_or_init(|| {
+        let mut command = Command::new(ffmpeg_path());
+        keep_signals_from(&mut command);
+        command.arg("-version").stdin(Stdio::null()).output().is_ok_and(|output| output.status.success())
+    })
 }
 
 /// Passes the first `wanted` frames to `sink`, upright.
