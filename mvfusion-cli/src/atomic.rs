@@ -5,7 +5,7 @@ use std::path::Path;
 
 use anyhow::Context;
 use image::{DynamicImage, ImageFormat};
-pub(crate) use mvfusion_model::files::{beside, is_unfinished};
+pub(crate) use mvfusion_model::files::{beside, is_unfinished, sync_folder};
 use serde::Serialize;
 use tempfile::NamedTempFile;
 
@@ -17,7 +17,9 @@ pub fn write(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     put(path, |file| {
         file.write_all(bytes)?;
         Ok(file.as_file().sync_all()?)
-    })
+    })?;
+    sync_folder(path);
+    Ok(())
 }
 
 /// Writes a file without waiting for the disk: one of many, each of which can be made again.

@@ -269,12 +269,15 @@ Layers:
 Files, in RUN/films/VIEWS or --out:
   LAYER/NNNNN.png   8-bit images
   exr/NNNNN.exr     all layers as 32-bit floats, in channels such as composed.R,
-                    depth.Z, mask.Y; values as rendered, not linearised. The
-                    first colour layer is also stored as R, G, B, for viewers
-                    without support for layers
+                    depth.Z, mask.Y. Colours are those of the images (sRGB),
+                    not linear light, so that masked layers add up to
+                    composed; viewers that expect linear light show them too
+                    bright. The first colour layer is also stored as R, G, B,
+                    for viewers without support for layers
   LAYER.gif         at most 640 pixels wide
   video_LAYER.mp4   H.264, encoded by ffmpeg; an odd width or height loses its
                     last column or row
+  films.json        the names of all these, by which --force knows them
 
 Examples:
   mvfusion render runs/quickstart-0

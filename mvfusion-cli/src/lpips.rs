@@ -81,6 +81,9 @@ pub fn of_option(option: &Path, protocol: Protocol) -> anyhow::Result<PathBuf> {
 /// # Errors
 /// With the files that were looked for.
 pub fn check_option(folder: &Path, networks: &BTreeSet<Backbone>) -> anyhow::Result<()> {
+    if !folder.exists() {
+        bail!("--lpips-weights {}: there is no such folder", folder.display());
+    }
     let missing = missing(folder, networks);
     if !networks.is_empty() && missing.len() == networks.len() {
         let (folder, files) = (folder.display(), files_of(&missing));

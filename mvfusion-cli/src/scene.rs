@@ -2,6 +2,7 @@
 
 use mvfusion_data::{BuiltinOptions, ReadOptions, Scene};
 use mvfusion_model::Config;
+use tracing::warn;
 
 /// Opens the folder `scene.data`, or creates the built-in scene, and attaches the masks of `eval.dynamic_masks`.
 ///
@@ -12,6 +13,14 @@ pub fn open(config: &Config) -> anyhow::Result<Scene> {
     let mut scene = match &options.data {
         Some(folder) => mvfusion_data::open(folder, &read_options(config))?,
         None => {
+            let of_folders = [
+                ("format", options.format.is_some()),
+                ("downscale", options.downscale != 1.0),
+                ("test_cameras", options.test_cameras.is_some()),
+            ];
+            for (key, _) in of_folders.into_iter().filter(|(_, is_set)| *is_set) {
+                warn!("scene.{key} has no effect on the built-in scene; --data names the folder of another one");
+            }
             let (seed, photos) = (options.seed, options.photos);
             let builtin = BuiltinOptions { seed, photos, ..BuiltinOptions::of_kind(options.kind) };
             mvfusion_data::builtin::builtin(&builtin)

@@ -374,6 +374,10 @@ fn what_cannot_be_exported_is_refused() {
         refuses(&[["export", path].as_slice(), &out, &unused].concat(), USAGE, &[unused[0], "--format 4dgs"]);
         misused(&[["export", path, "--html"].as_slice(), &unused].concat(), &["--html", unused[0]]);
     }
+    let foreign = empty.path().join("foreign.html");
+    fs::write(&foreign, "<!DOCTYPE html>").expect("written");
+    let html = format!("--html={}", foreign.display());
+    refuses(&["export", path, &html, "--force"], FAILED, &["foreign.html", "was not written by", "--html=FILE"]);
 }
 
 /// Runs a command that the parser of the command line must refuse with these words; it adds a hint as a further

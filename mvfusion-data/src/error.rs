@@ -84,7 +84,10 @@ pub enum DataError {
         advice: String,
     },
     /// No reader recognises the folder.
-    #[error("{folder} is in no format that can be read:{}", listed(.refusals))]
+    #[error(
+        "{folder} is in no format that can be read:{}\nFor images or videos without cameras, `mvfusion prepare` finds \
+         them.", listed(.refusals)
+    )]
     Unrecognised {
         /// The folder.
         folder: PathBuf,

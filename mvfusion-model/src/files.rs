@@ -29,8 +29,23 @@ pub fn beside(path: &Path) -> std::io::Result<NamedTempFile> {
         // By default, only the owner can read temporary files. The umask still applies.
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    builder.tempfile_in(folder)
+    builder.tempfile_in(folder_of(path))
+}
+
+/// Waits until the name of a renamed file is on the disk, where the system can. Without this, the name may be lost with
+/// the power, although the contents are not.
+pub fn sync_folder(path: &Path) {
+    #[cfg(unix)]
+    if let Ok(folder) = std::fs::File::open(folder_of(path)) {
+        // Some file systems cannot sync a folder; the file is then as safe as they make it.
+        let _ = folder.sync_all();
+    }
+    #[cfg(not(unix))]
+    let _ = path;
+}
+
+fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 /// SHA-256 of bytes, in hexadecimal.

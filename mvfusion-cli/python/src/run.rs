@@ -43,7 +43,8 @@ impl NativeRun {
         compute(py, || {
             let request = RunRequest { run: &path, data: data.as_deref(), masks: MasksRequest::Unused, device };
             let run = OpenRun::open(&request, Verbosity::SILENT)?;
-            Ok(Self { run, motion: Default::default(), path })
+            // Its files are read later, when the current folder may be another.
+            Ok(Self { run, motion: Default::default(), path: std::path::absolute(&path)? })
         })
     }
 

@@ -11,6 +11,7 @@ use super::compute::ComputeArgs;
 
 /// `mvfusion eval`.
 #[derive(Clone, Debug, Args)]
+#[command(allow_negative_numbers = true)]
 pub struct EvalArgs {
     /// Run folder
     #[arg(value_name = "RUN")]

@@ -14,6 +14,7 @@ use crate::render::{parse_frames, parse_time};
 
 /// `mvfusion export`.
 #[derive(Clone, Debug, Args)]
+#[command(allow_negative_numbers = true)]
 pub struct ExportArgs {
     /// Run folder
     #[arg(value_name = "RUN")]

@@ -15,6 +15,7 @@ use crate::render::{
 
 /// `mvfusion render`.
 #[derive(Clone, Debug, Args)]
+#[command(allow_negative_numbers = true)]
 pub struct RenderArgs {
     /// Run folder
     #[arg(value_name = "RUN")]

@@ -14,6 +14,7 @@ use super::viewer::TrainViewArgs;
 
 /// `mvfusion train`.
 #[derive(Clone, Debug, Args)]
+#[command(allow_negative_numbers = true)]
 pub struct TrainArgs {
     /// Scene folder [default: the built-in scene]
     #[arg(long, value_name = "DIR")]

@@ -73,8 +73,13 @@ pub fn check(args: &CheckArgs, verbosity: Verbosity, out: &mut dyn Write) -> any
     };
     let wanted = scene.as_ref().filter(|_| inspection.can_train() && !args.no_picture);
     let drawn = wanted.map(|scene| draw(scene, args.picture.clone().unwrap_or_else(|| default_picture(&folder))));
-    if let Some(Ok(drawn)) = &drawn {
-        verbosity.wrote("picture", &drawn.path);
+    match &drawn {
+        Some(Ok(drawn)) => verbosity.wrote("picture", &drawn.path),
+        // Nobody asked for it, and the scene may be sound.
+        Some(Err(error)) if args.picture.is_none() => {
+            verbosity.note(&format!("note:   {error:#}. Choose a file with --picture, or use --no-picture"));
+        }
+        _ => {}
     }
     if args.json {
         let can_train = inspection.can_train() && memory.is_ok();
@@ -105,7 +110,9 @@ pub fn check(args: &CheckArgs, verbosity: Verbosity, out: &mut dyn Write) -> any
         inspection.problems.iter().try_for_each(|problem| tell_problem(problem, out))?;
     }
     // The report comes first, even if the image or the initial Gaussians fail.
-    drawn.transpose()?;
+    if args.picture.is_some() {
+        drawn.transpose()?;
+    }
     memory?;
     let errors = inspection.problems.iter().filter(|problem| problem.severity == Severity::Error).count();
     if errors > 0 {

@@ -37,7 +37,9 @@ pub fn export(args: &ExportArgs, verbosity: Verbosity, out: &mut dyn Write) -> a
     let run = OpenRun::open(&request, verbosity)?;
     let exporter = Exporter::of(&run, args.no_mfta, verbosity).cropped(&args.crop, verbosity)?;
     let mut folder = plan.create()?;
-    Session { args, run: &run, exporter, folder: &folder, verbosity }.write(out)?;
+    Session { args, run: &run, exporter, folder: &folder, verbosity }
+        .write(out)
+        .with_context(|| format!("the export failed, and nothing of it is kept in {}", args.out.display()))?;
     folder.finish();
     Ok(())
 }

@@ -8,7 +8,7 @@ use bytesize::ByteSize;
 
 use crate::args::ExportArgs;
 use crate::export::Exporter;
-use crate::export::html::write_page;
+use crate::export::html::{is_page, write_page};
 use crate::progress::Verbosity;
 use crate::run::{FolderLock, MasksRequest, OpenRun, PAGE, RunRequest};
 
@@ -52,6 +52,13 @@ fn place(args: &ExportArgs) -> anyhow::Result<(PathBuf, Option<FolderLock>)> {
     }
     if path.exists() && !args.force {
         bail!("{} exists. Use --force to replace it, or choose another file: --html=FILE.", path.display());
+    }
+    if path.exists() && !is_page(&path) {
+        bail!(
+            "{} was not written by `mvfusion export --html`, so --force does not replace it. Choose another file: \
+             --html=FILE.",
+            path.display()
+        );
     }
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     if !folder.is_dir() {

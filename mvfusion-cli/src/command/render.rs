@@ -41,8 +41,9 @@ pub fn render(args: &RenderArgs, verbosity: Verbosity, out: &mut dyn Write) -> a
     let folder = args.out.clone().unwrap_or_else(|| args.run.join(run::FILMS).join(args.views.name()));
     let _lock = FolderLock::take(&folder)?;
     let plan = OutputsPlan::new(&folder, &layers, &FileFormat::choose(&args.format, film.frames.len(), verbosity)?);
-    if !args.force {
-        plan.check_free()?;
+    match args.force {
+        true => plan.check_own()?,
+        false => plan.check_free()?,
     }
     // Created last, because it may measure trajectories, which takes time.
     let weights = args.motion_weights.unwrap_or(config.motion.weights);

@@ -7,7 +7,8 @@ use anyhow::Context;
 use image::RgbImage;
 use mvfusion_data::{DataError, Scene, View};
 use mvfusion_model::evaluation::{
-    Evaluation, Evaluator, Layer, LayerRenderer, Protocol, RefinementSurvey, Scores, Split, ViewPictures, evaluate,
+    Evaluation, Evaluator, HeldOutPhoto, Layer, LayerRenderer, Protocol, RefinementSurvey, Scores, Split, ViewPictures,
+    evaluate,
 };
 use mvfusion_model::model::{DeformationLevel, Model, RenderContext};
 use mvfusion_model::train::{TrainedModel, parameter_hash};
@@ -159,7 +160,8 @@ impl Scoring<'_> {
         Ok(Scored { results, per_view: PerView::of(protocol, &test, *steps) })
     }
 
-    /// The mean metrics of a model on the held-out views, and on the training views with `eval.training_views`.
+    /// The mean metrics of a model on the held-out views, and on the training views with `eval.training_views` or if the
+    /// held-out ones show the static branch alone, which neither MVG nor MFTA changes.
     pub fn means(
         &self,
         model: &Model,
@@ -169,8 +171,9 @@ impl Scoring<'_> {
         let mean = |split| {
             self.score_views(model, split, context, None, verbosity, |_, _, _| Ok(())).map(|scored| scored.mean)
         };
-        let training_views = self.config.eval.training_views.then(|| mean(Split::Training)).transpose()?;
-        Ok((mean(Split::Test)?, training_views))
+        let test = mean(Split::Test)?;
+        let is_wanted = self.config.eval.training_views || test.composed_shows == Some(HeldOutPhoto::StaticBranch);
+        Ok((test, is_wanted.then(|| mean(Split::Training)).transpose()?))
     }
 
     /// What the motion-aware modules of a model contribute; `None` if they do not take part.

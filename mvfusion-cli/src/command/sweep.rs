@@ -218,7 +218,11 @@ impl<'a> Session<'a> {
         named("--scenes", "scene", &self.args.scenes, |cell| &cell.scene)?;
         named("--variant", "variant", &self.args.variants, |cell| &cell.variant)?;
         match self.args.seeds.iter().find(|seed| !cells.iter().any(|cell| cell.seed == **seed)) {
-            Some(seed) => Err(UsageError::new(format!("--seeds: the grid has no seed {seed}."))),
+            Some(seed) => {
+                let known: BTreeSet<u64> = cells.iter().map(|cell| cell.seed).collect();
+                let known = known.iter().map(u64::to_string).collect::<Vec<_>>().join(", ");
+                Err(UsageError::new(format!("--seeds: the grid has no seed {seed}; it has {known}.")))
+            }
             None => Ok(()),
         }
     }
@@ -255,13 +259,27 @@ impl<'a> Session<'a> {
             .collect();
         missing.sort();
         missing.dedup();
-        if missing.is_empty() {
-            return Ok(());
+        if !missing.is_empty() {
+            bail!(
+                "these folders of the grid do not exist: {}. Set --data-root, or select other scenes with --scenes.",
+                missing.join(", ")
+            );
         }
-        bail!(
-            "these scene folders of the grid do not exist: {}. Set --data-root, or select other scenes with --scenes.",
-            missing.join(", ")
-        )
+        self.check_formats()
+    }
+
+    /// Checks that the folders of the selected scenes hold scenes. Their files are read when a cell begins.
+    fn check_formats(&self) -> anyhow::Result<()> {
+        let chosen = self.plan.index.cells.iter().zip(&self.plan.configs).filter(|(cell, _)| self.is_chosen(cell));
+        let mut known = BTreeSet::new();
+        for (cell, config) in chosen {
+            let Some(folder) = &config.scene.data else { continue };
+            if known.insert((folder, config.scene.format.map(|format| format.name()))) {
+                mvfusion_data::recognise(folder, config.scene.format)
+                    .with_context(|| format!("the scene `{}` of the grid", cell.scene))?;
+            }
+        }
+        Ok(())
     }
 
     fn is_chosen(&self, cell: &Cell) -> bool {

@@ -83,7 +83,14 @@ impl KnownKeys {
     }
 
     fn unknown(&self, partial: &PartialConfig, key: &str) -> UsageError {
-        let nearest = self.nearest(key).map_or(String::new(), |near| format!(" Did you mean `{near}`?"));
+        // A last part that several keys share, as `scale`: the most similar of them may be quite another one.
+        let last = |notes: &&KeyNotes| notes.key.rsplit_once('.').is_some_and(|(_, last)| last == key);
+        let same: Vec<String> = self.notes.iter().filter(last).map(|notes| format!("`{}`", notes.key)).collect();
+        let nearest = match same.as_slice() {
+            _ if key == "preset" => " A preset is chosen with --preset.".to_owned(),
+            [_, _, ..] => format!(" Did you mean {}?", same.join(" or ")),
+            _ => self.nearest(key).map_or(String::new(), |near| format!(" Did you mean `{near}`?")),
+        };
         let place = partial.place(key);
         UsageError::new(format!("unknown key `{key}` ({place}).{nearest} `mvfusion config` prints all keys."))
     }
@@ -113,6 +120,10 @@ impl KnownKeys {
                 let start = notes.key.len() + 1;
                 let names: Vec<_> = self.within(&notes.key).map(|inner| &inner.key[start..]).collect();
                 format!("a table with the keys {}", names.join(", "))
+            }
+            KeyKind::Texts => {
+                let key = &notes.key;
+                format!("a list of strings such as [\"a\", \"b\"] (in a shell: --set '{key}=[\"a\", \"b\"]')")
             }
             other => other.in_words(),
         }

@@ -12,7 +12,7 @@ use crate::run::MOST_OF_RECORDS;
 /// The cameras of all views.
 pub const CAMERAS: &str = "cameras.json";
 
-/// A camera of 3DGS. It has no principal point; viewers assume the centre of the image.
+/// A camera of 3DGS, with its principal point. 3DGS has none, and its viewers assume the centre of the image.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 struct Entry<'a> {
     id: usize,
@@ -25,11 +25,13 @@ struct Entry<'a> {
     rotation: [[f64; 3]; 3],
     fx: f64,
     fy: f64,
+    cx: f64,
+    cy: f64,
 }
 
 impl<'a> Entry<'a> {
     fn new(id: usize, view: &'a View) -> Self {
-        let Camera { width, height, fx, fy, rotation, .. } = view.camera;
+        let Camera { width, height, fx, fy, cx, cy, rotation, .. } = view.camera;
         let to_world = rotation.transpose();
         Self {
             id,
@@ -40,12 +42,16 @@ impl<'a> Entry<'a> {
             rotation: [0, 1, 2].map(|row| to_world.row(row).to_array()),
             fx,
             fy,
+            cx,
+            cy,
         }
     }
 }
 
 /// The keys of an entry, in the order in which they are written.
-const KEYS: [&str; 8] = ["id", "img_name", "width", "height", "position", "rotation", "fx", "fy"];
+const KEYS: [&str; 10] = ["id", "img_name", "width", "height", "position", "rotation", "fx", "fy", "cx", "cy"];
+/// How many of them former versions wrote.
+const FORMER: usize = 8;
 
 /// Whether the cameras in a folder were written here: each key on a line of its own, in our order. 3DGS writes one line,
 /// with `fy` before `fx`. A field that names the program would be known as well, but others read this file.
@@ -58,7 +64,8 @@ fn is_own_text(text: &str) -> bool {
     let Some((first, _)) = entries.split_once("\n  }") else { return false };
     // Deeper lines are numbers, and shallower ones end a list.
     let keys = first.lines().filter_map(|line| line.strip_prefix("    \"")?.split_once("\": ")).map(|(key, _)| key);
-    keys.eq(KEYS)
+    let keys: Vec<&str> = keys.collect();
+    keys == KEYS || keys == KEYS[..FORMER]
 }
 
 /// Writes the cameras of all views: the held-out views first, then the training views, as 3DGS orders them.
@@ -88,6 +95,8 @@ mod tests {
             rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
             fx: 7.0,
             fy: 8.0,
+            cx: 2.5,
+            cy: 1.5,
         };
         let folder = tempfile::tempdir().expect("folder");
         assert!(!is_ours(folder.path()), "there is none");
@@ -97,6 +106,8 @@ mod tests {
             assert!(is_ours(folder.path()), "{}", fs::read_to_string(&path).expect("read"));
         }
         let own = fs::read_to_string(&path).expect("read");
+        fs::write(&path, own.replace(",\n    \"cx\": 2.5,\n    \"cy\": 1.5", "")).expect("written");
+        assert!(is_ours(folder.path()), "of a former version");
         for other in [
             // Cameras of another program, with the same names in the same order.
             serde_json::to_string(&[&entry]).expect("JSON"),

@@ -16,6 +16,8 @@ use crate::{atomic, run};
 
 /// Folder of the float images.
 const EXR: &str = "exr";
+/// The names of the folders and animations that were rendered here, so that nothing else is replaced.
+pub const MARK: &str = "films.json";
 
 /// Files that can be written. Nothing has been written yet.
 #[derive(Clone, Debug)]
@@ -55,6 +57,43 @@ impl OutputsPlan {
         }
     }
 
+    /// Checks that only earlier renders would be overwritten or removed: folders and files that [`MARK`] names.
+    ///
+    /// # Errors
+    /// If there is another file of such a name.
+    pub fn check_own(&self) -> anyhow::Result<()> {
+        let own = self.marked();
+        let foreign = |path: &PathBuf| self.name_of(path).is_none_or(|name| !own.contains(&name));
+        match self.existing()?.into_iter().find(foreign) {
+            Some(file) => bail!(
+                "{} was not written by `mvfusion render`: {} does not name it. Choose another folder with --out, or \
+                 move it away.",
+                file.display(),
+                self.folder.join(MARK).display()
+            ),
+            None => Ok(()),
+        }
+    }
+
+    /// The names that [`MARK`] has.
+    fn marked(&self) -> BTreeSet<String> {
+        run::read_json(&self.folder.join(MARK)).unwrap_or_default()
+    }
+
+    /// The name in the rendering's folder to which a path belongs.
+    fn name_of(&self, path: &Path) -> Option<String> {
+        let name = path.strip_prefix(&self.folder).ok()?.components().next()?;
+        Some(name.as_os_str().to_string_lossy().into_owned())
+    }
+
+    /// Adds the names of this rendering to [`MARK`].
+    fn mark(&self) -> anyhow::Result<()> {
+        let animations = [FileFormat::Gif, FileFormat::Mp4].into_iter().flat_map(|format| self.files(format));
+        let mut names = self.marked();
+        names.extend(self.folders().into_iter().chain(animations).filter_map(|path| self.name_of(&path)));
+        atomic::write_json(&self.folder.join(MARK), &names)
+    }
+
     /// Creates the folders, removes the half-written files of a killed process of this program, and starts the
     /// animations with frames of `size`. Files of an earlier rendering of the same layers stay until they are replaced or
     /// everything has been written.
@@ -69,6 +108,7 @@ impl OutputsPlan {
                 .and_then(|()| run::remove_files(&folder, atomic::is_unfinished))
                 .with_context(|| format!("cannot write to the folder {}", folder.display()))?;
         }
+        self.mark()?;
         let gifs = self.files(FileFormat::Gif).into_iter().map(|path| GifWriter::create(&path, size, fps));
         let gifs = gifs.collect::<anyhow::Result<_>>()?;
         let videos = self.files(FileFormat::Mp4).into_iter().map(|path| Mp4Writer::create(&path, size, fps));
@@ -232,6 +272,23 @@ mod tests {
         write(folder.path(), &["mask/00007.png", "mask.gif"]);
         let error = plan.check_free().expect_err("refused").to_string();
         assert!(error.contains("00007.png") && error.contains("--force") && error.contains("--out"), "{error}");
+    }
+
+    #[test]
+    fn images_that_were_not_rendered_are_not_replaced() {
+        let folder = tempfile::tempdir().expect("folder");
+        write(folder.path(), &["mask/00007.png"]);
+        let error = plan(folder.path()).check_own().expect_err("masks of a data set").to_string();
+        assert!(error.contains("00007.png") && error.contains(MARK) && error.contains("--out"), "{error}");
+
+        let folder = tempfile::tempdir().expect("folder");
+        let mut outputs = plan(folder.path()).create((16, 16), 30.0).expect("made");
+        outputs.add_picture(0, 0, RgbImage::new(16, 16)).expect("added");
+        drop(outputs);
+        plan(folder.path()).check_own().expect("ours, although it was not finished");
+        write(folder.path(), &["depth/00000.png"]);
+        let others = OutputsPlan::new(folder.path(), &[Layer::Mask, Layer::Depth], &[FileFormat::Png]);
+        assert!(others.check_own().expect_err("refused").to_string().contains("depth"));
     }
 
     #[test]

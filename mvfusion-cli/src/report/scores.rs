@@ -69,7 +69,10 @@ fn rows(scores: &Scores, results: &Results) -> [Row; 5] {
         None => "the model has no static branch",
         Some(_) => "no clean background is known",
     };
-    const NO_REGION: &str = "no masks were given, and no camera is static";
+    let no_region = match scores.region_source {
+        None => "no masks were given, and no camera is static",
+        Some(_) => "it is empty in every view",
+    };
     [
         Row {
             name: scores.label("composed"),
@@ -90,14 +93,14 @@ fn rows(scores: &Scores, results: &Results) -> [Row; 5] {
             title: "the composed render compared with the photo, where something moves",
             extent: Extent::Region,
             scores: scores.dynamic_region,
-            absent: NO_REGION,
+            absent: no_region,
         },
         Row {
             name: scores.label("still_region"),
             title: "the composed render compared with the photo, where nothing moves",
             extent: Extent::Region,
             scores: scores.still_region,
-            absent: NO_REGION,
+            absent: no_region,
         },
         Row {
             name: scores.label("movers"),

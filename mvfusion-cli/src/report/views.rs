@@ -195,12 +195,18 @@ fn lowest(views: &[&ViewScores]) -> Markup {
         if known(of_movers).next().is_some() { ("movers", of_movers) } else { ("dynamic_region", of_region) };
     let mut sorted: Vec<(f64, &str)> = known(of).collect();
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
+    // The mean of the two middle values of an even number.
+    let middle = sorted.len() / 2;
+    let median = sorted.get(middle).map(|(upper, _)| match sorted.len() % 2 {
+        0 => (sorted[middle - 1].0 + upper) / 2.0,
+        _ => *upper,
+    });
     let words = |(psnr, view): &(f64, &str)| format!("{view} ({})", number(*psnr, 2));
     let worst: Vec<String> = sorted.iter().take(WORST).map(words).collect();
     html! {
-        @if let Some((median, _)) = sorted.get(sorted.len() / 2) {
+        @if let Some(median) = median {
             p.note {
-                "PSNR of " (name(layer, views)) ", dB: median " (number(*median, 2)) "; lowest in " (worst.join(", "))
+                "PSNR of " (name(layer, views)) ", dB: median " (number(median, 2)) "; lowest in " (worst.join(", "))
                 "."
             }
         }

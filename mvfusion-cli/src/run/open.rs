@@ -4,15 +4,16 @@ use std::path::Path;
 
 use anyhow::Context;
 use mvfusion_data::Scene;
-use mvfusion_model::Config;
 use mvfusion_model::model::{DeformationLevel, Model, RenderContext};
 use mvfusion_model::train::TrainedModel;
+use mvfusion_model::{Config, ModelError};
 use tracing::warn;
 
-use super::checkpoints::newest_checkpoint;
+use super::checkpoints::{Checkpoint, checkpoints, newest_checkpoint};
 use super::evidence::changed_configuration;
-use super::files::CONFIG;
+use super::files::{CONFIG, RECORD, read_json};
 use super::folder::waiting_note;
+use super::record::RunRecord;
 use crate::device::{self, OpenDevice};
 use crate::progress::Verbosity;
 use crate::{config, scene};
@@ -75,8 +76,12 @@ impl OpenRun {
         })?;
         verbosity.note(&format!("device: {}", device.reason));
         verbosity.note(&format!("scene:  {}", scene::describe(&scene)));
+        if let Some(what) = changed_geometry(request.run, &scene) {
+            warn!("{what} of the scene have changed since the training, so the model may not fit them");
+        }
         let config = config.scaled();
-        let trained = TrainedModel::load(&checkpoint.path, &config, &device.device)?;
+        let trained = TrainedModel::load(&checkpoint.path, &config, &device.device)
+            .map_err(|error| with_older(error, request.run, &checkpoint))?;
         if let Some(note) = waiting_note(request.run) {
             verbosity.note(&format!("note:   {note}"));
         }
@@ -112,6 +117,28 @@ impl OpenRun {
 }
 
 /// The run's configuration, with the paths that have changed since.
+/// In what the cameras, times and points of a scene differ from those of a run's training; `None` if they do not, or if
+/// none were recorded.
+pub fn changed_geometry(run: &Path, scene: &Scene) -> Option<&'static str> {
+    let record: RunRecord = read_json(&run.join(RECORD)).ok()?;
+    record.scene.difference(scene)
+}
+
+/// The error for a checkpoint that cannot be used, with the next older one, if there is one.
+fn with_older(error: ModelError, run: &Path, newest: &Checkpoint) -> anyhow::Error {
+    let is_damaged = matches!(error, ModelError::Checkpoint { .. });
+    let error = anyhow::Error::new(error);
+    let found = checkpoints(run).unwrap_or_default();
+    match found.iter().find(|older| older.path != newest.path).filter(|_| is_damaged) {
+        Some(older) => error.context(format!(
+            "rename {} to use the next older checkpoint, {}",
+            newest.path.display(),
+            older.path.display()
+        )),
+        None => error,
+    }
+}
+
 fn configuration(request: &RunRequest<'_>) -> anyhow::Result<Config> {
     let mut config = config::read(&request.run.join(CONFIG))?;
     if let Some(data) = request.data {

@@ -9,6 +9,7 @@ use mvfusion_model::ModelError;
 use mvfusion_model::train::{TrainState, parameter_hash};
 use serde::{Deserialize, Serialize};
 
+use super::geometry::SceneGeometry;
 use super::images_hash::images_hash;
 use crate::clock;
 use crate::program::{BURN, GitRevision, Program};
@@ -92,7 +93,7 @@ impl fmt::Display for InitialWeights {
 }
 
 /// A scene in numbers, and what identifies its images.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneRecord {
     /// Its name.
     pub name: String,
@@ -105,6 +106,9 @@ pub struct SceneRecord {
     /// A hash of the training images, see [`images_hash`]; former versions wrote none.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub images_sha256: Option<String>,
+    /// What identifies cameras, times and points; former versions wrote none.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub geometry: Option<SceneGeometry>,
 }
 
 impl SceneRecord {
@@ -119,24 +123,36 @@ impl SceneRecord {
             test_views: scene.test.len(),
             points: scene.points.len(),
             images_sha256: Some(images_hash(&scene.train)?),
+            geometry: Some(SceneGeometry::of(scene)),
         })
     }
 
-    /// Rejects a scene whose training images are not the recorded ones. Without a recorded hash, any scene is accepted.
+    /// In what the cameras, times and points of a scene differ from those recorded; `None` if they do not, or if none were
+    /// recorded.
+    pub fn difference(&self, scene: &Scene) -> Option<&'static str> {
+        self.geometry.as_ref()?.difference(&SceneGeometry::of(scene))
+    }
+
+    /// Rejects a scene whose training images, cameras, times or points are not the recorded ones. What was not recorded is
+    /// accepted.
     ///
     /// # Errors
-    /// [`ModelError::OtherScene`] with both hashes. If an image cannot be read.
-    pub fn check_images(&self, scene: &Scene) -> anyhow::Result<()> {
-        let Some(written) = &self.images_sha256 else { return Ok(()) };
-        let now = images_hash(&scene.train)?;
-        if now == *written {
-            return Ok(());
+    /// [`ModelError::OtherScene`] with what differs. If an image cannot be read.
+    pub fn check(&self, scene: &Scene) -> anyhow::Result<()> {
+        if let Some(written) = &self.images_sha256 {
+            let now = images_hash(&scene.train)?;
+            if now != *written {
+                let reason = format!(
+                    "its training images are not those of the run, whose `images_sha256` was written as {written} and is \
+                     now {now}"
+                );
+                return Err(ModelError::OtherScene { reason }.into());
+            }
         }
-        let reason = format!(
-            "its training images are not those of the run, whose `images_sha256` was written as {written} and is now \
-             {now}"
-        );
-        Err(ModelError::OtherScene { reason }.into())
+        match self.difference(scene) {
+            None => Ok(()),
+            Some(what) => Err(ModelError::OtherScene { reason: format!("{what} are not those of the run") }.into()),
+        }
     }
 }
 
@@ -195,14 +211,18 @@ mod tests {
         let folder = tempfile::tempdir().expect("folder");
         let mut scene = builtin::builtin(&BuiltinOptions { width: 16, height: 16, frames: 1, ..Default::default() });
         let record = SceneRecord::of(&scene).expect("in memory");
-        record.check_images(&scene).expect("the same");
+        record.check(&scene).expect("the same");
+        let mut shifted = scene.clone();
+        shifted.train[0].camera.cy += 1.0;
+        let error = record.check(&shifted).expect_err("refused").to_string();
+        assert!(error.contains("principal points are not those of the run"), "{error}");
         let file = folder.path().join("other.png");
         std::fs::write(&file, "other").expect("written");
         scene.train[0].image = Picture::file(file, (16, 16));
-        let error = record.check_images(&scene).expect_err("refused");
+        let error = record.check(&scene).expect_err("refused");
         assert!(matches!(error.downcast_ref(), Some(ModelError::OtherScene { .. })), "{error}");
         let former = r#"{"name": "a", "train_views": 7, "test_views": 1, "points": 3}"#;
         let former: SceneRecord = serde_json::from_str(former).expect("read");
-        former.check_images(&scene).expect("former versions recorded none");
+        former.check(&scene).expect("former versions recorded none");
     }
 }

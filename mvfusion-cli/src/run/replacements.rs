@@ -1,6 +1,6 @@
 //! `replacements.json`: the metrics of a run with replaced outputs of its motion-aware modules.
 
-use mvfusion_model::evaluation::{Metric, Replacement, Scores};
+use mvfusion_model::evaluation::{HeldOutPhoto, Metric, Replacement, Scores};
 use mvfusion_model::model::motion::MotionModule;
 use serde::{Deserialize, Serialize};
 
@@ -11,7 +11,7 @@ pub struct Replacements {
     pub params_sha256: String,
     /// Metrics of the held-out views, with the modules' own outputs.
     pub test: Scores,
-    /// The same of the training views, if `eval.training_views` is set.
+    /// The same of the training views, if `eval.training_views` is set or the held-out ones show the static branch.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub training_views: Option<Scores>,
     /// The metrics with one output replaced.
@@ -46,13 +46,16 @@ pub struct PsnrChanges {
 }
 
 impl Replacements {
-    /// The changes on the held-out views, and on the training views if they were evaluated.
+    /// The changes on the held-out views, unless these show the static branch alone, which no module changes; and those on
+    /// the training views if they were evaluated.
     pub fn psnr_changes(&self) -> Vec<PsnrChanges> {
-        let test = PsnrChanges::of("held-out views", &self.test, &self.replaced, |replaced| Some(&replaced.test));
+        let shows_modules = self.test.composed_shows != Some(HeldOutPhoto::StaticBranch);
+        let test = shows_modules
+            .then(|| PsnrChanges::of("held-out views", &self.test, &self.replaced, |replaced| Some(&replaced.test)));
         let training = self.training_views.as_ref().map(|own| {
             PsnrChanges::of("training views", own, &self.replaced, |replaced| replaced.training_views.as_ref())
         });
-        std::iter::once(test).chain(training).collect()
+        test.into_iter().chain(training).collect()
     }
 }
 
@@ -111,5 +114,9 @@ mod tests {
             (&["composed".into(), "static".into()][..], &[Some(30.0), Some(20.0)][..])
         );
         assert_eq!(changes.changes, [(module, replacement, vec![Some(-0.5), None])]);
+        let of_photos = Scores { composed_shows: Some(HeldOutPhoto::StaticBranch), ..found.test };
+        let found = Replacements { training_views: Some(found.test), test: of_photos, ..found };
+        let shown: Vec<&str> = found.psnr_changes().iter().map(|changes| changes.views).collect();
+        assert_eq!(shown, ["training views"]);
     }
 }

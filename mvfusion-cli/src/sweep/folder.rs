@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::index::{Cell, INDEX, Index, Wanted, grid_hash, of_another_version};
 use super::plan::Plan;
-use super::table::{CellMetrics, Outcome};
+use super::table::{CellMetrics, Origin, Outcome};
 use crate::lock::{FileLock, LockState, Refusal};
 use crate::run::{self, LpipsWeights, Results, RunRecord};
 use crate::{atomic, config};
@@ -273,8 +273,12 @@ impl SweepFolder {
 
     /// Whether the training and the evaluation of a cell have finished.
     pub fn is_trained(&self, id: &str) -> bool {
-        let record: Option<RunRecord> = read_json(&self.run(id).join(run::RECORD));
-        record.is_some_and(|record| record.finished.is_some()) && self.results(id).is_some()
+        self.record(id).is_some_and(|record| record.finished.is_some()) && self.results(id).is_some()
+    }
+
+    /// The record of a cell's training, if it exists.
+    fn record(&self, id: &str) -> Option<RunRecord> {
+        read_json(&self.run(id).join(run::RECORD))
     }
 
     /// The metrics of a cell, if they exist.
@@ -288,16 +292,19 @@ impl SweepFolder {
     /// As [`SweepFolder::state`].
     pub fn outcomes(&self, index: &Index) -> anyhow::Result<Vec<Outcome>> {
         let outcome = |cell: &Cell| {
-            let measured = |results: Results| {
+            let measured = |(results, record): (Results, RunRecord)| {
                 let source = |scores: &Scores| scores.region_source;
                 Outcome::Metrics(CellMetrics {
                     numbers: metrics(&results),
                     regions: source(&results.test),
                     training_regions: results.training_views.as_ref().and_then(source),
+                    origin: Origin::of(&record, &results),
                 })
             };
             Ok(match self.state(&cell.id, &index.wanted)? {
-                State::Finished => self.results(&cell.id).map_or(Outcome::Unfinished, measured),
+                State::Finished => {
+                    self.results(&cell.id).zip(self.record(&cell.id)).map_or(Outcome::Unfinished, measured)
+                }
                 State::Failed(_) => Outcome::Failed,
                 State::ToDo | State::Running | State::Interrupted => Outcome::Unfinished,
             })
@@ -314,14 +321,15 @@ fn write_changed(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
     }
 }
 
-/// Whether a run has the additional metrics that were requested: the frame rate, and LPIPS of every requested network
-/// with the requested weights.
+/// Whether a run has the additional metrics that were requested: the frame rate over as many frames, and LPIPS of every
+/// requested network with the requested weights.
 fn is_measured(results: &Results, wanted: &Wanted) -> bool {
     let has_network = |(network, sha256): (&String, &String)| match results.lpips.get(network) {
         Some(LpipsWeights::WeightsSha256(own)) => own == sha256,
         _ => false,
     };
-    (wanted.speed_frames == 0 || results.speed.is_some()) && wanted.lpips.iter().all(has_network)
+    let is_timed = |frames| results.speed.is_some_and(|speed| speed.frames == frames);
+    (wanted.speed_frames == 0 || is_timed(wanted.speed_frames)) && wanted.lpips.iter().all(has_network)
 }
 
 /// A JSON file that is either complete or missing. A broken file counts as missing.

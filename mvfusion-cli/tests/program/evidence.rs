@@ -130,6 +130,20 @@ fn a_run_is_neither_written_to_nor_resumed_with_the_images_of_another_scene() {
     assert!(!lost.status.success() && said.contains("if it has moved, give its folder with --data"), "{said}");
     let written = eval("moved", &["--write"]);
     assert!(written.status.success(), "{}", text(&written.stderr));
+
+    let poses = place.join("moved/poses_bounds.npy");
+    let own = fs::read(&poses).expect("read");
+    // The x of the first camera; eight rows of 17 numbers end the file.
+    let first = own.len() - 8 * 17 * 8 + 3 * 8;
+    let shifted = [&own[..first], &9.0f64.to_le_bytes()[..], &own[first + 8..]].concat();
+    fs::write(&poses, shifted).expect("written");
+    for refused in [eval("moved", &["--write"]), resume("moved")] {
+        let said = text(&refused.stderr);
+        assert_eq!(refused.status.code(), Some(FAILED), "{said}");
+        assert!(said.contains("the camera positions"), "{said}");
+    }
+    fs::write(&poses, own).expect("written");
+
     let longer = resume("moved");
     assert!(longer.status.success(), "{}", text(&longer.stderr));
 }

@@ -423,7 +423,7 @@ fn scenes_variants_and_seeds_choose_cells_that_there_are() {
     for (more, word) in [
         (["--scenes", "vidoe"], "`vidoe`; it has `other`, `video`"),
         (["--variant", "w/o"], "`w/o`; it has `full`, `w/o MFTA`"),
-        (["--seeds", "3"], "no seed 3"),
+        (["--seeds", "3"], "no seed 3; it has "),
     ] {
         let output = ground.sweep(&[["--dry-run"].as_slice(), more.as_slice()].concat());
         assert_eq!(output.status.code(), Some(USAGE), "{more:?}");
@@ -434,17 +434,19 @@ fn scenes_variants_and_seeds_choose_cells_that_there_are() {
 #[test]
 fn weights_that_the_columns_cannot_use_are_refused_before_anything_is_trained() {
     let ground = Ground::new(TINY);
-    let refused = |folder: &str| {
+    let refused = |folder: &str, reason: &str| {
         let output = ground.sweep(&["--lpips-weights", folder]);
         let said = text(&output.stderr);
         assert_eq!(output.status.code(), Some(FAILED), "{said}");
-        assert!(said.contains(folder) && said.contains("no lpips_alex_f32.safetensors"), "{said}");
+        assert!(said.contains(folder) && said.contains(reason), "{said}");
     };
-    refused("no/weights");
+    refused("no/weights", "there is no such folder");
+    fs::create_dir(ground.path().join("empty")).expect("made");
+    refused("empty", "no lpips_alex_f32.safetensors");
     // A network that no column asks for.
     fs::create_dir(ground.path().join("weights")).expect("made");
     fs::write(ground.path().join("weights/lpips_vgg_f32.safetensors"), "vgg").expect("written");
-    refused("weights");
+    refused("weights", "no lpips_alex_f32.safetensors");
     assert!(!ground.path().join("out").exists());
 }
 

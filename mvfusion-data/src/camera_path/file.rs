@@ -76,6 +76,9 @@ struct Listed {
     rotation: [[f64; 3]; 3],
     fx: f64,
     fy: f64,
+    /// The principal point; 3DGS writes none and means the centre.
+    cx: Option<f64>,
+    cy: Option<f64>,
     width: usize,
     height: usize,
     time: Option<f64>,
@@ -140,7 +143,7 @@ fn check(entry: PathEntry) -> Result<PathEntry, String> {
 /// # Errors
 /// If its image, its focal lengths or its position are out of bounds, with the bounds.
 pub fn check_camera(camera: &Camera) -> Result<(), String> {
-    let Camera { width, height, fx, fy, .. } = *camera;
+    let Camera { width, height, fx, fy, cx, cy, .. } = *camera;
     if width == 0 || height == 0 || width.max(height) > LONGEST_SIDE {
         return Err(format!("its image has {width} x {height} pixels, and a side has 1 to {LONGEST_SIDE}"));
     }
@@ -150,8 +153,8 @@ pub fn check_camera(camera: &Camera) -> Result<(), String> {
     if !camera.is_computable() {
         let centre = camera.centre();
         return Err(format!(
-            "its position {:?} and its focal lengths {fx:?} and {fy:?} are too large or too small to compute with; \
-             coordinates go up to {LARGEST_COORDINATE:e}",
+            "its position {:?}, its focal lengths {fx:?} and {fy:?} and its principal point ({cx:?}, {cy:?}) are too \
+             large or too small to compute with; coordinates go up to {LARGEST_COORDINATE:e}",
             centre.to_array()
         ));
     }
@@ -180,7 +183,8 @@ impl Listed {
         let axes = rotation_of(DMat3::from_cols_array_2d(&self.rotation).transpose());
         let axes = axes.ok_or("its rotation is none")?;
         let camera = Camera::centred(self.width, self.height, self.fx, axes, DVec3::from_array(self.position));
-        Ok(PathEntry { camera: Camera { fy: self.fy, ..camera }, time: self.time })
+        let [cx, cy] = [self.cx.unwrap_or(camera.cx), self.cy.unwrap_or(camera.cy)];
+        Ok(PathEntry { camera: Camera { fy: self.fy, cx, cy, ..camera }, time: self.time })
     }
 }
 
@@ -237,6 +241,13 @@ mod tests {
         assert_eq!((camera.fx, camera.fy, camera.cx, camera.cy), (60.0, 61.0, 32.0, 24.0));
         assert!(camera.centre().distance(DVec3::new(1.0, 2.0, 3.0)) < 1e-12);
         assert_eq!((times(&path), path.fps), (vec![Some(1.0)], None));
+        let shifted = read(
+            r#"[{"width":64,"height":48,"position":[1,2,3],"rotation":[[0,0,1],[1,0,0],[0,1,0]],"fx":60,"fy":61,
+                "cx":20,"cy":25.5}]"#,
+        )
+        .expect("read");
+        let camera = shifted.entries[0].camera;
+        assert_eq!((camera.cx, camera.cy), (20.0, 25.5));
     }
 
     #[test]

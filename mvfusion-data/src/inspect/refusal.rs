@@ -5,6 +5,7 @@ use std::path::Path;
 use super::problem::{Problem, Subject};
 use crate::error::{DataError, MAKE_READABLE, REPLACE_IMAGE, Refusal};
 use crate::files::pictures_in;
+use crate::prepare::is_video;
 use crate::readers::{Format, recognise};
 
 /// Maximum number of subfolders to search for a scene.
@@ -51,6 +52,9 @@ fn unrecognised(folder: &Path, refusals: &[Refusal]) -> String {
 
 /// A hint for a folder without a scene.
 fn where_to_look(folder: &Path) -> String {
+    if let Ok(format) = recognise(folder, None) {
+        return format!("It is a scene of the format {0}: leave out --format, or give --format {0}.", format.name());
+    }
     if let Some((inner, format)) = scene_within(folder) {
         return format!("Give a folder that holds one scene, such as {inner} ({}).", format.name());
     }
@@ -59,6 +63,11 @@ fn where_to_look(folder: &Path) -> String {
         return "It holds images but no cameras: `mvfusion prepare` finds them with COLMAP. So does nerfstudio's \
                 `ns-process-data`, which writes transforms.json."
             .into();
+    }
+    let holds_videos = std::fs::read_dir(folder)
+        .is_ok_and(|mut entries| entries.any(|entry| entry.is_ok_and(|entry| is_video(&entry.path()))));
+    if holds_videos {
+        return "It holds videos but no cameras: `mvfusion prepare` finds them with COLMAP.".into();
     }
     "Add what is missing for one of the formats, or give the folder that lies right above the files they name.".into()
 }

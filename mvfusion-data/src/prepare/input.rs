@@ -21,6 +21,11 @@ const OTHER_PICTURES: [&str; 18] = [
 /// Fewest photos from which COLMAP can compute poses.
 const FEWEST_PHOTOS: usize = 3;
 
+/// Whether a file is a video by its name.
+pub(crate) fn is_video(path: &Path) -> bool {
+    has(path, &VIDEOS)
+}
+
 /// What is to be prepared.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Input {

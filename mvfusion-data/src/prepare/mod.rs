@@ -33,6 +33,7 @@ use std::path::Path;
 
 pub use error::PrepareError;
 pub use event::{Event, Listener};
+pub(crate) use input::is_video;
 pub use options::{ColmapOptions, Gpu, Matcher, PrepareOptions, Sync};
 pub use placed::Placed;
 pub use record::{Footage, RigCamera};

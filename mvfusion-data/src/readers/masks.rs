@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use tracing::debug;
+use tracing::{debug, warn};
 
 use crate::error::DataError;
 use crate::files::{denied, or_denied, picture_named};
@@ -14,7 +14,8 @@ use crate::scene::{ExifOrientation, Picture, PictureFile, PictureHeader, Picture
 ///
 /// # Errors
 /// [`DataError::Folder`] if the folder does not exist, [`DataError::Denied`] if it may not be read.
-/// [`DataError::Image`] if a mask has no readable header or a different aspect ratio from its image.
+/// [`DataError::Image`] if a mask has no readable header, [`DataError::Content`] if its aspect ratio is not that of its
+/// image.
 /// [`DataError::Missing`] if no view has a mask.
 pub fn attach_masks(scene: &mut Scene, folder: &Path) -> Result<usize, DataError> {
     if let Err(error) = std::fs::read_dir(folder) {
@@ -52,6 +53,17 @@ pub fn attach_masks(scene: &mut Scene, folder: &Path) -> Result<usize, DataError
         });
     }
     debug!(masks = attached, views, "masks attached, white = moving");
+    for (split, views) in [("training", &scene.train), ("held-out", &scene.test)] {
+        let masked = views.iter().filter(|view| view.truth.dynamic_mask.is_some()).count();
+        if masked > 0 && masked < views.len() {
+            warn!(
+                "{}: only {masked} of {} {split} views have a mask. The metrics of their dynamic region are those of these \
+                 views alone.",
+                folder.display(),
+                views.len()
+            );
+        }
+    }
     Ok(attached)
 }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use tracing::warn;
+use tracing::{info, warn};
 
 use super::format::Format;
 use super::options::ReadOptions;
@@ -49,6 +49,19 @@ pub(crate) fn reader_for(folder: &Path, forced: Option<Format>) -> Result<&'stat
 /// it or an option.
 pub fn open(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let reader = reader_for(folder, options.format)?;
+    if options.format.is_none() {
+        let others =
+            READERS.iter().filter(|other| other.format != reader.format && (other.recognise)(folder).is_none());
+        let others: Vec<&str> = others.map(|other| other.format.name()).collect();
+        if !others.is_empty() {
+            info!(
+                "{}: read as {}; it also fits {} (--format)",
+                folder.display(),
+                reader.format.name(),
+                others.join(", ")
+            );
+        }
+    }
     let scene = (reader.read)(folder, options).map_err(or_denied)?;
     if let Some(what) = (reader.hints.ignored_masks)(folder, &scene) {
         warn!(folder = %folder.display(), "{what}");

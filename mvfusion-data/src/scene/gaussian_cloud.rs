@@ -2,8 +2,13 @@
 
 use glam::Vec3;
 
+use super::limits::LOG_SIZES;
+
 /// Colour channels.
 const CHANNELS: usize = 3;
+
+/// Logit of an opacity that no rasteriser draws: 2e-9.
+const TRANSPARENT: f32 = -20.0;
 
 /// Gaussians before any activation, as stored by 3DGS. Every list has one entry per Gaussian.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -109,6 +114,21 @@ impl GaussianCloud {
         self.at_degree(sh_degree.min(room)).at_degree(room)
     }
 
+    /// Gaussians whose sizes every program can represent. Logarithms outside [`LOG_SIZES`] are clamped: a Gaussian of a
+    /// billion units looks as a larger one. Where the variance overflows, the rasteriser leaves the Gaussian out, so it
+    /// becomes transparent. A deformation that diverged gives such sizes.
+    pub fn with_sizes_in_range(mut self) -> Self {
+        let [least, most] = LOG_SIZES;
+        for (scales, opacity) in self.log_scales.iter_mut().zip(&mut self.opacity_logits) {
+            if scales.iter().any(|scale| !(2.0 * scale).exp().is_finite()) {
+                *opacity = opacity.min(TRANSPARENT);
+            }
+            // NaN becomes the least size.
+            *scales = scales.map(|scale| scale.max(least).min(most));
+        }
+        self
+    }
+
     /// These Gaussians followed by those of `other`, at the higher of their degrees. Masks and lifetimes are dropped,
     /// because both clouds would need them.
     pub fn joined(self, other: Self) -> Self {
@@ -153,6 +173,20 @@ mod tests {
         assert!(one.at_degree(0).sh_rest.is_empty());
         let zeroed = cloud(2, 2).zero_above(1);
         assert_eq!((zeroed.sh_degree, zeroed.rest(0)[8], zeroed.rest(0)[9]), (2, 9.0, 0.0));
+    }
+
+    #[test]
+    fn sizes_that_overflow_are_clamped_and_what_the_rasteriser_leaves_out_is_transparent() {
+        let mut wild = cloud(5, 0);
+        wild.log_scales =
+            vec![[-100.0, 0.0, 20.0], [30.0; 3], [0.0, 79.0, 0.0], [0.0, f32::INFINITY, 0.0], [f32::NAN; 3]];
+        let tame = wild.clone().with_sizes_in_range();
+        let [least, most] = LOG_SIZES;
+        let expected = [[least, 0.0, 20.0], [most; 3], [0.0, most, 0.0], [0.0, most, 0.0], [least; 3]];
+        assert_eq!(tame.log_scales, expected);
+        assert_eq!(tame.opacity_logits, [0.5, 0.5, TRANSPARENT, TRANSPARENT, TRANSPARENT]);
+        let plain = cloud(2, 1);
+        assert_eq!(plain.clone().with_sizes_in_range(), plain);
     }
 
     #[test]

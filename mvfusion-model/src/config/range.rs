@@ -46,7 +46,7 @@ impl Range {
     pub const RATE: Self = Self {
         least: 0.0,
         most: 1.0,
-        advice: "give a rate that is not below 0; 0 leaves the parameters as they start",
+        advice: "give a rate in this range; 0 leaves the parameters as they start, and a small train.scale raises it",
     };
 
     /// The same values with different advice.

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use burn::tensor::Tensor;
 use image::{GrayImage, RgbImage};
 use mvfusion_data::{Capture, Scene, View};
+use tracing::warn;
 
 use super::evaluator::{Evaluator, Pair, Regions, ViewMetrics};
 use super::metrics::{MaskOverlap, RegionSource, SmallMovers, TemporalDeviation, sequences};
@@ -154,6 +155,11 @@ impl Scoring<'_> {
         let regions = given.as_ref().or(varying).map(|mask| valid.regions(mask, movers.as_ref()));
         let photo = view.image.rgb()?;
         let pair = valid.pair(&pictures.composed, &pictures.composed_tensor, &photo);
+        if valid.is_empty() {
+            // Both images are black, which is no evidence of anything.
+            warn!("{}: its mask excludes every pixel, so the view is not scored (scene.invert_masks)", view.name);
+            return Ok((Scores { composed_shows: self.composed_shows, ..Scores::default() }, pair));
+        }
         let ViewMetrics { whole, dynamic, still, movers, temporal } =
             self.evaluator.metrics(&pair, before, regions.as_ref())?;
         let mut scores = Scores {
@@ -195,6 +201,11 @@ struct ValidMask(Option<GrayImage>);
 impl ValidMask {
     fn of(view: &View) -> Result<Self, ModelError> {
         Ok(Self(view.mask.as_ref().map(|mask| mask.read()).transpose()?))
+    }
+
+    /// Whether no pixel is valid.
+    fn is_empty(&self) -> bool {
+        self.0.as_ref().is_some_and(|mask| mask.pixels().all(|valid| valid.0[0] == 0))
     }
 
     /// An image, given in 8 bits and in full precision, and its reference, both black at invalid pixels.

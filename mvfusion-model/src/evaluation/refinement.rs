@@ -206,7 +206,9 @@ impl Sums {
     fn finish(self, base: f64) -> Result<(ModuleFigures, [Tensor<2>; 2]), ModelError> {
         let total: Vec<f64> = tensors::read(self.times.clone().sum())?;
         let of_all = self.outputs.clone().sum_dim(0) / total[0].max(1.0);
-        let of_each = self.outputs / self.times.clone().clamp_min(1.0);
+        // A Gaussian that was alive at none of the times has the mean of all.
+        let never = self.times.clone().equal_elem(0.0).float();
+        let of_each = self.outputs / self.times.clone().clamp_min(1.0) + never * of_all.clone();
         let constant = total[0] * sum_of_squares(&of_all)?;
         let apart = (of_each.clone() - of_all.clone()).square().sum_dim(1) * self.times;
         let apart: Vec<f64> = tensors::read(apart.sum())?;

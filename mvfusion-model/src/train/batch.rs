@@ -1,10 +1,13 @@
 //! The training views and their batches.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use burn::tensor::{Device, Tensor};
 use image::{GrayImage, RgbImage};
 use mvfusion_data::motion::MovingPixels;
 use mvfusion_data::{Decoded, PictureCache, Scene};
 use mvfusion_render::picture::planes;
+use tracing::warn;
 
 use super::{TrainingView, Visits};
 use crate::ModelError;
@@ -23,6 +26,8 @@ pub struct TrainingViews {
     pictures: PictureCache,
     /// Their moving pixels, if the losses need them.
     moving: Option<MovingPixels>,
+    /// Whether a mask without a valid pixel was warned of.
+    has_warned: AtomicBool,
 }
 
 /// The ground truth of a batch. Without autodiff.
@@ -44,7 +49,7 @@ impl TrainingViews {
         let views = views.map(|(view, number)| TrainingView { camera: view.camera, time: view.time, number }).collect();
         let names = scene.train.iter().map(|view| view.name.clone()).collect();
         let pictures = PictureCache::new(&scene.train, budget, rayon::current_num_threads());
-        Self { views, names, pictures, moving: None }
+        Self { views, names, pictures, moving: None, has_warned: AtomicBool::new(false) }
     }
 
     /// Adds the known motion.
@@ -109,6 +114,9 @@ impl TrainingViews {
         if decoded.iter().all(|photo| photo.valid.is_none()) {
             return Ok(Batch { photos, valid: None, motion: self.motion_masks(indices, device) });
         }
+        for (photo, &index) in decoded.iter().zip(indices) {
+            self.warn_of_empty(photo, index);
+        }
         let mask = |photo: &Decoded| match &photo.valid {
             Some(mask) => mask_tensor(mask, device),
             None => Tensor::ones([1, 1, photo.rgb.height() as usize, photo.rgb.width() as usize], &inner(device)),
@@ -116,6 +124,18 @@ impl TrainingViews {
         let valid = Tensor::cat(decoded.iter().map(mask).collect(), 0);
         let motion = self.motion_masks(indices, device);
         Ok(Batch { photos: photos * valid.clone(), valid: Some(valid), motion })
+    }
+
+    /// Warns, once, of a view of whose pixels none is valid. It may be all views, if the masks are inverted.
+    fn warn_of_empty(&self, photo: &Decoded, index: usize) {
+        let is_empty = photo.valid.as_ref().is_some_and(|mask| mask.pixels().all(|valid| valid.0[0] == 0));
+        if is_empty && !self.has_warned.swap(true, Ordering::Relaxed) {
+            warn!(
+                "the mask of the view `{}` excludes every pixel, so nothing is learned from it. If masks are white where \
+                 pixels are to be ignored, set scene.invert_masks=true.",
+                self.names[index]
+            );
+        }
     }
 
     /// [`Batch::motion`] of the given views: masks of all of them, or none.

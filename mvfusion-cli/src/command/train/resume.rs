@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use anyhow::{Context, anyhow};
-use mvfusion_model::Config;
 use mvfusion_model::evaluation::Protocol;
 use mvfusion_model::train::{TrainState, Trainer};
+use mvfusion_model::{Config, ModelError};
 use tracing::warn;
 
 use super::session::{RunFiles, Session};
@@ -54,7 +54,7 @@ pub(super) fn resumed(
         "cannot open the scene of the run; if it has moved, give its folder with --data and the folder of the masks \
          with --set eval.dynamic_masks=DIR",
     )?;
-    record.scene.check_images(&scene)?;
+    record.scene.check(&scene)?;
     setup::check_memory(args, &config, &scene, &device)?;
     let (checkpoint, state) = newest_state(path, &config.scaled(), &device, verbosity)?;
     let step = state.completed;
@@ -106,11 +106,13 @@ fn newest_state(
                 refused.iter().try_for_each(run::put_away)?;
                 return Ok((checkpoint, state));
             }
-            Err(error) => {
+            Err(error @ ModelError::Checkpoint { .. }) => {
                 verbosity.note(&format!("note:   {error}"));
                 refusal = error.into();
                 refused.push(checkpoint);
             }
+            // It may be as good as ever: a disk that does not answer, or a full device.
+            Err(error) => return Err(error.into()),
         }
     }
     Err(refusal)

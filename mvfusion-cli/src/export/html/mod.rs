@@ -21,6 +21,8 @@ mod source;
 
 pub use budget::Cut;
 
+use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 
 use anyhow::{Context, anyhow, bail};
@@ -32,6 +34,16 @@ use crate::progress::{Progress, Verbosity};
 use crate::run::OpenRun;
 use budget::first_that_fits;
 use source::Source;
+
+/// Bytes at the beginning of a page that contain its mark.
+const HEAD: u64 = 4096;
+
+/// Whether a file is a page of this program, of any version.
+pub fn is_page(path: &Path) -> bool {
+    let mut head = Vec::new();
+    let read = File::open(path).and_then(|file| file.take(HEAD).read_to_end(&mut head));
+    read.is_ok() && String::from_utf8_lossy(&head).contains(page::MARK)
+}
 
 /// A written page.
 #[derive(Clone, Debug)]

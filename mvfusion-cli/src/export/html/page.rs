@@ -33,6 +33,9 @@ const SHADERS: [(&str, &str); 4] = [
 const SPEEDS: [(&str, &str); 4] =
     [("0.25", "\u{bc}\u{d7}"), ("0.5", "\u{bd}\u{d7}"), ("1", "1\u{d7}"), ("2", "2\u{d7}")];
 
+/// What the pages of this program contain, of any version.
+pub(super) const MARK: &str = r#"<meta name="generator" content="mvfusion "#;
+
 /// The page of a scene with these compressed Gaussians.
 pub(super) fn page(scene: &SceneDescription, gaussians: &[u8]) -> anyhow::Result<String> {
     // `<` could end the element; JSON has another way to write it.

@@ -79,4 +79,9 @@ fn a_run_is_measured_once_every_wanted_network_has_looked_at_it_with_the_wanted_
     assert!(is_measured(&results, &wanted(&[("alex", "a"), ("vgg", "v")])));
     let timed = Wanted { speed_frames: 1, ..wanted(&[("alex", "a")]) };
     assert!(!is_measured(&results, &timed), "no speed");
+    let speed = |frames| run::RenderSpeed { width: 8, height: 8, warm_up: 0, frames, fps: 1.0, fps_without_mfta: None };
+    results.speed = Some(speed(2));
+    assert!(!is_measured(&results, &timed), "over other frames");
+    results.speed = Some(speed(1));
+    assert!(is_measured(&results, &timed));
 }

@@ -4,8 +4,8 @@ use mvfusion_model::evaluation::Better;
 
 use super::paper::spoken;
 use super::{
-    CellCounts, Column, Entry, Method, Outcome, Row, SeedMean, Spread, State, Table, TrainedCell, paper, regions,
-    verdict,
+    CellCounts, Column, Entry, Method, Outcome, Row, SeedMean, Spread, State, Table, TrainedCell, origins, paper,
+    regions, verdict,
 };
 use crate::sweep::grid::Difference;
 use crate::sweep::index::Index;
@@ -44,6 +44,7 @@ impl Table {
             verdicts,
             wanted: index.wanted.clone(),
             regions,
+            mixtures: origins::mixtures(&cells),
             cells: counts(&cells),
         }
     }
@@ -65,7 +66,11 @@ impl Entry {
         };
         let seeds: Vec<SeedMean> = self.seeds.iter().filter_map(difference).collect();
         let spread = spread(&seeds.iter().map(|seed| seed.mean).collect::<Vec<_>>());
-        let missing = if self.state == State::Known { other.state } else { self.state };
+        let missing = match (self.state, other.state) {
+            // Each knows seeds that the other lacks.
+            (State::Known, State::Known) => State::Unfinished,
+            (State::Known, missing) | (missing, _) => missing,
+        };
         let reasons = self.not_comparable.iter().chain(&other.not_comparable).cloned();
         Self {
             state: if spread.is_some() { State::Known } else { missing },

@@ -68,6 +68,17 @@ fn an_entry_whose_cells_failed_says_so() {
 }
 
 #[test]
+fn a_difference_without_a_common_seed_is_not_known() {
+    let mut index = index(&[], vec![group("All", &[], &["composed.psnr"])], "");
+    index.differences = vec![Difference { variant: "x".into(), minus: "y".into() }];
+    index.cells = [("x", 0), ("x", 1), ("y", 0), ("y", 1)].map(|(variant, seed)| cell("a", variant, &[], seed)).into();
+    let known = metrics(&[("composed.psnr", 20.0)]);
+    let table = Table::of(&index, &[known.clone(), Outcome::Unfinished, Outcome::Unfinished, known]);
+    let difference = &table.rows[2].entries[0];
+    assert_eq!((difference.state, difference.spread), (State::Unfinished, None));
+}
+
+#[test]
 fn a_seed_that_failed_does_not_hide_those_that_did_not() {
     let mut index = index(&[], vec![group("All", &[], &["composed.psnr"])], "");
     index.cells = vec![cell("a", "x", &[], 0), cell("a", "x", &[], 7)];

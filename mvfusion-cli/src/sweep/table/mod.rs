@@ -10,6 +10,7 @@ mod json;
 mod latex;
 mod markdown;
 mod notes;
+mod origins;
 mod paper;
 mod plot;
 mod plots;
@@ -25,6 +26,7 @@ use std::collections::BTreeMap;
 use mvfusion_model::evaluation::RegionSource;
 use serde::Serialize;
 
+pub use origins::{Mixture, Origin};
 pub use plots::{Plot, Point, Series};
 pub use verdict::{Effect, Interval, SceneVerdict, Verdict};
 pub use write::write;
@@ -56,6 +58,8 @@ pub struct CellMetrics {
     pub regions: Option<RegionSource>,
     /// What that of the training views was taken from.
     pub training_regions: Option<RegionSource>,
+    /// Where they come from.
+    pub origin: Origin,
 }
 
 /// The table of a sweep.
@@ -85,6 +89,8 @@ pub struct Table {
     pub wanted: Wanted,
     /// The scenes of columns that show a metric of a region, by what their regions were taken from.
     pub regions: BTreeMap<RegionSource, Vec<String>>,
+    /// In what the finished cells differ beside their configuration.
+    pub mixtures: Vec<Mixture>,
     /// How the cells ended.
     pub cells: CellCounts,
 }

@@ -17,6 +17,7 @@ impl Table {
             self.comparable_note(),
             self.region_note(),
             self.lpips_note(),
+            self.origin_note(),
             self.cells_note(),
         ];
         notes.into_iter().flatten().collect()

@@ -54,7 +54,7 @@ mod tests {
     fn a_table_with_metrics_of_regions_names_their_masks_by_scene() {
         let metrics = |regions, training_regions| {
             let numbers = [("dynamic_region.psnr".to_owned(), 20.0)].into();
-            Outcome::Metrics(CellMetrics { numbers, regions, training_regions })
+            Outcome::Metrics(CellMetrics { numbers, regions, training_regions, ..CellMetrics::default() })
         };
         let columns = |metric: &str| vec![group("a", &["video", "steak", "casual"], &["composed.psnr", metric])];
         let note = |metric: &str| {

@@ -20,8 +20,8 @@ pub struct Verdict {
     pub values: Vec<String>,
     /// The scenes of the rule.
     pub scenes: Vec<SceneVerdict>,
-    /// Whether the variant is recommended; absent until every seed has every metric, and if too few scenes or seeds
-    /// count. Harm decides as soon as every seed has the metric that shows it.
+    /// Whether the variant is recommended; absent while seeds lack metrics, and if too few scenes or seeds count. Harm
+    /// decides as soon as every seed has the metric that shows it. So do scenes without help, if too few others are left.
     pub recommended: Option<bool>,
 }
 
@@ -171,13 +171,17 @@ pub(super) fn of(rule: &Rule, rows: &[Row], columns: &[Column], cells: &[Trained
         };
         let scenes: Vec<SceneVerdict> = rule.scenes.iter().map(on_scene).collect();
         let applied = || scenes.iter().filter(|scene| scene.applies);
-        let count = |effect| scenes.iter().filter(|scene| scene.effect == Some(effect)).count();
+        let can_help = |scene: &&SceneVerdict| !scene.is_complete() || scene.effect == Some(Effect::Helps);
         let recommended = if scenes.iter().any(SceneVerdict::is_harmed_for_good) {
             Some(false)
+        } else if applied().count() < rule.least_helped {
+            // Only harm could decide.
+            None
+        } else if applied().filter(can_help).count() < rule.least_helped {
+            Some(false)
         } else {
-            // With fewer scenes, only harm could decide.
-            let can_decide = applied().all(SceneVerdict::is_complete) && applied().count() >= rule.least_helped;
-            can_decide.then(|| count(Effect::Helps) >= rule.least_helped && count(Effect::Harms) == 0)
+            // Harm by all seeds was decided above, so help is all that is left to count.
+            applied().all(SceneVerdict::is_complete).then_some(true)
         };
         Verdict { variant: variant.clone(), minus: minus.clone(), values: values.clone(), recommended, scenes }
     };

@@ -25,6 +25,7 @@ mod split;
 #[cfg(test)]
 mod tests;
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use tracing::{info, warn};
@@ -36,7 +37,7 @@ use super::reader::{Hints, Reader, UsualSize};
 use super::shared::reduced::{IMAGES, has_pictures, views_of_pictures};
 use super::shared::shot::{FrameLens, Shot};
 use crate::error::DataError;
-use crate::files::scene_name;
+use crate::files::{pictures_in, scene_name};
 use crate::scene::{Capture, PictureSource, Scene, View};
 use lists::Lists;
 use model::Model;
@@ -105,6 +106,7 @@ pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let inner = &inner(folder);
     let images = inner.join(IMAGES);
     let Model { photos, points } = model::read(&inner.join(SPARSE))?;
+    let placed: BTreeSet<PathBuf> = photos.iter().map(|photo| images.join(&photo.name)).collect();
     let lists = Lists::read(inner)?;
     masks::check_access(inner)?;
     let split = split(photos, lists.as_ref(), options.test_every, &images)?;
@@ -130,6 +132,13 @@ pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
         split.unused,
         points.len()
     );
+    let unplaced = pictures_in(&images).map_or(0, |found| found.iter().filter(|path| !placed.contains(*path)).count());
+    if unplaced > 0 {
+        warn!(
+            folder = %folder.display(),
+            "{unplaced} of the images in {IMAGES} have no pose in {SPARSE}, so they are not used"
+        );
+    }
     if points.is_empty() {
         warn!(folder = %folder.display(), "the model has no points: training starts from random points");
     }

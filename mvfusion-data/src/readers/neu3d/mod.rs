@@ -25,6 +25,7 @@ use super::shared::frames::{CameraFrames, Frame, camera_names, list_frames};
 use super::shared::ply::{read_first, warn_of_none};
 use super::shared::poses::{near_bound, read_rows};
 use super::shared::shot::{FrameLens, Shot};
+use super::shared::sizes::is_scaled;
 use super::shared::views::views;
 use crate::error::DataError;
 use crate::files::scene_name;
@@ -114,7 +115,9 @@ pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
 fn rows_for(folder: &Path, names: &[String]) -> Result<Vec<[f64; ROW]>, DataError> {
     let path = folder.join(POSES);
     if !path.is_file() {
-        let advice = "It holds the cameras of the scene and comes with the dataset".into();
+        let advice = "It holds the cameras of the scene and comes with the dataset. For videos of your own, `mvfusion \
+                      prepare` finds the cameras"
+            .into();
         return Err(DataError::Missing { what: POSES.into(), folder: folder.to_owned(), advice });
     }
     if names.len() < 2 {
@@ -161,7 +164,11 @@ fn odd_shape(folder: &Path, scene: &Scene) -> Option<String> {
 fn difference_in_shape(rows: &[[f64; ROW]], camera: &Camera) -> Option<String> {
     let (width, height) = (camera.width, camera.height);
     let shape = width as f64 / height as f64;
-    let row = rows.iter().find(|row| (row[9] / row[4] / shape - 1.0).abs() > SHAPE_TOLERANCE)?;
+    let is_odd = |row: &&[f64; ROW]| {
+        (row[9] / row[4] / shape - 1.0).abs() > SHAPE_TOLERANCE
+            && !is_scaled((row[9], row[4]), (width as f64, height as f64))
+    };
+    let row = rows.iter().find(is_odd)?;
     Some(format!("the frames are {width}x{height}, but {POSES} is for {}x{}, which is another shape", row[9], row[4]))
 }
 

@@ -8,6 +8,6 @@ pub(crate) mod ply;
 pub(crate) mod poses;
 pub(crate) mod reduced;
 pub(crate) mod shot;
-mod sizes;
+pub(crate) mod sizes;
 pub(crate) mod transforms;
 pub(crate) mod views;

@@ -15,7 +15,7 @@ use super::views::views;
 use crate::error::DataError;
 use crate::files::picture_named;
 use crate::readers::options::ReadOptions;
-use crate::scene::{PictureSource, View};
+use crate::scene::{PictureHeader, PictureSource, View};
 
 /// Folder of the full-size images.
 pub(crate) const IMAGES: &str = "images";
@@ -69,6 +69,9 @@ fn redirect(scene: &Path, shots: &mut [Shot], options: &ReadOptions) -> Result<f
         );
         return Ok(downscale);
     }
+    if let (Some(name), Some(copy)) = (names.first(), copies.first()) {
+        warn_of_size(&images.join(name), copy, factor);
+    }
     for (shot, copy) in shots.iter_mut().zip(copies) {
         shot.source = PictureSource::Image(copy);
     }
@@ -76,6 +79,21 @@ fn redirect(scene: &Path, shots: &mut [Shot], options: &ReadOptions) -> Result<f
     let further = if left > 1.0 { format!("made smaller by {left}") } else { "as they are".into() };
     info!("the images in {IMAGES}_{factor}, {factor} times smaller than those in {IMAGES}, are read {further}");
     Ok(left)
+}
+
+/// Warns of a smaller copy that has not the size that its folder's name says. Without the image, nothing is known.
+fn warn_of_size(image: &Path, copy: &Path, factor: u32) {
+    let width = |path: &Path| PictureHeader::read(path).ok().map(|header| f64::from(header.size.0));
+    let (Some(full), Some(small)) = (width(image), width(copy)) else { return };
+    let expected = full / f64::from(factor);
+    // Sides are rounded, up or down.
+    if (small - expected).abs() > 1.0 {
+        warn!(
+            "{} is {small} pixels wide and not {expected:.0}, {factor} times less than {}: it is read as it is",
+            copy.display(),
+            image.display()
+        );
+    }
 }
 
 /// The N of the folder `images_N` to read instead of `images`.

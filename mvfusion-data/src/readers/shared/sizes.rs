@@ -78,7 +78,7 @@ pub(super) fn check_shapes(folder: &Path, (width, height): (u32, u32), shots: &[
 
 /// Whether one factor scales both sides of the larger image to those of the smaller image. Sides may be rounded to the
 /// nearest pixel or rounded down.
-pub(super) fn is_scaled(one: (f64, f64), other: (f64, f64)) -> bool {
+pub(crate) fn is_scaled(one: (f64, f64), other: (f64, f64)) -> bool {
     /// How far a side before rounding may be below and above the rounded one.
     const ROUNDING: [(f64, f64); 2] = [(0.5, 0.5), (0.0, 1.0)];
     let (full, scaled) = if one.0 < other.0 { (other, one) } else { (one, other) };

@@ -36,5 +36,6 @@ pub(crate) fn check_shape(path: &Path, found: (u32, u32), wanted: (u32, u32)) ->
         return Ok(());
     }
     let reason = format!("it has {w} x {h} pixels, another shape than the {width} x {height} that it is used for");
-    Err(DataError::Image { path: path.to_owned(), reason })
+    let advice = "Make the mask again in the shape of its image, or remove the mask";
+    Err(DataError::Content { path: path.to_owned(), reason, advice })
 }

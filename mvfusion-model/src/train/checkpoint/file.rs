@@ -152,6 +152,7 @@ pub(super) fn write(path: &Path, tensors: &Tensors, header: &Header) -> Result<(
         drop(writer);
         file.as_file().sync_all()?;
         file.persist(path)?;
+        crate::files::sync_folder(path);
         Ok(())
     };
     attempt().map_err(|error| ModelError::File { action: "write", path: path.to_owned(), reason: error.to_string() })

@@ -58,7 +58,7 @@ impl Checkpoint {
         let found = scan(&mut file, metadata.len()).map_err(failed)?;
         if let Some(written) = found.written.as_ref().filter(|written| **written != found.now) {
             return Err(misfit(format!(
-                "it is damaged: its SHA-256 was written as {written} and is now {}. Use another checkpoint",
+                "it is damaged: its SHA-256 was written as {written} and is now {}",
                 found.now
             )));
         }

@@ -26,7 +26,7 @@ fn the_cameras_see_what_the_views_see() {
         let vector = |value: &Value| DVec3::from_array([0, 1, 2].map(|index| number(&value[index])));
         let mut keys: Vec<&String> = camera.as_object().expect("an object").keys().collect();
         keys.sort();
-        assert_eq!(keys, ["fx", "fy", "height", "id", "img_name", "position", "rotation", "width"]);
+        assert_eq!(keys, ["cx", "cy", "fx", "fy", "height", "id", "img_name", "position", "rotation", "width"]);
         assert_eq!((&camera["id"], &camera["img_name"]), (&id.into(), &view.name.clone().into()));
         let size = [number(&camera["width"]), number(&camera["height"])];
         assert_eq!(size, [48.0, 36.0]);
@@ -35,8 +35,8 @@ fn the_cameras_see_what_the_views_see() {
         let to_world = DMat3::from_cols_array_2d(&rotation.map(|row| row.to_array())).transpose();
         let seen = to_world.transpose() * (point - vector(&camera["position"]));
         let pixel = [
-            number(&camera["fx"]) * seen.x / seen.z + size[0] / 2.0,
-            number(&camera["fy"]) * seen.y / seen.z + size[1] / 2.0,
+            number(&camera["fx"]) * seen.x / seen.z + number(&camera["cx"]),
+            number(&camera["fy"]) * seen.y / seen.z + number(&camera["cy"]),
         ];
         let wanted = view.camera.project(point).expect("in front of every camera");
         assert!((pixel[0] - wanted.x).abs() < 1e-6 && (pixel[1] - wanted.y).abs() < 1e-6, "{}", view.name);

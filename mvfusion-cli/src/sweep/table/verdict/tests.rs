@@ -102,6 +102,11 @@ fn a_recommendation_waits_for_every_seed_and_bears_no_harm() {
     let of_two = verdict(&index, &outcomes);
     assert_eq!(of_two.recommended, None);
     assert_eq!(of_two.recommendation(&strict), "not decided: 1 of the 2 scenes that it needs");
+    // One scene without help is enough where the rule asks for both, whatever the other will yield.
+    let (mut unclear, open) = sweep([1.0, -1.0, 1.0, -1.0], SHARPER, None);
+    assert_eq!(verdict(&unclear, &open).recommended, None);
+    unclear.rule = Some(strict);
+    assert_eq!(verdict(&unclear, &open).recommended, Some(false));
     // Without LPIPS, nothing is known of the first scene.
     index.rule = Some(rule.clone());
     forget(&index, &mut outcomes, "a", "composed.lpips_alex");
