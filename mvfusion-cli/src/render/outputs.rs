@@ -17,7 +17,7 @@ use crate::{atomic, run};
 /// Folder of the float images.
 const EXR: &str = "exr";
 /// The names of the folders and animations that were rendered here, so that nothing else is replaced.
-pub const MARK: &str = "films.json";
+const MARK: &str = "films.json";
 
 /// Files that can be written. Nothing has been written yet.
 #[derive(Clone, Debug)]
@@ -57,7 +57,7 @@ impl OutputsPlan {
         }
     }
 
-    /// Checks that only earlier renders would be overwritten or removed: folders and files that [`MARK`] names.
+    /// Checks that only earlier renders would be overwritten or removed: folders and files that `films.json` names.
     ///
     /// # Errors
     /// If there is another file of such a name.
@@ -75,7 +75,7 @@ impl OutputsPlan {
         }
     }
 
-    /// The names that [`MARK`] has.
+    /// The names that `films.json` has.
     fn marked(&self) -> BTreeSet<String> {
         run::read_json(&self.folder.join(MARK)).unwrap_or_default()
     }
@@ -86,7 +86,7 @@ impl OutputsPlan {
         Some(name.as_os_str().to_string_lossy().into_owned())
     }
 
-    /// Adds the names of this rendering to [`MARK`].
+    /// Adds the names of this rendering to `films.json`.
     fn mark(&self) -> anyhow::Result<()> {
         let animations = [FileFormat::Gif, FileFormat::Mp4].into_iter().flat_map(|format| self.files(format));
         let mut names = self.marked();

@@ -49,14 +49,14 @@ impl SceneGeometry {
             ("the times", &self.times, &other.times, 1.0),
             ("the initial points", &self.points, &other.points, 0.0),
         ];
-        let differs = |own: &[f64], other: &[f64], least: f64| {
+        let agrees = |own: &[f64], other: &[f64], least: f64| {
             let norm = |values: &mut dyn Iterator<Item = f64>| values.map(|value| value * value).sum::<f64>().sqrt();
             let apart = norm(&mut own.iter().zip(other).map(|(own, other)| own - other));
             let size = norm(&mut own.iter().copied()).max(norm(&mut other.iter().copied())).max(least);
-            // Written so that NaN differs.
-            !(apart <= TOLERANCE * size)
+            // NaN does not agree.
+            apart <= TOLERANCE * size
         };
-        parts.into_iter().find(|(_, own, other, least)| differs(own, other, *least)).map(|(name, ..)| name)
+        parts.into_iter().find(|(_, own, other, least)| !agrees(own, other, *least)).map(|(name, ..)| name)
     }
 }
 

@@ -114,9 +114,9 @@ impl GaussianCloud {
         self.at_degree(sh_degree.min(room)).at_degree(room)
     }
 
-    /// Gaussians whose sizes every program can represent. Logarithms outside [`LOG_SIZES`] are clamped: a Gaussian of a
-    /// billion units looks as a larger one. Where the variance overflows, the rasteriser leaves the Gaussian out, so it
-    /// becomes transparent. A deformation that diverged gives such sizes.
+    /// Gaussians whose sizes every program can represent. Logarithms are clamped to -87 to 20.7: a Gaussian of a billion
+    /// units looks as a larger one. Where the variance overflows, the rasteriser leaves the Gaussian out, so it becomes
+    /// transparent. A deformation that diverged gives such sizes.
     pub fn with_sizes_in_range(mut self) -> Self {
         let [least, most] = LOG_SIZES;
         for (scales, opacity) in self.log_scales.iter_mut().zip(&mut self.opacity_logits) {

@@ -39,6 +39,9 @@ impl Origin {
     }
 }
 
+/// The name of a part of the origin, and where it is.
+type Part = (&'static str, fn(&Origin) -> Option<&String>);
+
 /// A part of the origin in which cells differ.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Mixture {
@@ -57,13 +60,13 @@ pub(super) fn mixtures(cells: &[TrainedCell]) -> Vec<Mixture> {
             Outcome::Failed | Outcome::Unfinished => None,
         })
         .collect();
-    let parts: [(&str, fn(&Origin) -> Option<&String>); 4] = [
+    let parts: [Part; 4] = [
         ("protocol", |origin| Some(&origin.protocol)),
         ("commit", |origin| origin.commit.as_ref()),
         ("device", |origin| Some(&origin.device)),
         ("processor", |origin| origin.processor.as_ref()),
     ];
-    let mixture = |(part, of): (&'static str, fn(&Origin) -> Option<&String>)| {
+    let mixture = |(part, of): Part| {
         let mut counts = BTreeMap::new();
         for value in origins.iter().copied().filter_map(of) {
             *counts.entry(value.clone()).or_default() += 1;
