@@ -42,6 +42,9 @@ pub struct RunRecord {
     pub device: String,
     /// CPU threads.
     pub threads: usize,
+    /// SHA-256 of `config.toml` as this program wrote it; former versions recorded none.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub config_sha256: Option<String>,
     /// The weights that the training began with, if they are another run's.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub init_from: Option<InitialWeights>,
@@ -176,6 +179,7 @@ impl RunRecord {
             seed,
             device: device.to_owned(),
             threads: rayon::current_num_threads(),
+            config_sha256: None,
             init_from: None,
             started: clock::now(),
             resumed: Vec::new(),

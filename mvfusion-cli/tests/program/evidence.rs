@@ -144,6 +144,10 @@ fn a_run_is_neither_written_to_nor_resumed_with_the_images_of_another_scene() {
     }
     fs::write(&poses, own).expect("written");
 
+    let config = run.join("config.toml");
+    let edited = fs::read_to_string(&config).expect("read") + "# edited\n";
+    fs::write(&config, edited).expect("written");
     let longer = resume("moved");
-    assert!(longer.status.success(), "{}", text(&longer.stderr));
+    let said = text(&longer.stderr);
+    assert!(longer.status.success() && said.contains("config.toml was changed since the run began"), "{said}");
 }

@@ -35,6 +35,13 @@ pub(super) fn resumed(
     }
     let record: RunRecord = run::read_json(&path.join(run::RECORD))
         .with_context(|| format!("{} is not a run that can be continued", path.display()))?;
+    if record.config_sha256.as_ref().is_some_and(|written| run::config_hash(path).is_ok_and(|now| now != *written)) {
+        warn!(
+            "{} was changed since the run began; it goes on with the new values, so its end is not that of a run without \
+             a break",
+            path.join(run::CONFIG).display()
+        );
+    }
     let mut config = config::resume(&path.join(run::CONFIG), &args.sources, args.data.as_deref())?;
     if record.finished.is_some() && config.train.stages == config::read(&path.join(run::CONFIG))?.train.stages {
         let (key, steps) = config::last_stage(&config);

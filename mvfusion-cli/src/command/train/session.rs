@@ -99,9 +99,10 @@ impl Session {
     }
 
     pub(super) fn run(mut self, out: &mut dyn Write) -> anyhow::Result<()> {
+        let written = config::to_toml(&self.config)?;
+        self.record.config_sha256 = Some(sha256(written.as_bytes()));
         // The record first: a finished run that is lengthened must not seem finished with the new configuration.
         atomic::write_json(&self.folder.place(&[run::RECORD])?, &self.record)?;
-        let written = config::to_toml(&self.config)?;
         atomic::write(&self.folder.place(&[run::CONFIG])?, written.as_bytes())?;
 
         let trained = self.train();
