@@ -1,9 +1,10 @@
 //! `mvfusion check`.
 
+use std::fmt;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use anyhow::bail;
+use anyhow::{Context, bail};
 use bytesize::ByteSize;
 use mvfusion_data::Scene;
 use mvfusion_data::inspect::{
@@ -71,14 +72,13 @@ pub fn check(args: &CheckArgs, verbosity: Verbosity, out: &mut dyn Write) -> any
         }
         _ => None,
     };
+    let is_excused = |error: &anyhow::Error| args.picture.is_none() && error.is::<NotWritten>();
     let wanted = scene.as_ref().filter(|_| inspection.can_train() && !args.no_picture);
     let drawn = wanted.map(|scene| draw(scene, args.picture.clone().unwrap_or_else(|| default_picture(&folder))));
     match &drawn {
         Some(Ok(drawn)) => verbosity.wrote("picture", &drawn.path),
         // Nobody asked for it, and the scene may be sound.
-        Some(Err(error)) if args.picture.is_none() => {
-            verbosity.note(&format!("note:   {error:#}. Choose a file with --picture, or use --no-picture"));
-        }
+        Some(Err(error)) if is_excused(error) => verbosity.note(&format!("note:   {error:#}")),
         _ => {}
     }
     if args.json {
@@ -110,7 +110,7 @@ pub fn check(args: &CheckArgs, verbosity: Verbosity, out: &mut dyn Write) -> any
         inspection.problems.iter().try_for_each(|problem| tell_problem(problem, out))?;
     }
     // The report comes first, even if the image or the initial Gaussians fail.
-    if args.picture.is_some() {
+    if !matches!(&drawn, Some(Err(error)) if is_excused(error)) {
         drawn.transpose()?;
     }
     memory?;
@@ -212,9 +212,20 @@ struct Drawn {
     sheet: ContactSheet,
 }
 
+/// The image was drawn, but could not be written.
+#[derive(Clone, Copy, Debug)]
+struct NotWritten;
+
+impl fmt::Display for NotWritten {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("the image of the points is not written; choose a file with --picture, or use --no-picture")
+    }
+}
+
 fn draw(scene: &Scene, path: PathBuf) -> anyhow::Result<Drawn> {
     let sheet = points_over_photos(scene, PHOTOS, LARGEST_SIDE)?;
-    atomic::write_png(&path, sheet.image.clone())?;
+    let written = atomic::write_png(&path, sheet.image.clone());
+    written.context(NotWritten)?;
     Ok(Drawn { path, sheet })
 }
 

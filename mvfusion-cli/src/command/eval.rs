@@ -24,8 +24,8 @@ use crate::{atomic, lpips, report, table};
 /// # Errors
 /// If the run has no checkpoint, its data are gone, the device fails, or a file cannot be written. If the parameters
 /// are not those of the run's results: with `--write` before anything is written, otherwise after the table. With
-/// `--write`, also if the configuration or the held-out photos are not those of the run's results, or the cameras, times
-/// or points not those of its training.
+/// `--write`, also if there are results, and the configuration or the held-out photos are not theirs, or the cameras,
+/// times or points are not those of the training.
 pub fn eval(args: &EvalArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let masks = args.masks.as_deref().map_or(MasksRequest::AsConfigured, MasksRequest::Folder);
     let request = RunRequest { run: &args.run, data: args.data.as_deref(), masks, device: &args.compute.device };
@@ -48,7 +48,8 @@ pub fn eval(args: &EvalArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyho
             if let Some(what) = run::changed_geometry(&args.run, &scene) {
                 bail!(
                     "{what} of the scene have changed since the training. Nothing was written. Give the scene of the run \
-                     with --data, or evaluate without --write"
+                     with --data, or evaluate without --write. To evaluate it as it is now, move {} away first",
+                    folder.join(run::RESULTS).display()
                 );
             }
         }

@@ -42,8 +42,10 @@ pub fn render(args: &RenderArgs, verbosity: Verbosity, out: &mut dyn Write) -> a
     let _lock = FolderLock::take(&folder)?;
     let plan = OutputsPlan::new(&folder, &layers, &FileFormat::choose(&args.format, film.frames.len(), verbosity)?);
     match args.force {
-        true => plan.check_own()?,
         false => plan.check_free()?,
+        true if args.out.is_some() => plan.check_own()?,
+        // Within the run, all renders are ours.
+        true => {}
     }
     // Created last, because it may measure trajectories, which takes time.
     let weights = args.motion_weights.unwrap_or(config.motion.weights);

@@ -46,8 +46,9 @@ impl OutputsPlan {
     /// Checks that nothing would be overwritten.
     ///
     /// # Errors
-    /// If files of the same names exist.
+    /// If files of the same names exist, or `films.json` is of another program.
     pub fn check_free(&self) -> anyhow::Result<()> {
+        self.marked()?;
         match self.existing()?.first() {
             Some(file) => bail!(
                 "{} already exists. Use --force to replace earlier renders, or choose another folder with --out.",
@@ -60,13 +61,13 @@ impl OutputsPlan {
     /// Checks that only earlier renders would be overwritten or removed: folders and files that `films.json` names.
     ///
     /// # Errors
-    /// If there is another file of such a name.
+    /// If there is another file of such a name, or `films.json` is of another program.
     pub fn check_own(&self) -> anyhow::Result<()> {
-        let own = self.marked();
+        let own = self.marked()?;
         let foreign = |path: &PathBuf| self.name_of(path).is_none_or(|name| !own.contains(&name));
         match self.existing()?.into_iter().find(foreign) {
             Some(file) => bail!(
-                "{} was not written by `mvfusion render`: {} does not name it. Choose another folder with --out, or \
+                "{} was not written by `mvfusion render`, or by a former version: {} does not name it. Choose another folder with --out, or \
                  move it away.",
                 file.display(),
                 self.folder.join(MARK).display()
@@ -76,8 +77,18 @@ impl OutputsPlan {
     }
 
     /// The names that `films.json` has.
-    fn marked(&self) -> BTreeSet<String> {
-        run::read_json(&self.folder.join(MARK)).unwrap_or_default()
+    fn marked(&self) -> anyhow::Result<BTreeSet<String>> {
+        let path = self.folder.join(MARK);
+        if !path.exists() {
+            return Ok(BTreeSet::new());
+        }
+        run::read_json(&path).with_context(|| {
+            format!(
+                "{} is no list of renders as `mvfusion render` writes it. Choose another folder with --out, or move it \
+                 away",
+                path.display()
+            )
+        })
     }
 
     /// The name in the rendering's folder to which a path belongs.
@@ -89,7 +100,7 @@ impl OutputsPlan {
     /// Adds the names of this rendering to `films.json`.
     fn mark(&self) -> anyhow::Result<()> {
         let animations = [FileFormat::Gif, FileFormat::Mp4].into_iter().flat_map(|format| self.files(format));
-        let mut names = self.marked();
+        let mut names = self.marked()?;
         names.extend(self.folders().into_iter().chain(animations).filter_map(|path| self.name_of(&path)));
         atomic::write_json(&self.folder.join(MARK), &names)
     }
@@ -289,6 +300,11 @@ mod tests {
         write(folder.path(), &["depth/00000.png"]);
         let others = OutputsPlan::new(folder.path(), &[Layer::Mask, Layer::Depth], &[FileFormat::Png]);
         assert!(others.check_own().expect_err("refused").to_string().contains("depth"));
+
+        fs::write(folder.path().join(MARK), "{}").expect("written");
+        for refused in [plan(folder.path()).check_own(), plan(folder.path()).check_free()] {
+            assert!(refused.expect_err("of another program").to_string().contains("no list of renders"));
+        }
     }
 
     #[test]

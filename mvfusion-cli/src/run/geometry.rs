@@ -1,22 +1,22 @@
 //! The cameras, times and points of a scene in a few numbers, by which a run notices that they were changed.
 
 use glam::DVec3;
-use mvfusion_data::{Scene, View};
+use mvfusion_data::{Camera, Scene, View};
 use serde::{Deserialize, Serialize};
 
 /// Largest difference of two numbers of the same scene, relative to their size. Another processor may round a camera's
 /// numbers otherwise, so they are compared instead of hashed.
 const TOLERANCE: f64 = 1e-6;
 
-/// Means over the views and the points of a scene. A view's weight grows with its place, from 1 to 2, so that an exchange
-/// of views shows as well.
+/// Means over the training views and the points of a scene. A view's weight grows with its place, from 1 to 2, so that an
+/// exchange of views shows as well.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneGeometry {
     /// Centres of the cameras, and their root mean square.
     pub centres: [f64; 4],
     /// Axes of the cameras in the world: right, down, forward.
     pub axes: [f64; 9],
-    /// Focal lengths and principal points, pixels.
+    /// Focal lengths and principal points along both sides, in widths and heights of the image.
     pub lenses: [f64; 4],
     /// Times, and their mean square.
     pub times: [f64; 2],
@@ -25,15 +25,15 @@ pub struct SceneGeometry {
 }
 
 impl SceneGeometry {
-    /// That of a scene: of its training views, then of its held-out ones.
+    /// That of a scene.
     pub fn of(scene: &Scene) -> Self {
-        let views: Vec<&View> = scene.train.iter().chain(&scene.test).collect();
+        let views = &scene.train;
         let centres = views.iter().map(|view| with_square(view.camera.centre()));
         let points = scene.points.positions.iter().map(|&position| with_square(position.as_dvec3()));
         Self {
             centres: root_of_last(mean(centres)),
             axes: mean(views.iter().map(|view| view.camera.rotation.transpose().to_cols_array())),
-            lenses: mean(views.iter().map(|view| [view.camera.fx, view.camera.fy, view.camera.cx, view.camera.cy])),
+            lenses: mean(views.iter().map(lens)),
             times: mean(views.iter().map(|view| [view.time, view.time * view.time])),
             points: root_of_last(mean(points)),
         }
@@ -58,6 +58,12 @@ impl SceneGeometry {
         };
         parts.into_iter().find(|(_, own, other, least)| !agrees(own, other, *least)).map(|(name, ..)| name)
     }
+}
+
+fn lens(view: &View) -> [f64; 4] {
+    let Camera { width, height, fx, fy, cx, cy, .. } = view.camera;
+    let [width, height] = [width as f64, height as f64];
+    [fx / width, fy / height, cx / width, cy / height]
 }
 
 fn with_square(place: DVec3) -> [f64; 4] {
@@ -109,16 +115,24 @@ mod tests {
         assert_eq!(difference(&moved), Some("the camera positions"));
         // About the camera's own centre.
         let turned = |scene: &mut Scene| {
-            for view in scene.train.iter_mut().chain(&mut scene.test) {
+            for view in &mut scene.train {
                 let turn = DMat3::from_rotation_z(0.1);
                 (view.camera.rotation, view.camera.translation) =
                     (turn * view.camera.rotation, turn * view.camera.translation);
             }
         };
         assert_eq!(difference(&turned), Some("the camera rotations"));
-        let shifted = |scene: &mut Scene| scene.test[0].camera.cx += 1.0;
+        let shifted = |scene: &mut Scene| scene.train[0].camera.cx += 1.0;
         assert_eq!(difference(&shifted), Some("the focal lengths or principal points"));
         assert_eq!(difference(&|scene| scene.points.positions[0] += Vec3::X), Some("the initial points"));
+        // Neither other held-out views nor another size of the images are another training.
+        assert_eq!(difference(&|scene| scene.test[0].camera.translation += DVec3::ONE), None);
+        let larger = |scene: &mut Scene| {
+            for view in &mut scene.train {
+                view.camera = view.camera.resized(32, 32);
+            }
+        };
+        assert_eq!(difference(&larger), None);
     }
 
     #[test]

@@ -116,7 +116,6 @@ impl OpenRun {
     }
 }
 
-/// The run's configuration, with the paths that have changed since.
 /// In what the cameras, times and points of a scene differ from those of a run's training; `None` if they do not, or if
 /// none were recorded.
 pub fn changed_geometry(run: &Path, scene: &Scene) -> Option<&'static str> {
@@ -130,15 +129,17 @@ fn with_older(error: ModelError, run: &Path, newest: &Checkpoint) -> anyhow::Err
     let error = anyhow::Error::new(error);
     let found = checkpoints(run).unwrap_or_default();
     match found.iter().find(|older| older.path != newest.path).filter(|_| is_damaged) {
-        Some(older) => error.context(format!(
+        // A configuration that was changed fits no checkpoint.
+        Some(older) if changed_configuration(run).is_none() => error.context(format!(
             "rename {} to use the next older checkpoint, {}",
             newest.path.display(),
             older.path.display()
         )),
-        None => error,
+        _ => error,
     }
 }
 
+/// The run's configuration, with the paths that have changed since.
 fn configuration(request: &RunRequest<'_>) -> anyhow::Result<Config> {
     let mut config = config::read(&request.run.join(CONFIG))?;
     if let Some(data) = request.data {

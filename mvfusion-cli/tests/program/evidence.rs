@@ -133,8 +133,8 @@ fn a_run_is_neither_written_to_nor_resumed_with_the_images_of_another_scene() {
 
     let poses = place.join("moved/poses_bounds.npy");
     let own = fs::read(&poses).expect("read");
-    // The x of the first camera; eight rows of 17 numbers end the file.
-    let first = own.len() - 8 * 17 * 8 + 3 * 8;
+    // The x of the second camera, the first that trains; eight rows of 17 numbers end the file.
+    let first = own.len() - 7 * 17 * 8 + 3 * 8;
     let shifted = [&own[..first], &9.0f64.to_le_bytes()[..], &own[first + 8..]].concat();
     fs::write(&poses, shifted).expect("written");
     for refused in [eval("moved", &["--write"]), resume("moved")] {

@@ -78,6 +78,7 @@ pub fn evaluate<E: From<ModelError>>(
         source: region_source(views),
         overlap: MaskOverlap::default(),
         small_movers: SmallMovers::default(),
+        has_warned: false,
     };
     let mut scored: Vec<(usize, ViewScores)> = Vec::with_capacity(views.len());
     for sequence in sequences(views) {
@@ -90,7 +91,7 @@ pub fn evaluate<E: From<ModelError>>(
             let (scores, pair) = scoring.score(view, &pictures, varying.as_ref(), before.as_ref())?;
             sink(index, view, &pictures)?;
             scored.push((index, ViewScores { view: view.name.clone(), scores }));
-            before = Some(pair);
+            before = pair;
         }
     }
     scored.sort_by_key(|&(index, _)| index);
@@ -121,6 +122,8 @@ struct Scoring<'a> {
     source: RegionSource,
     overlap: MaskOverlap,
     small_movers: SmallMovers,
+    /// Whether a view without a valid pixel was warned of.
+    has_warned: bool,
 }
 
 impl Scoring<'_> {
@@ -141,14 +144,14 @@ impl Scoring<'_> {
         Ok(deviation.region())
     }
 
-    /// The metrics of a view, and the pair for the comparison with the next frame.
+    /// The metrics of a view, and the pair for the comparison with the next frame, if it has a valid pixel.
     fn score(
         &mut self,
         view: &View,
         pictures: &ViewPictures,
         varying: Option<&GrayImage>,
         before: Option<&Pair>,
-    ) -> Result<(Scores, Pair), ModelError> {
+    ) -> Result<(Scores, Option<Pair>), ModelError> {
         let valid = ValidMask::of(view)?;
         let given = view.truth.dynamic_mask.as_ref().map(|mask| mask.mask()).transpose()?;
         let movers = view.truth.movers_mask.as_ref().map(|mask| mask.mask()).transpose()?;
@@ -157,8 +160,14 @@ impl Scoring<'_> {
         let pair = valid.pair(&pictures.composed, &pictures.composed_tensor, &photo);
         if valid.is_empty() {
             // Both images are black, which is no evidence of anything.
-            warn!("{}: its mask excludes every pixel, so the view is not scored (scene.invert_masks)", view.name);
-            return Ok((Scores { composed_shows: self.composed_shows, ..Scores::default() }, pair));
+            if !std::mem::replace(&mut self.has_warned, true) {
+                warn!(
+                    "{}: its mask excludes every pixel, so the view is not scored, nor is any other like it \
+                     (scene.invert_masks)",
+                    view.name
+                );
+            }
+            return Ok((Scores { composed_shows: self.composed_shows, ..Scores::default() }, None));
         }
         let ViewMetrics { whole, dynamic, still, movers, temporal } =
             self.evaluator.metrics(&pair, before, regions.as_ref())?;
@@ -191,7 +200,7 @@ impl Scoring<'_> {
                 scores.static_ = Some(self.evaluator.metrics(&pair, None, None)?.whole);
             }
         }
-        Ok((scores, pair))
+        Ok((scores, Some(pair)))
     }
 }
 
