@@ -374,6 +374,7 @@ fn what_cannot_be_exported_is_refused() {
         refuses(&[["export", path].as_slice(), &out, &unused].concat(), USAGE, &[unused[0], "--format 4dgs"]);
         misused(&[["export", path, "--html"].as_slice(), &unused].concat(), &["--html", unused[0]]);
     }
+    misused(&["prepare", "in", "--out", "scene", "--camera-model", "FOO"], &["FOO", "--camera-model"]);
     let foreign = empty.path().join("foreign.html");
     fs::write(&foreign, "<!DOCTYPE html>").expect("written");
     let html = format!("--html={}", foreign.display());

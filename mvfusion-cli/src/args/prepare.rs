@@ -3,26 +3,12 @@
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
+use clap::builder::PossibleValuesParser;
 use clap::{Args, ValueEnum};
-use mvfusion_data::prepare::{Gpu, Matcher, Sync};
+use mvfusion_data::prepare::{Gpu, Matcher, Sync, lens_models};
 
 use super::numbers::parse_count;
 use crate::render::parse_fps;
-
-/// COLMAP's lens models.
-const LENS_MODELS: [&str; 11] = [
-    "SIMPLE_PINHOLE",
-    "PINHOLE",
-    "SIMPLE_RADIAL",
-    "RADIAL",
-    "OPENCV",
-    "OPENCV_FISHEYE",
-    "FULL_OPENCV",
-    "FOV",
-    "SIMPLE_RADIAL_FISHEYE",
-    "RADIAL_FISHEYE",
-    "THIN_PRISM_FISHEYE",
-];
 
 /// `mvfusion prepare`.
 #[derive(Clone, Debug, Args)]
@@ -58,7 +44,7 @@ pub struct PrepareArgs {
     #[arg(long, value_name = "HOW", value_enum, default_value_t)]
     pub matcher: MatcherChoice,
     /// COLMAP's lens model [default: OPENCV for photos and a moving camera, SIMPLE_RADIAL for still cameras]
-    #[arg(long, value_name = "NAME", value_parser = LENS_MODELS, hide_possible_values = true)]
+    #[arg(long, value_name = "NAME", value_parser = PossibleValuesParser::new(lens_models()), hide_possible_values = true)]
     pub camera_model: Option<String>,
     /// All still cameras have one lens, such as cameras of one make at one zoom; by default, each has its own
     #[arg(long)]

@@ -67,8 +67,8 @@ impl OutputsPlan {
         let foreign = |path: &PathBuf| self.name_of(path).is_none_or(|name| !own.contains(&name));
         match self.existing()?.into_iter().find(foreign) {
             Some(file) => bail!(
-                "{} was not written by `mvfusion render`, or by a former version: {} does not name it. Choose another folder with --out, or \
-                 move it away.",
+                "{} was not written by `mvfusion render`, or by a former version of it: {} does not name it. Choose \
+                 another folder with --out, or move it away.",
                 file.display(),
                 self.folder.join(MARK).display()
             ),

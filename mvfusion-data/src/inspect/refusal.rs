@@ -53,7 +53,7 @@ fn unrecognised(folder: &Path, refusals: &[Refusal]) -> String {
 /// A hint for a folder without a scene.
 fn where_to_look(folder: &Path) -> String {
     if let Ok(format) = recognise(folder, None) {
-        return format!("It is a scene of the format {0}: leave out --format, or give --format {0}.", format.name());
+        return format!("It is a scene of the format {0}: leave out --format, or give --format {0}.", format.key());
     }
     if let Some((inner, format)) = scene_within(folder) {
         return format!("Give a folder that holds one scene, such as {inner} ({}).", format.name());
@@ -81,4 +81,19 @@ fn scene_within(folder: &Path) -> Option<(String, Format)> {
     candidates.sort();
     candidates.extend(std::path::absolute(folder).ok().and_then(|path| Some(path.parent()?.to_owned())));
     candidates.into_iter().find_map(|path| Some((path.display().to_string(), recognise(&path, None).ok()?)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scene_of_another_format_is_told_by_the_key_that_the_option_takes() {
+        let folder = tempfile::tempdir().expect("folder");
+        for name in ["images", "sparse"] {
+            std::fs::create_dir(folder.path().join(name)).expect("made");
+        }
+        let said = where_to_look(folder.path());
+        assert!(said.contains("--format colmap"), "{said}");
+    }
 }

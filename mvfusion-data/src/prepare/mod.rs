@@ -31,6 +31,7 @@ mod tests;
 
 use std::path::Path;
 
+pub use crate::readers::colmap::model::lens_models;
 pub use error::PrepareError;
 pub use event::{Event, Listener};
 pub(crate) use input::is_video;

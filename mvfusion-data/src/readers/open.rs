@@ -52,12 +52,12 @@ pub fn open(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     if options.format.is_none() {
         let others =
             READERS.iter().filter(|other| other.format != reader.format && (other.recognise)(folder).is_none());
-        let others: Vec<&str> = others.map(|other| other.format.name()).collect();
+        let others: Vec<&str> = others.map(|other| other.format.key()).collect();
         if !others.is_empty() {
             info!(
                 "{}: read as {}; it also fits {} (--format)",
                 folder.display(),
-                reader.format.name(),
+                reader.format.key(),
                 others.join(", ")
             );
         }

@@ -61,6 +61,11 @@ const MODELS: [LensModel; 17] = [
     LensModel { name: "EUCM", focal_lengths: 2, coefficients: 2, bend: |k| Bend::Unified { alpha: k[0], beta: k[1] } },
 ];
 
+/// The names of the models that are read.
+pub fn lens_models() -> [&'static str; MODELS.len()] {
+    MODELS.each_ref().map(|model| model.name)
+}
+
 fn perspective(radial: &[f64], tangential: &[f64]) -> Bend {
     Bend::Perspective { radial: filled(radial), tangential: filled(tangential) }
 }

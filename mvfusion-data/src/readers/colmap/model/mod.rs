@@ -7,6 +7,8 @@ mod lens;
 mod records;
 pub(super) mod text;
 
+pub use lens::lens_models;
+
 use std::collections::BTreeMap;
 use std::path::{Component, Path};
 
