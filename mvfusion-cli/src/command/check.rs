@@ -10,15 +10,16 @@ use mvfusion_data::Scene;
 use mvfusion_data::inspect::{
     ContactSheet, Inspection, Pictures, Problem, Severity, Summary, inspect, points_over_photos,
 };
-use mvfusion_model::Config;
 use mvfusion_model::memory::MemoryNeed;
+use mvfusion_model::{Config, ModelError};
 use serde::Serialize;
 
 use super::duration::Predicted;
 use crate::args::CheckArgs;
+use crate::config::{self, Resolved};
 use crate::memory::{Available, need_of_training, refusal_of_training};
 use crate::progress::Verbosity;
-use crate::{atomic, config, device, scene};
+use crate::{atomic, device, scene};
 
 /// Photos in the image of the points.
 const PHOTOS: usize = 9;
@@ -48,6 +49,17 @@ struct Report<'a> {
     picture: Option<&'a Path>,
 }
 
+/// What was found of a scene.
+struct Findings {
+    folder: PathBuf,
+    inspection: Inspection,
+    /// Memory that training needs; `None` if the scene could not be read.
+    memory: Result<Option<MemoryNeed>, ModelError>,
+    time: Option<Predicted>,
+    /// The image of the points, if it was to be drawn.
+    drawn: Option<anyhow::Result<Drawn>>,
+}
+
 /// Inspects a scene and reports its contents, its problems and their remedies.
 ///
 /// # Errors
@@ -56,70 +68,78 @@ pub fn check(args: &CheckArgs, verbosity: Verbosity, out: &mut dyn Write) -> any
     let resolved = config::resolve(&args.sources, Some(&args.folder))?;
     device::check(&args.compute.device)?;
     refuse_to_replace(args.picture.as_deref())?;
-    let folder = std::path::absolute(&args.folder)?;
-    let pictures = if args.quick { Pictures::Sampled } else { Pictures::Decoded };
-    if pictures == Pictures::Decoded {
-        verbosity.note("decoding every image (--quick decodes only a few)");
-    }
-    let (mut inspection, mut scene) = inspect(&folder, &scene::read_options(&resolved.config), pictures);
-    if let (Some(scene), Some(masks)) = (&mut scene, &resolved.config.eval.dynamic_masks) {
-        inspection.attach_masks(scene, masks);
-    }
-    let memory = scene.as_ref().map(|scene| need_of_training(&resolved.config, scene)).transpose();
-    let time = match (&scene, &memory) {
-        (Some(scene), Ok(Some(memory))) if inspection.can_train() && !args.no_time => {
-            predicted(&resolved.config, scene, memory, &args.compute.device, verbosity)
-        }
-        _ => None,
-    };
-    let is_excused = |error: &anyhow::Error| args.picture.is_none() && error.is::<NotWritten>();
-    let wanted = scene.as_ref().filter(|_| inspection.can_train() && !args.no_picture);
-    let drawn = wanted.map(|scene| draw(scene, args.picture.clone().unwrap_or_else(|| default_picture(&folder))));
-    match &drawn {
-        Some(Ok(drawn)) => verbosity.wrote("picture", &drawn.path),
-        // Nobody asked for it, and the scene may be sound.
-        Some(Err(error)) if is_excused(error) => verbosity.note(&format!("note:   {error:#}")),
-        _ => {}
-    }
+    let findings = Findings::of(args, &resolved.config, verbosity)?;
     if args.json {
-        let can_train = inspection.can_train() && memory.is_ok();
-        let picture = drawn.as_ref().and_then(|drawn| Some(drawn.as_ref().ok()?.path.as_path()));
-        let report = Report {
-            folder: &folder,
-            inspection: &inspection,
-            can_train,
-            memory: memory.as_ref().ok().copied().flatten(),
-            time: time.as_ref(),
-            picture,
-        };
-        serde_json::to_writer_pretty(&mut *out, &report)?;
+        serde_json::to_writer_pretty(&mut *out, &findings.report())?;
         writeln!(out)?;
     } else {
-        tell(&inspection, &folder, out)?;
-        if let Ok(Some(memory)) = &memory {
+        findings.tell(&resolved, out)?;
+    }
+    findings.verdict()
+}
+
+impl Findings {
+    fn of(args: &CheckArgs, config: &Config, verbosity: Verbosity) -> anyhow::Result<Self> {
+        let folder = std::path::absolute(&args.folder)?;
+        let pictures = if args.quick { Pictures::Sampled } else { Pictures::Decoded };
+        if pictures == Pictures::Decoded {
+            verbosity.note("decoding every image (--quick decodes only a few)");
+        }
+        let (mut inspection, mut scene) = inspect(&folder, &scene::read_options(config), pictures);
+        if let (Some(scene), Some(masks)) = (&mut scene, &config.eval.dynamic_masks) {
+            inspection.attach_masks(scene, masks);
+        }
+        let memory = scene.as_ref().map(|scene| need_of_training(config, scene)).transpose();
+        let scene = scene.as_ref().filter(|_| inspection.can_train());
+        let time = match (scene, &memory) {
+            (Some(scene), Ok(Some(memory))) if !args.no_time => {
+                predicted(config, scene, memory, &args.compute.device, verbosity)
+            }
+            _ => None,
+        };
+        let scene = scene.filter(|_| !args.no_picture);
+        let drawn = scene.and_then(|scene| drawn(scene, args.picture.as_deref(), &folder, verbosity));
+        Ok(Self { folder, inspection, memory, time, drawn })
+    }
+
+    fn report(&self) -> Report<'_> {
+        Report {
+            folder: &self.folder,
+            inspection: &self.inspection,
+            can_train: self.inspection.can_train() && self.memory.is_ok(),
+            memory: self.memory.as_ref().ok().copied().flatten(),
+            time: self.time.as_ref(),
+            picture: self.drawn.as_ref().and_then(|drawn| Some(drawn.as_ref().ok()?.path.as_path())),
+        }
+    }
+
+    fn tell(&self, resolved: &Resolved, out: &mut dyn Write) -> std::io::Result<()> {
+        tell(&self.inspection, &self.folder, out)?;
+        if let Ok(Some(memory)) = &self.memory {
             line(out, "memory", &memory_sentence(memory))?;
             tell_shortage(memory, &resolved.config, out)?;
-            if let Some(time) = &time {
+            if let Some(time) = &self.time {
                 line(out, "time", &time.sentence(&format!("{:LABEL$}", "")))?;
             }
             line(out, "preset", resolved.preset.name)?;
         }
-        if let Some(Ok(drawn)) = &drawn {
+        if let Some(Ok(drawn)) = &self.drawn {
             line(out, "look at", &drawn.sentence())?;
         }
-        inspection.problems.iter().try_for_each(|problem| tell_problem(problem, out))?;
+        self.inspection.problems.iter().try_for_each(|problem| tell_problem(problem, out))
     }
-    // The report comes first, even if the image or the initial Gaussians fail.
-    if !matches!(&drawn, Some(Err(error)) if is_excused(error)) {
-        drawn.transpose()?;
+
+    /// The error that follows the report, even if the image or the initial Gaussians failed.
+    fn verdict(self) -> anyhow::Result<()> {
+        self.drawn.transpose()?;
+        self.memory?;
+        let errors = self.inspection.problems.iter().filter(|problem| problem.severity == Severity::Error).count();
+        if errors > 0 {
+            let noun = if errors == 1 { "error" } else { "errors" };
+            bail!("training cannot start on {}: see the {errors} {noun} above", self.folder.display());
+        }
+        Ok(())
     }
-    memory?;
-    let errors = inspection.problems.iter().filter(|problem| problem.severity == Severity::Error).count();
-    if errors > 0 {
-        let noun = if errors == 1 { "error" } else { "errors" };
-        bail!("training cannot start on {}: see the {errors} {noun} above", folder.display());
-    }
-    Ok(())
 }
 
 /// The predicted time of a training. A failure is a note: what else was found must be reported.
@@ -220,6 +240,20 @@ impl fmt::Display for NotWritten {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("the image of the points is not written; choose a file with --picture, or use --no-picture")
     }
+}
+
+/// The image of the points. If nobody asked for it, one that cannot be written is a note: the scene may be sound.
+fn drawn(scene: &Scene, asked: Option<&Path>, folder: &Path, verbosity: Verbosity) -> Option<anyhow::Result<Drawn>> {
+    let drawn = draw(scene, asked.map_or_else(|| default_picture(folder), Path::to_owned));
+    match &drawn {
+        Ok(drawn) => verbosity.wrote("picture", &drawn.path),
+        Err(error) if asked.is_none() && error.is::<NotWritten>() => {
+            verbosity.note(&format!("note:   {error:#}"));
+            return None;
+        }
+        Err(_) => {}
+    }
+    Some(drawn)
 }
 
 fn draw(scene: &Scene, path: PathBuf) -> anyhow::Result<Drawn> {

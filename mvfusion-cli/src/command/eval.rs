@@ -69,6 +69,7 @@ pub fn eval(args: &EvalArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyho
         cost: training_cost(&args.run, before.as_ref())?,
         device: &device,
         run: &args.run,
+        go_on: &|| Ok(()),
     };
     if !args.replace.is_empty() {
         refuse_others(&changes)?;

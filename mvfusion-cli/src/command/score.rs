@@ -68,6 +68,8 @@ pub(super) struct Scoring<'a> {
     pub device: &'a OpenDevice,
     /// The run folder.
     pub run: &'a Path,
+    /// Is asked after each view; an error ends the evaluation.
+    pub go_on: &'a dyn Fn() -> anyhow::Result<()>,
 }
 
 /// Metrics of a model.
@@ -210,7 +212,7 @@ impl Scoring<'_> {
             }
             progress.say(view.name.clone());
             progress.advance();
-            anyhow::Ok(())
+            (self.go_on)()
         };
         let evaluation = evaluate(model, self.scene, split, level, context, self.evaluator, sink)?;
         progress.finish();

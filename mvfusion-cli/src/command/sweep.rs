@@ -110,7 +110,7 @@ impl<'a> Session<'a> {
             lpips_weights: lpips_weights(args.lpips_weights.as_deref(), verbosity)?,
             set: args.set.clone(),
         };
-        let plan = Plan::new(&source, &additions)?;
+        let mut plan = Plan::new(&source, &additions)?;
         // A missing device is reported here, once, and not by every cell. The nodes of a cluster have other devices.
         match args.launcher {
             Launcher::Local => device::check(&args.device)?,
@@ -118,6 +118,7 @@ impl<'a> Session<'a> {
         }
         let out = args.out.clone().unwrap_or_else(|| PathBuf::from(SWEEPS).join(&source.name));
         let folder = SweepFolder::new(&out)?;
+        plan.index.amendments = folder.amendments(&plan.index);
         let session = Self { args, source, plan, folder, verbosity };
         session.check_options()?;
         session.check_choice()?;
@@ -142,6 +143,9 @@ impl<'a> Session<'a> {
         }
         self.folder.prepare(&self.source.text, &self.plan)?;
         self.verbosity.wrote("sweep", self.folder.path());
+        if let Some(sentence) = sweep::amendment_note(&index.amendments) {
+            self.verbosity.note(&format!("note:   {}", sentence.trim_end_matches('.')));
+        }
         let count = index.cells.len();
         self.verbosity.note(&format!(
             "sweep:  {count} cells, {} to do, in {}",

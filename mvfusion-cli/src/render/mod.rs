@@ -3,6 +3,7 @@
 mod choices;
 mod exr;
 mod gif;
+mod mark;
 mod mp4;
 mod outputs;
 mod views;

@@ -11,13 +11,12 @@ use mvfusion_model::evaluation::{Layer, LayerRenderer, RenderedLayer};
 use super::FileFormat;
 use super::exr::{self, LayerPixels};
 use super::gif::GifWriter;
+use super::mark::Mark;
 use super::mp4::Mp4Writer;
 use crate::{atomic, run};
 
 /// Folder of the float images.
 const EXR: &str = "exr";
-/// The names of the folders and animations that were rendered here, so that nothing else is replaced.
-const MARK: &str = "films.json";
 
 /// Files that can be written. Nothing has been written yet.
 #[derive(Clone, Debug)]
@@ -48,7 +47,7 @@ impl OutputsPlan {
     /// # Errors
     /// If files of the same names exist, or `films.json` is of another program.
     pub fn check_free(&self) -> anyhow::Result<()> {
-        self.marked()?;
+        Mark::read(&self.folder)?;
         match self.existing()?.first() {
             Some(file) => bail!(
                 "{} already exists. Use --force to replace earlier renders, or choose another folder with --out.",
@@ -63,46 +62,16 @@ impl OutputsPlan {
     /// # Errors
     /// If there is another file of such a name, or `films.json` is of another program.
     pub fn check_own(&self) -> anyhow::Result<()> {
-        let own = self.marked()?;
-        let foreign = |path: &PathBuf| self.name_of(path).is_none_or(|name| !own.contains(&name));
-        match self.existing()?.into_iter().find(foreign) {
+        let mark = Mark::read(&self.folder)?;
+        match self.existing()?.into_iter().find(|path| !mark.has(path)) {
             Some(file) => bail!(
                 "{} was not written by `mvfusion render`, or by a former version of it: {} does not name it. Choose \
                  another folder with --out, or move it away.",
                 file.display(),
-                self.folder.join(MARK).display()
+                mark.path().display()
             ),
             None => Ok(()),
         }
-    }
-
-    /// The names that `films.json` has.
-    fn marked(&self) -> anyhow::Result<BTreeSet<String>> {
-        let path = self.folder.join(MARK);
-        if !path.exists() {
-            return Ok(BTreeSet::new());
-        }
-        run::read_json(&path).with_context(|| {
-            format!(
-                "{} is no list of renders as `mvfusion render` writes it. Choose another folder with --out, or move it \
-                 away",
-                path.display()
-            )
-        })
-    }
-
-    /// The name in the rendering's folder to which a path belongs.
-    fn name_of(&self, path: &Path) -> Option<String> {
-        let name = path.strip_prefix(&self.folder).ok()?.components().next()?;
-        Some(name.as_os_str().to_string_lossy().into_owned())
-    }
-
-    /// Adds the names of this rendering to `films.json`.
-    fn mark(&self) -> anyhow::Result<()> {
-        let animations = [FileFormat::Gif, FileFormat::Mp4].into_iter().flat_map(|format| self.files(format));
-        let mut names = self.marked()?;
-        names.extend(self.folders().into_iter().chain(animations).filter_map(|path| self.name_of(&path)));
-        atomic::write_json(&self.folder.join(MARK), &names)
     }
 
     /// Creates the folders, removes the half-written files of a killed process of this program, and starts the
@@ -119,7 +88,7 @@ impl OutputsPlan {
                 .and_then(|()| run::remove_files(&folder, atomic::is_unfinished))
                 .with_context(|| format!("cannot write to the folder {}", folder.display()))?;
         }
-        self.mark()?;
+        Mark::read(&self.folder)?.add(self.folders().into_iter().chain(self.animations()))?;
         let gifs = self.files(FileFormat::Gif).into_iter().map(|path| GifWriter::create(&path, size, fps));
         let gifs = gifs.collect::<anyhow::Result<_>>()?;
         let videos = self.files(FileFormat::Mp4).into_iter().map(|path| Mp4Writer::create(&path, size, fps));
@@ -166,10 +135,14 @@ impl OutputsPlan {
         layers.filter_map(name).map(|name| self.folder.join(name)).collect()
     }
 
+    /// The animations of all formats.
+    fn animations(&self) -> impl Iterator<Item = PathBuf> {
+        [FileFormat::Gif, FileFormat::Mp4].into_iter().flat_map(|format| self.files(format))
+    }
+
     /// Files of an earlier rendering. Files with other names do not belong to it.
     fn existing(&self) -> anyhow::Result<Vec<PathBuf>> {
-        let animations = [FileFormat::Gif, FileFormat::Mp4].into_iter().flat_map(|format| self.files(format));
-        Ok(self.numbered()?.into_iter().chain(animations.filter(|path| path.exists())).collect())
+        Ok(self.numbered()?.into_iter().chain(self.animations().filter(|path| path.exists())).collect())
     }
 
     /// The numbered images among them.
@@ -256,6 +229,7 @@ fn is_numbered(path: &Path) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use super::super::mark::MARK;
     use super::*;
 
     /// What stands in the files of an earlier rendering.

@@ -11,6 +11,7 @@ use mvfusion_model::evaluation::Scores;
 use mvfusion_model::files::{is_unfinished, sha256};
 use serde::{Deserialize, Serialize};
 
+use super::amendments::{Amendment, amendments};
 use super::index::{Cell, INDEX, Index, Wanted, grid_hash, of_another_version};
 use super::plan::Plan;
 use super::table::{CellMetrics, Origin, Outcome};
@@ -148,6 +149,12 @@ impl SweepFolder {
     pub fn has_other_cells(&self, index: &Index) -> bool {
         let is_new = |old: &Cell| index.cells.iter().all(|cell| cell.id != old.id);
         Index::read(&self.path).is_ok_and(|old| !old.cells.is_empty() && old.cells.iter().all(is_new))
+    }
+
+    /// What was changed of what decides since cells of this sweep had finished, if `index` takes its place.
+    pub fn amendments(&self, index: &Index) -> Vec<Amendment> {
+        let Ok(old) = Index::read(&self.path) else { return Vec::new() };
+        amendments(&old, index, |id| self.is_finished(id, &old.wanted))
     }
 
     /// Writes the grid, the files that each cell needs to run on its own, and the index.

@@ -9,6 +9,7 @@ use mvfusion_model::evaluation::Backbone;
 use mvfusion_model::files::sha256;
 use serde::{Deserialize, Serialize};
 
+use super::amendments::Amendment;
 use super::grid::{ColumnGroup, Difference, Expected, PaperRow, Rule};
 use super::metric::lpips_network;
 use crate::{atomic, lpips, run};
@@ -41,6 +42,9 @@ pub struct Index {
     /// SHA-256 of the grid's text, by which a change of the copy in the folder is known; absent in earlier versions.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub grid_sha256: Option<String>,
+    /// What was changed of what decides, after cells had finished.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub amendments: Vec<Amendment>,
     /// What is measured beside the metrics that a training leaves.
     pub wanted: Wanted,
     /// How long a cell takes, as the grid says.

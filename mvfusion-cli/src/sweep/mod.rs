@@ -8,6 +8,7 @@
 //! Nothing is kept in memory between the steps: the folder says what is to do, so that a sweep can be interrupted,
 //! looked at, and gone on with by any process that sees the folder.
 
+mod amendments;
 mod cell;
 mod check;
 mod estimate;
@@ -23,6 +24,7 @@ mod shipped;
 mod slurm;
 pub mod table;
 
+pub use amendments::{Amendment, sentence as amendment_note};
 pub use cell::run_cell;
 pub use estimate::Estimate;
 pub use folder::{State, SweepFolder};

@@ -120,6 +120,7 @@ impl Plan {
             differences: grid.differences.clone(),
             rule: grid.rule.clone(),
             paper: grid.paper.clone(),
+            amendments: Vec::new(),
             expected: grid.expected.clone(),
             cells,
         };

@@ -159,6 +159,26 @@ fn a_run_that_was_terminated_and_killed_ends_as_if_nothing_had_been() {
 }
 
 #[test]
+fn a_run_that_was_terminated_while_it_was_evaluated_says_how_to_go_on() {
+    let folder = tempfile::tempdir().expect("folder");
+    let run = folder.path().join("run");
+    // Hundreds of views, so that the signal arrives among them.
+    let child = started(folder.path(), &["--out", "run", "--set", "eval.training_views=true"]);
+    let exported = run.join("point_cloud/iteration_24/dynamic.ply");
+    wait_until("the last step", || exported.is_file());
+    signal(&child, "-TERM");
+    let output = child.wait_with_output().expect("it ends");
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(143), "{said}");
+    assert!(said.contains("after step 24 of 24, and saved. Continue with: mvfusion train --resume run"), "{said}");
+    assert!(!run.join("results.json").exists());
+
+    let rest = mvfusion(folder.path(), &["train", "--resume", "run", "--set", "eval.training_views=false"]);
+    assert!(rest.status.success(), "{}", text(&rest.stderr));
+    outcome(&run);
+}
+
+#[test]
 fn a_closed_stderr_does_not_end_a_training() {
     let folder = tempfile::tempdir().expect("folder");
     let mut child = program()

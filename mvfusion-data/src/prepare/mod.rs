@@ -98,7 +98,7 @@ pub fn prepare(
     Ok(Prepared { footage, placed })
 }
 
-/// Refuses options that mean nothing for this footage.
+/// Refuses options that cannot be used with this footage.
 fn check_options(footage: &Input, options: &PrepareOptions) -> Result<(), PrepareError> {
     let refused = |option, reason: &str| Err(PrepareError::Option { option, reason: reason.into() });
     let is_rig = matches!(footage, Input::Rig(_));
@@ -114,6 +114,9 @@ fn check_options(footage: &Input, options: &PrepareOptions) -> Result<(), Prepar
     }
     if let Some((name, _)) = options.offsets.iter().find(|(_, seconds)| !seconds.is_finite()) {
         return refused("--offset", &format!("that of {name} is no number"));
+    }
+    if let Some(masks) = options.masks.as_ref().filter(|masks| !masks.is_dir()) {
+        return refused("--masks", &format!("{} is no folder", masks.display()));
     }
     Ok(())
 }

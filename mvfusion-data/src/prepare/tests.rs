@@ -214,12 +214,13 @@ fn without_colmap_nothing_is_written() {
 }
 
 #[test]
-fn options_of_other_footage_are_refused() {
+fn options_that_do_not_fit_the_footage_are_refused() {
     let footage = Footage::new("");
     for (options, part) in [
         (PrepareOptions { fps: Some(2.0), ..Default::default() }, "--fps"),
         (PrepareOptions { sync: super::Sync::Sound, ..Default::default() }, "--sync"),
         (PrepareOptions { offsets: [("a".into(), 1.0)].into(), ..Default::default() }, "--offset"),
+        (PrepareOptions { masks: Some(footage.path("absent")), ..Default::default() }, "absent is no folder"),
     ] {
         let error = footage.prepare(options, &mut Vec::new()).expect_err("refused");
         assert!(error.is_usage() && error.to_string().contains(part), "{error}");

@@ -41,6 +41,7 @@ impl Session {
             cost: Some(cost),
             device: &self.device,
             run: self.folder.path(),
+            go_on: &|| self.go_on(),
         };
         let scored = scoring.score(Some(&pictures), self.verbosity)?;
         scored.write(self.folder.path())?;
@@ -53,6 +54,11 @@ impl Session {
         }
         // As late as possible: a run that is killed after this and continued would write them again.
         self.add_scores(cost.steps, &scored.results, &pictures)
+    }
+
+    /// Ends the evaluation after a signal. It can be done again from the final checkpoint.
+    fn go_on(&self) -> anyhow::Result<()> {
+        self.signals.exit_code().map_or(Ok(()), |code| Err(self.interrupted(code).into()))
     }
 
     /// Writes the metrics and the strips into the event file, if there is one.

@@ -115,8 +115,6 @@ impl Session {
         if let Some(code) = self.signals.exit_code() {
             return Err(self.interrupted(code).into());
         }
-        // Nothing is lost by ending now: what follows can be done again from the final checkpoint.
-        self.signals.end_at_once();
         let mut words = Vec::new();
         self.device.guarded(|| {
             self.write_gaussians(cost.steps)?;
@@ -198,7 +196,7 @@ impl Session {
     }
 
     /// The error of a run that was interrupted and saved.
-    fn interrupted(&self, code: u8) -> Interrupted {
+    pub(super) fn interrupted(&self, code: u8) -> Interrupted {
         let total = self.trainer.config().train.stages.total();
         Interrupted { code, done: self.trainer.state().completed, total, run: self.folder.path().to_owned() }
     }

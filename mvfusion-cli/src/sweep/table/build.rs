@@ -45,6 +45,7 @@ impl Table {
             wanted: index.wanted.clone(),
             regions,
             mixtures: origins::mixtures(&cells),
+            amendments: index.amendments.clone(),
             cells: counts(&cells),
         }
     }

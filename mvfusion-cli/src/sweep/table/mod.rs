@@ -17,7 +17,7 @@ mod plots;
 mod regions;
 mod scale;
 #[cfg(test)]
-mod specimen;
+pub(super) mod specimen;
 mod verdict;
 mod write;
 
@@ -31,6 +31,7 @@ pub use plots::{Plot, Point, Series};
 pub use verdict::{Effect, Interval, SceneVerdict, Verdict};
 pub use write::write;
 
+use super::amendments::Amendment;
 use super::grid::Rule;
 use super::index::{Cell, Wanted};
 use super::metric::TableMetric;
@@ -91,6 +92,8 @@ pub struct Table {
     pub regions: BTreeMap<RegionSource, Vec<String>>,
     /// In what the finished cells differ beside their configuration.
     pub mixtures: Vec<Mixture>,
+    /// What was changed of what decides, after cells had finished.
+    pub amendments: Vec<Amendment>,
     /// How the cells ended.
     pub cells: CellCounts,
 }

@@ -4,6 +4,7 @@ use mvfusion_model::evaluation::Backbone;
 
 use super::entry::DAGGER;
 use super::{Entry, Method, State, Table};
+use crate::sweep::amendments;
 use crate::sweep::metric::lpips_network;
 
 impl Table {
@@ -18,6 +19,7 @@ impl Table {
             self.region_note(),
             self.lpips_note(),
             self.origin_note(),
+            amendments::sentence(&self.amendments),
             self.cells_note(),
         ];
         notes.into_iter().flatten().collect()

@@ -7,7 +7,7 @@ use crate::sweep::grid::ColumnGroup;
 use crate::sweep::index::{Cell, Index, Wanted};
 
 /// An index without cells.
-pub(super) fn index(axes: &[&str], columns: Vec<ColumnGroup>, paper: &str) -> Index {
+pub(in crate::sweep) fn index(axes: &[&str], columns: Vec<ColumnGroup>, paper: &str) -> Index {
     #[derive(serde::Deserialize)]
     struct Paper {
         #[serde(default)]
@@ -24,6 +24,7 @@ pub(super) fn index(axes: &[&str], columns: Vec<ColumnGroup>, paper: &str) -> In
         rule: None,
         paper,
         grid_sha256: None,
+        amendments: Vec::new(),
         wanted: Wanted::default(),
         expected: None,
         cells: Vec::new(),
@@ -37,7 +38,7 @@ pub(super) fn group(title: &str, scenes: &[&str], metrics: &[&str]) -> ColumnGro
 }
 
 /// A cell.
-pub(super) fn cell(scene: &str, variant: &str, values: &[&str], seed: u64) -> Cell {
+pub(in crate::sweep) fn cell(scene: &str, variant: &str, values: &[&str], seed: u64) -> Cell {
     Cell {
         id: format!("{scene}-{variant}-{values:?}-{seed}"),
         scene: scene.to_owned(),
