@@ -1,11 +1,12 @@
-//! The native part of the Python package `mvfusion`. It hands over numbers as bytes and facts as JSON; what users see is
-//! written in Python, in `python/mvfusion/`.
+//! The native part of the Python package `mvfusion`. It hands over numbers as bytes, facts as JSON and configurations
+//! as dicts; what users see is written in Python, in `python/mvfusion/`.
 
 mod arrays;
 mod compute;
 mod error;
 mod run;
 mod train;
+mod values;
 
 use std::sync::Once;
 

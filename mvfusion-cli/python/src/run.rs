@@ -14,7 +14,7 @@ use mvfusion_cli::progress::Verbosity;
 use mvfusion_cli::render::{LayerChoice, chosen_layers, parse_layer};
 use mvfusion_cli::run::{self, MasksRequest, OpenRun, RunRequest};
 use mvfusion_data::camera_path::check_camera as check;
-use mvfusion_data::{Camera, NamedArray, View};
+use mvfusion_data::{Camera, GaussianCloud, NamedArray, View};
 use mvfusion_model::evaluation::{Layer, LayerRenderer, MotionLayers, RenderedLayer};
 use pyo3::prelude::*;
 use serde_json::{Value, json};
@@ -22,6 +22,7 @@ use serde_json::{Value, json};
 use crate::arrays::{Packed, packed, packed_array};
 use crate::compute::compute;
 use crate::error::raised;
+use crate::values::to_python;
 
 /// Width, height; fx, fy, cx, cy; rotation from world to camera, row by row; translation.
 type CameraNumbers = ((usize, usize), [f64; 4], [f64; 9], [f64; 3]);
@@ -67,14 +68,14 @@ impl NativeRun {
         .to_string()
     }
 
-    /// The run's configuration, as JSON.
-    fn config(&self) -> PyResult<String> {
-        let config = || {
-            let config = config::to_toml(&config::read(&self.path.join(run::CONFIG))?)?;
-            let table: toml::Table = config.parse()?;
-            anyhow::Ok(serde_json::to_string(&table)?)
+    /// The run's configuration, as nested dicts.
+    fn config<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let table = || {
+            let text = config::to_toml(&config::read(&self.path.join(run::CONFIG))?)?;
+            anyhow::Ok(text.parse::<toml::Table>()?)
         };
-        config().map_err(|error| raised(&error))
+        let table = table().map_err(|error| raised(&error))?;
+        to_python(py, &table.into())
     }
 
     /// The text of `results.json`; `None` without the file.
@@ -128,23 +129,7 @@ impl NativeRun {
     ) -> PyResult<Vec<Packed<'py>>> {
         let arrays = compute(py, || {
             check_time(time)?;
-            let exporter = Exporter::of(&self.run, without_mfta, Verbosity::SILENT);
-            let moment = time.map_or(Moment::Canonical, Moment::At);
-            let cloud = match (branch, time) {
-                ("dynamic", _) => exporter.dynamic(moment)?,
-                ("static", _) => exporter.static_()?.ok_or_else(|| {
-                    UsageError::new("the model has no static branch: its only branch is \"dynamic\".")
-                })?,
-                ("scene", Some(_)) => exporter.scene(moment)?,
-                ("scene", None) => {
-                    return Err(UsageError::new("the whole scene is shown at a time: give time, from 0 to 1.").into());
-                }
-                _ => {
-                    let names = "\"dynamic\", \"static\" and \"scene\"";
-                    return Err(UsageError::new(format!("unknown branch `{branch}`: the branches are {names}.")).into());
-                }
-            };
-            Ok(cloud.to_arrays())
+            Ok(self.run.device.guarded(|| self.cloud(time, branch, without_mfta))?.to_arrays())
         })?;
         Ok(arrays.into_iter().map(|array| packed_array(py, array)).collect())
     }
@@ -164,6 +149,25 @@ impl NativeRun {
 }
 
 impl NativeRun {
+    fn cloud(&self, time: Option<f64>, branch: &str, without_mfta: bool) -> anyhow::Result<GaussianCloud> {
+        let exporter = Exporter::of(&self.run, without_mfta, Verbosity::SILENT);
+        let moment = time.map_or(Moment::Canonical, Moment::At);
+        match (branch, time) {
+            ("dynamic", _) => Ok(exporter.dynamic(moment)?),
+            ("static", _) => exporter.static_()?.ok_or_else(|| {
+                UsageError::new("the model has no static branch: its only branch is \"dynamic\".").into()
+            }),
+            ("scene", Some(_)) => Ok(exporter.scene(moment)?),
+            ("scene", None) => {
+                Err(UsageError::new("the whole scene is shown at a time: give time, from 0 to 1.").into())
+            }
+            _ => {
+                let names = "\"dynamic\", \"static\" and \"scene\"";
+                Err(UsageError::new(format!("unknown branch `{branch}`: the branches are {names}.")).into())
+            }
+        }
+    }
+
     fn rendered(
         &self,
         camera: &Camera,

@@ -9,14 +9,15 @@ use std::time::Duration;
 
 use mvfusion_cli::args::{ConfigSourceArgs, TrainArgs};
 use mvfusion_cli::command::{self, Observer};
-use mvfusion_cli::failure::UsageError;
 use mvfusion_cli::interrupt::{Interrupted, Signals};
 use mvfusion_cli::progress::Verbosity;
 use mvfusion_cli::run::MetricsLine;
 use mvfusion_cli::threads;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
 use crate::error::raised;
+use crate::values::table;
 
 /// How often Python is asked for signals, such as Ctrl-C.
 const PAUSE: Duration = Duration::from_millis(50);
@@ -25,8 +26,8 @@ const PAUSE: Duration = Duration::from_millis(50);
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct Order {
-    /// A table of keys, as JSON.
-    config: Option<String>,
+    /// Nested dicts of keys.
+    config: Option<Py<PyDict>>,
     config_file: Option<PathBuf>,
     preset: Option<String>,
     data: Option<PathBuf>,
@@ -42,11 +43,8 @@ pub struct Order {
 }
 
 impl Order {
-    fn args(self) -> anyhow::Result<TrainArgs> {
-        let table = self.config.map(|json| serde_json::from_str::<toml::Table>(&json));
-        let refused =
-            |error| UsageError::new(format!("the configuration cannot be read: {error}; numbers are finite."));
-        let table = table.transpose().map_err(refused)?;
+    fn args(self, py: Python<'_>) -> PyResult<TrainArgs> {
+        let table = self.config.map(|dict| table(dict.bind(py))).transpose()?;
         let mut args = TrainArgs {
             data: self.data,
             sources: ConfigSourceArgs {
@@ -73,7 +71,7 @@ impl Order {
 #[pyfunction]
 pub fn train(py: Python<'_>, order: Order, callback: Option<Bound<'_, PyAny>>) -> PyResult<PathBuf> {
     let verbosity = if order.verbose { Verbosity::NORMAL } else { Verbosity::SILENT };
-    let args = order.args().map_err(|error| raised(&error))?;
+    let args = order.args(py)?;
     let signals = Signals::default();
     let (line, lines) = mpsc::channel::<MetricsLine>();
     let (verdict, verdicts) = mpsc::channel::<ControlFlow<()>>();

@@ -54,6 +54,7 @@ pub fn view_until(
         run: &args.run,
         is_training: false,
         has_mfta: model.without_mfta(level).is_some(),
+        has_static: model.static_.is_some(),
         background: context.behind.grey,
     };
     let lines = socket.lines(false);

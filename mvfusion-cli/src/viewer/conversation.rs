@@ -25,7 +25,7 @@ pub(super) const TOO_MANY: &str = "Too many pages are open. Close one of them.";
 const PING: Duration = Duration::from_secs(20);
 /// Shortest time between two states.
 const STATUS_INTERVAL: Duration = Duration::from_millis(100);
-/// So many malformed messages of a page are answered. The others are dropped.
+/// So many malformed messages of a page are answered. With the next one, the conversation ends; a page begins another.
 const MOST_ERRORS: usize = 20;
 
 /// What the page is sent as text.
@@ -92,8 +92,9 @@ pub async fn run(mut socket: WebSocket, state: Arc<ServerState>, mut client: Cli
             _ = ping.tick() => Some(Packet::Ping(Bytes::new())),
         };
         let Some(packet) = packet else { continue };
+        let is_last = matches!(packet, Packet::Close(_));
         // While a page takes nothing, nothing is read either, so nothing piles up.
-        if !matches!(timeout(TIMEOUT, socket.send(packet)).await, Ok(Ok(()))) {
+        if !matches!(timeout(TIMEOUT, socket.send(packet)).await, Ok(Ok(()))) || is_last {
             break;
         }
     }
@@ -126,7 +127,8 @@ impl Conversation {
     fn refuse(&mut self, reason: &str) -> Option<Packet> {
         self.errors_sent += 1;
         if self.errors_sent > MOST_ERRORS {
-            return None;
+            let reason = "too many messages could not be read";
+            return Some(Packet::Close(Some(CloseFrame { code: close_code::POLICY, reason: reason.into() })));
         }
         packet(&ServerMessage::Refused { id: None, reason })
     }

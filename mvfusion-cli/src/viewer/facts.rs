@@ -29,6 +29,8 @@ pub struct RunFacts<'a> {
     pub is_training: bool,
     /// Whether its model has temporal attention.
     pub has_mfta: bool,
+    /// Whether its model has a static branch.
+    pub has_static: bool,
     /// Grey level behind everything.
     pub background: f64,
 }
@@ -41,7 +43,7 @@ struct Facts<'a> {
     mfta: bool,
     background: f64,
     most_pixels: usize,
-    /// Whether held-out photos show the static scene alone, because their times were not trained.
+    /// Whether held-out photos are compared with the static branch alone, because their times were not trained.
     clean_test: bool,
     up: DVec3,
     target: DVec3,
@@ -101,7 +103,7 @@ pub fn facts(scene: &Scene, run: &RunFacts<'_>) -> anyhow::Result<Bytes> {
         mfta: run.has_mfta,
         background: run.background,
         most_pixels: MOST_PIXELS,
-        clean_test: scene.capture == Capture::Photos,
+        clean_test: scene.capture == Capture::Photos && run.has_static,
         up: vantage.up,
         target: vantage.target,
         extent: scene.extent(),
@@ -164,7 +166,7 @@ pub(super) mod tests {
 
     /// The facts of a run on the scene.
     pub fn run_facts() -> RunFacts<'static> {
-        RunFacts { run: Path::new("runs/test"), is_training: true, has_mfta: true, background: 0.0 }
+        RunFacts { run: Path::new("runs/test"), is_training: true, has_mfta: true, has_static: true, background: 0.0 }
     }
 
     #[test]

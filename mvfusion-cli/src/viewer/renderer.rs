@@ -240,10 +240,12 @@ impl FrameRenderer {
         }
     }
 
-    /// Whether the photo of a view shows this time. Held-out photos of a photo collection show the static scene alone.
+    /// Whether the photo of a view shows this time. Held-out photos of a photo collection show the static scene alone, as
+    /// does a model with a static branch.
     fn is_time_of(&self, id: ViewId, time: Option<f64>) -> bool {
+        let has_static = self.shown.as_ref().is_some_and(|shown| shown.model.static_.is_some());
         let photo = match (self.scene.capture, id.set) {
-            (Capture::Photos, ViewSet::Test) => None,
+            (Capture::Photos, ViewSet::Test) if has_static => None,
             _ => Some(self.view(id).time),
         };
         match (photo, time) {

@@ -95,8 +95,7 @@ class Run:
         ``train(run.config)`` repeats the run, unless it began with the weights of another one: run.json then has
         ``init_from``, and `train` needs it too.
         """
-        config: dict[str, Any] = json.loads(self._native.config())
-        return config
+        return self._native.config()
 
     @cached_property
     def views(self) -> list[View]:

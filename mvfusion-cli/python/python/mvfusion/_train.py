@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import operator
 import os
 from collections.abc import Callable, Mapping
@@ -102,7 +101,7 @@ def train(
         if given:
             raise _mvfusion.UsageError(f"a run that is resumed keeps its own folder and settings: leave out {given[0]}.")
     order = {
-        "config": None if table is None else json.dumps(table, default=_plain),
+        "config": table,
         "config_file": config_file,
         "preset": preset,
         "data": data,
@@ -152,7 +151,7 @@ def _nested(config: Mapping[str, Any]) -> dict[str, Any]:
         if isinstance(value, Mapping):
             _overlay(place, name, _nested(value))
         else:
-            place[name] = value
+            place[name] = _plain(value)
     return nested
 
 
@@ -168,9 +167,11 @@ def _overlay(place: dict[str, Any], name: str, table: dict[str, Any]) -> None:
 
 
 def _plain(value: object) -> object:
-    """What JSON does not know: paths, and NumPy's numbers and arrays."""
+    """Python's own value for a path, and for NumPy's numbers and arrays."""
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     if isinstance(value, (np.generic, np.ndarray)):
         return value.tolist()
-    raise _mvfusion.UsageError(f"the configuration holds a {type(value).__name__}, which is no value of a key.")
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    return value

@@ -59,12 +59,10 @@ struct CameraDescription {
 }
 
 impl CameraDescription {
-    fn new(view: &View, capture: Capture) -> Self {
+    fn new(view: &View, name: &str, capture: Capture) -> Self {
         let camera = &view.camera;
         let rows = [0, 1, 2].map(|row| camera.rotation.row(row).to_array());
         let is_photo = capture == Capture::Photos;
-        let name =
-            if is_photo { &view.name } else { view.name.rsplit_once('/').map_or(&*view.name, |(camera, _)| camera) };
         Self {
             name: name.to_owned(),
             width: camera.width,
@@ -80,11 +78,23 @@ impl CameraDescription {
     }
 }
 
+/// The names of cameras by views of them. In a video, the name is the folder of the frame's, `cam00` of `cam00/0003`, if no
+/// other of these views has the same.
+fn camera_names<'a>(views: &[&'a View], capture: Capture) -> Vec<&'a str> {
+    let folder = |view: &'a View| view.name.rsplit_once('/').map(|(folder, _)| folder);
+    let is_unique = |name: &&str| views.iter().filter(|view| folder(view) == Some(*name)).count() == 1;
+    let name = |view: &&'a View| match capture {
+        Capture::Photos => view.name.as_str(),
+        Capture::Video => folder(view).filter(is_unique).unwrap_or(&view.name),
+    };
+    views.iter().map(name).collect()
+}
+
 /// Describes the scene of a run and its packed Gaussians.
 pub(super) fn describe(run: &OpenRun, exporter: &Exporter, packed: &Packed) -> SceneDescription {
     let scene = &run.scene;
     let views = distinct_cameras(scene.test.iter().chain(&scene.train));
-    let views = spread(views.len(), MOST_CAMERAS).into_iter().map(|index| views[index]);
+    let views: Vec<&View> = spread(views.len(), MOST_CAMERAS).into_iter().map(|index| views[index]).collect();
     let mut layouts = packed.layouts.clone();
     // Proof: a page has a dynamic branch.
     let dynamic = layouts.pop().expect("a dynamic branch");
@@ -101,6 +111,31 @@ pub(super) fn describe(run: &OpenRun, exporter: &Exporter, packed: &Packed) -> S
         training_times: times.len(),
         target: vantage.target.to_array(),
         up: vantage.up.to_array(),
-        cameras: views.map(|view| CameraDescription::new(view, scene.capture)).collect(),
+        cameras: views
+            .iter()
+            .zip(camera_names(&views, scene.capture))
+            .map(|(view, name)| CameraDescription::new(view, name, scene.capture))
+            .collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use mvfusion_data::{BuiltinOptions, builtin};
+
+    use super::*;
+
+    #[test]
+    fn a_camera_of_a_video_is_called_after_its_folder_if_that_is_its_own() {
+        let scene = builtin::builtin(&BuiltinOptions { width: 32, height: 24, frames: 1, ..Default::default() });
+        let names = |names: [&str; 3], capture| {
+            let views = names.map(|name| View { name: name.to_owned(), ..scene.train[0].clone() });
+            camera_names(&views.each_ref(), capture).into_iter().map(str::to_owned).collect::<Vec<_>>()
+        };
+        let rig = ["cam00/0003", "cam01/0003", "walk"];
+        assert_eq!(names(rig, Capture::Video), ["cam00", "cam01", "walk"]);
+        assert_eq!(names(rig, Capture::Photos), rig);
+        let one_moving = ["images/0001", "images/0002", "test/r_000"];
+        assert_eq!(names(one_moving, Capture::Video), ["images/0001", "images/0002", "test"]);
     }
 }

@@ -7,6 +7,8 @@ import { between, count, fromFile, toFile } from './path.js';
 const LONGEST = 1280;
 /** Most keyframes of a path. */
 const MOST_KEYS = 200;
+/** Shortest time from one keyframe to the next, seconds. */
+const LEAST = 0.1;
 /** Most frames that `mvfusion render` takes from a file. */
 const MOST_FRAMES = 108_000;
 /** How long a sentence is shown, milliseconds. */
@@ -136,11 +138,12 @@ export class PathEditor {
     if (!file) return;
     try {
       const { keys, seconds } = fromFile(JSON.parse(await file.text()));
-      // Of more, those that are evenly spread are kept, as far apart in time as before.
-      const kept = Math.min(keys.length, MOST_KEYS);
+      // Of more, those that are evenly spread are kept, as far apart in time as before, but no nearer than `LEAST`.
+      const most = Math.floor(((keys.length - 1) * seconds) / LEAST + 1e-9) + 1;
+      const kept = Math.min(keys.length, MOST_KEYS, Math.max(2, most));
       const stride = kept > 1 ? (keys.length - 1) / (kept - 1) : 1;
       this.keys = Array.from({ length: kept }, (_, index) => keys[Math.round(index * stride)]);
-      element('seconds').value = String(Math.min(60, Math.max(0.1, Number((seconds * stride).toFixed(2)))));
+      element('seconds').value = String(Math.min(60, Math.max(LEAST, Number((seconds * stride).toFixed(3)))));
       this.#list();
       if (kept < keys.length) {
         this.viewer.panel.say(`${file.name} has ${keys.length} cameras; ${kept} are kept as keyframes.`, READING);

@@ -7,6 +7,9 @@ import { add, cross, dot, scale, subtract, turn, unit } from './vector.js';
 /** The camera comes no nearer than this to looking along the up axis, radians. */
 const POLE = 0.05;
 
+/** The camera and its target come no farther than this from the origin along any axis: the server refuses 1e9. */
+const FARTHEST = 1e8;
+
 export class Pose {
   /**
    * @param {Vector} position
@@ -15,11 +18,11 @@ export class Pose {
    * @param {number} distance to the point that an orbit goes around
    */
   constructor(position, forward, down, distance) {
-    this.position = position;
+    this.position = /** @type {Vector} */ (position.map((place) => Math.min(FARTHEST, Math.max(-FARTHEST, place))));
     this.forward = unit(forward);
     this.right = unit(cross(down, this.forward), unit(cross([0.3, 0.9, 0.2], this.forward)));
     this.down = cross(this.forward, this.right);
-    this.distance = Math.max(distance, 1e-6);
+    this.distance = Math.min(FARTHEST, Math.max(distance, 1e-6));
   }
 
   /**
@@ -75,7 +78,7 @@ export class Pose {
 
   /** Nearer to the target for a factor below 1, and farther for one above. @param {number} factor */
   zoomed(factor) {
-    const distance = this.distance * factor;
+    const distance = Math.min(FARTHEST, this.distance * factor);
     return new Pose(subtract(this.target, scale(this.forward, distance)), this.forward, this.down, distance);
   }
 

@@ -1,9 +1,14 @@
 // The state of the player in the address of the page.
 
-/** Keeps the player's state in the address. */
+/** Keeps the player's state in the address, and what else stands there. */
 function writeAddress(player) {
-  const state = new URLSearchParams({ time: +player.time.toFixed(4), pose: player.orbit.toString() });
-  if (player.layer !== LAYERS[0]) state.set('layer', player.layer);
+  const state = new URLSearchParams(location.hash.slice(1));
+  // The pose stands for them.
+  for (const name of ['camera', 'matrix']) state.delete(name);
+  state.set('time', +player.time.toFixed(4));
+  state.set('pose', player.orbit.toString());
+  if (player.layer === LAYERS[0]) state.delete('layer');
+  else state.set('layer', player.layer);
   // Some hosts of embedded pages forbid it.
   try {
     history.replaceState(null, '', `#${decodeURIComponent(state)}`);
