@@ -155,10 +155,10 @@ impl Exporter {
     }
 }
 
-/// Gaussians of a branch as a viewer can show them: with finite sizes, and with the SH coefficients above the degree in
+/// Gaussians of a branch as a viewer can show them: with values in range, and with the SH coefficients above the degree in
 /// use set to zero. A viewer does not know this degree and would show the values that the deformation gives them.
 fn in_use(branch: &Gaussians, gaussians: GaussianCloud) -> Result<GaussianCloud, ModelError> {
-    Ok(gaussians.zero_above(branch.sh_degree).with_sizes_in_range())
+    Ok(gaussians.zero_above(branch.sh_degree).with_values_in_range())
 }
 
 /// Maximum number of [`eyes`].

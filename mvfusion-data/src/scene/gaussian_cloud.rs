@@ -114,15 +114,17 @@ impl GaussianCloud {
         self.at_degree(sh_degree.min(room)).at_degree(room)
     }
 
-    /// Gaussians whose sizes every program can represent. Logarithms are clamped to -87 to 20.7: a Gaussian of a billion
-    /// units looks as a larger one. Where the variance overflows, the rasteriser leaves the Gaussian out, so it becomes
-    /// transparent. A deformation that diverged gives such sizes.
-    pub fn with_sizes_in_range(mut self) -> Self {
+    /// Gaussians whose sizes and opacities every program can represent. Logarithms of sizes are clamped to -87 to 20.7: a
+    /// Gaussian of a billion units looks as a larger one. Where the variance overflows, the rasteriser leaves the Gaussian
+    /// out, so it becomes transparent. A deformation that diverged gives such sizes. Logits of opacities are at least -87: a
+    /// Gaussian whose lifetime is far away may have -1e9.
+    pub fn with_values_in_range(mut self) -> Self {
         let [least, most] = LOG_SIZES;
         for (scales, opacity) in self.log_scales.iter_mut().zip(&mut self.opacity_logits) {
             if scales.iter().any(|scale| !(2.0 * scale).exp().is_finite()) {
                 *opacity = opacity.min(TRANSPARENT);
             }
+            *opacity = opacity.max(least);
             // NaN becomes the least size.
             *scales = scales.map(|scale| scale.max(least).min(most));
         }
@@ -176,17 +178,18 @@ mod tests {
     }
 
     #[test]
-    fn sizes_that_overflow_are_clamped_and_what_the_rasteriser_leaves_out_is_transparent() {
+    fn sizes_and_opacities_out_of_range_are_clamped_and_what_the_rasteriser_leaves_out_is_transparent() {
         let mut wild = cloud(5, 0);
         wild.log_scales =
             vec![[-100.0, 0.0, 20.0], [30.0; 3], [0.0, 79.0, 0.0], [0.0, f32::INFINITY, 0.0], [f32::NAN; 3]];
-        let tame = wild.clone().with_sizes_in_range();
+        wild.opacity_logits[1] = -7e4;
+        let tame = wild.clone().with_values_in_range();
         let [least, most] = LOG_SIZES;
         let expected = [[least, 0.0, 20.0], [most; 3], [0.0, most, 0.0], [0.0, most, 0.0], [least; 3]];
         assert_eq!(tame.log_scales, expected);
-        assert_eq!(tame.opacity_logits, [0.5, 0.5, TRANSPARENT, TRANSPARENT, TRANSPARENT]);
+        assert_eq!(tame.opacity_logits, [0.5, least, TRANSPARENT, TRANSPARENT, TRANSPARENT]);
         let plain = cloud(2, 1);
-        assert_eq!(plain.clone().with_sizes_in_range(), plain);
+        assert_eq!(plain.clone().with_values_in_range(), plain);
     }
 
     #[test]

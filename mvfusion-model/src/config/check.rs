@@ -123,10 +123,17 @@ impl Config {
         refuse(bounds, "model.grid.bounds", "motion".into(), &format!("{NO_STATIC_BRANCH}; let it span the \"cloud\""))
     }
 
-    /// Checks that the intensity has the unit of what `MotionCache::stillness` adds to it, a variance in square extents.
+    /// Checks that every Gaussian has an intensity, and that it has the unit of what `MotionCache::stillness` adds to it, a variance in square extents.
     fn check_stillness(&self) -> Result<(), ModelError> {
         let adds_travel = self.model.lifetime && self.motion.trajectory == Trajectory::Deformation;
         let has_its_unit = self.motion.in_extents && self.motion.spread == Spread::Variance;
+        refuse(
+            self.loss.still_opacity > 0.0 && !self.motion.inherit,
+            "loss.still_opacity",
+            self.loss.still_opacity.to_string(),
+            "without `motion.inherit`, a new Gaussian has no motion intensity and would count as still until the next \
+             measurement; set `motion.inherit = true`",
+        )?;
         refuse(
             self.loss.still_opacity > 0.0 && adds_travel && !has_its_unit,
             "loss.still_opacity",

@@ -35,6 +35,14 @@ impl MotionConfig {
             ),
             (!self.mfta && self.values != TokenValues::default(), "motion.values", written(&self.values), NO_TOKENS),
             (!self.mfta && self.residual, "motion.residual", self.residual.to_string(), NO_TOKENS),
+            (!self.mfta && self.include_self, "motion.include_self", self.include_self.to_string(), NO_TOKENS),
+            (!self.mfta && self.tokens != TokenMode::Triple, "motion.tokens", written(&self.tokens), NO_TOKENS),
+            (
+                !self.mfta && self.neighbour_gradient,
+                "motion.neighbour_gradient",
+                self.neighbour_gradient.to_string(),
+                NO_TOKENS,
+            ),
             (
                 self.include_self && !is_cross,
                 "motion.include_self",
@@ -136,6 +144,19 @@ mod tests {
             assert_refused(|motion| (motion.mfta, motion.temporal) = (false, temporal), &said);
         }
         assert_eq!(refusal(|motion| motion.mfta = false), None);
+    }
+
+    #[test]
+    fn what_concerns_tokens_alone_needs_mfta() {
+        for (switch, said) in [
+            ((|motion| motion.include_self = true) as fn(&mut MotionConfig), "`motion.include_self` is true"),
+            (|motion| motion.tokens = TokenMode::FullWindow, "`motion.tokens` is \"full_window\""),
+            (|motion| motion.neighbour_gradient = true, "`motion.neighbour_gradient` is true"),
+        ] {
+            assert_eq!(refusal(switch), None);
+            let without = |motion: &mut MotionConfig| (switch(motion), motion.mfta = false).1;
+            assert_refused(without, &format!("{said}: `motion.mfta` is off"));
+        }
     }
 
     #[test]

@@ -47,7 +47,7 @@ pub struct DensifyConfig {
     /// view of each moment differs from the model; needs `model.lifetime` (docs/METHOD.md, section 13; CEM-4DGS: 920).
     /// 0 switches births off.
     pub births_interval: Interval<MIN_ROUND>,
-    /// Maximum number of Gaussians per round of births.
+    /// Maximum number of Gaussians per round of births. Ours.
     pub births: usize,
     /// Steps between opacity resets.
     pub reset_interval: Interval<MIN_RESET>,
@@ -57,15 +57,15 @@ pub struct DensifyConfig {
     pub reset_at_stage_end: bool,
     /// Gaussians larger than this fraction of the extent are split, the others cloned.
     pub clone_below: f64,
-    /// The dynamic branch.
+    /// Densification of one branch: the dynamic one.
     pub dynamic: BranchDensifyConfig,
-    /// The static branch.
+    /// Densification of one branch: the static one.
     #[serde(rename = "static")]
     pub static_: BranchDensifyConfig,
     /// Whether the gradient of the mask channels counts for the dynamic branch (METHOD §4.7, `use_motion_grad`).
     pub mask_gradient: bool,
-    /// In the second half of training, prune dynamic Gaussians that were never part of the foreground (METHOD §4.10). A
-    /// `relocate` above 0 implies it.
+    /// After half as many steps as the last two stages have, prune dynamic Gaussians that were never part of the
+    /// foreground (METHOD §4.10). A `relocate` above 0 implies it.
     pub prune_unused: bool,
 }
 

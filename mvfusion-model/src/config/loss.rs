@@ -47,7 +47,7 @@ pub struct LossConfig {
     /// regions that the mask assigns to the dynamic branch in all views have no other gradient. They fade instead of
     /// leaving an artefact.
     pub static_opacity: f64,
-    /// Weight of the mean opacity of the dynamic Gaussians.
+    /// Weight of the mean opacity of the dynamic Gaussians. Ours.
     pub dynamic_opacity: f64,
     /// Weight of the mean opacity of still dynamic Gaussians, weighted by their stillness, from the first measurement of
     /// motion on. Ours: the soft form of `motion.still = "prune"`.
@@ -80,7 +80,7 @@ pub struct LossConfig {
     pub large: f64,
     /// Weight against Gaussians more than five times longer than wide, every tenth step.
     pub spiky: f64,
-    /// Weight of the mask's entropy in the second half of training.
+    /// Weight of the mask's entropy after half as many steps as the last two stages have.
     pub entropy: f64,
 }
 

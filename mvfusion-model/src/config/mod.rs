@@ -50,23 +50,23 @@ pub use variants::{
 pub struct Config {
     /// Seed of every random stream of the run. Ours.
     pub seed: u64,
-    /// The scene, and how to read it.
+    /// How the scene is read.
     pub scene: SceneConfig,
-    /// The two clouds of Gaussians before the first step.
+    /// The clouds of Gaussians before the first step.
     pub init: InitConfig,
-    /// The deformation network.
+    /// The branches and the deformation network.
     pub model: ModelConfig,
-    /// Motion statistics, MVG and MFTA.
+    /// MVG and MFTA.
     pub motion: MotionConfig,
-    /// Stages, batches, logging.
+    /// The schedule of training.
     pub train: TrainConfig,
     /// Learning rates.
     pub optim: OptimConfig,
-    /// Cloning, splitting, pruning, opacity resets.
+    /// Densification of both branches.
     pub densify: DensifyConfig,
-    /// Weights and switches of the losses.
+    /// The losses.
     pub loss: LossConfig,
-    /// Rendering and metrics after training.
+    /// Evaluation on the test views.
     pub eval: EvalConfig,
 }
 

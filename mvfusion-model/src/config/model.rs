@@ -12,7 +12,7 @@ use super::keys::{keys, leaves};
 pub struct ModelConfig {
     /// The branches of the model.
     pub branches: Branches,
-    /// The background behind all Gaussians.
+    /// The colour behind all Gaussians.
     pub background: Background,
     /// The branch of pixels that no dynamic Gaussian covers.
     pub uncovered: Uncovered,
@@ -36,9 +36,10 @@ pub struct ModelConfig {
     pub lifetime: bool,
     /// Whether every training camera has an affine colour map, learned together with the scene, as in the exposure
     /// compensation of 3DGS. A held-out camera uses their mean. For rigs whose cameras differ in gain or white balance.
+    /// Ours.
     pub exposure: bool,
     /// Gaussians nearer to a camera than this fraction of the capture's near bound are not drawn. The minimum is the
-    /// 0.2 units of 3DGS, which also apply without a near bound. 0 means only the rule of 3DGS.
+    /// 0.2 units of 3DGS, which also apply without a near bound. 0 means only the rule of 3DGS. Ours.
     pub near_share: f64,
 }
 
@@ -126,7 +127,7 @@ pub struct GridConfig {
     pub resolution: [usize; 4],
     /// The rule for the number of cells in time (4DGS, DeGauss: `"fixed"`).
     pub time_rows: TimeRows,
-    /// The rule for the box of the grid.
+    /// The box of the HexPlane grid.
     pub bounds: GridBoundsRule,
     /// Factor of the spatial resolution at each scale; the time resolution does not change.
     pub multipliers: Vec<usize>,

@@ -23,7 +23,7 @@ pub struct MotionConfig {
     pub mvg: bool,
     /// The input of MVG (A27, A29). Main paper, component ablation; supplement, temporal consistency.
     pub descriptor: Descriptor,
-    /// The trajectories that are measured.
+    /// The trajectories whose statistics MVG reads.
     pub trajectory: Trajectory,
     /// Whether the temporal feature is added in the last stage. Main paper, component ablation: "w/o MFTA".
     pub mfta: bool,
@@ -55,7 +55,7 @@ pub struct MotionConfig {
     /// settings. One of them is `1, 0, 0`, which keeps the other columns and therefore differs from
     /// `descriptor = "position_variance"`.
     pub weights: FusionWeights,
-    /// How descriptors are normalised.
+    /// Centre and scale of the normalised descriptors (A10).
     pub normalisation: Normalisation,
     /// Decay of the moving mean and variance of the descriptors (A10).
     pub decay: f64,
@@ -71,7 +71,7 @@ pub struct MotionConfig {
     pub octaves: usize,
     /// Hidden width of both MLPs (paper: 256; A11, A16).
     pub hidden: usize,
-    /// The activation of both MLPs.
+    /// The activation between the layers of the modules' MLPs (A11, A16).
     pub activation: Activation,
     /// Width of queries, keys and values over all heads (A15).
     pub attention_width: usize,
@@ -81,18 +81,18 @@ pub struct MotionConfig {
     pub tokens: TokenMode,
     /// Whether the current frame is a key of the cross-attention as well (A14).
     pub include_self: bool,
-    /// What a token knows of its distance from the current one.
+    /// The relative positional encoding of a token.
     pub token_offset: TokenOffset,
     /// What the values of the cross-attention are projected from.
     pub values: TokenValues,
     /// Whether tokens are normalised and the value of the current token is added to the attention's output, as in a
     /// transformer's block. Ours; the paper has neither.
     pub residual: bool,
-    /// Number of nearest Gaussians that `temporal = "spatial"` reads.
+    /// Number of nearest Gaussians that `temporal = "spatial"` reads. Ours.
     pub neighbours: usize,
     /// Whether gradients reach the network through the neighbours' tokens (A17); about three times the work.
     pub neighbour_gradient: bool,
-    /// How base and refined offsets are combined (A3).
+    /// How the fused feature becomes offsets (A3).
     pub refinement: Refinement,
     /// Whether the mask heads also read the refined feature (A23).
     pub refine_masks: bool,
@@ -102,7 +102,7 @@ pub struct MotionConfig {
     /// The treatment of dynamic Gaussians that do not move.
     pub still: StillRule,
     /// A Gaussian does not move if its motion intensity is below this fraction of the 98 % quantile of the dynamic
-    /// Gaussians.
+    /// Gaussians. Ours.
     pub still_below: f64,
     /// Gaussians per chunk of the motion statistics and neighbour tokens (A34); eight times as many on a GPU.
     pub chunk: usize,

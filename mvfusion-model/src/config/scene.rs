@@ -98,15 +98,16 @@ pub struct InitConfig {
     /// `densify.dynamic.max_gaussians` leaves room for splitting.
     pub motion_points: usize,
     /// Duration in frames of the Gaussians of `motion_points` and of those born in a video, with `model.lifetime`.
+    /// Ours.
     pub motion_duration: f64,
-    /// Mask logit of the foreground of the Gaussians of `motion_points`, and of those born during training.
+    /// Mask logit of the foreground of the Gaussians of `motion_points`, and of those born during training. Ours.
     pub motion_logit: f64,
     /// Dynamic Gaussians born at the end of the first stage where a photo differs from the static branch, instead of as
     /// many uniform ones. Needs photos with distinct moments, and `model.lifetime`. 0 switches births off. Ours
     /// (docs/METHOD.md, section 13).
     pub photo_points: usize,
     /// Duration of the Gaussians of `photo_points`, as a fraction of the time to the nearest photo: well below 1, so
-    /// that no other photo shows them.
+    /// that no other photo shows them. Ours.
     pub photo_duration: f64,
     /// Additional static Gaussians placed uniformly in the scene's box. Ours, for clouds with gaps.
     pub static_points: usize,

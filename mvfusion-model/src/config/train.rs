@@ -13,23 +13,23 @@ pub struct TrainConfig {
     /// Multiplies every iteration count of the run: stages, horizons, intervals. Ours, like the keys `scale_*`.
     pub scale: f64,
     /// In a run that `scale` shortens, all learning rates except those of opacities and motion modules are multiplied
-    /// by `scale` to the power of minus this. 0 does not change the rates.
+    /// by `scale` to the power of minus this. 0 does not change the rates. Ours.
     pub scale_rates: f64,
     /// The same exponent for the rates of the mask logits. With 1, they change by as much in a shortened run as in a
-    /// full one.
+    /// full one. Ours.
     pub scale_mask: f64,
     /// In a run that `scale` shortens, no learning rate ends below this fraction of its start, because there is no time
-    /// for a long tail. 0 does not change the ends.
+    /// for a long tail. 0 does not change the ends. Ours.
     pub scale_tail: f64,
     /// Maximum number of octaves of the encoding of motion descriptors in a run that `scale` shortens. While motion is
-    /// being learned, the descriptors change by more than the period of finer octaves.
+    /// being learned, the descriptors change by more than the period of finer octaves. Ours.
     pub scale_octaves: usize,
     /// A run that `scale` shortens places only `scale` times as many dynamic Gaussians uniformly. The others start on
-    /// known points with their colours, because there is no time to move them to surfaces.
+    /// known points with their colours, because there is no time to move them to surfaces. Ours.
     pub scale_cloud: bool,
     /// A run that `scale` shortens follows the times of its scene, as with `model.grid.time_rows = "by_times"` and
     /// `motion.by_times`, because cells that few moments read learn little in few steps. A run writes the results into
-    /// its configuration, with this switch off.
+    /// its configuration, with this switch off. Ours.
     pub scale_times: bool,
     /// Lengths of the three stages.
     pub stages: StageConfig,
@@ -46,18 +46,18 @@ pub struct TrainConfig {
     pub dynamic_sh_interval: Interval,
     /// The same for the static branch.
     pub static_sh_interval: Interval,
-    /// Steps between lines of `metrics.jsonl`; not scaled.
+    /// Steps between lines of `metrics.jsonl`; not scaled. Ours.
     pub log_interval: usize,
-    /// Whether the run also writes event files for TensorBoard, with the same curves, the metrics and the strips.
+    /// Whether the run also writes event files for TensorBoard, with the same curves, the metrics and the strips. Ours.
     pub tensorboard: bool,
-    /// Steps between checkpoints. 0 leaves them to `checkpoint_minutes`.
+    /// Steps between checkpoints. 0 leaves them to `checkpoint_minutes`. Ours.
     pub checkpoint_interval: Interval,
     /// Minutes between checkpoints where `checkpoint_interval` is 0, after one for the first step. 0 writes one at the
-    /// end only.
+    /// end only. Ours.
     pub checkpoint_minutes: f64,
-    /// Number of checkpoints that are kept beside the final one; older ones are removed. At least 1.
+    /// Number of checkpoints that are kept beside the final one; older ones are removed. At least 1. Ours.
     pub keep_checkpoints: usize,
-    /// What a training does at a step whose loss is not finite.
+    /// What a training does at a step whose loss is not finite. Ours.
     pub on_bad_step: BadStepRule,
 }
 

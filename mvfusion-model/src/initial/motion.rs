@@ -111,7 +111,7 @@ fn needs_moving_pixels(config: &Config) -> bool {
     let loss = &config.loss;
     let losses_ask =
         loss.mask_motion > 0.0 || loss.mask_still > 0.0 || loss.dynamic_where_moving || loss.static_where_still;
-    config.model.branches == Branches::Both && (losses_ask || config.train.lonely_visits > 0.0)
+    (config.model.branches == Branches::Both && losses_ask) || config.train.lonely_visits > 0.0
 }
 
 impl MotionPoints {

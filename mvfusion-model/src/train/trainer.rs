@@ -1,9 +1,9 @@
 //! The trainer, for every device.
 
 use burn::tensor::Device;
-use mvfusion_data::Scene;
 use mvfusion_data::inspect::{Problem, obstacle};
 use mvfusion_data::motion::MotionFinder;
+use mvfusion_data::{Capture, Scene};
 use mvfusion_render::splat::SplatRules;
 
 use super::{Losses, Position, Stage, TrainState, TrainingViews, Visits};
@@ -34,6 +34,8 @@ pub struct Trainer {
     pub(super) state: TrainState,
     /// Whether Gaussians are born for objects in single photos.
     pub(super) has_births: bool,
+    /// Whether the scene is a video.
+    pub(super) is_video: bool,
     /// Finds positions for births in videos with fixed cameras.
     pub(super) finder: Option<MotionFinder>,
     /// The result of the search for points on moving objects, if this trainer searched.
@@ -78,9 +80,17 @@ impl Trainer {
         let photos = TrainingViews::new(scene, IMAGE_CACHE).with_motion(motion.moving);
         let visits = photos.visits(&context.timeline, config.train.lonely_visits);
         let (windows, finder, seeding) = (Windows::default(), motion.finder, motion.seeding);
-        let has_births = config.has_births(scene);
+        let (has_births, is_video) = (config.has_births(scene), scene.capture == Capture::Video);
+        if !(has_births || is_video) && config.init.photo_points > 0 && config.model.lifetime {
+            tracing::warn!(
+                "`init.photo_points` has no effect: {} training photos have {} distinct times, and births need photos with \
+                 times of their own and a first stage",
+                scene.train.len(),
+                scene.training_times().len()
+            );
+        }
         let (device, shown) = (device.clone(), Vec::new());
-        Self { config, context, photos, visits, windows, device, state, has_births, finder, seeding, shown }
+        Self { config, context, photos, visits, windows, device, state, has_births, is_video, finder, seeding, shown }
     }
 
     /// Keeps at most `budget` bytes of decoded images instead of [`IMAGE_CACHE`]. If all images fit, they are decoded

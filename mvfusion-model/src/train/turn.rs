@@ -29,6 +29,8 @@ pub(super) struct BranchTurn<'a> {
     pub rates: &'a GaussianRates,
     /// Whether additions must wait.
     pub waits: bool,
+    /// Whether opacities may be reset in this step.
+    pub may_reset: bool,
     /// Steps from one turn to the next.
     pub accumulation: usize,
     pub config: &'a Config,
@@ -102,9 +104,7 @@ impl BranchTurn<'_> {
             self.branch(gradients).0.prune(&rule)?;
             self.begin_round(round_ended);
         }
-        let ends_geometry = self.position.stage == Stage::Geometry && self.position.ends_stage();
-        let resets = config.reset_interval.latest_within(accumulation, step).is_some();
-        if resets && (config.reset_at_stage_end || !ends_geometry) {
+        if self.may_reset && config.reset_interval.latest_within(accumulation, step).is_some() {
             let plan = ResetPlan::draw(self.gaussians.count(), self.limits.reset_share, self.stream);
             self.branch(gradients).0.reset_opacity(&plan, config.reset)?;
         }
@@ -114,7 +114,8 @@ impl BranchTurn<'_> {
     /// The pruning rule, and whether every view was shown since the last call.
     fn prune_rule(&mut self) -> (PruneRule, bool) {
         let config = &self.config.densify;
-        // A Gaussian is unused only if every view was shown.
+        // A Gaussian is unused if no view showed it since the last call; that a round ended meanwhile stands for all of them
+        // (METHOD §4.10).
         let round_ended = self.sampler.as_mut().is_some_and(|sampler| std::mem::take(&mut sampler.round_ended));
         let late = self.position.step > self.config.train.stages.deforming() / 2;
         let masked = self.gaussians.mask_logits.is_some();

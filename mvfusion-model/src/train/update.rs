@@ -95,6 +95,13 @@ impl Trainer {
         }
     }
 
+    /// Whether opacities may be reset in a step (METHOD §4.11). Births in photos compare them with what the static branch
+    /// has learned, so no reset comes right before.
+    fn may_reset(&self, position: &Position) -> bool {
+        let ends_geometry = position.stage == Stage::Geometry && position.ends_stage();
+        !ends_geometry || (self.config.densify.reset_at_stage_end && !self.has_births)
+    }
+
     fn update_dynamic(
         &mut self,
         gradients: BranchGradients,
@@ -103,6 +110,7 @@ impl Trainer {
     ) -> Result<(), ModelError> {
         // Dynamic Gaussians before the births show nothing, and new ones would take the room of the births.
         let waits_for_births = position.stage == Stage::Geometry && self.has_births;
+        let may_reset = self.may_reset(position);
         let state = &mut self.state;
         let turn = BranchTurn {
             gaussians: &mut state.model.dynamic,
@@ -112,6 +120,7 @@ impl Trainer {
             limits: &self.config.densify.dynamic,
             rates: &rates.dynamic,
             waits: waits_for_births,
+            may_reset,
             accumulation: 1,
             config: &self.config,
             position,
@@ -127,7 +136,7 @@ impl Trainer {
         rates: &Rates,
         position: &Position,
     ) -> Result<(), ModelError> {
-        let accumulation = self.accumulation(position);
+        let (accumulation, may_reset) = (self.accumulation(position), self.may_reset(position));
         let state = &mut self.state;
         let (Some(gaussians), Some(branch)) = (&mut state.model.static_, &mut state.static_) else { return Ok(()) };
         let turn = BranchTurn {
@@ -138,6 +147,7 @@ impl Trainer {
             limits: &self.config.densify.static_,
             rates: &rates.static_,
             waits: false,
+            may_reset,
             accumulation,
             config: &self.config,
             position,

@@ -2,7 +2,8 @@
 
 use burn::tensor::Tensor;
 use glam::{DVec2, DVec3};
-use mvfusion_data::Scene;
+use mvfusion_data::builtin::builtin;
+use mvfusion_data::{BuiltinKind, BuiltinOptions, Scene};
 use mvfusion_model::ModelError;
 use mvfusion_model::config::{Branches, Config, Interval, StageConfig, Steps, StillRule};
 use mvfusion_model::evaluation::{Evaluator, Protocol, Split, evaluate};
@@ -206,4 +207,22 @@ fn gaussians_are_born_where_a_film_is_wrong() {
         }
         assert!(seen >= born && right as f64 >= least_share * seen as f64, "{right} of {seen}");
     }
+}
+
+#[test]
+fn births_in_photos_compare_them_with_opacities_that_were_not_just_reset() {
+    let photos = BuiltinOptions { width: 48, height: 36, photos: 6, ..BuiltinOptions::of_kind(BuiltinKind::Casual) };
+    let photos = builtin(&photos);
+    let faintest = |births: usize| {
+        let mut config = config();
+        (config.model.lifetime, config.init.photo_points) = (true, births);
+        (config.train.stages, config.densify.reset_interval) = (StageConfig::of([8, 2, 2]), Interval(8));
+        let mut trainer = Trainer::new(config, &photos, &(backends()[0].device)()).expect("the run can start");
+        (0..8).for_each(|_| _ = trainer.step().expect("a step succeeds"));
+        let static_ = trainer.state().model.plain().static_.expect("it has two branches");
+        let logits = numbers(static_.plain(Attribute::OpacityLogits).expect("every Gaussian has one"));
+        logits.into_iter().fold(f64::INFINITY, f64::min)
+    };
+    // A reset leaves logits of -4.6 and less.
+    assert!(faintest(0) < -4.0 && faintest(20) > -4.0);
 }

@@ -123,10 +123,10 @@ impl ResetPlan {
     /// Opacity logits after the reset.
     pub fn apply(&self, logits: &[f64], others: OpacityReset) -> Vec<f64> {
         let reset = |(&logit, &selected): (&f64, &bool)| {
-            let opacity = 1.0 / (1.0 + (-logit).exp());
             match (selected, others) {
-                (true, _) => logit_of(opacity.min(RESET_OPACITY)),
-                (false, OpacityReset::Quirk) => opacity,
+                // In logits, because an opacity may round to 0.
+                (true, _) => logit.min(logit_of(RESET_OPACITY)),
+                (false, OpacityReset::Quirk) => 1.0 / (1.0 + (-logit).exp()),
                 (false, OpacityReset::Clean) => logit,
             }
         };
@@ -180,6 +180,7 @@ mod tests {
         assert!((quirk[1] - 1.0 / (1.0 + (-2.0f64).exp())).abs() < 1e-12);
         assert!((quirk[2] + 9.0).abs() < 1e-9, "a fainter one stays as faint");
         assert_eq!(plan.apply(&[2.0, 2.0, -9.0], OpacityReset::Clean)[1], 2.0);
+        assert_eq!(plan.apply(&[2.0, 2.0, -7e4], OpacityReset::Quirk)[2], -7e4, "and finite");
     }
 
     #[test]
