@@ -1,5 +1,6 @@
 //! Paths of the files that a scene refers to, and the name of the scene.
 
+use std::borrow::Cow;
 use std::path::{Component, Path, PathBuf};
 
 /// The path of `name` below `folder`. The name is from a file. Scenes are shared between users, so no name may lead out
@@ -8,12 +9,22 @@ use std::path::{Component, Path, PathBuf};
 /// # Errors
 /// If the name is empty, absolute, or leads upwards.
 pub(crate) fn below(folder: &Path, name: &str) -> Result<PathBuf, String> {
-    let path = Path::new(name);
+    let name = with_slashes(folder, name);
+    let path = Path::new(&*name);
     let inside = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
     if path.components().all(inside) && path.file_name().is_some() {
         Ok(folder.join(path.strip_prefix("./").unwrap_or(path)))
     } else {
         Err(format!("the path `{name}` leads out of the folder; it must be relative and free of `..`"))
+    }
+}
+
+/// A name from a file with slashes. Tools on Windows write `train\\0001.png`, which elsewhere is the name of one file; if
+/// there is such a file in `folder`, it is meant.
+pub(crate) fn with_slashes<'a>(folder: &Path, name: &'a str) -> Cow<'a, str> {
+    match name.contains('\\') && !folder.join(name).exists() {
+        true => Cow::Owned(name.replace('\\', "/")),
+        false => Cow::Borrowed(name),
     }
 }
 
@@ -32,7 +43,8 @@ mod tests {
         let folder = Path::new("scene");
         assert_eq!(below(folder, "./a/b.png"), Ok(PathBuf::from("scene/a/b.png")));
         assert_eq!(below(folder, "a/./b"), Ok(PathBuf::from("scene/a/b")));
-        for name in ["", ".", "..", "/etc/passwd", "a/../../b", "../b"] {
+        assert_eq!(below(folder, "a\\b.png"), Ok(PathBuf::from("scene/a/b.png")));
+        for name in ["", ".", "..", "/etc/passwd", "a/../../b", "../b", "..\\b"] {
             let reason = below(folder, name).expect_err(name);
             assert!(reason.contains(&format!("`{name}`")), "{reason}");
         }

@@ -1,6 +1,7 @@
 //! Images in a folder, recognised by their extensions.
 
-use std::fs;
+use std::collections::BTreeSet;
+use std::fs::{self, DirEntry};
 use std::path::{Path, PathBuf};
 
 use super::denied::or_denied;
@@ -8,6 +9,9 @@ use crate::error::DataError;
 
 /// Extensions of images, in lower case and in search order. Some cameras write capitals.
 const PICTURE_EXTENSIONS: [&str; 4] = ["png", "jpg", "jpeg", "exr"];
+
+/// Levels of subfolders that are searched.
+const LEVELS: usize = 8;
 
 /// The images in a folder, sorted by name.
 ///
@@ -17,6 +21,22 @@ pub(crate) fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>, DataError> {
     let mut paths = entries(folder, "Put the photos there")?;
     paths.retain(|path| is_picture(path));
     Ok(paths)
+}
+
+/// The number of images in a folder and its subfolders that are not among `known`.
+pub(crate) fn others_than(known: &BTreeSet<PathBuf>, folder: &Path) -> usize {
+    others(known, folder, LEVELS)
+}
+
+fn others(known: &BTreeSet<PathBuf>, folder: &Path, levels: usize) -> usize {
+    let Ok(entries) = fs::read_dir(folder) else { return 0 };
+    let count = |entry: DirEntry| match entry.file_type() {
+        // Links to folders are not followed: they may lead in circles.
+        Ok(kind) if kind.is_dir() && levels > 0 => others(known, &entry.path(), levels - 1),
+        Ok(kind) if !kind.is_dir() => usize::from(is_picture(&entry.path()) && !known.contains(&entry.path())),
+        _ => 0,
+    };
+    entries.flatten().map(count).sum()
 }
 
 /// The image with this name in a folder or below it, whatever its extension.

@@ -23,7 +23,7 @@ use super::format::Format;
 use super::options::ReadOptions;
 use super::reader::{Hints, Reader};
 use super::shared::ply::{GREY, read_first};
-use super::shared::transforms::{Frame, POSES, Transforms};
+use super::shared::transforms::{Frame, POSES, Transforms, ignored_masks};
 use super::shared::views::views;
 use crate::error::DataError;
 use crate::files::scene_name;
@@ -35,8 +35,12 @@ impl Format {
 }
 
 /// The entry in the table of readers.
-pub(super) const READER: Reader =
-    Reader { format: Format::DNERF, recognise, read, hints: Hints { has_random_points, ..Hints::of_poses(POSES) } };
+pub(super) const READER: Reader = Reader {
+    format: Format::DNERF,
+    recognise,
+    read,
+    hints: Hints { has_random_points, ignored_masks, ..Hints::of_poses(POSES) },
+};
 
 const TRAIN: &str = "transforms_train.json";
 const TEST: &str = "transforms_test.json";

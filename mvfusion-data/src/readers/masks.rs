@@ -83,7 +83,7 @@ mod tests {
     fn bent(folder: &Path) -> Scene {
         let path = folder.join("photo.png");
         RgbImage::from_fn(SIZE.0, SIZE.1, |x, _| Rgb([if x < 4 { 255 } else { 0 }; 3])).save(&path).expect("written");
-        let bend = Bend::Perspective { radial: [-0.3, 0.0, 0.0, 0.0, 0.0, 0.0], tangential: [0.0; 2] };
+        let bend = Bend::opencv([-0.3, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0; 2]);
         let lens = Lens { focal: DVec2::splat(20.0), principal: DVec2::new(12.0, 9.0), bend };
         let pinhole = Lens { bend: Bend::NONE, ..lens };
         let (width, height) = SIZE;

@@ -24,7 +24,7 @@ use super::shared::reduced::views_of_pictures;
 use super::shared::shot::Shot;
 use super::shared::transforms::{Frame, POSES, Transforms, ignored_masks, plain};
 use crate::error::DataError;
-use crate::files::scene_name;
+use crate::files::{pictures_in, scene_name};
 use crate::scene::{Capture, PointCloud, Scene};
 
 impl Format {
@@ -82,7 +82,22 @@ pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     let points = points(&transforms, folder)?;
     let name = scene_name(folder);
     info!("{name}: {} images to train on, {} held out, {} points", train.len(), test.len(), points.len());
+    let unlisted = unlisted(&frames);
+    if unlisted > 0 {
+        warn!(folder = %folder.display(), "{unlisted} images beside those of {CAMERAS} are not listed in it, so they are not used");
+    }
     Ok(Scene { name, capture, train, test, points, near: None })
+}
+
+/// The number of images in the folders of the frames that are no frame. Converters leave out what COLMAP did not place.
+fn unlisted(frames: &[&Frame]) -> usize {
+    let known: BTreeSet<&Path> = frames.iter().map(|frame| frame.file.as_path()).collect();
+    let folders: BTreeSet<&Path> = known.iter().filter_map(|file| file.parent()).collect();
+    let others = |folder: &Path| {
+        let pictures = pictures_in(folder).unwrap_or_default();
+        pictures.iter().filter(|path| !known.contains(path.as_path())).count()
+    };
+    folders.into_iter().map(others).sum()
 }
 
 /// The points that the file names. There may be none.

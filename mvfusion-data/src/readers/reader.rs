@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::format::Format;
 use super::options::ReadOptions;
+use super::shared::ignored_masks::ignored_masks;
 use crate::error::DataError;
 use crate::scene::Scene;
 
@@ -50,7 +51,7 @@ impl Hints {
             usual_size: |_, _| None,
             has_random_points: |_| false,
             odd_shape: |_, _| None,
-            ignored_masks: |_, _| None,
+            ignored_masks: |folder, scene| ignored_masks(folder, scene, "this format reads no masks"),
         }
     }
 }

@@ -29,11 +29,14 @@ pub struct Lens {
 /// Distortion of points on the plane at distance one. If all coefficients are zero, it is a pinhole.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Bend {
-    /// `x (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ + k6 r⁶)` plus the tangential shift. This is OpenCV's model.
-    /// Its first coefficients alone are COLMAP's SIMPLE_RADIAL, RADIAL and OPENCV.
+    /// `x (1 + n1 r² + n2 r⁴ + n3 r⁶ + n4 r⁸) / (1 + d1 r² + d2 r⁴ + d3 r⁶)` plus the tangential shift. With n4 = 0, this
+    /// is OpenCV's model, whose first coefficients alone are COLMAP's SIMPLE_RADIAL, RADIAL and OPENCV. With n4 and no
+    /// denominator, it is that of Metashape and nerfstudio.
     Perspective {
-        /// k1 … k6.
-        radial: [f64; 6],
+        /// n1 … n4.
+        numerator: [f64; 4],
+        /// d1 … d3.
+        denominator: [f64; 3],
         /// p1, p2. The shift is `(2 p1 x y + p2 (r² + 2 x²), p1 (r² + 2 y²) + 2 p2 x y)`.
         tangential: [f64; 2],
     },
@@ -71,15 +74,21 @@ pub enum Bend {
 
 impl Bend {
     /// A pinhole.
-    pub const NONE: Self = Self::Perspective { radial: [0.0; 6], tangential: [0.0; 2] };
+    pub const NONE: Self = Self::opencv([0.0; 6], [0.0; 2]);
+
+    /// OpenCV's model with the coefficients k1 … k6, of which k4 … k6 are those of the denominator, and p1, p2.
+    pub const fn opencv([k1, k2, k3, k4, k5, k6]: [f64; 6], tangential: [f64; 2]) -> Self {
+        Self::Perspective { numerator: [k1, k2, k3, 0.0], denominator: [k4, k5, k6], tangential }
+    }
 
     /// The distorted point.
     fn moved(&self, point: DVec2) -> DVec2 {
         match *self {
-            Self::Perspective { radial: [k1, k2, k3, k4, k5, k6], tangential } => {
+            Self::Perspective { numerator: [n1, n2, n3, n4], denominator: [d1, d2, d3], tangential } => {
                 let r2 = point.length_squared();
-                let stretch = (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)));
-                point * stretch + shift(point, tangential)
+                let above = 1.0 + r2 * (n1 + r2 * (n2 + r2 * (n3 + r2 * n4)));
+                let below = 1.0 + r2 * (d1 + r2 * (d2 + r2 * d3));
+                point * (above / below) + shift(point, tangential)
             }
             Self::Fisheye { .. } => self.moved_on_sphere(to_angle(point)),
             Self::Angular { omega } => {
@@ -108,7 +117,8 @@ impl Bend {
 
     /// Whether there is no distortion.
     pub fn is_none(&self) -> bool {
-        matches!(self, Self::Perspective { radial, tangential } if radial.iter().chain(tangential).all(|k| *k == 0.0))
+        matches!(self, Self::Perspective { numerator, denominator, tangential }
+            if numerator.iter().chain(denominator).chain(tangential).all(|k| *k == 0.0))
     }
 
     /// The point whose distortion is `seen`; `None` if there is none in front of the camera.
@@ -210,13 +220,21 @@ mod tests {
     use super::*;
 
     fn lenses() -> Vec<(&'static str, Bend)> {
-        let perspective = |radial, tangential| Bend::Perspective { radial, tangential };
+        let perspective = Bend::opencv;
         let fisheye =
             |radial, tangential, prism, shifted_last| Bend::Fisheye { radial, tangential, prism, shifted_last };
         vec![
             ("pinhole", Bend::NONE),
             ("radial", perspective([-0.12, 0.03, 0.0, 0.0, 0.0, 0.0], [0.0; 2])),
             ("opencv", perspective([-0.1, 0.02, 0.0, 0.0, 0.0, 0.0], [1e-3, -2e-3])),
+            (
+                "metashape",
+                Bend::Perspective {
+                    numerator: [-0.1, 0.02, -0.01, 0.05],
+                    denominator: [0.0; 3],
+                    tangential: [1e-3; 2],
+                },
+            ),
             ("rational", perspective([0.3, 0.05, 0.01, 0.35, 0.06, 0.01], [5e-4, 3e-4])),
             ("equidistant", fisheye([0.0; 6], [0.0; 2], [0.0; 4], false)),
             ("opencv fisheye", fisheye([0.02, -0.01, 0.003, -5e-4, 0.0, 0.0], [0.0; 2], [0.0; 4], false)),
@@ -249,9 +267,16 @@ mod tests {
         let point = DVec2::new(1.0, 0.0);
         let quarter = std::f64::consts::FRAC_PI_4;
         let moved = |bend: Bend| bend.moved(point).x;
-        let radial = Bend::Perspective { radial: [-0.1, 0.01, 0.0, 0.0, 0.0, 0.0], tangential: [0.0; 2] };
+        let radial = Bend::opencv([-0.1, 0.01, 0.0, 0.0, 0.0, 0.0], [0.0; 2]);
         assert!((moved(radial) - 0.91).abs() < 1e-12);
-        let tangential = Bend::Perspective { radial: [0.0; 6], tangential: [0.1, 0.01] };
+        // Different, so that none stands for another.
+        let all = Bend::Perspective {
+            numerator: [0.1, 0.2, 0.3, 0.4],
+            denominator: [0.5, 0.25, 0.125],
+            tangential: [0.0; 2],
+        };
+        assert!((all.moved(DVec2::new(2.0, 0.0)).x - 2.0 * 125.2 / 15.0).abs() < 1e-12);
+        let tangential = Bend::opencv([0.0; 6], [0.1, 0.01]);
         assert!((tangential.moved(point) - DVec2::new(1.03, 0.1)).length() < 1e-12);
         let fisheye = Bend::Fisheye {
             radial: [0.1, 0.0, 0.0, 0.0, 0.0, 0.0],
@@ -279,7 +304,7 @@ mod tests {
             assert!(lens.direction_of(DVec2::new(edge + 0.1, 0.0)).is_none());
         }
         // A barrel so strong that the image folds back.
-        let folded = Bend::Perspective { radial: [-0.5, 0.0, 0.0, 0.0, 0.0, 0.0], tangential: [0.0; 2] };
+        let folded = Bend::opencv([-0.5, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0; 2]);
         assert!(Lens { bend: folded, ..lens }.direction_of(DVec2::new(90.0, 0.0)).is_none());
     }
 }

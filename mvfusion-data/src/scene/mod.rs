@@ -38,7 +38,7 @@ pub use rig::{by_camera, distinct_cameras};
 pub(crate) use undistort::pinhole_within;
 pub use view::{Truth, View};
 
-/// The kind of capture. It determines the initialisation of the Gaussians (METHOD §3), and what held-out views are
+/// The kind of capture, on which depend the initialisation of the Gaussians (METHOD §3) and what held-out views are
 /// compared with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]

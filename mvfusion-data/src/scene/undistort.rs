@@ -105,7 +105,7 @@ mod tests {
     const SIZE: (u32, u32) = (96, 64);
 
     fn barrel() -> Lens {
-        let bend = Bend::Perspective { radial: [-0.15, 0.02, 0.0, 0.0, 0.0, 0.0], tangential: [1e-3, -5e-4] };
+        let bend = Bend::opencv([-0.15, 0.02, 0.0, 0.0, 0.0, 0.0], [1e-3, -5e-4]);
         Lens { focal: DVec2::new(70.0, 71.0), principal: DVec2::new(47.0, 33.0), bend }
     }
 
@@ -165,7 +165,7 @@ mod tests {
     #[test]
     fn coefficients_that_are_no_lens_give_no_pinhole() {
         for k1 in [-5.0, 1e300] {
-            let bend = Bend::Perspective { radial: [k1, 0.0, 0.0, 0.0, 0.0, 0.0], tangential: [0.0; 2] };
+            let bend = Bend::opencv([k1, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0; 2]);
             assert_eq!(pinhole_within(&Lens { bend, ..barrel() }, SIZE.0, SIZE.1), None, "{k1}");
         }
     }

@@ -69,7 +69,7 @@ fn lens_of(matrix: &Array, bend: Bend) -> Lens {
 
 fn bend(archive: &Archive) -> Result<Bend> {
     let [k1, k2, p1, p2] = std::array::from_fn(|i| archive.array("in.params").map(|params| params.values[4 + i]));
-    Ok(Bend::Perspective { radial: [k1?, k2?, 0.0, 0.0, 0.0, 0.0], tangential: [p1?, p2?] })
+    Ok(Bend::opencv([k1?, k2?, 0.0, 0.0, 0.0, 0.0], [p1?, p2?]))
 }
 
 /// Where each pixel of the straightened picture comes from.

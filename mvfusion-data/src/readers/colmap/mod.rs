@@ -37,7 +37,7 @@ use super::reader::{Hints, Reader, UsualSize};
 use super::shared::reduced::{IMAGES, has_pictures, views_of_pictures};
 use super::shared::shot::{FrameLens, Shot};
 use crate::error::DataError;
-use crate::files::{pictures_in, scene_name};
+use crate::files::{others_than, scene_name};
 use crate::scene::{Capture, PictureSource, Scene, View};
 use lists::Lists;
 use model::Model;
@@ -132,7 +132,7 @@ pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
         split.unused,
         points.len()
     );
-    let unplaced = pictures_in(&images).map_or(0, |found| found.iter().filter(|path| !placed.contains(*path)).count());
+    let unplaced = others_than(&placed, &images);
     if unplaced > 0 {
         warn!(
             folder = %folder.display(),

@@ -86,7 +86,7 @@ impl Record {
         let [k1, k2, k3] = coefficients("radial_distortion", &self.radial_distortion)?;
         let tangential = self.tangential.as_ref().unwrap_or(&self.tangential_distortion);
         let tangential = coefficients("tangential_distortion", tangential)?;
-        let bend = Bend::Perspective { radial: [k1, k2, k3, 0.0, 0.0, 0.0], tangential };
+        let bend = Bend::opencv([k1, k2, k3, 0.0, 0.0, 0.0], tangential);
         Ok(FrameLens::Known { lens: Lens { focal: DVec2::new(focal, focal * aspect), principal, bend }, size })
     }
 }

@@ -12,6 +12,9 @@ use crate::error::DataError;
 /// Longest accepted side of an image in pixels, as in JPEG. A false header must not cause excessive work.
 const LONGEST_SIDE: u32 = 65_535;
 
+/// Most pixels of an image. Decoders take no more than 512 MiB.
+const MOST_PIXELS: u64 = (512 << 20) / 3;
+
 /// Minimum useful number of pixels along each side.
 const LEAST_SIDE: u32 = 16;
 
@@ -23,10 +26,16 @@ pub(super) fn images_as_used(shots: &[Shot]) -> Result<Vec<Used>, DataError> {
 /// The common size of all images. Batches are stacked, so sizes must agree.
 pub(super) fn common_size(folder: &Path, shots: &[Shot], images: &[Used]) -> Result<(u32, u32), DataError> {
     let sizes: Vec<(u32, u32)> = images.iter().map(|image| image.size).collect();
-    if let Some(huge) = sizes.iter().position(|&(width, height)| width.max(height) > LONGEST_SIDE) {
+    let is_huge = |&(width, height): &(u32, u32)| {
+        width.max(height) > LONGEST_SIDE || u64::from(width) * u64::from(height) > MOST_PIXELS
+    };
+    if let Some(huge) = sizes.iter().position(is_huge) {
         let (width, height) = sizes[huge];
         let path = shots[huge].source.path().to_owned();
-        let reason = format!("its header tells of {width} x {height} pixels, and a side has {LONGEST_SIDE} at most");
+        let reason = format!(
+            "its header tells of {width} x {height} pixels, and an image has at most {LONGEST_SIDE} along a side and \
+             {MOST_PIXELS} in all"
+        );
         return Err(DataError::Image { path, reason });
     }
     let Some(other) = sizes.iter().position(|size| *size != sizes[0]) else { return Ok(sizes[0]) };

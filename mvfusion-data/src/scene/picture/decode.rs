@@ -1,6 +1,5 @@
 //! Decoding of image files.
 
-use std::fs::File;
 use std::io::{BufRead, BufReader, Cursor, Read, Seek};
 use std::path::Path;
 
@@ -20,13 +19,31 @@ pub(crate) struct PictureHeader {
     orientation: Orientation,
 }
 
+/// Bytes of a JPEG file that are read first. Its header is almost always among them.
+const HEADER: u64 = 256 << 10;
+
+/// The beginning of a JPEG file.
+const JPEG: [u8; 2] = [0xff, 0xd8];
+
 impl PictureHeader {
-    /// Reads only the header.
+    /// Reads only the header. The file type is guessed from the content, because photos with a wrong extension are common.
     ///
     /// # Errors
     /// [`DataError::Image`] if the header cannot be read, [`DataError::Denied`] if the file may not be.
     pub(crate) fn read(path: &Path) -> Result<Self, DataError> {
-        Self::of(opened(path)?).map_err(|e| unreadable(path, &e))
+        let mut file = open_file(path).map_err(|e| unreadable(path, &e))?;
+        // The decoder of JPEG reads its whole input before it looks at the header.
+        let mut head = Vec::new();
+        file.by_ref().take(HEADER).read_to_end(&mut head).map_err(|e| unreadable(path, &e))?;
+        if head.starts_with(&JPEG)
+            && let Ok(reader) = ImageReader::new(Cursor::new(&head)).with_guessed_format()
+            && let Ok(header) = Self::of(reader)
+        {
+            return Ok(header);
+        }
+        file.rewind().map_err(|e| unreadable(path, &e))?;
+        let reader = ImageReader::new(BufReader::new(file)).with_guessed_format().map_err(|e| unreadable(path, &e))?;
+        Self::of(reader).map_err(|e| unreadable(path, &e))
     }
 
     fn of(reader: ImageReader<impl BufRead + Seek>) -> ImageResult<Self> {
@@ -69,12 +86,6 @@ pub(super) fn decode(path: &Path, wanted: (u32, u32), exif: ExifOrientation) -> 
     let mut image = guessed()?.decode().map_err(|e| unreadable(path, &e))?;
     image.apply_orientation(header.orientation);
     Ok(image)
-}
-
-/// Guesses the file type from the content, because photos with a wrong extension are common.
-fn opened(path: &Path) -> Result<ImageReader<BufReader<File>>, DataError> {
-    let file = open_file(path).map_err(|e| unreadable(path, &e))?;
-    ImageReader::new(BufReader::new(file)).with_guessed_format().map_err(|e| unreadable(path, &e))
 }
 
 fn unreadable(path: &Path, reason: &dyn std::fmt::Display) -> DataError {

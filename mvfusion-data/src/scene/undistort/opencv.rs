@@ -55,7 +55,7 @@ struct Reference {
 
 const fn opencv(coefficients: [f64; 8]) -> Bend {
     let [k1, k2, p1, p2, k3, k4, k5, k6] = coefficients;
-    Bend::Perspective { radial: [k1, k2, k3, k4, k5, k6], tangential: [p1, p2] }
+    Bend::opencv([k1, k2, k3, k4, k5, k6], [p1, p2])
 }
 
 const REFERENCES: [Reference; 5] = [
@@ -255,7 +255,9 @@ fn the_pinhole_is_the_largest_within_a_strong_lens() {
 
 /// Five steps of OpenCV's fixed-point iteration (METHOD §5.2).
 fn five_steps(bend: Bend, seen: DVec2) -> DVec2 {
-    let Bend::Perspective { radial: [k1, k2, k3, k4, k5, k6], tangential: [p1, p2] } = bend else { return seen };
+    let Bend::Perspective { numerator: [k1, k2, k3, _], denominator: [k4, k5, k6], tangential: [p1, p2] } = bend else {
+        return seen;
+    };
     (0..5).fold(seen, |DVec2 { x, y }, _| {
         let r2 = x * x + y * y;
         let shrink = (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6))) / (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3)));

@@ -11,6 +11,7 @@ use super::records::ImageRecord;
 use super::{binary, text};
 use crate::error::DataError;
 use crate::files::{dataset_text, read_bytes};
+use crate::readers::shared::ply::read_points;
 use crate::scene::PointCloud;
 
 /// One of the three files.
@@ -91,9 +92,13 @@ impl ModelFiles {
         self.parse(Part::Images, binary::images, text::images)
     }
 
-    /// The points, in file order.
+    /// The points, in file order. If the model has only `points3D.ply`, as loaders of 3DGS leave it, those of that file.
     pub(super) fn points(&self) -> Result<PointCloud, DataError> {
-        self.parse(Part::Points, binary::points, text::points)
+        let ply = self.folder.join("points3D.ply");
+        match self.path(Part::Points).is_file() || !ply.is_file() {
+            true => self.parse(Part::Points, binary::points, text::points),
+            false => read_points(&ply),
+        }
     }
 
     /// The error for a complaint about a file.

@@ -67,7 +67,7 @@ pub fn lens_models() -> [&'static str; MODELS.len()] {
 }
 
 fn perspective(radial: &[f64], tangential: &[f64]) -> Bend {
-    Bend::Perspective { radial: filled(radial), tangential: filled(tangential) }
+    Bend::opencv(filled(radial), filled(tangential))
 }
 
 fn fisheye(radial: &[f64], tangential: &[f64], prism: &[f64], shifted_last: bool) -> Bend {
@@ -182,7 +182,7 @@ mod tests {
     fn coefficients_go_where_the_model_has_them() {
         let bend = |name: &str, parameters: &[f64]| record(name, parameters).lens().expect(name).0.bend;
         let full = bend("FULL_OPENCV", &[40., 41., 23., 17., 1., 2., 3., 4., 5., 6., 7., 8.]);
-        assert_eq!(full, Bend::Perspective { radial: [1., 2., 5., 6., 7., 8.], tangential: [3., 4.] });
+        assert_eq!(full, Bend::opencv([1., 2., 5., 6., 7., 8.], [3., 4.]));
         let prism = bend("THIN_PRISM_FISHEYE", &[40., 41., 23., 17., 1., 2., 3., 4., 5., 6., 7., 8.]);
         let wanted = Bend::Fisheye {
             radial: [1., 2., 5., 6., 0., 0.],

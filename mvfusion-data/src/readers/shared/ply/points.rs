@@ -81,7 +81,11 @@ pub fn read_points(path: &Path) -> Result<PointCloud, DataError> {
     };
     let file = open_file(path).map_err(|e| fail(e.to_string()))?;
     let room = file.metadata().map_err(|e| fail(e.to_string()))?.len();
-    read_vertices(BufReader::new(file), room).map_err(fail)
+    let (points, has_colours) = read_vertices(BufReader::new(file), room).map_err(fail)?;
+    if !has_colours {
+        warn!(file = %path.display(), "its points have no colours `red`, `green`, `blue`, so they are grey");
+    }
+    Ok(points)
 }
 
 /// The points of the first of the named files that exists in `folder`.
@@ -99,8 +103,8 @@ pub(crate) fn warn_of_none(folder: &Path, names: &[&str]) {
     warn!(folder = %folder.display(), "no point cloud ({names}): training starts from random points");
 }
 
-/// The vertices in a file of `room` bytes.
-fn read_vertices(reader: impl BufRead, room: u64) -> Result<PointCloud, String> {
+/// The vertices in a file of `room` bytes, and whether they have colours.
+fn read_vertices(reader: impl BufRead, room: u64) -> Result<(PointCloud, bool), String> {
     // The parser needs an end of line, which the last line of some files lacks.
     let mut ply = PlyReader::from_reader(reader.chain(&b"\n"[..])).map_err(|e| e.to_string())?;
     let vertex = vertex_element(&mut ply)?;
@@ -120,7 +124,7 @@ fn read_vertices(reader: impl BufRead, room: u64) -> Result<PointCloud, String> 
         check_place(*position).map_err(|reason| format!("vertex {index} {reason}"))?;
         *colour = colour.clamp(Vec3::ZERO, Vec3::ONE);
     }
-    Ok(points)
+    Ok((points, unit.is_some()))
 }
 
 /// The value of full brightness; `None` if there are no colours.
@@ -143,7 +147,7 @@ mod tests {
     use super::*;
 
     fn points(text: &[u8]) -> Result<PointCloud, String> {
-        read_vertices(text, text.len() as u64)
+        read_vertices(text, text.len() as u64).map(|(points, _)| points)
     }
 
     const HEAD: &str = "ply\nformat ascii 1.0\n";

@@ -59,10 +59,15 @@ fn read_bend(record: &LensRecord) -> Result<Bend, String> {
     }
     let unnamed = if record.is_fisheye == Some(true) { "OPENCV_FISHEYE" } else { "OPENCV" };
     match record.camera_model.as_deref().unwrap_or(unnamed) {
-        // nerfstudio reads a third and fourth radial coefficient for OPENCV, although the fourth is part of a fraction
-        // in OpenCV. It also applies the coefficients if the model is called a pinhole.
-        "OPENCV" | "RADIAL" | "SIMPLE_RADIAL" | "FULL_OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "perspective" => {
-            Ok(Bend::Perspective { radial: [k1, k2, k3, k4, k5, k6], tangential })
+        "FULL_OPENCV" => Ok(Bend::opencv([k1, k2, k3, k4, k5, k6], tangential)),
+        // nerfstudio reads four radial coefficients for OPENCV, as Metashape and RealityCapture write them: the fourth is
+        // that of r⁸, and no part of OpenCV's fraction. It also applies them if the model is called a pinhole.
+        "OPENCV" | "RADIAL" | "SIMPLE_RADIAL" | "PINHOLE" | "SIMPLE_PINHOLE" | "perspective" => {
+            let is_fraction = k5 != 0.0 || k6 != 0.0;
+            match is_fraction {
+                true => Ok(Bend::opencv([k1, k2, k3, k4, k5, k6], tangential)),
+                false => Ok(Bend::Perspective { numerator: [k1, k2, k3, k4], denominator: [0.0; 3], tangential }),
+            }
         }
         "OPENCV_FISHEYE" | "fisheye" => Ok(Bend::Fisheye {
             radial: [k1, k2, k3, k4, 0.0, 0.0],

@@ -22,7 +22,7 @@ use glam::{DMat3, DVec3};
 
 use super::shot::{FrameLens, Shot};
 use crate::error::DataError;
-use crate::files::{below, dataset_text, parse_json, rotation_of};
+use crate::files::{below, dataset_text, parse_json, rotation_of, with_slashes};
 use crate::scene::{PictureSource, Scene};
 use lens::read_lens;
 use record::{FileRecord, FrameRecord, LensRecord};
@@ -69,7 +69,7 @@ pub(crate) struct Frame {
 
 /// The masks in the folder of a `transforms.json` that no frame names; `None` if there are none.
 pub(crate) fn ignored_masks(folder: &Path, scene: &Scene) -> Option<String> {
-    super::ignored_masks::ignored_masks(folder, scene, "no frame of transforms.json has a `mask_path`")
+    super::ignored_masks::ignored_masks(folder, scene, "no frame has a `mask_path`")
 }
 
 /// A path without a leading `./`. A file may write the same path with and without it.
@@ -123,8 +123,12 @@ impl Transforms {
         }
         let points = record.ply_file_path.as_deref().map(|name| below(folder, name)).transpose().map_err(fail)?;
         // If no test images are listed, the validation images are held out.
-        let test = record.test_filenames.filter(|names| !names.is_empty()).or(record.val_filenames);
-        let train = record.train_filenames;
+        let listed = |names: Option<Vec<String>>| -> Option<Vec<String>> {
+            names.map(|names| names.iter().map(|name| with_slashes(folder, name).into_owned()).collect())
+        };
+        let named = |names: Option<Vec<String>>| listed(names).filter(|names| !names.is_empty());
+        let test = named(record.test_filenames).or_else(|| named(record.val_filenames));
+        let train = listed(record.train_filenames);
         Ok(Self { path: path.to_owned(), frames, points, train, test })
     }
 }
@@ -140,7 +144,7 @@ fn read_frame(record: &FrameRecord, common: &LensRecord, folder: &Path) -> Resul
         value => Ok(value),
     };
     Ok(Frame {
-        name: record.file_path.clone(),
+        name: with_slashes(folder, &record.file_path).into_owned(),
         file,
         rotation,
         translation,

@@ -1,6 +1,44 @@
 //! The entries of a `transforms.json`, as stored.
 
-use serde::Deserialize;
+use std::fmt;
+
+use serde::de::{Error, Unexpected, Visitor};
+use serde::{Deserialize, Deserializer};
+
+/// A number, or one in quotes, as nerfstudio's converter of RealityCapture writes coefficients.
+fn number<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<f64>, D::Error> {
+    struct Number;
+
+    impl<'de> Visitor<'de> for Number {
+        type Value = Option<f64>;
+
+        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            f.write_str("a number")
+        }
+
+        fn visit_unit<E>(self) -> Result<Self::Value, E> {
+            Ok(None)
+        }
+
+        fn visit_f64<E>(self, value: f64) -> Result<Self::Value, E> {
+            Ok(Some(value))
+        }
+
+        fn visit_i64<E>(self, value: i64) -> Result<Self::Value, E> {
+            Ok(Some(value as f64))
+        }
+
+        fn visit_u64<E>(self, value: u64) -> Result<Self::Value, E> {
+            Ok(Some(value as f64))
+        }
+
+        fn visit_str<E: Error>(self, text: &str) -> Result<Self::Value, E> {
+            text.trim().parse().map(Some).map_err(|_| E::invalid_value(Unexpected::Str(text), &self))
+        }
+    }
+
+    deserializer.deserialize_any(Number)
+}
 
 /// The file as stored, without the intrinsics at its top. Unknown entries are skipped, because every tool adds its own.
 #[derive(Debug, Deserialize)]
@@ -21,7 +59,7 @@ macro_rules! records {
         pub(super) struct LensRecord {
             pub(super) camera_model: Option<String>,
             pub(super) is_fisheye: Option<bool>,
-            $(pub(super) $number: Option<f64>,)*
+            $(#[serde(default, deserialize_with = "number")] pub(super) $number: Option<f64>,)*
         }
 
         /// A frame as stored.
@@ -34,7 +72,7 @@ macro_rules! records {
             pub(super) mask_path: Option<String>,
             pub(super) camera_model: Option<String>,
             pub(super) is_fisheye: Option<bool>,
-            $(pub(super) $number: Option<f64>,)*
+            $(#[serde(default, deserialize_with = "number")] pub(super) $number: Option<f64>,)*
         }
 
         impl FrameRecord {

@@ -122,9 +122,17 @@ fn coefficients_count_whatever_the_model_is_called() {
         Picture::Memory(_) => None,
     };
     let radial = [-0.05, 0.0, 0.0, 0.0, 0.0, 0.0];
-    let perspective = Some(Bend::Perspective { radial, tangential: [0.0; 2] });
+    let perspective = Some(Bend::opencv(radial, [0.0; 2]));
     assert_eq!(bend(&with(bent.clone(), "camera_model", json!("PINHOLE"))), perspective);
     assert_eq!(bend(&with(bent.clone(), "is_fisheye", json!(false))), perspective);
+    // As nerfstudio's converters of Metashape and RealityCapture write it, and as OpenCV means it.
+    let fourth = with(bent.clone(), "k4", json!("0.02"));
+    let eighth = Bend::Perspective { numerator: [-0.05, 0.0, 0.0, 0.02], denominator: [0.0; 3], tangential: [0.0; 2] };
+    assert_eq!(bend(&with(fourth.clone(), "camera_model", json!("OPENCV"))), Some(eighth));
+    let fraction = Bend::opencv([-0.05, 0.0, 0.0, 0.02, 0.0, 0.0], [0.0; 2]);
+    assert_eq!(bend(&with(fourth.clone(), "camera_model", json!("FULL_OPENCV"))), Some(fraction));
+    let sixth = Bend::opencv([-0.05, 0.0, 0.0, 0.02, 0.0, 0.01], [0.0; 2]);
+    assert_eq!(bend(&with(fourth, "k6", json!(0.01))), Some(sixth));
     let fisheye = Bend::Fisheye { radial, tangential: [0.0; 2], prism: [0.0; 4], shifted_last: false };
     assert_eq!(bend(&with(bent, "is_fisheye", json!(true))), Some(fisheye));
 }
