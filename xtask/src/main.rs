@@ -38,7 +38,7 @@ enum Chore {
     /// Compiles every kernel for NVIDIA GPUs, without one, and counts registers, spills and shared memory.
     #[cfg(feature = "ptx")]
     Ptx(ptx::PtxArguments),
-    /// Puts the table of a sweep into docs/results.md.
+    /// Puts the table of a sweep into the page of docs/ that names it.
     Results(results::ResultsArguments),
     /// Kills, terminates, replaces and doubles trainings, and checks that none is lost.
     Torture(torture::TortureArguments),
