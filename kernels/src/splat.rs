@@ -19,8 +19,10 @@ pub const MIN_EIGENVALUE_SPREAD: f64 = 0.1;
 pub const REACH_SLACK: f64 = 1e-4;
 /// Rounding error that the ellipse-box test allows for, in units of half the machine epsilon.
 pub const TOUCH_ROUNDINGS: f64 = 8.0;
-/// Largest radius on a GPU, in pixels: beyond any image, and small enough for arithmetic in 32 bits.
-pub const MAX_RADIUS: i32 = 1 << 28;
+/// Farthest centre on a GPU, in pixels from the first one: beyond any image, and small enough for arithmetic in 32 bits.
+pub const MAX_CENTRE: i32 = 1 << 28;
+/// Largest radius on a GPU, in pixels. It reaches the image from the farthest centre.
+pub const MAX_RADIUS: i32 = 1 << 29;
 
 /// Number of colour channels. They are the first blended channels; the extra features follow, then the depth.
 pub const COLOUR_CHANNELS: usize = 3;

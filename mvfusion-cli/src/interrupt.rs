@@ -128,7 +128,12 @@ impl std::error::Error for Abandoned {}
 
 /// The command that continues a run.
 pub fn resume_command(run: &Path) -> String {
-    format!("mvfusion train --resume {}", for_shell(&run.to_string_lossy()))
+    format!("mvfusion train --resume {}", path_for_shell(run))
+}
+
+/// A path as a shell reads it back.
+pub(crate) fn path_for_shell(path: &Path) -> String {
+    for_shell(&path.to_string_lossy()).into_owned()
 }
 
 /// A word as a shell reads it back.

@@ -375,6 +375,8 @@ fn what_cannot_be_exported_is_refused() {
         misused(&[["export", path, "--html"].as_slice(), &unused].concat(), &["--html", unused[0]]);
     }
     misused(&["prepare", "in", "--out", "scene", "--camera-model", "FOO"], &["FOO", "--camera-model"]);
+    refuses(&[["export", path].as_slice(), &out, &["--format", "4dgs", "--time", "0.5"]].concat(), USAGE, &["--time"]);
+    misused(&["eval", path, "--replace", "mvg=mean", "--speed-frames", "5"], &["--replace", "--speed-frames"]);
     let foreign = empty.path().join("foreign.html");
     fs::write(&foreign, "<!DOCTYPE html>").expect("written");
     let html = format!("--html={}", foreign.display());

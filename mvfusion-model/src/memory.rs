@@ -2,7 +2,7 @@
 //!
 //! The prediction is a sum of terms that grow with the scene and the configuration: Gaussians, planes, pixels, decoded
 //! images. The coefficients are from measured runs on the CPU (docs/performance.md, "Memory"), rounded up. A GPU needs
-//! the same tensors.
+//! the same tensors and, which is not counted, up to 512 MiB of hidden rows for each group of heads (`mvfusion_render::mlp`).
 
 use mvfusion_data::motion::{MotionFilm, MovingPixelsOptions};
 use mvfusion_data::{Picture, Scene, rest_width};

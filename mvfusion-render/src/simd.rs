@@ -1,6 +1,7 @@
 //! Vector instructions selected at run time, for loops that the compiler vectorises and as an explicit type.
 //!
-//! Results do not depend on the instruction set: sums keep their written order, and nothing is contracted.
+//! Nothing is contracted, and sums keep their written order, in which the number of lanes has a part: where a loop sums
+//! lane by lane, the last bits depend on the instruction set.
 
 mod elementary;
 mod number;

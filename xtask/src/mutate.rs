@@ -2,7 +2,7 @@
 //!
 //! The tests do the same with few files (`tests/tests/mutate/`).
 
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
@@ -28,11 +28,17 @@ pub struct MutateArguments {
 
 /// Runs the test with these settings.
 pub fn run(arguments: &MutateArguments) -> Result<()> {
-    let mut cargo = Command::new(env!("CARGO"));
-    cargo.args(["test", "--workspace", "--features", TESTED, "--test", "mutate", "--"]);
+    let mut cargo = tests();
     match arguments.reader.as_deref() {
         Some("list") => drop(cargo.arg("--list")),
-        reader => drop(cargo.args(reader)),
+        Some(name) => {
+            // A filter that matches nothing is no failure of a test.
+            let listed = tests().arg("--list").stderr(Stdio::inherit()).output().context("cannot start cargo")?;
+            let is_known = String::from_utf8_lossy(&listed.stdout).lines().any(|line| line.contains(name));
+            ensure!(is_known, "no reader's name contains `{name}`; `--reader list` lists them");
+            cargo.arg(name);
+        }
+        None => {}
     }
     cargo.env("MUTATE_FILES", arguments.files.to_string()).env("MUTATE_FIRST", arguments.first.to_string());
     if let Some(seconds) = arguments.budget {
@@ -41,6 +47,13 @@ pub fn run(arguments: &MutateArguments) -> Result<()> {
     let status = cargo.status().context("cannot start cargo")?;
     ensure!(status.success(), "a reader failed");
     Ok(())
+}
+
+/// The test, which takes further arguments.
+fn tests() -> Command {
+    let mut cargo = Command::new(env!("CARGO"));
+    cargo.args(["test", "--workspace", "--features", TESTED, "--test", "mutate", "--"]);
+    cargo
 }
 
 /// A time with its unit.

@@ -4,7 +4,7 @@ use cubecl::prelude::*;
 
 use super::maths::{Pair, constant};
 use super::view::View;
-use crate::splat::{MAX_RADIUS, PROJECTED_LEN, TILE, TOUCH_ROUNDINGS, projected_row};
+use crate::splat::{MAX_CENTRE, PROJECTED_LEN, TILE, TOUCH_ROUNDINGS, projected_row};
 
 /// A projected Gaussian without its colour: the record's head.
 #[derive(CubeType, Clone, Copy)]
@@ -77,7 +77,7 @@ pub fn tile_rectangle(
 fn tile_range(middle: f32, radius: i32, size: u32, #[comptime] square: bool) -> (u32, u32) {
     let tile = comptime!(TILE as i32);
     let tiles = tiles_along(size) as i32;
-    let bound = comptime!(MAX_RADIUS as f32);
+    let bound = comptime!(MAX_CENTRE as f32);
     let middle = clamp(middle, -bound, bound);
     if comptime!(square) {
         // The arithmetic of 3DGS: pixel centres at integers, and truncation.

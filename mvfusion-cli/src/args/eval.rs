@@ -37,7 +37,7 @@ pub struct EvalArgs {
     /// MODULE is mvg or mfta. WHAT is constant (the mean over all Gaussians and times), mean (each Gaussian's mean over
     /// time), or shuffled (the output of another Gaussian at the same time). May be given more than once; each one is
     /// evaluated by itself. With --write, the metrics go to replacements.json and the report.
-    #[arg(long, value_name = "MODULE=WHAT", value_parser = parse_replacement, conflicts_with = "protocol")]
+    #[arg(long, value_name = "MODULE=WHAT", value_parser = parse_replacement, conflicts_with_all = ["protocol", "speed_frames"])]
     pub replace: Vec<ReplacementChoice>,
     /// Device and threads.
     #[command(flatten)]

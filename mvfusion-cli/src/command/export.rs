@@ -44,8 +44,11 @@ pub fn export(args: &ExportArgs, verbosity: Verbosity, out: &mut dyn Write) -> a
     Ok(())
 }
 
-/// Refuses what only a film has where none is written.
+/// Refuses what only a film has where none is written, and a time where nothing but a film is.
 fn check(args: &ExportArgs) -> Result<(), UsageError> {
+    if args.time.is_some() && args.format.iter().all(|format| *format == ExportFormat::Moving) {
+        return Err(UsageError::new("--time is about one moment, and scene.4dgs holds all of them: leave it out."));
+    }
     let given = [("--samples", args.samples.is_some()), ("--precision", args.precision.is_some())];
     match given.into_iter().find(|(_, is_given)| *is_given) {
         Some((name, _)) if !args.format.contains(&ExportFormat::Moving) => {

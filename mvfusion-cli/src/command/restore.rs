@@ -7,6 +7,7 @@ use anyhow::bail;
 
 use crate::args::RestoreArgs;
 use crate::export::{CAMERAS, CONTENTS};
+use crate::interrupt::resume_command;
 use crate::run::{self, Contents, RunFolder};
 
 /// Brings a replaced run or export back in place of what was to replace it.
@@ -28,8 +29,9 @@ pub fn restore(args: &RestoreArgs, out: &mut dyn Write) -> anyhow::Result<()> {
     }
     if !args.force && !run::checkpoints(&args.run)?.is_empty() {
         bail!(
-            "{path} contains an unfinished run with a checkpoint. Continue it with `mvfusion train --resume {path}`, or \
-             use --force to remove it and bring the replaced run back."
+            "{path} contains an unfinished run with a checkpoint. Continue it with `{}`, or use --force to remove it and \
+             bring the replaced run back.",
+            resume_command(&args.run)
         );
     }
     folder.restore()?;

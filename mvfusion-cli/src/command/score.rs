@@ -134,9 +134,9 @@ impl Scoring<'_> {
             None
         });
         let refinement = self.survey(model, &context)?.map(|survey| survey.figures());
-        let protocol = self.evaluator.protocol().statement();
+        let protocol = self.evaluator.protocol();
         let results = Results {
-            protocol: protocol.to_owned(),
+            protocol: protocol.statement().to_owned(),
             test: test.mean,
             training_views,
             refinement,
@@ -157,7 +157,7 @@ impl Scoring<'_> {
             device: self.device.name.clone(),
             threads: rayon::current_num_threads(),
             seed: self.config.seed,
-            field: FieldScores::of(*steps, &test.mean.composed),
+            field: FieldScores::of(protocol, *steps, &test.mean.composed),
         };
         Ok(Scored { results, per_view: PerView::of(protocol, &test, *steps) })
     }

@@ -12,6 +12,7 @@ use super::{json, sweep_status};
 use crate::args::{Launcher, SweepAction, SweepArgs, SweepFolderArgs, SweepRunArgs};
 use crate::clock::spoken;
 use crate::failure::UsageError;
+use crate::interrupt::path_for_shell;
 use crate::progress::Verbosity;
 use crate::sweep::{
     self, Additions, Cell, Estimate, Grid, Index, Local, Plan, SHIPPED, Slurm, Source, State, SweepFolder, table,
@@ -162,7 +163,7 @@ impl<'a> Session<'a> {
             Launcher::Slurm => {
                 self.submit(&to_do, out)?;
                 if !self.args.wait {
-                    let folder = self.folder.path().display();
+                    let folder = path_for_shell(self.folder.path());
                     return Ok(writeln!(out, "Run `mvfusion sweep status {folder}` to follow the progress.")?);
                 }
                 let at_work = to_do.len() - self.free(&to_do)?.len();
@@ -175,7 +176,7 @@ impl<'a> Session<'a> {
         };
         write_table(&self.folder, index, self.verbosity, out)?;
         if failed > 0 {
-            let (count, folder) = (to_do.len(), self.folder.path().display());
+            let (count, folder) = (to_do.len(), path_for_shell(self.folder.path()));
             bail!("{failed} of {count} cells have not finished; `mvfusion sweep status {folder}` shows why");
         }
         Ok(())

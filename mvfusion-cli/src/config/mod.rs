@@ -281,7 +281,8 @@ pub(crate) fn make_absolute(config: &mut Config) -> anyhow::Result<()> {
         ("eval.lpips_weights", &mut eval.lpips_weights),
     ];
     for (key, path) in paths {
-        let Some(path) = path.as_mut().filter(|path| !lpips::is_none(path)) else { continue };
+        let is_none = |path: &&mut PathBuf| key == "eval.lpips_weights" && lpips::is_none(path);
+        let Some(path) = path.as_mut().filter(|path| !is_none(path)) else { continue };
         if path.as_os_str().is_empty() {
             return Err(UsageError::new(format!("`{key}` is an empty path. Give a path, or leave it out.")).into());
         }

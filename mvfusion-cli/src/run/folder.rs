@@ -17,6 +17,7 @@ use super::checkpoints::checkpoints;
 use super::files::{ENTRIES, FILMS, METRICS, RECORD, TENSORBOARD, read_json};
 use super::lock::{FolderLock, LOCK};
 use super::record::RunRecord;
+use crate::interrupt::path_for_shell;
 
 /// What happens to a run that is already in the folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -215,10 +216,11 @@ pub fn waiting_note(folder: &Path) -> Option<String> {
 
 fn note_on_waiting(folder: &Path, what: &str) -> Option<String> {
     aside::waits(folder).then(|| {
-        let shown = folder.display();
         format!(
-            "{shown} holds a replaced {what}, until the {what} that replaces it is finished. Bring it back with: \
-             mvfusion restore {shown}"
+            "{} holds a replaced {what}, until the {what} that replaces it is finished. Bring it back with: mvfusion \
+             restore {}",
+            folder.display(),
+            path_for_shell(folder)
         )
     })
 }
@@ -301,8 +303,9 @@ fn check_existing(path: &Path, existing: Existing, contents: Contents) -> anyhow
         match note_on_waiting(path, what) {
             Some(note) => bail!("{note}. Or use --force to begin anew; the replaced {what} is kept until then."),
             None if (contents.is_of_use)(path) && !(contents.is_complete)(path) => bail!(
-                "the folder {shown} contains an unfinished {what}. Continue it with --resume {shown}, replace it with \
-                 --force, or choose another --out."
+                "the folder {shown} contains an unfinished {what}. Continue it with --resume {}, replace it with --force, \
+                 or choose another --out.",
+                path_for_shell(path)
             ),
             None => bail!(
                 "the folder {shown} is not empty. Use --force to replace the {what} in it, or choose another --out."

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use mvfusion_model::evaluation::{
-    Evaluation, Evaluator, LayerScores, Metric, ModuleFigures, RefinementFigures, Scores, ViewScores,
+    Evaluation, Evaluator, LayerScores, Metric, ModuleFigures, Protocol, RefinementFigures, Scores, ViewScores,
 };
 use mvfusion_model::model::Model;
 use mvfusion_model::model::gaussians::Gaussians;
@@ -173,10 +173,11 @@ impl LpipsWeights {
 }
 
 impl Results {
-    /// The frame rate, if parameters and device are the same as those of `other`.
+    /// The frame rate, if parameters, device, machine and threads are the same as those of `other`.
     pub fn speed_of(&self, other: &Self) -> Option<RenderSpeed> {
-        let is_same = self.params_sha256 == other.params_sha256 && self.device == other.device;
-        self.speed.filter(|_| is_same)
+        let is_same_machine =
+            self.device == other.device && self.machine == other.machine && self.threads == other.threads;
+        self.speed.filter(|_| is_same_machine && self.params_sha256 == other.params_sha256)
     }
 
     /// The names of the metrics that differ from those of `other`, each with both values.
@@ -282,19 +283,17 @@ pub struct PerView {
 
 impl PerView {
     /// The views of an evaluation after `steps` steps of training.
-    pub fn of(protocol: &str, evaluation: &Evaluation, steps: usize) -> Self {
+    pub fn of(protocol: Protocol, evaluation: &Evaluation, steps: usize) -> Self {
         let test: BTreeMap<_, _> =
             evaluation.views.iter().enumerate().map(|(index, view)| (picture_file(index), view.clone())).collect();
-        let field = FieldPerView::of(steps, &test);
-        Self { protocol: protocol.to_owned(), test, field }
+        let field = FieldPerView::of(protocol, steps, &test);
+        Self { protocol: protocol.statement().to_owned(), test, field }
     }
 }
 
 /// Results for tests, of a run without weights of LPIPS.
 #[cfg(test)]
 pub(crate) fn specimen(test: Scores) -> Results {
-    use mvfusion_model::evaluation::Protocol;
-
     Results {
         protocol: "p".into(),
         test,

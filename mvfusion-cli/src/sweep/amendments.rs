@@ -9,21 +9,22 @@ use super::index::Index;
 /// A change of a grid that was made when some of its cells had finished, so that it may follow from their metrics.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Amendment {
-    /// What changed: the rule, the differences, the seeds.
+    /// What changed: the rule, the differences, the seeds of a scene.
     pub parts: Vec<String>,
     /// Number of the cells that had finished.
     pub finished: usize,
 }
 
-/// The amendments of a sweep that has an index already: those that it had, and what `index` adds. Cells that no longer
-/// belong to the sweep do not count. Without a rule, nothing is decided, and nothing is an amendment.
+/// The amendments of a sweep that has an index already: those that it had, and what `index` adds, if any of its cells has
+/// finished. Without a rule, nothing is decided, and nothing is an amendment.
 pub(super) fn amendments(old: &Index, index: &Index, is_finished: impl Fn(&str) -> bool) -> Vec<Amendment> {
-    let own: BTreeSet<&str> = index.cells.iter().map(|cell| cell.id.as_str()).collect();
-    let kept: Vec<&str> = old.cells.iter().map(|cell| cell.id.as_str()).filter(|id| own.contains(id)).collect();
-    if kept.is_empty() || (old.rule.is_none() && index.rule.is_none()) {
+    let finished = index.cells.iter().filter(|cell| is_finished(&cell.id)).count();
+    if finished == 0 || (old.rule.is_none() && index.rule.is_none()) {
         return Vec::new();
     }
-    let seeds = |index: &Index| index.cells.iter().map(|cell| cell.seed).collect::<BTreeSet<u64>>();
+    let seeds = |index: &Index| -> BTreeSet<(String, u64)> {
+        index.cells.iter().map(|cell| (cell.scene.clone(), cell.seed)).collect()
+    };
     let changes = [
         ("rule", old.rule != index.rule),
         ("differences", old.differences != index.differences),
@@ -31,12 +32,8 @@ pub(super) fn amendments(old: &Index, index: &Index, is_finished: impl Fn(&str) 
     ];
     let parts: Vec<String> =
         changes.into_iter().filter(|(_, is_changed)| *is_changed).map(|(part, _)| part.to_owned()).collect();
-    let mut amendments = old.amendments.clone();
-    if !parts.is_empty() {
-        let finished = kept.into_iter().filter(|id| is_finished(id)).count();
-        amendments.extend((finished > 0).then_some(Amendment { parts, finished }));
-    }
-    amendments
+    let added = (!parts.is_empty()).then_some(Amendment { parts, finished });
+    old.amendments.iter().cloned().chain(added).collect()
 }
 
 /// The amendments in a sentence: `The grid was changed after cells had finished: rule (40 cells).`
@@ -85,7 +82,7 @@ mod tests {
     fn a_change_before_the_first_cell_has_finished_is_none() {
         let old = index(Some(rule(2)), &[1, 2]);
         assert_eq!(amendments(&old, &index(Some(rule(1)), &[1, 2]), |_| false), []);
-        assert_eq!(amendments(&old, &index(Some(rule(1)), &[3]), |_| true), [], "no cell is left");
+        assert_eq!(amendments(&old, &index(Some(rule(1)), &[3]), |id| id == old.cells[0].id), [], "no cell is left");
         assert_eq!(amendments(&index(None, &[1]), &index(None, &[1, 2]), |_| true), [], "no rule");
     }
 

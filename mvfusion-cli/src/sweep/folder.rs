@@ -154,7 +154,7 @@ impl SweepFolder {
     /// What was changed of what decides since cells of this sweep had finished, if `index` takes its place.
     pub fn amendments(&self, index: &Index) -> Vec<Amendment> {
         let Ok(old) = Index::read(&self.path) else { return Vec::new() };
-        amendments(&old, index, |id| self.is_finished(id, &old.wanted))
+        amendments(&old, index, |id| self.is_trained(id))
     }
 
     /// Writes the grid, the files that each cell needs to run on its own, and the index.

@@ -152,6 +152,13 @@ fn a_run_that_was_terminated_and_killed_ends_as_if_nothing_had_been() {
     let record: Value =
         serde_json::from_slice(&fs::read(place.join("tuned/run.json")).expect("a record")).expect("JSON");
     assert_eq!(record["init_from"]["params_sha256"], outcome(&place.join("whole")).0);
+    // A file with Gaussians is needed once.
+    fs::copy(place.join("whole/point_cloud/iteration_24/static.ply"), place.join("room.ply")).expect("copied");
+    let begun = mvfusion(place, &arguments(&["--out", "begun", "--set", "init.static_ply=room.ply"]));
+    assert!(begun.status.success(), "{}", text(&begun.stderr));
+    fs::remove_file(place.join("room.ply")).expect("removed");
+    let longer = mvfusion(place, &["train", "--resume", "begun", "--set", "train.stages.refinement=13"]);
+    assert!(longer.status.success(), "{}", text(&longer.stderr));
     let other = mvfusion(place, &["train", "--init-from", "whole", "--out", "other"]);
     let said = text(&other.stderr);
     assert!(!other.status.success() && said.contains("--config whole/config.toml uses its own"), "{said}");

@@ -9,8 +9,8 @@ use std::path::{Component, Path, PathBuf};
 /// # Errors
 /// If the name is empty, absolute, or leads upwards.
 pub(crate) fn below(folder: &Path, name: &str) -> Result<PathBuf, String> {
-    let name = with_slashes(folder, name);
-    let path = Path::new(&*name);
+    let slashed = with_slashes(folder, name);
+    let path = Path::new(&*slashed);
     let inside = |part: Component<'_>| matches!(part, Component::Normal(_) | Component::CurDir);
     if path.components().all(inside) && path.file_name().is_some() {
         Ok(folder.join(path.strip_prefix("./").unwrap_or(path)))

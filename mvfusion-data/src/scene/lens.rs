@@ -275,7 +275,7 @@ mod tests {
             denominator: [0.5, 0.25, 0.125],
             tangential: [0.0; 2],
         };
-        assert!((all.moved(DVec2::new(2.0, 0.0)).x - 2.0 * 125.2 / 15.0).abs() < 1e-12);
+        assert!((all.moved(DVec2::new(2.0, 0.0)).x - 2.0 * 126.2 / 15.0).abs() < 1e-12);
         let tangential = Bend::opencv([0.0; 6], [0.1, 0.01]);
         assert!((tangential.moved(point) - DVec2::new(1.03, 0.1)).length() < 1e-12);
         let fisheye = Bend::Fisheye {

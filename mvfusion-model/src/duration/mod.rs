@@ -9,7 +9,7 @@
 //! them the first rounds of densification add. This share is assumed to fall with the number of rounds
 //! (`growth.rs`). docs/performance.md, "Predict your hours", compares runs with their predictions.
 //!
-//! Not predicted: pruning, measurements of motion, the cost of births, checkpoints, and the writing of images.
+//! Not predicted: pruning, measurements of motion, the cost of births, T-LPIPS, checkpoints, and the writing of images.
 
 mod fit;
 mod gains;
@@ -57,7 +57,7 @@ pub struct RunTime {
     pub start: f64,
     /// The stages that have steps.
     pub stages: Vec<StageTime>,
-    /// Rendering and scoring the held-out views.
+    /// Rendering and scoring the held-out views, and the training views with `eval.training_views`.
     pub evaluation: f64,
     /// Share of the run's pixels and initial Gaussians in the largest measured copy.
     pub measured_share: f64,
@@ -108,7 +108,7 @@ impl RunTime {
             let Some(copies) = Copies::probe(&ground, started + budget.mul_f64(COPIES_END))? else { return Ok(None) };
             let stages = copies.stages(config, scene, &gains);
             let start = copies.start(config, &sample);
-            let evaluation = copies.evaluation(scene, evaluator)?;
+            let evaluation = copies.evaluation(config, scene, evaluator)?;
             let training: f64 = stages.iter().map(StageTime::seconds).sum();
             let seconds = start + training + evaluation;
             Ok(Some(Self { seconds, start, stages, evaluation, measured_share: copies.share }))
@@ -199,8 +199,9 @@ impl Copies {
         }
     }
 
-    /// Seconds of the evaluation of all held-out views, from one that is reduced.
-    fn evaluation(&self, scene: &Scene, evaluator: &Evaluator) -> Result<f64, ModelError> {
+    /// Seconds of the evaluation of all held-out views, and of the training views if they are scored, from one that is
+    /// reduced.
+    fn evaluation(&self, config: &Config, scene: &Scene, evaluator: &Evaluator) -> Result<f64, ModelError> {
         let Some(view) = scene.test.first() else { return Ok(0.0) };
         let share = (EVALUATED / (view.camera.width * view.camera.height) as f64).min(1.0);
         let view = reduced_with_truth(view, share)?;
@@ -211,7 +212,8 @@ impl Copies {
         evaluate(&model, &one, Split::Test, trainer.final_level(), trainer.render_context(), evaluator, |_, _, _| {
             Ok::<_, ModelError>(())
         })?;
-        Ok(started.elapsed().as_secs_f64() / share * scene.test.len() as f64)
+        let of_training = if config.eval.training_views { scene.train.len() } else { 0 };
+        Ok(started.elapsed().as_secs_f64() / share * (scene.test.len() + of_training) as f64)
     }
 }
 

@@ -103,7 +103,8 @@ impl Protocol {
             Self::DeGauss => {
                 "degauss: last iteration; everything on 8-bit pictures, rounded, mean over views; SSIM 11x11 sigma 1.5 \
                  without the 5-pixel border (torchmetrics); LPIPS by alex fed [-1,1] (called normalized there), and by \
-                 alex and by vgg fed [0,1]; MS-SSIM of pytorch-msssim"
+                 alex and by vgg fed [0,1]; MS-SSIM of pytorch-msssim; composed pictures of held-out photos are the \
+                 static branch"
             }
             Self::ThreeDgs => {
                 "3dgs: last iteration; everything on 8-bit pictures, mean over views; SSIM 11x11 sigma 1.5 \
@@ -117,12 +118,12 @@ impl Protocol {
         }
     }
 
-    /// The content of composed renders of held-out photos, for a model with two branches. Ours are clean views; the
-    /// other protocols evaluate the render at the photo's time.
+    /// The content of composed renders of held-out photos, for a model with two branches. Ours are clean views, as those
+    /// of DeGauss (METHOD §6); protocols that know no branches evaluate the render at the photo's time.
     pub fn held_out_photos(self) -> HeldOutPhoto {
         match self {
-            Self::Mvfusion => HeldOutPhoto::StaticBranch,
-            Self::DeGauss | Self::ThreeDgs | Self::NerfBaselines => HeldOutPhoto::AllBranches,
+            Self::Mvfusion | Self::DeGauss => HeldOutPhoto::StaticBranch,
+            Self::ThreeDgs | Self::NerfBaselines => HeldOutPhoto::AllBranches,
         }
     }
 

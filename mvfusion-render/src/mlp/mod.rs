@@ -2,7 +2,8 @@
 //!
 //! As separate tensor operations, a layer would pass over memory three times and keep every hidden row until the
 //! backward pass. Here, a block of rows passes through all layers while it is in the cache. The backward pass
-//! recomputes the hidden rows, so nothing of size `[N, width]` is kept.
+//! recomputes the hidden rows, so that nothing of size `[N, width]` is kept, except that a GPU keeps up to 512 MiB of them
+//! in a call.
 
 pub(crate) mod cpu;
 mod error;

@@ -2,8 +2,9 @@
 
 use crate::window::Window;
 
-/// The weights of the picture terms (METHOD §4.4), finite and not below 0. A term with weight 0 is not computed. Means
-/// include all pixels, also where an indicator is 0.
+/// The weights of the picture terms (METHOD §4.4), finite and not below 0. A term with weight 0 contributes
+/// nothing; a similarity, the entropy and the smoothness are then not computed. Means include all pixels, also where an
+/// indicator is 0.
 ///
 /// In the formulas, `d` is the clamped render of the dynamic branch, `l` that of the static branch with brightness `b`
 /// and clamped, `m` and `n` are their shares, `c = m d + n l` is the composed render, `p` the photo, `S` is SSIM and `K`

@@ -1,5 +1,7 @@
 //! The settings of a render: the rules of the rasteriser, the SH degree, and the channels of the statistic.
 
+use mvfusion_kernels::splat::MIN_ALPHA;
+
 use super::SplatError;
 
 /// The extent of a Gaussian on the image plane, which determines its radius and its tiles.
@@ -128,16 +130,16 @@ impl SplatRules {
         let (Extent::Square { sigmas } | Extent::PerAxis { sigmas }) = self.extent;
         let ranges = [
             ("near", self.near, self.near >= 0.0, "0 or more, because nothing behind the camera is seen"),
-            ("far", self.far, self.far > self.near, "a number above `near`"),
+            ("far", self.far, self.far as f32 > self.near as f32, "a number above `near`, also in single precision"),
             ("depth_guard", self.depth_guard, self.depth_guard >= 0.0, "0 or more"),
             ("dilation", self.dilation, self.dilation >= 0.0, "0 or more"),
             ("stop", stop, stop as f32 > 0.0, "a number above 0, also in single precision"),
-            ("extent", sigmas, sigmas > 0.0, "more than 0 standard deviations"),
+            ("extent", sigmas, sigmas as f32 > 0.0, "more than 0 standard deviations, also in single precision"),
             (
                 "alpha_clamp",
                 self.alpha_clamp,
-                self.alpha_clamp as f32 > 0.0 && self.shows_opaque(),
-                "a number above 0 whose difference from 1 does not reach `stop`, also in single precision",
+                self.alpha_clamp as f32 >= MIN_ALPHA as f32 && self.shows_opaque(),
+                "a number from 1/255 whose difference from 1 does not reach `stop`, also in single precision",
             ),
         ];
         match ranges.into_iter().find(|(.., is_valid, _)| !is_valid) {

@@ -14,7 +14,7 @@ use super::setup::{self, Setup};
 use crate::args::TrainArgs;
 use crate::config::{self, Resolved};
 use crate::device::{self, OpenDevice};
-use crate::interrupt::Signals;
+use crate::interrupt::{Signals, path_for_shell};
 use crate::progress::Verbosity;
 use crate::run::{self, Existing, InitialWeights, MetricsLog, RunPlan, RunRecord};
 use crate::{lpips, scene};
@@ -82,9 +82,9 @@ fn initialised_trainer(
     let source = run::newest_checkpoint(run)?;
     let trained = TrainState::load_weights(&source.path, config, &autodiff).with_context(|| {
         format!(
-            "the weights of {run} do not fit this configuration; --config {run}/{} uses its own",
-            run::CONFIG,
-            run = run.display(),
+            "the weights of {} do not fit this configuration; --config {} uses its own",
+            run.display(),
+            path_for_shell(&run.join(run::CONFIG)),
         )
     })?;
     let weights = InitialWeights::of(run, &trained)?;

@@ -36,7 +36,10 @@ pub use session::Observer;
 pub fn train(args: &TrainArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
     let signals = Signals::watch().context("cannot watch for signals")?;
     let socket = live::bind_viewer(args)?;
-    trained(args, signals, socket, verbosity, out)
+    let ended = trained(args, signals.clone(), socket, verbosity, out);
+    // Nobody asks for signals any more, and a sweep's cell goes on.
+    signals.end_at_once();
+    ended
 }
 
 /// The same in a thread of a program: with signals of its own, and a viewer at a socket that listens already.

@@ -62,7 +62,10 @@ pub(super) fn resumed(
          with --set eval.dynamic_masks=DIR",
     )?;
     record.scene.check(&scene)?;
-    setup::check_memory(args, &config, &scene, &device)?;
+    // The checkpoint has the Gaussians: the files that the run began with may be gone.
+    let mut without_files = config.clone();
+    (without_files.init.static_ply, without_files.init.dynamic_ply) = (None, None);
+    setup::check_memory(args, &without_files, &scene, &device)?;
     let (checkpoint, state) = newest_state(path, &config.scaled(), &device, verbosity)?;
     let step = state.completed;
     let trainer = Trainer::with_state(config.scaled(), &scene, &device.device.clone().autodiff(), state)?;

@@ -266,10 +266,13 @@ fn paper_decimals(rows: &[Row], place: usize, metric: &TableMetric) -> Option<us
 }
 
 /// Marks the best entries of a column, if there is more than one to choose from. What looks the same is as good. A mean
-/// over fewer seeds than that of another row does not compete: the seeds that it lacks may be the hard ones.
+/// over other seeds than those of the first row with the most does not compete: the seeds that it lacks may be the hard
+/// ones.
 fn mark_best(rows: &mut [Row], place: usize, metric: &TableMetric) {
-    let most = rows.iter().map(|row| row.entries[place].seeds.len()).max().unwrap_or(0);
-    let competes = |entry: &Entry| entry.seeds.len() == most;
+    let seeds = |entry: &Entry| entry.seeds.iter().map(|seed| seed.seed).collect::<Vec<u64>>();
+    let all = rows.iter().map(|row| seeds(&row.entries[place]));
+    let most = all.rev().max_by_key(Vec::len).unwrap_or_default();
+    let competes = |entry: &Entry| seeds(entry) == most;
     let competing = || rows.iter().map(|row| &row.entries[place]).filter(|entry| competes(entry));
     let means = || competing().filter_map(|entry| entry.spread.map(|spread| spread.mean));
     let best = match metric.better {

@@ -20,6 +20,8 @@ pub struct Origin {
     pub device: String,
     /// Processor of the evaluation.
     pub processor: Option<String>,
+    /// GPU of the evaluation.
+    pub gpu: Option<String>,
 }
 
 impl Origin {
@@ -35,6 +37,7 @@ impl Origin {
             commit,
             device: record.device.clone(),
             processor: results.machine.as_ref().and_then(|machine| machine.cpu.clone()),
+            gpu: results.machine.as_ref().and_then(|machine| Some(machine.gpu.as_ref()?.name.clone())),
         }
     }
 }
@@ -60,11 +63,12 @@ pub(super) fn mixtures(cells: &[TrainedCell]) -> Vec<Mixture> {
             Outcome::Failed | Outcome::Unfinished => None,
         })
         .collect();
-    let parts: [Part; 4] = [
+    let parts: [Part; 5] = [
         ("protocol", |origin| Some(&origin.protocol)),
         ("commit", |origin| origin.commit.as_ref()),
         ("device", |origin| Some(&origin.device)),
         ("processor", |origin| origin.processor.as_ref()),
+        ("GPU", |origin| origin.gpu.as_ref()),
     ];
     let mixture = |(part, of): Part| {
         let mut counts = BTreeMap::new();

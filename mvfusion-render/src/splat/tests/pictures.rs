@@ -135,7 +135,8 @@ fn results_do_not_depend_on_the_number_of_threads() {
         let device = device.autodiff();
         let run = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads start");
-            pool.install(|| gradients::all_numbers(&Scene::random(3, 3000), &device, DType::F32))
+            // Enough for chunks of other lengths with other numbers of threads.
+            pool.install(|| gradients::all_numbers(&Scene::random(3, 9000), &device, DType::F32))
         };
         let one = run(1);
         for threads in [2, 3, 7] {

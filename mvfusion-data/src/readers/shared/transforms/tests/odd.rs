@@ -95,7 +95,7 @@ fn masks_that_no_frame_names_are_told() {
     let told = |frames: &[Value]| ignored_masks(folder.path(), &opened(&folder, &file(frames.to_vec())));
     assert_eq!(told(&frames), None);
     folder.write_picture("masks/1.png", SIZE, 255);
-    let said = "masks/ contains 1 file, but no frame of transforms.json has a `mask_path`";
+    let said = "masks/ contains 1 file, but no frame has a `mask_path`";
     assert_eq!(told(&frames).as_deref(), Some(said));
     frames[1]["mask_path"] = json!("masks/1.png");
     assert_eq!(told(&frames), None);
