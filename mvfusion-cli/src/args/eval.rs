@@ -29,7 +29,7 @@ pub struct EvalArgs {
     #[arg(long, value_name = "NAME", default_value = Protocol::default().name(), value_parser = protocols())]
     pub protocol: Protocol,
     /// Frames for measuring the frame rate, with and without MFTA, after 20 warm-up frames; 0 skips the measurement,
-    /// which can take minutes for large images on a CPU
+    /// which can take minutes for large images on a CPU; --replace measures none
     #[arg(long, value_name = "N", default_value_t = 300)]
     pub speed_frames: usize,
     /// Evaluate with a motion-aware module's output replaced, instead of the run as it is: MODULE=WHAT, or `all`
@@ -37,7 +37,7 @@ pub struct EvalArgs {
     /// MODULE is mvg or mfta. WHAT is constant (the mean over all Gaussians and times), mean (each Gaussian's mean over
     /// time), or shuffled (the output of another Gaussian at the same time). May be given more than once; each one is
     /// evaluated by itself. With --write, the metrics go to replacements.json and the report.
-    #[arg(long, value_name = "MODULE=WHAT", value_parser = parse_replacement, conflicts_with_all = ["protocol", "speed_frames"])]
+    #[arg(long, value_name = "MODULE=WHAT", value_parser = parse_replacement, conflicts_with = "protocol")]
     pub replace: Vec<ReplacementChoice>,
     /// Device and threads.
     #[command(flatten)]

@@ -93,7 +93,7 @@ mod tests {
         let more = amendments(&old, &index(Some(rule(2)), &[1, 2]), |_| true);
         assert_eq!((&kept, more.len()), (&old.amendments, 2));
         assert_eq!(sentence(&[]), None);
-        let said = "The grid was changed after cells had finished: rule (40 cells); seeds (1 cell).";
+        let said = "The grid was changed after cells had finished: rule (40 cells); seeds (2 cells).";
         assert_eq!(sentence(&more).as_deref(), Some(said));
     }
 }
