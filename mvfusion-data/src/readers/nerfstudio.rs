@@ -84,7 +84,10 @@ pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
     info!("{name}: {} images to train on, {} held out, {} points", train.len(), test.len(), points.len());
     let unlisted = unlisted(&frames);
     if unlisted > 0 {
-        warn!(folder = %folder.display(), "{unlisted} images beside those of {CAMERAS} are not listed in it, so they are not used");
+        warn!(
+            folder = %folder.display(),
+            "{unlisted} images beside those of {CAMERAS} are not listed in it, so they are not used"
+        );
     }
     Ok(Scene { name, capture, train, test, points, near: None })
 }

@@ -123,7 +123,8 @@ impl Config {
         refuse(bounds, "model.grid.bounds", "motion".into(), &format!("{NO_STATIC_BRANCH}; let it span the \"cloud\""))
     }
 
-    /// Checks that every Gaussian has an intensity, and that it has the unit of what `MotionCache::stillness` adds to it, a variance in square extents.
+    /// Checks that every Gaussian has an intensity, and that it has the unit of what `MotionCache::stillness` adds to it, a
+    /// variance in square extents.
     fn check_stillness(&self) -> Result<(), ModelError> {
         let adds_travel = self.model.lifetime && self.motion.trajectory == Trajectory::Deformation;
         let has_its_unit = self.motion.in_extents && self.motion.spread == Spread::Variance;

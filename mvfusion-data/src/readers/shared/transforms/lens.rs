@@ -62,13 +62,10 @@ fn read_bend(record: &LensRecord) -> Result<Bend, String> {
         "FULL_OPENCV" => Ok(Bend::opencv([k1, k2, k3, k4, k5, k6], tangential)),
         // nerfstudio reads four radial coefficients for OPENCV, as Metashape and RealityCapture write them: the fourth is
         // that of r⁸, and no part of OpenCV's fraction. It also applies them if the model is called a pinhole.
-        "OPENCV" | "RADIAL" | "SIMPLE_RADIAL" | "PINHOLE" | "SIMPLE_PINHOLE" | "perspective" => {
-            let is_fraction = k5 != 0.0 || k6 != 0.0;
-            match is_fraction {
-                true => Ok(Bend::opencv([k1, k2, k3, k4, k5, k6], tangential)),
-                false => Ok(Bend::Perspective { numerator: [k1, k2, k3, k4], denominator: [0.0; 3], tangential }),
-            }
-        }
+        "OPENCV" | "RADIAL" | "SIMPLE_RADIAL" | "PINHOLE" | "SIMPLE_PINHOLE" | "perspective" => Ok(match (k5, k6) {
+            (0.0, 0.0) => Bend::Perspective { numerator: [k1, k2, k3, k4], denominator: [0.0; 3], tangential },
+            _ => Bend::opencv([k1, k2, k3, k4, k5, k6], tangential),
+        }),
         "OPENCV_FISHEYE" | "fisheye" => Ok(Bend::Fisheye {
             radial: [k1, k2, k3, k4, 0.0, 0.0],
             tangential: [0.0; 2],
