@@ -10,7 +10,7 @@ use mvfusion_data::{ReadOptions, open, recognise};
 use super::check;
 use crate::args::{CheckArgs, ComputeArgs, ConfigSourceArgs, PrepareArgs};
 use crate::failure::UsageError;
-use crate::interrupt::{Abandoned, Signals};
+use crate::interrupt::{Abandoned, Signals, path_for_shell};
 use crate::progress::{Progress, Verbosity};
 
 /// Makes a scene from photos or videos, and checks it as `mvfusion check` does.
@@ -24,7 +24,8 @@ pub fn prepare(args: &PrepareArgs, verbosity: Verbosity, out: &mut dyn Write) ->
     if let (Ok(format), Ok(_)) = (recognise(&args.input, None), open(&args.input, &ReadOptions::default())) {
         let (input, format) = (args.input.display(), format.name());
         verbosity.note(&format!(
-            "note:   {input} has poses already ({format}): `mvfusion train --data {input}` reads it as it is"
+            "note:   {input} has poses already ({format}): `mvfusion train --data {}` reads it as it is",
+            path_for_shell(&args.input)
         ));
     }
     let mut progress = None;
@@ -99,7 +100,7 @@ fn tell(made: &Prepared, args: &PrepareArgs, out: &mut dyn Write) -> std::io::Re
             ("cameras", format!(" --set 'scene.test_cameras=[\"{name}\"]'"))
         }
     };
-    let scene = args.out.display();
+    let scene = path_for_shell(&args.out);
     writeln!(out, "placed      {placed} of {total} {what}")?;
     writeln!(out, "train       mvfusion train --data {scene}{hint}")
 }

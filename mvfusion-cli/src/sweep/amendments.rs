@@ -15,12 +15,13 @@ pub struct Amendment {
     pub finished: usize,
 }
 
-/// The amendments of a sweep that has an index already: those that it had, and what `index` adds, if any of its cells has
-/// finished. Without a rule, nothing is decided, and nothing is an amendment.
+/// The amendments of a sweep that has an index already: those that it had, and what `index` adds, if any cell of either has
+/// finished. Without a rule, nothing is decided, and nothing is added.
 pub(super) fn amendments(old: &Index, index: &Index, is_finished: impl Fn(&str) -> bool) -> Vec<Amendment> {
-    let finished = index.cells.iter().filter(|cell| is_finished(&cell.id)).count();
+    let cells: BTreeSet<&str> = old.cells.iter().chain(&index.cells).map(|cell| cell.id.as_str()).collect();
+    let finished = cells.into_iter().filter(|id| is_finished(id)).count();
     if finished == 0 || (old.rule.is_none() && index.rule.is_none()) {
-        return Vec::new();
+        return old.amendments.clone();
     }
     let seeds = |index: &Index| -> BTreeSet<(String, u64)> {
         index.cells.iter().map(|cell| (cell.scene.clone(), cell.seed)).collect()
@@ -82,7 +83,6 @@ mod tests {
     fn a_change_before_the_first_cell_has_finished_is_none() {
         let old = index(Some(rule(2)), &[1, 2]);
         assert_eq!(amendments(&old, &index(Some(rule(1)), &[1, 2]), |_| false), []);
-        assert_eq!(amendments(&old, &index(Some(rule(1)), &[3]), |id| id == old.cells[0].id), [], "no cell is left");
         assert_eq!(amendments(&index(None, &[1]), &index(None, &[1, 2]), |_| true), [], "no rule");
     }
 
@@ -92,6 +92,7 @@ mod tests {
         let kept = amendments(&old, &index(Some(rule(2)), &[1]), |_| true);
         let more = amendments(&old, &index(Some(rule(2)), &[1, 2]), |_| true);
         assert_eq!((&kept, more.len()), (&old.amendments, 2));
+        assert_eq!(amendments(&old, &index(Some(rule(1)), &[7]), |_| false), old.amendments, "in a run of other cells");
         assert_eq!(sentence(&[]), None);
         let said = "The grid was changed after cells had finished: rule (40 cells); seeds (2 cells).";
         assert_eq!(sentence(&more).as_deref(), Some(said));

@@ -22,7 +22,8 @@ pub(crate) fn below(folder: &Path, name: &str) -> Result<PathBuf, String> {
 /// A name from a file with slashes. Tools on Windows write `train\0001.png`, which elsewhere is the name of one file; if
 /// there is such a file in `folder`, it is meant.
 pub(crate) fn with_slashes<'a>(folder: &Path, name: &'a str) -> Cow<'a, str> {
-    match name.contains('\\') && !folder.join(name).exists() {
+    // Windows reads both alike.
+    match cfg!(not(windows)) && name.contains('\\') && !folder.join(name).exists() {
         true => Cow::Owned(name.replace('\\', "/")),
         false => Cow::Borrowed(name),
     }

@@ -12,6 +12,7 @@ pub(super) fn ignored(reader: &Reader, folder: &Path, scene: &Scene) -> Option<P
     Some(Problem::warning(
         Subject::Masks,
         what,
-        "Rename or list them as expected, or move them elsewhere if training is to ignore them.",
+        "Rename or list them as the format expects, if it reads any, or move them elsewhere; `eval.dynamic_masks` names those \
+         that only scores use.",
     ))
 }

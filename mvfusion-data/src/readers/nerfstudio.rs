@@ -94,8 +94,10 @@ pub fn read(folder: &Path, options: &ReadOptions) -> Result<Scene, DataError> {
 
 /// The number of images in the folders of the frames that are no frame. Converters leave out what COLMAP did not place.
 fn unlisted(frames: &[&Frame]) -> usize {
-    let known: BTreeSet<&Path> = frames.iter().map(|frame| frame.file.as_path()).collect();
-    let folders: BTreeSet<&Path> = known.iter().filter_map(|file| file.parent()).collect();
+    let files = || frames.iter().map(|frame| frame.file.as_path());
+    let masks = frames.iter().filter_map(|frame| frame.mask.as_deref());
+    let known: BTreeSet<&Path> = files().chain(masks).collect();
+    let folders: BTreeSet<&Path> = files().filter_map(Path::parent).collect();
     let others = |folder: &Path| {
         let pictures = pictures_in(folder).unwrap_or_default();
         pictures.iter().filter(|path| !known.contains(path.as_path())).count()

@@ -27,6 +27,9 @@ impl Config {
         self.check_with_scale(|config| {
             config.check_one_branch()?;
             config.check_stillness()?;
+            if let Some(Contradiction { key, value, reason }) = config.motion.idle_switch() {
+                refuse(true, key, value, reason)?;
+            }
             config.check_values()?;
             config.check_stages()
         })

@@ -35,14 +35,6 @@ impl MotionConfig {
             ),
             (!self.mfta && self.values != TokenValues::default(), "motion.values", written(&self.values), NO_TOKENS),
             (!self.mfta && self.residual, "motion.residual", self.residual.to_string(), NO_TOKENS),
-            (!self.mfta && self.include_self, "motion.include_self", self.include_self.to_string(), NO_TOKENS),
-            (!self.mfta && self.tokens != TokenMode::Triple, "motion.tokens", written(&self.tokens), NO_TOKENS),
-            (
-                !self.mfta && self.neighbour_gradient,
-                "motion.neighbour_gradient",
-                self.neighbour_gradient.to_string(),
-                NO_TOKENS,
-            ),
             (
                 self.include_self && !is_cross,
                 "motion.include_self",
@@ -86,9 +78,29 @@ impl MotionConfig {
                 "the neighbours are at the same time; `motion.neighbours` is their number",
             ),
         ];
-        let mut found = contradictions.into_iter().filter(|&(is_contradiction, ..)| is_contradiction);
-        found.next().map(|(_, key, value, reason)| Contradiction { key, value, reason })
+        first_of(contradictions)
     }
+
+    /// The first switch of the tokens that has no effect without MFTA. Former versions accepted it.
+    pub(super) fn idle_switch(&self) -> Option<Contradiction> {
+        let has_none = !self.mfta;
+        first_of([
+            (has_none && self.include_self, "motion.include_self", self.include_self.to_string(), NO_TOKENS),
+            (has_none && self.tokens != TokenMode::Triple, "motion.tokens", written(&self.tokens), NO_TOKENS),
+            (
+                has_none && self.neighbour_gradient,
+                "motion.neighbour_gradient",
+                self.neighbour_gradient.to_string(),
+                NO_TOKENS,
+            ),
+        ])
+    }
+}
+
+/// The first contradiction that is one.
+fn first_of<const N: usize>(all: [(bool, &'static str, String, &'static str); N]) -> Option<Contradiction> {
+    let mut found = all.into_iter().filter(|&(is_contradiction, ..)| is_contradiction);
+    found.next().map(|(_, key, value, reason)| Contradiction { key, value, reason })
 }
 
 /// Why a switch of the tokens has no effect without MFTA.
@@ -156,6 +168,9 @@ mod tests {
             assert_eq!(refusal(switch), None);
             let without = |motion: &mut MotionConfig| (switch(motion), motion.mfta = false).1;
             assert_refused(without, &format!("{said}: `motion.mfta` is off"));
+            let mut old = Config::default();
+            without(&mut old.motion);
+            assert!(old.check_of_run().is_ok(), "{said}: runs of former versions can still be opened");
         }
     }
 

@@ -53,7 +53,7 @@ pub struct DensifyConfig {
     pub reset_interval: Interval<MIN_RESET>,
     /// The effect of a reset on Gaussians that it does not select (METHOD §4.11).
     pub reset: OpacityReset,
-    /// Whether a reset on the last step of the first stage is performed (A40).
+    /// Whether a reset on the last step of the first stage is performed (A40). Before births in photos, none is.
     pub reset_at_stage_end: bool,
     /// Gaussians larger than this fraction of the extent are split, the others cloned.
     pub clone_below: f64,

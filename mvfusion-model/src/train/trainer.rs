@@ -81,7 +81,11 @@ impl Trainer {
         let visits = photos.visits(&context.timeline, config.train.lonely_visits);
         let (windows, finder, seeding) = (Windows::default(), motion.finder, motion.seeding);
         let (has_births, is_video) = (config.has_births(scene), scene.capture == Capture::Video);
-        if !(has_births || is_video) && config.init.photo_points > 0 && config.model.lifetime {
+        if !(has_births || is_video)
+            && config.init.photo_points > 0
+            && config.init.dynamic_ply.is_none()
+            && config.model.lifetime
+        {
             tracing::warn!(
                 "`init.photo_points` has no effect: {} training photos have {} distinct times, and births need photos with \
                  times of their own and a first stage",

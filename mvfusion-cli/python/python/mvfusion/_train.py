@@ -33,7 +33,7 @@ def train(
     """Train on a scene, evaluate, and write a run folder, as ``mvfusion train`` does.
 
     Other Python threads run meanwhile. Ctrl-C saves a checkpoint after the current step and raises
-    `KeyboardInterrupt`; once the training is done, it waits for the evaluation.
+    `KeyboardInterrupt`; once the training is done, it ends the evaluation after a view, and `resume` does the rest.
 
     Parameters
     ----------

@@ -37,8 +37,10 @@ pub fn train(args: &TrainArgs, verbosity: Verbosity, out: &mut dyn Write) -> any
     let signals = Signals::watch().context("cannot watch for signals")?;
     let socket = live::bind_viewer(args)?;
     let ended = trained(args, signals.clone(), socket, verbosity, out);
-    // Nobody asks for signals any more, and a sweep's cell goes on.
-    signals.end_at_once();
+    if ended.is_ok() {
+        // Nobody asks for signals any more, and a sweep's cell goes on.
+        signals.end_at_once();
+    }
     ended
 }
 

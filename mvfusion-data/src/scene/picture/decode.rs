@@ -34,8 +34,12 @@ impl PictureHeader {
         let mut file = open_file(path).map_err(|e| unreadable(path, &e))?;
         // The decoder of JPEG reads its whole input before it looks at the header.
         let mut head = Vec::new();
-        file.by_ref().take(HEADER).read_to_end(&mut head).map_err(|e| unreadable(path, &e))?;
-        if head.starts_with(&JPEG)
+        file.by_ref().take(JPEG.len() as u64).read_to_end(&mut head).map_err(|e| unreadable(path, &e))?;
+        let is_jpeg = head == JPEG;
+        if is_jpeg {
+            file.by_ref().take(HEADER).read_to_end(&mut head).map_err(|e| unreadable(path, &e))?;
+        }
+        if is_jpeg
             && let Ok(reader) = ImageReader::new(Cursor::new(&head)).with_guessed_format()
             && let Ok(header) = Self::of(reader)
         {

@@ -11,7 +11,7 @@ function writeAddress(player) {
   else state.set('layer', player.layer);
   // Some hosts of embedded pages forbid it.
   try {
-    history.replaceState(null, '', `#${decodeURIComponent(state)}`);
+    history.replaceState(null, '', `#${state.toString().replaceAll('%2C', ',')}`);
   } catch { /* The address stays as it was. */ }
 }
 
