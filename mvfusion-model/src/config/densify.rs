@@ -97,6 +97,15 @@ pub enum OpacityReset {
     Clean,
 }
 
+impl DensifyConfig {
+    /// Whether Gaussians are born in a video after `step` of its deforming stages. A round that would look at opacities
+    /// that were just reset is left out, unless that is true of all rounds.
+    pub fn births_due(&self, step: usize) -> bool {
+        let has_others = !self.births_interval.0.is_multiple_of(self.reset_interval.0);
+        self.births_interval.is_due(step) && !(has_others && self.reset_interval.is_due(step)) && step < self.until.0
+    }
+}
+
 impl Default for DensifyConfig {
     fn default() -> Self {
         Self {

@@ -41,7 +41,7 @@ impl Beginning {
                 |steps: usize| rounds(densify.interval.0, densify.from.0.max(begin), (begin + steps).min(until));
             let births = |steps: usize| match stage {
                 0 => 0,
-                _ => rounds(densify.births_interval.0, begin, (begin + steps).min(until)),
+                _ => (begin + 1..=(begin + steps).min(until)).filter(|&step| densify.births_due(step)).count(),
             };
             let age = |rounds: usize| 1.0 + rounds as f64 / HALVED_AFTER;
             let power = HALVED_AFTER * self.gains[stage].ln_1p();
@@ -119,5 +119,9 @@ mod tests {
         assert_eq!(means[0], 100.0);
         // Ten rounds in the first quarter of the stage.
         assert!((530.0..570.0).contains(&means[2]), "{means:?}");
+        let densify = DensifyConfig { reset_interval: Interval(200), ..densify };
+        let means = branch.means(&densify, &StageConfig::of([1000, 0, 4000]));
+        // Every second one is left out.
+        assert!((310.0..340.0).contains(&means[2]), "{means:?}");
     }
 }

@@ -48,15 +48,10 @@ impl Trainer {
         position.stage == Stage::Geometry && position.ends_stage() && self.has_births
     }
 
-    /// Whether Gaussians are born in a video after this step. A round that would look at opacities that were just reset is
-    /// left out, unless that is true of all rounds.
+    /// Whether Gaussians are born in a video after this step.
     pub(in crate::train) fn film_births_due(&self, position: &Position) -> bool {
-        let (densify, model) = (&self.config.densify, &self.state.model);
-        let has_others = !densify.births_interval.0.is_multiple_of(densify.reset_interval.0);
-        let is_due = densify.births_interval.is_due(position.step)
-            && !(has_others && densify.reset_interval.is_due(position.step))
-            && position.step < densify.until.0
-            && position.stage != Stage::Geometry;
+        let model = &self.state.model;
+        let is_due = position.stage != Stage::Geometry && self.config.densify.births_due(position.step);
         is_due && self.is_video && model.static_.is_some() && model.dynamic.time_centres.is_some()
     }
 
