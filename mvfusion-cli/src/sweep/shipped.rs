@@ -28,6 +28,7 @@ pub const SHIPPED: &[Shipped] = shipped![
     "claim",
     "claim-small",
     "claim-again",
+    "claim-nearest",
     "readings",
     "convergence",
     "costs",
