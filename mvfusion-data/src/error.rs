@@ -12,7 +12,7 @@ pub(crate) const MAKE_READABLE: &str = "Make it readable for the user who runs t
 pub(crate) const REPLACE_IMAGE: &str = "Replace the file. If it is not needed, remove it: a photo together with its \
                                         pose, a frame of several cameras from every camera.";
 
-/// The reason why a scene cannot be read or written. Each message names the file and the remedy.
+/// The reason why a scene cannot be read, written or used. Each message names the file or view, and the remedy.
 #[derive(Debug, Error)]
 pub enum DataError {
     /// An image cannot be opened or decoded.
@@ -82,6 +82,16 @@ pub enum DataError {
         reason: String,
         /// A valid value, and how to set it.
         advice: String,
+    },
+    /// A scene that a program built cannot be used: see [`Scene::check`](crate::Scene::check).
+    #[error("the scene {scene} cannot be used: {reason}. {advice}")]
+    Scene {
+        /// The scene's name.
+        scene: String,
+        /// The problem, with the name of the view or the index of the point.
+        reason: String,
+        /// What to do.
+        advice: &'static str,
     },
     /// No reader recognises the folder.
     #[error(

@@ -38,9 +38,8 @@ fn train(weight: f64) -> Result<f32, ModelError> {
         let rendered = trainer.render_batch(&views, &position)?;
         let mut losses = trainer.losses(&rendered, &position)?;
         losses.total = losses.total + elongation(&trainer.state().model.dynamic) * weight;
-        let gradients = trainer.backward(rendered, losses, &position)?;
         let rates = trainer.rates(&position);
-        trainer.update(gradients, &rates, &position)?;
+        trainer.learn(rendered, losses, &rates, &position)?;
         trainer.finish_step(&position)?;
     }
     Ok(elongation(&trainer.state().model.plain().dynamic).into_scalar::<f32>())

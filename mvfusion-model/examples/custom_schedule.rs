@@ -45,12 +45,12 @@ fn main() -> Result<(), ModelError> {
     let mut in_turn = (0..scene.train.len()).cycle();
     while let Some(position) = trainer.begin_step()? {
         let views: Vec<usize> = in_turn.by_ref().take(batch_size).collect();
+        trainer.show_views(&views)?;
         let rendered = trainer.render_batch(&views, &position)?;
         let losses = trainer.losses(&rendered, &position)?;
         let squared_error = losses.squared_error.clone();
-        let gradients = trainer.backward(rendered, losses, &position)?;
         let rates = schedule(trainer.rates(&position), &position);
-        trainer.update(gradients, &rates, &position)?;
+        trainer.learn(rendered, losses, &rates, &position)?;
         trainer.finish_step(&position)?;
         if position.ends_stage() {
             let error = squared_error.into_scalar::<f32>();

@@ -14,7 +14,7 @@ fn main() -> Result<(), ModelError> {
     // Eight cameras that film a room in which a block flies. `mvfusion_data::open` reads a folder instead.
     let scene = builtin(&BuiltinOptions { width: 64, height: 48, frames: 8, ..BuiltinOptions::default() });
 
-    // The defaults are the paper's for Neu3D. This takes a two-hundredth of their steps, intervals and horizons.
+    // The defaults are the paper's for Neu3D. This takes a five-hundredth of their steps, intervals and horizons.
     let train = TrainConfig { scale: 0.002, ..TrainConfig::default() };
     let config = Config { seed: 1, train, ..Config::default() }.scaled();
 

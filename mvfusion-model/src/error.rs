@@ -26,6 +26,14 @@ pub enum ModelError {
         /// What to do.
         remedy: String,
     },
+    /// Training views cannot be rendered together.
+    #[error("the training views {views:?} cannot be rendered: {reason}.")]
+    Views {
+        /// Their indices.
+        views: Vec<usize>,
+        /// What is wrong with them.
+        reason: String,
+    },
     /// The splat op rejected its arguments.
     #[error(transparent)]
     Splat(#[from] SplatError),

@@ -27,7 +27,7 @@
 //! # }
 //! ```
 //! Larger programs are in the folder `examples`: the plain loop with an evaluation, a loss term of your own, a schedule
-//! of your own, a PLY file of another program, a scene from arrays.
+//! of your own, a PLY file of another program, a scene from arrays, a finished run.
 //!
 //! # Which module do I use?
 //! | you want to | look at |
@@ -38,6 +38,7 @@
 //! | initialise Gaussians | [`initial`] |
 //! | predict the memory or the time of a run | [`memory::MemoryNeed`], [`duration::RunTime`] |
 //! | compute metrics | [`evaluation::evaluate`] for views, [`evaluation::psnr`] and others for images |
+//! | open the scene of a configuration | [`Config::open_scene`] |
 //! | load a trained model | [`train::TrainedModel::load`] |
 //! | start from the weights of another run | [`train::TrainState::load_weights`], [`train::TrainState::with_weights`] |
 //!

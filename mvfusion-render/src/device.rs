@@ -44,8 +44,15 @@ pub(crate) fn blends(_: &Device, _: usize) -> bool {
     true
 }
 
+/// Pixels of the widest window over which a device compares pictures, along an axis; `None` for a CPU, which has no
+/// such limit.
+#[cfg(not(feature = "cube"))]
+pub(crate) fn window_limit(_: &Device) -> Option<usize> {
+    None
+}
+
 #[cfg(feature = "cube")]
-pub(crate) use found::{blends, buffer_limit};
+pub(crate) use found::{blends, buffer_limit, window_limit};
 
 #[cfg(feature = "cube")]
 mod found {
@@ -62,6 +69,7 @@ mod found {
 
     use crate::cube::gpu::{self, adds_floats, is_software};
     use crate::cube::shared_memory::fits_shared_memory;
+    use crate::cube::window::MOST_PIXELS;
 
     /// The language of Vulkan.
     const SPIR_V: &str = "SPIR-V";
@@ -170,6 +178,12 @@ mod found {
     /// Whether a device can blend this many channels, forward and backward.
     pub(crate) fn blends(device: &Device, channels: usize) -> bool {
         as_cube(&device.clone().inner()).is_none_or(|cube| fits_shared_memory(&cube, channels))
+    }
+
+    /// Pixels of the widest window over which a device compares pictures, along an axis; `None` for a CPU, which has no
+    /// such limit. Does not open it.
+    pub(crate) fn window_limit(device: &Device) -> Option<usize> {
+        is_gpu(device).then_some(MOST_PIXELS)
     }
 
     /// Whether a device is a GPU or a software driver. Does not open it.

@@ -13,6 +13,12 @@ pub(crate) fn for_each_device(body: impl Fn(Device)) {
     body(crate::device::ndarray());
 }
 
+/// Two devices between which nothing is shared.
+#[cfg(all(feature = "flex", feature = "ndarray"))]
+pub(crate) fn two_devices() -> [Device; 2] {
+    [crate::device::flex(), crate::device::ndarray()]
+}
+
 /// `count` random numbers in `0..1`.
 pub(crate) fn random(seed: u64, count: usize) -> Vec<f64> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);

@@ -19,7 +19,7 @@ use crate::args::CheckArgs;
 use crate::config::{self, Resolved};
 use crate::memory::{Available, need_of_training, refusal_of_training};
 use crate::progress::Verbosity;
-use crate::{atomic, device, scene};
+use crate::{atomic, device};
 
 /// Photos in the image of the points.
 const PHOTOS: usize = 9;
@@ -85,7 +85,7 @@ impl Findings {
         if pictures == Pictures::Decoded {
             verbosity.note("decoding every image (--quick decodes only a few)");
         }
-        let (mut inspection, mut scene) = inspect(&folder, &scene::read_options(config), pictures);
+        let (mut inspection, mut scene) = inspect(&folder, &config.read_options(), pictures);
         if let (Some(scene), Some(masks)) = (&mut scene, &config.eval.dynamic_masks) {
             inspection.attach_masks(scene, masks);
         }

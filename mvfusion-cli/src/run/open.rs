@@ -67,7 +67,7 @@ impl OpenRun {
             warn!("{change}");
         }
         let device = device::open(request.device)?;
-        let scene = scene::open(&config).context(match request.masks {
+        let scene = config.open_scene().context(match request.masks {
             MasksRequest::Unused => "cannot open the scene of the run; if it has moved, give its folder with --data",
             _ => {
                 "cannot open the scene of the run; if it has moved, give its folder with --data and the \

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use super::index::Cell;
 use super::plan::Plan;
+use crate::device;
 use crate::memory::{Available, need_of_training};
-use crate::{device, scene};
 
 /// Cells at a time, unless `--jobs` is given.
 ///
@@ -29,7 +29,7 @@ fn largest_need(plan: &Plan, to_do: &[&Cell]) -> f64 {
     let mut largest = 1.0f64;
     for (cell, config) in plan.index.cells.iter().zip(&plan.configs).filter(|(cell, _)| to_do.contains(cell)) {
         let scene =
-            scenes.entry((&cell.scene, &cell.variant, &cell.values)).or_insert_with(|| scene::open(config).ok());
+            scenes.entry((&cell.scene, &cell.variant, &cell.values)).or_insert_with(|| config.open_scene().ok());
         if let Some(need) = scene.as_ref().and_then(|scene| need_of_training(config, scene).ok()) {
             largest = largest.max(need.host() + need.most);
         }

@@ -19,16 +19,15 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
+use super::camera::check_camera;
 use crate::error::DataError;
 use crate::files::{or_denied, read_json, rotation_of};
-use crate::scene::{Camera, LARGEST_COORDINATE};
+use crate::scene::Camera;
 
 const ADVICE: &str = "Camera paths are what nerfstudio's viewer exports, or lists like the cameras.json of 3DGS: \
                       export it again, or mend the entry by hand.";
 /// Largest number of cameras in a path: an hour at 30 FPS.
 pub const MOST_ENTRIES: usize = 108_000;
-/// Longest side of an image, pixels.
-pub const LONGEST_SIDE: usize = 16_384;
 /// Allowed frame rates in FPS.
 pub const FRAME_RATES: RangeInclusive<f64> = 0.1..=240.0;
 
@@ -131,34 +130,11 @@ fn entries<R: DeserializeOwned>(
 }
 
 fn check(entry: PathEntry) -> Result<PathEntry, String> {
-    check_camera(&entry.camera)?;
+    check_camera(&entry.camera).map_err(|error| error.to_string())?;
     match entry.time {
         Some(time) if !(0.0..=1.0).contains(&time) => Err(format!("its time is {time}, and times lie in [0, 1]")),
         _ => Ok(entry),
     }
-}
-
-/// Whether a camera can be rendered.
-///
-/// # Errors
-/// If its image, its focal lengths or its position are out of bounds, with the bounds.
-pub fn check_camera(camera: &Camera) -> Result<(), String> {
-    let Camera { width, height, fx, fy, cx, cy, .. } = *camera;
-    if width == 0 || height == 0 || width.max(height) > LONGEST_SIDE {
-        return Err(format!("its image has {width} x {height} pixels, and a side has 1 to {LONGEST_SIDE}"));
-    }
-    if ![fx, fy].iter().all(|focal| focal.is_finite() && *focal > 0.0) {
-        return Err(format!("its focal lengths are {fx} and {fy} pixels, and both must be above zero"));
-    }
-    if !camera.is_computable() {
-        let centre = camera.centre();
-        return Err(format!(
-            "its position {:?}, its focal lengths {fx:?} and {fy:?} and its principal point ({cx:?}, {cy:?}) are too \
-             large or too small to compute with; coordinates go up to {LARGEST_COORDINATE:e}",
-            centre.to_array()
-        ));
-    }
-    Ok(())
 }
 
 impl Key {

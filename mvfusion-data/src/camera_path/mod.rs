@@ -1,12 +1,14 @@
 //! Camera paths for rendering: generated around a scene, or read from files.
 
+mod camera;
 mod file;
 mod orbit;
 mod placed;
 mod spiral;
 mod vantage;
 
-pub use file::{CameraPath, FRAME_RATES, LONGEST_SIDE, MOST_ENTRIES, PathEntry, check_camera, read_camera_path};
+pub use camera::{CameraError, LONGEST_SIDE, check_camera};
+pub use file::{CameraPath, FRAME_RATES, MOST_ENTRIES, PathEntry, read_camera_path};
 pub use orbit::orbit;
 pub use spiral::spiral;
 pub use vantage::Vantage;

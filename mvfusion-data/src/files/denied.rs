@@ -32,7 +32,10 @@ pub(crate) fn or_denied(error: DataError) -> DataError {
         DataError::Folder { folder, .. }
         | DataError::Missing { folder, .. }
         | DataError::Unrecognised { folder, .. } => folder,
-        DataError::Denied { .. } | DataError::Disagreement { .. } | DataError::Setting { .. } => return error,
+        DataError::Denied { .. }
+        | DataError::Disagreement { .. }
+        | DataError::Setting { .. }
+        | DataError::Scene { .. } => return error,
     };
     denied(path).map_or(error, |path| DataError::Denied { path })
 }

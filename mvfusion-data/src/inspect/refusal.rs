@@ -35,6 +35,9 @@ pub(super) fn problem(error: &DataError) -> Problem {
         DataError::Setting { option, value, reason, advice } => {
             (format!("scene.{option} = {value} cannot be used: {reason}"), stopped(advice))
         }
+        DataError::Scene { scene, reason, advice } => {
+            (format!("the scene {scene} cannot be used: {reason}"), stopped(advice))
+        }
         DataError::Unrecognised { folder, refusals } => (unrecognised(folder, refusals), where_to_look(folder)),
     };
     Problem::error(Subject::Reading, what, remedy)

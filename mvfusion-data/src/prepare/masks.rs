@@ -49,7 +49,8 @@ impl Masks {
 /// The given mask of an image of `size` pixels; `None` if the folder has none with one of these names.
 ///
 /// # Errors
-/// [`DataError::Image`] if it cannot be read or has another shape.
+/// [`DataError::Image`] if it cannot be read, [`DataError::Denied`] if it may not be. [`DataError::Content`] if it has
+/// another shape.
 pub(super) fn given(folder: &Path, names: &[String], size: (u32, u32)) -> Result<Option<GrayImage>, DataError> {
     let path = names.iter().find_map(|name| picture_named(folder, name));
     path.map(|path| Picture::file(path, size).mask()).transpose()

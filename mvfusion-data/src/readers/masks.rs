@@ -6,7 +6,9 @@ use tracing::{debug, warn};
 
 use crate::error::DataError;
 use crate::files::{denied, or_denied, picture_named};
-use crate::scene::{ExifOrientation, Picture, PictureFile, PictureHeader, PictureSource, Scene, check_shape};
+use crate::scene::{
+    ExifOrientation, Picture, PictureFile, PictureHeader, PictureSource, PictureUse, Scene, check_shape,
+};
 
 /// Sets [`Truth::dynamic_mask`](crate::Truth) of every view that has a file with its name in `folder`, such as
 /// `cam00/0003.png` or `2clutter008.png`. White means moving. Returns the number of masks. A mask with another size
@@ -31,7 +33,7 @@ pub fn attach_masks(scene: &mut Scene, folder: &Path) -> Result<usize, DataError
             }
         };
         let (width, height) = (view.camera.width as u32, view.camera.height as u32);
-        check_shape(&path, PictureHeader::read(&path)?.size, (width, height))?;
+        check_shape(&path, PictureHeader::read(&path)?.size, (width, height), PictureUse::Mask)?;
         let lenses = match &view.image {
             Picture::File(file) => file.lenses.clone(),
             Picture::Memory(_) => None,

@@ -59,8 +59,11 @@ impl SceneFolder {
         self.open_with(ReadOptions::default())
     }
 
+    /// Also checks that the scene, if it can be read, passes [`Scene::check`].
     pub(crate) fn open_with(&self, options: ReadOptions) -> Result<Scene, DataError> {
-        open(self.path(), &options)
+        let scene = open(self.path(), &options)?;
+        scene.check().expect("readers deliver scenes that can be used");
+        Ok(scene)
     }
 
     /// The message of the error, which must occur and name every part.

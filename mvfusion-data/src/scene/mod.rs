@@ -6,6 +6,7 @@
 mod activation;
 mod cache;
 mod camera;
+mod check;
 mod gaussian_arrays;
 mod gaussian_cloud;
 mod lens;
@@ -32,7 +33,7 @@ pub use limits::LARGEST_COORDINATE;
 pub(crate) use limits::{LARGEST_COEFFICIENT, LOG_SIZES, check_place};
 pub use mask::Mask;
 pub use picture::{ExifOrientation, Picture, PictureFile, PictureSource};
-pub(crate) use picture::{PictureHeader, check_shape};
+pub(crate) use picture::{PictureHeader, PictureUse, check_shape};
 pub use points::PointCloud;
 pub use rig::{by_camera, distinct_cameras};
 pub(crate) use undistort::pinhole_within;
@@ -49,7 +50,7 @@ pub enum Capture {
     Photos,
 }
 
-/// A captured scene, ready to train on.
+/// A captured scene, ready to train on. One that your own program built is checked by [`Scene::check`].
 #[derive(Clone, Debug)]
 pub struct Scene {
     /// Name for messages: the folder's, or `built-in video`.

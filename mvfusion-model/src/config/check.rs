@@ -44,6 +44,21 @@ impl Config {
         self.check_with_scale(Self::check_values)
     }
 
+    /// Rejects a configuration whose `train.scale` was not applied yet: its steps, and whatever follows from them, are
+    /// not those of the run.
+    ///
+    /// # Errors
+    /// [`ModelError::Config`] if `train.scale` is not 1.
+    pub(crate) fn check_scaled(&self) -> Result<(), ModelError> {
+        let scale = self.train.scale;
+        refuse(
+            scale != 1.0,
+            "train.scale",
+            scale.to_string(),
+            "the numbers of steps are taken as they are; give the result of `Config::scaled`",
+        )
+    }
+
     /// Checks the values as they are, and what `train.scale` makes of them.
     fn check_with_scale(&self, check: impl Fn(&Self) -> Result<(), ModelError>) -> Result<(), ModelError> {
         check(self)?;

@@ -12,6 +12,7 @@ mod keys;
 mod loss;
 mod model;
 mod motion;
+mod open_scene;
 mod optim;
 mod range;
 mod scale;

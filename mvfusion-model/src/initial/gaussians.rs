@@ -23,10 +23,10 @@ pub enum Masking {
 }
 
 /// Isotropic Gaussians on the points of a cloud (METHOD §1.1, column "init"), with SH degree 0 and without masks. Their
-/// scales are the roots of the given mean squared distances to neighbours.
+/// scales are the roots of the given mean squared distances to neighbours, one for each point.
 pub fn cloud_on(points: &PointCloud, mean_squared_distances: &[f64], opacity: f64) -> GaussianCloud {
     let count = points.len();
-    let logit = (opacity / (1.0 - opacity)).ln() as f32;
+    let logit = mvfusion_data::logit(opacity);
     let coefficient = |channel: f32| ((f64::from(channel) - 0.5) / SH_C0) as f32;
     let log_scale = |&squared: &f64| [squared.max(MIN_SQUARED_DISTANCE).sqrt().ln() as f32; 3];
     GaussianCloud {
@@ -57,7 +57,7 @@ pub fn gaussians_on(
 }
 
 /// The Gaussians of a cloud, with room for the given SH degree, and with lifetimes if the cloud has them. The current
-/// degree, [`Gaussians::sh_degree`], is 0, whatever the cloud's. With [`Masking::Blended`], mask logits are those of
+/// degree, [`Gaussians::sh_degree`], is the cloud's, as far as there is room. With [`Masking::Blended`], mask logits are those of
 /// the cloud, or the initial ones if it has none.
 pub fn gaussians_of(
     cloud: &GaussianCloud,
@@ -66,6 +66,7 @@ pub fn gaussians_of(
     device: &Device,
     dtype: DType,
 ) -> Gaussians {
+    let degree = cloud.sh_degree.min(sh_degree);
     let cloud = cloud.clone().at_degree(sh_degree);
     let masks = match (masking, &cloud.mask_logits) {
         (Masking::Absent, _) => None,
@@ -76,7 +77,7 @@ pub fn gaussians_of(
         cloud.lifetimes.as_ref().map(|all| doubles(&all.iter().flat_map(of).collect::<Vec<_>>()))
     };
     let tensor = |values, columns| attribute_tensor(values, columns, device, dtype);
-    Gaussians::from_tensors(|attribute| match attribute {
+    let gaussians = Gaussians::from_tensors(|attribute| match attribute {
         Attribute::Means => Some(tensor(doubles(cloud.means.as_flattened()), 3)),
         Attribute::ShDc => Some(tensor(doubles(cloud.sh_dc.as_flattened()), 3)),
         Attribute::ShRest => Some(rest_tensor(doubles(&cloud.sh_rest), cloud.len(), sh_degree, device, dtype)),
@@ -89,7 +90,8 @@ pub fn gaussians_of(
         Attribute::Velocities => lifetimes(|life| life.velocity.to_vec()).map(|values| tensor(values, 3)),
     })
     // Proof: each arm above is `Some`, except mask logits and lifetimes, which are optional.
-    .expect("every attribute but mask logits and lifetimes is given above")
+    .expect("every attribute but mask logits and lifetimes is given above");
+    Gaussians { sh_degree: degree, ..gaussians }
 }
 
 /// The higher colour coefficients of `count` Gaussians. Empty values would not determine the number of rows.

@@ -9,9 +9,11 @@ use super::parameters::Sink;
 use super::rendered::PlainRenders;
 use super::{BranchGradients, Losses, Position, RenderedBatch, StepGradients, Trainer};
 use crate::ModelError;
+use crate::config::BadStepRule;
 use crate::model::Model;
 use crate::model::gaussians::Attribute;
 use crate::parameter_path::ParameterPath;
+use crate::train::optim::Rates;
 
 /// Number of skipped steps in a row after which training ends: the numbers no longer recover.
 pub const MOST_BAD_STEPS: usize = 10;
@@ -51,16 +53,38 @@ impl Trainer {
         }
     }
 
+    /// The backward half of a step: gradients, and what [`Trainer::update`] does with them. `train.on_bad_step` says what
+    /// becomes of a loss or gradient that is not finite.
+    ///
+    /// # Errors
+    /// [`ModelError::NotFinite`] or [`ModelError::BadSteps`] by that rule, and if the device fails to return values.
+    pub fn learn(
+        &mut self,
+        rendered: RenderedBatch,
+        losses: Losses,
+        rates: &Rates,
+        position: &Position,
+    ) -> Result<(), ModelError> {
+        match self.config.train.on_bad_step {
+            BadStepRule::Stop => {
+                let gradients = self.backward(rendered, losses, position)?;
+                self.update(gradients, rates, position)
+            }
+            BadStepRule::Skip => self.learn_or_skip(rendered, losses, rates, position),
+        }
+    }
+
     /// Learns from a step unless its loss, or a gradient, is not finite: then nothing changes but the counts. If that
     /// step ends a round of accumulation, the gradients of the round are dropped, so that the next one has its own
     /// steps alone. Waits for the device once.
     ///
     /// # Errors
     /// [`ModelError::BadSteps`] after [`MOST_BAD_STEPS`] such steps in a row.
-    pub(super) fn learn_or_skip(
+    fn learn_or_skip(
         &mut self,
         rendered: RenderedBatch,
         losses: Losses,
+        rates: &Rates,
         position: &Position,
     ) -> Result<(), ModelError> {
         let mut findings = self.findings(rendered.plain());
@@ -75,7 +99,7 @@ impl Trainer {
             }
             None => {
                 self.state.bad_steps.in_a_row = 0;
-                self.update(gradients, &self.rates(position), position)
+                self.update(gradients, rates, position)
             }
         }
     }

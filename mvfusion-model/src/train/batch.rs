@@ -42,8 +42,8 @@ pub struct Batch {
 }
 
 impl TrainingViews {
-    /// The training views of a scene, with at most `budget` bytes of decoded images. Nothing is decoded yet. The
-    /// readers ensure that all images have the same size, which batches need.
+    /// The training views of a scene, with at most `budget` bytes of decoded images. Nothing is decoded yet. [`Scene::check`]
+    /// ensures that all images have the same size, which batches need.
     pub fn new(scene: &Scene, budget: u64) -> Self {
         let views = scene.train.iter().zip(scene.training_cameras());
         let views = views.map(|(view, number)| TrainingView { camera: view.camera, time: view.time, number }).collect();
@@ -93,6 +93,19 @@ impl TrainingViews {
     /// A view.
     pub fn get(&self, index: usize) -> &TrainingView {
         &self.views[index]
+    }
+
+    /// Rejects an empty list of views, and indices that the scene does not have.
+    ///
+    /// # Errors
+    /// [`ModelError::Views`] with the reason.
+    pub fn check(&self, indices: &[usize]) -> Result<(), ModelError> {
+        let refusal = |reason| Err(ModelError::Views { views: indices.to_vec(), reason });
+        match indices.iter().find(|&&index| index >= self.len()) {
+            Some(index) => refusal(format!("the scene has {} of them, so there is none of index {index}", self.len())),
+            None if indices.is_empty() => refusal("a step needs at least one".to_owned()),
+            None => Ok(()),
+        }
     }
 
     /// The given views in words: their names and times.

@@ -33,6 +33,20 @@ impl Sampler {
         (0..size).map(next).collect()
     }
 
+    /// Strikes views that were chosen elsewhere off this round, each once. A view that the round no longer has counts
+    /// for nothing.
+    pub fn strike(&mut self, views: &[usize], visits: &Visits, stream: &mut Stream) {
+        for view in views {
+            if self.remaining.is_empty() {
+                self.remaining = visits.round(stream);
+            }
+            if let Some(place) = self.remaining.iter().position(|other| other == view) {
+                self.remaining.swap_remove(place);
+                self.round_ended |= self.remaining.is_empty();
+            }
+        }
+    }
+
     /// The highest number of a view that this round will still show.
     pub(super) fn last(&self) -> Option<usize> {
         self.remaining.iter().max().copied()
@@ -101,6 +115,17 @@ mod tests {
         let upcoming = sampler.upcoming(12, &visits, &stream);
         let drawn: Vec<usize> = (0..4).flat_map(|_| sampler.draw(3, &visits, &mut stream)).collect();
         assert_eq!(drawn, upcoming);
+    }
+
+    #[test]
+    fn a_round_of_chosen_views_ends_when_each_was_shown() {
+        let (mut sampler, mut stream) = (Sampler::default(), Stream::new(1, 0));
+        for (views, ended) in [([0, 1], false), ([1, 0], false), ([2, 2], true)] {
+            sampler.strike(&views, &Visits::even(3), &mut stream);
+            assert_eq!(std::mem::take(&mut sampler.round_ended), ended, "{views:?}");
+        }
+        // The second 2 belongs to the next round.
+        assert_eq!(sampler.draw(2, &Visits::even(3), &mut stream).iter().sum::<usize>(), 1);
     }
 
     #[test]

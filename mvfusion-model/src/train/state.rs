@@ -10,7 +10,6 @@ use crate::config::{Branches, Config, GridBoundsRule};
 use crate::initial::{InitialClouds, Masking, MotionPoints, gaussians_of};
 use crate::model::Model;
 use crate::model::exposure::Exposures;
-use crate::model::gaussians::Gaussians;
 use crate::model::motion::{MotionRefinement, Normalisers, Substitutes};
 use crate::model::network::{DeformationConfig, ModuleInit};
 use crate::random::Streams;
@@ -45,8 +44,7 @@ pub struct TrainState {
 }
 
 impl TrainState {
-    /// The state before the first step, with the detected `motion`. Parameters are created on `device`, which must
-    /// record gradients.
+    /// The state before the first step, with the detected `motion`. Parameters are created on `device`, with autodiff.
     ///
     /// # Errors
     /// If a branch would have no Gaussians, or a configured file of Gaussians cannot be used.
@@ -56,6 +54,7 @@ impl TrainState {
         motion: Option<&MotionPoints>,
         device: &Device,
     ) -> Result<Self, ModelError> {
+        let device = &device.clone().autodiff();
         let mut streams = Streams::new(config.seed);
         let clouds = InitialClouds::draw(scene, motion, config, &mut streams.clouds)?;
         if clouds.static_.as_ref().is_some_and(GaussianCloud::is_empty) {
@@ -82,8 +81,9 @@ impl TrainState {
             Branches::Both => Masking::Blended { dynamic_logit: config.init.dynamic_logit },
             Branches::Dynamic => Masking::Absent,
         };
-        let dynamic = first_branch(&clouds.dynamic, masking, config, device, dtype);
-        let static_ = clouds.static_.as_ref().map(|seeds| first_branch(seeds, Masking::Absent, config, device, dtype));
+        let highest = config.model.sh_degree;
+        let dynamic = gaussians_of(&clouds.dynamic, masking, highest, device, dtype);
+        let static_ = clouds.static_.as_ref().map(|seeds| gaussians_of(seeds, Masking::Absent, highest, device, dtype));
 
         let mut init = ModuleInit { device, dtype, stream: &mut streams.weights };
         let deformation = DeformationConfig::of(&config.model, bounds);
@@ -200,12 +200,6 @@ impl TrainState {
 /// Number of training cameras.
 fn camera_count(scene: &Scene) -> usize {
     scene.training_cameras().into_iter().max().map_or(0, |last| last + 1)
-}
-
-/// A branch before the first step. Gaussians from a file keep their SH degree, up to the model's degree.
-fn first_branch(cloud: &GaussianCloud, masking: Masking, config: &Config, device: &Device, dtype: DType) -> Gaussians {
-    let highest = config.model.sh_degree;
-    Gaussians { sh_degree: cloud.sh_degree.min(highest), ..gaussians_of(cloud, masking, highest, device, dtype) }
 }
 
 /// The box of the dynamic cloud, without margin (METHOD §2.1); `None` for an empty one.

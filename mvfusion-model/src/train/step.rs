@@ -19,11 +19,10 @@ impl Trainer {
     /// Renders training views, given by their indices, at their times.
     ///
     /// # Errors
-    /// If a photo cannot be read, or the splat op rejects its input.
-    ///
-    /// # Panics
-    /// If no view is given, or an index that the scene does not have.
+    /// [`ModelError::Views`] if there is none, or the scene does not have one of them. If a photo cannot be read, or the
+    /// splat op rejects its input.
     pub fn render_batch(&self, views: &[usize], position: &Position) -> Result<RenderedBatch, ModelError> {
+        self.photos.check(views)?;
         let model = &self.state.model;
         let level = position.stage.level(self.config.model.deformation);
         let probes = position.densifies(&self.config.densify).then(|| Probes::new(&model.dynamic));

@@ -8,7 +8,7 @@ use mvfusion_render::splat::SplatRules;
 
 use super::{Losses, Position, Stage, TrainState, TrainingViews, Visits};
 use crate::ModelError;
-use crate::config::{BadStepRule, Config};
+use crate::config::Config;
 use crate::initial::{Placement, SceneMotion, Seeding};
 use crate::model::gaussians::Behind;
 use crate::model::{DeformationLevel, RenderContext};
@@ -49,8 +49,8 @@ impl Trainer {
     /// applied here if necessary; [`Trainer::config`] returns the result.
     ///
     /// # Errors
-    /// If the configuration is invalid or not scaled, the scene has too few training cameras or all of them at one
-    /// place, or it or a file cannot be read.
+    /// If the configuration is invalid or not scaled, [`Scene::check`] rejects the scene, it has too few training cameras
+    /// or all of them at one place, or it or a file cannot be read.
     pub fn new(config: Config, scene: &Scene, device: &Device) -> Result<Self, ModelError> {
         config.check()?;
         check_start(&config, scene)?;
@@ -124,13 +124,8 @@ impl Trainer {
         let rendered = self.render_batch(&views, &position)?;
         let losses = self.losses(&rendered, &position)?;
         let found = losses.detached();
-        match self.config.train.on_bad_step {
-            BadStepRule::Stop => {
-                let gradients = self.backward(rendered, losses, &position)?;
-                self.update(gradients, &self.rates(&position), &position)?;
-            }
-            BadStepRule::Skip => self.learn_or_skip(rendered, losses, &position)?,
-        }
+        let rates = self.rates(&position);
+        self.learn(rendered, losses, &rates, &position)?;
         self.finish_step(&position)?;
         Ok(Some(found))
     }
@@ -156,6 +151,21 @@ impl Trainer {
             self.give_birth_in_film(position)?;
         }
         self.state.completed += 1;
+        Ok(())
+    }
+
+    /// Announces the training views of the next step, which your program chose instead of [`Trainer::draw_views`]. They
+    /// are decoded meanwhile, named in messages, and counted: rules of densification wait until every view was shown
+    /// (METHOD §4.10).
+    ///
+    /// # Errors
+    /// [`ModelError::Views`] if there is none, or the scene does not have one of them.
+    pub fn show_views(&mut self, views: &[usize]) -> Result<(), ModelError> {
+        self.photos.check(views)?;
+        self.photos.pictures().announce(views);
+        let TrainState { sampler, streams, .. } = &mut self.state;
+        sampler.strike(views, &self.visits, &mut streams.sampling);
+        self.shown = views.to_vec();
         Ok(())
     }
 
@@ -253,18 +263,12 @@ impl Trainer {
 
 /// Rejects what cannot be trained, of a valid configuration.
 fn check_start(config: &Config, scene: &Scene) -> Result<(), ModelError> {
-    if config.train.scale != 1.0 {
-        return Err(ModelError::Config {
-            key: "train.scale".to_owned(),
-            value: config.train.scale.to_string(),
-            reason: "a trainer takes the numbers of steps as they are; give it the result of `Config::scaled`"
-                .to_owned(),
-        });
-    }
+    config.check_scaled()?;
     let refusal = |what, remedy| Err(ModelError::Scene { name: scene.name.clone(), what, remedy });
     if let Some(Problem { what, remedy, .. }) = obstacle(scene) {
         return refusal(what, remedy);
     }
+    scene.check()?;
     if scene.extent() > 0.0 {
         return Ok(());
     }

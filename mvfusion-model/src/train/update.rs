@@ -24,7 +24,8 @@ pub struct StepGradients {
 }
 
 impl Trainer {
-    /// The gradients of a loss with respect to all parameters. With gradient accumulation, the loss is divided by the
+    /// The gradients of a loss with respect to all parameters, for a program that changes them before
+    /// [`Trainer::update`]; [`Trainer::learn`] does both. With gradient accumulation, the loss is divided by the
     /// number of steps. Waits for the loss: on wgpu after the launch of the backward pass, on CUDA before it.
     ///
     /// # Errors

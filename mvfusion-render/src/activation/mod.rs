@@ -8,7 +8,9 @@ use burn::tensor::Tensor;
 /// Added to the sum of the mask probabilities, so that it is no divisor of 0 (METHOD §1.4).
 pub const SHARE_EPSILON: f64 = 1e-6;
 
-/// Distance of a share from 0 and 1, so that its logarithms are finite (METHOD §1.4).
+/// Distance of a share from 0 and 1 (METHOD §1.4). It keeps shares above 0, and so their logarithms and reciprocals
+/// finite. At the other end it changes nothing: [`SHARE_EPSILON`] keeps shares about 1e-6 below 1, and in f32
+/// `1 - 1e-9` is 1.
 pub const SHARE_MARGIN: f64 = 1e-9;
 
 /// The logistic function `1 / (1 + exp(-x))` of each number, f32, or f64 on a CPU.

@@ -43,6 +43,9 @@ pub enum AttentionError {
         /// Dtype of the memory.
         memory: DType,
     },
+    /// The two tensors are on different devices.
+    #[error("`memory` is on another device than `queries`: move both to one device")]
+    OtherDevice,
 }
 
 /// Checks all arguments of [`forward`](super::forward).
@@ -58,8 +61,13 @@ pub(super) fn check(queries: &Tensor<3>, memory: &Tensor<3>, heads: usize) -> Re
     if found[0] != rows || found[1] == 0 || found[2] != 2 * width {
         return Err(AttentionError::Memory { found, expected: [rows, 2 * width] });
     }
+    let device = queries.device();
     match (queries.dtype(), memory.dtype()) {
-        (own, other) if own == other && takes(&queries.device(), own) => Ok(()),
+        // Devices are equal with and without autodiff.
+        (own, other) if own == other && takes(&device, own) => match memory.device() == device {
+            true => Ok(()),
+            false => Err(AttentionError::OtherDevice),
+        },
         (queries, memory) => Err(AttentionError::Type { queries, memory }),
     }
 }

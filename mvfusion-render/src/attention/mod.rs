@@ -15,12 +15,12 @@ pub use error::AttentionError;
 /// Scaled dot-product attention, `softmax(q k / sqrt(d)) v` in each head, row by row.
 ///
 /// `queries` is `[N, queries, width]`. `memory` is `[N, keys, 2 width]`: each key is followed by its value. All queries
-/// of a row share its memory. Both tensors have the same dtype: f32, or f64 on a CPU. Head `h` of the `heads` reads
-/// columns `h d .. (h + 1) d` of query, key and value, where `d = width / heads`. The result is `[N, queries, width]`.
-/// Gradients reach both tensors.
+/// of a row share its memory. Both tensors have the same dtype, f32, or f64 on a CPU, and the same device. Head `h` of
+/// the `heads` reads columns `h d .. (h + 1) d` of query, key and value, where `d = width / heads`. The result is
+/// `[N, queries, width]`. Gradients reach both tensors.
 ///
 /// # Errors
-/// If a shape or dtype does not match, a row has no query or no key, or the heads do not divide the width.
+/// If a shape, dtype or device does not match, a row has no query or no key, or the heads do not divide the width.
 pub fn forward(queries: Tensor<3>, memory: Tensor<3>, heads: usize) -> Result<Tensor<3>, AttentionError> {
     error::check(&queries, &memory, heads)?;
     Ok(op::forward(queries, memory, heads))

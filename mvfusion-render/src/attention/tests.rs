@@ -123,3 +123,13 @@ fn what_does_not_fit_is_refused() {
         assert!(refusal(&queries.clone().cast(DType::F64), [5, 2, 16], 2).contains("has dtype F64"));
     });
 }
+
+#[cfg(all(feature = "flex", feature = "ndarray"))]
+#[test]
+fn arguments_on_two_devices_are_refused() {
+    let [own, other] = crate::test_support::two_devices();
+    let queries = Tensor::<3>::zeros([5, 1, 8], &own);
+    let memory = Tensor::<3>::zeros([5, 2, 16], &other);
+    let said = forward(queries, memory, 2).expect_err("two devices").to_string();
+    assert_eq!(said, "`memory` is on another device than `queries`: move both to one device");
+}

@@ -22,4 +22,4 @@ pub(crate) mod shared_memory;
 mod sort;
 mod splat;
 mod totals;
-mod window;
+pub(crate) mod window;

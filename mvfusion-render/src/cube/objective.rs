@@ -78,8 +78,8 @@ impl Pass {
             depth_back_detached: terms.depth_back_detached,
             entropy: terms.entropy > 0.0,
             smooth: terms.depth_smooth > 0.0,
-            similarity: terms.branch_similarity() || terms.composed_dssim > 0.0,
-            structure: terms.likeness > 0.0,
+            similarity: terms.compares_with_photo(),
+            structure: terms.compares_branches(),
             wanted,
         };
         Self { gpu, tensors, plan, kind }

@@ -16,6 +16,9 @@ use crate::window::Window;
 use crate::window::op::{Pair, SimilarityAdjoint, Slopes, WindowOps};
 use crate::window::similarity::{C1, C2, C3, STRUCTURE_MAX, Similarity};
 
+/// Pixels of the widest window over which pictures are compared, along an axis.
+pub(crate) const MOST_PIXELS: usize = 2 * MOST_RADIUS + 1;
+
 impl WindowOps for CubeBackend {
     fn window_blur(images: FloatTensor<Self>, window: Window) -> FloatTensor<Self> {
         let pass = Pass::of(&images, &window);
@@ -162,7 +165,7 @@ impl Pass {
     /// If its sums do not fit into the shared memory of a GPU.
     fn radius(&self) -> usize {
         let radius = self.weights.meta.num_elements() / 2;
-        assert!(radius <= MOST_RADIUS, "a GPU compares windows of at most {} pixels", 2 * MOST_RADIUS + 1);
+        assert!(radius <= MOST_RADIUS, "a GPU compares over windows of at most {MOST_PIXELS} pixels");
         radius
     }
 

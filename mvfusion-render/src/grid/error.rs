@@ -26,6 +26,12 @@ pub enum GridError {
         /// Its dtype.
         found: DType,
     },
+    /// A tensor is on another device than the planes.
+    #[error("`{argument}` is on another device than `planes`: move all arguments to one device")]
+    OtherDevice {
+        /// Name of the argument.
+        argument: &'static str,
+    },
     /// The features, or the gradients of the places at every scale, do not fit into a buffer of the device.
     #[error(
         "{points} points with {features} features need {bytes} bytes, but the largest buffer of this device has \
@@ -69,6 +75,10 @@ pub(super) fn check(
     for (argument, tensor) in [("points", points), ("times", times)] {
         if tensor.dtype() != planes.dtype() {
             return Err(GridError::Type { argument, found: tensor.dtype() });
+        }
+        // Devices are equal with and without autodiff.
+        if tensor.device() != planes.device() {
+            return Err(GridError::OtherDevice { argument });
         }
     }
     let features = layout.features * layout.multipliers.len();

@@ -18,15 +18,15 @@ pub use layout::{GridBounds, GridLayout, PlaneLayout};
 ///
 /// `planes` `[cells, F]` contains all planes, channels last, in the order of [`GridLayout::planes`]. `points` `[N, 3]`
 /// are world coordinates. `times` is `[N, 1]`, or `[1, 1]` for all points, and is used directly as a grid coordinate in
-/// `-1..=1`. The result is `[N, scales * F]`. All three have the same dtype: f32, or f64 on a CPU.
+/// `-1..=1`. The result is `[N, scales * F]`. All three have the same dtype, f32, or f64 on a CPU, and the same device.
 ///
 /// Coordinates are clamped to the border; NaN becomes the first cell. Gradients reach planes, points and times. The
 /// gradient of a coordinate is zero on and beyond the border. At an interior node it is the slope of the right-hand
 /// cell.
 ///
 /// # Errors
-/// If a shape or dtype does not match, the layout contains a zero, the bounds are not finite, or the result does not
-/// fit into a buffer of the device.
+/// If a shape, dtype or device does not match, the layout contains a zero, the bounds are not finite, or the result
+/// does not fit into a buffer of the device.
 pub fn look_up(
     planes: Tensor<2>,
     points: Tensor<2>,

@@ -230,6 +230,23 @@ fn arguments_that_do_not_fit_are_named() {
     });
 }
 
+#[cfg(all(feature = "flex", feature = "ndarray"))]
+#[test]
+fn arguments_on_two_devices_are_named() {
+    let [own, other] = crate::test_support::two_devices();
+    let layout = layout(4);
+    let ask = |of_points: &Device, of_times: &Device| {
+        let planes = Tensor::zeros([layout.cells(), 4], &own);
+        let (points, times) = (Tensor::zeros([5, 3], of_points), Tensor::zeros([5, 1], of_times));
+        look_up(planes, points, times, &BOUNDS, &layout).map(|_| ()).map_err(|error| error.to_string())
+    };
+    assert_eq!(ask(&own, &own), Ok(()));
+    for (argument, of_points, of_times) in [("points", &other, &own), ("times", &own, &other)] {
+        let said = ask(of_points, of_times).expect_err("two devices");
+        assert!(said.starts_with(&format!("`{argument}` is on another device than `planes`")), "{said}");
+    }
+}
+
 /// Weights of the penalties.
 const WEIGHTS: [f64; 3] = [0.7, 2.0, 1.3];
 

@@ -29,6 +29,12 @@ pub enum MlpError {
         /// Dtype of a parameter.
         parameter: DType,
     },
+    /// A parameter is on another device than the input.
+    #[error("`{argument}` is on another device than `input`: move all arguments to one device")]
+    OtherDevice {
+        /// Name of the argument.
+        argument: &'static str,
+    },
     /// The rows of the widest layer do not fit into a buffer of the device.
     #[error(
         "{rows} rows of {width} values need {bytes} bytes, but the largest buffer of this device has {limit}: use \
@@ -72,7 +78,8 @@ pub(super) fn check(input: &Tensor<2>, layers: &[Layer], layout: &MlpLayout) -> 
     if input.dims()[1] != layout.inputs {
         return misfit("input", &input.dims(), format!("[N, {}]", layout.inputs));
     }
-    let taken = takes(&input.device(), input.dtype());
+    let device = input.device();
+    let taken = takes(&device, input.dtype());
     for (Layer { weight, bias }, &LinearLayout { inputs, outputs, .. }) in layers.iter().zip(&wanted) {
         if weight.dims() != [inputs, outputs] {
             return misfit("weight", &weight.dims(), format!("[{inputs}, {outputs}]"));
@@ -84,11 +91,17 @@ pub(super) fn check(input: &Tensor<2>, layers: &[Layer], layout: &MlpLayout) -> 
         if let Some(parameter) = dtypes.into_iter().find(|&parameter| !taken || parameter != input.dtype()) {
             return Err(MlpError::Type { input: input.dtype(), parameter });
         }
+        // Devices are equal with and without autodiff.
+        for (argument, other) in [("weight", weight.device()), ("bias", bias.device())] {
+            if other != device {
+                return Err(MlpError::OtherDevice { argument });
+            }
+        }
     }
     let rows = input.dims()[0];
     let width = layout.chains.iter().flatten().copied().chain([layout.inputs, layout.outputs()]).max().unwrap_or(0);
     let bytes = 4 * (rows * width) as u64;
-    match buffer_limit(&input.device()) {
+    match buffer_limit(&device) {
         Some(limit) if bytes > limit => Err(MlpError::Buffer { rows, width, bytes, limit }),
         _ => Ok(()),
     }

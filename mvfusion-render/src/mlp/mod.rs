@@ -33,13 +33,13 @@ pub struct Layer {
 ///
 /// `input` is `[N, inputs]`. `layers` contains the layers of each chain, first to last. A layer is `x W + b`, with a ReLU
 /// between layers. With [`MlpLayout::rectified`], a ReLU also precedes the first layer. The result is `[N, outputs]`. All
-/// tensors have the same dtype: f32, or f64 on a CPU.
+/// tensors have the same dtype, f32, or f64 on a CPU, and the same device.
 ///
 /// Gradients reach the input and every parameter. The derivative of a ReLU at zero is zero.
 ///
 /// # Errors
-/// If a shape or dtype does not match, the layout has no chain, a width of zero or more than [`MAX_LAYERS`], or a layer's
-/// rows do not fit into a buffer of the device.
+/// If a shape, dtype or device does not match, the layout has no chain, a width of zero or more than [`MAX_LAYERS`], or
+/// a layer's rows do not fit into a buffer of the device.
 pub fn forward(input: Tensor<2>, layers: Vec<Layer>, layout: &MlpLayout) -> Result<Tensor<2>, MlpError> {
     error::check(&input, &layers, layout)?;
     Ok(op::forward(input, layers, layout))

@@ -192,6 +192,23 @@ fn what_does_not_fit_is_refused() {
     });
 }
 
+#[cfg(all(feature = "flex", feature = "ndarray"))]
+#[test]
+fn arguments_on_two_devices_are_refused() {
+    let [own, other] = crate::test_support::two_devices();
+    let layout = bundle(false);
+    let input = Tensor::<2>::zeros([2, layout.inputs], &own);
+    let layers = Layer::all_of(&Tensor::zeros([layout.parameters()], &own), &layout);
+    let elsewhere = Layer::all_of(&Tensor::zeros([layout.parameters()], &other), &layout);
+    let refusal = |layers: Vec<Layer>| forward(input.clone(), layers, &layout).expect_err("two devices").to_string();
+    let mut mixed = layers.clone();
+    mixed[1].weight = elsewhere[1].weight.clone();
+    assert!(refusal(mixed).starts_with("`weight` is on another device than `input`"));
+    let mut mixed = layers;
+    mixed[1].bias = elsewhere[1].bias.clone();
+    assert!(refusal(mixed).starts_with("`bias` is on another device than `input`"));
+}
+
 #[test]
 fn nan_passes_the_relu_of_its_row() {
     for_each_device(|device| {

@@ -1,11 +1,11 @@
 //! Errors in the arguments of the op.
 
-use burn::tensor::{DType, Tensor};
+use burn::tensor::{DType, Device, Tensor};
 use mvfusion_kernels::splat::COLOUR_CHANNELS;
 use thiserror::Error;
 
 use super::{ObjectiveInputs, ObjectiveTerms, SLOPE_BYTES};
-use crate::device::{buffer_limit, takes};
+use crate::device::{buffer_limit, takes, window_limit};
 
 /// Planes of the packed render of the dynamic branch, and of the static branch.
 pub(crate) const DYNAMIC_PLANES: usize = 8;
@@ -43,6 +43,19 @@ pub enum ObjectiveError {
         /// The weight.
         value: f64,
     },
+    /// The device does not compare pictures over a window as wide.
+    #[error(
+        "the window `{name}` has {size} pixels along an axis, but this device compares over {limit} at most: use a \
+         narrower window or a CPU"
+    )]
+    Window {
+        /// Name of the field of [`ObjectiveTerms`].
+        name: &'static str,
+        /// Pixels of the window along an axis.
+        size: usize,
+        /// Pixels of the widest window.
+        limit: usize,
+    },
     /// The derivatives of SSIM do not fit into a buffer of the device.
     #[error(
         "pictures of {width} x {height} pixels need a buffer of {bytes} bytes, but the largest one of this device has \
@@ -66,6 +79,12 @@ pub enum ObjectiveError {
         /// The tensor's dtype.
         found: DType,
     },
+    /// A tensor is on another device than the render of the dynamic branch.
+    #[error("`{argument}` is on another device than `dynamic`: move all arguments to one device")]
+    OtherDevice {
+        /// Name of the argument.
+        argument: &'static str,
+    },
 }
 
 /// Checks all arguments.
@@ -78,23 +97,27 @@ pub(super) fn check(inputs: &ObjectiveInputs, terms: &ObjectiveTerms) -> Result<
         return Err(ObjectiveError::Extent(terms.extent));
     }
     check_weights(terms)?;
-    if let Some(limit) = buffer_limit(&inputs.dynamic.device()) {
+    let device = inputs.dynamic.device();
+    if let Some(limit) = window_limit(&device) {
+        check_windows(terms, limit)?;
+    }
+    if let Some(limit) = buffer_limit(&device) {
         let bytes = (SLOPE_BYTES * height * width) as u64;
         if bytes > limit {
             return Err(ObjectiveError::Buffer { width, height, bytes, limit });
         }
     }
     let dtype = inputs.dynamic.dtype();
-    check_tensor("dynamic", &inputs.dynamic, [2, DYNAMIC_PLANES, height, width], dtype)?;
-    check_tensor("static", &inputs.static_, [2, STATIC_PLANES, height, width], dtype)?;
-    check_tensor("photo", &inputs.photo, [COLOUR_CHANNELS, height, width], dtype)?;
+    check_tensor("dynamic", &inputs.dynamic, [2, DYNAMIC_PLANES, height, width], dtype, &device)?;
+    check_tensor("static", &inputs.static_, [2, STATIC_PLANES, height, width], dtype, &device)?;
+    check_tensor("photo", &inputs.photo, [COLOUR_CHANNELS, height, width], dtype, &device)?;
     if let Some(exposure) = &inputs.exposure {
-        check_tensor("exposure", exposure, [COLOUR_CHANNELS, COLOUR_CHANNELS + 1], dtype)?;
+        check_tensor("exposure", exposure, [COLOUR_CHANNELS, COLOUR_CHANNELS + 1], dtype, &device)?;
     }
     let masks = &inputs.masks;
     for (name, mask) in [("valid", &masks.valid), ("moving", &masks.moving), ("around", &masks.around)] {
         if let Some(mask) = mask {
-            check_tensor(name, mask, [1, height, width], dtype)?;
+            check_tensor(name, mask, [1, height, width], dtype, &device)?;
         }
     }
     Ok(())
@@ -108,24 +131,40 @@ fn check_weights(terms: &ObjectiveTerms) -> Result<(), ObjectiveError> {
     }
 }
 
+/// Checks that no window over which pictures are compared has more than `limit` pixels along an axis.
+fn check_windows(terms: &ObjectiveTerms, limit: usize) -> Result<(), ObjectiveError> {
+    let mut sizes = terms.windows().into_iter().flatten().map(|(name, window)| (name, window.weights().len()));
+    match sizes.find(|&(_, size)| size > limit) {
+        Some((name, size)) => Err(ObjectiveError::Window { name, size, limit }),
+        None => Ok(()),
+    }
+}
+
 fn check_tensor<const D: usize>(
     argument: &'static str,
     tensor: &Tensor<D>,
     expected: [usize; D],
     dtype: DType,
+    device: &Device,
 ) -> Result<(), ObjectiveError> {
     let found = tensor.dims();
     if found != expected {
         return Err(ObjectiveError::Shape { argument, found: found.to_vec(), expected: expected.to_vec() });
     }
-    if tensor.dtype() != dtype || !takes(&tensor.device(), dtype) {
+    if tensor.dtype() != dtype || !takes(device, dtype) {
         return Err(ObjectiveError::Type { argument, found: tensor.dtype() });
+    }
+    // Devices are equal with and without autodiff.
+    if tensor.device() != *device {
+        return Err(ObjectiveError::OtherDevice { argument });
     }
     Ok(())
 }
 
 #[cfg(test)]
 mod tests {
+    #[cfg(all(feature = "flex", feature = "ndarray"))]
+    use super::super::ObjectiveMasks;
     use super::super::{GeometryTerms, MaskNormalisation};
     use super::*;
     use crate::window::Window;
@@ -179,5 +218,43 @@ mod tests {
             *slot(&mut terms) = 1e6;
             assert!(check_weights(&terms).is_ok(), "{name}");
         }
+    }
+
+    #[test]
+    fn a_window_wider_than_the_device_compares_is_refused_if_it_is_used() {
+        let refusal = |terms: &ObjectiveTerms, limit| check_windows(terms, limit).map_err(|error| error.to_string());
+        let unused = terms();
+        assert_eq!(refusal(&unused, 3), Ok(()));
+        let compared = ObjectiveTerms { composed_dssim: 0.1, likeness: 0.1, ..terms() };
+        assert_eq!(refusal(&compared, 11), Ok(()));
+        let said = refusal(&compared, 9).expect_err("11 are too many");
+        assert!(said.starts_with("the window `ssim` has 11 pixels along an axis") && said.contains("over 9"), "{said}");
+        let likeness = ObjectiveTerms { likeness: 0.1, ..terms() };
+        assert_eq!(refusal(&likeness, 5), Ok(()));
+        let said = refusal(&likeness, 3).expect_err("5 are too many");
+        assert!(said.starts_with("the window `structure` has 5 pixels along an axis"), "{said}");
+    }
+
+    #[cfg(all(feature = "flex", feature = "ndarray"))]
+    #[test]
+    fn tensors_on_two_devices_are_refused_by_name() {
+        let [own, other] = crate::test_support::two_devices();
+        let inputs = ObjectiveInputs {
+            dynamic: Tensor::zeros([2, DYNAMIC_PLANES, 3, 4], &own),
+            static_: Tensor::zeros([2, STATIC_PLANES, 3, 4], &own),
+            exposure: None,
+            photo: Tensor::zeros([COLOUR_CHANNELS, 3, 4], &own),
+            masks: ObjectiveMasks::default(),
+        };
+        let refusal = |inputs: &ObjectiveInputs| check(inputs, &terms()).map_err(|error| error.to_string());
+        assert_eq!(refusal(&inputs), Ok(()));
+        let tracked = ObjectiveInputs { dynamic: inputs.dynamic.clone().autodiff(), ..inputs.clone() };
+        assert_eq!(refusal(&tracked), Ok(()));
+        let photo = Tensor::zeros([COLOUR_CHANNELS, 3, 4], &other);
+        let said = refusal(&ObjectiveInputs { photo, ..inputs.clone() }).expect_err("two devices");
+        assert!(said.starts_with("`photo` is on another device than `dynamic`"), "{said}");
+        let masks = ObjectiveMasks { moving: Some(Tensor::zeros([1, 3, 4], &other)), ..ObjectiveMasks::default() };
+        let said = refusal(&ObjectiveInputs { masks, ..inputs }).expect_err("two devices");
+        assert!(said.starts_with("`moving` is on another device"), "{said}");
     }
 }

@@ -60,11 +60,8 @@ pub struct Objective {
 /// The weighted sum of the terms (METHOD §4.4) and its gradients with respect to both renders and the exposure.
 ///
 /// # Errors
-/// If a shape or dtype does not match, `extent` is not above 0, a weight is negative or not finite, or the pictures are
-/// too large for a buffer of the device.
-///
-/// # Panics
-/// If a window is wider than a GPU compares, which is 193 pixels.
+/// If a shape, dtype or device does not match, `extent` is not above 0, or a weight is negative or not finite. On a
+/// GPU, also if the pictures are too large for a buffer, or are compared over a window of more than 193 pixels.
 pub fn objective(inputs: ObjectiveInputs, terms: &ObjectiveTerms) -> Result<Objective, ObjectiveError> {
     error::check(&inputs, terms)?;
     let values = op::objective(inputs, terms);

@@ -108,6 +108,24 @@ impl ObjectiveTerms {
         ]
     }
 
+    /// The windows over which pictures are compared, by the names of their fields.
+    pub(super) fn windows(&self) -> [Option<(&'static str, &Window)>; 2] {
+        [
+            self.compares_with_photo().then_some(("ssim", &self.ssim)),
+            self.compares_branches().then_some(("structure", &self.structure)),
+        ]
+    }
+
+    /// Whether SSIM of any picture is needed.
+    pub(crate) fn compares_with_photo(&self) -> bool {
+        self.branch_similarity() || self.composed_dssim > 0.0
+    }
+
+    /// Whether the structure term of both branches is needed.
+    pub(crate) fn compares_branches(&self) -> bool {
+        self.likeness > 0.0
+    }
+
     /// Whether SSIM of each branch is needed.
     pub(crate) fn branch_similarity(&self) -> bool {
         self.branch_dssim > 0.0 || self.geometry.as_ref().is_some_and(|geometry| geometry.dssim > 0.0)

@@ -43,11 +43,11 @@ pub struct SplatDiagnosis {
 /// Same as [`super::splat`].
 pub fn diagnose(inputs: &SplatInputs, camera: &Camera, settings: &SplatSettings) -> Result<SplatDiagnosis, SplatError> {
     let (tensors, sizes) = check(inputs.clone(), None, camera, settings)?;
-    Ok(with_real!(inputs.means.dtype(), T => {
+    with_real!(inputs.means.dtype(), T => {
         let values = tensors.map(|tensor| tensor.map_or_else(Vec::new, numbers::<T>));
         let cloud = Cloud { values: values.each_ref().map(Vec::as_slice), sizes };
         look_inside(&cloud, &View::new(camera, settings))
-    }))
+    })
 }
 
 /// The values of a tensor of any rank, row-major.
@@ -56,12 +56,15 @@ fn numbers<T: Lane>(tensor: DispatchTensor) -> Vec<T> {
     Tensor::<1>::from_dispatch(Dispatch::float_reshape(tensor, shape)).into_data().iter::<T>().collect()
 }
 
-fn look_inside<T: Lane>(cloud: &Cloud<T>, view: &View<T>) -> SplatDiagnosis {
+fn look_inside<T: Lane>(cloud: &Cloud<T>, view: &View<T>) -> Result<SplatDiagnosis, SplatError> {
     let result = forward::<T, PairCount>(cloud, view);
+    if let Some(error) = result.refused {
+        return Err(error);
+    }
     let rows = result.projections.records.as_chunks::<PROJECTED_LEN>().0;
     let splats: Vec<Projected<f64>> = rows.iter().map(|row| Projected::from_row(&row.map(|x| x.wide()))).collect();
     let (a, slope) = (|s: &Projected<f64>| s.curve_x, |s: &Projected<f64>| s.slope);
-    SplatDiagnosis {
+    Ok(SplatDiagnosis {
         means2d: splats.iter().map(|s| s.centre).collect(),
         depths: splats.iter().map(|s| s.depth).collect(),
         conics: splats.iter().map(|s| [a(s), a(s) * slope(s), s.curve_y + a(s) * slope(s) * slope(s)]).collect(),
@@ -71,7 +74,7 @@ fn look_inside<T: Lane>(cloud: &Cloud<T>, view: &View<T>) -> SplatDiagnosis {
         intersections: result.bins.sorted.len(),
         evaluated_pairs: result.tallies.iter().map(|t| t.evaluated).sum(),
         contributing_pairs: result.tallies.iter().map(|t| t.contributing).sum(),
-    }
+    })
 }
 
 /// Counts pairs of a Gaussian and a pixel.

@@ -26,6 +26,12 @@ pub enum SplatError {
         /// Expected dtype.
         expected: DType,
     },
+    /// An argument is on another device than the others.
+    #[error("`{argument}` is on another device than `means`: move all arguments to one device")]
+    OtherDevice {
+        /// Name of the argument.
+        argument: &'static str,
+    },
     /// The SH degree is not supported.
     #[error("`sh_degree` is {0}, but colours are evaluated up to degree 3")]
     Degree(usize),

@@ -16,7 +16,7 @@ pub(crate) mod op;
 mod settings;
 pub(crate) mod tensors;
 
-use burn::backend::{Dispatch, DispatchTensor, TensorMetadata};
+use burn::backend::{Dispatch, DispatchDevice, DispatchTensor, TensorMetadata};
 use burn::tensor::{DType, Int, Tensor};
 use mvfusion_data::Camera;
 use mvfusion_kernels::sh::{MAX_DEGREE, coefficient_count};
@@ -126,12 +126,9 @@ pub fn sh_basis(direction: [f64; 3]) -> [f64; coefficient_count(MAX_DEGREE)] {
 /// Renders Gaussians (METHOD §8). `probe` is that of a [`SplatFrame`].
 ///
 /// # Errors
-/// If shapes or dtypes do not match, the degree is above 3, a rule is out of its range, or the camera has no pixels. On
-/// a GPU, also if there are too many features, if the image, coefficients, projected Gaussians or tile lists do not fit
-/// into a buffer, or if the device fails.
-///
-/// # Panics
-/// On a CPU, if there are 2^31 or more pairs of a Gaussian and a tile. Their lists need more than 16 GB.
+/// If shapes, dtypes or devices do not match, the degree is above 3, a rule is out of its range, the camera has no
+/// pixels, or there are 2^31 or more pairs of a Gaussian and a tile. On a GPU, also if there are too many features, if
+/// the image, coefficients, projected Gaussians or tile lists do not fit into a buffer, or if the device fails.
 pub fn splat(
     inputs: SplatInputs,
     probe: Option<Tensor<2>>,
@@ -196,8 +193,9 @@ fn check(
     settings: &SplatSettings,
 ) -> Result<(SplatTensors<Option<DispatchTensor>>, SplatSizes), SplatError> {
     check_picture(camera, settings)?;
+    let device = inputs.means.device();
     let dtype = match inputs.means.dtype() {
-        dtype if takes(&inputs.means.device(), dtype) => dtype,
+        dtype if takes(&device, dtype) => dtype,
         found => return Err(SplatError::Dtype { argument: "means", found, expected: DType::F32 }),
     };
     let sizes = SplatSizes {
@@ -221,7 +219,7 @@ fn check(
     };
     for ((argument, tensor), shape) in SplatTensors::NAMES.zip(tensors.each_ref()).zip(shapes).into_array() {
         if let Some(tensor) = tensor {
-            check_tensor(argument, tensor, &shape, dtype)?;
+            check_tensor(argument, tensor, &shape, dtype, device.as_dispatch())?;
         }
     }
     Ok((tensors, sizes))
@@ -245,6 +243,7 @@ fn check_tensor(
     tensor: &DispatchTensor,
     expected: &[usize],
     dtype: DType,
+    device: &DispatchDevice,
 ) -> Result<(), SplatError> {
     let shape = tensor.shape();
     if shape[..] != *expected {
@@ -252,6 +251,10 @@ fn check_tensor(
     }
     if tensor.dtype() != dtype {
         return Err(SplatError::Dtype { argument, found: tensor.dtype(), expected: dtype });
+    }
+    // Devices are equal with and without autodiff.
+    if tensor.device() != *device {
+        return Err(SplatError::OtherDevice { argument });
     }
     Ok(())
 }

@@ -108,8 +108,8 @@ pub(crate) struct SplatOutput<B: Backend> {
     pub picture: FloatTensor<B>,
     /// `[N]`.
     pub radii: IntTensor<B>,
-    /// The error if the tile lists do not fit on the device; the image is then empty. Their length is known only during
-    /// the call.
+    /// The error if the tile lists do not fit on the device, or an index cannot count their pairs; the image is then
+    /// empty. Their length is known only during the call.
     pub refused: Option<SplatError>,
 }
 
@@ -204,7 +204,7 @@ fn forward_on_host<B: HostBackend, T: Lane>(inputs: SplatPrimitives<B>, plan: Sp
         output: SplatOutput {
             picture: B::tensor(result.picture, [2, plane_count(cloud.channels()), view.height, view.width]),
             radii: B::index_tensor(result.radii, [count]),
-            refused: None,
+            refused: result.refused,
         },
         saved: SplatSaved {
             records: B::tensor(result.projections.records, [count, PROJECTED_LEN]),

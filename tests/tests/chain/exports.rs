@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use clap::Parser;
 use mvfusion_cli::args::{Command, ExportArgs};
 use mvfusion_cli::progress::Verbosity;
-use mvfusion_cli::{Cli, command, config as configs, scene as scenes};
+use mvfusion_cli::{Cli, command, config as configs};
 use mvfusion_data::{Layout, Scene, write};
 use mvfusion_model::config::{Branches, Config, Interval};
 use mvfusion_model::model::gaussians::RawGaussians;
@@ -42,7 +42,7 @@ impl Run {
         let data = place.path().join("scene");
         write(&scene(), Layout::Neu3d, &data).expect("written");
         config.scene.data = Some(data);
-        let scene = scenes::open(&config).expect("the scene is there");
+        let scene = config.open_scene().expect("the scene is there");
         let device = (backends()[0].device)();
         let mut trainer = Trainer::new(config.clone(), &scene, &device).expect("the run can start");
         train(&mut trainer);

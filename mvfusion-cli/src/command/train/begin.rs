@@ -15,9 +15,9 @@ use crate::args::TrainArgs;
 use crate::config::{self, Resolved};
 use crate::device::{self, OpenDevice};
 use crate::interrupt::{Signals, path_for_shell};
+use crate::lpips;
 use crate::progress::Verbosity;
 use crate::run::{self, Existing, InitialWeights, MetricsLog, RunPlan, RunRecord};
-use crate::{lpips, scene};
 
 /// Parent folder of the runs, unless `--out` is given.
 const RUNS: &str = "runs";
@@ -38,7 +38,7 @@ pub(super) fn begun(args: &TrainArgs, signals: Signals, verbosity: Verbosity) ->
     let path = args.out.clone().unwrap_or_else(|| default_folder(&resolved));
     let existing = if args.force { Existing::Replace } else { Existing::Keep };
     let plan = RunPlan::new(&path, existing)?;
-    let scene = scene::open(&resolved.config)?;
+    let scene = resolved.config.open_scene()?;
     // Adapted before it is written: the trained configuration must stay valid even if the scene gains a photo.
     let given = std::mem::take(&mut resolved.config);
     let config = given.for_times_of(&scene);

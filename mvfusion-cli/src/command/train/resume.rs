@@ -15,9 +15,9 @@ use crate::config;
 use crate::device::{self, OpenDevice};
 use crate::failure::UsageError;
 use crate::interrupt::Signals;
+use crate::lpips;
 use crate::progress::Verbosity;
 use crate::run::{self, Checkpoint, MetricsLog, RunFolder, RunRecord};
-use crate::{lpips, scene};
 
 /// A training that continues from the newest checkpoint of a run.
 ///
@@ -57,7 +57,7 @@ pub(super) fn resumed(
         config.eval.lpips_weights = Some(lpips::of_option(weights, Protocol::Mvfusion)?);
     }
     let device = device_of_run(&args.compute.device, &record.device)?;
-    let scene = scene::open(&config).context(
+    let scene = config.open_scene().context(
         "cannot open the scene of the run; if it has moved, give its folder with --data and the folder of the masks \
          with --set eval.dynamic_masks=DIR",
     )?;

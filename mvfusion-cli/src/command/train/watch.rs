@@ -4,6 +4,7 @@ use std::time::{Duration, Instant};
 
 use mvfusion_model::ModelError;
 use mvfusion_model::config::TrainConfig;
+use mvfusion_model::evaluation::decibels;
 use mvfusion_model::train::{Losses, Position, Trainer};
 use serde::Serialize;
 
@@ -109,7 +110,7 @@ impl Watch {
             stage: position.stage.name(),
             stage_step: position.stage_step,
             loss,
-            psnr: (squared_error > 0.0).then(|| -10.0 * f64::from(squared_error).log10()),
+            psnr: decibels(f64::from(squared_error)),
             gaussians: GaussianCounts::of(&state.model),
             skipped: state.bad_steps.total,
             steps_per_second: self.pace.steps_per_second(),

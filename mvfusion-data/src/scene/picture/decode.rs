@@ -6,7 +6,7 @@ use std::path::Path;
 use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageReader, ImageResult};
 
-use super::{ExifOrientation, check_shape, jpeg};
+use super::{ExifOrientation, PictureUse, check_shape, jpeg};
 use crate::error::DataError;
 use crate::files::{open_file, or_denied};
 
@@ -74,7 +74,12 @@ impl PictureHeader {
 
 /// The image in a file, turned as its metadata ask for if `exif` says so. It must have the aspect ratio of `wanted`,
 /// which is checked before anything is decoded.
-pub(super) fn decode(path: &Path, wanted: (u32, u32), exif: ExifOrientation) -> Result<DynamicImage, DataError> {
+pub(super) fn decode(
+    path: &Path,
+    wanted: (u32, u32),
+    exif: ExifOrientation,
+    used_as: PictureUse,
+) -> Result<DynamicImage, DataError> {
     let mut bytes = Vec::new();
     let mut file = open_file(path).map_err(|e| unreadable(path, &e))?;
     file.read_to_end(&mut bytes).map_err(|e| unreadable(path, &e))?;
@@ -86,7 +91,7 @@ pub(super) fn decode(path: &Path, wanted: (u32, u32), exif: ExifOrientation) -> 
     if exif != ExifOrientation::Applied {
         header.orientation = Orientation::NoTransforms;
     }
-    check_shape(path, header.upright_size(), wanted)?;
+    check_shape(path, header.upright_size(), wanted, used_as)?;
     let mut image = guessed()?.decode().map_err(|e| unreadable(path, &e))?;
     image.apply_orientation(header.orientation);
     Ok(image)

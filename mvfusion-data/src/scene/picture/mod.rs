@@ -4,6 +4,7 @@ mod binarise;
 mod colours;
 mod decode;
 mod jpeg;
+mod shape;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -19,8 +20,8 @@ use binarise::black_and_white;
 use colours::to_rgb8;
 use decode::decode;
 
-pub(crate) use binarise::check_shape;
 pub(crate) use decode::PictureHeader;
+pub(crate) use shape::{PictureUse, check_shape};
 
 /// An image in memory, or a file that is decoded on demand.
 #[derive(Clone, Debug)]
@@ -95,9 +96,9 @@ impl PictureSource {
     }
 
     /// Decodes the image, which must have the aspect ratio of `size`. A frame of a video has the requested size.
-    fn decode(&self, size: (u32, u32), exif: ExifOrientation) -> Result<DynamicImage, DataError> {
+    fn decode(&self, size: (u32, u32), exif: ExifOrientation, used_as: PictureUse) -> Result<DynamicImage, DataError> {
         match self {
-            Self::Image(path) => decode(path, size, exif),
+            Self::Image(path) => decode(path, size, exif, used_as),
             Self::Frame { video, index } => video.frame(*index, size),
         }
     }
@@ -121,7 +122,8 @@ impl Picture {
     /// The image as RGB, 8 bits per channel.
     ///
     /// # Errors
-    /// [`DataError::Image`] if the file cannot be read or decoded, or has a different aspect ratio from the image.
+    /// [`DataError::Image`] if the file cannot be read or decoded, [`DataError::Denied`] if it may not be read.
+    /// [`DataError::Content`] if its aspect ratio is not that of the image, or if it is a video that cannot be decoded.
     pub fn rgb(&self) -> Result<Arc<RgbImage>, DataError> {
         match self {
             Picture::Memory(image) => Ok(Arc::clone(image)),
@@ -146,7 +148,8 @@ impl Picture {
 impl PictureFile {
     /// Resized with a Lanczos filter (METHOD §5.1), then undistorted.
     fn rgb(&self) -> Result<RgbImage, DataError> {
-        let image = to_rgb8(self.source.decode((self.width, self.height), self.exif)?, self.backdrop);
+        let image =
+            to_rgb8(self.source.decode((self.width, self.height), self.exif, PictureUse::Photo)?, self.backdrop);
         let image = match image.dimensions() == (self.width, self.height) {
             true => image,
             false => imageops::resize(&image, self.width, self.height, FilterType::Lanczos3),
@@ -158,7 +161,7 @@ impl PictureFile {
     }
 
     fn mask(&self) -> Result<GrayImage, DataError> {
-        let mask = black_and_white(self.source.decode((self.width, self.height), self.exif)?);
+        let mask = black_and_white(self.source.decode((self.width, self.height), self.exif, PictureUse::Mask)?);
         let mask = match mask.dimensions() == (self.width, self.height) {
             true => mask,
             false => imageops::resize(&mask, self.width, self.height, FilterType::Nearest),
@@ -206,8 +209,12 @@ mod tests {
         let path = saved(folder.path(), &RgbImage::new(4000, 1));
         // What follows the header of a PNG, so that decoding it would fail with other words.
         std::fs::write(&path, &std::fs::read(&path).expect("read")[..60]).expect("written");
-        let error = Picture::file(path, (20, 16)).rgb().expect_err("another shape").to_string();
+        let picture = Picture::file(path, (20, 16));
+        let error = picture.rgb().expect_err("another shape").to_string();
         assert!(error.contains("4000 x 1") && error.contains("20 x 16"), "{error}");
+        assert!(error.contains("its camera is for") && !error.contains("mask"), "{error}");
+        let error = picture.mask().expect_err("another shape").to_string();
+        assert!(error.contains("4000 x 1") && error.contains("Make the mask again"), "{error}");
     }
 
     #[test]

@@ -11,7 +11,11 @@ pub struct MaskOverlap {
 
 impl MaskOverlap {
     /// Adds a view: a predicted mask in `0..=255` with the size of the true mask. Both are white from 128 on.
+    ///
+    /// # Panics
+    /// If their sizes differ.
     pub fn add(&mut self, predicted: &RgbImage, truth: &GrayImage) {
+        assert_eq!(predicted.dimensions(), truth.dimensions(), "masks of one size are compared");
         for (p, t) in predicted.pixels().zip(truth.pixels()) {
             let (p, t) = (p.0[0] >= 128, t.0[0] >= 128);
             self.both += usize::from(p && t);

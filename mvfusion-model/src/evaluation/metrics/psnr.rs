@@ -15,13 +15,22 @@ pub fn decibels(squared_error: f64) -> Psnr {
 }
 
 /// PSNR of two 8-bit images of the same size, over all pixels and channels.
+///
+/// # Panics
+/// If their sizes differ.
 pub fn psnr(picture: &RgbImage, reference: &RgbImage) -> Psnr {
+    assert_eq!(picture.dimensions(), reference.dimensions(), "images of one size are compared");
     let errors = picture.as_raw().iter().zip(reference.as_raw()).map(|(&a, &b)| squared(a, b));
     decibels(errors.sum::<f64>() / picture.as_raw().len().max(1) as f64)
 }
 
 /// PSNR over the pixels where the mask is white (128 or more). The mask has the size of the images.
+///
+/// # Panics
+/// If their sizes differ.
 pub fn masked_psnr(picture: &RgbImage, reference: &RgbImage, mask: &GrayImage) -> Psnr {
+    let sizes = [picture.dimensions(), reference.dimensions()];
+    assert_eq!(sizes, [mask.dimensions(); 2], "images and mask have one size");
     let mut sum = 0.0;
     let mut count = 0usize;
     for ((a, b), m) in picture.pixels().zip(reference.pixels()).zip(mask.pixels()) {
@@ -60,6 +69,12 @@ mod tests {
         let ratio = psnr(&grey(0), &grey(51)).expect("the pictures differ");
         assert!((ratio - -20.0 * 0.2f64.log10()).abs() < 1e-12);
         assert_eq!(psnr(&grey(7), &grey(7)), None);
+    }
+
+    #[test]
+    #[should_panic(expected = "images of one size are compared")]
+    fn images_of_two_sizes_are_not_compared() {
+        psnr(&RgbImage::new(8, 4), &grey(0));
     }
 
     #[test]

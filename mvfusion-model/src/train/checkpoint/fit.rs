@@ -73,6 +73,7 @@ impl Checkpoint {
     /// Checks the model's part before anything is allocated for it. The shapes of the networks' other layers are
     /// compared while they are filled.
     pub(super) fn check_model(&self, config: &Config) -> Result<(), ModelError> {
+        config.check_scaled()?;
         config.check_of_run()?;
         let (header, model) = (&self.header, &config.model);
         let degrees = &header.sh_degrees;

@@ -27,11 +27,12 @@ use crate::train::optim::{GaussianOptimiser, ModuleOptimiser};
 use crate::train::{BadSteps, BranchGradients, Sampler, TrainState, Visibility};
 
 impl Checkpoint {
-    /// The model alone, with autodiff: what was learned, and the motion descriptors. The configuration need not be that
-    /// of the run, but must describe the same model.
+    /// The model alone, with autodiff: what was learned, and the motion descriptors. The configuration is the result of
+    /// [`Config::scaled`]. It need not be that of the run, but must describe the same model.
     ///
     /// # Errors
-    /// [`ModelError::Checkpoint`] if a tensor is missing or has another shape than in the configured model.
+    /// [`ModelError::Config`] if it is invalid or not scaled. [`ModelError::Checkpoint`] if a tensor is missing or has
+    /// another shape than in the configured model.
     pub fn model(&self, config: &Config, device: &Device) -> Result<Model, ModelError> {
         self.check_model(config)?;
         let device = &device.clone().autodiff();

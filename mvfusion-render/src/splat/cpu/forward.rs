@@ -9,6 +9,7 @@ use super::lanes::{HALVES, LANES, Lane};
 use super::project::{Projections, project};
 use super::tiles::{Bins, bin};
 use super::view::View;
+use crate::splat::SplatError;
 
 /// A rendered image and the state for the backward pass.
 pub(crate) struct Forward<T, K> {
@@ -21,12 +22,17 @@ pub(crate) struct Forward<T, K> {
     pub blended: Blended<T>,
     /// Tallies of the tiles.
     pub tallies: Vec<K>,
+    /// The error if an index cannot count the pairs of a Gaussian and a tile; the lists and the image are then empty.
+    pub refused: Option<SplatError>,
 }
 
 /// Renders.
 pub(crate) fn forward<T: Lane, K: Tally>(cloud: &Cloud<T>, view: &View<T>) -> Forward<T, K> {
     let projections = project(cloud, view);
-    let bins = bin(&projections, view);
+    let (bins, refused) = match bin(&projections, view) {
+        Ok(bins) => (bins, None),
+        Err(error) => (Bins::none(cloud.len(), view.tile_count()), Some(error)),
+    };
     let source = TileSource {
         cloud: *cloud,
         view,
@@ -36,7 +42,8 @@ pub(crate) fn forward<T: Lane, K: Tally>(cloud: &Cloud<T>, view: &View<T>) -> Fo
     };
     let (blended, tallies) = blend(&source);
     let radii = projections.radii.as_chunks::<2>().0.iter().map(|r| r[0].max(r[1])).collect();
-    Forward { picture: lay_out(&blended, cloud.channels(), view), radii, projections, bins, blended, tallies }
+    let picture = lay_out(&blended, cloud.channels(), view);
+    Forward { picture, radii, projections, bins, blended, tallies, refused }
 }
 
 /// Packs the tiles into an image.

@@ -1,6 +1,6 @@
 //! The Gaussians that touch each tile, in blending order.
 
-use std::sync::atomic::{AtomicI32, Ordering};
+use std::sync::atomic::{AtomicI32, AtomicUsize, Ordering};
 
 use mvfusion_kernels::splat::{PROJECTED_LEN, Projected, TILE, TOUCH_ROUNDINGS};
 use rayon::prelude::*;
@@ -10,12 +10,17 @@ use super::lanes::{HALVES, LANES, Lane, Vectors, columns};
 use super::project::Projections;
 use super::tile_rectangle::TileRectangle;
 use super::view::View;
+use crate::splat::SplatError;
 
 /// Minimum number of Gaussians per chunk, so that a chunk's counters are worth their memory.
 const MIN_GAUSSIANS_PER_CHUNK: usize = 1024;
 /// Gaussians that are loaded together. In order of depth they are scattered in memory; loading them one by one took
 /// half the time of binning.
 const GATHERED: usize = 16;
+/// Pairs of a Gaussian and a tile that a chunk may have more than it has told the other chunks.
+const UNTOLD_PAIRS: usize = 1 << 16;
+/// The most pairs of a Gaussian and a tile that an index can count.
+const MOST_PAIRS: usize = i32::MAX as usize;
 
 /// The tile lists of an image.
 pub(crate) struct Bins {
@@ -26,6 +31,13 @@ pub(crate) struct Bins {
     /// The start and the number of each Gaussian's positions, then the positions in `sorted`, by Gaussian and within a
     /// Gaussian by tile.
     pub slots: Vec<i32>,
+}
+
+impl Bins {
+    /// The lists of an empty image.
+    pub fn none(gaussians: usize, tiles: usize) -> Self {
+        Self { sorted: Vec::new(), starts: vec![0; tiles + 1], slots: vec![0; 2 * gaussians] }
+    }
 }
 
 /// Whether the ellipse at the smallest visible alpha touches the box of pixel centres `low..=high`.
@@ -100,14 +112,38 @@ struct Chunk {
     per_tile: Vec<u32>,
 }
 
+/// The pairs of a Gaussian and a tile in all chunks together, and their limit.
+struct PairTotal {
+    pairs: AtomicUsize,
+    most: usize,
+}
+
+impl PairTotal {
+    /// Adds the pairs of a chunk.
+    ///
+    /// # Errors
+    /// If there are then more than the limit. There is no way back, so all chunks end early.
+    fn add(&self, pairs: usize) -> Result<(), SplatError> {
+        let total = self.pairs.fetch_add(pairs, Ordering::Relaxed).saturating_add(pairs);
+        if total > self.most { Err(SplatError::Pairs(u32::try_from(total).unwrap_or(u32::MAX))) } else { Ok(()) }
+    }
+}
+
 /// Bins projected Gaussians.
 ///
-/// # Panics
+/// # Errors
 /// If there are 2³¹ or more pairs of a Gaussian and a tile.
-pub(crate) fn bin<T: Lane>(projections: &Projections<T>, view: &View<T>) -> Bins {
+pub(crate) fn bin<T: Lane>(projections: &Projections<T>, view: &View<T>) -> Result<Bins, SplatError> {
+    bin_up_to(MOST_PAIRS, projections, view)
+}
+
+/// Bins projected Gaussians if they have at most so many pairs.
+fn bin_up_to<T: Lane>(most: usize, projections: &Projections<T>, view: &View<T>) -> Result<Bins, SplatError> {
     let order = depth_order(projections);
     let chunk_len = order.len().div_ceil(4 * rayon::current_num_threads()).max(MIN_GAUSSIANS_PER_CHUNK);
-    let mut chunks: Vec<Chunk> = order.par_chunks(chunk_len).map(|ids| chunk_tiles(projections, view, ids)).collect();
+    let pairs = PairTotal { pairs: AtomicUsize::new(0), most };
+    let chunks = order.par_chunks(chunk_len).map(|ids| chunk_tiles(projections, view, ids, &pairs));
+    let mut chunks = chunks.collect::<Result<Vec<Chunk>, SplatError>>()?;
     let starts = place(&mut chunks, view.tile_count());
     let total = starts[view.tile_count()] as usize;
 
@@ -126,7 +162,7 @@ pub(crate) fn bin<T: Lane>(projections: &Projections<T>, view: &View<T>) -> Bins
         fill(chunk, ids, slots, &sorted);
     });
     head.copy_from_slice(&plain(spans));
-    Bins { sorted: plain(sorted), starts, slots }
+    Ok(Bins { sorted: plain(sorted), starts, slots })
 }
 
 fn atomics(count: usize) -> Vec<AtomicI32> {
@@ -137,7 +173,13 @@ fn plain(atomics: Vec<AtomicI32>) -> Vec<i32> {
     atomics.into_iter().map(AtomicI32::into_inner).collect()
 }
 
-fn chunk_tiles<T: Lane>(projections: &Projections<T>, view: &View<T>, ids: &[u32]) -> Chunk {
+/// The tiles of a chunk. Ends early if all chunks together have too many pairs.
+fn chunk_tiles<T: Lane>(
+    projections: &Projections<T>,
+    view: &View<T>,
+    ids: &[u32],
+    pairs: &PairTotal,
+) -> Result<Chunk, SplatError> {
     let columns = view.grid()[0];
     let mut chunk = Chunk {
         tiles: Vec::with_capacity(4 * ids.len()),
@@ -146,6 +188,7 @@ fn chunk_tiles<T: Lane>(projections: &Projections<T>, view: &View<T>, ids: &[u32
     };
     let (records, radii) = (projections.records.as_chunks::<PROJECTED_LEN>().0, projections.radii.as_chunks::<2>().0);
     let mut gathered = [(Projected::default(), [0; 2]); GATHERED];
+    let mut told = 0;
     for ids in ids.chunks(GATHERED) {
         for (splat, &id) in gathered.iter_mut().zip(ids) {
             *splat = (Projected::from_row(&records[id as usize]), radii[id as usize]);
@@ -153,8 +196,14 @@ fn chunk_tiles<T: Lane>(projections: &Projections<T>, view: &View<T>, ids: &[u32
         for (splat, radii) in &gathered[..ids.len()] {
             chunk.add(splat, TileRectangle::of(splat.centre, *radii, view), columns);
         }
+        // Not for every Gaussian: the threads would wait for each other.
+        if chunk.tiles.len() - told > UNTOLD_PAIRS {
+            pairs.add(chunk.tiles.len() - told)?;
+            told = chunk.tiles.len();
+        }
     }
-    chunk
+    pairs.add(chunk.tiles.len() - told)?;
+    Ok(chunk)
 }
 
 impl Chunk {
@@ -176,10 +225,9 @@ impl Chunk {
     }
 }
 
-/// Turns the counts of the chunks into positions, and returns the start of each tile.
+/// Turns the counts of the chunks into positions, and returns the start of each tile. The chunks have at most
+/// [`MOST_PAIRS`] pairs.
 fn place(chunks: &mut [Chunk], tile_count: usize) -> Vec<i32> {
-    let total: usize = chunks.iter().map(|chunk| chunk.tiles.len()).sum();
-    assert!(i32::try_from(total).is_ok(), "{total} pairs of a Gaussian and a tile are more than an index can count");
     let mut starts = Vec::with_capacity(tile_count + 1);
     let mut next = 0u32;
     for tile in 0..tile_count {
@@ -285,20 +333,53 @@ mod tests {
         }
     }
 
+    /// Depths of [`needles`].
+    const DEPTHS: [f64; 4] = [3.0, 1.0, 2.0, 3.0];
+
+    /// Gaussians with these radii along both axes.
+    fn needles(radius: i32) -> Projections<f64> {
+        let centres = [[8.0, 8.0], [20.0, 20.0], [24.0, 8.0], [9.0, 9.0]];
+        let records = centres.into_iter().zip(DEPTHS).flat_map(|(c, depth)| Projected { depth, ..needle(c) }.to_row());
+        Projections { records: records.collect(), radii: vec![radius; 2 * DEPTHS.len()] }
+    }
+
+    #[test]
+    fn more_pairs_than_an_index_counts_are_refused() {
+        let (projections, view) = (needles(31), view(SplatRules::inria()));
+        let pairs = bin(&projections, &view).expect("few pairs").sorted.len();
+        assert!(pairs > DEPTHS.len(), "a needle touches several tiles");
+        assert!(bin_up_to(pairs, &projections, &view).is_ok());
+        let refused = bin_up_to(pairs - 1, &projections, &view).err();
+        assert_eq!(refused, Some(SplatError::Pairs(pairs as u32)));
+    }
+
+    #[test]
+    fn pairs_of_several_chunks_are_counted_together() {
+        let pairs = PairTotal { pairs: AtomicUsize::new(0), most: MOST_PAIRS };
+        assert_eq!(pairs.add(MOST_PAIRS - 1), Ok(()));
+        assert_eq!(pairs.add(1), Ok(()));
+        assert_eq!(pairs.add(1), Err(SplatError::Pairs(1 << 31)));
+        assert_eq!(pairs.add(0), Err(SplatError::Pairs(1 << 31)));
+    }
+
+    #[test]
+    fn no_lists_are_those_of_gaussians_that_are_not_visible() {
+        let view = view(SplatRules::inria());
+        let bins = bin(&needles(0), &view).expect("no pairs");
+        let none = Bins::none(DEPTHS.len(), view.tile_count());
+        assert_eq!((bins.sorted, bins.starts, bins.slots), (none.sorted, none.starts, none.slots));
+    }
+
     #[test]
     fn lists_are_sorted_by_depth_and_slots_lead_back() {
-        let centres = [[8.0, 8.0], [20.0, 20.0], [24.0, 8.0], [9.0, 9.0]];
-        let depths = [3.0, 1.0, 2.0, 3.0];
-        let records = centres.into_iter().zip(depths).flat_map(|(c, depth)| Projected { depth, ..needle(c) }.to_row());
-        let projections = Projections { records: records.collect(), radii: vec![31; 8] };
-        let view = view(SplatRules::inria());
-        let bins = bin(&projections, &view);
+        let (projections, view) = (needles(31), view(SplatRules::inria()));
+        let bins = bin(&projections, &view).expect("few pairs");
         for tile in 0..view.tile_count() {
             let list = &bins.sorted[bins.starts[tile] as usize..bins.starts[tile + 1] as usize];
-            let keys: Vec<(f64, i32)> = list.iter().map(|&id| (depths[id as usize], id)).collect();
+            let keys: Vec<(f64, i32)> = list.iter().map(|&id| (DEPTHS[id as usize], id)).collect();
             assert!(keys.windows(2).all(|pair| pair[0] < pair[1]), "{keys:?}");
         }
-        let (spans, slots) = bins.slots.split_at(2 * depths.len());
+        let (spans, slots) = bins.slots.split_at(2 * DEPTHS.len());
         for (id, span) in spans.as_chunks::<2>().0.iter().enumerate() {
             let slots = &slots[span[0] as usize..(span[0] + span[1]) as usize];
             assert!(slots.iter().all(|&slot| bins.sorted[slot as usize] == id as i32) && slots.is_sorted());

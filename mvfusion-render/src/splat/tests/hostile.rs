@@ -186,6 +186,38 @@ fn wrong_arguments_are_named() {
     });
 }
 
+#[cfg(all(feature = "flex", feature = "ndarray"))]
+#[test]
+fn tensors_on_two_devices_are_refused_by_name() {
+    let [own, other] = crate::test_support::two_devices();
+    let scene = Scene::random(6, 4);
+    let (good, elsewhere) = (scene.inputs(&own, DType::F32), scene.inputs(&other, DType::F32));
+    let refused = |inputs: SplatInputs, probe: Option<Tensor<2>>| {
+        splat(inputs, probe, &camera(), &settings(SplatRules::inria())).expect_err("two devices")
+    };
+    let colours = SplatInputs { sh: elsewhere.sh.clone(), ..good.clone() };
+    assert_eq!(refused(colours, None), SplatError::OtherDevice { argument: "sh" });
+    let features = SplatInputs { features: elsewhere.features.clone(), ..good.clone() };
+    assert_eq!(refused(features, None), SplatError::OtherDevice { argument: "features" });
+    // The others are compared with the first.
+    let means = SplatInputs { means: elsewhere.means.clone(), ..good.clone() };
+    assert_eq!(refused(means, None), SplatError::OtherDevice { argument: "quaternions" });
+    let probe = Tensor::<2>::zeros([1, 2], &other.autodiff());
+    let said = refused(good, Some(probe));
+    assert_eq!(said.to_string(), "`probe` is on another device than `means`: move all arguments to one device");
+}
+
+#[test]
+fn tensors_with_and_without_autodiff_are_on_one_device() {
+    for_each_device(|device| {
+        let scene = Scene::random(6, 4);
+        let plain = scene.inputs(&device, DType::F32);
+        let tracked = scene.inputs(&device.autodiff(), DType::F32);
+        let mixed = SplatInputs { means: tracked.means, ..plain };
+        splat(mixed, None, &camera(), &settings(SplatRules::inria())).expect("one device");
+    });
+}
+
 #[test]
 fn tensors_beyond_the_buffers_of_a_device_are_refused_by_name() {
     let camera = camera();

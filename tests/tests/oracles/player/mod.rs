@@ -12,7 +12,6 @@ use anyhow::{Context, Result, ensure};
 use image::RgbImage;
 use libtest_mimic::Trial;
 use mvfusion_cli::config as configs;
-use mvfusion_cli::scene as scenes;
 use mvfusion_data::{Scene, View, distinct_cameras};
 use mvfusion_model::evaluation::psnr;
 use tempfile::TempDir;
@@ -135,7 +134,7 @@ fn readers_find_their_way(run: &Path) -> Result<()> {
 
 /// The scene of a run.
 fn scene_of(run: &Path) -> Result<Scene> {
-    scenes::open(&configs::read(&run.join("config.toml"))?)
+    Ok(configs::read(&run.join("config.toml"))?.open_scene()?)
 }
 
 /// Views of different cameras, spread over the scene.
