@@ -1,5 +1,5 @@
-//! A finished run, opened without the program: its configuration, its scene and its last checkpoint, and the render of a
-//! held-out view.
+//! A finished run, opened without the program: configuration, scene, last checkpoint, and the render of a held-out
+//! view.
 //!
 //! `cargo run -p mvfusion-model --example open_run [RUN [PICTURE.png]]`
 //!
@@ -44,8 +44,9 @@ fn render(run: &Path, picture: &Path) -> Result<(), Box<dyn Error>> {
 
     let context = RenderContext::new(&config, &scene);
     let view = scene.test.first().ok_or("the scene has no held-out view")?;
-    // A held-out photo has no moment: it shows the static branch.
-    let moment = (scene.capture == Capture::Video).then_some(view.time);
+    // A held-out photo has no moment: it shows the static branch, if there is one.
+    let is_still = scene.capture == Capture::Photos && trained.model.static_.is_some();
+    let moment = (!is_still).then_some(view.time);
     let (level, weights) = (trained.level(&config), config.motion.weights);
     let renderer = LayerRenderer::new(&trained.model, level, &context, &[Layer::Composed], weights)?;
     for layer in renderer.render(&view.camera, moment)? {

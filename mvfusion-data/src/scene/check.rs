@@ -25,7 +25,7 @@ impl Scene {
     /// [`DataError::Scene`], which names the first view or point with one of these problems:
     /// * Two training views, or two held-out views, have the same name.
     /// * A time is not in `[0, 1]`.
-    /// * A camera has no pixel, its rotation is none, or its numbers are not finite or out of range
+    /// * A camera has no pixel, its `rotation` is no rotation matrix, or its numbers are not finite or out of range
     ///   ([`Camera::is_computable`]).
     /// * The image, the mask or the ground truth of a view has another size than its camera.
     /// * Training images differ in size. Batches need one size; held-out images may have their own.
@@ -63,7 +63,7 @@ fn check_time(time: f64) -> Result<(), Fault> {
     }
     Err(Fault {
         reason: format!("has the time {time:?}, and times lie in [0, 1]"),
-        advice: "Times are fractions of the capture: divide the index of each frame by the number of frames",
+        advice: "Times are fractions of the capture: divide the index of each moment by the number of moments",
     })
 }
 
@@ -85,7 +85,7 @@ fn check_camera(camera: &Camera) -> Result<(), Fault> {
     }
     if rotation_of(rotation).is_none() {
         return Err(Fault {
-            reason: format!("has a camera whose rotation, by columns, is none: {:?}", rotation.to_cols_array()),
+            reason: format!("has a camera whose matrix is no rotation; by columns: {:?}", rotation.to_cols_array()),
             advice: "Its rows must be unit vectors in the world: right, down and forward of the camera, which are at \
                      right angles and not mirrored",
         });

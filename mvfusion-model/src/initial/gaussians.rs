@@ -22,8 +22,8 @@ pub enum Masking {
     Absent,
 }
 
-/// Isotropic Gaussians on the points of a cloud (METHOD §1.1, column "init"), with SH degree 0 and without masks. Their
-/// scales are the roots of the given mean squared distances to neighbours, one for each point.
+/// Isotropic Gaussians on the points of a cloud (METHOD §1.1, column "init"), with SH degree 0 and without masks.
+/// Their scales are the roots of the given mean squared distances to neighbours, one for each point.
 pub fn cloud_on(points: &PointCloud, mean_squared_distances: &[f64], opacity: f64) -> GaussianCloud {
     let count = points.len();
     let logit = mvfusion_data::logit(opacity);
@@ -57,8 +57,8 @@ pub fn gaussians_on(
 }
 
 /// The Gaussians of a cloud, with room for the given SH degree, and with lifetimes if the cloud has them. The current
-/// degree, [`Gaussians::sh_degree`], is the cloud's, as far as there is room. With [`Masking::Blended`], mask logits are those of
-/// the cloud, or the initial ones if it has none.
+/// degree, [`Gaussians::sh_degree`], is the cloud's, as far as there is room. With [`Masking::Blended`], mask logits
+/// are those of the cloud, or the initial ones if it has none.
 pub fn gaussians_of(
     cloud: &GaussianCloud,
     masking: Masking,

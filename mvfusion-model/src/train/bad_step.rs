@@ -53,8 +53,8 @@ impl Trainer {
         }
     }
 
-    /// The backward half of a step: gradients, and what [`Trainer::update`] does with them. `train.on_bad_step` says what
-    /// becomes of a loss or gradient that is not finite.
+    /// Computes the gradients of a step and learns from them. `train.on_bad_step` says what becomes of a loss or
+    /// gradient that is not finite.
     ///
     /// # Errors
     /// [`ModelError::NotFinite`] or [`ModelError::BadSteps`] by that rule, and if the device fails to return values.

@@ -42,8 +42,8 @@ pub struct Batch {
 }
 
 impl TrainingViews {
-    /// The training views of a scene, with at most `budget` bytes of decoded images. Nothing is decoded yet. [`Scene::check`]
-    /// ensures that all images have the same size, which batches need.
+    /// The training views of a scene, with at most `budget` bytes of decoded images. Nothing is decoded yet.
+    /// [`Scene::check`] ensures that all images have the same size, which batches need.
     pub fn new(scene: &Scene, budget: u64) -> Self {
         let views = scene.train.iter().zip(scene.training_cameras());
         let views = views.map(|(view, number)| TrainingView { camera: view.camera, time: view.time, number }).collect();

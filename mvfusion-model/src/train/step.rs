@@ -19,8 +19,8 @@ impl Trainer {
     /// Renders training views, given by their indices, at their times.
     ///
     /// # Errors
-    /// [`ModelError::Views`] if there is none, or the scene does not have one of them. If a photo cannot be read, or the
-    /// splat op rejects its input.
+    /// [`ModelError::Views`] if there is none, or the scene does not have one of them. If a photo cannot be read, or
+    /// the splat op rejects its input.
     pub fn render_batch(&self, views: &[usize], position: &Position) -> Result<RenderedBatch, ModelError> {
         self.photos.check(views)?;
         let model = &self.state.model;

@@ -49,8 +49,8 @@ impl Trainer {
     /// applied here if necessary; [`Trainer::config`] returns the result.
     ///
     /// # Errors
-    /// If the configuration is invalid or not scaled, [`Scene::check`] rejects the scene, it has too few training cameras
-    /// or all of them at one place, or it or a file cannot be read.
+    /// If the configuration is invalid or not scaled, [`Scene::check`] rejects the scene, it has too few training
+    /// cameras or all of them at one place, or it or a file cannot be read.
     pub fn new(config: Config, scene: &Scene, device: &Device) -> Result<Self, ModelError> {
         config.check()?;
         check_start(&config, scene)?;
@@ -154,9 +154,9 @@ impl Trainer {
         Ok(())
     }
 
-    /// Announces the training views of the next step, which your program chose instead of [`Trainer::draw_views`]. They
-    /// are decoded meanwhile, named in messages, and counted: rules of densification wait until every view was shown
-    /// (METHOD §4.10).
+    /// Announces the training views of this step, which your program chose instead of [`Trainer::draw_views`]. They
+    /// are named in messages, and counted: rules of densification wait until every view was shown as often as a round
+    /// has it (METHOD §4.10). A view that is never shown lets them wait for ever.
     ///
     /// # Errors
     /// [`ModelError::Views`] if there is none, or the scene does not have one of them.

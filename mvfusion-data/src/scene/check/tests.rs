@@ -109,8 +109,8 @@ fn cameras_with_numbers_that_cannot_be_used_are_refused() {
     camera(|camera| camera.translation.z = f64::INFINITY, &["inf in its translation", "leave the view out"]);
     camera(|camera| camera.fy = -60.0, &["-60.0", "too large or too small"]);
     camera(|camera| camera.translation = DVec3::new(1e12, 0.0, 0.0), &["up to 1e9"]);
-    camera(|camera| camera.rotation = -camera.rotation, &["whose rotation", "not mirrored"]);
-    camera(|camera| camera.rotation = DMat3::ZERO, &["whose rotation"]);
+    camera(|camera| camera.rotation = -camera.rotation, &["no rotation", "not mirrored"]);
+    camera(|camera| camera.rotation = DMat3::ZERO, &["no rotation"]);
     camera(|camera| camera.height = 0, &["a camera of 24 x 0 pixels"]);
 }
 
