@@ -60,7 +60,9 @@ fn render(run: &Path, picture: &Path) -> Result<(), Box<dyn Error>> {
 fn train(run: &Path) -> Result<(), Box<dyn Error>> {
     let train = TrainConfig { scale: 0.0005, ..TrainConfig::default() };
     let config = Config { train, ..Config::default() };
-    let mut trainer = Trainer::new(config.scaled(), &config.open_scene()?, &device::flex())?;
+    let scene = config.open_scene()?;
+    let config = config.for_times_of(&scene);
+    let mut trainer = Trainer::new(config.scaled(), &scene, &device::flex())?;
     while trainer.step()?.is_some() {}
     std::fs::write(run.join(CONFIG), toml::to_string(&config)?)?;
     std::fs::create_dir_all(run.join("checkpoints"))?;

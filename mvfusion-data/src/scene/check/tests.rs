@@ -72,7 +72,7 @@ fn held_out_views_may_have_a_size_of_their_own_and_the_names_of_training_views()
 fn times_outside_0_to_1_are_refused() {
     for (time, shown) in [(f64::NAN, "NaN"), (f64::INFINITY, "inf"), (-0.25, "-0.25"), (7.0, "7.0")] {
         let shown = format!("has the time {shown},");
-        refused(|scene| scene.train[1].time = time, &["the training view `cam01/0001`", &shown, "number of frames"]);
+        refused(|scene| scene.train[1].time = time, &["the training view `cam01/0001`", &shown, "number of moments"]);
     }
     refused(|scene| scene.test[0].time = 1.5, &["the held-out view `cam00/0000`"]);
 }
