@@ -87,6 +87,13 @@ mod tests {
     }
 
     #[test]
+    fn a_change_that_leaves_no_finished_cell_is_an_amendment() {
+        let old = index(Some(rule(2)), &[1, 2]);
+        let found = amendments(&old, &index(Some(rule(1)), &[3]), |id| id == old.cells[0].id);
+        assert!(!found.is_empty() && found.iter().all(|amendment| amendment.finished == 1), "{found:?}");
+    }
+
+    #[test]
     fn earlier_amendments_stay() {
         let old = Index { amendments: vec![change(&["rule"], 40)], ..index(Some(rule(2)), &[1]) };
         let kept = amendments(&old, &index(Some(rule(2)), &[1]), |_| true);

@@ -65,41 +65,38 @@ impl Trainer {
         rates: &Rates,
         position: &Position,
     ) -> Result<(), ModelError> {
-        match self.config.train.on_bad_step {
-            BadStepRule::Stop => {
-                let gradients = self.backward(rendered, losses, position)?;
-                self.update(gradients, rates, position)
-            }
-            BadStepRule::Skip => self.learn_or_skip(rendered, losses, rates, position),
-        }
+        let gradients = match self.config.train.on_bad_step {
+            BadStepRule::Stop => Some(self.backward(rendered, losses, position)?),
+            BadStepRule::Skip => self.finite_gradients(rendered, losses, position)?,
+        };
+        gradients.map_or(Ok(()), |gradients| self.update(gradients, rates, position))
     }
 
-    /// Learns from a step unless its loss, or a gradient, is not finite: then nothing changes but the counts. If that
-    /// step ends a round of accumulation, the gradients of the round are dropped, so that the next one has its own
-    /// steps alone. Waits for the device once.
+    /// The gradients of a step, or `None` if its loss, or one of them, is not finite: then nothing changes but the
+    /// counts. If that step ends a round of accumulation, the gradients of the round are dropped, so that the next one
+    /// has its own steps alone. Waits for the device once.
     ///
     /// # Errors
     /// [`ModelError::BadSteps`] after [`MOST_BAD_STEPS`] such steps in a row.
-    fn learn_or_skip(
+    fn finite_gradients(
         &mut self,
         rendered: RenderedBatch,
-        losses: Losses,
-        rates: &Rates,
+        Losses { total, .. }: Losses,
         position: &Position,
-    ) -> Result<(), ModelError> {
+    ) -> Result<Option<StepGradients>, ModelError> {
         let mut findings = self.findings(rendered.plain());
-        findings.take("the loss".to_owned(), losses.total.clone().inner());
+        findings.take("the loss".to_owned(), total.clone().inner());
         let shown = rendered.shown.clone();
-        let gradients = self.gradients(rendered, losses.total, position);
+        let gradients = self.gradients(rendered, total, position);
         gradients.add_to(&mut findings, &self.state.model);
         match findings.first_bad()? {
             Some(found) => {
                 let error = self.not_finite(found, &shown, position)?;
-                self.skip(error, position)
+                self.skip(error, position).map(|()| None)
             }
             None => {
                 self.state.bad_steps.in_a_row = 0;
-                self.update(gradients, rates, position)
+                Ok(Some(gradients))
             }
         }
     }
