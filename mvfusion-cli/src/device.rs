@@ -178,7 +178,7 @@ pub fn list() -> Vec<String> {
 
 #[cfg(any(feature = "wgpu", feature = "cuda"))]
 mod gpu {
-    use mvfusion_model::device::{Card, Gpu, GpuError, gpus};
+    use mvfusion_model::device::{Gpu, GpuError, GpuProperties, gpus};
     use tracing::warn;
 
     use super::{GpuModel, OpenDevice, UsageError};
@@ -233,7 +233,7 @@ mod gpu {
     }
 
     fn opened(gpu: &Gpu, reason: &str) -> Result<OpenDevice, GpuError> {
-        let (name, card) = (gpu.label(), gpu.card()?);
+        let (name, card) = (gpu.label(), gpu.properties()?);
         let reason = format!("{name}, {}{} ({reason})", card.name, software(gpu));
         let (buffer, computes_on_host) = (Some(card.buffer), gpu.is_software);
         Ok(OpenDevice { device: gpu.device.clone(), name, reason, buffer, computes_on_host })
@@ -242,7 +242,7 @@ mod gpu {
     /// The GPU of this name; `None` if it does not open.
     pub fn model(name: &str) -> Option<GpuModel> {
         let gpu = gpus().iter().find(|gpu| gpu.label() == name)?;
-        Some(GpuModel { name: gpu.card().ok()?.name, driver: gpu.driver() })
+        Some(GpuModel { name: gpu.properties().ok()?.name, driver: gpu.driver() })
     }
 
     fn software(gpu: &Gpu) -> &'static str {
@@ -250,7 +250,7 @@ mod gpu {
     }
 
     fn describe(gpu: &Gpu) -> String {
-        let Card { name, buffer, shared_memory, units, adds_floats, language } = match gpu.card() {
+        let GpuProperties { name, buffer, shared_memory, units, adds_floats, language } = match gpu.properties() {
             Ok(card) => card,
             Err(error) => return format!("{:9} cannot be used: {error}", gpu.label()),
         };

@@ -59,9 +59,9 @@ pub use builtin::{BuiltinKind, BuiltinOptions};
 pub use error::{DataError, Refusal};
 pub use readers::{Format, ReadOptions, TimeRule, attach_masks, open, read_gaussians, read_points, recognise};
 pub use scene::{
-    Bend, Bounds, Camera, Capture, Decoded, ExifOrientation, GaussianCloud, LARGEST_COORDINATE, LIFETIME_FIELDS, Lens,
-    Lifetime, MASK_FIELDS, Mask, NamedArray, Picture, PictureCache, PictureFile, PictureSource, PointCloud, Scene,
-    Truth, View, by_camera, distinct_cameras, logit, rest_width, sigmoid, unit_quaternion,
+    Bounds, Camera, Capture, Decoded, Distortion, ExifOrientation, GaussianCloud, LARGEST_COORDINATE, LIFETIME_FIELDS,
+    Lens, Lifetime, MASK_FIELDS, Mask, NamedArray, Picture, PictureCache, PictureFile, PictureSource, PointCloud,
+    Scene, Truth, View, by_camera, distinct_cameras, logit, rest_width, sigmoid, unit_quaternion,
 };
 pub use video::{Video, VideoWriter, can_write_videos};
 pub use write::{Layout, WriteError, write};

@@ -13,7 +13,7 @@ use mvfusion_data::{Camera, read_gaussians};
 use mvfusion_model::device;
 use mvfusion_model::evaluation::quantise;
 use mvfusion_model::initial::{Masking, gaussians_of};
-use mvfusion_model::model::gaussians::Behind;
+use mvfusion_model::model::gaussians::BackgroundLevels;
 use mvfusion_render::splat::{SplatRules, SplatSettings};
 
 /// A row of each Gaussian: centre, colour coefficients, opacity logit, log-scales, quaternion `wxyz`.
@@ -58,8 +58,8 @@ fn render(path: &Path, picture: &Path) -> Result<(), Box<dyn Error>> {
     let device = device::flex();
     let gaussians = gaussians_of(&cloud, Masking::Absent, cloud.sh_degree, &device, DType::F32);
     let settings = SplatSettings { rules: SplatRules::inria(), sh_degree: cloud.sh_degree, ..SplatSettings::default() };
-    let behind = Behind { grey: 0.0, masks: [0.0; 3] };
-    let rendered = gaussians.canonical().splat(None, None, &camera, &settings, behind)?;
+    let background = BackgroundLevels { grey: 0.0, masks: [0.0; 3] };
+    let rendered = gaussians.canonical().splat(None, None, &camera, &settings, background)?;
 
     let image = quantise(rendered.main().colour.unsqueeze_dim(0))?;
     image.save(picture)?;

@@ -3,7 +3,9 @@
 use burn::tensor::{DType, Device};
 
 #[cfg(feature = "cube")]
-pub use found::{Card, Gpu, GpuError, fold_launches, gpus, imitate_dirt, imitate_hardware, is_gpu, sort_apart};
+pub use found::{
+    Gpu, GpuError, GpuProperties, fold_launches, gpus, imitate_dirt, imitate_hardware, is_gpu, sort_apart,
+};
 
 /// Burn's pure-Rust CPU backend.
 #[cfg(feature = "flex")]
@@ -90,7 +92,7 @@ mod found {
 
     /// The properties that an opened GPU reports.
     #[derive(Clone, Debug, PartialEq, Eq)]
-    pub struct Card {
+    pub struct GpuProperties {
         /// Its name.
         pub name: String,
         /// Bytes of the largest buffer.
@@ -289,7 +291,7 @@ mod found {
         pub fn driver(&self) -> Option<String> {
             match &self.cube {
                 #[cfg(feature = "wgpu")]
-                CubeDevice::Wgpu(_) => driver_of_adapter(&self.card().ok()?.name),
+                CubeDevice::Wgpu(_) => driver_of_adapter(&self.properties().ok()?.name),
                 #[allow(unreachable_patterns, reason = "with wgpu alone there is no other")]
                 _ => driver_of_nvidia(&std::fs::read_to_string("/proc/driver/nvidia/version").ok()?),
             }
@@ -299,7 +301,7 @@ mod found {
         ///
         /// # Errors
         /// If the driver fails, or the GPU cannot run the kernels.
-        pub fn card(&self) -> Result<Card, GpuError> {
+        pub fn properties(&self) -> Result<GpuProperties, GpuError> {
             // CubeCL panics if a driver fails.
             let opened = catch_unwind(AssertUnwindSafe(|| self.cube.client()));
             let client = opened.map_err(|_| GpuError::Closed(self.label()))?;
@@ -313,7 +315,7 @@ mod found {
             if language == SPIR_V && !compiles_spirv(&properties.identity.name) {
                 return Err(GpuError::SpirV(self.label()));
             }
-            Ok(Card {
+            Ok(GpuProperties {
                 name: properties.identity.name.clone(),
                 buffer: gpu::buffer_limit(&client),
                 shared_memory: properties.hardware.max_shared_memory_size,

@@ -41,7 +41,7 @@ pub fn is_there(backend: Backend) -> bool {
 /// The first GPU of a backend.
 #[cfg(any(feature = "wgpu", feature = "cuda"))]
 fn first(backend: &str) -> Option<Device> {
-    device::gpus().iter().find(|gpu| gpu.backend == backend && gpu.card().is_ok()).map(|gpu| gpu.device.clone())
+    device::gpus().iter().find(|gpu| gpu.backend == backend && gpu.properties().is_ok()).map(|gpu| gpu.device.clone())
 }
 
 #[cfg(not(any(feature = "wgpu", feature = "cuda")))]

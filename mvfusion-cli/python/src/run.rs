@@ -62,7 +62,7 @@ impl NativeRun {
             "is_finished": run::is_finished(&self.path),
             "gaussians": counts,
             "layers": layers.iter().map(|layer| layer.name()).collect::<Vec<_>>(),
-            "background": self.run.render_context().behind.grey,
+            "background": self.run.render_context().background.grey,
             "times": scene.training_times(),
         })
         .to_string()

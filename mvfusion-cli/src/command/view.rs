@@ -55,7 +55,7 @@ pub fn view_until(
         is_training: false,
         has_mfta: model.without_mfta(level).is_some(),
         has_static: model.static_.is_some(),
-        background: context.behind.grey,
+        background: context.background.grey,
     };
     let lines = socket.lines(false);
     let unavailable = unavailable_layers(&model, level, source);

@@ -68,11 +68,11 @@ pub fn listed() -> Listed {
 
 #[cfg(any(feature = "wgpu", feature = "cuda"))]
 fn gpus() -> impl Iterator<Item = ListedDevice> {
-    use mvfusion_model::device::{Card, Gpu, gpus};
+    use mvfusion_model::device::{Gpu, GpuProperties, gpus};
 
     let listed = |gpu: &Gpu| {
-        let (card, error) = match gpu.card() {
-            Ok(Card { name, buffer, shared_memory, units, adds_floats, language }) => {
+        let (card, error) = match gpu.properties() {
+            Ok(GpuProperties { name, buffer, shared_memory, units, adds_floats, language }) => {
                 let card = ListedCard {
                     name,
                     largest_buffer: buffer,

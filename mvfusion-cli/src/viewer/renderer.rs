@@ -5,7 +5,7 @@ use image::{GrayImage, RgbImage};
 use mvfusion_data::{Camera, Capture, Scene, View, preview};
 use mvfusion_model::config::FusionWeights;
 use mvfusion_model::evaluation::{DepthRange, Layer, LayerRenderer, LayerScale, MotionLayers, masked_psnr, psnr};
-use mvfusion_model::model::gaussians::Behind;
+use mvfusion_model::model::gaussians::BackgroundLevels;
 use mvfusion_model::model::{DeformationLevel, Model, Moment, RenderContext};
 use mvfusion_model::timeline::spread;
 
@@ -119,8 +119,9 @@ impl FrameRenderer {
         let depths = self.depths_of(request.layer)?;
         // A measurement for all pictures is no part of this one.
         watch.lap();
-        let behind = Behind { grey: request.background.unwrap_or(self.context.behind.grey), ..self.context.behind };
-        let context = RenderContext { behind, ..self.context.clone() };
+        let own = self.context.background;
+        let background = BackgroundLevels { grey: request.background.unwrap_or(own.grey), ..own };
+        let context = RenderContext { background, ..self.context.clone() };
         let Shown { model, level, step } = self.shown.as_ref().context(NOTHING)?;
         let renderer = LayerRenderer::with_motion(model, *level, &context, &[request.layer], &motion)?;
         let renderer = renderer.with_depths(depths);
@@ -223,7 +224,7 @@ impl FrameRenderer {
     /// the background of the run.
     fn psnr(&mut self, request: &FrameRequest, picture: &RgbImage) -> Option<f64> {
         let CameraChoice::View(view) = request.camera else { return None };
-        let is_own_background = request.background.is_none_or(|grey| grey == self.context.behind.grey);
+        let is_own_background = request.background.is_none_or(|grey| grey == self.context.background.grey);
         if request.layer != Layer::Composed || !is_own_background || !self.is_time_of(view, request.time) {
             return None;
         }

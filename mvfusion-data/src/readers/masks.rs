@@ -77,7 +77,7 @@ mod tests {
     use image::{GrayImage, Rgb, RgbImage};
 
     use super::*;
-    use crate::scene::{Bend, Camera, Capture, Lens, PointCloud, Truth, View};
+    use crate::scene::{Camera, Capture, Distortion, Lens, PointCloud, Truth, View};
 
     const SIZE: (u32, u32) = (24, 18);
 
@@ -85,9 +85,9 @@ mod tests {
     fn bent(folder: &Path) -> Scene {
         let path = folder.join("photo.png");
         RgbImage::from_fn(SIZE.0, SIZE.1, |x, _| Rgb([if x < 4 { 255 } else { 0 }; 3])).save(&path).expect("written");
-        let bend = Bend::opencv([-0.3, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0; 2]);
-        let lens = Lens { focal: DVec2::splat(20.0), principal: DVec2::new(12.0, 9.0), bend };
-        let pinhole = Lens { bend: Bend::NONE, ..lens };
+        let distortion = Distortion::opencv([-0.3, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0; 2]);
+        let lens = Lens { focal: DVec2::splat(20.0), principal: DVec2::new(12.0, 9.0), distortion };
+        let pinhole = Lens { distortion: Distortion::NONE, ..lens };
         let (width, height) = SIZE;
         let source = PictureSource::Image(path);
         let lenses = Some(Arc::new([lens, pinhole]));

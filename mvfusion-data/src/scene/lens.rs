@@ -23,12 +23,12 @@ pub struct Lens {
     /// Principal point, in pixels. The centre of the first pixel is at 0.5.
     pub principal: DVec2,
     /// Distortion.
-    pub bend: Bend,
+    pub distortion: Distortion,
 }
 
 /// Distortion of points on the plane at distance one. If all coefficients are zero, it is a pinhole.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Bend {
+pub enum Distortion {
     /// `x (1 + n1 r² + n2 r⁴ + n3 r⁶ + n4 r⁸) / (1 + d1 r² + d2 r⁴ + d3 r⁶)` plus the tangential shift. With n4 = 0, this
     /// is OpenCV's model, whose first coefficients alone are COLMAP's SIMPLE_RADIAL, RADIAL and OPENCV. With n4 and no
     /// denominator, it is that of Metashape and nerfstudio.
@@ -45,7 +45,7 @@ pub enum Bend {
     Fisheye {
         /// k1 … k6.
         radial: [f64; 6],
-        /// As in [`Bend::Perspective`].
+        /// As in [`Distortion::Perspective`].
         tangential: [f64; 2],
         /// Thin prism: x moves by `s1 r² + s2 r⁴`, y by `s3 r² + s4 r⁴`.
         prism: [f64; 4],
@@ -72,7 +72,7 @@ pub enum Bend {
     },
 }
 
-impl Bend {
+impl Distortion {
     /// A pinhole.
     pub const NONE: Self = Self::opencv([0.0; 6], [0.0; 2]);
 
@@ -82,7 +82,7 @@ impl Bend {
     }
 
     /// The distorted point.
-    fn moved(&self, point: DVec2) -> DVec2 {
+    fn distorted(&self, point: DVec2) -> DVec2 {
         match *self {
             Self::Perspective { numerator: [n1, n2, n3, n4], denominator: [d1, d2, d3], tangential } => {
                 let r2 = point.length_squared();
@@ -90,7 +90,7 @@ impl Bend {
                 let below = 1.0 + r2 * (d1 + r2 * (d2 + r2 * d3));
                 point * (above / below) + shift(point, tangential)
             }
-            Self::Fisheye { .. } => self.moved_on_sphere(to_angle(point)),
+            Self::Fisheye { .. } => self.distorted_on_sphere(to_angle(point)),
             Self::Angular { omega } => {
                 let r = point.length();
                 // Both are the limits for a vanishing angle.
@@ -106,7 +106,7 @@ impl Bend {
     }
 
     /// The fisheye distortion of a point whose distance from the axis is its angle.
-    fn moved_on_sphere(&self, point: DVec2) -> DVec2 {
+    fn distorted_on_sphere(&self, point: DVec2) -> DVec2 {
         let Self::Fisheye { radial, tangential, prism: [s1, s2, s3, s4], shifted_last } = *self else { return point };
         let r2 = point.length_squared();
         let stretched = point * (1.0 + radial.iter().rev().fold(0.0, |sum, k| (sum + k) * r2));
@@ -122,12 +122,12 @@ impl Bend {
     }
 
     /// The point whose distortion is `seen`; `None` if there is none in front of the camera.
-    fn straightened(&self, seen: DVec2) -> Option<DVec2> {
+    fn undistorted(&self, seen: DVec2) -> Option<DVec2> {
         match *self {
             Self::Perspective { .. } if self.is_none() => Some(seen),
-            Self::Perspective { .. } => solve(|point| self.moved(point), seen),
+            Self::Perspective { .. } => solve(|point| self.distorted(point), seen),
             Self::Fisheye { .. } => {
-                let on_sphere = solve(|point| self.moved_on_sphere(point), seen)?;
+                let on_sphere = solve(|point| self.distorted_on_sphere(point), seen)?;
                 let angle = on_sphere.length();
                 (angle < std::f64::consts::FRAC_PI_2).then(|| on_sphere * ratio(angle.tan(), angle))
             }
@@ -143,8 +143,8 @@ impl Bend {
             }
             Self::Division { k } => {
                 // From 1 on, the image folds back; below -1, it shows points behind the camera.
-                let bent = k * seen.length_squared();
-                (bent.abs() < 1.0).then(|| seen / (1.0 + bent))
+                let change = k * seen.length_squared();
+                (change.abs() < 1.0).then(|| seen / (1.0 + change))
             }
             Self::Unified { alpha, beta } => {
                 let (r2, rest) = (seen.length_squared(), 1.0 - alpha);
@@ -159,13 +159,13 @@ impl Bend {
 impl Lens {
     /// The pixel position of a direction, given by its point at distance one.
     pub fn pixel_of(&self, point: DVec2) -> DVec2 {
-        self.focal * self.bend.moved(point) + self.principal
+        self.focal * self.distortion.distorted(point) + self.principal
     }
 
     /// The direction of a pixel position, as its point at distance one. `None` if the lens sees nothing in front of the
     /// camera there.
     pub fn direction_of(&self, pixel: DVec2) -> Option<DVec2> {
-        self.bend.straightened((pixel - self.principal) / self.focal)
+        self.distortion.undistorted((pixel - self.principal) / self.focal)
     }
 
     /// The same lens for an image scaled by `factor` along x and y.
@@ -219,17 +219,17 @@ fn solve(map: impl Fn(DVec2) -> DVec2, target: DVec2) -> Option<DVec2> {
 mod tests {
     use super::*;
 
-    fn lenses() -> Vec<(&'static str, Bend)> {
-        let perspective = Bend::opencv;
+    fn lenses() -> Vec<(&'static str, Distortion)> {
+        let perspective = Distortion::opencv;
         let fisheye =
-            |radial, tangential, prism, shifted_last| Bend::Fisheye { radial, tangential, prism, shifted_last };
+            |radial, tangential, prism, shifted_last| Distortion::Fisheye { radial, tangential, prism, shifted_last };
         vec![
-            ("pinhole", Bend::NONE),
+            ("pinhole", Distortion::NONE),
             ("radial", perspective([-0.12, 0.03, 0.0, 0.0, 0.0, 0.0], [0.0; 2])),
             ("opencv", perspective([-0.1, 0.02, 0.0, 0.0, 0.0, 0.0], [1e-3, -2e-3])),
             (
                 "metashape",
-                Bend::Perspective {
+                Distortion::Perspective {
                     numerator: [-0.1, 0.02, -0.01, 0.05],
                     denominator: [0.0; 3],
                     tangential: [1e-3; 2],
@@ -240,17 +240,17 @@ mod tests {
             ("opencv fisheye", fisheye([0.02, -0.01, 0.003, -5e-4, 0.0, 0.0], [0.0; 2], [0.0; 4], false)),
             ("thin prism", fisheye([0.03, -0.01, 0.002, 0.0, 0.0, 0.0], [1e-3, 2e-3], [1e-3, 0.0, -2e-3, 0.0], false)),
             ("aria", fisheye([0.05, -0.02, 0.01, -0.003, 4e-4, -1e-5], [1e-3, -1e-3], [2e-3, 1e-4, -1e-3, 2e-4], true)),
-            ("field of view", Bend::Angular { omega: 0.9 }),
-            ("barrel by division", Bend::Division { k: -0.3 }),
-            ("pincushion by division", Bend::Division { k: 0.2 }),
-            ("unified", Bend::Unified { alpha: 0.6, beta: 1.1 }),
+            ("field of view", Distortion::Angular { omega: 0.9 }),
+            ("barrel by division", Distortion::Division { k: -0.3 }),
+            ("pincushion by division", Distortion::Division { k: 0.2 }),
+            ("unified", Distortion::Unified { alpha: 0.6, beta: 1.1 }),
         ]
     }
 
     #[test]
     fn every_lens_is_inverted_over_its_picture() {
-        for (name, bend) in lenses() {
-            let lens = Lens { focal: DVec2::new(310.0, 300.0), principal: DVec2::new(163.0, 118.0), bend };
+        for (name, distortion) in lenses() {
+            let lens = Lens { focal: DVec2::new(310.0, 300.0), principal: DVec2::new(163.0, 118.0), distortion };
             for y in 0..13 {
                 for x in 0..17 {
                     let pixel = DVec2::new(f64::from(20 * x), f64::from(20 * y));
@@ -266,45 +266,48 @@ mod tests {
     fn a_direction_at_45_degrees_falls_where_the_formulas_say() {
         let point = DVec2::new(1.0, 0.0);
         let quarter = std::f64::consts::FRAC_PI_4;
-        let moved = |bend: Bend| bend.moved(point).x;
-        let radial = Bend::opencv([-0.1, 0.01, 0.0, 0.0, 0.0, 0.0], [0.0; 2]);
-        assert!((moved(radial) - 0.91).abs() < 1e-12);
+        let distorted = |distortion: Distortion| distortion.distorted(point).x;
+        let radial = Distortion::opencv([-0.1, 0.01, 0.0, 0.0, 0.0, 0.0], [0.0; 2]);
+        assert!((distorted(radial) - 0.91).abs() < 1e-12);
         // Different, so that none stands for another.
-        let all = Bend::Perspective {
+        let all = Distortion::Perspective {
             numerator: [0.1, 0.2, 0.3, 0.4],
             denominator: [0.5, 0.25, 0.125],
             tangential: [0.0; 2],
         };
-        assert!((all.moved(DVec2::new(2.0, 0.0)).x - 2.0 * 126.2 / 15.0).abs() < 1e-12);
-        let tangential = Bend::opencv([0.0; 6], [0.1, 0.01]);
-        assert!((tangential.moved(point) - DVec2::new(1.03, 0.1)).length() < 1e-12);
-        let fisheye = Bend::Fisheye {
+        assert!((all.distorted(DVec2::new(2.0, 0.0)).x - 2.0 * 126.2 / 15.0).abs() < 1e-12);
+        let tangential = Distortion::opencv([0.0; 6], [0.1, 0.01]);
+        assert!((tangential.distorted(point) - DVec2::new(1.03, 0.1)).length() < 1e-12);
+        let fisheye = Distortion::Fisheye {
             radial: [0.1, 0.0, 0.0, 0.0, 0.0, 0.0],
             tangential: [0.0; 2],
             prism: [0.0; 4],
             shifted_last: false,
         };
-        assert!((moved(fisheye) - quarter * (1.0 + 0.1 * quarter * quarter)).abs() < 1e-12);
+        assert!((distorted(fisheye) - quarter * (1.0 + 0.1 * quarter * quarter)).abs() < 1e-12);
         let omega = 1.2;
-        assert!((moved(Bend::Angular { omega }) - (2.0 * (0.6f64).tan()).atan() / omega).abs() < 1e-12);
+        assert!((distorted(Distortion::Angular { omega }) - (2.0 * (0.6f64).tan()).atan() / omega).abs() < 1e-12);
         // 0.8 / (1 + k 0.64) is 1 for k = -0.3125.
-        assert!((moved(Bend::Division { k: -0.312_5 }) - 0.8).abs() < 1e-12);
-        assert!((moved(Bend::Unified { alpha: 0.5, beta: 3.0 }) - 1.0 / 1.5).abs() < 1e-12);
+        assert!((distorted(Distortion::Division { k: -0.312_5 }) - 0.8).abs() < 1e-12);
+        assert!((distorted(Distortion::Unified { alpha: 0.5, beta: 3.0 }) - 1.0 / 1.5).abs() < 1e-12);
     }
 
     #[test]
     fn what_lies_beside_or_behind_the_camera_has_no_direction() {
-        let bend = Bend::Fisheye { radial: [0.0; 6], tangential: [0.0; 2], prism: [0.0; 4], shifted_last: false };
-        let lens = Lens { focal: DVec2::splat(100.0), principal: DVec2::ZERO, bend };
+        let distortion =
+            Distortion::Fisheye { radial: [0.0; 6], tangential: [0.0; 2], prism: [0.0; 4], shifted_last: false };
+        let lens = Lens { focal: DVec2::splat(100.0), principal: DVec2::ZERO, distortion };
         assert!(lens.direction_of(DVec2::new(156.0, 0.0)).is_some());
         assert!(lens.direction_of(DVec2::new(158.0, 0.0)).is_none());
-        for (bend, edge) in [(Bend::Division { k: -1.0 }, 100.0), (Bend::Unified { alpha: 1.0, beta: 1.0 }, 100.0)] {
-            let lens = Lens { bend, ..lens };
+        for (distortion, edge) in
+            [(Distortion::Division { k: -1.0 }, 100.0), (Distortion::Unified { alpha: 1.0, beta: 1.0 }, 100.0)]
+        {
+            let lens = Lens { distortion, ..lens };
             assert!(lens.direction_of(DVec2::new(edge - 0.1, 0.0)).is_some());
             assert!(lens.direction_of(DVec2::new(edge + 0.1, 0.0)).is_none());
         }
         // A barrel so strong that the image folds back.
-        let folded = Bend::opencv([-0.5, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0; 2]);
-        assert!(Lens { bend: folded, ..lens }.direction_of(DVec2::new(90.0, 0.0)).is_none());
+        let folded = Distortion::opencv([-0.5, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0; 2]);
+        assert!(Lens { distortion: folded, ..lens }.direction_of(DVec2::new(90.0, 0.0)).is_none());
     }
 }

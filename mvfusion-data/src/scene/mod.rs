@@ -28,7 +28,7 @@ pub use camera::Camera;
 pub(crate) use camera::nearest_to_axes;
 pub use gaussian_arrays::NamedArray;
 pub use gaussian_cloud::{GaussianCloud, LIFETIME_FIELDS, Lifetime, MASK_FIELDS, rest_width};
-pub use lens::{Bend, Lens};
+pub use lens::{Distortion, Lens};
 pub use limits::LARGEST_COORDINATE;
 pub(crate) use limits::{LARGEST_COEFFICIENT, LOG_SIZES, check_place};
 pub use mask::Mask;

@@ -8,7 +8,7 @@
 use glam::DVec2;
 use image::{GrayImage, Luma, Rgb, RgbImage};
 
-use super::lens::{Bend, Lens};
+use super::lens::{Distortion, Lens};
 
 /// Half the widest field of view of a pinhole, as a tangent. At 80° a pixel in the corner covers thirty times less than
 /// one in the middle.
@@ -17,7 +17,7 @@ const WIDEST: f64 = 5.67;
 /// The pinhole whose image of `width` by `height` pixels is within the field of view of `lens` at the same size. `None`
 /// if the lens shows nothing in front of the camera.
 pub(crate) fn pinhole_within(lens: &Lens, width: u32, height: u32) -> Option<Lens> {
-    if lens.bend.is_none() {
+    if lens.distortion.is_none() {
         return Some(*lens);
     }
     let (w, h) = (f64::from(width), f64::from(height));
@@ -30,7 +30,7 @@ pub(crate) fn pinhole_within(lens: &Lens, width: u32, height: u32) -> Option<Len
     let bottom = columns().filter_map(|x| seen(x, h)).map(|p| p.y).reduce(f64::min);
     // If a fisheye sees nothing at an edge of the image, the edge is beyond the widest field of view. A perspective
     // lens sees something at every edge, unless its coefficients do not belong to the image.
-    if [left, right, top, bottom].contains(&None) && matches!(lens.bend, Bend::Perspective { .. }) {
+    if [left, right, top, bottom].contains(&None) && matches!(lens.distortion, Distortion::Perspective { .. }) {
         return None;
     }
     let [left, top] = [left, top].map(|edge| edge.unwrap_or(-WIDEST).max(-WIDEST));
@@ -39,7 +39,7 @@ pub(crate) fn pinhole_within(lens: &Lens, width: u32, height: u32) -> Option<Len
         return None;
     }
     let focal = DVec2::new(w / (right - left), h / (bottom - top));
-    Some(Lens { focal, principal: -focal * DVec2::new(left, top), bend: Bend::NONE })
+    Some(Lens { focal, principal: -focal * DVec2::new(left, top), distortion: Distortion::NONE })
 }
 
 /// Undistorts an image from `lens` to `pinhole`. Both are for the image's size.
@@ -105,8 +105,8 @@ mod tests {
     const SIZE: (u32, u32) = (96, 64);
 
     fn barrel() -> Lens {
-        let bend = Bend::opencv([-0.15, 0.02, 0.0, 0.0, 0.0, 0.0], [1e-3, -5e-4]);
-        Lens { focal: DVec2::new(70.0, 71.0), principal: DVec2::new(47.0, 33.0), bend }
+        let distortion = Distortion::opencv([-0.15, 0.02, 0.0, 0.0, 0.0, 0.0], [1e-3, -5e-4]);
+        Lens { focal: DVec2::new(70.0, 71.0), principal: DVec2::new(47.0, 33.0), distortion }
     }
 
     /// A smooth image on the plane at distance one.
@@ -127,13 +127,13 @@ mod tests {
 
     #[test]
     fn a_straightened_picture_is_the_one_that_a_pinhole_takes() {
-        let fisheye = Bend::Fisheye {
+        let fisheye = Distortion::Fisheye {
             radial: [0.05, -0.01, 0.0, 0.0, 0.0, 0.0],
             tangential: [0.0; 2],
             prism: [0.0; 4],
             shifted_last: false,
         };
-        for lens in [barrel(), Lens { bend: fisheye, ..barrel() }] {
+        for lens in [barrel(), Lens { distortion: fisheye, ..barrel() }] {
             let pinhole = pinhole_within(&lens, SIZE.0, SIZE.1).expect("sees something");
             let found = straighten(&taken_through(&lens), &lens, &pinhole);
             let wanted = taken_through(&pinhole);
@@ -165,8 +165,8 @@ mod tests {
     #[test]
     fn coefficients_that_are_no_lens_give_no_pinhole() {
         for k1 in [-5.0, 1e300] {
-            let bend = Bend::opencv([k1, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0; 2]);
-            assert_eq!(pinhole_within(&Lens { bend, ..barrel() }, SIZE.0, SIZE.1), None, "{k1}");
+            let distortion = Distortion::opencv([k1, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0; 2]);
+            assert_eq!(pinhole_within(&Lens { distortion, ..barrel() }, SIZE.0, SIZE.1), None, "{k1}");
         }
     }
 
@@ -184,7 +184,7 @@ mod tests {
 
     #[test]
     fn a_pinhole_stays_what_it_is() {
-        let lens = Lens { bend: Bend::NONE, ..barrel() };
+        let lens = Lens { distortion: Distortion::NONE, ..barrel() };
         assert_eq!(pinhole_within(&lens, SIZE.0, SIZE.1), Some(lens));
         let image = taken_through(&lens);
         assert_eq!(straighten(&image, &lens, &lens), image);

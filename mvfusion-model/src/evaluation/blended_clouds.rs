@@ -28,7 +28,7 @@ pub fn blended_picture(
         let gaussians = raw(cloud, device);
         let settings = context.splat_settings(cloud.sh_degree, false);
         let features = gaussians.mask_features();
-        Ok::<_, ModelError>(gaussians.splat(features, None, camera, &settings, context.behind)?.main())
+        Ok::<_, ModelError>(gaussians.splat(features, None, camera, &settings, context.background)?.main())
     };
     let dynamic = splat(dynamic)?;
     let colour = dynamic.colour.unsqueeze_dim(0);
@@ -62,7 +62,7 @@ pub fn contributions(
     let features: Tensor<2> = Tensor::ones([cloud.len(), 1], (&like.device().inner(), DType::F32));
     let features = features.autodiff().require_grad();
     let settings = context.splat_settings(0, false);
-    let picture = gaussians.splat(Some(features.clone()), None, camera, &settings, context.behind)?.main();
+    let picture = gaussians.splat(Some(features.clone()), None, camera, &settings, context.background)?.main();
     // Proof: a feature was splatted, and its gradient requested.
     let gradients = picture.features.expect("a feature").sum().backward();
     tensors::read(features.grad(&gradients).expect("a gradient"))
@@ -117,7 +117,7 @@ mod tests {
         assert!(weights.len() == static_.len() && weights.iter().all(|&weight| weight >= 0.0));
         let settings = context.splat_settings(0, false);
         let alpha = model.static_.as_ref().expect("static").canonical();
-        let alpha = alpha.splat(None, None, &camera, &settings, context.behind).expect("rendered").main().alpha;
+        let alpha = alpha.splat(None, None, &camera, &settings, context.background).expect("rendered").main().alpha;
         let (total, sum) = (alpha.sum().into_scalar::<f32>(), weights.iter().sum::<f32>());
         assert!(total > 0.0 && (sum / total - 1.0).abs() < ROUNDING, "weights sum to {sum}, alphas to {total}");
     }

@@ -185,7 +185,7 @@ impl<'a> LayerRenderer<'a> {
         let features = (!features.is_empty()).then(|| Tensor::cat(features, 1));
         let settings = self.context.splat_settings(self.model.dynamic.sh_degree, false);
         let moved = moment.gaussians().clone();
-        let dynamic = moved.splat(features, None, camera, &settings, self.context.behind)?;
+        let dynamic = moved.splat(features, None, camera, &settings, self.context.background)?;
         let static_ = self.model.static_picture(camera, self.context)?;
         Ok(Seen::new(dynamic.main(), static_.map(|picture| picture.main()), first_heat))
     }

@@ -122,7 +122,7 @@ impl MotionPoints {
         let corner = |side: usize| Vec3::from_array(axes.map(|ends| ends[side])).as_dvec3();
         let (min, max) = (corner(0), corner(1));
         let margin = (max - min) * MARGIN + DVec3::splat(f64::from(f32::EPSILON));
-        Some(GridBounds { max: (max + margin).to_array(), min: (min - margin).to_array() })
+        Some(GridBounds { min: (min - margin).to_array(), max: (max + margin).to_array() })
     }
 }
 

@@ -24,7 +24,7 @@ use crate::model::alive::AliveRows;
 use crate::model::deformed::Rows;
 pub(crate) use crate::model::deformed::moments_together;
 use crate::model::exposure::Exposures;
-use crate::model::gaussians::{Behind, Gaussians, RawGaussians, splat_frames};
+use crate::model::gaussians::{BackgroundLevels, Gaussians, RawGaussians, splat_frames};
 use crate::model::motion::{MotionCache, MotionRefinement, Substitutes};
 use crate::model::network::DeformationNetwork;
 use crate::timeline::Timeline;
@@ -69,7 +69,7 @@ pub struct RenderContext {
     /// Near plane in world units.
     pub near: f64,
     /// The background behind all Gaussians.
-    pub behind: Behind,
+    pub background: BackgroundLevels,
 }
 
 /// The level of deformation of the dynamic Gaussians.
@@ -212,7 +212,7 @@ impl Model {
             Some(alive) => foreground.map(|probability| alive.among_all(probability)),
             None => foreground,
         };
-        (moved.into_frame(features, probe, camera, &settings, context.behind), foreground)
+        (moved.into_frame(features, probe, camera, &settings, context.background), foreground)
     }
 
     /// The frame of the static branch, if there is one, with its `canonical` Gaussians.
@@ -224,7 +224,7 @@ impl Model {
         context: &RenderContext,
     ) -> Option<SplatFrame> {
         let settings = context.splat_settings(self.static_.as_ref()?.sh_degree, false);
-        Some(canonical.into_frame(None, probe, camera, &settings, context.behind))
+        Some(canonical.into_frame(None, probe, camera, &settings, context.background))
     }
 
     /// Renders the static branch, if there is one.

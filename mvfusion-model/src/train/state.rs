@@ -209,5 +209,5 @@ fn grid_bounds(cloud: &GaussianCloud) -> Option<GridBounds> {
     let (min, max) = cloud.bounds()?;
     let min = min.as_dvec3();
     let max = max.as_dvec3().max(min + DVec3::splat(MIN_SIDE));
-    Some(GridBounds { max: max.to_array(), min: min.to_array() })
+    Some(GridBounds { min: min.to_array(), max: max.to_array() })
 }

@@ -10,7 +10,7 @@ use super::{Losses, Position, Stage, TrainState, TrainingViews, Visits};
 use crate::ModelError;
 use crate::config::Config;
 use crate::initial::{Placement, SceneMotion, Seeding};
-use crate::model::gaussians::Behind;
+use crate::model::gaussians::BackgroundLevels;
 use crate::model::{DeformationLevel, RenderContext};
 use crate::timeline::Timeline;
 use crate::train::loss::Windows;
@@ -287,7 +287,10 @@ impl RenderContext {
             extent: scene.extent(),
             motion: config.motion.clone(),
             mask_gradient: config.densify.mask_gradient,
-            behind: Behind { grey: config.model.background.level(), masks: config.model.uncovered.masks() },
+            background: BackgroundLevels {
+                grey: config.model.background.level(),
+                masks: config.model.uncovered.masks(),
+            },
             near: SplatRules::inria().near.max(config.model.near_share * scene.near.unwrap_or(0.0)),
         }
     }

@@ -74,12 +74,12 @@ impl GridLayout {
     }
 }
 
-/// The box of a grid in world coordinates. Its maximum corner is grid coordinate -1, its minimum corner +1 (METHOD
+/// The box of a grid in world coordinates. Its minimum corner is grid coordinate +1, its maximum corner -1 (METHOD
 /// §2.1). Along a side of length zero, every point gets the first cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GridBounds {
-    /// The corner of the largest coordinates.
-    pub max: [f64; 3],
     /// The corner of the smallest coordinates.
     pub min: [f64; 3],
+    /// The corner of the largest coordinates.
+    pub max: [f64; 3],
 }

@@ -13,7 +13,7 @@ const SINGLE: f64 = 2e-5;
 const STEP: f64 = 1e-5;
 const DIFFERENCES: f64 = 1e-7;
 
-const BOUNDS: GridBounds = GridBounds { max: [1.0, 2.0, 0.5], min: [-1.0, -1.0, -0.75] };
+const BOUNDS: GridBounds = GridBounds { min: [-1.0, -1.0, -0.75], max: [1.0, 2.0, 0.5] };
 
 fn layout(features: usize) -> GridLayout {
     GridLayout { features, resolution: [5, 4, 6, 7], multipliers: vec![1, 2] }
@@ -96,7 +96,7 @@ fn look_up_is_its_reference_for_any_number_of_features() {
 fn on_nodes_the_right_hand_slope_counts_and_on_borders_none() {
     for_each_device(|device| {
         let mut case = Case::random(GridLayout { features: 2, resolution: [5, 5, 5, 5], multipliers: vec![1] }, 5, 5);
-        case.bounds = GridBounds { max: [1.0; 3], min: [-1.0; 3] };
+        case.bounds = GridBounds { min: [-1.0; 3], max: [1.0; 3] };
         let nodes = [-1.0, -0.5, 0.0, 0.5, 1.0];
         case.points = nodes.into_iter().flat_map(|node| [node, -node, 0.25]).collect();
         case.times = nodes.to_vec();
@@ -118,7 +118,7 @@ fn points_on_the_border_of_any_box_have_no_slope() {
             ends.iter().zip(&ends[30..]).map(|(max, min)| (f64::from(*max as f32), f64::from(-*min as f32)))
         {
             let mut case = Case::random(layout(2), 2, 1);
-            case.bounds = GridBounds { max: [max; 3], min: [min; 3] };
+            case.bounds = GridBounds { min: [min; 3], max: [max; 3] };
             case.points = [[max; 3], [min; 3]].concat();
             for dtype in [DType::F32, DType::F64] {
                 let [_, _, points, _] = case.op(&device, dtype);

@@ -38,7 +38,7 @@ fn need(device: &Device) -> usize {
     let stream = &mut Stream::new(1, 0);
     let config = DeformationConfig {
         layout: GridConfig::default().layout(),
-        bounds: GridBounds { max: [1.0; 3], min: [-1.0; 3] },
+        bounds: GridBounds { min: [-1.0; 3], max: [1.0; 3] },
         width: 128,
         depth: 1,
         heads: HeadChoice::ALL,

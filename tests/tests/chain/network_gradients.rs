@@ -4,7 +4,7 @@ use burn::module::Param;
 use burn::nn::Linear;
 use burn::tensor::{DType, Device, Tensor};
 use mvfusion_data::Camera;
-use mvfusion_model::model::gaussians::{Attribute, Behind, Gaussians, RawGaussians};
+use mvfusion_model::model::gaussians::{Attribute, BackgroundLevels, Gaussians, RawGaussians};
 use mvfusion_model::model::network::{
     AttributeHeads, DeformationConfig, DeformationNetwork, HeadChoice, HexPlane, MaskHeads, Mlp, ModuleInit,
 };
@@ -38,7 +38,7 @@ fn layout() -> GridLayout {
 
 /// A box around the scene, some of whose points lie outside.
 fn bounds() -> GridBounds {
-    GridBounds { max: [2.0, 1.5, 4.5], min: [-1.6, -1.4, 0.2] }
+    GridBounds { min: [-1.6, -1.4, 0.2], max: [2.0, 1.5, 4.5] }
 }
 
 /// A network and Gaussians made of the same numbers.
@@ -131,7 +131,7 @@ impl Parts {
         let deformed = self.deformed();
         let masks = deformed.mask_features();
         deformed
-            .splat(masks, None, camera, settings, Behind { grey: 1e-7, masks: [1e-7; 3] })
+            .splat(masks, None, camera, settings, BackgroundLevels { grey: 1e-7, masks: [1e-7; 3] })
             .expect("the scene can be rendered")
             .packed
     }

@@ -29,7 +29,7 @@ pub fn layout(archive: &Archive) -> Result<GridLayout> {
 /// The box of a file's grid.
 fn bounds(archive: &Archive) -> Result<GridBounds> {
     let corners = &archive.array("in.aabb")?.values;
-    Ok(GridBounds { max: std::array::from_fn(|i| corners[i]), min: std::array::from_fn(|i| corners[3 + i]) })
+    Ok(GridBounds { min: std::array::from_fn(|i| corners[3 + i]), max: std::array::from_fn(|i| corners[i]) })
 }
 
 /// A file's field.

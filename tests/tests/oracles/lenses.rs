@@ -8,7 +8,7 @@ use anyhow::{Result, ensure};
 use burn::tensor::Device;
 use glam::DVec2;
 use image::RgbImage;
-use mvfusion_data::{Bend, Lens, ReadOptions, Scene, View, open};
+use mvfusion_data::{Distortion, Lens, ReadOptions, Scene, View, open};
 use mvfusion_tests::{Array, Checklist, Tolerance};
 
 use crate::archive::Archive;
@@ -36,8 +36,8 @@ pub const LEFT_OUT: &[(&str, &str)] = &[
 /// The lens and the cameras of a file. It knows no device.
 pub fn check(archive: &Archive, _device: &Device) -> Result<()> {
     let mut checks = Checklist::default();
-    let bent = lens_of(archive.array("out.K")?, bend(archive)?);
-    let pinhole = lens_of(archive.array("out.cv410.K_new")?, Bend::NONE);
+    let bent = lens_of(archive.array("out.K")?, distortion(archive)?);
+    let pinhole = lens_of(archive.array("out.cv410.K_new")?, Distortion::NONE);
     compare_maps(&mut checks, archive, &bent, &pinhole)?;
 
     let folder = tempfile::tempdir()?;
@@ -62,14 +62,14 @@ pub fn check(archive: &Archive, _device: &Device) -> Result<()> {
 }
 
 /// The lens of a matrix, with principal points as OpenCV counts them: the first pixel's centre is 0.
-fn lens_of(matrix: &Array, bend: Bend) -> Lens {
+fn lens_of(matrix: &Array, distortion: Distortion) -> Lens {
     let k = &matrix.values;
-    Lens { focal: DVec2::new(k[0], k[4]), principal: DVec2::new(k[2], k[5]), bend }
+    Lens { focal: DVec2::new(k[0], k[4]), principal: DVec2::new(k[2], k[5]), distortion }
 }
 
-fn bend(archive: &Archive) -> Result<Bend> {
+fn distortion(archive: &Archive) -> Result<Distortion> {
     let [k1, k2, p1, p2] = std::array::from_fn(|i| archive.array("in.params").map(|params| params.values[4 + i]));
-    Ok(Bend::opencv([k1?, k2?, 0.0, 0.0, 0.0, 0.0], [p1?, p2?]))
+    Ok(Distortion::opencv([k1?, k2?, 0.0, 0.0, 0.0, 0.0], [p1?, p2?]))
 }
 
 /// Where each pixel of the straightened picture comes from.

@@ -188,7 +188,10 @@ fn devices(names: &[String]) -> Result<Vec<Subjected>> {
         // A GPU that is open may disturb what is measured beside it.
         if names.is_empty() || names.contains(&gpu.label()) {
             let software = if gpu.is_software { ", software" } else { "" };
-            there.push(subjected(&format!("{} ({}{software})", gpu.label(), gpu.card()?.name), gpu.device.clone()));
+            there.push(subjected(
+                &format!("{} ({}{software})", gpu.label(), gpu.properties()?.name),
+                gpu.device.clone(),
+            ));
         }
     }
     if names.is_empty() {

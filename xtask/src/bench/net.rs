@@ -56,7 +56,7 @@ fn network(device: &Device) -> DeformationNetwork {
     let mut init = ModuleInit { device, dtype: DType::F32, stream: &mut stream };
     let config = DeformationConfig {
         layout: GridConfig::default().layout(),
-        bounds: GridBounds { max: [1.0; 3], min: [-1.0; 3] },
+        bounds: GridBounds { min: [-1.0; 3], max: [1.0; 3] },
         width: WIDTH,
         depth: 1,
         heads: HeadChoice::ALL,

@@ -186,7 +186,7 @@ fn facts<'a>(trainer: &Trainer, run: &'a std::path::Path) -> RunFacts<'a> {
         is_training: true,
         has_mfta: trainer.state().model.refinement.temporal.is_some(),
         has_static: trainer.state().model.static_.is_some(),
-        background: trainer.render_context().behind.grey,
+        background: trainer.render_context().background.grey,
     }
 }
 

@@ -134,11 +134,11 @@ mod tests {
     use glam::{DMat3, DVec2, DVec3};
 
     use super::*;
-    use crate::scene::{Bend, Lens};
+    use crate::scene::{Distortion, Lens};
 
     fn photos(names: &[&str]) -> Vec<Photo> {
         let size = DVec2::new(48.0, 32.0);
-        let lens = Lens { focal: DVec2::splat(40.0), principal: 0.5 * size, bend: Bend::NONE };
+        let lens = Lens { focal: DVec2::splat(40.0), principal: 0.5 * size, distortion: Distortion::NONE };
         let photo = |name: &&str| Photo {
             name: (*name).to_owned(),
             lens,

@@ -8,7 +8,7 @@ use serde::Deserialize;
 use crate::error::DataError;
 use crate::files::{COPY_OR_MEND, read_json, rotation_of};
 use crate::readers::shared::shot::FrameLens;
-use crate::scene::{Bend, Lens};
+use crate::scene::{Distortion, Lens};
 
 /// Largest skew, in pixels over one focal length. Real files have 0, and our pinhole cameras have no skew.
 const LARGEST_SKEW: f64 = 0.1;
@@ -86,8 +86,8 @@ impl Record {
         let [k1, k2, k3] = coefficients("radial_distortion", &self.radial_distortion)?;
         let tangential = self.tangential.as_ref().unwrap_or(&self.tangential_distortion);
         let tangential = coefficients("tangential_distortion", tangential)?;
-        let bend = Bend::opencv([k1, k2, k3, 0.0, 0.0, 0.0], tangential);
-        Ok(FrameLens::Known { lens: Lens { focal: DVec2::new(focal, focal * aspect), principal, bend }, size })
+        let distortion = Distortion::opencv([k1, k2, k3, 0.0, 0.0, 0.0], tangential);
+        Ok(FrameLens::Known { lens: Lens { focal: DVec2::new(focal, focal * aspect), principal, distortion }, size })
     }
 }
 

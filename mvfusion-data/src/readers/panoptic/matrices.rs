@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec2, DVec3};
 
 use crate::files::rotation_of;
-use crate::scene::{Bend, Lens};
+use crate::scene::{Distortion, Lens};
 
 /// Rows of numbers, of any length.
 pub(super) type Matrix = Vec<Vec<f64>>;
@@ -23,7 +23,7 @@ pub(super) fn lens(k: &Matrix) -> Result<Lens, String> {
     if fx <= 0.0 || fy <= 0.0 {
         return Err(format!("its focal lengths in k are {fx} and {fy}; they must be above zero"));
     }
-    Ok(Lens { focal: DVec2::new(fx, fy), principal: DVec2::new(cx, cy), bend: Bend::NONE })
+    Ok(Lens { focal: DVec2::new(fx, fy), principal: DVec2::new(cx, cy), distortion: Distortion::NONE })
 }
 
 /// The rotation and translation of a 4x4 matrix.

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use glam::{DMat3, DVec2, DVec3};
 
-use crate::scene::{Bend, Lens, PictureSource};
+use crate::scene::{Distortion, Lens, PictureSource};
 
 /// An image with its camera and its time.
 #[derive(Clone, Debug)]
@@ -41,7 +41,7 @@ impl FrameLens {
             Self::Angle { focal_in_widths, focal_in_heights } => {
                 let horizontal = focal_in_widths * size.x;
                 let vertical = focal_in_heights.map_or(horizontal, |focal| focal * size.y);
-                Lens { focal: DVec2::new(horizontal, vertical), principal: 0.5 * size, bend: Bend::NONE }
+                Lens { focal: DVec2::new(horizontal, vertical), principal: 0.5 * size, distortion: Distortion::NONE }
             }
         }
     }

@@ -13,7 +13,7 @@ use crate::error::DataError;
 use crate::files::denied;
 use crate::readers::options::ReadOptions;
 use crate::scene::{
-    Bend, Camera, ExifOrientation, Lens, Mask, Picture, PictureFile, PictureSource, Truth, View, pinhole_within,
+    Camera, Distortion, ExifOrientation, Lens, Mask, Picture, PictureFile, PictureSource, Truth, View, pinhole_within,
 };
 
 /// The views of shots. Their images must exist and have the same size: that of their lenses or a scaled one. Only the
@@ -35,9 +35,9 @@ pub(crate) fn views(folder: &Path, shots: Vec<Shot>, options: &ReadOptions) -> R
     let on_disk = common_size(folder, &shots, &images)?;
     check_shapes(folder, on_disk, &shots)?;
     let size = reduced_size(shots[0].source.path(), on_disk, options.downscale)?;
-    let bent = shots.iter().filter(|shot| shot.lens.at_size(DVec2::ONE).bend != Bend::NONE).count();
+    let bent = shots.iter().filter(|shot| shot.lens.at_size(DVec2::ONE).distortion != Distortion::NONE).count();
     if bent > 0 {
-        info!("{bent} images are undistorted as they are read: their lenses bend");
+        info!("{bent} images are undistorted as they are read: their lenses distortion");
     }
     let masked = shots.iter().filter(|shot| shot.mask.is_some()).count();
     if masked > 0 {
@@ -59,7 +59,7 @@ fn view(
 ) -> Result<View, DataError> {
     let lens = shot.lens.at_size(DVec2::new(f64::from(width), f64::from(height)));
     let pinhole = pinholes.of(&lens, width, height).ok_or_else(|| no_pinhole(&shot))?;
-    let lenses = (!lens.bend.is_none()).then(|| Arc::new([lens, pinhole]));
+    let lenses = (!lens.distortion.is_none()).then(|| Arc::new([lens, pinhole]));
     let file = |source, backdrop, exif| {
         Picture::File(PictureFile { source, width, height, backdrop, lenses: lenses.clone(), exif })
     };

@@ -44,7 +44,7 @@ struct Reference {
     name: &'static str,
     /// fx, fy, cx, cy of the lens.
     lens: [f64; 4],
-    bend: Bend,
+    distortion: Distortion,
     /// The same of the pinhole of `sources`.
     pinhole: [f64; 4],
     sources: [[f64; 2]; 6],
@@ -53,16 +53,16 @@ struct Reference {
     optimal_and_inner: Option<[[f64; 4]; 2]>,
 }
 
-const fn opencv(coefficients: [f64; 8]) -> Bend {
+const fn opencv(coefficients: [f64; 8]) -> Distortion {
     let [k1, k2, p1, p2, k3, k4, k5, k6] = coefficients;
-    Bend::opencv([k1, k2, k3, k4, k5, k6], [p1, p2])
+    Distortion::opencv([k1, k2, k3, k4, k5, k6], [p1, p2])
 }
 
 const REFERENCES: [Reference; 5] = [
     Reference {
         name: "barrel",
         lens: [700.0, 705.0, 510.0, 370.0],
-        bend: opencv([-0.35, 0.15, 1e-3, -5e-4, 0.0, 0.0, 0.0, 0.0]),
+        distortion: opencv([-0.35, 0.15, 1e-3, -5e-4, 0.0, 0.0, 0.0, 0.0]),
         pinhole: [573.4, 629.8, 511.3, 369.6],
         sources: [
             [12.9577579498, 41.6131210327],
@@ -90,7 +90,7 @@ const REFERENCES: [Reference; 5] = [
     Reference {
         name: "moustache",
         lens: [640.0, 640.0, 500.0, 380.0],
-        bend: opencv([-0.42, 0.22, 2e-3, 1e-3, 0.0, 0.0, 0.0, 0.0]),
+        distortion: opencv([-0.42, 0.22, 2e-3, 1e-3, 0.0, 0.0, 0.0, 0.0]),
         pinhole: [537.2, 542.6, 502.7, 383.7],
         sources: [
             [1.47447955608, 4.36878490448],
@@ -118,7 +118,7 @@ const REFERENCES: [Reference; 5] = [
     Reference {
         name: "pincushion",
         lens: [800.0, 805.0, 495.0, 385.0],
-        bend: opencv([0.3, 0.1, -1e-3, 2e-3, 0.0, 0.0, 0.0, 0.0]),
+        distortion: opencv([0.3, 0.1, -1e-3, 2e-3, 0.0, 0.0, 0.0, 0.0]),
         pinhole: [929.3, 936.6, 498.1, 384.3],
         sources: [
             [-0.0158204138279, 2.75951385498],
@@ -146,7 +146,7 @@ const REFERENCES: [Reference; 5] = [
     Reference {
         name: "rational",
         lens: [520.0, 522.0, 505.0, 379.0],
-        bend: opencv([0.35, 0.06, 1e-3, -1e-3, 0.004, 0.75, 0.2, 0.02]),
+        distortion: opencv([0.35, 0.06, 1e-3, -1e-3, 0.004, 0.75, 0.2, 0.02]),
         pinhole: [148.0, 370.3, 463.9, 385.1],
         sources: [
             [18.224029541, 224.455734253],
@@ -174,7 +174,7 @@ const REFERENCES: [Reference; 5] = [
     Reference {
         name: "fisheye",
         lens: [330.0, 331.0, 505.0, 377.0],
-        bend: Bend::Fisheye {
+        distortion: Distortion::Fisheye {
             radial: [0.05, -0.02, 0.004, -0.0008, 0.0, 0.0],
             tangential: [0.0; 2],
             prism: [0.0; 4],
@@ -204,8 +204,8 @@ const REFERENCES: [Reference; 5] = [
 ];
 
 /// A lens from OpenCV's numbers, whose first pixel has its middle at 0.
-fn lens([fx, fy, cx, cy]: [f64; 4], bend: Bend) -> Lens {
-    Lens { focal: DVec2::new(fx, fy), principal: DVec2::new(cx + 0.5, cy + 0.5), bend }
+fn lens([fx, fy, cx, cy]: [f64; 4], distortion: Distortion) -> Lens {
+    Lens { focal: DVec2::new(fx, fy), principal: DVec2::new(cx + 0.5, cy + 0.5), distortion }
 }
 
 fn pixel(at: [f64; 2]) -> DVec2 {
@@ -215,7 +215,7 @@ fn pixel(at: [f64; 2]) -> DVec2 {
 #[test]
 fn the_undistorted_picture_takes_its_pixels_from_where_opencv_takes_them() {
     for reference in REFERENCES {
-        let (bent, pinhole) = (lens(reference.lens, reference.bend), lens(reference.pinhole, Bend::NONE));
+        let (bent, pinhole) = (lens(reference.lens, reference.distortion), lens(reference.pinhole, Distortion::NONE));
         for (target, source) in TARGETS.into_iter().zip(reference.sources) {
             let found = bent.pixel_of(pinhole.direction_of(pixel(target)).expect("a pinhole sees everything"));
             let off = (found - pixel(source)).abs().max_element();
@@ -228,7 +228,7 @@ fn the_undistorted_picture_takes_its_pixels_from_where_opencv_takes_them() {
 fn the_border_of_a_strong_lens_lies_where_opencv_converges_to() {
     for reference in REFERENCES {
         for (border, point) in BORDER.into_iter().zip(reference.points) {
-            let found = lens(reference.lens, reference.bend).direction_of(pixel(border));
+            let found = lens(reference.lens, reference.distortion).direction_of(pixel(border));
             let is_corner = border[0] != 504.0 && border[1] != 378.0;
             if reference.name == "fisheye" && is_corner {
                 assert_eq!(found, None, "beyond 90 degrees, where OpenCV limits the angle");
@@ -245,7 +245,7 @@ fn the_border_of_a_strong_lens_lies_where_opencv_converges_to() {
 fn the_pinhole_is_the_largest_within_a_strong_lens() {
     for reference in REFERENCES {
         let Some([_, inner]) = reference.optimal_and_inner else { continue };
-        let bent = lens(reference.lens, reference.bend);
+        let bent = lens(reference.lens, reference.distortion);
         let found = pinhole_within(&bent, WIDTH, HEIGHT).expect("seen");
         let found = [found.focal.x, found.focal.y, found.principal.x, found.principal.y];
         let off = found.iter().zip(inner).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
@@ -254,8 +254,10 @@ fn the_pinhole_is_the_largest_within_a_strong_lens() {
 }
 
 /// Five steps of OpenCV's fixed-point iteration (METHOD §5.2).
-fn five_steps(bend: Bend, seen: DVec2) -> DVec2 {
-    let Bend::Perspective { numerator: [k1, k2, k3, _], denominator: [k4, k5, k6], tangential: [p1, p2] } = bend else {
+fn five_steps(distortion: Distortion, seen: DVec2) -> DVec2 {
+    let Distortion::Perspective { numerator: [k1, k2, k3, _], denominator: [k4, k5, k6], tangential: [p1, p2] } =
+        distortion
+    else {
         return seen;
     };
     (0..5).fold(seen, |DVec2 { x, y }, _| {
@@ -274,7 +276,7 @@ fn the_rule_of_the_method_is_that_of_opencv_and_five_steps_are_too_few_for_stron
         let [fx, fy, cx, cy] = reference.lens;
         let (last_x, last_y) = (f64::from(WIDTH - 1), f64::from(HEIGHT - 1));
         let along = |last: f64| (0..9).map(move |i| f64::from(i) / 8.0 * last);
-        let seen = |x: f64, y: f64| five_steps(reference.bend, DVec2::new((x - cx) / fx, (y - cy) / fy));
+        let seen = |x: f64, y: f64| five_steps(reference.distortion, DVec2::new((x - cx) / fx, (y - cy) / fy));
         let left = along(last_y).map(|y| seen(0.0, y).x).fold(f64::MIN, f64::max);
         let right = along(last_y).map(|y| seen(last_x, y).x).fold(f64::MAX, f64::min);
         let top = along(last_x).map(|x| seen(x, 0.0).y).fold(f64::MIN, f64::max);

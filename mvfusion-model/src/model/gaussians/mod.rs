@@ -12,5 +12,5 @@ pub(crate) use attribute::attribute_tensor;
 pub use learned::Gaussians;
 pub(crate) use learned::{LEAST_LOG_DURATION, MOST_LOG_DURATION};
 pub use raw::{RawGaussians, SH_C0};
-pub use splat::Behind;
+pub use splat::BackgroundLevels;
 pub(crate) use splat::splat_frames;

@@ -13,7 +13,7 @@ const FEATURE_BACKGROUND: f64 = 1e-7;
 
 /// The background behind all Gaussians.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Behind {
+pub struct BackgroundLevels {
     /// Level of the colour channels.
     pub grey: f64,
     /// Mask probabilities, one per [`MaskChannel`](crate::model::mask::MaskChannel).
@@ -21,7 +21,7 @@ pub struct Behind {
 }
 
 impl RawGaussians {
-    /// Renders these Gaussians and `features` (`[N, F]`, activated) over the background `behind`.
+    /// Renders these Gaussians and `features` (`[N, F]`, activated) over `background`.
     ///
     /// # Errors
     /// If the splat op rejects its input.
@@ -31,9 +31,9 @@ impl RawGaussians {
         probe: Option<Tensor<2>>,
         camera: &Camera,
         settings: &SplatSettings,
-        behind: Behind,
+        background: BackgroundLevels,
     ) -> Result<SplatPicture, splat::SplatError> {
-        let frame = self.into_frame(features, probe, camera, settings, behind);
+        let frame = self.into_frame(features, probe, camera, settings, background);
         // Proof: there is a picture for each frame.
         splat_frames(vec![frame]).map(|mut pictures| pictures.pop().expect("one"))
     }
@@ -45,13 +45,14 @@ impl RawGaussians {
         probe: Option<Tensor<2>>,
         camera: &Camera,
         settings: &SplatSettings,
-        behind: Behind,
+        background: BackgroundLevels,
     ) -> SplatFrame {
         let width = features.as_ref().map_or(0, |features| features.dims()[1]);
-        let masks = self.mask_logits.as_ref().map_or([].as_slice(), |_| &behind.masks);
+        let masks = self.mask_logits.as_ref().map_or([].as_slice(), |_| &background.masks);
         let others = std::iter::repeat(&FEATURE_BACKGROUND);
-        let levels: Vec<f64> = [behind.grey; 3].iter().chain(masks.iter().chain(others).take(width)).copied().collect();
-        let background = tensors::from_data_like(TensorData::new(levels, [3 + width]), &self.means);
+        let levels: Vec<f64> =
+            [background.grey; 3].iter().chain(masks.iter().chain(others).take(width)).copied().collect();
+        let levels = tensors::from_data_like(TensorData::new(levels, [3 + width]), &self.means);
         let count = self.means.dims()[0];
         let inputs = SplatInputs {
             means: self.means,
@@ -60,7 +61,7 @@ impl RawGaussians {
             opacity_logits: self.opacity_logits.reshape([count]),
             sh: self.sh,
             features,
-            background,
+            background: levels,
         };
         SplatFrame { inputs, probe, camera: *camera, settings: *settings }
     }

@@ -306,7 +306,7 @@ mod tests {
     fn still_network(device: &Device) -> DeformationNetwork {
         let deformation = DeformationConfig {
             layout: GridLayout { features: 1, resolution: [2; 4], multipliers: vec![1] },
-            bounds: GridBounds { max: [1.0; 3], min: [-1.0; 3] },
+            bounds: GridBounds { min: [-1.0; 3], max: [1.0; 3] },
             width: 2,
             depth: 1,
             heads: HeadChoice::ALL,

@@ -37,7 +37,7 @@ impl Checkpoint {
         self.check_model(config)?;
         let device = &device.clone().autodiff();
         let header = &self.header;
-        let bounds = GridBounds { max: header.grid_max, min: header.grid_min };
+        let bounds = GridBounds { min: header.grid_min, max: header.grid_max };
         // The weights are overwritten below, so any stream works.
         let mut stream = Stream::new(0, 0);
         let mut init = ModuleInit { device, dtype: DType::F32, stream: &mut stream };

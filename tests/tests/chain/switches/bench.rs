@@ -79,7 +79,7 @@ impl Bench {
     pub fn with_heads(heads: HeadChoice, device: &Device) -> Self {
         let deformation = DeformationConfig {
             layout: GridLayout { features: 3, resolution: [4, 5, 4, 6], multipliers: vec![1, 2] },
-            bounds: GridBounds { max: [1.0; 3], min: [-1.0; 3] },
+            bounds: GridBounds { min: [-1.0; 3], max: [1.0; 3] },
             width: WIDTH,
             depth: 1,
             heads,

@@ -228,7 +228,7 @@ fn grid(numbers: Numbers<'_>) -> Result<Outcome> {
     {
         let layout = GridLayout { features: 3, resolution, multipliers: vec![1, 2] };
         let [end, start] = [1.3f32, -0.8].map(f64::from);
-        let bounds = GridBounds { max: [end, end, depth], min: [start, start, 0.0] };
+        let bounds = GridBounds { min: [start, start, 0.0], max: [end, end, depth] };
         let planes = numbers.noise(1.0, 1e-4, 12, [layout.cells(), layout.features]);
         let points = numbers.noise(0.0, 1.5, 13, [30, 3]).inner();
         let points = points.slice_assign([0..2, 0..3], numbers.leaf([bounds.max, bounds.min].concat(), [2, 3]).inner());

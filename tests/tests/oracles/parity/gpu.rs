@@ -9,7 +9,7 @@ use libtest_mimic::Trial;
 use mvfusion_data::Camera;
 use mvfusion_kernels::cube::sort::STAGED_BYTES;
 use mvfusion_model::device::gpus;
-use mvfusion_render::device::{Card, fold_launches, imitate_dirt, imitate_hardware, sort_apart};
+use mvfusion_render::device::{GpuProperties, fold_launches, imitate_dirt, imitate_hardware, sort_apart};
 use mvfusion_render::grid::{GridBounds, look_up, regulariser::penalties};
 use mvfusion_render::mlp::{Layer, MlpLayout};
 use mvfusion_render::splat::{
@@ -47,9 +47,9 @@ pub fn trials(pair: Pair) -> Vec<Trial> {
 }
 
 /// What the GPU reports.
-fn card(pair: Pair) -> Result<Card> {
+fn card(pair: Pair) -> Result<GpuProperties> {
     let gpu = gpus().iter().find(|gpu| gpu.backend == pair.backend.name).context("no GPU was found")?;
-    Ok(gpu.card()?)
+    Ok(gpu.properties()?)
 }
 
 /// The lengths of vectors, in bits, that Mesa's software driver does not use by itself on this processor; none for
@@ -216,7 +216,7 @@ fn settings() -> SplatSettings {
 fn double_precision(pair: Pair) -> Result<()> {
     let device = &device(pair.backend);
     let wide = |shape: [usize; 2]| tensor(&vec![0.5; shape.iter().product()], shape, device, DType::F64);
-    let (bounds, planes) = (GridBounds { max: [1.0; 3], min: [-1.0; 3] }, [layout().cells(), layout().features]);
+    let (bounds, planes) = (GridBounds { min: [-1.0; 3], max: [1.0; 3] }, [layout().cells(), layout().features]);
     let perceptron = MlpLayout { inputs: 3, rectified: true, chains: vec![vec![2]] };
     let parameters = wide([1, perceptron.parameters()]).reshape([perceptron.parameters()]);
     let refusals = [

@@ -54,7 +54,7 @@ fn planes(device: &Device) -> Tensor<2> {
 }
 
 pub fn look_up_and_back(device: &Device) -> Result<Outcome> {
-    let bounds = GridBounds { max: [1.0, 1.2, 0.8], min: [-1.0, -0.7, -1.1] };
+    let bounds = GridBounds { min: [-1.0, -0.7, -1.1], max: [1.0, 1.2, 0.8] };
     let mut outcome = Vec::new();
     for (count, times) in [(1, 1), (700, 1), (20_001, 20_001)] {
         let planes = planes(device);
@@ -214,7 +214,7 @@ pub fn adam_steps(device: &Device) -> Result<Outcome> {
 
 /// Ops on no rows at all, there and back: what they share between rows has no gradient.
 fn nothing(device: &Device) -> Result<Outcome> {
-    let bounds = GridBounds { max: [1.0; 3], min: [-1.0; 3] };
+    let bounds = GridBounds { min: [-1.0; 3], max: [1.0; 3] };
     let empty = |columns: usize| Tensor::<2>::zeros([0, columns], (device, DType::F32)).require_grad();
     let (planes, times) = (planes(device), uniform([1, 1], [0.0, 1.0], 3, device));
     let found = look_up(planes.clone(), empty(3), times.clone(), &bounds, &layout())?;

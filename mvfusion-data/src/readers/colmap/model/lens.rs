@@ -3,7 +3,7 @@
 use glam::DVec2;
 
 use super::complaint::Complaint;
-use crate::scene::{Bend, Lens};
+use crate::scene::{Distortion, Lens};
 
 /// A camera model. Its parameters are the focal lengths, the principal point `cx, cy` and the distortion coefficients,
 /// in this order. Lengths are in pixels.
@@ -15,50 +15,75 @@ pub(super) struct LensModel {
     /// Number of distortion coefficients.
     coefficients: usize,
     /// The distortion that the coefficients describe.
-    bend: fn(&[f64]) -> Bend,
+    distortion: fn(&[f64]) -> Distortion,
 }
 
 /// The models, indexed by COLMAP's model number. The next model of COLMAP, EQUIRECTANGULAR, is a panorama of all
 /// directions, which no pinhole camera can show.
 const MODELS: [LensModel; 17] = [
-    LensModel { name: "SIMPLE_PINHOLE", focal_lengths: 1, coefficients: 0, bend: |_| Bend::NONE },
-    LensModel { name: "PINHOLE", focal_lengths: 2, coefficients: 0, bend: |_| Bend::NONE },
-    LensModel { name: "SIMPLE_RADIAL", focal_lengths: 1, coefficients: 1, bend: |k| perspective(k, &[]) },
-    LensModel { name: "RADIAL", focal_lengths: 1, coefficients: 2, bend: |k| perspective(k, &[]) },
-    LensModel { name: "OPENCV", focal_lengths: 2, coefficients: 4, bend: |k| perspective(&k[..2], &k[2..]) },
-    LensModel { name: "OPENCV_FISHEYE", focal_lengths: 2, coefficients: 4, bend: |k| fisheye(k, &[], &[], false) },
+    LensModel { name: "SIMPLE_PINHOLE", focal_lengths: 1, coefficients: 0, distortion: |_| Distortion::NONE },
+    LensModel { name: "PINHOLE", focal_lengths: 2, coefficients: 0, distortion: |_| Distortion::NONE },
+    LensModel { name: "SIMPLE_RADIAL", focal_lengths: 1, coefficients: 1, distortion: |k| perspective(k, &[]) },
+    LensModel { name: "RADIAL", focal_lengths: 1, coefficients: 2, distortion: |k| perspective(k, &[]) },
+    LensModel { name: "OPENCV", focal_lengths: 2, coefficients: 4, distortion: |k| perspective(&k[..2], &k[2..]) },
+    LensModel {
+        name: "OPENCV_FISHEYE",
+        focal_lengths: 2,
+        coefficients: 4,
+        distortion: |k| fisheye(k, &[], &[], false),
+    },
     LensModel {
         name: "FULL_OPENCV",
         focal_lengths: 2,
         coefficients: 8,
-        bend: |k| perspective(&[k[0], k[1], k[4], k[5], k[6], k[7]], &k[2..4]),
+        distortion: |k| perspective(&[k[0], k[1], k[4], k[5], k[6], k[7]], &k[2..4]),
     },
-    LensModel { name: "FOV", focal_lengths: 2, coefficients: 1, bend: |k| Bend::Angular { omega: k[0] } },
+    LensModel { name: "FOV", focal_lengths: 2, coefficients: 1, distortion: |k| Distortion::Angular { omega: k[0] } },
     LensModel {
         name: "SIMPLE_RADIAL_FISHEYE",
         focal_lengths: 1,
         coefficients: 1,
-        bend: |k| fisheye(k, &[], &[], false),
+        distortion: |k| fisheye(k, &[], &[], false),
     },
-    LensModel { name: "RADIAL_FISHEYE", focal_lengths: 1, coefficients: 2, bend: |k| fisheye(k, &[], &[], false) },
+    LensModel {
+        name: "RADIAL_FISHEYE",
+        focal_lengths: 1,
+        coefficients: 2,
+        distortion: |k| fisheye(k, &[], &[], false),
+    },
     LensModel {
         name: "THIN_PRISM_FISHEYE",
         focal_lengths: 2,
         coefficients: 8,
-        bend: |k| fisheye(&[k[0], k[1], k[4], k[5]], &k[2..4], &[k[6], 0.0, k[7], 0.0], false),
+        distortion: |k| fisheye(&[k[0], k[1], k[4], k[5]], &k[2..4], &[k[6], 0.0, k[7], 0.0], false),
     },
     LensModel {
         name: "RAD_TAN_THIN_PRISM_FISHEYE",
         focal_lengths: 2,
         coefficients: 12,
         // Its tangential coefficients are in the opposite order of OpenCV's.
-        bend: |k| fisheye(&k[..6], &[k[7], k[6]], &k[8..], true),
+        distortion: |k| fisheye(&k[..6], &[k[7], k[6]], &k[8..], true),
     },
-    LensModel { name: "SIMPLE_DIVISION", focal_lengths: 1, coefficients: 1, bend: |k| Bend::Division { k: k[0] } },
-    LensModel { name: "DIVISION", focal_lengths: 2, coefficients: 1, bend: |k| Bend::Division { k: k[0] } },
-    LensModel { name: "SIMPLE_FISHEYE", focal_lengths: 1, coefficients: 0, bend: |_| fisheye(&[], &[], &[], false) },
-    LensModel { name: "FISHEYE", focal_lengths: 2, coefficients: 0, bend: |_| fisheye(&[], &[], &[], false) },
-    LensModel { name: "EUCM", focal_lengths: 2, coefficients: 2, bend: |k| Bend::Unified { alpha: k[0], beta: k[1] } },
+    LensModel {
+        name: "SIMPLE_DIVISION",
+        focal_lengths: 1,
+        coefficients: 1,
+        distortion: |k| Distortion::Division { k: k[0] },
+    },
+    LensModel { name: "DIVISION", focal_lengths: 2, coefficients: 1, distortion: |k| Distortion::Division { k: k[0] } },
+    LensModel {
+        name: "SIMPLE_FISHEYE",
+        focal_lengths: 1,
+        coefficients: 0,
+        distortion: |_| fisheye(&[], &[], &[], false),
+    },
+    LensModel { name: "FISHEYE", focal_lengths: 2, coefficients: 0, distortion: |_| fisheye(&[], &[], &[], false) },
+    LensModel {
+        name: "EUCM",
+        focal_lengths: 2,
+        coefficients: 2,
+        distortion: |k| Distortion::Unified { alpha: k[0], beta: k[1] },
+    },
 ];
 
 /// The names of the models that are read.
@@ -66,12 +91,12 @@ pub fn lens_models() -> [&'static str; MODELS.len()] {
     MODELS.each_ref().map(|model| model.name)
 }
 
-fn perspective(radial: &[f64], tangential: &[f64]) -> Bend {
-    Bend::opencv(filled(radial), filled(tangential))
+fn perspective(radial: &[f64], tangential: &[f64]) -> Distortion {
+    Distortion::opencv(filled(radial), filled(tangential))
 }
 
-fn fisheye(radial: &[f64], tangential: &[f64], prism: &[f64], shifted_last: bool) -> Bend {
-    Bend::Fisheye { radial: filled(radial), tangential: filled(tangential), prism: filled(prism), shifted_last }
+fn fisheye(radial: &[f64], tangential: &[f64], prism: &[f64], shifted_last: bool) -> Distortion {
+    Distortion::Fisheye { radial: filled(radial), tangential: filled(tangential), prism: filled(prism), shifted_last }
 }
 
 /// The numbers, padded with zeros.
@@ -143,11 +168,11 @@ impl CameraRecord {
         let (Some(width), Some(height)) = (side(self.width), side(self.height)) else {
             return Err(format!("{about} has images of {} x {} pixels", self.width, self.height).into());
         };
-        let bend = (self.model.bend)(coefficients);
-        if matches!(bend, Bend::Unified { alpha, beta } if !(0.0..=1.0).contains(&alpha) || beta <= 0.0) {
+        let distortion = (self.model.distortion)(coefficients);
+        if matches!(distortion, Distortion::Unified { alpha, beta } if !(0.0..=1.0).contains(&alpha) || beta <= 0.0) {
             return Err(format!("{about} has alpha and beta of {coefficients:?}: from 0 to 1, and above 0").into());
         }
-        Ok((Lens { focal, principal, bend }, DVec2::new(width, height)))
+        Ok((Lens { focal, principal, distortion }, DVec2::new(width, height)))
     }
 }
 
@@ -172,7 +197,7 @@ mod tests {
             let record = record(name, parameters);
             assert_eq!(record.model.parameters(), parameters.len());
             let (lens, size) = record.lens().expect(name);
-            assert!(lens.bend.is_none(), "{name}");
+            assert!(lens.distortion.is_none(), "{name}");
             assert_eq!((lens.focal, lens.principal), (DVec2::splat(40.0), DVec2::new(23.0, 17.0)), "{name}");
             assert_eq!(size, DVec2::new(48.0, 32.0));
         }
@@ -180,23 +205,23 @@ mod tests {
 
     #[test]
     fn coefficients_go_where_the_model_has_them() {
-        let bend = |name: &str, parameters: &[f64]| record(name, parameters).lens().expect(name).0.bend;
-        let full = bend("FULL_OPENCV", &[40., 41., 23., 17., 1., 2., 3., 4., 5., 6., 7., 8.]);
-        assert_eq!(full, Bend::opencv([1., 2., 5., 6., 7., 8.], [3., 4.]));
-        let prism = bend("THIN_PRISM_FISHEYE", &[40., 41., 23., 17., 1., 2., 3., 4., 5., 6., 7., 8.]);
-        let wanted = Bend::Fisheye {
+        let distortion = |name: &str, parameters: &[f64]| record(name, parameters).lens().expect(name).0.distortion;
+        let full = distortion("FULL_OPENCV", &[40., 41., 23., 17., 1., 2., 3., 4., 5., 6., 7., 8.]);
+        assert_eq!(full, Distortion::opencv([1., 2., 5., 6., 7., 8.], [3., 4.]));
+        let prism = distortion("THIN_PRISM_FISHEYE", &[40., 41., 23., 17., 1., 2., 3., 4., 5., 6., 7., 8.]);
+        let wanted = Distortion::Fisheye {
             radial: [1., 2., 5., 6., 0., 0.],
             tangential: [3., 4.],
             prism: [7., 0., 8., 0.],
             shifted_last: false,
         };
         assert_eq!(prism, wanted);
-        assert_eq!(bend("FOV", &[40., 41., 23., 17., 0.9]), Bend::Angular { omega: 0.9 });
-        let aria = bend(
+        assert_eq!(distortion("FOV", &[40., 41., 23., 17., 0.9]), Distortion::Angular { omega: 0.9 });
+        let aria = distortion(
             "RAD_TAN_THIN_PRISM_FISHEYE",
             &[40., 41., 23., 17., 1., 2., 3., 4., 5., 6., 7., 8., 9., 10., 11., 12.],
         );
-        let wanted = Bend::Fisheye {
+        let wanted = Distortion::Fisheye {
             radial: [1., 2., 3., 4., 5., 6.],
             tangential: [8., 7.],
             prism: [9., 10., 11., 12.],
@@ -204,12 +229,12 @@ mod tests {
         };
         assert_eq!(aria, wanted);
         let equidistant =
-            Bend::Fisheye { radial: [0.0; 6], tangential: [0.0; 2], prism: [0.0; 4], shifted_last: false };
-        assert_eq!(bend("SIMPLE_FISHEYE", &[40., 23., 17.]), equidistant);
-        assert_eq!(bend("FISHEYE", &[40., 41., 23., 17.]), equidistant);
-        assert_eq!(bend("SIMPLE_DIVISION", &[40., 23., 17., -0.1]), Bend::Division { k: -0.1 });
-        assert_eq!(bend("DIVISION", &[40., 41., 23., 17., -0.1]), Bend::Division { k: -0.1 });
-        assert_eq!(bend("EUCM", &[40., 41., 23., 17., 0.6, 1.1]), Bend::Unified { alpha: 0.6, beta: 1.1 });
+            Distortion::Fisheye { radial: [0.0; 6], tangential: [0.0; 2], prism: [0.0; 4], shifted_last: false };
+        assert_eq!(distortion("SIMPLE_FISHEYE", &[40., 23., 17.]), equidistant);
+        assert_eq!(distortion("FISHEYE", &[40., 41., 23., 17.]), equidistant);
+        assert_eq!(distortion("SIMPLE_DIVISION", &[40., 23., 17., -0.1]), Distortion::Division { k: -0.1 });
+        assert_eq!(distortion("DIVISION", &[40., 41., 23., 17., -0.1]), Distortion::Division { k: -0.1 });
+        assert_eq!(distortion("EUCM", &[40., 41., 23., 17., 0.6, 1.1]), Distortion::Unified { alpha: 0.6, beta: 1.1 });
         for parameters in [[40., 41., 23., 17., 1.5, 1.0], [40., 41., 23., 17., 0.5, 0.0]] {
             assert!(record("EUCM", &parameters).lens().expect_err("refused").reason.contains("above 0"));
         }

@@ -4,7 +4,7 @@ use glam::DVec2;
 
 use super::record::LensRecord;
 use crate::readers::shared::shot::FrameLens;
-use crate::scene::{Bend, Lens};
+use crate::scene::{Distortion, Lens};
 
 pub(super) fn read_lens(record: &LensRecord) -> Result<FrameLens, String> {
     let positive = |name: &str, value: Option<f64>| match value {
@@ -13,7 +13,7 @@ pub(super) fn read_lens(record: &LensRecord) -> Result<FrameLens, String> {
     };
     let [fl_x, fl_y, w, h] = [("fl_x", record.fl_x), ("fl_y", record.fl_y), ("w", record.w), ("h", record.h)]
         .map(|(name, value)| positive(name, value));
-    let (fl_x, fl_y, size, bend) = (fl_x?, fl_y?, w?.zip(h?), read_bend(record)?);
+    let (fl_x, fl_y, size, distortion) = (fl_x?, fl_y?, w?.zip(h?), read_bend(record)?);
     let focal_in_widths = || {
         let angle = positive("camera_angle_x", record.camera_angle_x)?.filter(|angle| *angle < std::f64::consts::PI);
         angle
@@ -28,7 +28,7 @@ pub(super) fn read_lens(record: &LensRecord) -> Result<FrameLens, String> {
     };
     let Some((w, h)) = size else {
         // Angles alone are valid for images of any size, all other intrinsics only for one size.
-        let alone = fl_x.or(fl_y).or(record.cx).or(record.cy).is_none() && bend.is_none();
+        let alone = fl_x.or(fl_y).or(record.cx).or(record.cy).is_none() && distortion.is_none();
         return match (fl_x, alone) {
             (None, true) => {
                 Ok(FrameLens::Angle { focal_in_widths: focal_in_widths()?, focal_in_heights: focal_in_heights()? })
@@ -46,11 +46,11 @@ pub(super) fn read_lens(record: &LensRecord) -> Result<FrameLens, String> {
     if !principal.is_finite() {
         return Err(format!("its principal point is {principal}"));
     }
-    let lens = Lens { focal: DVec2::new(fl_x, fl_y), principal, bend };
+    let lens = Lens { focal: DVec2::new(fl_x, fl_y), principal, distortion };
     Ok(FrameLens::Known { lens, size: DVec2::new(w, h) })
 }
 
-fn read_bend(record: &LensRecord) -> Result<Bend, String> {
+fn read_bend(record: &LensRecord) -> Result<Distortion, String> {
     let of = |value: Option<f64>| value.unwrap_or(0.0);
     let [k1, k2, k3, k4, k5, k6] = [record.k1, record.k2, record.k3, record.k4, record.k5, record.k6].map(of);
     let tangential = [record.p1, record.p2].map(of);
@@ -59,14 +59,14 @@ fn read_bend(record: &LensRecord) -> Result<Bend, String> {
     }
     let unnamed = if record.is_fisheye == Some(true) { "OPENCV_FISHEYE" } else { "OPENCV" };
     match record.camera_model.as_deref().unwrap_or(unnamed) {
-        "FULL_OPENCV" => Ok(Bend::opencv([k1, k2, k3, k4, k5, k6], tangential)),
+        "FULL_OPENCV" => Ok(Distortion::opencv([k1, k2, k3, k4, k5, k6], tangential)),
         // nerfstudio reads four radial coefficients for OPENCV, as Metashape and RealityCapture write them: the fourth is
         // that of r⁸, and no part of OpenCV's fraction. It also applies them if the model is called a pinhole.
         "OPENCV" | "RADIAL" | "SIMPLE_RADIAL" | "PINHOLE" | "SIMPLE_PINHOLE" | "perspective" => Ok(match (k5, k6) {
-            (0.0, 0.0) => Bend::Perspective { numerator: [k1, k2, k3, k4], denominator: [0.0; 3], tangential },
-            _ => Bend::opencv([k1, k2, k3, k4, k5, k6], tangential),
+            (0.0, 0.0) => Distortion::Perspective { numerator: [k1, k2, k3, k4], denominator: [0.0; 3], tangential },
+            _ => Distortion::opencv([k1, k2, k3, k4, k5, k6], tangential),
         }),
-        "OPENCV_FISHEYE" | "fisheye" => Ok(Bend::Fisheye {
+        "OPENCV_FISHEYE" | "fisheye" => Ok(Distortion::Fisheye {
             radial: [k1, k2, k3, k4, 0.0, 0.0],
             tangential: [0.0; 2],
             prism: [0.0; 4],

@@ -3,7 +3,7 @@
 use super::*;
 use crate::error::DataError;
 use crate::readers::shared::transforms::ignored_masks;
-use crate::scene::{Bend, Picture, Scene};
+use crate::scene::{Distortion, Picture, Scene};
 
 /// Three images below `images`, and their frames.
 fn three(folder: &SceneFolder) -> Vec<Value> {
@@ -117,24 +117,25 @@ fn an_angle_serves_as_focal_length_of_pictures_whose_size_is_known() {
 fn coefficients_count_whatever_the_model_is_called() {
     let folder = SceneFolder::new();
     let bent = with(file(three(&folder)), "k1", json!(-0.05));
-    let bend = |value: &Value| match &opened(&folder, value).train[0].image {
-        Picture::File(file) => file.lenses.as_ref().map(|lenses| lenses[0].bend),
+    let distortion = |value: &Value| match &opened(&folder, value).train[0].image {
+        Picture::File(file) => file.lenses.as_ref().map(|lenses| lenses[0].distortion),
         Picture::Memory(_) => None,
     };
     let radial = [-0.05, 0.0, 0.0, 0.0, 0.0, 0.0];
-    let perspective = Some(Bend::opencv(radial, [0.0; 2]));
-    assert_eq!(bend(&with(bent.clone(), "camera_model", json!("PINHOLE"))), perspective);
-    assert_eq!(bend(&with(bent.clone(), "is_fisheye", json!(false))), perspective);
+    let perspective = Some(Distortion::opencv(radial, [0.0; 2]));
+    assert_eq!(distortion(&with(bent.clone(), "camera_model", json!("PINHOLE"))), perspective);
+    assert_eq!(distortion(&with(bent.clone(), "is_fisheye", json!(false))), perspective);
     // As nerfstudio's converters of Metashape and RealityCapture write it, and as OpenCV means it.
     let fourth = with(bent.clone(), "k4", json!("0.02"));
-    let eighth = Bend::Perspective { numerator: [-0.05, 0.0, 0.0, 0.02], denominator: [0.0; 3], tangential: [0.0; 2] };
-    assert_eq!(bend(&with(fourth.clone(), "camera_model", json!("OPENCV"))), Some(eighth));
-    let fraction = Bend::opencv([-0.05, 0.0, 0.0, 0.02, 0.0, 0.0], [0.0; 2]);
-    assert_eq!(bend(&with(fourth.clone(), "camera_model", json!("FULL_OPENCV"))), Some(fraction));
-    let sixth = Bend::opencv([-0.05, 0.0, 0.0, 0.02, 0.0, 0.01], [0.0; 2]);
-    assert_eq!(bend(&with(fourth, "k6", json!(0.01))), Some(sixth));
-    let fisheye = Bend::Fisheye { radial, tangential: [0.0; 2], prism: [0.0; 4], shifted_last: false };
-    assert_eq!(bend(&with(bent, "is_fisheye", json!(true))), Some(fisheye));
+    let eighth =
+        Distortion::Perspective { numerator: [-0.05, 0.0, 0.0, 0.02], denominator: [0.0; 3], tangential: [0.0; 2] };
+    assert_eq!(distortion(&with(fourth.clone(), "camera_model", json!("OPENCV"))), Some(eighth));
+    let fraction = Distortion::opencv([-0.05, 0.0, 0.0, 0.02, 0.0, 0.0], [0.0; 2]);
+    assert_eq!(distortion(&with(fourth.clone(), "camera_model", json!("FULL_OPENCV"))), Some(fraction));
+    let sixth = Distortion::opencv([-0.05, 0.0, 0.0, 0.02, 0.0, 0.01], [0.0; 2]);
+    assert_eq!(distortion(&with(fourth, "k6", json!(0.01))), Some(sixth));
+    let fisheye = Distortion::Fisheye { radial, tangential: [0.0; 2], prism: [0.0; 4], shifted_last: false };
+    assert_eq!(distortion(&with(bent, "is_fisheye", json!(true))), Some(fisheye));
 }
 
 #[test]
