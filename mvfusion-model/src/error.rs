@@ -44,7 +44,9 @@ pub enum ModelError {
     #[error(transparent)]
     Objective(#[from] ObjectiveError),
     /// The device failed to return values.
-    #[error("the device failed: {0}. Try `--device cpu` to see whether the device or its driver is at fault.")]
+    #[error(
+        "the device failed: {0}. Try the CPU (`--device cpu`) to see whether the device or its driver is at fault."
+    )]
     Device(String),
     /// The configuration is invalid.
     #[error("`{key}` is {value}: {reason}.")]

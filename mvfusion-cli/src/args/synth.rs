@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use mvfusion_data::Layout;
+use mvfusion_data::{BuiltinKind, Layout};
 
 use crate::render::{parse_frames, parse_size};
 
@@ -18,6 +18,9 @@ pub struct SynthArgs {
     /// Dataset layout
     #[arg(long, value_name = "NAME", value_parser = layouts())]
     pub layout: Layout,
+    /// Built-in scene [default: video, or casual in a layout for photos]
+    #[arg(long, value_name = "NAME", value_parser = kinds())]
+    pub scene: Option<BuiltinKind>,
     /// Seed of the scene
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
@@ -30,6 +33,13 @@ pub struct SynthArgs {
     /// Training photos [default: 60]
     #[arg(long, value_name = "N", value_parser = parse_frames)]
     pub photos: Option<NonZeroUsize>,
+}
+
+/// Parses the key of a built-in scene.
+fn kinds() -> impl TypedValueParser<Value = BuiltinKind> {
+    // Proof: the preceding parser accepts nothing else.
+    let kind = |key: String| BuiltinKind::of_key(&key).expect("one of the keys");
+    PossibleValuesParser::new(BuiltinKind::ALL.map(BuiltinKind::key)).map(kind)
 }
 
 /// Parses the key of a layout.

@@ -11,12 +11,12 @@ use crate::scene;
 /// Writes a built-in scene in a dataset layout, together with its ground truth.
 ///
 /// # Errors
-/// If the folder is not empty, or a file cannot be written.
+/// If the layout is not for such a scene, the folder is not empty, or a file cannot be written.
 pub fn synth(args: &SynthArgs, verbosity: Verbosity, out: &mut dyn Write) -> anyhow::Result<()> {
-    let kind = match args.layout.capture() {
+    let kind = args.scene.unwrap_or(match args.layout.capture() {
         Capture::Video => BuiltinKind::Video,
         Capture::Photos => BuiltinKind::Casual,
-    };
+    });
     let (width, height) = args.size;
     let defaults = BuiltinOptions::of_kind(kind);
     let options = BuiltinOptions {

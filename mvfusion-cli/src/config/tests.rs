@@ -44,6 +44,14 @@ fn a_folder_of_photos_has_a_preset_of_its_own() {
 }
 
 #[test]
+fn a_built_in_scene_has_one_name_in_configurations_and_on_the_command_line() {
+    for kind in mvfusion_data::BuiltinKind::ALL {
+        let args = with_settings(&[&format!("scene.kind={}", kind.key())]);
+        assert_eq!(resolve(&args, None).expect("resolved").config.scene.kind, kind);
+    }
+}
+
+#[test]
 fn a_later_source_wins() {
     let folder = tempfile::tempdir().expect("folder");
     let file = folder.path().join("a.toml");

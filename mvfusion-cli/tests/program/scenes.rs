@@ -83,6 +83,25 @@ fn nothing_is_overwritten_by_synth() {
 }
 
 #[test]
+fn synth_writes_the_scene_that_is_asked_for() {
+    let folder = tempfile::tempdir().expect("folder");
+    let write = |scene: &str, layout: &str| {
+        let small = ["--layout", layout, "--size", "32x24", "--frames", "2", "--photos", "4"];
+        mvfusion(folder.path(), &[["synth", scene, "--scene", scene].as_slice(), &small].concat())
+    };
+    for scene in ["video", "motion"] {
+        let output = write(scene, "neu3d");
+        assert!(output.status.success(), "{}", text(&output.stderr));
+    }
+    let frame = |scene: &str| fs::read(folder.path().join(scene).join("cam02/images/0001.png")).expect("read");
+    assert_ne!(frame("video"), frame("motion"));
+    let output = write("casual", "neu3d");
+    assert_eq!(output.status.code(), Some(FAILED));
+    assert!(text(&output.stderr).contains("for videos"), "{}", text(&output.stderr));
+    assert!(!folder.path().join("casual").exists(), "a scene was begun");
+}
+
+#[test]
 fn an_unknown_layout_is_a_usage_error_that_lists_them() {
     let folder = tempfile::tempdir().expect("folder");
     let output = mvfusion(folder.path(), &["synth", "x", "--layout", "betamax"]);

@@ -19,6 +19,25 @@ pub enum BuiltinKind {
     Casual,
 }
 
+impl BuiltinKind {
+    /// All kinds.
+    pub const ALL: [Self; 3] = [Self::Video, Self::Motion, Self::Casual];
+
+    /// Its name in a configuration (`scene.kind`) and on the command line.
+    pub fn key(self) -> &'static str {
+        match self {
+            Self::Video => "video",
+            Self::Motion => "motion",
+            Self::Casual => "casual",
+        }
+    }
+
+    /// The kind with the given key.
+    pub fn of_key(key: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.key() == key)
+    }
+}
+
 /// Options of a built-in scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]

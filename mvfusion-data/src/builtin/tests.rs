@@ -15,8 +15,6 @@ const DEPTH_ROUNDING: f64 = 1e-5;
 /// Width in pixels of the mask's edge where coverage may be less than half: one, and one more for corners.
 const EDGE: i64 = 2;
 
-const KINDS: [BuiltinKind; 3] = [BuiltinKind::Video, BuiltinKind::Motion, BuiltinKind::Casual];
-
 /// The default scene of each kind, made once for all tests of this file.
 fn scene(kind: BuiltinKind) -> &'static Scene {
     static VIDEO: LazyLock<Scene> = LazyLock::new(|| builtin(&BuiltinOptions::of_kind(BuiltinKind::Video)));
@@ -98,7 +96,7 @@ fn the_photos_are_single_and_the_held_out_ones_are_empty() {
 
 #[test]
 fn a_flat_picture_scores_badly_on_the_held_out_views() {
-    for kind in KINDS {
+    for kind in BuiltinKind::ALL {
         let psnr = mean(scene(kind).test.iter().map(|v| flat_psnr(&rgb(&v.image))));
         assert!(psnr < FLAT_PSNR, "{kind:?}: {psnr}");
     }
@@ -106,7 +104,7 @@ fn a_flat_picture_scores_badly_on_the_held_out_views() {
 
 #[test]
 fn moving_things_cover_a_small_part_of_the_pictures() {
-    for kind in KINDS {
+    for kind in BuiltinKind::ALL {
         let share = |m: GrayImage| m.pixels().filter(|p| p.0[0] == 255).count() as f64 / m.pixels().len() as f64;
         let coverage = mean(scene(kind).train.iter().map(|v| share(mask(v))));
         assert!(COVERAGE.contains(&coverage), "{kind:?}: {coverage}");
@@ -115,7 +113,7 @@ fn moving_things_cover_a_small_part_of_the_pictures() {
 
 #[test]
 fn outside_the_mask_the_picture_is_its_background() {
-    for kind in KINDS {
+    for kind in BuiltinKind::ALL {
         for view in scene(kind).train.iter().step_by(5) {
             let (image, background, mask) = (rgb(&view.image), background(view), mask(view));
             let covered = |x: i64, y: i64| mask.get_pixel_checked(x as u32, y as u32).is_some_and(|p| p.0[0] == 255);
@@ -226,7 +224,7 @@ fn some_people_linger_and_toys_never_stay() {
 
 #[test]
 fn a_pixel_with_its_depth_is_the_point_that_other_cameras_see_there() {
-    for kind in KINDS {
+    for kind in BuiltinKind::ALL {
         let scene = scene(kind);
         let still = stage::still_solids(BuiltinOptions::of_kind(kind).pattern_seed());
         for view in scene.train.iter().step_by(7) {
@@ -247,7 +245,7 @@ fn a_pixel_with_its_depth_is_the_point_that_other_cameras_see_there() {
 
 #[test]
 fn points_lie_on_still_surfaces_near_where_two_cameras_see_them() {
-    for kind in KINDS {
+    for kind in BuiltinKind::ALL {
         let scene = scene(kind);
         assert_eq!((scene.points.len(), scene.points.colours.len()), (sparse_points::WANTED, sparse_points::WANTED));
         assert!(scene.points.colours.iter().all(|c| c.cmpge(glam::Vec3::ZERO).all() && c.cmple(glam::Vec3::ONE).all()));
@@ -271,7 +269,7 @@ fn points_lie_on_still_surfaces_near_where_two_cameras_see_them() {
 
 #[test]
 fn the_same_options_make_the_same_scene_whatever_the_number_of_threads() {
-    for kind in KINDS {
+    for kind in BuiltinKind::ALL {
         let with = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("pool");
             pool.install(|| builtin(&small(kind)))
@@ -282,7 +280,7 @@ fn the_same_options_make_the_same_scene_whatever_the_number_of_threads() {
 
 #[test]
 fn another_seed_makes_another_scene() {
-    for kind in KINDS {
+    for kind in BuiltinKind::ALL {
         let (a, b) = (builtin(&small(kind)), builtin(&BuiltinOptions { seed: 8, ..small(kind) }));
         assert!(rgb(&a.train[0].image) != rgb(&b.train[0].image) && a.points != b.points);
     }
@@ -291,7 +289,7 @@ fn another_seed_makes_another_scene() {
 #[test]
 fn options_below_their_least_value_are_raised() {
     let none = BuiltinOptions { width: 0, height: 0, frames: 0, photos: 0, test_photos: 0, ..Default::default() };
-    for kind in KINDS {
+    for kind in BuiltinKind::ALL {
         let scene = builtin(&BuiltinOptions { kind, ..none });
         assert!(!scene.train.is_empty() && scene.train[0].camera.width == 16);
     }

@@ -65,11 +65,6 @@ impl TrainingViews {
         }
     }
 
-    /// The known motion.
-    pub fn into_motion(self) -> Option<MovingPixels> {
-        self.moving
-    }
-
     /// The detected motion of a view: 255 at moving pixels; `None` if unknown.
     pub fn moving_mask(&self, index: usize) -> Option<GrayImage> {
         self.moving.as_ref()?.mask(index)

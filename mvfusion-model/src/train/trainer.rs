@@ -102,10 +102,10 @@ impl Trainer {
     ///
     /// # Errors
     /// If one of them cannot be read.
-    pub fn with_image_cache(self, scene: &Scene, budget: u64) -> Result<Self, ModelError> {
-        let photos = TrainingViews::new(scene, budget).with_motion(self.photos.into_motion());
-        photos.pictures().fill()?;
-        Ok(Self { photos, ..self })
+    pub fn with_image_cache(self, budget: u64) -> Result<Self, ModelError> {
+        self.photos.pictures().set_budget(budget);
+        self.photos.pictures().fill()?;
+        Ok(self)
     }
 
     /// The next step, or `None` at the end of training.

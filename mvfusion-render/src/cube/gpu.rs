@@ -89,7 +89,7 @@ impl Gpu {
         assert!(
             bytes as u64 <= limit,
             "a buffer of {shape:?} needs {bytes} bytes, but this device binds {limit} at most: use fewer Gaussians or \
-             smaller pictures, or take `--device cpu`"
+             smaller images, or the CPU (`--device cpu`)"
         );
         let handle =
             if DIRTY.get() { self.client.create_from_slice(&vec![0xFF; bytes]) } else { self.client.empty(bytes) };

@@ -35,7 +35,7 @@ pub enum GridError {
     /// The features, or the gradients of the places at every scale, do not fit into a buffer of the device.
     #[error(
         "{points} points with {features} features need {bytes} bytes, but the largest buffer of this device has \
-         {limit}: use fewer Gaussians or `--device cpu`"
+         {limit}: use fewer Gaussians or the CPU (`--device cpu`)"
     )]
     Buffer {
         /// Number of points.

@@ -38,7 +38,7 @@ pub enum MlpError {
     /// The rows of the widest layer do not fit into a buffer of the device.
     #[error(
         "{rows} rows of {width} values need {bytes} bytes, but the largest buffer of this device has {limit}: use \
-         fewer Gaussians or `--device cpu`"
+         fewer Gaussians or the CPU (`--device cpu`)"
     )]
     Buffer {
         /// Rows of the input.

@@ -48,7 +48,7 @@ pub enum SplatError {
     /// There are more features than the device can blend at once.
     #[error(
         "{0} features are more than this device can blend: it has too little shared memory. Blend fewer at a time, or \
-         use `--device cpu`"
+         use the CPU (`--device cpu`)"
     )]
     Features(usize),
     /// There are more pairs of a Gaussian and a tile than an index can count.
@@ -74,7 +74,7 @@ pub enum SplatError {
     /// A tensor does not fit into a buffer of the device.
     #[error(
         "the {tensor} would need {bytes} bytes, but the largest buffer of this device has {limit}: use fewer \
-         Gaussians, smaller images or `--device cpu`"
+         Gaussians, smaller images or the CPU (`--device cpu`)"
     )]
     Buffer {
         /// Name of the tensor.

@@ -27,7 +27,7 @@ fn on_disk(scene: &Scene, folder: &Path) -> Scene {
 fn trained(config: &Config, scene: &Scene, image_cache: u64) -> Trainer {
     let device = (backends()[0].device)();
     let trainer = Trainer::new(config.clone(), scene, &device).expect("the run can start");
-    let mut trainer = trainer.with_image_cache(scene, image_cache).expect("the pictures can be read");
+    let mut trainer = trainer.with_image_cache(image_cache).expect("the pictures can be read");
     train(&mut trainer);
     trainer
 }

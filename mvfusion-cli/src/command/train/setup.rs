@@ -37,7 +37,7 @@ impl Setup {
         scene: Scene,
         trainer: Trainer,
     ) -> anyhow::Result<Self> {
-        let trainer = trainer.with_image_cache(&scene, args.image_cache.as_u64())?;
+        let trainer = trainer.with_image_cache(args.image_cache.as_u64())?;
         let lpips_folder = lpips::find(config.eval.lpips_weights.as_deref())?;
         let evaluator = score::evaluator(Protocol::Mvfusion, lpips_folder.as_ref(), &device.device)?;
         Ok(Self { config, device, scene, trainer, lpips_folder, evaluator })

@@ -49,6 +49,7 @@ impl PictureCache {
     ) -> Self {
         let masked = |view: &View| Masked { picture: view.image.clone(), mask: view.mask.clone() };
         let state = State {
+            budget,
             entries: vec![Entry::Absent; views.len()],
             queue: VecDeque::new(),
             wanted: Vec::new(),
@@ -59,7 +60,6 @@ impl PictureCache {
         };
         let shared = Arc::new(Shared {
             pictures: views.iter().map(masked).collect(),
-            budget,
             state: Mutex::new(state),
             work: Condvar::new(),
             done: Condvar::new(),
@@ -77,13 +77,19 @@ impl PictureCache {
         Self { shared, workers }
     }
 
+    /// Changes the budget. Images that no longer fit are evicted when the next one is decoded.
+    pub fn set_budget(&self, budget: u64) {
+        self.shared.lock().budget = budget;
+        self.shared.work.notify_all();
+    }
+
     /// Decodes all images if they fit into the budget, so that unreadable files are found now.
     ///
     /// # Errors
     /// [`DataError::Image`] if one cannot be read.
     pub fn fill(&self) -> Result<(), DataError> {
         let bytes: u64 = self.shared.pictures.iter().map(Masked::bytes).sum();
-        if bytes > self.shared.budget {
+        if bytes > self.shared.lock().budget {
             return Ok(());
         }
         self.announce(&(0..self.len()).collect::<Vec<_>>());

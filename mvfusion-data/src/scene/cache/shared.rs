@@ -11,7 +11,6 @@ use super::masked::{Decoded, Masked};
 #[derive(Debug)]
 pub(super) struct Shared {
     pub(super) pictures: Vec<Masked>,
-    pub(super) budget: u64,
     pub(super) state: Mutex<State>,
     /// Notified when there is something to decode, room to decode into, or the end.
     pub(super) work: Condvar,
@@ -22,6 +21,8 @@ pub(super) struct Shared {
 /// The decoded images, and the queue of images to decode.
 #[derive(Debug)]
 pub(super) struct State {
+    /// Most bytes of decoded images, apart from a requested one.
+    pub(super) budget: u64,
     pub(super) entries: Vec<Entry>,
     /// Images to decode, the next one first.
     pub(super) queue: VecDeque<usize>,
@@ -112,7 +113,7 @@ impl Shared {
     fn next(&self, state: &mut State) -> Option<usize> {
         let &index = state.queue.front()?;
         let (bytes, urgent) = (self.bytes(index), state.wanted.contains(&index));
-        while state.held > 0 && state.held + bytes > self.budget {
+        while state.held > 0 && state.held + bytes > state.budget {
             let victim = state.victim(urgent)?;
             state.entries[victim] = Entry::Absent;
             state.held -= self.bytes(victim);

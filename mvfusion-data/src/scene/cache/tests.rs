@@ -82,6 +82,26 @@ fn a_budget_for_less_than_a_picture_still_gives_pictures() {
 }
 
 #[test]
+fn a_changed_budget_holds_from_the_next_decoding_on() {
+    let folder = tempfile::tempdir().expect("folder");
+    let cache = PictureCache::new(&views(folder.path(), 6), 6 * BYTES, 1);
+    cache.fill().expect("decoded");
+    assert_eq!(cache.held(), 6 * BYTES);
+    // The images that are held stay until there is something to decode.
+    cache.set_budget(2 * BYTES);
+    assert_eq!((level(&cache, 4), cache.held()), (4, 6 * BYTES));
+    let small = PictureCache::new(&views(folder.path(), 6), BYTES, 1);
+    level(&small, 0);
+    small.set_budget(3 * BYTES);
+    for index in [1, 2, 3, 0] {
+        assert_eq!(level(&small, index), index as u8);
+        assert!(small.held() <= 3 * BYTES);
+    }
+    small.set_budget(BYTES);
+    assert_eq!((level(&small, 5), small.held()), (5, BYTES));
+}
+
+#[test]
 fn a_share_of_the_pictures_stays_from_round_to_round() {
     let folder = tempfile::tempdir().expect("folder");
     let cache = PictureCache::new(&views(folder.path(), 12), 6 * BYTES, 1);

@@ -47,7 +47,7 @@ fn resize(view: &mut View, (width, height): (u32, u32)) {
 
 #[test]
 fn built_in_scenes_pass() {
-    for kind in [BuiltinKind::Video, BuiltinKind::Motion, BuiltinKind::Casual] {
+    for kind in BuiltinKind::ALL {
         sound(kind).check().expect("sound");
     }
 }
