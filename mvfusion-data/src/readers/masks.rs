@@ -82,7 +82,7 @@ mod tests {
     const SIZE: (u32, u32) = (24, 18);
 
     /// A scene with one view whose lens distorts.
-    fn bent(folder: &Path) -> Scene {
+    fn distorted(folder: &Path) -> Scene {
         let path = folder.join("photo.png");
         RgbImage::from_fn(SIZE.0, SIZE.1, |x, _| Rgb([if x < 4 { 255 } else { 0 }; 3])).save(&path).expect("written");
         let distortion = Distortion::opencv([-0.3, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0; 2]);
@@ -113,7 +113,7 @@ mod tests {
     #[test]
     fn a_mask_of_what_moves_is_straightened_as_its_picture_is() {
         let folder = tempfile::tempdir().expect("folder");
-        let mut scene = bent(folder.path());
+        let mut scene = distorted(folder.path());
         assert_eq!(attach_masks(&mut scene, folder.path()).expect("the photo is its own mask"), 1);
         let view = &scene.train[0];
         let (picture, mask) = (view.image.rgb().expect("read"), view.truth.dynamic_mask.as_ref().expect("attached"));
@@ -125,7 +125,7 @@ mod tests {
     #[test]
     fn masks_of_another_shape_are_not_attached() {
         let folder = tempfile::tempdir().expect("folder");
-        let mut scene = bent(folder.path());
+        let mut scene = distorted(folder.path());
         GrayImage::new(SIZE.1, SIZE.0).save(folder.path().join("photo.png")).expect("written");
         let error = attach_masks(&mut scene, folder.path()).expect_err("turned").to_string();
         assert!(error.contains("photo.png") && error.contains("another shape"), "{error}");

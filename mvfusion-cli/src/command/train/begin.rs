@@ -125,7 +125,7 @@ fn default_folder(resolved: &Resolved) -> PathBuf {
         Some(folder) => folder.file_name().map_or("scene".into(), |name| name.to_string_lossy().into_owned()),
         None => match options.kind {
             BuiltinKind::Video => resolved.preset.name.to_owned(),
-            kind @ (BuiltinKind::Motion | BuiltinKind::Casual) => format!("{}-{}", resolved.preset.name, kind.key()),
+            kind => format!("{}-{}", resolved.preset.name, kind.key()),
         },
     };
     Path::new(RUNS).join(format!("{name}-{}", resolved.config.seed))

@@ -77,7 +77,7 @@ impl PictureCache {
         Self { shared, workers }
     }
 
-    /// Changes the budget. Images that no longer fit are evicted when the next one is decoded.
+    /// Changes the budget, in bytes. Images that no longer fit are evicted when the next one is decoded.
     pub fn set_budget(&self, budget: u64) {
         self.shared.lock().budget = budget;
         self.shared.work.notify_all();

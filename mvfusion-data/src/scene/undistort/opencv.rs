@@ -215,9 +215,10 @@ fn pixel(at: [f64; 2]) -> DVec2 {
 #[test]
 fn the_undistorted_picture_takes_its_pixels_from_where_opencv_takes_them() {
     for reference in REFERENCES {
-        let (bent, pinhole) = (lens(reference.lens, reference.distortion), lens(reference.pinhole, Distortion::NONE));
+        let (distorted, pinhole) =
+            (lens(reference.lens, reference.distortion), lens(reference.pinhole, Distortion::NONE));
         for (target, source) in TARGETS.into_iter().zip(reference.sources) {
-            let found = bent.pixel_of(pinhole.direction_of(pixel(target)).expect("a pinhole sees everything"));
+            let found = distorted.pixel_of(pinhole.direction_of(pixel(target)).expect("a pinhole sees everything"));
             let off = (found - pixel(source)).abs().max_element();
             assert!(off < MAP, "{} at {target:?}: {found} is {off} off", reference.name);
         }
@@ -245,8 +246,8 @@ fn the_border_of_a_strong_lens_lies_where_opencv_converges_to() {
 fn the_pinhole_is_the_largest_within_a_strong_lens() {
     for reference in REFERENCES {
         let Some([_, inner]) = reference.optimal_and_inner else { continue };
-        let bent = lens(reference.lens, reference.distortion);
-        let found = pinhole_within(&bent, WIDTH, HEIGHT).expect("seen");
+        let distorted = lens(reference.lens, reference.distortion);
+        let found = pinhole_within(&distorted, WIDTH, HEIGHT).expect("seen");
         let found = [found.focal.x, found.focal.y, found.principal.x, found.principal.y];
         let off = found.iter().zip(inner).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!(off < INNER, "{}: {found:?} instead of {inner:?}", reference.name);
